@@ -178,9 +178,9 @@ class Check:
         stable = sampled, loop_stability(simulation, reach), step_stability(simulation, reach)
         print(textwrap.indent("\n".join(finding.summary() for finding in stable), "  "))
         print(f"  {gain_proposal(scenario, reach).summary()}")
-        posture = getattr(scenario.controller, "posture", None)
-        if not scenario.cell.controls_turns and "holding torque" in scenario.controller.needs:
-            print(f"  {internal_moment(scenario, reach, posture).summary()}")
+        law: Any = scenario.controller
+        if not scenario.cell.controls_turns and "holding torque" in law.needs:
+            print(f"  {internal_moment(scenario, reach, law.posture).summary()}")
         print(textwrap.indent(steady_errors(scenario, bias=self.bias, load=self.load).summary(), "  "))
         return OK if ok and all(finding.ok for finding in stable) else FAILED
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from numbers import Real
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -208,11 +208,17 @@ def unknown_arms(names: Iterable[str], arms: Iterable[str]) -> list[FieldError]:
     ]
 
 
-class _Listed(type(BaseModel)):  # type: ignore[misc]  # pydantic's metaclass has no public name
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass
+else:
+    ModelMetaclass = type(BaseModel)  # which has no public name
+
+
+class _Listed(ModelMetaclass):
     """Metaclass whose classes list their public names without those of pydantic: ``help`` stays short."""
 
-    def __dir__(cls) -> list[str]:
-        names = {name for base in cls.__mro__ for name in vars(base)} - {*vars(BaseModel)}
+    def __dir__(self) -> list[str]:
+        names = {name for base in self.__mro__ for name in vars(base)} - {*vars(BaseModel)}
         return sorted(name for name in names if not name.startswith("_"))
 
 
