@@ -5,10 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from numbers import Real
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+)
 
 from coop_pin.arrays import require_type
 from coop_pin.errors import FieldError, UnknownFieldError, one_or_all, suggestion
@@ -264,3 +273,18 @@ class Description(BaseModel, metaclass=_Listed):
             ScenarioError: a path does not exist, or the copy has mistakes.
         """
         return type(self)(**overridden(self, changes))
+
+
+class WithLaterFields(Description):
+    """Description that is written without the defaults of fields that earlier versions did not have.
+
+    So keys of stored runs stay as they are.
+    """
+
+    later_fields: ClassVar[tuple[str, ...]] = ()
+
+    @model_serializer(mode="wrap")
+    def _written(self, fields_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        fields: dict[str, Any] = fields_of(self)
+        usual = {name: type(self).model_fields[name].default for name in self.later_fields}
+        return {name: value for name, value in fields.items() if name not in usual or value != usual[name]}
