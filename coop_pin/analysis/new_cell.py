@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from coop_pin.analysis.feasibility import require_rank
 from coop_pin.analysis.placement import ArmPlacement, Layout, Side, common_places, contacts
 from coop_pin.analysis.suggestion import Suggestion, suggest
-from coop_pin.arrays import as_array, as_positive, require_type
+from coop_pin.arrays import as_array, as_positive, require_type, typed
 from coop_pin.description.arm import Arm
 from coop_pin.description.cell import Cell
 from coop_pin.description.payload import Payload
@@ -21,8 +21,6 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import FieldError, UrdfError, suggestion
-from coop_pin.reference.motions import LineMotion
-from coop_pin.reference.squeeze import TipForceSqueeze
 from coop_pin.schema.pose import Pose
 from coop_pin.spatial.task_rows import RowsName
 
@@ -31,6 +29,7 @@ _EDGES = {"box": (0.4, 0.3, 0.2), "bar": (0.8, 0.05, 0.05), "plate": (0.6, 0.4, 
 _POSES = 41
 
 
+@typed
 def new_cell(
     arms: Sequence[str | Path | Arm],
     payload: str | Payload = "box",
@@ -87,12 +86,8 @@ def new_cell(
     require_rank(Cell(arms=named, payload=held, grasps=dict.fromkeys(named, Pose()), rows=rows))
     height, stroke, places = common_places(placing, held, distance)
     by_arm = dict(zip(named, places, strict=True))
-    start = Pose(xyz=(0.0, 0.0, height))
-    lift = 0.0 if is_planar else 0.6 * stroke
-    goal = Pose(
-        xyz=(0.5 * stroke, 0.5 * stroke, round(height + lift, 4)),
-        rpy=(0.0, 0.0, 0.15),
-    )
+    start, lift = Pose(xyz=(0.0, 0.0, height)), 0.0 if is_planar else 0.6 * stroke
+    goal = Pose(xyz=(0.5 * stroke, 0.5 * stroke, round(height + lift, 4)), rpy=(0.0, 0.0, 0.15))
     robots = ", ".join(Path(arm.urdf).stem for arm in named.values())
     draft = Scenario.draft(
         name=name,
@@ -108,8 +103,8 @@ def new_cell(
         ),
         controller={"force_path": {"kind": "late"}},
         start=start,
-        motion=LineMotion(start=start, goal=goal, start_time=0.5, duration=3.0),
-        squeeze=TipForceSqueeze(force=10.0),
+        motion={"kind": "line", "start": start, "goal": goal, "start_time": 0.5, "duration": 3.0},
+        squeeze={"kind": "tip-force", "force": 10.0},
         duration=8.0,
         clock={"rate_hz": 500.0, "steps_per_tick": 2},
     )
