@@ -52,10 +52,10 @@ def test_the_arms_stand_around_the_payload_within_their_reach(made):
         assert (np.abs(tip) <= half + 1e-3).all()
         tool = cell.grasps[key].matrix[:3, 2]
         towards = {"three": (0.0, 0.0, -1.0), "unlike": -tip / np.linalg.norm(tip)}.get(name)
-        if towards is not None and key != "arm2":  # the Panda's tool is z, too; its grasp may be turned
+        if towards is not None:  # a grasp may be turned about its tool
             np.testing.assert_allclose(tool, towards, atol=1e-6)
     assert not implausible_numbers(suggestion.scenario)
-    assert height >= (0.0 if name == "planar" else half[2] + 0.05)
+    assert height >= (0.0 if name == "planar" else half[2] + 0.05 - 0.005)  # rounded to centimetres
     bases = np.array([arm.base.xyz for arm in cell.arms.values()])
     gaps = np.linalg.norm(bases[:, None] - bases, axis=-1)[np.triu_indices(len(bases), 1)]
     assert gaps.min() > 0.5

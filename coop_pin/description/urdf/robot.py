@@ -52,7 +52,7 @@ class Robot:
         self.mimics = {
             edge.name: _mimic(element)
             for edge in self._edges
-            if (element := edge.joint.find("mimic")) is not None
+            if not edge.is_fixed and (element := edge.joint.find("mimic")) is not None
         }
 
     def mesh_files(self, package_dirs: Sequence[Path]) -> list[Path]:
