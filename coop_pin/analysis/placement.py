@@ -161,29 +161,28 @@ class ArmPlacement:
     def _base(self, distance: float, height: float) -> Pose:
         """Return the base at a distance from the payload's centre, with its x axis towards the contact."""
         x, y, _ = (np.round(distance * self._direction, 3) + 0.0).tolist()
-        z = round(height - self.plane, 3) if self.is_planar else 0.0
+        z = height - self.plane if self.is_planar else 0.0
         yaw = np.arctan2(self._contact.point[1] - y, self._contact.point[0] - x)
         return Pose(xyz=(x, y, z), rpy=(0.0, 0.0, round(float(yaw), 6)))
 
     def _solutions(self, X_BP: Array, X_PE: Array, stroke: float) -> Iterator[tuple[float, Array]]:
         """Yield configurations that hold the payload and can move it by the stroke, with their margins."""
-        around = [step * stroke * np.eye(3)[row] for row in self._rows.indices if row < 3 for step in (-1, 1)]
+        rows = [row for row in self._rows.indices if row < 3]
         for seed in self._seeds:
-            q = self._solved(X_BP @ X_PE, seed)
-            margin = np.inf if q is None else self._margin(q, X_BP)
-            for step in around if q is not None else ():
-                X_BP_moved = X_BP.copy()
-                X_BP_moved[:3, 3] += step
-                moved = self._solved(X_BP_moved @ X_PE, q)
-                margin = -np.inf if moved is None else min(margin, self._margin(moved, X_BP_moved))
-            if q is not None and margin > -np.inf:
+            q, margin = self._solved(X_BP, X_PE, seed)
+            for row, step in itertools.product(rows, (-stroke, stroke)) if margin > -np.inf else ():
+                moved = X_BP.copy()
+                moved[row, 3] += step
+                margin = min(margin, self._solved(moved, X_PE, q)[1])
+            if margin > -np.inf:
                 yield margin, q
 
-    def _solved(self, X_BE: Array, seed: Array) -> Array | None:
-        """Return the configuration with the tip at a pose, within the joint limits."""
-        solution, limits = self._solver.solve(pin.SE3(X_BE), seed, steps=_STEPS), self._model.limits
-        q = limits.wrap_near(solution.q, seed)
-        return q if solution.is_closed and not limits.violation(q).any() else None
+    def _solved(self, X_BP: Array, X_PE: Array, seed: Array) -> tuple[Array, float]:
+        """Return the configuration that holds the payload, and its margin; -inf if there is none."""
+        solution = self._solver.solve(pin.SE3(X_BP @ X_PE), seed, steps=_STEPS)
+        q = self._model.limits.wrap_near(solution.q, seed)
+        holds = solution.is_closed and not self._model.limits.violation(q).any()
+        return q, self._margin(q, X_BP) if holds else -np.inf
 
     def _margin(self, q: Array, X_BP: Array) -> float:
         """Return the least part left of torque, joint range and condition number, as ``posture_margins``."""
