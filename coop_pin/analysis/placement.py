@@ -243,26 +243,26 @@ def common_places(
     if all(arm.is_planar for arm in arms):
         heights = [arms[0].plane]
     stroke = round(_STROKE * least, 2)
-    found = {height: [arm.best(height, stroke, distance) for arm in arms] for height in heights}
+    tried = {height: [arm.best(height, stroke, distance) for arm in arms] for height in heights}
     common = [
         (height, [place for place in places if place is not None])
-        for height, places in found.items()
+        for height, places in tried.items()
         if None not in places
     ]
     if not common:
-        raise InfeasibleMotionError("reach", _no_workspace(arms, found))
+        raise InfeasibleMotionError("reach", _no_workspace(arms, tried))
     height, places = max(common, key=lambda entry: min(place.margin for place in entry[1]))
     return height, stroke, places
 
 
-def _no_workspace(arms: Sequence[ArmPlacement], found: dict[float, list[Place | None]]) -> str:
+def _no_workspace(arms: Sequence[ArmPlacement], tried: dict[float, list[Place | None]]) -> str:
     """Return the heights at which each arm can hold the payload, and what to change."""
-    told = []
+    held = []
     for k, arm in enumerate(arms):
-        heights = [f"{height:g}" for height, places in found.items() if places[k] is not None]
-        told.append(f"{arm.name} (reach {arm.reach:.2f} m) at {', '.join(heights) or 'none'}")
-    tried = ", ".join(f"{height:g}" for height in found)
+        heights = [f"{height:g}" for height, places in tried.items() if places[k] is not None]
+        held.append(f"{arm.name} (reach {arm.reach:.2f} m) at {', '.join(heights) or 'none'}")
+    every = ", ".join(f"{height:g}" for height in tried)
     return (
-        f"no common workspace; of the payload heights {tried} m, and around them, {'; '.join(told)}. Grasp"
+        f"no common workspace; of the payload heights {every} m, and around them, {'; '.join(held)}. Grasp"
         " from another side, take a smaller payload, another distance of the bases, or arms of like reach"
     )

@@ -40,11 +40,11 @@ def _fields(value: Any, path: str, meaning: str, annotation: Any) -> Iterator[tu
             for name in type(value).model_fields
         }
     elif isinstance(value, BaseModel):
-        told = meanings(type(value))
+        texts = meanings(type(value))
         if names := kinds(annotation):
-            told["kind"] = f"{brief}; one of {', '.join(names)}."
+            texts["kind"] = f"{brief}; one of {', '.join(names)}."
         for name, field in type(value).model_fields.items():
-            entry = getattr(value, name), told.get(name, meaning), field.annotation
+            entry = getattr(value, name), texts.get(name, meaning), field.annotation
             entries[name.replace("_", "-")] = entry
     elif isinstance(value, dict):
         entries = {name: (entry, meaning, annotation) for name, entry in value.items()}

@@ -31,22 +31,22 @@ def commented_toml(scenario: BaseModel) -> str:
     The meanings are those of the docstrings; a table also names the kinds there are and its other fields.
     """
     text = _dumps(_stated(scenario, scenario.model_dump(mode="json")))
-    told, table, lines, said = dict(_comments(scenario, "", "", None)), "", list[str](), set[str]()
+    comments, table, lines, written = dict(_comments(scenario, "", "", None)), "", list[str](), set[str]()
     for line in text.splitlines():
         if header := _HEADER.match(line):
             table = header[1].replace('"', "")
-            lines += [f"# {told[table]}"] if table in told else []
+            lines += [f"# {comments[table]}"] if table in comments else []
         entry = _ENTRY.match(line)
-        comment = told.get(f"{table}.{entry[1]}".lstrip("."), "") if entry else ""
-        lines.append(f"{line}  # {comment}" if comment and comment not in said else line)
-        said.add(comment)
+        comment = comments.get(f"{table}.{entry[1]}".lstrip("."), "") if entry else ""
+        lines.append(f"{line}  # {comment}" if comment and comment not in written else line)
+        written.add(comment)
     return "\n".join((*lines, ""))
 
 
 def _dumps(fields: dict[str, Any]) -> str:
     text = tomli_w.dumps(_without_none(fields))
     return _NUMBERS_IN_LINES.sub(
-        lambda found: "[" + ", ".join(found[1].replace(",", " ").split()) + "]", text
+        lambda match: "[" + ", ".join(match[1].replace(",", " ").split()) + "]", text
     )
 
 
@@ -95,12 +95,12 @@ def _comments(value: Any, path: str, meaning: str, annotation: Any) -> Iterator[
         if path:
             yield path, " ".join(_of_table(value, meaning, annotation))
         if isinstance(value, Pose):
-            yield from ((f"{path}.{name}", told) for name, told in POSE_MEANINGS.items())
+            yield from ((f"{path}.{name}", text) for name, text in POSE_MEANINGS.items())
             return
-        told = meanings(type(value))
+        texts = meanings(type(value))
         for name, field in type(value).model_fields.items():
             below = f"{path}.{name}".lstrip(".")
-            yield from _comments(getattr(value, name), below, told.get(name, ""), field.annotation)
+            yield from _comments(getattr(value, name), below, texts.get(name, ""), field.annotation)
     elif meaning:
         yield path, _brief(meaning)
 

@@ -21,8 +21,8 @@ def described(annotation: Any) -> Iterator[type[BaseModel]]:
 def kinds(annotation: Any) -> tuple[str, ...]:
     """Return the kinds among which the ``kind`` of a field selects; none for a field of one class."""
     classes = [one for one in described(annotation) if "kind" in one.model_fields]
-    found = dict.fromkeys(str(one.model_fields["kind"].default) for one in classes)
-    return tuple(found) if len(classes) > 1 else ()
+    names = dict.fromkeys(str(one.model_fields["kind"].default) for one in classes)
+    return tuple(names) if len(classes) > 1 else ()
 
 
 def meanings(model: type[BaseModel]) -> dict[str, str]:
@@ -35,5 +35,5 @@ def section(docstring: str, name: str) -> dict[str, str]:
     """Return the entries of a section of a docstring, such as "Attributes" or "Args", by their names."""
     _, _, text = inspect.cleandoc(docstring).partition(f"{name}:\n")
     text = re.split(r"^\S", text, maxsplit=1, flags=re.MULTILINE)[0]
-    found = re.findall(r"^ {4}(\w+): (.*(?:\n {5,}.*)*)", text, re.MULTILINE)
-    return {entry: " ".join(meaning.split()) for entry, meaning in found}
+    matches = re.findall(r"^ {4}(\w+): (.*(?:\n {5,}.*)*)", text, re.MULTILINE)
+    return {entry: " ".join(meaning.split()) for entry, meaning in matches}
