@@ -540,6 +540,19 @@ def test_two_pandas_keep_twice_and_three_times_the_mass():
 
 
 @pytest.mark.slow
+def test_two_pandas_hold_the_payload_without_the_commands_of_one():
+    """The arm still carries its own weight; limp, no law holds it. Without a bound the payload is lost."""
+    base = benchmark_scenario(Scenario.load("two-pandas-box"), 8.0)
+    last = list(base.cell.arms)[-1]
+    lost = base.override({f"arm_actuators.{last}": base.actuators.replace(commands_lost_at=3.0).model_dump()})
+    (position, _), (peak, _), _ = last_second(BatchSimulator().run([lost]).result(0))
+    assert position == pytest.approx(2e-3, rel=0.01)
+    assert peak < 4.5e-3
+    _, (peak, _), _ = last_second(BatchSimulator().run([lost.override(NONE)]).result(0))
+    assert peak > 0.1
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["three-ur5-plate", "kinova-pair", "five-joint-pair", "adept-anchored"])
 def test_survivors_hold_the_payload_within_the_bound(name):
     """An arm lost at half time: the last second within 1.1 b_0, the peak as of a fixed bound."""
