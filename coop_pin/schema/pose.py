@@ -33,7 +33,8 @@ class Pose(Description):
 
     Attributes:
         xyz: position of B's origin in A, m.
-        rpy: roll, pitch, yaw of B about A's fixed axes, rad (the URDF convention).
+        rpy: roll, pitch, yaw of B about A's fixed axes, rad (the URDF convention); approach and roll in its
+            place.
     """
 
     xyz: Vector3 = (0.0, 0.0, 0.0)
