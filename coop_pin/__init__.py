@@ -94,6 +94,7 @@ _PUBLIC = {
     "ik_branches": "coop_pin.chain",
     "linspace": "coop_pin.sweeps",
     "logspace": "coop_pin.sweeps",
+    "new_cell": "coop_pin.analysis",
     "open_view": "coop_pin.viz",
     "reachability": "coop_pin.analysis",
     "run": "coop_pin.run_scenario",

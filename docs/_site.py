@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import coop_pin
-from coop_pin.cli.field_list import described, meanings, section
 from coop_pin.description import Payload, Scenario
 from coop_pin.schema.base import Description
+from coop_pin.schema.meanings import described, meanings, section
 
 _NOT_OURS = {"model_config", "model_post_init", "model_fields", "model_computed_fields"}
 

@@ -167,6 +167,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "results",
             "run_folder",
             "build_controller",
+            "schema",
             "simulation",
             "sweeps",
             "viz",

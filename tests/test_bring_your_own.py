@@ -87,6 +87,41 @@ def test_a_base_is_a_pose_a_matrix_or_a_position():
             Arm.from_urdf("ur5", "tool0", base=wrong)
 
 
+@pytest.mark.parametrize("n", [(0, 0, -2), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0.3, -0.5, 0.7), (1, 1e-4, 0)])
+@pytest.mark.parametrize("roll", [0.0, 0.5, -2.0])
+def test_a_pose_by_axis_has_its_z_axis_along_the_approach_and_is_rolled_about_it(n, roll):
+    """Against a plane: at roll 0 the x axis lies in the plane of approach and x; beyond, by the angle."""
+    pose = Pose(xyz=(1, 2, 3), approach=n, roll=roll)
+    R, level = pose.matrix[:3, :3], Pose(approach=n).matrix[:3, :3]
+    assert_allclose(R[:, 2], np.array(n) / np.linalg.norm(n), atol=1e-12)
+    assert_allclose(level.T @ R, make_pose(rpy=(0.0, 0.0, roll))[:3, :3], atol=1e-12)
+    if np.abs(n[1:]).any():
+        assert level[0, 0] >= 0.0
+        assert abs(level[:, 0] @ np.cross(n, (1.0, 0.0, 0.0))) < 1e-12
+    else:
+        assert_allclose(level[:, 0], (0.0, 1.0, 0.0), atol=1e-12)
+    again = Pose(**pose.by_axis())
+    assert again.xyz == pose.xyz
+    assert_allclose(again.matrix, pose.matrix, atol=3e-6)
+
+
+@pytest.mark.parametrize(
+    ("fields", "path"),
+    [
+        ({"approach": (0, 0, 0)}, "approach"),
+        ({"approach": (0, 1)}, ""),
+        ({"approach": (0, 0, np.nan)}, ""),
+        ({"approach": (0, 0, 1), "roll": "x"}, ""),
+        ({"roll": 1.0}, ""),
+        ({"approach": (0, 0, 1), "rpy": (0, 0, 0)}, ""),
+    ],
+)
+def test_a_pose_by_half_an_axis_or_in_two_ways_is_refused(fields, path):
+    with pytest.raises(FieldError) as caught:
+        Pose(**fields)
+    assert caught.value.path == path
+
+
 def test_a_tip_left_out_is_the_only_leaf_or_an_error_that_lists_the_leaves(urdf):
     with pytest.raises(UrdfError, match="panda_leftfinger") as error:
         Arm(urdf="panda")

@@ -5,6 +5,7 @@ from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_re
 from coop_pin.analysis.feasibility import closure_problem
 from coop_pin.analysis.internal_moment import InternalMoment, internal_moment
 from coop_pin.analysis.loop_stability import LoopStability, Mode, loop_stability
+from coop_pin.analysis.new_cell import new_cell
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
 from coop_pin.analysis.plausibility import implausible_numbers, run_warnings
 from coop_pin.analysis.proof import anchor_bounded_time, theorem_monitor
@@ -66,6 +67,7 @@ __all__ = [
     "maximum_reach",
     "motion_stability",
     "motion_wrenches",
+    "new_cell",
     "reachability",
     "run_warnings",
     "sampled_stability",

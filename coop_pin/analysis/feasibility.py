@@ -12,12 +12,14 @@ import pinocchio as pin
 
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
 from coop_pin.analysis.statics import StaticTorques, statics_along
-from coop_pin.arrays import typed
+from coop_pin.arrays import Array, typed
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.chain.inverse_kinematics import ik_branches
+from coop_pin.description.cell import Cell
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import InfeasibleMotionError, JointLimitError, UnreachablePoseError
 from coop_pin.model.cell_arm import CellArm
+from coop_pin.model.joint_limits import JointLimits
 from coop_pin.schema.pose import Pose
 from coop_pin.spatial import make_pose
 from coop_pin.spatial.task_rows import joint_shortage
@@ -36,14 +38,14 @@ _ROLLS = (np.pi, np.pi / 2.0, -np.pi / 2.0)
 """Turns of a grasp about its own z axis, rad."""
 
 
-def require_rank(scenario: Scenario) -> None:
+def require_rank(cell: Cell) -> None:
     """Refuse an arm with fewer joints than task rows.
 
     Raises:
         InfeasibleMotionError: cause "rank".
     """
-    for name in scenario.cell.arms:
-        joints, rows = CellArm(scenario.cell, name).nv, scenario.cell.task_rows.size
+    for name in cell.arms:
+        joints, rows = CellArm(cell, name).nv, cell.task_rows.size
         if joints < rows:
             raise InfeasibleMotionError("rank", f"arm {name!r} has {joint_shortage(joints, rows)}")
 
@@ -103,20 +105,31 @@ def require_feasible(scenario: Scenario, cell_reach: Reachability, statics: Stat
                 f"{arm.arm}/{arm.joints[k]} needs {used[at, k] * arm.limit[k]:.3g} of {arm.limit[k]:.3g}"
                 f" {arm.units[k]} to stand still at t = {arm.times[at]:.4g} s without squeeze: arm's weight"
                 f" {abs(arm.weight[at, k]):.3g}, load share {abs(arm.load[at, k]):.3g}; at most"
-                f" {_TORQUE_PART:g} of the limit leaves room for the motion. Lower the payload's mass",
+                f" {_TORQUE_PART:g} of the limit leaves room for the motion. {_lighter(scenario, statics)}",
             )
+
+
+def _lighter(scenario: Scenario, statics: StaticTorques) -> str:
+    """Return the mass that the drives can hold at these configurations, as advice."""
+    part = min(_part_held(arm.weight, arm.load, arm.limit) for arm in statics.arms)
+    if not 0.0 < part < 1.0:
+        return "The arm's own weight is too much: use a stronger arm, or another posture or grasp"
+    mass = scenario.cell.payload.mass
+    return f"Lower the payload's mass from {mass:g} to {math.floor(100.0 * part * mass) / 100.0:g} kg"
 
 
 def squeeze_part(statics: StaticTorques) -> float:
     """Return the largest part of the squeeze, at most 1, that the drives can hold beside weight and load."""
-    part = 1.0
-    for arm in statics.arms:
-        holding = np.copysign(arm.weight + arm.load, (arm.weight + arm.load) * arm.squeeze)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            held = (_TORQUE_PART * arm.limit - holding) / np.abs(arm.squeeze)
-        held = np.where(arm.squeeze == 0.0, np.inf, held)
-        part = min(part, float(held.min()))
+    part = min(1.0, *(_part_held(arm.weight + arm.load, arm.squeeze, arm.limit) for arm in statics.arms))
     return part if part == 1.0 else math.floor(100.0 * part) / 100.0
+
+
+def _part_held(fixed: Array, varied: Array, limit: Array) -> float:
+    """Return the largest part of some torques that the drives can hold beside others."""
+    holding = np.copysign(fixed, fixed * varied)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        held = (_TORQUE_PART * limit - holding) / np.abs(varied)
+    return float(np.where(varied == 0.0, np.inf, held).min())
 
 
 class PostureMargin(NamedTuple):
@@ -149,18 +162,26 @@ def posture_margins(
         if not reach.ok:
             yield PostureMargin(reach.arm, -np.inf, -np.inf, -np.inf)
             continue
-        limits = CellArm(scenario.cell, reach.arm).limits
-        positions = limits.joints.of(reach.q)
-        gap = np.minimum(positions - limits.lower, limits.upper - positions)
-        left = np.where(
-            limits.limited, gap / (0.5 * np.minimum(limits.upper - limits.lower, 2.0 * np.pi)), 1.0
-        )
         yield PostureMargin(
             reach.arm,
             1.0 - float(arm.used.max()),
-            float(left.min()),
+            position_margin(CellArm(scenario.cell, reach.arm).limits, reach.q),
             1.0 - float(reach.condition.max()) / scenario.trust.jacobian_condition,
         )
+
+
+def position_margin(limits: JointLimits, q: Array) -> float:
+    """Return the least distance to a position limit over half of the range.
+
+    Args:
+        limits: limits of the arm; only joints that limit the workspace count.
+        q: configurations, shape (n, nq), or one of them.
+    """
+    positions = limits.joints.of(q)
+    gap = np.minimum(positions - limits.lower, limits.upper - positions)
+    with np.errstate(invalid="ignore"):  # of joints without limits
+        part = gap / (0.5 * np.minimum(limits.upper - limits.lower, 2.0 * np.pi))
+    return float(np.where(limits.limited, part, 1.0).min())
 
 
 def with_best_postures(scenario: Scenario, poses: int) -> tuple[Scenario, tuple[str, ...]]:

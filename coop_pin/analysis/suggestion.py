@@ -97,7 +97,7 @@ def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
     poses = as_count("poses", poses, 5)
     for number in implausible_numbers(scenario):
         warnings.warn(number, ScenarioWarning, stacklevel=2)
-    require_rank(scenario)
+    require_rank(scenario.cell)
     scenario, turned = with_best_postures(scenario, poses)
     cell_reach = reachability(scenario, poses=poses)
     statics = statics_along(scenario, cell_reach)

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import inspect
-import re
 from collections.abc import Iterator
-from typing import Any, get_args
+from typing import Any
 
 from pydantic import BaseModel
 
 from coop_pin.description import Pose
+from coop_pin.schema.meanings import kinds, meanings
+from coop_pin.schema.pose import POSE_MEANINGS
 
 _VALUE_WIDTH = 28
-_POSE = {"xyz": "x, y, z, m", "rpy": "roll, pitch, yaw about fixed axes, rad"}
-"""Meanings of the fields of a pose, after the meaning of the pose itself."""
 
 
 def field_list(description: BaseModel) -> list[str]:
@@ -23,28 +21,6 @@ def field_list(description: BaseModel) -> list[str]:
     return [
         f"{option:<{width}}  {value:<{_VALUE_WIDTH}}  {meaning}".rstrip() for option, value, meaning in fields
     ]
-
-
-def described(annotation: Any) -> Iterator[type[BaseModel]]:
-    """Yield the configuration classes that a type contains, in its order."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-    for inner in get_args(annotation):
-        yield from described(inner)
-
-
-def meanings(model: type[BaseModel]) -> dict[str, str]:
-    """Return the meanings of a configuration class's fields, from its docstring and those of its bases."""
-    documented = [base.__doc__ or "" for base in reversed(model.__mro__) if base is not BaseModel]
-    return {name: meaning for text in documented for name, meaning in section(text, "Attributes").items()}
-
-
-def section(docstring: str, name: str) -> dict[str, str]:
-    """Return the entries of a section of a docstring, such as "Attributes" or "Args", by their names."""
-    _, _, text = inspect.cleandoc(docstring).partition(f"{name}:\n")
-    text = re.split(r"^\S", text, maxsplit=1, flags=re.MULTILINE)[0]
-    matches = re.findall(r"^ {4}(\w+): (.*(?:\n {5,}.*)*)", text, re.MULTILINE)
-    return {entry: " ".join(meaning.split()) for entry, meaning in matches}
 
 
 def _fields(value: Any, path: str, meaning: str, annotation: Any) -> Iterator[tuple[str, str, str]]:
@@ -59,16 +35,14 @@ def _fields(value: Any, path: str, meaning: str, annotation: Any) -> Iterator[tu
     entries: dict[str, tuple[Any, str, Any]] = {}
     brief = meaning.split(";")[0].rstrip(".")
     if isinstance(value, Pose):
-        entries = {name: (getattr(value, name), f"{brief}: {part}.", None) for name, part in _POSE.items()}
+        entries = {
+            name: (getattr(value, name), f"{brief}: {POSE_MEANINGS[name]}.", None)
+            for name in type(value).model_fields
+        }
     elif isinstance(value, BaseModel):
         texts = meanings(type(value))
-        kinds = [
-            str(one.model_fields["kind"].default)
-            for one in described(annotation)
-            if "kind" in one.model_fields
-        ]
-        if len(kinds) > 1:
-            texts["kind"] = f"{brief}; one of {', '.join(dict.fromkeys(kinds))}."
+        if names := kinds(annotation):
+            texts["kind"] = f"{brief}; one of {', '.join(names)}."
         for name, field in type(value).model_fields.items():
             entry = getattr(value, name), texts.get(name, meaning), field.annotation
             entries[name.replace("_", "-")] = entry

@@ -1,4 +1,4 @@
-"""Commands without a run: ``coop-pin list``, ``fields``, ``show``, ``check``, ``suggest``, ``check-urdf``."""
+"""Commands without a run: ``list``, ``check-urdf``, ``fields``, ``show``, ``check``, ``suggest``, ``new``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import dataclasses
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -178,9 +178,9 @@ class Check:
         stable = sampled, loop_stability(simulation, reach), step_stability(simulation, reach)
         print(textwrap.indent("\n".join(finding.summary() for finding in stable), "  "))
         print(f"  {gain_proposal(scenario, reach).summary()}")
-        posture = getattr(scenario.controller, "posture", None)
-        if not scenario.cell.controls_turns and "holding torque" in scenario.controller.needs:
-            print(f"  {internal_moment(scenario, reach, posture).summary()}")
+        law: Any = scenario.controller
+        if not scenario.cell.controls_turns and "holding torque" in law.needs:
+            print(f"  {internal_moment(scenario, reach, law.posture).summary()}")
         print(textwrap.indent(steady_errors(scenario, bias=self.bias, load=self.load).summary(), "  "))
         return OK if ok and all(finding.ok for finding in stable) else FAILED
 
@@ -217,6 +217,58 @@ class Suggest:
         print(suggested.summary())
         if self.out is not None:
             suggested.scenario.save(self.out)
+        return OK
+
+
+@dataclasses.dataclass(frozen=True)
+class New:
+    """Write the scenario of a new cell, ready to run: arms placed around a payload, grasps, motion, gains.
+
+    The file says what each table and field is; what it leaves out has its default. Nothing is simulated, and
+    collisions are not considered.
+
+    Attributes:
+        scenario: name of the scenario, or the file to write, which must not exist: NAME.toml.
+        arms: two or more robots: names listed by 'coop-pin list --robots', URDF or xacro files.
+        payload: kind of the payload.
+        mass: mass of the payload, kg.
+        size: edges of the payload along x, y and z, m; those of its kind when omitted.
+        grasp: side from which the tools approach the payload.
+        layout: bases all around the payload, or on one side of it.
+        tips: tip of each arm; the link that is named like a tool when omitted.
+        distance: distance of the bases from the payload's centre, m; by the arms' reach when omitted.
+    """
+
+    scenario: _ScenarioName
+    arms: Annotated[tuple[str, ...], tyro.conf.arg(metavar="ROBOT...")]
+    payload: Literal["box", "bar", "plate"] = "box"
+    mass: float = 2.0
+    size: Annotated[tuple[float, float, float] | None, tyro.conf.arg(metavar="X Y Z")] = None
+    grasp: Literal["sides", "above"] = "sides"
+    layout: Literal["facing", "side-by-side"] = "facing"
+    tips: Annotated[tuple[str, ...], tyro.conf.arg(metavar="LINK...")] = ()
+    distance: float | None = None
+
+    def execute(self) -> int:
+        """Write the file, and print what limits the gains and what to do next.
+
+        Raises:
+            FieldError: the file exists, or an option is not among the allowed ones.
+            UrdfError: there is no such robot or tip.
+            InfeasibleMotionError: the arms cannot carry the payload.
+        """
+        from coop_pin.analysis import new_cell
+
+        path = Path(self.scenario)
+        path = path if path.suffix == ".toml" else path.with_name(f"{path.name}.toml")
+        if path.exists():
+            raise FieldError(f"{path} exists; name another file, or remove it", "NAME_OR_FILE")
+        options = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        del options["scenario"]
+        suggested = new_cell(**options, name=path.stem)
+        suggested.scenario.save(path, commented=True)
+        print(suggested.summary())
+        print(f"{path}: edit it; then coop-pin check {path}, coop-pin run {path} --report")
         return OK
 
 

@@ -10,7 +10,7 @@ import tyro
 
 from coop_pin.cli.compare import Compare
 from coop_pin.cli.export import ExportC
-from coop_pin.cli.inspect import Check, CheckUrdf, Fields, List, Show, Suggest
+from coop_pin.cli.inspect import Check, CheckUrdf, Fields, List, New, Show, Suggest
 from coop_pin.cli.run import Run
 from coop_pin.cli.sweep import Sweep, SweepShow
 from coop_pin.cli.tune import Tune
@@ -25,6 +25,7 @@ Command = (
     | Annotated[Show, tyro.conf.subcommand("show")]
     | Annotated[Check, tyro.conf.subcommand("check")]
     | Annotated[Suggest, tyro.conf.subcommand("suggest")]
+    | Annotated[New, tyro.conf.subcommand("new")]
     | Annotated[CheckUrdf, tyro.conf.subcommand("check-urdf")]
     | Annotated[Sweep, tyro.conf.subcommand("sweep")]
     | Annotated[SweepShow, tyro.conf.subcommand("sweep-show")]

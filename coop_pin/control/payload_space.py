@@ -251,8 +251,8 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             force path itself takes.
         anchor_bias: b_0, the bias of the kinematics for which measured internal wrenches may move the
             integral at any time, m and rad; "none" bounds nothing. At most half of the layer of the integral.
-        anchor_bias_answered: b_max, the bias for which they may while it shows at the start, m and rad; at
-            most the norm of the edges of the layer. Equal to b_0: a fixed bound.
+        anchor_bias_answered: b_max, how far they may while a bias shows at the start, m and rad; a bias near
+            it need not come to rest. At most the norm of the edges of the layer. Equal to b_0: a fixed bound.
     """
 
     equal_gains: ClassVar[Mapping[str, str]] = {

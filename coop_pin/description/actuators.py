@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import AfterValidator, Field
 
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, NotNegative, NumberOrVector
+from coop_pin.schema.base import Description, NotNegative, NumberOrVector, WithLaterFields
 
 
 def _positive(limit: float | tuple[float, ...]) -> float | tuple[float, ...]:
@@ -29,7 +29,7 @@ class GravityCompensation(Description):
     mass_error: float = Field(default=0.0, ge=-1.0)
 
 
-class Actuators(Description):
+class Actuators(WithLaterFields):
     """What the drives of an arm make of its commands; without values they deliver them at once.
 
     With the command tau_c[k] of the controller at tick k, the arm's transmission T and the torque limits of
@@ -55,6 +55,8 @@ class Actuators(Description):
         commands_lost_at: time from the next tick of which no command reaches the drives, s; the robot goes on
             with zero in their place, and with its own gravity compensation.
     """
+
+    later_fields: ClassVar[tuple[str, ...]] = ("commands_lost_at",)
 
     lag: NotNegative = 0.0
     rate_limit: Annotated[NumberOrVector, AfterValidator(_positive)] | None = None

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import functools
-import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Self
 
-import tomli_w
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.arrays import Array, require_path, require_type
@@ -20,6 +18,7 @@ from coop_pin.description.controller import Controller
 from coop_pin.description.events import Event, Surroundings
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.relative_paths import anchor_files
+from coop_pin.description.scenario_file import commented_toml, resolved_toml
 from coop_pin.description.sensors import Sensors, late_delay
 from coop_pin.description.trust import TrustThresholds
 from coop_pin.errors import FieldError, NameNotFoundError, one_or_all
@@ -47,10 +46,6 @@ _MOST_CHANGES = 6
 def scenario_names() -> list[str]:
     """Return the names of the scenarios in the catalogue."""
     return sorted(path.stem for path in _FOLDER.glob("*.toml"))
-
-
-# tomli_w writes one number per line. No string can match: it writes those on one line.
-_NUMBERS_IN_LINES = re.compile(r"\[\n((?: *[-+.\w]+,\n)+) *\]")
 
 
 class Scenario(Description):
@@ -284,17 +279,19 @@ class Scenario(Description):
         require_type("text", text, str)
         return cls(**parse_toml(text.encode("utf-8", "surrogatepass"), "the text", kind="a scenario"))
 
-    def to_toml(self) -> str:
-        """Return the resolved scenario as TOML: every field with its value."""
-        text = tomli_w.dumps(_without_none(self.model_dump(mode="json")))
-        return _NUMBERS_IN_LINES.sub(
-            lambda found: "[" + ", ".join(found[1].replace(",", " ").split()) + "]", text
-        )
+    def to_toml(self, *, commented: bool = False) -> str:
+        """Return the scenario as TOML: every field with its value.
 
-    def save(self, path: str | Path) -> None:
-        """Write the resolved scenario to a TOML file."""
+        Args:
+            commented: leave out fields at their defaults, and write the meaning of each table and field
+                beside it.
+        """
+        return commented_toml(self) if commented else resolved_toml(self)
+
+    def save(self, path: str | Path, *, commented: bool = False) -> None:
+        """Write the scenario to a TOML file, as ``to_toml`` returns it."""
         require_path("path", path)
-        Path(path).write_text(self.to_toml(), encoding="utf-8")
+        Path(path).write_text(self.to_toml(commented=commented), encoding="utf-8")
 
 
 def _parts(value: Any) -> dict[str, Any]:
@@ -311,13 +308,6 @@ def _missing(path: Path) -> NameNotFoundError:
     return NameNotFoundError(
         "scenario", str(path), [*files, *scenario_names()], "the catalogue or the file system"
     )
-
-
-def _without_none(value: Any) -> Any:
-    """Return a value without omitted optional fields: TOML has no null."""
-    if isinstance(value, dict):
-        return {key: _without_none(entry) for key, entry in value.items() if entry is not None}
-    return [_without_none(entry) for entry in value] if isinstance(value, list) else value
 
 
 @functools.cache

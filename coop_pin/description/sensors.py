@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -19,6 +19,7 @@ from coop_pin.schema.base import (
     NotNegative,
     NumberOrVector,
     Positive,
+    WithLaterFields,
     not_negative,
 )
 
@@ -101,7 +102,7 @@ class WrenchParts(Description):
         return np.concatenate([np.full(3, part) for part in (self.force, self.moment)])
 
 
-class WristSensor(Description):
+class WristSensor(WithLaterFields):
     """Sensor of the wrench F_i between the tip of an arm and the payload, in the axes and origin of the tip.
 
     Nothing but the payload hangs behind it: a gripper is part of the arm, in front of it. So it reads neither
@@ -117,6 +118,8 @@ class WristSensor(Description):
         lost: intervals of time without samples, [start, end), s.
         stuck_at: time from which every sample repeats the one before, s; it arrives as a new one.
     """
+
+    later_fields: ClassVar[tuple[str, ...]] = ("stuck_at",)
 
     noise: WrenchParts = WrenchParts()
     offset: WrenchParts = WrenchParts()

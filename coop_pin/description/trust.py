@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import ClassVar
 
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import Field
 
-from coop_pin.schema.base import Description, NotNegative, Positive
+from coop_pin.schema.base import NotNegative, Positive, WithLaterFields
 
 
-class TrustThresholds(Description):
+class TrustThresholds(WithLaterFields):
     """Thresholds beyond which a run is not trustworthy.
 
     Energy errors are compared with the gross work: the amounts of work done between ticks by drives,
@@ -26,9 +26,10 @@ class TrustThresholds(Description):
         jacobian_condition: largest condition number of an arm's payload Jacobian; the catalogue's reach 12,
             and at 100 the torques of an arm that passes a singular pose are many times their usual size.
         joint_drift: how far a joint may drift in the last second of a run whose payload and reference rest,
-            rad or m: spare joints of redundant arms that nothing holds. It is written only where it is not
-            the default, so that keys of stored runs stay as they are.
+            rad or m: spare joints of redundant arms that nothing holds.
     """
+
+    later_fields: ClassVar[tuple[str, ...]] = ("joint_drift",)
 
     closure_error: Positive = 1e-6
     energy_share: Positive = 1e-6
@@ -37,9 +38,3 @@ class TrustThresholds(Description):
     torque_cut: NotNegative = 0.1
     jacobian_condition: float = Field(default=100.0, ge=1.0)
     joint_drift: NotNegative = 0.01
-
-    @model_serializer(mode="wrap")
-    def _written(self, fields_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        fields: dict[str, Any] = fields_of(self)
-        usual = type(self).model_fields["joint_drift"].default
-        return {name: value for name, value in fields.items() if (name, value) != ("joint_drift", usual)}

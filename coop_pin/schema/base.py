@@ -5,10 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from numbers import Real
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+)
 
 from coop_pin.arrays import require_type
 from coop_pin.errors import FieldError, UnknownFieldError, one_or_all, suggestion
@@ -208,11 +217,17 @@ def unknown_arms(names: Iterable[str], arms: Iterable[str]) -> list[FieldError]:
     ]
 
 
-class _Listed(type(BaseModel)):  # type: ignore[misc]  # pydantic's metaclass has no public name
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass
+else:
+    ModelMetaclass = type(BaseModel)  # which has no public name
+
+
+class _Listed(ModelMetaclass):
     """Metaclass whose classes list their public names without those of pydantic: ``help`` stays short."""
 
-    def __dir__(cls) -> list[str]:
-        names = {name for base in cls.__mro__ for name in vars(base)} - {*vars(BaseModel)}
+    def __dir__(self) -> list[str]:
+        names = {name for base in self.__mro__ for name in vars(base)} - {*vars(BaseModel)}
         return sorted(name for name in names if not name.startswith("_"))
 
 
@@ -258,3 +273,18 @@ class Description(BaseModel, metaclass=_Listed):
             ScenarioError: a path does not exist, or the copy has mistakes.
         """
         return type(self)(**overridden(self, changes))
+
+
+class WithLaterFields(Description):
+    """Description that is written without the defaults of fields that earlier versions did not have.
+
+    So keys of stored runs stay as they are.
+    """
+
+    later_fields: ClassVar[tuple[str, ...]] = ()
+
+    @model_serializer(mode="wrap")
+    def _written(self, fields_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        fields: dict[str, Any] = fields_of(self)
+        usual = {name: type(self).model_fields[name].default for name in self.later_fields}
+        return {name: value for name, value in fields.items() if name not in usual or value != usual[name]}

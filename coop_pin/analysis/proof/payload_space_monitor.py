@@ -81,7 +81,8 @@ class _MonitoredCell:
         self.inverse_gain = self.inverse_gain if has_layer else np.full_like(law.gains.sliding_gain, np.nan)
         self.start: list[tuple[Array, Array]] = []
         self.ages, self.Z_hold = np.full(len(self.laws), np.inf), np.zeros(0)
-        self.anchors = [AnchorState(*np.zeros((3, self.rows.size)), 0.0)] * len(self.laws)
+        zero = np.zeros(self.rows.size)
+        self.anchors = [AnchorState(zero, zero, zero, 0.0)] * len(self.laws)
         self.commands = list[Array]()
 
     def at_tick(self, now: RecordedTick) -> dict[str, Any]:

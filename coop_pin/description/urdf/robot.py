@@ -26,6 +26,11 @@ from coop_pin.errors import NameNotFoundError
 _READABLE = "geometry/*[1][self::box or self::cylinder or self::sphere or self::mesh]"
 """XPath of the shapes of a visual; yourdfpy fails on others and on none."""
 
+_GRIPPER = ("gripper", "finger", "jaw")
+"""Words in the names of a gripper's joints."""
+_TOOLS = ("tcp", "tool", "end_effector", "eef", "flange")
+"""Words in the names of frames made for tools, the best first."""
+
 
 class Robot:
     """Kinematics of a URDF, without Pinocchio.
@@ -47,7 +52,7 @@ class Robot:
         self.mimics = {
             edge.name: _mimic(element)
             for edge in self._edges
-            if (element := edge.joint.find("mimic")) is not None
+            if not edge.is_fixed and (element := edge.joint.find("mimic")) is not None
         }
 
     def mesh_files(self, package_dirs: Sequence[Path]) -> list[Path]:
@@ -67,6 +72,39 @@ class Robot:
         """Return the joints that still move when some are locked."""
         locked = self.locked(joints)
         return tuple(joint for joint in self.joints if joint not in locked)
+
+    def tools(self) -> tuple[str, ...]:
+        """Return the links that most joints move and no gripper's joint does: several if names do not tell.
+
+        Of several, those whose name has the first of the words tcp, tool, end_effector, eef and flange.
+        """
+        moved = dict.fromkeys(self._tree.links, 0)  # by joints; the links of a gripper are left out
+        for edge in self._edges:
+            if edge.parent in moved and not any(word in edge.name.lower() for word in _GRIPPER):
+                moved[edge.child] = moved[edge.parent] + (not edge.is_fixed)
+            else:
+                moved.pop(edge.child, None)
+        inner = {edge.parent for edge in self._edges if edge.child in moved}
+        ends = [link for link in moved if link not in inner and moved[link] == max(moved.values())]
+        named = ([link for link in ends if word in link.lower()] for word in _TOOLS)
+        return tuple(next(filter(None, named), ends))
+
+    def idle(self, tip: str) -> dict[str, float]:
+        """Return the joints that do not move a link, with their angles nearest to zero, rad or m.
+
+        Joints that mimic others are left out.
+
+        Raises:
+            NameNotFoundError: there is no such link.
+        """
+        if tip not in self._tree.links:
+            raise NameNotFoundError("link", tip, self._tree.links, "the URDF")
+        moving, link = set[str](), tip
+        while link in self._tree.above:
+            moving.add(self._tree.above[link].name)
+            link = self._tree.above[link].parent
+        idle = [edge for edge in self._edges if edge.name in self.joints and edge.name not in moving]
+        return {edge.name: _nearest_to_zero(edge) for edge in idle if edge.name not in self.mimics}
 
     def summary(self) -> str:
         """Return links, joints with their limits, and candidate tips as text."""
@@ -131,6 +169,12 @@ def _mimic(element: Element) -> tuple[str, float, float]:
     multiplier = number(element, "multiplier")
     leader = str(element.get("joint"))
     return leader, 1.0 if multiplier is None else multiplier, number(element, "offset") or 0.0
+
+
+def _nearest_to_zero(edge: Edge) -> float:
+    limit = edge.joint.find("limit")
+    lower, upper = (number(limit, name) or 0.0 for name in ("lower", "upper"))
+    return 0.0 if edge.joint.get("type") == "continuous" else min(max(0.0, lower), upper)
 
 
 def _joint_text(edge: Edge) -> str:
