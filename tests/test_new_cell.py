@@ -168,10 +168,13 @@ def test_every_robot_that_is_an_arm_tells_its_tip_and_the_gripper_is_locked():
         "xarm7": ("link_eef", []),
         "adept_3dof": ("tip", []),
         "z1": ("link06", ["jointGripper"]),
+        "talos_arm": ("wrist_left_ft_tool_link", ["gripper_left_joint"]),  # with mimic joints that are fixed
     }
     for name, (tip, locked) in tips.items():
         robot = Robot(load_checked(find_urdf(name)))
         assert robot.tools() == (tip,)
         assert list(robot.idle(tip)) == locked
+        arm = cp.Arm.from_urdf(name, tip, locked=robot.idle(tip))
+        assert cp.ArmModel(arm).nv == len(robot.unlocked(arm.locked))
     with pytest.raises(NameNotFoundError):
         robot.idle("nowhere")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from numbers import Real
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import (
@@ -18,6 +18,7 @@ from pydantic import (
     ValidationError,
     model_serializer,
 )
+from pydantic._internal._model_construction import ModelMetaclass  # it has no public name
 
 from coop_pin.arrays import require_type
 from coop_pin.errors import FieldError, UnknownFieldError, one_or_all, suggestion
@@ -215,12 +216,6 @@ def unknown_arms(names: Iterable[str], arms: Iterable[str]) -> list[FieldError]:
         for name in names
         if name not in known
     ]
-
-
-if TYPE_CHECKING:
-    from pydantic._internal._model_construction import ModelMetaclass
-else:
-    ModelMetaclass = type(BaseModel)  # which has no public name
 
 
 class _Listed(ModelMetaclass):
