@@ -370,7 +370,7 @@ def test_one_millimetre_is_one_table():
     """Every row of the table is in the data it names, or a test of its own holds it."""
     page = (CONCEPTS / "choose.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| ([^|]+) \| [^|]+ \| ([^|]+) \| ([^|]+) \| ([\d.]+) \| `([^`]+)` \|$", page, re.M)
-    assert len(rows) == 11
+    assert len(rows) == 12
     claims = pd.read_csv(STUDIES / "paper_claims" / "laws.csv").set_index(["law", "trial"])
     front = pd.read_csv(STUDIES / "front" / "adept-judged.csv").set_index(["law", "trial"])
     names = {"printed, α = 0.2": "printed"}
@@ -388,56 +388,49 @@ def test_one_millimetre_is_one_table():
             continue
         digits = len(shown.replace(".", "").lstrip("0"))
         assert float(f"{value:.{digits - 1}e}") == float(shown), law
-    for g, k_I, gamma, force in ((0.1, 5.0, 2.0, 0.25), (0.0500622, 0.53399 / 0.05, 6.38034, 3.4)):
-        assert_allclose(0.5 * k_I * 800.0 * gamma * 0.5e-3 / (g * 80.0), force, rtol=0.01)
+    for g, k_I, gamma, force in ((0.1, 5.0, 2.0, 0.25), (0.0345408, 6.31112e-5 / 0.05, 22.1495, 0.0020)):
+        assert_allclose(0.5 * k_I * 800.0 * gamma * 0.5e-3 / (g * 80.0), force, rtol=0.02)
 
 
 def test_what_follows_from_the_benchmark_is_in_its_table():
     table = benchmark_table()
     force, track = (table[name].unstack("scenario") for name in ("force_N", "tracking_rms_mm"))
+    held = ["adept-anchored", "five-joint-pair", "kinova-pair", "three-ur5-plate"]
 
-    def extremes(frame, controller, trial):
+    def extremes(frame, controller, trial, cells=None):
         values = frame.loc[(controller, trial)].dropna()
+        values = values if cells is None else values[cells]
         return values.min(), values.max()
 
-    assert_allclose(extremes(force, "printed", "bias 0.1 mm"), (5.6, 203.0), rtol=0.01)
-    assert_allclose(extremes(force, "anchored", "bias 0.1 mm"), (0.02, 0.33), rtol=0.25)
-    assert_allclose(extremes(force, "payload-pi", "bias 1 mm"), (11.0, 89.0), rtol=0.03)
-    assert_allclose(extremes(force, "anchored", "bias 1 mm"), (0.15, 3.4), rtol=0.04)
-    zeroed = force.loc["zeroed-leaky"]
-    assert (zeroed.loc["bias 1 mm"] == zeroed.loc["nominal"]).sum() == 5
-    full = ["two-pandas-box", "panda-ur5-bar", "three-ur5-plate", "kinova-pair"]
-    sags = track.loc["zeroed-leaky"].loc[["mass x0.5", "mass x2"], full].to_numpy()
-    assert_allclose((sags.min(), sags.max()), (0.3, 2.1), rtol=0.03)
-    twice = track.loc[("anchored", "mass x2")]
-    assert_allclose(
-        [twice["two-pandas-box"], force.loc[("anchored", "mass x2"), "two-pandas-box"]],
-        [328, 1225],
-        rtol=0.01,
-    )
-    assert twice[["panda-ur5-bar", "three-ur5-plate", "kinova-pair"]].max() < 0.03
-    assert_allclose(track.loc[("payload-pi", "mass x2"), "two-pandas-box"], 0.105, rtol=0.01)
-    lost = "torque of an arm lost"
-    in_space = [*full, "five-joint-pair"]
-    assert_allclose(
-        (track.loc[("anchored", lost), in_space].min(), track.loc[("anchored", lost), in_space].max()),
-        (205.0, 709.0),
-        rtol=0.01,
-    )
-    kept = track.loc[("payload-pi", lost), in_space]
-    assert_allclose(sorted(kept)[:3], [0.63, 1.19, 1.93], rtol=0.01)
-    for frame, expected in ((force, (4.6, 76.0)), (track, (2.4, 8.9))):
+    anchored = {"force": force.loc["anchored"], "track": track.loc["anchored"]}
+    assert anchored["force"].notna().sum().sum() == 75
+    for other, wins in (("mean-pose", (53, 8)), ("zeroed-leaky", (59, 21))):
+        less = ((anchored["force"] < force.loc[other]), (anchored["track"] < track.loc[other]))
+        assert tuple(frame.sum().sum() for frame in less) == wins
+    biased = {"anchored": 0.17, "zeroed-leaky": 1.2, "payload-pi": 7.5, "printed": 11.0, "mean-pose": 0.78}
+    for name, most in biased.items():
+        assert_allclose(extremes(force, name, "bias 1 mm")[1], most, rtol=0.05)
+    change = force.loc[("mean-pose", "bias 1 mm")] / force.loc[("mean-pose", "nominal")]
+    assert change.max() < 1.04
+    for name, most in (("anchored", 0.774), ("mean-pose", 0.024), ("computed-torque", 1.37)):
+        assert_allclose(extremes(track, name, "mass x2")[1], most, rtol=0.01)
+    assert_allclose(track.loc[("anchored", "mass x2"), "two-pandas-box"], 0.248, rtol=0.01)
+    limp = "torque of an arm lost"
+    for name, ends in {
+        "anchored": (1.54, 2.44),
+        "mean-pose": (0.10, 0.66),
+        "payload-pi": (4.16, 9.65),
+        "computed-torque": (59.6, 584.0),
+    }.items():
+        assert_allclose(extremes(track, name, limp, held), ends, rtol=0.01)
+    lost = ["two-pandas-box", "panda-ur5-bar"]
+    assert track.xs(limp, level="trial")[lost].min().min() > 250.0
+    assert_allclose(extremes(track, "anchored", "commands of an arm lost")[1], 2.29, rtol=0.01)
+    assert track.loc[("mean-pose", "commands of an arm lost"), "two-pandas-box"] > 300.0
+    for frame, expected in ((force, (9.8, 57.5)), (track, (1.0, 2.34))):
         ratio = frame.loc[("anchored", "wrist lost at half time")] / frame.loc[("anchored", "nominal")]
         assert_allclose((ratio.min(), ratio.max()), expected, rtol=0.02)
-    for frame, wins in ((force, 40), (track, 33)):
-        anchored, zeroed = frame.loc["anchored"], frame.loc["zeroed-leaky"]
-        assert anchored.notna().sum().sum() == 69
-        assert (anchored < zeroed).sum().sum() == wins
-    ratio = track.loc["computed-torque"] / track.loc["torque-qp"]
-    assert (np.abs(ratio - 1.0) < 1e-3).sum().sum() == 40
-    off = track.loc[["computed-torque", "torque-qp"]]
-    masses = off[off.index.get_level_values("trial").str.startswith("mass")][in_space].to_numpy()
-    assert_allclose((masses.min(), masses.max()), (3.95, 33.96), rtol=0.01)
+    assert_allclose(extremes(force, "anchored", "wrist lost at half time")[1], 1.03, rtol=0.01)
 
 
 def test_the_fronts_conclusions_are_in_its_tables():
@@ -466,31 +459,17 @@ def test_the_fronts_conclusions_are_in_its_tables():
     assert_allclose(blind["printed, alpha 0"], 0.853, rtol=0.01)
 
 
-def test_tuned_gains_at_the_ends_of_their_ranges():
+def test_half_of_the_gains_at_an_end_of_their_range_are_the_pose_gain_that_is_required():
     gains = pd.read_csv(REPOSITORY / "coop_pin" / "comparison" / "gains.csv")
-    part = (gains["value"] - gains["low"]) / (gains["high"] - gains["low"])
-    at_end = (part < 0.05) | (part > 0.95)
+    part = np.log(gains["value"] / gains["low"]) / np.log(gains["high"] / gains["low"])
+    at_end = gains[(part < 0.05) | (part > 0.95)]
     page = (CONCEPTS / "benchmark.md").read_text(encoding="utf-8")
-    shown = re.search(r"(\d+) of (\d+) tuned values lie within 5 %", page)
-    assert [int(count) for count in shown.groups()] == [at_end.sum(), len(gains)]
-    funnels = (gains["controller"] == "prescribed-performance") & (gains["field"] == "gains.pose_gain")
-    assert at_end[funnels].sum() == funnels.sum() == 6
-
-
-@pytest.mark.slow
-def test_the_adaptive_law_sags_under_a_load_outside_its_regressor():
-    """50 N along x on the paper's cell at rest, middle gains: an adapted disturbance brings it back."""
-    scenario = benchmark_scenario(cp.Scenario.load("adept-anchored"), 5.0)
-    push = {"kind": "wrench-pulse", "time": 0.0, "duration": 5.0, "wrench": (50.0, 0, 0, 0, 0, 0)}
-    hold = {"motion": {"kind": "hold", "pose": scenario.start.model_dump()}, "events": [push]}
-    scenario = scenario.override(hold | {"clock.steps_per_tick": 1})
-    laws = controllers_for(scenario, ["adaptive", "adaptive-verginis"], tuned=False)
-    errors = {}
-    for name, law in laws.items():
-        x = cp.run(scenario, {"controller": law}).data.pose_error.sel(time=[3.0, 4.9], method="nearest")
-        errors[name] = 1e3 * np.linalg.norm(x.values[:, :2], axis=1)
-    assert_allclose(errors["adaptive"], [53.5, 53.5], rtol=0.01)
-    assert_allclose(errors["adaptive-verginis"], [31.2, 20.0], rtol=0.01)
+    shown = re.search(r"(\d+) of (\d+) tuned gains lie within 5% of an end", page)
+    assert [int(count) for count in shown.groups()] == [len(at_end), len(gains)]
+    required = at_end[
+        (at_end["field"] == "gains.pose_gain") & (at_end["low"] == 0.3) & (at_end["value"] < 0.5)
+    ]
+    assert 0.4 < len(required) / len(at_end) < 0.6
 
 
 class WithoutHoldingTorque(cp.CellController):
@@ -508,7 +487,7 @@ class WithoutHoldingTorque(cp.CellController):
 
 @pytest.mark.slow
 def test_the_holding_torque_is_a_measurement():
-    """Two Pandas, the nominal trial: 0.04 mm with it, 4.6 mm without it."""
+    """Two Pandas, the nominal trial: 0.034 mm with it, 3.8 mm without it."""
     scenario = benchmark_scenario(cp.Scenario.load("two-pandas-box"), 5.0)
     law = controllers_for(scenario, ["payload-pd"])["payload-pd"]
     blind = {"kind": "user", "target": f"{__name__}:WithoutHoldingTorque", "options": {"law": law}}
@@ -516,4 +495,4 @@ def test_the_holding_torque_is_a_measurement():
         1e3 * cp.run(scenario, {"controller": given}).position_rms(window=(2.0, 5.0))
         for given in (law, blind)
     ]
-    assert_allclose(errors, [0.0404, 4.60], rtol=0.01)
+    assert_allclose(errors, [0.0337, 3.83], rtol=0.01)

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.comparison import controller_names, tick_costs
+from coop_pin.comparison import Comparison, controller_names, tick_costs
 from coop_pin.control import force_gain_bound
 
 FOLDER = Path(__file__).parents[1] / "studies"
@@ -323,12 +323,24 @@ def test_the_benchmark_has_every_controller_and_the_page_says_how_many_runs():
 
     table = pd.read_csv(benchmark.DATA)
     cells = table.groupby(["scenario", "trial"])["controller"].agg(set)
-    assert (cells == {*controller_names()} - {"mean-pose"}).all()  # which the page says
+    assert (cells == {*controller_names()}).all()
     assert (table["gains"] == "tuned").all()
     assert table["trial"].nunique() >= 12
     runs, finished, trusted = (table[name].sum() for name in ("runs", "finished", "trustworthy"))
     counts = re.search(r"(\d+) runs of .*, (\d+) finished, (\d+) trustworthy", BENCHMARK)
     assert [int(count) for count in counts.groups()] == [runs, finished, trusted]
+
+
+@pytest.mark.usefixtures("draw")
+def test_the_text_of_the_benchmark_is_that_of_its_table():
+    import benchmark
+    from pages import with_block
+
+    text = benchmark.text(Comparison.load(benchmark.DATA), None)
+    assert with_block(BENCHMARK, "benchmark", text) == BENCHMARK
+    columns = re.findall(r"^\| `[\w-]+`((?: \| \d\.\d\d){6}) \|$", text, re.MULTILINE)
+    assert len(columns) == len(controller_names())
+    assert max(float(value) for row in columns for value in row.split(" | ")[1:]) < 1.0
 
 
 def test_verdicts_follow_from_the_runs(claims):
