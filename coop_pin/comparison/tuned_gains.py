@@ -25,7 +25,7 @@ from coop_pin.sweeps.feasibility import require_feasible_groups, require_reach
 TUNED_SEED = 1000
 """Seed of the search and of its noise; trials are judged with the seeds 0, 1, 2, ..."""
 TUNED_TRIALS = ("noise", "bias 1 mm", "mass x0.5")
-"""Trials of the search: without a bias an anchor has no use, and without an unknown load an integral has none."""
+"""Trials of the search: without a bias an anchor has no use, without an unknown load an integral has none."""
 _COLUMNS = ("scenario", "controller", "field", "value", "low", "high", "runs", "duration_s", "seed", "cost")
 _LOG = logging.getLogger("coop_pin.comparison")
 
@@ -62,8 +62,8 @@ def tune_controllers(
     """Return the best gains of controllers for scenarios, in rows as ``gains.csv`` has them.
 
     Every controller has the same search, seed and budget, (generations + 1) x size points whatever the number
-    of its gains, logarithmic in each, run with noise (of a seed that the comparison does not use), with a bias
-    of 1 mm and with half of the mass. Gains whose T lambda exceeds 1 along the motion are not taken. A
+    of its gains, logarithmic in each, run with noise (of a seed that the comparison does not use), with a
+    bias of 1 mm and with half of the mass. Gains whose T lambda exceeds 1 along the motion are not taken. A
     controller of which no run finishes has no rows.
 
     Args:
