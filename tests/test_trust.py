@@ -281,7 +281,9 @@ def test_a_run_that_does_not_reach_the_steady_window_has_no_steady_metrics(name,
 
 def test_every_metric_has_its_window_beside_it_in_the_summary(pushed):
     lines = {line.split()[0]: line for line in pushed.summary().splitlines()[2:]}
-    for name in pushed.metrics():
+    applies = [name for name, value in pushed.metrics().items() if not np.isnan(value)]
+    assert len(applies) > 10
+    for name in applies:
         assert "window" in name or str(pushed.window_of(name)) in lines[name]
     assert pushed.window_of("settling_time_s") == (0.0, 1.0)
     assert pushed.window_of("event_peak_position_error_m") == (1.0, 6.0)

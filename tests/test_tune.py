@@ -437,6 +437,8 @@ def test_ctrl_c_ends_the_command_with_130_and_says_how_to_go_on(folder, workers)
         "3",
         "--workers",
         str(workers),
+        "--engine",
+        "single",
         "--out",
         "kept",
     ]
