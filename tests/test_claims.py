@@ -472,6 +472,22 @@ def test_half_of_the_gains_at_an_end_of_their_range_are_the_pose_gain_that_is_re
     assert 0.4 < len(required) / len(at_end) < 0.6
 
 
+@pytest.mark.slow
+def test_the_adaptive_law_sags_under_a_load_outside_its_regressor():
+    """50 N along x on the paper's cell at rest, middle gains: an adapted disturbance brings it back."""
+    scenario = benchmark_scenario(cp.Scenario.load("adept-anchored"), 5.0)
+    push = {"kind": "wrench-pulse", "time": 0.0, "duration": 5.0, "wrench": (50.0, 0, 0, 0, 0, 0)}
+    hold = {"motion": {"kind": "hold", "pose": scenario.start.model_dump()}, "events": [push]}
+    scenario = scenario.override(hold | {"clock.steps_per_tick": 1})
+    laws = controllers_for(scenario, ["adaptive", "adaptive-verginis"], tuned=False)
+    errors = {}
+    for name, law in laws.items():
+        x = cp.run(scenario, {"controller": law}).data.pose_error.sel(time=[3.0, 4.9], method="nearest")
+        errors[name] = 1e3 * np.linalg.norm(x.values[:, :2], axis=1)
+    assert_allclose(errors["adaptive"], [53.5, 53.5], rtol=0.01)
+    assert_allclose(errors["adaptive-verginis"], [31.2, 20.0], rtol=0.01)
+
+
 class WithoutHoldingTorque(cp.CellController):
     """A law that is not given the drives' holding torques."""
 
