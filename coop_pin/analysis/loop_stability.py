@@ -32,7 +32,7 @@ class Mode(NamedTuple):
     """A mode of the sampled motion.
 
     Attributes:
-        z: its factor from tick to tick.
+        z: factor from tick to tick.
         joints: the joints that move most, as arm/joint, the fastest first.
         is_spare: whether most of it leaves the task rows of the payload at rest.
     """
@@ -58,7 +58,7 @@ class LoopStability(NamedTuple):
             drives if that is stable, else from none; at most 1, and 0 where the motion grows without any.
         mode: mode of that ``|z|``.
         spare: slowest mode of the spare joints; None without any.
-        period: of the control, s.
+        period: period of the control, s.
         remedy: field of the spring of spare joints; empty if the law has none.
         time: time of the pose at which the motion is least stable, s.
     """

@@ -150,8 +150,8 @@ def configurations_along(
     """Return times, s, and configurations of the cell on the reference, evenly chosen, both ends among them.
 
     Args:
-        simulation: As of motion_stability.
-        cell_reach: Likewise.
+        simulation: Simulation, as of motion_stability.
+        cell_reach: Reachability, likewise.
         most: Number of poses, at most.
     """
     model, reaches = simulation.plant.chain.model, cell_reach.arms

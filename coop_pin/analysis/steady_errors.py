@@ -40,7 +40,7 @@ class SteadyErrors(NamedTuple):
 
     Attributes:
         needs: quantities that the law measures, besides joint positions and velocities.
-        wrenches: that cross between the arms at each tick.
+        wrenches: wrenches that cross between the arms at each tick.
         delay: largest further delay of the measured wrench at which its feedback is stable, ticks; inf for
             any, or if no wrench is fed back; -1 if it is unstable as it is.
         bias: kinematic bias of the position of one arm's tip, m.

@@ -57,7 +57,7 @@ class BatchResult:
             prepared: Scenarios, plants and numbers of the batch.
             layout: Slots of the records.
             records: Records of blocks of the runs, as a Machine returns them.
-            is_valid: Which runs are valid, shape (runs,).
+            is_valid: Mask of the valid runs, shape (runs,).
             give_back: Function that gives the memory of the records back.
         """
         self.scenarios, self.is_valid = prepared.scenarios, is_valid

@@ -60,7 +60,7 @@ def tick_costs(scenario: Scenario, controllers: Controllers, *, rounds: int = 1)
     Args:
         scenario: the cell.
         controllers: names, or descriptions by name, as for ``compare``.
-        rounds: how often all controllers are timed, one after the other.
+        rounds: number of times that all controllers are timed, one after the other.
 
     Raises:
         ArgumentError: the number of rounds is not a count.

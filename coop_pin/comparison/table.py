@@ -33,7 +33,7 @@ class Comparison:
     """Table of controllers by scenarios and trials.
 
     Attributes:
-        data: for each measure its ``<measure>``, the median over the seeds, with ``<measure>_low`` and
+        data: table with ``<measure>`` of each measure, the median over the seeds, with ``<measure>_low`` and
             ``<measure>_high``, the bootstrap interval of the median at 95 %; ``runs``, ``finished`` and
             ``trustworthy`` count; ``information`` is what the law has besides its own arm's joints,
             ``gains`` is "tuned", "untuned" or "given", ``failure`` the first failed run's error; dimensions
@@ -76,7 +76,7 @@ class Comparison:
             scenario: name.
             controller: name.
             trial: name.
-            seed: of a random trial.
+            seed: seed of a random trial.
 
         Raises:
             InvalidStateError: only the table is known, not the folder of the runs.
@@ -134,7 +134,7 @@ class Comparison:
 
         Args:
             measure: a measure.
-            seed: of the bootstrap.
+            seed: seed of the bootstrap.
 
         Raises:
             NameNotFoundError: there is no such measure.

@@ -29,8 +29,8 @@ class Trial(NamedTuple):
     """A trial.
 
     Attributes:
-        changes: of the scenario, by dotted path. What a model must not know is an event or an error: models
-            are built from the scenario's cell.
+        changes: fields of the scenario, by dotted path. What a model must not know is an event or an error:
+            models are built from the scenario's cell.
         random: whether anything in it is; it then runs once for each seed.
         friction: factor on the friction of all arms, of which no model knows.
     """
@@ -67,7 +67,7 @@ def standard_trials(scenario: Scenario) -> dict[str, Trial]:
     Earth for a fifth of a second. Cells without friction have no friction trials.
 
     Args:
-        scenario: as of ``benchmark_scenario``.
+        scenario: scenario, as of ``benchmark_scenario``.
     """
     arms, mass, half = list(scenario.cell.arms), scenario.cell.payload.mass, scenario.duration / 2.0
     push = 9.81 * mass * np.array([2.0, 1.0, 0.0, 0.0, 0.0, 0.0]) / math.sqrt(5.0)

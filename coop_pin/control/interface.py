@@ -30,8 +30,8 @@ class ArmMeasurement(NamedTuple):
         payload_jacobian: J_phi with V_WP = J_phi v, shape (k_0, k).
         internal_wrench: measured internal wrench on this arm about P in world axes, shape (k_0,); None
             when the scenario's force path provides none.
-        saturated: which drive torques were cut at their limits over the last tick, shape (k,); all false at
-            the first.
+        saturated: mask of the drive torques that were cut at their limits over the last tick, shape (k,); all
+            false at the first.
         internal_wrench_age: ticks since ``internal_wrench`` was sampled; inf before the first sample.
         interaction_wrench: this arm's own wrist wrench F_i, on the arm by the payload, about P in world axes
             as its own kinematics see them, shape (k_0,); None without a wrist sensor.
@@ -126,9 +126,9 @@ class ArmController(ABC):
     """Controller of one arm from its own measurements: the decentralised laws. Immutable.
 
     Attributes:
-        needs: what it uses besides kinematics: "model", "regressor", "own wrench", "internal wrench" (made of
-            every wrist's wrench), "wrenches of all arms", "poses of all arms", "states of all arms", "role",
-            "holding torque" and "start pose", both once.
+        needs: quantities that it uses besides kinematics: "model", "regressor", "own wrench", "internal
+            wrench" (made of every wrist's wrench), "wrenches of all arms", "poses of all arms", "states of
+            all arms", "role", "holding torque" and "start pose", both once.
     """
 
     needs: ClassVar[tuple[str, ...]] = ()
@@ -146,7 +146,7 @@ class CellController(ABC):
     """Controller of all arms from all measurements: the centralised laws.
 
     Attributes:
-        needs: as of an ArmController.
+        needs: quantities, as of an ArmController.
     """
 
     needs: ClassVar[tuple[str, ...]] = ()
@@ -166,7 +166,7 @@ class DecentralisedController(CellController):
     """One ArmController for each arm; each sees its own measurement only.
 
     Attributes:
-        controllers: by arm name, in the order of the cell's arms.
+        controllers: controllers by arm name, in the order of the cell's arms.
     """
 
     def __init__(self, controllers: Mapping[str, ArmController]) -> None:

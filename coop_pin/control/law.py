@@ -342,7 +342,7 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
 
         Args:
             arm: The arm.
-            gains: Its gains, those of rows and drives as arrays.
+            gains: Gains of the arm, those of rows and drives as arrays.
             scenario: Scenario to run, for laws that build a model.
         """
 

@@ -43,7 +43,7 @@ class LeaderFollowerGains(Gains):
         follower_stiffness: B_p, N/m and N m/rad.
         admittance_damping: D, N s/m and N m s/rad.
         admittance_rate: l, 1/s.
-        payload_weight: What on the task rows, N and N m.
+        payload_weight: Weight What on the task rows, N and N m.
         spare_gains: Stiffness, N m/rad, and damping, N m s/rad, of spare joints.
     """
 

@@ -131,12 +131,12 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
     Attributes:
         switching: phi: sgn, or a smooth function in its place.
         leak: lambda, 1/s.
-        payload_weight: What, the approximate weight of the payload as a wrench, shape (k_0,); None ignores
+        payload_weight: approximate weight What of the payload as a wrench, shape (k_0,); None ignores
             the wrist sensor.
         stale_after: age in ticks beyond which a measurement is no longer recent.
-        posture: what spare joints do; None for an arm without spare joints.
-        bound: of the anchor; None without. With one, the integral takes over what drives cut: see the page
-            "The bounded anchor".
+        posture: spring and damper of the spare joints; None for an arm without spare joints.
+        bound: bound of the anchor; None without. With one, the integral takes over what drives cut: see the
+            page "The bounded anchor".
     """
 
     switching: Switching

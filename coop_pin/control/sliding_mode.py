@@ -136,8 +136,8 @@ class RedundantSlidingModeController(SlidingModeController):
     x follows x_d only up to that damping; the scenario of the run records it.
 
     Attributes:
-        posture: what the spare joints do.
-        inverse_damping: of the pseudo-inverse, in the unit of J's singular values; 0 is exact.
+        posture: spring and damper of the spare joints.
+        inverse_damping: damping of the pseudo-inverse, in the unit of J's singular values; 0 is exact.
     """
 
     posture: Posture

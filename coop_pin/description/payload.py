@@ -123,7 +123,7 @@ class Payload(Description):
 
         Args:
             mass: kg.
-            size: its edges along x, y and z, m.
+            size: edges along x, y and z, m.
         """
         x, y, z = (edge * edge * mass / 12.0 for edge in size)
         return cls(mass=mass, inertia=(y + z, x + z, x + y, 0.0, 0.0, 0.0), size=size)

@@ -70,12 +70,12 @@ class Scenario(Description):
         events: changes of the payload and wrenches on it during the run.
         clock: control rate and integration steps.
         plant: formulation and integration of the plant.
-        actuators: what the drives of every arm make of their commands.
+        actuators: actuators of every arm: what its drives make of their commands.
         arm_actuators: actuators of single arms, in place of ``actuators``.
         trust: thresholds beyond which the run is not trustworthy.
-        sensors: of every arm.
+        sensors: sensors of every arm.
         arm_sensors: sensors of single arms, in place of ``sensors``.
-        seed: of the random sources; every source draws from a generator of its own, see simulation/noise.py.
+        seed: seed of the random sources; every source draws from a generator of its own.
     """
 
     name: Name
@@ -256,7 +256,7 @@ class Scenario(Description):
         force path.
 
         Args:
-            fields: of the scenario; tables, as in a TOML file, or values.
+            fields: fields of the scenario; tables, as in a TOML file, or values.
 
         Raises:
             ScenarioError: another field has mistakes.

@@ -68,7 +68,7 @@ def text_checked(text: str, *, loops: bool = False) -> str:
 
     Args:
         text: the URDF.
-        loops: as for load_checked.
+        loops: whether loops are read, as for load_checked.
 
     Raises:
         UrdfError: it has errors, all of which the message lists.

@@ -73,10 +73,10 @@ class UrdfLoop(NamedTuple):
     Attributes:
         link_a: name of link A, or "world".
         link_b: name of link B, or "world".
-        rows: which relative motions are held, in axes of C.
+        rows: relative motions that are held, in axes of C.
         X_AC: pose of C in A, shape (4, 4).
         X_BC: pose of C in B, shape (4, 4).
-        name: in the file; empty if it has none.
+        name: name in the file; empty if it has none.
     """
 
     link_a: str
@@ -96,7 +96,7 @@ class _Dialect(NamedTuple):
         pose_a: element with the pose of C in A; None: from the zero configuration.
         pose_b: the same in B.
         axis: three numbers in axes of C.
-        unread: what cannot be read, and why.
+        unread: elements that cannot be read, and why.
     """
 
     link_a: str

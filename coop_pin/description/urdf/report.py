@@ -26,7 +26,7 @@ class UrdfFinding(NamedTuple):
         code: short name of the defect; the docstring of the package lists them.
         element: "link 'x'", "joint 'y'", "robot" or "document".
         line: line of the file, from 1; 0 for the file as a whole, and for a xacro's expansion.
-        message: what is wrong, with the value, the allowed values and what to do.
+        message: text that says what is wrong, with the value, the allowed values and what to do.
     """
 
     kind: Kind

@@ -68,7 +68,7 @@ def _expand(
         path: the file.
         packages: their folders by name.
         roots: folders that may be read.
-        arguments: of the file.
+        arguments: arguments of the file.
         largest: most bytes of a file that is read, and of the URDF.
     """
     import xacrodoc
