@@ -80,10 +80,10 @@ def as_array(name: str, value: ArrayLike, *shape: int | str) -> Array:
     return array
 
 
-def _sizes_match(sizes: tuple[int, ...], wanted: tuple[int | str, ...]) -> bool:
-    """Return whether sizes are those wanted, of which a string stands for any."""
-    matches = (isinstance(want, str) or have == want for have, want in zip(sizes, wanted, strict=False))
-    return len(sizes) == len(wanted) and all(matches)
+def _sizes_match(sizes: tuple[int, ...], expected: tuple[int | str, ...]) -> bool:
+    """Return whether sizes are those expected, of which a string stands for any."""
+    matches = (isinstance(want, str) or have == want for have, want in zip(sizes, expected, strict=False))
+    return len(sizes) == len(expected) and all(matches)
 
 
 def as_positive(name: str, value: ArrayLike) -> float:

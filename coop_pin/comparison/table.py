@@ -157,10 +157,10 @@ class Comparison:
         force = (self.data["axial_rms_N"] ** 2 + self.data["shear_rms_N"] ** 2) ** 0.5
         lines = []
         for scenario in self.data["scenario"].values:
-            own = self.data.sel(scenario=scenario)
+            data = self.data.sel(scenario=scenario)
             texts = {
                 str(trial): [
-                    _cell_text(own, force.sel(scenario=scenario), controller, trial)
+                    _cell_text(data, force.sel(scenario=scenario), controller, trial)
                     for controller in self.data["controller"].values
                 ]
                 for trial in self.data["trial"].values
@@ -209,8 +209,8 @@ def bootstrap_interval(samples: Array, statistic: Any, seed: int) -> tuple[Array
     return low, high
 
 
-def _cell_text(own: xr.Dataset, force: xr.DataArray, controller: Any, trial: Any) -> str:
-    cell = own.sel(controller=controller, trial=trial)
+def _cell_text(data: xr.Dataset, force: xr.DataArray, controller: Any, trial: Any) -> str:
+    cell = data.sel(controller=controller, trial=trial)
     if not np.isfinite(cell["runs"]):
         return "-"
     if not np.isfinite(cell["tracking_rms_mm"]):

@@ -191,8 +191,10 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         asked = fresh * gains.anchor_gain * (fhat - f_r)
         if self.bound is not None and anchor is not None:
             cut = recent * self._cut(measurement, state)
-            given, anchor = self.bound.step(anchor, -asked, fresh, uncut * recent, measurement.payload_pose)
-            Z, Z_hold, asked = Z - cut, Z_hold - cut, -given
+            correction, anchor = self.bound.step(
+                anchor, -asked, fresh, uncut * recent, measurement.payload_pose
+            )
+            Z, Z_hold, asked = Z - cut, Z_hold - cut, -correction
         Z = Z - asked
         Z_hold = np.where(fresh, Z, Z_hold)
 

@@ -43,8 +43,8 @@ def _checked(make: Maker) -> Maker:
     @functools.wraps(make)
     def checked(cls: type[Payload], *args: Any, **kwargs: Any) -> Payload:
         positional = signature.bind_partial(cls, *args).arguments
-        given = {name: value for name, value in positional.items() if name in fields}
-        return make(cls, **dict(arguments(**given, **kwargs)))
+        named = {name: value for name, value in positional.items() if name in fields}
+        return make(cls, **dict(arguments(**named, **kwargs)))
 
     return cast(Maker, checked)
 

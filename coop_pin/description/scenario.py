@@ -207,8 +207,8 @@ class Scenario(Description):
             *changed[:_MOST_CHANGES],
             *[f"{len(changed) - _MOST_CHANGES} more"][: len(changed) > _MOST_CHANGES],
         )
-        own = self.summary.removeprefix(base.summary).removeprefix("; ")
-        return "; ".join((*[own][: bool(own)], f"changed: {'; '.join(texts)}"))
+        addition = self.summary.removeprefix(base.summary).removeprefix("; ")
+        return "; ".join((*[addition][: bool(addition)], f"changed: {'; '.join(texts)}"))
 
     def changes(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
         """Yield what makes the run another one than that of a base."""

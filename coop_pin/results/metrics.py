@@ -177,8 +177,8 @@ def internal_force(data: Arrays, window: Window) -> InternalForceMetrics:
     inside, parts = samples_of(data, window), ("axial", "axial_error", "shear_error", "moment_error")
     taken = [np.compress(inside, np.asarray(data[f"internal_{part}"]), axis=-2) for part in parts]
     axial, *errors = (values.reshape(*values.shape[:-2], -1) for values in taken)
-    found: list[Any] = [mean(axial), *map(rms, errors)]
-    return InternalForceMetrics(*found)
+    values: list[Any] = [mean(axial), *map(rms, errors)]
+    return InternalForceMetrics(*values)
 
 
 # ------------------------------------------------------------ energy
@@ -210,8 +210,8 @@ def joint_drift(data: Arrays, windows: Windows) -> Array:
     time, speeds = np.asarray(data["time"]), np.asarray(data["joint_velocity"])
     settled = windows.after_event if windows.has_events else windows.steady
     late, last = (time >= time[-1] - span - _SLACK for span in (SETTLING_S, DRIFT_S))
-    wanted, twist = (np.asarray(data[name]) for name in ("desired_twist", "payload_twist"))
-    rests = ~np.compress(late, wanted, axis=-2).any(axis=(-2, -1)) & (settled.start <= time[-1] - DRIFT_S)
+    desired, twist = (np.asarray(data[name]) for name in ("desired_twist", "payload_twist"))
+    rests = ~np.compress(late, desired, axis=-2).any(axis=(-2, -1)) & (settled.start <= time[-1] - DRIFT_S)
     drift = DRIFT_S * np.abs(np.compress(last, speeds, axis=-3).mean(axis=-3))
     moved = np.abs(np.compress(last, twist, axis=-2).mean(axis=-2)).max(axis=-1)
     rests &= moved <= REST + np.fmax.reduce(drift, axis=(-2, -1)) / 10.0
@@ -249,7 +249,7 @@ class LimitViolation(NamedTuple):
 
 def limit_violations(data: Arrays) -> tuple[LimitViolation, ...]:
     """Return the limits that were exceeded, by arm, joint and kind; the plant stops no joint at its limit."""
-    found = []
+    violations = []
     for a, arm in enumerate(np.asarray(data["arm"])):
         for j, joint in enumerate(np.asarray(data["joint_name"])[a]):
             if not joint:
@@ -261,8 +261,8 @@ def limit_violations(data: Arrays) -> tuple[LimitViolation, ...]:
                     worst = float(values[beyond[np.argmax(over[beyond])]])
                     limit = upper if worst > upper else lower
                     first = float(np.asarray(data["time"])[beyond[0]])
-                    found.append(LimitViolation(str(arm), str(joint), kind, worst, limit, first))
-    return tuple(found)
+                    violations.append(LimitViolation(str(arm), str(joint), kind, worst, limit, first))
+    return tuple(violations)
 
 
 def _limited(
@@ -308,7 +308,7 @@ def internal_wrench_definitions(data: xr.Dataset, load_shares: Array, payload: P
         np.where(is_determined[:3], data["tip_position"].values - p_WP, 0.0),
     )
     inertia = float(np.trace(payload.inertia_matrix)) / 3.0
-    found = {
+    definitions = {
         "load_shares": internal_wrenches(F, load_shares),
         "minimum_norm": minimum_norm_internal_wrenches(F, r),
         "nonsqueezing": nonsqueezing_internal_wrenches(F, r),
@@ -318,7 +318,7 @@ def internal_wrench_definitions(data: xr.Dataset, load_shares: Array, payload: P
         ),
     }
     if F.shape[1] == 2:
-        found["symmetric"] = symmetric_internal_wrenches(F)
+        definitions["symmetric"] = symmetric_internal_wrenches(F)
     dims = data["interaction_wrench"].dims
-    labelled = {name: (dims, np.where(is_determined, value, np.nan)) for name, value in found.items()}
+    labelled = {name: (dims, np.where(is_determined, value, np.nan)) for name, value in definitions.items()}
     return xr.Dataset(labelled, {dim: data[dim] for dim in dims}, {"units": "N, N m"})

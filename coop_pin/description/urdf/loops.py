@@ -230,11 +230,11 @@ def _along(loop: Element, path: str) -> Array:
 
 def _only(loop: Element, path: str) -> Any:
     """Return the only value at a path."""
-    found = [value for value in loop.xpath(path) if value.strip()]
-    if len(found) != 1:
-        message = f"it has {len(found)} {path.replace(COLON, ':')}; it must have one"
-        raise _UnreadError(message, found[-1].getparent() if found else loop)
-    return found[0]
+    values = [value for value in loop.xpath(path) if value.strip()]
+    if len(values) != 1:
+        message = f"it has {len(values)} {path.replace(COLON, ':')}; it must have one"
+        raise _UnreadError(message, values[-1].getparent() if values else loop)
+    return values[0]
 
 
 def _pose(loop: Element, path: str) -> Array:

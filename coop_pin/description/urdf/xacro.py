@@ -74,7 +74,7 @@ def _expand(
     import xacrodoc
 
     xacrodoc.packages.reset()
-    xacrodoc.packages.update_package_cache({name: Path(place) for name, place in packages.items()})
+    xacrodoc.packages.update_package_cache({name: Path(folder) for name, folder in packages.items()})
     xacrodoc.packages.walk_up_from(Path(path))
     _confine(xacrodoc.xacrodoc, [Path(root).resolve() for root in roots], largest)
     # As an include, because a file read as text would not find its own relative includes.
