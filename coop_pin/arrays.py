@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 from coop_pin.errors import (
     ArgumentError,
     CoopPinError,
-    NotAPoseError,
     NotEnoughMemoryError,
     OutOfRangeError,
     ShapeError,
@@ -104,16 +103,15 @@ def as_pose(name: str, value: ArrayLike) -> Array:
 
     Raises:
         ShapeError: the shape differs.
-        OutOfRangeError: an entry is NaN or infinite.
-        NotAPoseError: the 3x3 block is not a rotation matrix or the last row is not 0 0 0 1.
+        OutOfRangeError: an entry is NaN or infinite, the 3x3 block no rotation, or the last row not 0 0 0 1.
     """
     X = as_array(name, value, 4, 4)
     R, last_row = X[:3, :3], np.array((0.0, 0.0, 0.0, 1.0))
     deviation = float(max(np.abs(R.T @ R - np.eye(3)).max(), np.abs(X[3] - last_row).max()))
+    name, deviation = (f"{name} (a mirror image)", 2.0) if np.linalg.det(R) < 0.0 else (name, deviation)
     if deviation > POSE_ALLOWED:
-        raise NotAPoseError(name, deviation, POSE_ALLOWED)
-    if np.linalg.det(R) < 0.0:
-        raise NotAPoseError(f"{name} (a mirror image)", 2.0, POSE_ALLOWED)
+        allowed = f"at most {POSE_ALLOWED:.3g}: build it with coop_pin.spatial.make_pose"
+        raise OutOfRangeError(f"the deviation of {name} from a pose", deviation, allowed)
     return X
 
 
