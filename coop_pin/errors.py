@@ -69,11 +69,11 @@ class ArgumentError(CoopPinError, ValueError):
 
 
 class WrongTypeError(CoopPinError, TypeError):
-    """An argument ``name`` of the type ``given`` where an object of the type ``expected`` is needed."""
+    """An argument ``name`` of the type ``actual`` where an object of the type ``expected`` is needed."""
 
-    def __init__(self, name: str, given: str, expected: str) -> None:
-        self.name, self.given, self.expected = name, given, expected
-        super().__init__(f"{name} is of type {given}; it must be of type {expected}")
+    def __init__(self, name: str, actual: str, expected: str) -> None:
+        self.name, self.actual, self.expected = name, actual, expected
+        super().__init__(f"{name} is of type {actual}; it must be of type {expected}")
 
 
 class NotEnoughMemoryError(ArgumentError):
@@ -167,12 +167,12 @@ def needs_extra(package: str, extra: str, purpose: str) -> Iterator[None]:
 
 
 class MissingPinocchioError(CoopPinError, ImportError):
-    """Pinocchio is missing, broken or unsupported; ``found`` says what was found instead."""
+    """Pinocchio is missing, broken or unsupported; ``reason`` says what was found instead."""
 
-    def __init__(self, found: str) -> None:
-        self.found = found
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
         super().__init__(
-            f"{found}. On Linux (glibc 2.28 or later, not musl) and macOS: pip install 'pin>=4.1,<5'. With"
+            f"{reason}. On Linux (glibc 2.28 or later, not musl) and macOS: pip install 'pin>=4.1,<5'. With"
             " conda, and on Windows, for which PyPI has no wheel: conda install -c conda-forge"
             " 'pinocchio>=4.1,<5'. Only conda-forge calls it pinocchio; on PyPI it is pin"
         )

@@ -122,12 +122,12 @@ def loop_stability(simulation: Simulation, cell_reach: Reachability | None = Non
     poses = [(0.0, simulation.plant.q)]
     if cell_reach is not None:
         poses += configurations_along(simulation, cell_reach, _POSES)[1:]
-    found, bound = list[LoopStability](), _LARGEST_LAG
+    stabilities, bound = list[LoopStability](), _LARGEST_LAG
     for time, q in poses:
-        found.append(_PoseLoop(simulation, q, time).stability(bound))
-        bound = found[-1].largest_lag
-    worst = max(found, key=lambda stability: stability.radius)
-    slowest = min(found, key=lambda stability: stability.spare_rate)
+        stabilities.append(_PoseLoop(simulation, q, time).stability(bound))
+        bound = stabilities[-1].largest_lag
+    worst = max(stabilities, key=lambda stability: stability.radius)
+    slowest = min(stabilities, key=lambda stability: stability.spare_rate)
     return worst._replace(largest_lag=bound, spare=slowest.spare)
 
 

@@ -246,13 +246,13 @@ def common_places(
     stroke = round(_STROKE * least, 2)
     tried = {height: [arm.best(height, stroke, distance) for arm in arms] for height in heights}
     common = [
-        (height, [place for place in places if place is not None])
+        (height, [placement for placement in places if placement is not None])
         for height, places in tried.items()
         if None not in places
     ]
     if not common:
         raise InfeasibleMotionError("reach", _no_workspace(arms, tried))
-    height, places = max(common, key=lambda entry: min(place.margin for place in entry[1]))
+    height, places = max(common, key=lambda entry: min(placement.margin for placement in entry[1]))
     return height, stroke, places
 
 

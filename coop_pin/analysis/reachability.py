@@ -172,8 +172,8 @@ def reachability(
     names = list(scenario.cell.arms if arms is None else arms)
     if strangers := [name for name in names if name not in scenario.cell.arms]:
         raise NameNotFoundError("arm", str(strangers[0]), scenario.cell.arms, "the cell")
-    found = tuple(_arm_reach(scenario, name, path) for name in names)
-    return Reachability(scenario.name, scenario.duration, poses, found)
+    reaches = tuple(_arm_reach(scenario, name, path) for name in names)
+    return Reachability(scenario.name, scenario.duration, poses, reaches)
 
 
 def _arm_reach(scenario: Scenario, name: str, path: PayloadPath) -> ArmReach:
