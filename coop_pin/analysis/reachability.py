@@ -17,11 +17,12 @@ from coop_pin.analysis.path_following import (
     payload_path,
     with_free_turn,
 )
-from coop_pin.arrays import Array, as_count, frozen, require_memory, require_type
+from coop_pin.arrays import Array, as_count, frozen, require_type
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.control.terms import CONDITION_LIMIT
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import NameNotFoundError, UnreachablePoseError
+from coop_pin.memory import require_memory
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.spatial.task_rows import joint_shortage
 

@@ -1,19 +1,22 @@
 """Interface between plant and controller: measurements and references in, commands out.
 
-An ArmController sees one arm, a CellController all arms; DecentralisedController combines one ArmController
-for each arm into a CellController. State is a value: ``init`` and ``step`` return it, ``step`` takes it.
+ControlledArm is what a law may know besides measurements. An ArmController sees one arm, a CellController all
+arms; DecentralisedController combines one ArmController for each arm into a CellController. State is a value:
+``init`` and ``step`` return it, ``step`` takes it.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from coop_pin.arrays import Array, Mask
+from coop_pin.control.force_path import SampledWrist
 from coop_pin.errors import SingularJacobianError
+from coop_pin.spatial.task_rows import TaskRows
 
 
 class ArmMeasurement(NamedTuple):
@@ -120,6 +123,52 @@ class CellCommand(NamedTuple):
 
     torques: Sequence[Array]
     state: Any
+
+
+class ControlledArm(NamedTuple):
+    """Numbers that a law may know of its arm and cell besides measurements.
+
+    Attributes:
+        name: Name of the arm.
+        leads: Whether it is the first of the cell's arms.
+        rows: The k_0 task rows.
+        period: T, s.
+        load_share: c.
+        drives: Number k of drives.
+        posture: Drive angles to which spare joints return, rad, shape (k,); None for continuous joints.
+        gravity: Gravity, m/s^2, shape (3,).
+        start_pose: X_WP at t_0, shape (4, 4).
+        oldest_wrench: Age that measured wrenches reach without being lost, ticks.
+    """
+
+    name: str
+    leads: bool
+    rows: TaskRows
+    period: float
+    load_share: float
+    drives: int
+    posture: Array | None
+    gravity: Array
+    start_pose: Array
+    oldest_wrench: int
+
+
+class CellTiming(NamedTuple):
+    """Arms of a cell, and the timing of its wrists and drives, against which a law is checked.
+
+    Attributes:
+        arms: Names of the arms.
+        rows: Number k_0 of task rows.
+        period: T, s.
+        wrists: Wrist sensors that the arms have.
+        lag: Largest time constant of the arms' drives, ticks.
+    """
+
+    arms: Sequence[str]
+    rows: int
+    period: float = np.nan
+    wrists: Collection[SampledWrist] = ()
+    lag: float = 0.0
 
 
 class ArmController(ABC):

@@ -10,8 +10,15 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.control.force_path import SampledLoop
 from coop_pin.control.gains import Gains, PositiveRow, RowGain
-from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.control.law import CellTiming, ControlledArm, DecentralisedLaw, LawController
+from coop_pin.control.interface import (
+    ArmCommand,
+    ArmController,
+    ArmMeasurement,
+    ArmReference,
+    CellTiming,
+    ControlledArm,
+)
+from coop_pin.control.law import DecentralisedLaw, LawController
 from coop_pin.control.terms import spare_torque
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import Interval, NotNegative, Positive

@@ -21,8 +21,14 @@ from pydantic import (
 from coop_pin.arrays import Array
 from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.gains import PositiveGain, gain_vector
-from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.control.law import ControlledArm, LawController, PostureGains
+from coop_pin.control.interface import (
+    ArmCommand,
+    ArmController,
+    ArmMeasurement,
+    ArmReference,
+    ControlledArm,
+)
+from coop_pin.control.law import LawController, PostureGains
 from coop_pin.control.sliding_surface import SurfaceGains, SurfaceLaw
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.switching import Saturation, Sign, Switching

@@ -11,7 +11,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.arrays import Array, require_path, require_type
 from coop_pin.control.force_path import SampledWrist
-from coop_pin.control.law import CellTiming
+from coop_pin.control.interface import CellTiming
 from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller
