@@ -15,12 +15,12 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
 from coop_pin.results.dataset import labelled, with_names
+from coop_pin.results.limits import LimitViolation, limit_violations
 from coop_pin.results.metrics import (
     DRIFT_S,
     NO_STEADY_METRICS,
     STEADY_METRICS,
     InternalForceMetrics,
-    LimitViolation,
     metric_text,
 )
 from coop_pin.results.netcdf import read_dataset, to_netcdf
@@ -173,7 +173,7 @@ class RunResult:
 
     def limit_violations(self) -> tuple[LimitViolation, ...]:
         """Return every joint or drive limit that was exceeded, with the worst value and the first time."""
-        return metrics.limit_violations(self.arrays)
+        return limit_violations(self.arrays)
 
     def metrics(self) -> dict[str, float]:
         """Return all metrics by name; the names carry the units, ``window_of`` gives their windows.
