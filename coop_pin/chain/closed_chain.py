@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, NamedTuple, Self, get_args
@@ -11,12 +11,23 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, as_array, as_number, require_type
+from coop_pin.arrays import Array, Mask, as_array, as_number, require_type
 from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import ClosureError, ClosureSet
+from coop_pin.chain.inverse_dynamics import InverseDynamics, least_torque, multipliers_of
 from coop_pin.chain.kkt_solver import ConstraintSVD, KKTSolver
+from coop_pin.chain.linearisation import Linearisation, difference_matrix
+from coop_pin.chain.minimal_coordinates import (
+    Indices,
+    MinimalCoordinates,
+    ReducedDynamics,
+    best_conditioned,
+    reduced_dynamics,
+    stated_coordinates,
+    velocity_basis,
+)
 from coop_pin.chain.projection import Projected, Projection
-from coop_pin.chain.proximal_solver import ProximalSolver
+from coop_pin.chain.proximal_solver import DynamicsDerivatives, ProximalSolver
 from coop_pin.chain.trajectory import ChainState, Energy, Propagator, TorqueLaw, Trajectory, time_grid
 from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.plant import Formulation
@@ -32,6 +43,14 @@ _START_ALLOWED = 1e-3
 """Closure error from which a motion may start, m and rad: a stated configuration in rounded numbers."""
 _STEP_ALLOWED = 1e-6
 """Closure error after a projected integration step, m and rad."""
+_MOVED = 1e-12
+"""Entry of the constraint Jacobian that is rounding: such rows are moved by no joint."""
+_AT_REST = 1e-12
+"""Newton step that is rounding, rad or m."""
+_NEWTON_STEPS = 60
+"""Most steps of Newton's method."""
+_LONGEST_STEP = 0.3
+"""Longest step of the search for an equilibrium, rad or m."""
 
 
 class ChainDynamics(NamedTuple):
@@ -115,6 +134,8 @@ class ClosedChain:
             raise ArgumentError(f"formulation is 'proximal', {only}; use 'auto' or 'kkt'")
         kind = ProximalSolver if can_be_proximal and formulation != "kkt" else KKTSolver
         self.solver = kind(model, self.closures, self.stabilisation)
+        joints = [(index, model.joints[index]) for index in range(1, model.njoints)]
+        self._single = {int(joint.idx_v): model.names[index] for index, joint in joints if joint.nv == 1}
 
     @classmethod
     def from_urdf(
@@ -203,6 +224,179 @@ class ClosedChain:
         if not residual <= allowed:
             raise ConstraintSolveError(residual, allowed)
         return ChainDynamics(a, self.solver.wrenches(), svd.rank, residual)
+
+    def inverse_dynamics(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        *,
+        closure_wrenches: ArrayLike | None = None,
+        motors: Sequence[str] | None = None,
+        applied: ArrayLike | None = None,
+    ) -> InverseDynamics:
+        """Return torques of the motors that cause a motion, ``tau + applied + J^T lambda = M a + h``.
+
+        With stated closure wrenches they are the torques of this motion and these wrenches; otherwise those
+        of least tau^T tau, with the wrenches that follow.
+
+        Args:
+            q: configuration, shape (nq,).
+            v: velocity, shape (nv,).
+            a: acceleration that keeps the closures closed, J a + gamma = 0, shape (nv,).
+            closure_wrenches: wrench on body a of each closure at frame a, in axes of a, N and N m, shape
+                (closures, 6).
+            motors: names of the joints with motors, for the least torque; all when omitted.
+            applied: generalised force of everything but motors and closures, shape (nv,); zero when omitted.
+
+        Raises:
+            ArgumentError: the acceleration opens the closures, the closures do not transmit such a wrench,
+                or the motors cannot cause the motion.
+            NameNotFoundError: a joint does not exist.
+        """
+        q, v, a = self._q(q), self._v("v", v), self._v("a", a)
+        state = self.closures.state(q, v)
+        opening = float(np.abs(state.jacobian @ a + state.drift).max(initial=0.0))
+        allowed = _RESIDUAL_ALLOWED * (1.0 + float(np.abs(a).max(initial=0.0)))
+        if not opening <= allowed:
+            raise ArgumentError(
+                f"a opens the closures: J a + gamma is {opening:.3g} m/s^2 or rad/s^2 (allowed"
+                f" {allowed:.3g}); take one that forward_dynamics returns"
+            )
+        force = np.array(pin.rnea(self.model, self._data, q, v, a))
+        force -= 0.0 if applied is None else self._v("applied", applied)
+        if closure_wrenches is None:
+            tau, multipliers = least_torque(state, force, self._motors(motors))
+        else:
+            wrenches = as_array("closure_wrenches", closure_wrenches, len(self.closures.closures), 6)
+            multipliers = multipliers_of(state, wrenches)
+            tau = force - state.jacobian.T @ multipliers
+        return InverseDynamics(tau, state.wrench_map @ multipliers)
+
+    def derivatives(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> DynamicsDerivatives:
+        """Return the derivatives of accelerations and closure wrenches by q, v and tau.
+
+        The stabilisation is in them: off the closures they are those of the simulated plant.
+
+        Args:
+            q: configuration, shape (nq,).
+            v: velocity, shape (nv,).
+            tau: generalised force, shape (nv,).
+
+        Raises:
+            ArgumentError: a closure has other rows than "full", or rows that joints move are redundant: the
+                derivatives of least multipliers are not Pinocchio's. ``linearise`` takes any rows.
+        """
+        q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
+        partial = [closure.name for closure in self.closures.closures if not all(closure.mask)]
+        if partial:
+            raise ArgumentError(f"the rows of closure {partial[0]!r} are not 'full'; use linearise")
+        state = self.closures.state(q, v)
+        moved = int(np.count_nonzero(np.abs(state.jacobian).max(axis=1, initial=0.0) > _MOVED))
+        rank = self._projection.svd(q, state).rank
+        if rank < moved:
+            raise ArgumentError(f"{moved - rank} of {moved} closure rows are redundant here; use linearise")
+        return ProximalSolver(self.model, self.closures, self.stabilisation).derivatives(q, v, tau)
+
+    def constraint_jacobian(self, q: ArrayLike) -> Array:
+        """Return J of the closures, stacked in their order, in axes of their frames a, shape (r, nv)."""
+        return self.closures.state(self._q(q), np.zeros(self.model.nv)).jacobian
+
+    def minimal_coordinates(self, q: ArrayLike, joints: Sequence[str] | None = None) -> MinimalCoordinates:
+        """Return independent joint velocities at a configuration, and the null space of J.
+
+        Args:
+            q: configuration, shape (nq,).
+            joints: names of the joints to take, one degree of freedom each; of the best condition when
+                omitted.
+
+        Raises:
+            ArgumentError: the joints do not determine the motion.
+            NameNotFoundError: a joint does not exist.
+        """
+        q = self._q(q)
+        Z = velocity_basis(self._projection.svd(q, self.closures.state(q, np.zeros(self.model.nv))))
+        if joints is not None:
+            names = tuple(joints)
+            return stated_coordinates(Z, names, self._indices(names))
+        coordinates = best_conditioned(Z, np.array([*self._single], dtype=np.intp)) or best_conditioned(
+            Z, np.arange(self.model.nv)
+        )
+        assert coordinates is not None  # Z has full rank
+        return coordinates
+
+    def reduced_dynamics(
+        self, q: ArrayLike, v: ArrayLike, joints: Sequence[str] | None = None
+    ) -> ReducedDynamics:
+        """Return mass matrix and bias in minimal coordinates, ``M_r nu' + b_r = N^T tau``.
+
+        Args:
+            q: configuration on the closures, shape (nq,).
+            v: velocity that keeps them closed, shape (nv,).
+            joints: independent joints, as for minimal_coordinates.
+        """
+        q, v = self._q(q), self._v("v", v)
+        coordinates, state = self.minimal_coordinates(q, joints), self.closures.state(q, v)
+        h = np.array(pin.nonLinearEffects(self.model, self._data, q, v))
+        return reduced_dynamics(self._projection.svd(q, state), state, h, coordinates)
+
+    def linearise(
+        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, joints: Sequence[str] | None = None
+    ) -> Linearisation:
+        """Return the linear model about a state, in minimal coordinates.
+
+        The plant is that of the closures held exactly: its Baumgarte modes are not in the model. The output y
+        has the deviations of all joints, then of their velocities, shape (2 nv,).
+
+        Args:
+            q: configuration on the closures, shape (nq,).
+            v: velocity that keeps them closed, shape (nv,).
+            tau: generalised force, shape (nv,).
+            joints: independent joints, as for minimal_coordinates.
+
+        Raises:
+            ArgumentError: the chain is singular at q, or a free-floating body remains unconstrained.
+        """
+        q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
+
+        def output(near: Array, velocity: Array) -> Array:
+            return np.concatenate((pin.difference(self.model, q, near), velocity))
+
+        return self.linearised_output(q, v, tau, joints, output)
+
+    def equilibrium(
+        self, q_guess: ArrayLike, tau: ArrayLike | None = None, joints: Sequence[str] | None = None
+    ) -> Array:
+        """Return a configuration at rest in which a constant generalised force keeps the chain, shape (nq,).
+
+        Newton's steps on the acceleration of the independent joints at rest, from a guess; the equilibrium
+        may be stable or not (the eigenvalues of ``linearise`` there tell).
+
+        Args:
+            q_guess: configuration near it, shape (nq,).
+            tau: generalised force, shape (nv,); zero when omitted.
+            joints: independent joints, as for minimal_coordinates.
+
+        Raises:
+            ArgumentError: none was found, with the acceleration that remains.
+        """
+        tau = np.zeros(self.model.nv) if tau is None else self._v("tau", tau)
+        q, still = self.project_configuration(q_guess), np.zeros(self.model.nv)
+        for _ in range(_NEWTON_STEPS):
+            model, indices = (
+                self.linearise(q, still, tau, joints),
+                self.minimal_coordinates(q, joints).indices,
+            )
+            a, d = self.solver.acceleration(q, still, tau)[indices], len(indices)
+            step = np.asarray(np.linalg.lstsq(model.A[d:, :d], -a, rcond=None)[0], dtype=np.float64)
+            if np.abs(step).max(initial=0.0) < _AT_REST:
+                return q
+            step = step * min(1.0, _LONGEST_STEP / float(np.abs(step).max()))
+            q = self._moved(q, self.minimal_coordinates(q, joints), step)
+        raise ArgumentError(
+            f"no equilibrium was found from q_guess: {float(np.abs(a).max()):.3g} rad/s^2 or m/s^2 remain;"
+            " start nearer, or compare tau with inverse_dynamics at rest"
+        )
 
     def integrate(
         self,
@@ -294,6 +488,76 @@ class ClosedChain:
             OpenClosureError: with the largest closure error.
         """
         self._projection.require_closed(self._q(q), as_number("allowed", allowed))
+
+    def linearised_output(
+        self,
+        q: Array,
+        v: Array,
+        tau: Array,
+        joints: Sequence[str] | None,
+        output: Callable[[Array, Array], Array],
+    ) -> Linearisation:
+        """Return the linear model about a state with a given output, a function of (q, v), shape (p,).
+
+        The other arguments are those of ``linearise``.
+        """
+        coordinates = self.minimal_coordinates(q, joints)
+        indices, d = coordinates.indices, len(coordinates.indices)
+        names = self._single_joints(indices)
+        nu = v[indices]
+
+        def response(deviation: Array) -> Array:
+            near = self._moved(q, coordinates, deviation[:d])
+            velocity = self.minimal_coordinates(near, names).null_space @ (nu + deviation[d:])
+            a = self.solver.acceleration(near, velocity, tau)
+            return np.concatenate((a[indices], output(near, velocity)))
+
+        jacobian = difference_matrix(response, 2 * d)
+        reduced = self.reduced_dynamics(q, v, names)
+        A = np.vstack((np.eye(d, 2 * d, d), jacobian[:d]))
+        B = np.vstack(
+            (np.zeros((d, self.model.nv)), np.linalg.solve(reduced.mass_matrix, coordinates.null_space.T))
+        )
+        return Linearisation(A, B, jacobian[d:], names)
+
+    def _moved(self, q: Array, coordinates: MinimalCoordinates, deviation: Array) -> Array:
+        """Return the configuration on the closures whose independent joints are moved by a deviation."""
+        N, indices, still = coordinates.null_space, coordinates.indices, np.zeros(self.model.nv)
+        q = pin.integrate(self.model, q, N @ deviation)
+        for _ in range(_NEWTON_STEPS):
+            state = self.closures.state(q, still)
+            dq = self._projection.svd(q, state).least_motion(-state.position)
+            dq = dq - N @ dq[indices]
+            q = pin.integrate(self.model, q, dq)
+            if np.abs(dq).max(initial=0.0) < _AT_REST:
+                break
+        gap = float(np.abs(self.closures.state(q, still).position).max(initial=0.0))
+        if not gap <= _CLOSED:
+            raise ArgumentError(
+                f"the closed chain is singular near q: with its independent joints moved by"
+                f" {float(np.abs(deviation).max()):.3g} rad or m the closures stay open by {gap:.3g}"
+            )
+        return q
+
+    def _single_joints(self, indices: Indices) -> tuple[str, ...]:
+        """Return the names of independent joints, each with one degree of freedom."""
+        for index in indices:
+            if int(index) not in self._single:
+                raise ArgumentError(
+                    "a joint of more than one degree of freedom is needed as independent coordinate;"
+                    " linearise cells whose payload is welded to an arm or held by every arm"
+                )
+        return tuple(self._single[int(index)] for index in indices)
+
+    def _indices(self, names: Sequence[str]) -> Indices:
+        """Return the entries of v of joints with one degree of freedom each."""
+        return np.array([np.flatnonzero(self.velocity({name: 1.0}))[0] for name in names], dtype=np.intp)
+
+    def _motors(self, names: Sequence[str] | None) -> Mask:
+        """Return which entries of v have a motor."""
+        motors = np.full(self.model.nv, names is None)
+        motors[[] if names is None else self._indices(names)] = True
+        return motors
 
     def _after_step(self, q: Array, v: Array, rank: int | None) -> Projected:
         return self._projection.state(q, v, _STEP_ALLOWED, rank)
