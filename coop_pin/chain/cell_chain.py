@@ -16,7 +16,8 @@ from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.chain.kkt_solver import constraint_svd
-from coop_pin.chain.linearisation import Linearisation
+from coop_pin.chain.linearisation import Linearisation, linearised
+from coop_pin.chain.trajectory import ChainState
 from coop_pin.description.cell import Cell
 from coop_pin.description.events import Surroundings
 from coop_pin.description.plant import PlantOptions
@@ -315,7 +316,8 @@ class CellChain:
             turn = pin.log3(X.rotation @ X_WP.rotation.T)
             return np.concatenate((X.translation - X_WP.translation, turn, twist))
 
-        return self.mechanism.linearised_output(q, v, tau, joints, output)
+        chain = self.mechanism
+        return linearised(chain.minimal_form, chain.solver, ChainState(q, v), tau, joints, output)
 
     def _observed(self, q: Array, v: Array, tau: Array, push: Array) -> tuple[Any, ...]:
         """Return the parts of an Observation at a state."""

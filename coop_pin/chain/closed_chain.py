@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, NamedTuple, Self, get_args
@@ -16,16 +16,8 @@ from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import ClosureError, ClosureSet
 from coop_pin.chain.inverse_dynamics import InverseDynamics, least_torque, multipliers_of
 from coop_pin.chain.kkt_solver import ConstraintSVD, KKTSolver
-from coop_pin.chain.linearisation import Linearisation, difference_matrix
-from coop_pin.chain.minimal_coordinates import (
-    Indices,
-    MinimalCoordinates,
-    ReducedDynamics,
-    best_conditioned,
-    reduced_dynamics,
-    stated_coordinates,
-    velocity_basis,
-)
+from coop_pin.chain.linearisation import Linearisation, equilibrium, linearised
+from coop_pin.chain.minimal_coordinates import MinimalCoordinates, MinimalForm, ReducedDynamics
 from coop_pin.chain.projection import Projected, Projection
 from coop_pin.chain.proximal_solver import DynamicsDerivatives, ProximalSolver
 from coop_pin.chain.trajectory import ChainState, Energy, Propagator, TorqueLaw, Trajectory, time_grid
@@ -45,12 +37,6 @@ _STEP_ALLOWED = 1e-6
 """Closure error after a projected integration step, m and rad."""
 _MOVED = 1e-12
 """Entry of the constraint Jacobian that is rounding: such rows are moved by no joint."""
-_AT_REST = 1e-12
-"""Newton step that is rounding, rad or m."""
-_NEWTON_STEPS = 60
-"""Most steps of Newton's method."""
-_LONGEST_STEP = 0.3
-"""Longest step of the search for an equilibrium, rad or m."""
 
 
 class ChainDynamics(NamedTuple):
@@ -92,6 +78,7 @@ class ClosedChain:
         stabilisation: Baumgarte frequency and damping ratio.
         formulation: formulation of the constrained dynamics.
         solver: solver of the constrained dynamics of a state.
+        minimal_form: its minimal coordinates.
     """
 
     solver: ProximalSolver | KKTSolver
@@ -134,8 +121,7 @@ class ClosedChain:
             raise ArgumentError(f"formulation is 'proximal', {only}; use 'auto' or 'kkt'")
         kind = ProximalSolver if can_be_proximal and formulation != "kkt" else KKTSolver
         self.solver = kind(model, self.closures, self.stabilisation)
-        joints = [(index, model.joints[index]) for index in range(1, model.njoints)]
-        self._single = {int(joint.idx_v): model.names[index] for index, joint in joints if joint.nv == 1}
+        self.minimal_form = MinimalForm(model, self.closures, self._projection)
 
     @classmethod
     def from_urdf(
@@ -314,16 +300,7 @@ class ClosedChain:
             ArgumentError: the joints do not determine the motion.
             NameNotFoundError: a joint does not exist.
         """
-        q = self._q(q)
-        Z = velocity_basis(self._projection.svd(q, self.closures.state(q, np.zeros(self.model.nv))))
-        if joints is not None:
-            names = tuple(joints)
-            return stated_coordinates(Z, names, self._indices(names))
-        coordinates = best_conditioned(Z, np.array([*self._single], dtype=np.intp)) or best_conditioned(
-            Z, np.arange(self.model.nv)
-        )
-        assert coordinates is not None  # Z has full rank
-        return coordinates
+        return self.minimal_form.coordinates(self._q(q), joints)
 
     def reduced_dynamics(
         self, q: ArrayLike, v: ArrayLike, joints: Sequence[str] | None = None
@@ -335,10 +312,7 @@ class ClosedChain:
             v: velocity that keeps them closed, shape (nv,).
             joints: independent joints, as for minimal_coordinates.
         """
-        q, v = self._q(q), self._v("v", v)
-        coordinates, state = self.minimal_coordinates(q, joints), self.closures.state(q, v)
-        h = np.array(pin.nonLinearEffects(self.model, self._data, q, v))
-        return reduced_dynamics(self._projection.svd(q, state), state, h, coordinates)
+        return self.minimal_form.dynamics(self._q(q), self._v("v", v), joints)
 
     def linearise(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, joints: Sequence[str] | None = None
@@ -362,7 +336,7 @@ class ClosedChain:
         def output(near: Array, velocity: Array) -> Array:
             return np.concatenate((pin.difference(self.model, q, near), velocity))
 
-        return self.linearised_output(q, v, tau, joints, output)
+        return linearised(self.minimal_form, self.solver, ChainState(q, v), tau, joints, output)
 
     def equilibrium(
         self, q_guess: ArrayLike, tau: ArrayLike | None = None, joints: Sequence[str] | None = None
@@ -381,22 +355,7 @@ class ClosedChain:
             ArgumentError: none was found, with the acceleration that remains.
         """
         tau = np.zeros(self.model.nv) if tau is None else self._v("tau", tau)
-        q, still = self.project_configuration(q_guess), np.zeros(self.model.nv)
-        for _ in range(_NEWTON_STEPS):
-            model, indices = (
-                self.linearise(q, still, tau, joints),
-                self.minimal_coordinates(q, joints).indices,
-            )
-            a, d = self.solver.acceleration(q, still, tau)[indices], len(indices)
-            step = np.asarray(np.linalg.lstsq(model.A[d:, :d], -a, rcond=None)[0], dtype=np.float64)
-            if np.abs(step).max(initial=0.0) < _AT_REST:
-                return q
-            step = step * min(1.0, _LONGEST_STEP / float(np.abs(step).max()))
-            q = self._moved(q, self.minimal_coordinates(q, joints), step)
-        raise ArgumentError(
-            f"no equilibrium was found from q_guess: {float(np.abs(a).max()):.3g} rad/s^2 or m/s^2 remain;"
-            " start nearer, or compare tau with inverse_dynamics at rest"
-        )
+        return equilibrium(self.minimal_form, self.solver, self.project_configuration(q_guess), tau, joints)
 
     def integrate(
         self,
@@ -489,74 +448,10 @@ class ClosedChain:
         """
         self._projection.require_closed(self._q(q), as_number("allowed", allowed))
 
-    def linearised_output(
-        self,
-        q: Array,
-        v: Array,
-        tau: Array,
-        joints: Sequence[str] | None,
-        output: Callable[[Array, Array], Array],
-    ) -> Linearisation:
-        """Return the linear model about a state with a given output, a function of (q, v), shape (p,).
-
-        The other arguments are those of ``linearise``.
-        """
-        coordinates = self.minimal_coordinates(q, joints)
-        indices, d = coordinates.indices, len(coordinates.indices)
-        names = self._single_joints(indices)
-        nu = v[indices]
-
-        def response(deviation: Array) -> Array:
-            near = self._moved(q, coordinates, deviation[:d])
-            velocity = self.minimal_coordinates(near, names).null_space @ (nu + deviation[d:])
-            a = self.solver.acceleration(near, velocity, tau)
-            return np.concatenate((a[indices], output(near, velocity)))
-
-        jacobian = difference_matrix(response, 2 * d)
-        reduced = self.reduced_dynamics(q, v, names)
-        A = np.vstack((np.eye(d, 2 * d, d), jacobian[:d]))
-        B = np.vstack(
-            (np.zeros((d, self.model.nv)), np.linalg.solve(reduced.mass_matrix, coordinates.null_space.T))
-        )
-        return Linearisation(A, B, jacobian[d:], names)
-
-    def _moved(self, q: Array, coordinates: MinimalCoordinates, deviation: Array) -> Array:
-        """Return the configuration on the closures whose independent joints are moved by a deviation."""
-        N, indices, still = coordinates.null_space, coordinates.indices, np.zeros(self.model.nv)
-        q = pin.integrate(self.model, q, N @ deviation)
-        for _ in range(_NEWTON_STEPS):
-            state = self.closures.state(q, still)
-            dq = self._projection.svd(q, state).least_motion(-state.position)
-            dq = dq - N @ dq[indices]
-            q = pin.integrate(self.model, q, dq)
-            if np.abs(dq).max(initial=0.0) < _AT_REST:
-                break
-        gap = float(np.abs(self.closures.state(q, still).position).max(initial=0.0))
-        if not gap <= _CLOSED:
-            raise ArgumentError(
-                f"the closed chain is singular near q: with its independent joints moved by"
-                f" {float(np.abs(deviation).max()):.3g} rad or m the closures stay open by {gap:.3g}"
-            )
-        return q
-
-    def _single_joints(self, indices: Indices) -> tuple[str, ...]:
-        """Return the names of independent joints, each with one degree of freedom."""
-        for index in indices:
-            if int(index) not in self._single:
-                raise ArgumentError(
-                    "a joint of more than one degree of freedom is needed as independent coordinate;"
-                    " linearise cells whose payload is welded to an arm or held by every arm"
-                )
-        return tuple(self._single[int(index)] for index in indices)
-
-    def _indices(self, names: Sequence[str]) -> Indices:
-        """Return the entries of v of joints with one degree of freedom each."""
-        return np.array([np.flatnonzero(self.velocity({name: 1.0}))[0] for name in names], dtype=np.intp)
-
     def _motors(self, names: Sequence[str] | None) -> Mask:
         """Return which entries of v have a motor."""
         motors = np.full(self.model.nv, names is None)
-        motors[[] if names is None else self._indices(names)] = True
+        motors[[] if names is None else self.minimal_form.indices(names)] = True
         return motors
 
     def _after_step(self, q: Array, v: Array, rank: int | None) -> Projected:
