@@ -32,7 +32,7 @@ class Mode(NamedTuple):
     """A mode of the sampled motion.
 
     Attributes:
-        z: its factor from tick to tick.
+        z: factor from tick to tick.
         joints: the joints that move most, as arm/joint, the fastest first.
         is_spare: whether most of it leaves the task rows of the payload at rest.
     """
@@ -58,7 +58,7 @@ class LoopStability(NamedTuple):
             drives if that is stable, else from none; at most 1, and 0 where the motion grows without any.
         mode: mode of that ``|z|``.
         spare: slowest mode of the spare joints; None without any.
-        period: of the control, s.
+        period: period of the control, s.
         remedy: field of the spring of spare joints; empty if the law has none.
         time: time of the pose at which the motion is least stable, s.
     """
@@ -122,12 +122,12 @@ def loop_stability(simulation: Simulation, cell_reach: Reachability | None = Non
     poses = [(0.0, simulation.plant.q)]
     if cell_reach is not None:
         poses += configurations_along(simulation, cell_reach, _POSES)[1:]
-    found, bound = list[LoopStability](), _LARGEST_LAG
+    stabilities, bound = list[LoopStability](), _LARGEST_LAG
     for time, q in poses:
-        found.append(_PoseLoop(simulation, q, time).stability(bound))
-        bound = found[-1].largest_lag
-    worst = max(found, key=lambda stability: stability.radius)
-    slowest = min(found, key=lambda stability: stability.spare_rate)
+        stabilities.append(_PoseLoop(simulation, q, time).stability(bound))
+        bound = stabilities[-1].largest_lag
+    worst = max(stabilities, key=lambda stability: stability.radius)
+    slowest = min(stabilities, key=lambda stability: stability.spare_rate)
     return worst._replace(largest_lag=bound, spare=slowest.spare)
 
 

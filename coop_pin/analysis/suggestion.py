@@ -50,7 +50,7 @@ class Suggestion:
         scenario: ready to run.
         proposal: the numbers of the law.
         limits: one sentence for each value: what limits it.
-        changes: what differs from what is stated: squeeze, grasps; one sentence each.
+        changes: differences from what is stated: squeeze, grasps; one sentence each.
     """
 
     scenario: Scenario

@@ -87,7 +87,8 @@ def gain_proposal(
     Args:
         scenario: cell, motion, sensors and clock.
         cell_reach: reachability of the scenario, in which every arm holds the start.
-        least_stiffness: of the posture's spring, N m/rad: what holds the spare joints against gravity.
+        least_stiffness: stiffness of the posture's spring, N m/rad: what holds the spare joints against
+            gravity.
     """
     inertia = task_inertia(scenario, cell_reach)
     scale = 1.0 / np.diagonal(inertia.mobility, axis1=1, axis2=2).max(axis=0)

@@ -146,7 +146,7 @@ class BoundedAnchor(NamedTuple):
         Args:
             state: Memory with what the anchor has moved.
             recent: 1.0 where a measurement is recent, else 0.0.
-            change: What else changes the integral, N and N m, shape (k_0,).
+            change: Change of the integral by all else, N and N m, shape (k_0,).
         """
         A = state.moved
         return state._replace(

@@ -21,8 +21,14 @@ from pydantic import (
 from coop_pin.arrays import Array
 from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.gains import PositiveGain, gain_vector
-from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.control.law import ControlledArm, LawController, PostureGains
+from coop_pin.control.interface import (
+    ArmCommand,
+    ArmController,
+    ArmMeasurement,
+    ArmReference,
+    ControlledArm,
+)
+from coop_pin.control.law import LawController, PostureGains
 from coop_pin.control.sliding_surface import SurfaceGains, SurfaceLaw
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.switching import Saturation, Sign, Switching
@@ -131,12 +137,12 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
     Attributes:
         switching: phi: sgn, or a smooth function in its place.
         leak: lambda, 1/s.
-        payload_weight: What, the approximate weight of the payload as a wrench, shape (k_0,); None ignores
+        payload_weight: approximate weight What of the payload as a wrench, shape (k_0,); None ignores
             the wrist sensor.
         stale_after: age in ticks beyond which a measurement is no longer recent.
-        posture: what spare joints do; None for an arm without spare joints.
-        bound: of the anchor; None without. With one, the integral takes over what drives cut: see the page
-            "The bounded anchor".
+        posture: spring and damper of the spare joints; None for an arm without spare joints.
+        bound: bound of the anchor; None without. With one, the integral takes over what drives cut: see the
+            page "The bounded anchor".
     """
 
     switching: Switching
@@ -191,8 +197,10 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         asked = fresh * gains.anchor_gain * (fhat - f_r)
         if self.bound is not None and anchor is not None:
             cut = recent * self._cut(measurement, state)
-            given, anchor = self.bound.step(anchor, -asked, fresh, uncut * recent, measurement.payload_pose)
-            Z, Z_hold, asked = Z - cut, Z_hold - cut, -given
+            correction, anchor = self.bound.step(
+                anchor, -asked, fresh, uncut * recent, measurement.payload_pose
+            )
+            Z, Z_hold, asked = Z - cut, Z_hold - cut, -correction
         Z = Z - asked
         Z_hold = np.where(fresh, Z, Z_hold)
 

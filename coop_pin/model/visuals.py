@@ -151,8 +151,8 @@ def _coloured_meshes(part: Any) -> list[tuple[Shape, Colour]]:
     for piece in dumped:
         pieces.setdefault(_colour(piece.visual.material.main_color / 255.0), []).append(piece)
     meshes: list[tuple[Shape, Colour]] = []
-    for colour, found in pieces.items():
-        whole: Any = trimesh.util.concatenate(found)
+    for colour, parts in pieces.items():
+        whole: Any = trimesh.util.concatenate(parts)
         vertices = part.meshScale.ravel() * np.array(whole.vertices)
         meshes.append((Mesh(vertices, np.array(whole.faces, dtype=np.int64)), colour))
     return meshes
