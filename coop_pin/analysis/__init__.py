@@ -23,12 +23,13 @@ from coop_pin.analysis.statics import (
     ArmStatics,
     DriveTorque,
     StaticTorques,
+    force_reserve,
     loads_without_an_arm,
     start_torques,
     static_torques,
     statics_along,
 )
-from coop_pin.analysis.steady_errors import SteadyErrors, steady_errors
+from coop_pin.analysis.steady_errors import SteadyErrors, anchor_biases, steady_errors
 from coop_pin.analysis.step_size import StepSize, fewest_steps
 from coop_pin.analysis.suggestion import Suggestion, suggest
 from coop_pin.analysis.task_inertia import MotionWrenches, TaskInertia, motion_wrenches, task_inertia
@@ -57,10 +58,12 @@ __all__ = [
     "Suggestion",
     "TaskInertia",
     "Unreachable",
+    "anchor_biases",
     "anchor_bounded_time",
     "cell_summary",
     "closure_problem",
     "fewest_steps",
+    "force_reserve",
     "gain_proposal",
     "implausible_numbers",
     "internal_moment",
