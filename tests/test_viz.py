@@ -403,6 +403,14 @@ def test_wrenches_of_frames_are_those_of_the_result(replay: Replay) -> None:
     for block, name in zip(("interaction", "internal", "wanted", "external"), names, strict=True):
         wanted = np.nan_to_num(data[name].values).reshape(len(replay.frames), -1)
         assert_allclose(replay.block(block), wanted, rtol=FLOAT32, atol=1e-12)
+    scenario, struts = replay.result.scenario, replay.block("struts")  # tension, twist; then those wanted
+    u = data["tip_position"].values[:, 1] - data["tip_position"].values[:, 0]
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    desired = np.nan_to_num(data["desired_internal_wrench"].values[:, 0, :3])
+    assert_allclose(struts[:, 2], (desired * u).sum(axis=1), rtol=1e-5, atol=1e-6)
+    resultant = (np.nan_to_num(data["interaction_wrench"].values)[..., :3].sum(axis=1) * u).sum(axis=1)
+    shift = (scenario.cell.shares[0] - 0.5) * resultant  # struts divide what moves the payload equally
+    assert_allclose(struts[:, 0], data["internal_axial"].values[:, 0] + shift, rtol=1e-5, atol=1e-5)
     tips = data["tip_position"].values.reshape(len(replay.frames), -1)
     assert_allclose(replay.block("tips"), tips, rtol=FLOAT32, atol=1e-7)
 
