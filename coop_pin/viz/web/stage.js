@@ -27,7 +27,6 @@ function coopPinScene(pane, labels, page) {
   // ---------------------------------------------------------------- drawables
   const floats = coopPinFloats;
   const points = (values) => Array.from({ length: values.length / 3 }, (_, k) => vector().fromArray(values, 3 * k));
-  const attribute = (text) => new three.BufferAttribute(floats(text), 3);
   const tube = (path, radius) => new three.TubeGeometry(new three.CatmullRomCurve3(path), path.length, radius, 8);
   const shapes = {
     box: ({ size }) => new three.BoxGeometry(...size),
@@ -67,9 +66,10 @@ function coopPinScene(pane, labels, page) {
     node(item.node).add(inLayer(item.layer, drawn));
   }
 
-  const [first] = page.runs, meshes = first.scene.meshes.map(({ vertices, faces }) => {
-    const geometry = new three.BufferGeometry().setAttribute("position", attribute(vertices));
-    return geometry.setIndex(new three.BufferAttribute(Uint32Array.from(floats(faces)), 1));
+  const [first] = page.runs, meshes = first.scene.meshes.map(({ low, step, vertices, faces, bytes }) => {
+    const positions = Float32Array.from(coopPinNumbers(vertices, Uint16Array), (value, k) => low[k % 3] + step[k % 3] * value);
+    const geometry = new three.BufferGeometry().setAttribute("position", new three.BufferAttribute(positions, 3));
+    return geometry.setIndex(new three.BufferAttribute(coopPinNumbers(faces, bytes === 2 ? Uint16Array : Uint32Array), 1));
   });
   first.scene.items.forEach(draw);
   // The floor: a slab below a grid of 0.25 m, and the grid in step with the world's axes.
