@@ -287,7 +287,7 @@ class CellChain:
             ArgumentError: the internal wrenches do not add up to zero, a opens the closures, or a grasp is
                 compliant.
         """
-        self._require_rigid()
+        self.cell.require_rigid("inverse dynamics")
         q, v, a, push = self._q(q), self._v("v", v), self._v("a", a), as_array("push", push, 6)
         motors = [f"{arm.name}/{joint}" for arm in self.model.arms for joint in arm.joint_names]
         applied, wrenches = self.payload_jacobian(q).T @ push, None
@@ -324,7 +324,7 @@ class CellChain:
         Raises:
             ArgumentError: the payload cannot move in all task rows, or a grasp is compliant.
         """
-        self._require_rigid()
+        self.cell.require_rigid("the effective inertia")
         q = self._q(q)
         reduced = self.mechanism.reduced_dynamics(q, np.zeros(self.mechanism.model.nv))
         rows = list(self.cell.task_rows.indices)
@@ -345,7 +345,7 @@ class CellChain:
         y has the displacement of P and the small rotation of the payload in world axes (m, rad), then the
         deviation of V_WP. State, input and errors are those of ``ClosedChain.linearise``.
         """
-        self._require_rigid()
+        self.cell.require_rigid("the linear model")
         q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
         X_WP = pin.SE3(self.payload_pose(q))
 
@@ -377,11 +377,6 @@ class CellChain:
         table = np.full((2, len(self.model.arms), 6), np.nan)
         table[:, self.springs.arms] = grasps.deflection, grasps.wrench
         return (*table, self.springs.energy(grasps))
-
-    def _require_rigid(self) -> None:
-        if self.springs.arms:
-            held = ", ".join(self.cell.compliant)
-            raise ArgumentError(f"the grasps of {held} are compliant; this is known of rigid grasps only")
 
     def _q(self, q: ArrayLike) -> Array:
         return as_array("q", q, self.mechanism.model.nq)
