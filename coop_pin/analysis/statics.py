@@ -13,6 +13,8 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation import Simulation
 
+_NO_LEVER = 1e-12
+"""Torque by a newton that counts as none, m."""
 _POSES = 9
 """Poses of the motion at which arms are left out."""
 
@@ -228,6 +230,28 @@ def _arm_statics(scenario: Scenario, name: str, times: Array, configurations: Ar
     joints = model.limits.joints
     units = tuple("N m" if unit == "rad" else "N" for unit in joints.units)
     return ArmStatics(name, tuple(joints.names), units, times, weight, load, squeeze, model.limits.torque)
+
+
+@typed
+def force_reserve(scenario: Scenario, cell_reach: Reachability) -> float:
+    """Return the internal force that no drive is too weak for, whatever its direction, at rest, N.
+
+    Beside weight, load share and squeeze, the least at the poses of the motion; inf without limits.
+
+    Args:
+        scenario: arms and payload.
+        cell_reach: reachability of the scenario; every arm reaches the whole motion.
+    """
+    reserve = np.inf
+    for reach, arm in zip(cell_reach.arms, statics_along(scenario, cell_reach).arms, strict=True):
+        model = CellArm(scenario.cell, reach.arm)
+        for q, torque in zip(reach.q, arm.torque, strict=True):
+            J = model.rows.select(model.payload_jacobian(q)) @ model.from_drive
+            per_newton = np.linalg.norm(J[np.array(model.rows.indices) < 3], axis=0)
+            reserve = min(
+                reserve, float(np.min((arm.limit - np.abs(torque)) / np.maximum(per_newton, _NO_LEVER)))
+            )
+    return reserve
 
 
 @typed

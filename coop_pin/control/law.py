@@ -153,12 +153,13 @@ class Law(Description):
         """Return what is wrong with the law for a cell."""
         return []
 
-    def steady_directions(self, rows: TaskRows, sample_period: float) -> list[SteadyDirection]:
+    def steady_directions(self, rows: TaskRows, loop: SampledLoop, period: float) -> list[SteadyDirection]:
         """Return the law at rest in each linear task row; none where that takes more than its gains.
 
         Args:
             rows: The task rows.
-            sample_period: Time from one measured wrench to the next, s.
+            loop: Feedback of measured wrenches.
+            period: T, s.
         """
         return []
 

@@ -147,7 +147,7 @@ def _coloured_meshes(part: Any) -> list[tuple[Shape, Colour]]:
     import trimesh  # a third of a second, only for arms with such meshes
 
     pieces: dict[Colour, list[Any]] = {}
-    dumped: Any = trimesh.load_scene(part.meshPath).dump()
+    dumped: Any = trimesh.load_scene(part.meshPath, process=False).dump()
     for piece in dumped:
         pieces.setdefault(_colour(piece.visual.material.main_color / 255.0), []).append(piece)
     meshes: list[tuple[Shape, Colour]] = []

@@ -14,11 +14,12 @@ import xarray as xr
 
 from coop_pin.arrays import Array, Mask, mean, rms
 from coop_pin.description.payload import Payload
-from coop_pin.results.quantities import WORK, Arrays
+from coop_pin.results.quantities import Arrays, energies
 from coop_pin.results.window import SETTLING_S, Window, Windows, samples_of
 from coop_pin.spatial import internal_wrenches
 from coop_pin.spatial.internal_wrench import (
     constraint_consistent_internal_wrenches,
+    determinate_grasp,
     minimum_norm_internal_wrenches,
     nonsqueezing_internal_wrenches,
     symmetric_internal_wrenches,
@@ -185,8 +186,8 @@ def internal_force(data: Arrays, window: Window) -> InternalForceMetrics:
 
 def energy_balance(data: Arrays) -> Array:
     """Return energy minus its start minus all work done, J, shape (..., n): zero for an exact integration."""
-    energy = np.asarray(data["kinetic_energy"]) + np.asarray(data["potential_energy"])
-    return np.asarray(energy - energy[..., :1] - sum(np.asarray(data[name]) for name in WORK))
+    energy, works = energies(data)
+    return np.asarray(energy - energy[..., :1] - sum(works))
 
 
 def closure_error_max(data: Arrays) -> tuple[Array, Array]:
@@ -239,13 +240,9 @@ def internal_wrench_definitions(data: xr.Dataset, load_shares: Array, payload: P
         load_shares: c_i, shape (m,).
         payload: payload, for the virtual bodies.
     """
-    F = data["interaction_wrench"].values
-    p_WP = data["payload_position"].values[:, None]
+    r = data["tip_position"].values - data["payload_position"].values[:, None]
     is_determined = data["wrench_is_determined"].values
-    F, r = (
-        np.where(is_determined, F, 0.0),
-        np.where(is_determined[:3], data["tip_position"].values - p_WP, 0.0),
-    )
+    F, r = determinate_grasp(data["interaction_wrench"].values, r)
     inertia = float(np.trace(payload.inertia_matrix)) / 3.0
     definitions = {
         "load_shares": internal_wrenches(F, load_shares),
