@@ -79,7 +79,17 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         set(),
     ),
     "analysis": (
-        {"chain", "control", "build_controller", "description", "model", "results", "schema", "simulation"},
+        {
+            "build_controller",
+            "chain",
+            "control",
+            "description",
+            "model",
+            "reference",
+            "results",
+            "schema",
+            "simulation",
+        },
         {"pinocchio", "scipy", "xarray"},
     ),
     "batch": (

@@ -32,7 +32,7 @@ class Mode(NamedTuple):
     """A mode of the sampled motion.
 
     Attributes:
-        z: its factor from tick to tick.
+        z: factor from tick to tick.
         joints: the joints that move most, as arm/joint, the fastest first.
         is_spare: whether most of it leaves the task rows of the payload at rest.
     """
@@ -118,10 +118,10 @@ def tick_matrix(
 
     Args:
         G: Acceleration that the law's torque asks for by [y, w_m], shape (n, 2 n).
-        H: What it adds to that for all later ticks, likewise.
+        H: Gain that it adds to that for all later ticks, likewise.
         period: T, s.
         lag: Time constant of the drives, s.
-        velocity: As of SampledMotion.
+        velocity: Velocity, as of SampledMotion.
     """
     basis, singular, _ = np.linalg.svd(H)
     U, eye, T = basis[:, singular > NEUTRAL * np.abs(G).max()], np.eye(len(G)), period

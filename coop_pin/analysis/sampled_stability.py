@@ -83,7 +83,7 @@ class StepStability(NamedTuple):
         steps_per_tick: plant steps in a tick.
         joints: the joints that move most in that mode, as arm/joint.
         time: time of the pose at which it is so, s.
-        cause: what it is a mode of, "friction" or "compliant grasps".
+        cause: origin of the mode, "friction" or "compliant grasps".
     """
 
     value: float
@@ -200,15 +200,15 @@ def step_stability(simulation: Simulation, cell_reach: Reachability | None = Non
     poses = [(0.0, simulation.plant.q)]
     if cell_reach is not None:
         poses += configurations_along(simulation, cell_reach, _STEP_POSES)[1:]
-    found = [_steps_at(simulation, *pose) for pose in poses]
-    found += [_grasp_steps_at(simulation, *pose) for pose in poses if simulation.scenario.cell.compliant]
-    return max(found, key=lambda stability: stability.value / stability.limit)
+    stabilities = [_steps_at(simulation, *pose) for pose in poses]
+    stabilities += [_grasp_steps_at(simulation, *pose) for pose in poses if simulation.scenario.cell.compliant]
+    return max(stabilities, key=lambda stability: stability.value / stability.limit)
 
 
 def _grasp_steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:
     """Return the stability of the plant's steps under grasps and friction, for the payload that is worst."""
     scenario, chain = simulation.scenario, simulation.plant.chain
-    instants, found = {0.0, *(event.time for event in scenario.events)}, list[StepStability]()
+    instants, stabilities = {0.0, *(event.time for event in scenario.events)}, list[StepStability]()
     for surroundings in map(scenario.surroundings_at, instants):
         chain.surround(surroundings)
         s, modes = _plant_modes(simulation, q)
@@ -217,9 +217,9 @@ def _grasp_steps_at(simulation: Simulation, time: float, q: Array) -> StepStabil
         steps = scenario.clock.steps_per_tick
         value, joints = float(np.abs(s[worst])), fastest_joints(simulation, np.abs(modes[:, worst]))
         value *= scenario.clock.period / steps
-        found.append(StepStability(value, float(limits[worst]), steps, joints, time, "compliant grasps"))
+        stabilities.append(StepStability(value, float(limits[worst]), steps, joints, time, "compliant grasps"))
     chain.surround(simulation.plant.surroundings)
-    return max(found, key=lambda stability: stability.value / stability.limit)
+    return max(stabilities, key=lambda stability: stability.value / stability.limit)
 
 
 def _plant_modes(simulation: Simulation, q: Array) -> tuple[Array, Array]:

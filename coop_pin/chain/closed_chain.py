@@ -78,7 +78,7 @@ class ClosedChain:
         stabilisation: Baumgarte frequency and damping ratio.
         formulation: formulation of the constrained dynamics.
         solver: solver of the constrained dynamics of a state.
-        minimal_form: its minimal coordinates.
+        minimal_form: minimal coordinates of the chain.
     """
 
     solver: ProximalSolver | KKTSolver

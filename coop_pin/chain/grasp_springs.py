@@ -139,7 +139,7 @@ class GraspSprings:
 
         Args:
             cell: Description.
-            tree: Its tree, which is kept.
+            tree: Tree of the cell, which is kept.
         """
         names, grasps, model = list(cell.arms), cell.compliant, tree.model
         self.arms = [names.index(name) for name in grasps]
@@ -210,15 +210,15 @@ class GraspSprings:
         tree, damping = self._tree, self.springs.damping.copy()
         M, B = symmetric(pin.crba(tree.model, tree.model.createData(), q)), self.jacobians(q)
         inertia = tree.payload_inertia.matrix()
-        for place, (index, grasp) in enumerate(zip(self.arms, self._grasps.values(), strict=True)):
-            joints, (tip, payload) = tree.arms[index].v_slice, self._sides[place]
-            J, X_PG = B[place][:, joints], pin.SE3(grasp.matrix)
+        for number, (index, grasp) in enumerate(zip(self.arms, self._grasps.values(), strict=True)):
+            joints, (tip, payload) = tree.arms[index].v_slice, self._sides[number]
+            J, X_PG = B[number][:, joints], pin.SE3(grasp.matrix)
             p_GE = payload.pose.actInv(tip.pose).translation
             A = (X_PG * pin.SE3(np.eye(3), p_GE)).toActionMatrixInverse()
             mobility = J @ np.linalg.solve(M[joints, joints], J.T) + A @ np.linalg.solve(inertia, A.T)
             if grasp.damping is None:
-                critical = 2.0 * np.sqrt(self.springs.stiffness[place] / np.diagonal(mobility))
-                damping[place] = grasp.damping_ratio * critical
+                critical = 2.0 * np.sqrt(self.springs.stiffness[number] / np.diagonal(mobility))
+                damping[number] = grasp.damping_ratio * critical
         self.springs = self.springs._replace(damping=damping)
 
     def deflected(self, q: Array) -> Array:

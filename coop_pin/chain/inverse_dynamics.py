@@ -50,16 +50,16 @@ def least_torque(state: ClosureState, force: Array, motors: Mask) -> tuple[Array
     Args:
         state: closures of the state.
         force: M a + h, shape (nv,).
-        motors: which entries of tau have a motor, shape (nv,); the others are zero.
+        motors: mask of the entries of tau with a motor, shape (nv,); the others are zero.
 
     Raises:
         ArgumentError: without motors at the other joints there is no such tau.
     """
     JT = state.jacobian.T
     passive = JT[~motors]
-    wanted = force[~motors]
-    multipliers = _least_squares(passive, wanted)
-    _require_small(passive @ multipliers - wanted, wanted, "the motors cannot cause this motion")
+    unpowered = force[~motors]
+    multipliers = _least_squares(passive, unpowered)
+    _require_small(passive @ multipliers - unpowered, unpowered, "the motors cannot cause this motion")
     free = _null_space(passive)
     driven = JT[motors] @ free
     driven[np.abs(driven) < _RANK * np.abs(JT).max(initial=0.0)] = 0.0  # rounding, which would be divided by

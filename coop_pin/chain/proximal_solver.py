@@ -23,12 +23,12 @@ class DynamicsDerivatives(NamedTuple):
     """Partial derivatives of accelerations and closure wrenches at a state.
 
     Attributes:
-        acceleration_q: of a by a change of q in the tangent space, shape (nv, nv).
-        acceleration_v: of a by v, shape (nv, nv).
-        acceleration_tau: of a by tau, shape (nv, nv).
-        wrench_q: of the closure wrenches by q, shape (closures, 6, nv).
-        wrench_v: of the closure wrenches by v, likewise.
-        wrench_tau: of the closure wrenches by tau, likewise.
+        acceleration_q: derivative of a by a change of q in the tangent space, shape (nv, nv).
+        acceleration_v: derivative of a by v, shape (nv, nv).
+        acceleration_tau: derivative of a by tau, shape (nv, nv).
+        wrench_q: derivative of the closure wrenches by q, shape (closures, 6, nv).
+        wrench_v: derivative of the closure wrenches by v, likewise.
+        wrench_tau: derivative of the closure wrenches by tau, likewise.
     """
 
     acceleration_q: Array

@@ -62,7 +62,7 @@ class Cell(Description):
         arms: the arms by name; arrays over arms have their order.
         payload: the held object.
         payload_pose: payload pose X_WP that belongs to the arms' postures; for "as-posed" grasps only.
-        grasps: for each arm, in their order, pose X_PE of its tip in the payload frame; with ``kind =
+        grasps: pose X_PE of each arm's tip in the payload frame, in the order of the arms; with ``kind =
             "compliant"`` a spring and damper holds the tip there. "as-posed" computes rigid ones from
             ``payload_pose`` and the postures, and the cell stores the result.
         rows: task rows: "full" (6), "planar" (x, y and the rotation about z, for arms that move in the
@@ -151,7 +151,7 @@ class Cell(Description):
         """Refuse compliant grasps where the method is that of rigid ones.
 
         Args:
-            purpose: What needs rigid grasps, as the beginning of a sentence.
+            purpose: Subject that needs rigid grasps, as the beginning of a sentence.
 
         Raises:
             ArgumentError: a grasp is compliant, with the arms.
