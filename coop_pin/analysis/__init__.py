@@ -3,7 +3,7 @@
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
 from coop_pin.analysis.feasibility import closure_problem
-from coop_pin.analysis.internal_moment import InternalMoment, internal_moment
+from coop_pin.analysis.internal_moment import InternalMoment, internal_moment, positional_torques
 from coop_pin.analysis.loop_stability import LoopStability, loop_stability
 from coop_pin.analysis.new_cell import new_cell
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
@@ -73,6 +73,7 @@ __all__ = [
     "motion_stability",
     "motion_wrenches",
     "new_cell",
+    "positional_torques",
     "reachability",
     "run_warnings",
     "sampled_motion",

@@ -29,7 +29,7 @@ class LoopStability(NamedTuple):
         mode: mode of that ``|z|``.
         least_damped: mode with the smallest damping ratio, at any of the poses.
         spare: slowest mode of the spare joints; None without any.
-        period: of the control, s.
+        period: period of the control, s.
         remedy: field of the spring of spare joints; empty if the law has none.
         time: time of the pose at which the motion is least stable, s.
     """
@@ -96,13 +96,13 @@ def loop_stability(simulation: Simulation, cell_reach: Reachability | None = Non
     poses = [(0.0, simulation.plant.q)]
     if cell_reach is not None:
         poses += configurations_along(simulation, cell_reach, _POSES)[1:]
-    found, bound = list[LoopStability](), _LARGEST_LAG
+    stabilities, bound = list[LoopStability](), _LARGEST_LAG
     for time, q in poses:
-        found.append(_stability(simulation, sampled_motion(simulation, q, time), bound))
-        bound = found[-1].largest_lag
-    worst = max(found, key=lambda stability: stability.radius)
-    slowest = min(found, key=lambda stability: stability.spare_rate)
-    swinging = min(found, key=lambda stability: stability.damping)
+        stabilities.append(_stability(simulation, sampled_motion(simulation, q, time), bound))
+        bound = stabilities[-1].largest_lag
+    worst = max(stabilities, key=lambda stability: stability.radius)
+    slowest = min(stabilities, key=lambda stability: stability.spare_rate)
+    swinging = min(stabilities, key=lambda stability: stability.damping)
     return worst._replace(largest_lag=bound, spare=slowest.spare, least_damped=swinging.least_damped)
 
 

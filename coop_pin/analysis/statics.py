@@ -306,5 +306,5 @@ def _least_part(arms: list[tuple[Array, Array, Array]], load: Array) -> float:
     A, b = np.vstack([-A, A * np.append(np.ones(len(J)), -1.0)]), np.concatenate([-g[limited], g[limited]])
     balance = np.hstack([*(np.eye(6) for _ in arms), np.zeros((6, 1))])
     bounds = [(None, None)] * len(J) + [(0.0, None)]
-    found = linprog(np.eye(len(J) + 1)[-1], A_ub=A, b_ub=b, A_eq=balance, b_eq=load, bounds=bounds)
-    return float(found.fun) if found.success else np.inf
+    solution = linprog(np.eye(len(J) + 1)[-1], A_ub=A, b_ub=b, A_eq=balance, b_eq=load, bounds=bounds)
+    return float(solution.fun) if solution.success else np.inf

@@ -40,7 +40,7 @@ class SteadyErrors(NamedTuple):
 
     Attributes:
         needs: quantities that the law measures, besides joint positions and velocities.
-        wrenches: that cross between the arms at each tick.
+        wrenches: wrenches that cross between the arms at each tick.
         delay: largest further delay of the measured wrench at which its feedback is stable, ticks; inf for
             any, or if no wrench is fed back; -1 if it is unstable as it is.
         bias: kinematic bias of the position of one arm's tip, m.
@@ -138,7 +138,7 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
     law: Any = scenario.controller
     if law.user_code:
         raise ArgumentError("steady errors are known of the laws of coop_pin, not of a user's controller")
-    exchanges, own = bool(_EXCHANGED & {*law.needs}), "own wrench" in law.needs
+    exchanges, measures_own = bool(_EXCHANGED & {*law.needs}), "own wrench" in law.needs
     shares, balanced = scenario.cell.shares.tolist(), math.nan
     force, growth, drift, unreachable, sag = [math.nan] * 5
     limit = free = math.inf
@@ -153,7 +153,7 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
         if law.measures and exchanges:
             drift = max(_drift(direction, share, load) for direction in directions for share in shares)
             unreachable = min(direction.unreachable(share) for direction in directions for share in shares)
-        if own:
+        if measures_own:
             rate = min(direction.integral(min(shares) * bias) for direction in directions)
             balanced = rate / load * period
     elif springs := _joint_springs(scenario):
@@ -161,7 +161,7 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
     return SteadyErrors(
         needs=" and ".join(["forward kinematics and Jacobians", *(_NEEDED[need] for need in law.needs)]),
         wrenches=len(shares) if exchanges else 0,
-        delay=_largest_delay(loop) if exchanges or own else math.inf,
+        delay=_largest_delay(loop) if exchanges or measures_own else math.inf,
         bias=bias,
         load=load,
         force=force,

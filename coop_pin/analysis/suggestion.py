@@ -50,7 +50,7 @@ class Suggestion:
         scenario: ready to run.
         proposal: the numbers of the law.
         limits: one sentence for each value: what limits it.
-        changes: what differs from what is stated: squeeze, grasps; one sentence each.
+        changes: differences from what is stated: squeeze, grasps; one sentence each.
     """
 
     scenario: Scenario
@@ -143,11 +143,14 @@ def _held(scenario: Scenario, cell_reach: Reachability) -> tuple[GainProposal, S
             and _spare_angle(suggested, cell_reach, proposal) < _AWAY
         ):
             return proposal, suggested, loop
-        stiffness = max(_SOFTEST, 2.0 * float(np.max(proposal.posture.stiffness)))
-        if stiffness > _STIFFEST or not (loop.ok or loop.mode.is_spare):
+        tried = float(np.max(proposal.posture.stiffness))
+        is_held = tried < stiffness  # on positional rows the drives hold no stiffer one
+        stiffness = max(_SOFTEST, 2.0 * tried)
+        if is_held or stiffness > _STIFFEST or not (loop.ok or loop.mode.is_spare):
             detail = loop.summary().removeprefix("! ")
             if loop.ok:
-                detail = f"no spring up to {_STIFFEST:g} N m/rad keeps the spare joints on their path"
+                limit = f"the {tried:g} N m/rad that the drives hold" if is_held else f"{_STIFFEST:g} N m/rad"
+                detail = f"no spring up to {limit} keeps the spare joints on their path"
             raise InfeasibleMotionError("stability", detail)
 
 

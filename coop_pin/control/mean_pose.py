@@ -17,8 +17,8 @@ from coop_pin.control.interface import (
     ArmReference,
     CellCommand,
     CellController,
+    ControlledArm,
 )
-from coop_pin.control.law import ControlledArm
 from coop_pin.control.payload_space import PayloadSpace, PayloadSpaceGains
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.spatial import exp3, pose_error

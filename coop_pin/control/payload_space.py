@@ -22,15 +22,22 @@ from coop_pin.arrays import Array
 from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor, followed_bias
 from coop_pin.control.force_path import SampledLoop
 from coop_pin.control.gains import PositiveGain, gain_vector
-from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.control.law import ControlledArm, LawController, PostureGains
+from coop_pin.control.interface import (
+    ArmCommand,
+    ArmController,
+    ArmMeasurement,
+    ArmReference,
+    ControlledArm,
+)
+from coop_pin.control.law import LawController, PostureGains
 from coop_pin.control.sliding_surface import SurfaceGains, SurfaceLaw
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.switching import Saturation, Sign, Switching
-from coop_pin.control.terms import Posture, is_new, null_space_part, right_inverse
+from coop_pin.control.terms import Posture, is_new, jacobian_inverse, null_space_part, right_inverse
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import NotNegative, number_or_row
 from coop_pin.spatial import weight_wrench
+from coop_pin.spatial.generic_numbers import identity, known, where
 from coop_pin.spatial.task_rows import TaskRows
 
 _BOUND = ("anchor_bias", "anchor_bias_answered")
@@ -132,12 +139,12 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
     Attributes:
         switching: phi: sgn, or a smooth function in its place.
         leak: lambda, 1/s.
-        payload_weight: What, the approximate weight of the payload as a wrench, shape (k_0,); None ignores
+        payload_weight: approximate weight What of the payload as a wrench, shape (k_0,); None ignores
             the wrist sensor.
         stale_after: age in ticks beyond which a measurement is no longer recent.
-        posture: what spare joints do; None for an arm without spare joints.
-        bound: of the anchor; None without. With one, the integral takes over what drives cut: see the page
-            "The bounded anchor".
+        posture: spring and damper of the spare joints; None for an arm without spare joints.
+        bound: bound of the anchor; None without. With one, the integral takes over what drives cut: see the
+            page "The bounded anchor".
     """
 
     switching: Switching
@@ -185,43 +192,53 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         s = self._surface(measurement, reference) - state.start_surface * e
         f_r = arm.rows.turn(measurement.payload_pose, reference.internal_wrench - state.start_squeeze * e)
         fhat, age = self._measured_wrench(measurement, f_r)
+        error = fhat - f_r
 
         fresh, stale = is_new(age, state.wrench_age), age > self.stale_after
         uncut, recent = 1.0 - measurement.saturated.any(), 1.0 - stale
         Z, Z_hold, anchor = state.integral, state.anchored, state.anchor
-        asked = fresh * gains.anchor_gain * (fhat - f_r)
+        asked = fresh * -gains.anchor_gain * error
+        J_plus = None if self.posture is None else right_inverse(J, measurement.time)
         if self.bound is not None and anchor is not None:
-            cut = recent * self._cut(measurement, state)
-            given, anchor = self.bound.step(anchor, -asked, fresh, uncut * recent, measurement.payload_pose)
-            Z, Z_hold, asked = Z - cut, Z_hold - cut, -given
-        Z = Z - asked
-        Z_hold = np.where(fresh, Z, Z_hold)
+            cut = self._cut(measurement, state, J_plus)
+            if cut is not None:
+                Z, Z_hold = Z - recent * cut, Z_hold - recent * cut
+            asked, anchor = self.bound.step(anchor, asked, fresh, uncut * recent, measurement.payload_pose)
+        Z = Z + asked
+        Z_hold = where(fresh, Z, Z_hold)
 
-        tau = -J.T.dot(c * K.dot(s) + Z + f_r - gains.force_gain * (fhat - f_r))
-        if self.posture is not None:
+        tau = -J.T.dot(c * K.dot(s) + Z + f_r - gains.force_gain * error)
+        if self.posture is not None and J_plus is not None:
             pull = self.posture.pull(measurement.q, measurement.v) - state.start_pull * e
-            J_plus = right_inverse(J, measurement.time)
             tau = tau + null_space_part(state.holding_torque + pull, J, J_plus)
 
         leak = stale * self.leak * (Z - Z_hold)
         waits = self.bound is None or measurement.reported_torque is None
-        goes_on = uncut if waits else np.maximum(uncut, recent)
+        goes_on = uncut if waits else where(stale, uncut, 1.0)
         integral = goes_on * c * K.dot(gains.sign_gain.dot(self.switching(s)))
         change = T * (integral - leak)
         if self.bound is not None and anchor is not None:
-            anchor = self.bound.after(anchor, recent, change)
+            anchor = self.bound.after(anchor, np.logical_not(stale), change)
         return ArmCommand(
             tau,
             state._replace(integral=Z + change, anchored=Z_hold, wrench_age=age, command=tau, anchor=anchor),
         )
 
-    def _cut(self, measurement: ArmMeasurement, state: PayloadSpaceState) -> Array | float:
-        """Return the wrench by which the drives changed the last command, shape (k_0,); 0.0 if not known."""
+    def _cut(
+        self, measurement: ArmMeasurement, state: PayloadSpaceState, J_plus: Array | None
+    ) -> Array | None:
+        """Return the wrench by which drives changed the last command, shape (k_0,); None for none."""
         reported = measurement.reported_torque
         if reported is None:
-            return 0.0
-        J_plus = right_inverse(measurement.payload_jacobian, measurement.time)
-        return J_plus.T.dot(reported - state.command)
+            return None
+        change = reported - state.command
+        is_uncut = change.dot(change) == 0.0
+        if known(is_uncut):
+            return None
+        if J_plus is None:  # only where it is used may a Jacobian not be singular
+            J = measurement.payload_jacobian
+            J_plus = jacobian_inverse(where(is_uncut, identity(len(J)), J), measurement.time)
+        return J_plus.T.dot(change)
 
     def _surface(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
         """Return s_x = xtildedot + gamma xtilde, shape (k_0,)."""
@@ -347,7 +364,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             arm.rows,
             (self.anchor_bias, self.anchor_bias_answered),
             gain=arm.load_share * K @ gains.pose_gain,
-            forget=K @ gains.sign_gain @ np.linalg.inv(K) / width,
+            forget=gains.sign_gain.diagonal() / width,
             largest=width / gains.pose_gain.diagonal(),
             rate=self._centre_rate(gains, ticks * arm.period),
             period=arm.period,

@@ -11,8 +11,14 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.control.force_path import SampledLoop
 from coop_pin.control.gains import Gains, PositiveRow
-from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.control.law import ControlledArm, DecentralisedLaw, LawController
+from coop_pin.control.interface import (
+    ArmCommand,
+    ArmController,
+    ArmMeasurement,
+    ArmReference,
+    ControlledArm,
+)
+from coop_pin.control.law import DecentralisedLaw, LawController
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.terms import spare_torque
 from coop_pin.schema.base import Interval, NotNegative
