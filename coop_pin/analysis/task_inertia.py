@@ -100,7 +100,11 @@ def task_inertia(scenario: Scenario, cell_reach: Reachability) -> TaskInertia:
     Args:
         scenario: cell and motion.
         cell_reach: reachability of the scenario.
+
+    Raises:
+        ArgumentError: a grasp is compliant.
     """
+    scenario.cell.require_rigid("the task-space inertia of the cell")
     cell, rows = scenario.cell, list(scenario.cell.task_rows.indices)
     times, arms = cell_reach.arms[0].times, [CellArm(cell, reach.arm) for reach in cell_reach.arms]
     A = _payload_inertia(scenario, cell_reach)
