@@ -12,6 +12,7 @@ import numpy as np
 from coop_pin.analysis.feasibility import part_held
 from coop_pin.analysis.internal_moment import internal_moment, positional_torques
 from coop_pin.analysis.reachability import Reachability
+from coop_pin.analysis.sampled_motion import damping_ratio, tick_matrix
 from coop_pin.analysis.task_inertia import MotionWrenches, motion_wrenches, task_inertia
 from coop_pin.arrays import Array, typed
 from coop_pin.control.force_path import ForcePath, LateForcePath, sampled_loop
@@ -23,6 +24,12 @@ from coop_pin.spatial import pose_error
 
 _T_LAMBDA = 0.9
 """T lambda_max(A^-1 K): the rule allows 1, and the poses between those that are looked at need something."""
+_DAMPING = 0.58
+"""Least damping ratio: ``loop_stability`` asks for 0.55, and springs of postures need something."""
+_LESS = 0.99
+"""Factor by which pose gain and integral are lowered until no mode is damped less."""
+_MODES = 12
+"""Eigenvalues of A^-1 K, from the smallest to the largest, that are looked at."""
 _ROUND_OFF = 1e-9
 _POSE_PART = 20.0
 """Fewest ticks in 1 / gamma."""
@@ -50,6 +57,7 @@ class GainProposal(NamedTuple):
         posture: gains of the spare joints.
         t_lambda_max: T lambda_max(A^-1 K), the largest along the motion.
         lambda_min: smallest eigenvalue of A^-1 K along the motion, 1/s.
+        damping: smallest damping ratio of a sampled mode between the two.
         integral_rate: k_I, 1/s.
         anchor_bound: g at which the anchor would be unstable; None if no wrench is measured.
         tracking: error to expect while moving, m.
@@ -63,6 +71,7 @@ class GainProposal(NamedTuple):
     posture: PostureGains
     t_lambda_max: float
     lambda_min: float
+    damping: float
     integral_rate: float
     anchor_bound: float | None
     tracking: float
@@ -79,8 +88,8 @@ class GainProposal(NamedTuple):
         return (
             f"proposal: {self.rate_hz:g} Hz, payload-space, sliding_gain [{K}], pose_gain {g.pose_gain:g},"
             f" sign_gain {g.sign_gain:g} (k_I {self.integral_rate:.3g} /s), {anchor}: T*lambda"
-            f" {self.t_lambda_max:.2g}, smallest lambda {self.lambda_min:.3g} /s; to expect while moving"
-            f" {1e3 * self.tracking:.2g} mm{force}"
+            f" {self.t_lambda_max:.2g}, smallest lambda {self.lambda_min:.3g} /s, damping ratio"
+            f" {self.damping:.2f}; to expect while moving {1e3 * self.tracking:.2g} mm{force}"
         )
 
 
@@ -96,7 +105,8 @@ def gain_proposal(
     Args:
         scenario: cell, motion, sensors and clock.
         cell_reach: reachability of the scenario, in which every arm holds the start.
-        least_stiffness: of the posture's spring, N m/rad: what holds the spare joints against gravity.
+        least_stiffness: stiffness of the posture's spring, N m/rad: what holds the spare joints against
+            gravity.
     """
     inertia = task_inertia(scenario, cell_reach)
     scale = 1.0 / np.diagonal(inertia.mobility, axis1=1, axis2=2).max(axis=0)
@@ -144,10 +154,16 @@ def _at_rate(
     factor = _T_LAMBDA / (spread[0] * (T + 2.0 * _lag(scenario)))
     K = np.array([_rounded_down(factor * entry) for entry in scale])
     lambda_min = float(np.min(K / scale)) * spread[1]
-    gamma = _rounded_down(min(lambda_min / 4.0, rate / _POSE_PART))
-    kappa = max(gamma, min(_SQUEEZE_RATE, rate / 4.0)) if _starts_on_motion(scenario) else gamma
+    t_lambda_max = T * float(np.max(K / scale)) * spread[0]
     width = PayloadSpace.model_fields["switching"].default.width
-    alpha = _rounded_down(width * min(lambda_min / 2.0, rate / 4.0))
+    gamma, k_I = min(lambda_min / 4.0, rate / _POSE_PART), min(lambda_min / 2.0, rate / 4.0)
+    modes = np.geomspace(T * lambda_min, t_lambda_max, _MODES)
+    damping = partial(_least_damping, modes, lag=_lag(scenario) / T)
+    enough = min(_DAMPING, _LESS * damping(0.0, 0.0))  # lags may leave less to the damping alone
+    while damping(T * gamma, T * k_I) < enough:
+        gamma, k_I = _LESS * gamma, _LESS * k_I
+    gamma, alpha = _rounded_down(gamma), _rounded_down(width * k_I)
+    kappa = max(gamma, min(_SQUEEZE_RATE, rate / 4.0)) if _starts_on_motion(scenario) else gamma
     k_I, bound, force, moment = alpha / width, None, None, None
     linear = np.array(scenario.cell.task_rows.indices) < 3
     tracking = float(np.linalg.norm(wrenches.tracking(K, gamma, k_I)[:, linear], axis=1).max())
@@ -167,13 +183,24 @@ def _at_rate(
         rate_hz=rate,
         gains=gains,
         posture=posture,
-        t_lambda_max=T * float(np.max(K / scale)) * spread[0],
+        t_lambda_max=t_lambda_max,
         lambda_min=lambda_min,
+        damping=damping(T * gamma, T * k_I),
         integral_rate=k_I,
         anchor_bound=bound,
         tracking=tracking,
         internal_force=force,
         internal_moment=moment,
+    )
+
+
+def _least_damping(rates: Array, gamma: float, k_I: float, *, lag: float) -> float:
+    """Return the smallest damping ratio of sampled modes; rates lambda, gamma, k_I and lag in ticks."""
+    law = np.array([[gamma, 1.0]])
+    return min(
+        damping_ratio(z)
+        for rate in rates
+        for z in np.linalg.eigvals(tick_matrix(-rate * law, -rate * k_I * law, 1.0, lag=lag))
     )
 
 
