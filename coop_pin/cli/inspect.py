@@ -275,6 +275,8 @@ class New:
         from coop_pin.analysis import new_cell
 
         path = Path(self.scenario)
+        if not path.name:
+            raise FieldError(f"is {str(path)!r}, which names no file", "NAME_OR_FILE")
         path = path if path.suffix == ".toml" else path.with_name(f"{path.name}.toml")
         if path.exists():
             raise FieldError(f"{path} exists; name another file, or remove it", "NAME_OR_FILE")
