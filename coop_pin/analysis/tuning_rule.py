@@ -20,6 +20,8 @@ from coop_pin.model.cell_arm import CellArm
 
 _T_LAMBDA = 0.9
 """T lambda_max(A^-1 K): the rule allows 1, and the poses between those that are looked at need something."""
+_BASE_POSTURE = PostureGains(stiffness=160.0, damping=80.0)
+"""Null-space gains of arms on mobile bases: their spring moves the mass of the base."""
 _ROUND_OFF = 1e-9
 _POSE_PART = 20.0
 """Fewest ticks in 1 / gamma."""
@@ -195,12 +197,13 @@ def force_path_of(scenario: Scenario) -> ForcePath:
 def _posture_gains(
     scenario: Scenario, cell_reach: Reachability, T: float, least_stiffness: float
 ) -> PostureGains:
-    """Return null-space gains, at most the default ones but for a spring that has to be stiffer.
+    """Return null-space gains, at most the usual ones but for a spring that has to be stiffer.
 
     The damping keeps T lambda below 0.9 with the payload held, and the spring is lowered with it. At
     rest the spring takes no more torque than gravity asks for, however stiff it is.
     """
-    usual, decay = PostureGains(), 0.0
+    on_base = any(arm.base_joints for arm in scenario.cell.arms.values())
+    usual, decay = _BASE_POSTURE if on_base else PostureGains(), 0.0
     for reach in cell_reach.arms:
         arm = CellArm(scenario.cell, reach.arm)
         if arm.nv == arm.rows.size:
