@@ -53,7 +53,7 @@ class Contact(NamedTuple):
     """Where and how an arm holds a payload that stands upright.
 
     Attributes:
-        point: of the tip in the payload frame, m, shape (3,).
+        point: position of the tip in the payload frame, m, shape (3,).
         approach: direction of the tool in world axes, shape (3,).
         around: direction from the payload to the arm's base, about the vertical, rad.
         one_base: whether other arms share the base, which then faces the payload's centre.
@@ -118,8 +118,9 @@ class ArmPlacement:
         Args:
             name: arm name.
             arm: the arm; its base is not used.
-            contact: where it holds the payload; a planar arm does so at the height of P, its tool as it is.
-            load: its share of the payload's mass, kg.
+            contact: contact by which it holds the payload; a planar arm does so at the height of P, its tool
+                as it is.
+            load: share of the payload's mass, kg.
         """
         self._model = model = ArmModel(arm.replace(base=Pose()), name=name)
         self.name, self.reach = name, maximum_reach(arm)
@@ -153,9 +154,9 @@ class ArmPlacement:
         """Return the place with the largest margin; None if the arm cannot hold the payload from any.
 
         Args:
-            height: of the payload's centre, m.
+            height: height of the payload's centre, m.
             stroke: distance from the start of the poses around it, m.
-            distances: of the base from the payload's centre, m.
+            distances: distances of the base from the payload's centre that are tried, m.
         """
         best: Place | None = None
         for distance, roll in itertools.product(distances, _ROLLS):
@@ -236,7 +237,7 @@ def common_places(
     Args:
         arms: the searches.
         payload: the payload.
-        distance: of the bases from the payload's centre, m; by the arms' reach when omitted.
+        distance: distance of the bases from the payload's centre, m; by the arms' reach when omitted.
         one_base: whether the arms are those of one robot, with one base.
 
     Raises:
@@ -263,13 +264,13 @@ def common_places(
         for height, some in itertools.product(heights, sets)
     ]
     common = [
-        (height, [place for place in places if place is not None])
+        (height, [placement for placement in places if placement is not None])
         for height, places in tried
         if None not in places
     ]
     if not common:
         raise InfeasibleMotionError("reach", _no_workspace(arms, tried))
-    height, places = max(common, key=lambda entry: min(place.margin for place in entry[1]))
+    height, places = max(common, key=lambda entry: min(placement.margin for placement in entry[1]))
     return height, stroke, places
 
 

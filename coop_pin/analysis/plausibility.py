@@ -41,7 +41,7 @@ def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str
 
     Args:
         scenario: scenario that would be run.
-        controller: its controller.
+        controller: controller of the scenario.
     """
     yield from implausible_numbers(scenario)
     with contextlib.suppress(Exception):
@@ -51,7 +51,7 @@ def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str
         yield from (f"arm {arm.arm!r} {problem}" for arm in path.arms for problem in arm.problems())
         reach = reachability(scenario, poses=_LOOP_POSES) if path.ok else None
         stable: list[Any] = [step_stability(simulation, reach)]
-        if not scenario.controller.user_code:
+        if not scenario.controller.user_code and not scenario.cell.compliant:
             stable += [start_stability(simulation), loop_stability(simulation, reach)]
         yield from (finding.summary().removeprefix("! ") for finding in stable if not finding.ok)
 
