@@ -62,7 +62,8 @@ def load_checked(urdf: UrdfFile, *, strict: bool = False, loops: bool = False) -
     findings = _findings_of_file(urdf, data, urdf.package_dirs if is_users else (), loops=loops)
     ignored = ("loop",) if loops else ()
     _require_usable(UrdfReport(str(urdf.path), findings), ignored, strict=strict, warn=is_users)
-    return data.decode("utf-8")
+    text = data.decode("utf-8")
+    return text if urdf.carrier is None else urdf.carrier.under(text)
 
 
 @typed
