@@ -3,6 +3,7 @@
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
 from coop_pin.analysis.feasibility import closure_problem
+from coop_pin.analysis.grasp_stability import GraspStability, grasp_stability
 from coop_pin.analysis.internal_moment import InternalMoment, internal_moment
 from coop_pin.analysis.loop_stability import LoopStability, Mode, loop_stability
 from coop_pin.analysis.new_cell import new_cell
@@ -40,6 +41,7 @@ __all__ = [
     "DriveTorque",
     "FastestJoint",
     "GainProposal",
+    "GraspStability",
     "InternalMoment",
     "JointLimitMargin",
     "LoopStability",
@@ -60,6 +62,7 @@ __all__ = [
     "closure_problem",
     "fewest_steps",
     "gain_proposal",
+    "grasp_stability",
     "implausible_numbers",
     "internal_moment",
     "loads_without_an_arm",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -139,7 +140,7 @@ class _PoseLoop:
     def __init__(self, simulation: Simulation, q: Array, time: float) -> None:
         self._simulation, self._q, self._time = simulation, q, time
         self._period = simulation.scenario.clock.period
-        self._G, self._H, self._N = _feedback(simulation, q, time)
+        self._G, self._H, self._N = law_feedback(simulation, q, time)
 
     def stability(self, bound: float) -> LoopStability:
         """Return the stability at the lag of the drives, and the largest lag up to a bound, s."""
@@ -195,11 +196,23 @@ def _tick_map(G: Array, H: Array, T: float, lag: float) -> Array:
     return np.vstack((np.hstack((np.kron(free, eye), np.tile(zero, (3, 1)))) + np.kron(by_u, feedback), kept))
 
 
-def _feedback(simulation: Simulation, q_0: Array, time: float) -> tuple[Array, Array, Array]:
+def law_feedback(
+    simulation: Simulation,
+    q_0: Array,
+    time: float,
+    wrenches: Callable[[Array, Array], Array] | None = None,
+) -> tuple[Array, Array, Array]:
     """Return d(acceleration)/d[y, w] by a tick's torque, and by what the law keeps of it, (n, 2 n) each.
 
     At rest on the reference at a pose, joints measured as they are and internal wrenches as desired. The last
     entry is the basis N of the n motions, shape (nv, n).
+
+    Args:
+        simulation: Simulation that has not begun.
+        q_0: Configuration at the pose.
+        time: Time of the pose, s.
+        wrenches: Errors of the measured internal wrenches, task rows, shape (m, k_0), at a state; none when
+            omitted.
     """
     plant, law, scenario = simulation.plant, simulation.controller, simulation.scenario
     chain, rest = plant.chain.mechanism, np.zeros(len(plant.v))
@@ -218,8 +231,13 @@ def _feedback(simulation: Simulation, q_0: Array, time: float) -> tuple[Array, A
 
     def step(q: Array, v: Array, state: object) -> tuple[Array, object]:
         # Drives cut nothing here: what the law asked for a tick ago is what acted.
-        measured = sensing.start(q, v, references)
+        measured: Any = sensing.start(q, v, references)
         seen = [arm._replace(time=_SETTLED, reported_torque=None) for arm in measured]
+        if wrenches is not None:
+            seen = [
+                arm._replace(internal_wrench=arm.internal_wrench + error, internal_wrench_age=0.0)
+                for arm, error in zip(seen, wrenches(q, v), strict=True)
+            ]
         command = law.step(seen, references, state)
         torque = plant.transmission.torque(simulation.actuation.commanded(command))
         return N.T @ chain.forward_dynamics(q, rest, torque).acceleration, command.state
