@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coop_pin.control import CellController
-from coop_pin.control.law import ControlledArm
+from coop_pin.control.interface import ControlledArm
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmModel
 

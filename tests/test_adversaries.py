@@ -73,7 +73,8 @@ def is_silent(target, cell="planar", gains=GAINS, **options):
     ],
 )
 def test_an_adversary_is_told_or_refused(target):
-    assert len(adversaries.ADVERSARIES) >= 40
+    assert len(adversaries.ADVERSARIES) >= 80
+    assert adversaries.UNCHECKED in {*GAINS} - {*checked(GAINS)}
     assert not is_silent(target)
 
 

@@ -23,7 +23,7 @@ from coop_pin.simulation import simulate
 PACKAGE = Path(coop_pin.__file__).parent
 REPOSITORY = Path(__file__).resolve().parents[1]
 
-EVERYWHERE = {"errors", "arrays", "spatial", "atomic_write"}
+EVERYWHERE = {"errors", "arrays", "memory", "spatial", "atomic_write"}
 
 # Package -> (packages it imports besides EVERYWHERE, third parties besides numpy). Why:
 # - schema is the frozen pydantic base of everything in a scenario file;
@@ -52,6 +52,7 @@ EVERYWHERE = {"errors", "arrays", "spatial", "atomic_write"}
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
     "arrays": (set(), set()),
+    "memory": (set(), set()),
     "spatial": (set(), {"scipy"}),
     "atomic_write": (set(), set()),
     "user_files": (set(), set()),
@@ -259,6 +260,7 @@ def test_a_package_imports_exactly_what_the_table_allows():
 def test_errors_and_arrays_stand_on_nothing():
     assert imports()["errors"] == set()
     assert imports()["arrays"] == {"errors", "numpy"}
+    assert imports()["memory"] == {"errors"}
     assert imports()["spatial"] <= {"arrays", "errors", "numpy", "scipy"}
     assert imports()["atomic_write"] == {"errors"}
 

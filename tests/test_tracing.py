@@ -112,6 +112,65 @@ def test_functions_of_nan_and_inf_are_those_of_numpy(function):
         np.testing.assert_allclose(value, function(x), rtol=1e-15, err_msg=str(x))
 
 
+def any_doubles():
+    """Doubles of all magnitudes, the largest, least, special and negative ones among them."""
+    rng = np.random.default_rng(7)
+    bits = rng.integers(2**64, size=2000, dtype=np.uint64).view(np.float64)
+    edges = [0.0, -0.0, 5e-324, 1e-310, 2.2e-308, 1e-16, 701.0, 708.5, 720.0, 745.2, 746.1, 709.5, 709.79]
+    edges += [800.0, 0.5, 1.5, 1e5, 1.1e5, 1e9, 2.0**51 - 0.5, 2.0**51 + 0.5, 2.0**52 + 1.0, 1e22, math.nan]
+    shared = np.concatenate([edges, rng.normal(size=1000), 10.0 ** rng.uniform(-320, 308, 1000)])
+    return np.concatenate([bits, shared, -shared, SPECIAL])
+
+
+ONE_ARGUMENT = {
+    **{function.__name__: function for function in (np.sin, np.cos, np.tanh, np.exp, np.expm1, np.log)},
+    **{function.__name__: function for function in (np.sqrt, np.sign, np.rint, np.square, np.absolute)},
+    "choice by a number": lambda x: np.where(x, 1.0, 0.0),
+    "quotient of a small power of two": lambda x: x / 2.0**-1030,
+    "sign of a zero": lambda x: np.arctan2(x, -1.0),
+    "sign of another zero": lambda x: np.arctan2(1.0, 1.0 / (-x)),
+}
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("name", ONE_ARGUMENT)
+def test_functions_of_any_double_are_those_of_numpy_or_make_exact_code_invalid(name):
+    tape, function, x = Tape(), ONE_ARGUMENT[name], any_doubles()
+    with tape.exact(True):
+        (value,) = function(inputs(tape, 1))
+    found, *guards = np.broadcast_arrays(*values_of(tape, [value, *tape.guards], [x]), x)[:-1]
+    is_valid = np.all([np.ones(len(x)), *guards], axis=0)
+    allowed = 1e-15 if name in ("sin", "cos") else 0.0
+    assert_allclose(
+        found[is_valid], function(x)[is_valid], rtol=2e-12 if name == "tanh" else 3e-15, atol=allowed
+    )
+    assert is_valid.mean() > 0.45
+    assert is_valid[np.abs(x) <= 700.0].all() or name == "log"
+    inexact = Tape()
+    function(inputs(inexact, 1))
+    assert not inexact.guards
+
+
+def test_exact_code_of_an_inverse_is_valid_for_well_conditioned_matrices():
+    tape = Tape()
+    with tape.exact(True):
+        np.linalg.inv(inputs(tape, 2, 2))
+    for smallest, is_valid in ((1.0, True), (1.01e-6, True), (0.99e-6, False), (0.0, False)):
+        with np.errstate(all="ignore"):
+            guards = values_of(tape, tape.guards, [1.0, 0.0, 0.0, smallest])
+        assert all(guard == 1.0 for guard in guards) == is_valid
+
+
+def test_exact_code_that_asks_numpy_to_raise_is_refused():
+    tape = Tape()
+    x = inputs(tape, 2)
+    with np.errstate(divide="raise"), tape.exact(True), pytest.raises(TracingError, match="errstate"):
+        1.0 / x
+    assert tape.refusals
+    with np.errstate(divide="raise"):
+        assert type((1.0 / x)[0]) is TracedScalar
+
+
 def test_differences_and_products_fold_where_diverged_runs_are_refused_anyway():
     tape = Tape()
     (x,) = inputs(tape, 1)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import expm
 
-from coop_pin.analysis.loop_stability import law_feedback
+from coop_pin.analysis.sampled_motion import NEUTRAL, sampled_motion
 from coop_pin.analysis.sampled_stability import SampledStability, plant_matrix, start_stability
 from coop_pin.arrays import Array, typed
 from coop_pin.description.scenario import Scenario
@@ -17,8 +17,6 @@ from coop_pin.errors import ArgumentError
 from coop_pin.simulation import Simulation
 from coop_pin.spatial import internal_wrenches
 
-_NEUTRAL = 1e-6
-"""Growth in a tick, and part of a gain, that count as none."""
 _STIFFEST, _STRIDE, _FACTOR_ERROR = 1e5, 1.2, 1e-3
 """Largest factor of the stiffness that is tried, ratio of those tried below it, error of the one found."""
 
@@ -46,7 +44,7 @@ class GraspStability(NamedTuple):
     @property
     def ok(self) -> bool:
         """Whether the motion does not grow from tick to tick."""
-        return self.radius < 1.0 + _NEUTRAL
+        return self.radius < 1.0 + NEUTRAL
 
     def summary(self) -> str:
         """Return the findings as text."""
@@ -69,7 +67,8 @@ def grasp_stability(simulation: Simulation) -> GraspStability:
 
     The motions of arms and payload with springs, dampers and friction, linear and without the load's
     prestress, over a tick in closed form; all gains of the law and the lag of the drives. Where no grasp is
-    rigid and the law measures internal wrenches, their feedback is in it, without filter and delay.
+    rigid and the law measures internal wrenches, their feedback is in it, without filter and delay; an
+    estimate of the speed is not.
 
     Args:
         simulation: Simulation of a law of coop_pin that has not begun, with compliant grasps.
@@ -83,7 +82,7 @@ def grasp_stability(simulation: Simulation) -> GraspStability:
         raise ArgumentError("grasp_stability needs a compliant grasp; loop_stability is for rigid ones")
     loop = _GraspLoop(simulation)
     radius = loop.radius(1.0)
-    holds_from = 1.0 if radius < 1.0 + _NEUTRAL else loop.least_factor()
+    holds_from = 1.0 if radius < 1.0 + NEUTRAL else loop.least_factor()
     deflection = plant.chain.springs.at(plant.q, plant.v).deflection
     return GraspStability(
         radius,
@@ -96,7 +95,7 @@ def grasp_stability(simulation: Simulation) -> GraspStability:
 
 
 def _wrench_errors(simulation: Simulation) -> Callable[[Array, Array], Array] | None:
-    """Return the internal wrenches at a state minus those at the start, for law_feedback; None if not fed."""
+    """Return the internal wrenches at a state minus those at the start; None if they are not fed back."""
     scenario, plant = simulation.scenario, simulation.plant
     cell, springs = scenario.cell, plant.chain.springs
     if not scenario.controller.force_path.measures or len(cell.compliant) < len(cell.arms):
@@ -117,11 +116,12 @@ class _GraspLoop:
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation, q, errors = simulation, simulation.plant.q, _wrench_errors(simulation)
-        G, H, self._N = law_feedback(simulation, q, 0.0)
-        self._law = np.array((G, H))
+        motion = sampled_motion(simulation, q, 0.0)
+        self._N, self._law = motion.basis, np.array((motion.feedback, motion.integral))
         self._by_wrench = 0.0 * self._law
         if errors is not None:
-            self._by_wrench = np.array(law_feedback(simulation, q, 0.0, errors)[:2]) - self._law
+            fed = sampled_motion(simulation, q, 0.0, errors)
+            self._by_wrench = np.array((fed.feedback, fed.integral)) - self._law
 
     def least_factor(self) -> float:
         """Return the factor of the stiffness from which on the motion does not grow; inf if there is none.
@@ -129,13 +129,13 @@ class _GraspLoop:
         Stable windows below it do not count, so that the search comes from above.
         """
         low = high = _STIFFEST
-        while low > 1.0 and self.radius(low) < 1.0 + _NEUTRAL:
+        while low > 1.0 and self.radius(low) < 1.0 + NEUTRAL:
             low, high = low / _STRIDE, low
         if low == _STIFFEST:
             return math.inf
         while high / low > 1.0 + _FACTOR_ERROR:
             middle = math.sqrt(low * high)
-            low, high = (low, middle) if self.radius(middle) < 1.0 + _NEUTRAL else (middle, high)
+            low, high = (low, middle) if self.radius(middle) < 1.0 + NEUTRAL else (middle, high)
         return high
 
     def radius(self, stiffer: float) -> float:
@@ -146,7 +146,7 @@ class _GraspLoop:
         springs = np.repeat((stiffer, math.sqrt(stiffer)), n)  # wrenches of springs, and of dampers
         G, H = self._law + springs * self._by_wrench
         basis, singular, _ = np.linalg.svd(H)
-        U = basis[:, singular > _NEUTRAL * np.abs(G).max()]
+        U = basis[:, singular > NEUTRAL * np.abs(G).max()]
         free, by_u = _held(A, self._simulation.scenario)
         feedback = np.hstack((G, np.zeros((n, n)), U))
         kept = np.hstack((U.T @ H, np.zeros((U.shape[1], n)), np.eye(U.shape[1])))

@@ -94,11 +94,11 @@ def new_cell(
         summary=f"{robots}: a payload of {held.mass:g} kg, carried along a line",
         cell=Cell(
             arms={
-                arm: named[arm].replace(base=place.base, posture=place.posture)
-                for arm, place in by_arm.items()
+                arm: named[arm].replace(base=arm_placement.base, posture=arm_placement.posture)
+                for arm, arm_placement in by_arm.items()
             },
             payload=held,
-            grasps={arm: place.grasp for arm, place in by_arm.items()},
+            grasps={arm: arm_placement.grasp for arm, arm_placement in by_arm.items()},
             rows=rows,
         ),
         controller={"force_path": {"kind": "late"}},

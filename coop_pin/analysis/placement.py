@@ -51,7 +51,7 @@ class Contact(NamedTuple):
     """Where and how an arm holds a payload that stands upright.
 
     Attributes:
-        point: of the tip in the payload frame, m, shape (3,).
+        point: position of the tip in the payload frame, m, shape (3,).
         approach: direction of the tool in world axes, shape (3,).
         around: direction from the payload to the arm's base, about the vertical, rad.
     """
@@ -113,8 +113,9 @@ class ArmPlacement:
         Args:
             name: arm name.
             arm: the arm; its base is not used.
-            contact: where it holds the payload; a planar arm does so at the height of P, its tool as it is.
-            load: its share of the payload's mass, kg.
+            contact: contact by which it holds the payload; a planar arm does so at the height of P, its tool
+                as it is.
+            load: share of the payload's mass, kg.
         """
         self._model = model = ArmModel(arm.replace(base=Pose()), name=name)
         self.name, self.reach = name, maximum_reach(arm)
@@ -141,9 +142,9 @@ class ArmPlacement:
         """Return the place with the largest margin; None if the arm cannot hold the payload from any.
 
         Args:
-            height: of the payload's centre, m.
+            height: height of the payload's centre, m.
             stroke: distance from the start of the poses around it, m.
-            distance: of the base from the payload's centre, m; several are tried when omitted.
+            distance: distance of the base from the payload's centre, m; several are tried when omitted.
         """
         parts = [self._offset + part * self.reach for part in _DISTANCES]
         best: Place | None = None
@@ -224,7 +225,7 @@ def common_places(
     Args:
         arms: the searches.
         payload: the payload.
-        distance: of the bases from the payload's centre, m; by the arms' reach when omitted.
+        distance: distance of the bases from the payload's centre, m; by the arms' reach when omitted.
 
     Raises:
         InfeasibleMotionError: cause "reach": the bases are too far away, or there is no common workspace.
@@ -245,13 +246,13 @@ def common_places(
     stroke = round(_STROKE * least, 2)
     tried = {height: [arm.best(height, stroke, distance) for arm in arms] for height in heights}
     common = [
-        (height, [place for place in places if place is not None])
+        (height, [placement for placement in places if placement is not None])
         for height, places in tried.items()
         if None not in places
     ]
     if not common:
         raise InfeasibleMotionError("reach", _no_workspace(arms, tried))
-    height, places = max(common, key=lambda entry: min(place.margin for place in entry[1]))
+    height, places = max(common, key=lambda entry: min(placement.margin for placement in entry[1]))
     return height, stroke, places
 
 

@@ -42,7 +42,7 @@ def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str
 
     Args:
         scenario: scenario that would be run.
-        controller: its controller.
+        controller: controller of the scenario.
     """
     yield from implausible_numbers(scenario)
     with contextlib.suppress(Exception):

@@ -148,8 +148,8 @@ def motion_stability(simulation: Simulation, cell_reach: Reachability) -> Sample
         cell_reach: Reachability of its scenario, in which every arm holds the start.
     """
     along = configurations_along(simulation, cell_reach, _POSES)
-    found = [_stability_at(simulation, q, time) for time, q in along]
-    return max(found, key=lambda stability: stability.value)
+    stabilities = [_stability_at(simulation, q, time) for time, q in along]
+    return max(stabilities, key=lambda stability: stability.value)
 
 
 def configurations_along(
@@ -158,8 +158,8 @@ def configurations_along(
     """Return times, s, and configurations of the cell on the reference, evenly chosen, both ends among them.
 
     Args:
-        simulation: As of motion_stability.
-        cell_reach: Likewise.
+        simulation: Simulation, as of motion_stability.
+        cell_reach: Reachability, likewise.
         most: Number of poses, at most.
     """
     model, reaches = simulation.plant.chain.model, cell_reach.arms
@@ -169,7 +169,7 @@ def configurations_along(
     chosen = np.unique(np.linspace(0, len(samples) - 1, most).astype(int)).tolist()
     return [
         (time, model.configuration([reach.q[k] for reach in reaches], lead.payload_pose(reaches[0].q[k])))
-        for time, k in (samples[place] for place in chosen)
+        for time, k in (samples[index] for index in chosen)
     ]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,10 +17,12 @@ from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.grasp_springs import GraspSprings, GraspState
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.chain.kkt_solver import constraint_svd
+from coop_pin.chain.linearisation import Linearisation, linearised
+from coop_pin.chain.trajectory import ChainState
 from coop_pin.description.cell import Cell
 from coop_pin.description.events import Surroundings
 from coop_pin.description.plant import PlantOptions
-from coop_pin.errors import NameNotFoundError, OpenClosureError
+from coop_pin.errors import ArgumentError, NameNotFoundError, OpenClosureError
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.cell_model import CellModel
 from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, symmetric
@@ -29,6 +31,8 @@ from coop_pin.spatial import rotate_vector6, shift_wrench, weight_wrench
 _NO_WRENCH = np.zeros(6)
 _CLOSED_BY_TREE = ClosureError(0.0, 0.0)
 _INDETERMINATE = 1e-6
+_SINGULAR = 1e10
+_SUM_ALLOWED = 1e-6
 
 
 class Observation(NamedTuple):
@@ -57,6 +61,19 @@ class Observation(NamedTuple):
     grasp_deflection: Array | None = None
     grasp_wrench: Array | None = None
     elastic_energy: Array | None = None
+
+
+class CellTorques(NamedTuple):
+    """Torques and wrenches of a motion of a cell.
+
+    Attributes:
+        torque: joint torques in the coordinates of the tree, N m, shape (nv,); zero at a free payload. The
+            torque of an arm's drives is T^-T times its part.
+        interaction_wrench: wrench on each arm by the payload, about P in world axes, shape (m, 6).
+    """
+
+    torque: Array
+    interaction_wrench: Array
 
 
 class CellChain:
@@ -223,7 +240,8 @@ class CellChain:
             OutOfRangeError: a wrench is not finite.
         """
         frames, grasps = self._moving(q, v, tau)
-        return require_finite("the interaction wrenches", self._wrenches(frames, push, grasps))
+        wrenches = self._wrenches(frames, self.mechanism.solver.wrenches(), push, grasps)
+        return require_finite("the interaction wrenches", wrenches)
 
     def observe(self, q: Array, v: Array, tau: Array, push: Array) -> Observation:
         """Return poses, wrenches and energy at n states.
@@ -241,6 +259,105 @@ class CellChain:
         require_finite("the interaction wrenches", seen.interaction_wrench)
         return seen
 
+    def inverse_dynamics(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        *,
+        internal: ArrayLike | None = None,
+        push: ArrayLike = _NO_WRENCH,
+    ) -> CellTorques:
+        """Return the joint torques of a motion and an internal wrench.
+
+        F_i = c_i (push - M_0 xddot - Q_0 xdot - W_0) + f_i,    tau = M a + h - J^T lambda - J_WP^T push
+
+        with the load shares c_i and the internal wrenches f_i; without f_i the torques are those of least
+        tau^T tau. Joint friction is not in them.
+
+        Args:
+            q: configuration on the closures, shape (nq,).
+            v: velocity that keeps them closed, shape (nv,).
+            a: acceleration that keeps them closed, shape (nv,).
+            internal: f_i on each arm by the payload, about P in world axes, N and N m, shape (m, 6); their
+                sum is zero.
+            push: wrench on the payload about P in world axes, shape (6,).
+
+        Raises:
+            ArgumentError: the internal wrenches do not add up to zero, a opens the closures, or a grasp is
+                compliant.
+        """
+        self.cell.require_rigid("inverse dynamics")
+        q, v, a, push = self._q(q), self._v("v", v), self._v("a", a), as_array("push", push, 6)
+        motors = [f"{arm.name}/{joint}" for arm in self.model.arms for joint in arm.joint_names]
+        applied, wrenches = self.payload_jacobian(q).T @ push, None
+        frames = self._at(q, v, a)
+        X_WP, W = (
+            frames[self.model.payload_frame],
+            np.kron(np.eye(2), frames[self.model.payload_frame].rotation),
+        )
+        if internal is not None:
+            f = as_array("internal", internal, len(self.model.arms), 6)
+            _require_internal(f)
+            shares = np.array([arm.share for arm in self.model.arms])
+            F = np.outer(shares, push - W @ self._payload_balance(X_WP)) + f
+            wrenches = np.array(
+                [
+                    X_WP.actInv(frames[self.model.arms[index].tip]).actInv(pin.Force(W.T @ F[index])).vector
+                    for index in self._held
+                ]
+            ).reshape(-1, 6)
+        solution = self.mechanism.inverse_dynamics(
+            q, v, a, closure_wrenches=wrenches, motors=motors, applied=applied
+        )
+        frames = self._at(q, v, a)
+        return CellTorques(solution.torque, self._wrenches(frames, solution.closure_wrenches, push))
+
+    def effective_inertia(self, q: ArrayLike) -> Array:
+        """Return the inertia of the whole cell at P, as a wrench on the payload feels it, on the task rows.
+
+        Lambda = (J_WP N (N^T M N)^-1 N^T J_WP^T)^-1, kg, kg m and kg m^2, shape (k, k).
+
+        Args:
+            q: configuration on the closures, shape (nq,).
+
+        Raises:
+            ArgumentError: the payload cannot move in all task rows, or a grasp is compliant.
+        """
+        self.cell.require_rigid("the effective inertia")
+        q = self._q(q)
+        reduced = self.mechanism.reduced_dynamics(q, np.zeros(self.mechanism.model.nv))
+        rows = list(self.cell.task_rows.indices)
+        JN = self.payload_jacobian(q)[rows] @ reduced.coordinates.null_space
+        mobility = JN @ np.linalg.solve(reduced.mass_matrix, JN.T)
+        if not np.linalg.cond(mobility) <= _SINGULAR:
+            raise ArgumentError(
+                f"the payload cannot move in all {len(rows)} task rows at q (condition number"
+                f" {np.linalg.cond(mobility):.3g}, allowed {_SINGULAR:.3g})"
+            )
+        return np.asarray(np.linalg.inv(mobility))
+
+    def linearise(
+        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, joints: Sequence[str] | None = None
+    ) -> Linearisation:
+        """Return the linear model about a state; its output is the payload's motion, shape (12,).
+
+        y has the displacement of P and the small rotation of the payload in world axes (m, rad), then the
+        deviation of V_WP. State, input and errors are those of ``ClosedChain.linearise``.
+        """
+        self.cell.require_rigid("the linear model")
+        q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
+        X_WP = pin.SE3(self.payload_pose(q))
+
+        def output(near: Array, velocity: Array) -> Array:
+            twist = self.payload_jacobian(near) @ velocity
+            X = pin.SE3(self.payload_pose(near))
+            turn = pin.log3(X.rotation @ X_WP.rotation.T)
+            return np.concatenate((X.translation - X_WP.translation, turn, twist))
+
+        chain = self.mechanism
+        return linearised(chain.minimal_form, chain.solver, ChainState(q, v), tau, joints, output)
+
     def _observed(self, q: Array, v: Array, tau: Array, push: Array) -> tuple[Any, ...]:
         """Return the parts of an Observation at a state."""
         model, data, payload = self.mechanism.model, self._data, self.model.payload_frame
@@ -249,7 +366,7 @@ class CellChain:
             frames[payload].homogeneous,
             pin.getFrameVelocity(model, data, payload, pin.LOCAL_WORLD_ALIGNED).vector,
             self._tips(frames),
-            self._wrenches(frames, push, grasps),
+            self._wrenches(frames, self.mechanism.solver.wrenches(), push, grasps),
             pin.computeKineticEnergy(model, data),
             pin.computePotentialEnergy(model, data),
             *(() if grasps is None else self._of_grasps(grasps)),
@@ -291,11 +408,13 @@ class CellChain:
             closure_errors[index] = ClosureError(math.hypot(*error[:3]), math.hypot(*error[3:]))
         return closure_errors
 
-    def _wrenches(self, frames: Any, push: Array, grasps: GraspState | None) -> Array:
-        """Return the interaction wrenches of the solver's last solution, about P in world axes."""
+    def _wrenches(
+        self, frames: Any, closure_wrenches: Array, push: Array, grasps: GraspState | None = None
+    ) -> Array:
+        """Return the interaction wrenches, about P in world axes, of those of closures and springs."""
         X_WP, arms = frames[self.model.payload_frame], self.model.arms
         in_payload = np.zeros((len(arms), 6))
-        for index, F_E in zip(self._held, self.mechanism.solver.wrenches(), strict=True):
+        for index, F_E in zip(self._held, closure_wrenches, strict=True):
             X_PE = X_WP.actInv(frames[arms[index].tip])
             in_payload[index] = X_PE.act(pin.Force(F_E)).vector
         if grasps is not None:
@@ -313,6 +432,15 @@ class CellChain:
         V = pin.getFrameVelocity(model, data, frame, pin.LOCAL)
         A = pin.getFrameAcceleration(model, data, frame, pin.LOCAL) - X_WP.actInv(model.gravity)
         return (inertia * A + V.cross(inertia * V)).vector
+
+
+def _require_internal(f: Array) -> None:
+    resultant, largest = float(np.abs(f.sum(axis=0)).max()), float(np.abs(f).max(initial=0.0))
+    if not resultant <= _SUM_ALLOWED * (1.0 + largest):
+        raise ArgumentError(
+            f"the internal wrenches add up to {resultant:.3g} N or N m about P; internal wrenches add up to"
+            " zero: make a wrench internal by coop_pin.spatial.internal_wrenches"
+        )
 
 
 def determinate_rows(chain: CellChain, q: Array) -> Mask:

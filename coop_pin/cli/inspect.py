@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -129,6 +130,7 @@ class Check:
         scenario: a name listed by 'coop-pin list', or a TOML file.
         poses: number of poses checked along the motion.
         bias: kinematic bias of one arm's tip, m.
+        bias_turn: angle by which the base of one arm is off, rad.
         load: constant force on the payload that the law does not know, N.
         fields: fields of the scenario, as typed.
     """
@@ -136,13 +138,16 @@ class Check:
     scenario: _ScenarioName
     poses: int = 401
     bias: float = 1e-3
+    bias_turn: float = 0.0
     load: float = 10.0
     fields: TypedFields = dataclasses.field(default_factory=dict)
 
     def execute(self) -> int:
         """Print the results; the exit code is OK if the motion is feasible."""
         from coop_pin.analysis import (
+            anchor_biases,
             closure_problem,
+            force_reserve,
             gain_proposal,
             grasp_stability,
             implausible_numbers,
@@ -187,7 +192,17 @@ class Check:
         law: Any = scenario.controller
         if not scenario.cell.controls_turns and "holding torque" in law.needs:
             print(f"  {internal_moment(scenario, reach, law.posture).summary()}")
-        print(textwrap.indent(steady_errors(scenario, bias=self.bias, load=self.load).summary(), "  "))
+        errors = steady_errors(scenario, bias=self.bias, load=self.load)
+        print(textwrap.indent(errors.summary(), "  "))
+        if errors.growth > 0.0:
+            earliest = max(0.0, force_reserve(scenario, reach)) / errors.growth
+            print(f"  ! the force that grows is beyond the first drive {earliest:.3g} s later, or after that")
+        if math.isfinite(errors.free):
+            needed = ", ".join(
+                f"{arm} {1e3 * position:.3g} mm and {1e3 * angle:.3g} mrad"
+                for arm, (position, angle) in anchor_biases(scenario, self.bias, self.bias_turn).items()
+            )
+            print(f"  anchor_bias for this bias of an arm whenever it begins: {needed}")
         return OK if ok and all(finding.ok for finding in stable) else FAILED
 
 

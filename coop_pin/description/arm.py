@@ -79,8 +79,8 @@ class Miscalibration(Description):
     Attributes:
         tip: pose of the tip in the arm's own kinematic model, seen from the true tip.
         base: pose of the base in its model, seen from the true base.
-        joint_offset: what its model adds to every joint position, rad or m; one value for all joints or one
-            for each.
+        joint_offset: offset that its model adds to every joint position, rad or m; one value for all joints
+            or one for each.
         link_length: relative error of the distance from each joint to the next, from the last one to the tip;
             one value for all joints or one for each.
     """

@@ -30,8 +30,8 @@ def grasps_from_configuration(
 
     Args:
         arms: the arms by name.
-        joint_angles: for every arm, one value for each joint that is neither fixed nor locked, rad or m, in
-            Pinocchio's order.
+        joint_angles: angles of every arm, one value for each joint that is neither fixed nor locked, rad or
+            m, in Pinocchio's order.
         payload_pose: X_WP, as a Pose or a matrix of shape (4, 4).
 
     Raises:
@@ -62,7 +62,7 @@ class Cell(Description):
         arms: the arms by name; arrays over arms have their order.
         payload: the held object.
         payload_pose: payload pose X_WP that belongs to the arms' postures; for "as-posed" grasps only.
-        grasps: for each arm, in their order, the pose X_PE of its tip in the payload frame; with ``kind =
+        grasps: for each arm, in their order, pose X_PE of its tip in the payload frame; with ``kind =
             "compliant"`` a spring and damper holds the tip there. "as-posed" computes rigid ones from
             ``payload_pose`` and the postures, and the cell stores the result.
         rows: task rows: "full" (6), "planar" (x, y and the rotation about z, for arms that move in the

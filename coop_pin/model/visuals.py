@@ -147,12 +147,12 @@ def _coloured_meshes(part: Any) -> list[tuple[Shape, Colour]]:
     import trimesh  # a third of a second, only for arms with such meshes
 
     pieces: dict[Colour, list[Any]] = {}
-    dumped: Any = trimesh.load_scene(part.meshPath).dump()
+    dumped: Any = trimesh.load_scene(part.meshPath, process=False).dump()
     for piece in dumped:
         pieces.setdefault(_colour(piece.visual.material.main_color / 255.0), []).append(piece)
     meshes: list[tuple[Shape, Colour]] = []
-    for colour, found in pieces.items():
-        whole: Any = trimesh.util.concatenate(found)
+    for colour, parts in pieces.items():
+        whole: Any = trimesh.util.concatenate(parts)
         vertices = part.meshScale.ravel() * np.array(whole.vertices)
         meshes.append((Mesh(vertices, np.array(whole.faces, dtype=np.int64)), colour))
     return meshes

@@ -126,8 +126,8 @@ class TrustMonitor:
     def _found(self, series: _Series, samples: Mapping[str, NDArray[Any]]) -> Iterator[Breach]:
         """Yield the breaches of a series of one run."""
         for column in np.argwhere(series.beyond.any(axis=0)).tolist():
-            place: Any = (slice(None), *column)
-            beyond, values, allowed, excess = (part[place] for part in series[1:])
+            entry: Any = (slice(None), *column)
+            beyond, values, allowed, excess = (part[entry] for part in series[1:])
             first, worst = int(np.argmax(beyond)), int(np.argmax(np.where(beyond, excess, -np.inf)))
             time = samples["time"][first] - (values[first] if series.cause == "torque cut" else 0.0)
             arm, joints = self._joints[column[0]] if column else ("", ())

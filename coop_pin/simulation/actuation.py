@@ -35,7 +35,7 @@ class Actuation:
 
         Args:
             scenario: Actuators and seed.
-            plant: Its configuration.
+            plant: Plant, whose configuration is read.
             limits: Limits of each arm, in the order of the arms.
 
         Raises:

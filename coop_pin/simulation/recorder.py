@@ -7,11 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from coop_pin.arrays import Array, frozen, require_memory
+from coop_pin.arrays import Array, frozen
 from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.control.interface import ArmMeasurement
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError
+from coop_pin.memory import require_memory
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult, Snapshot

@@ -33,6 +33,8 @@ class Recording:
 def _refusals(values: Any) -> Iterator[None]:
     """Note errors on the tapes of traced scalars among values: the code that is traced may catch them."""
     try:
+        if {"raise", "call"} & {*np.geterr().values()} and any(tape.is_exact for tape in _tapes(values)):
+            raise TracingError("computes where numpy.errstate raises or calls, which a batch does not")
         yield
     except Exception as error:
         for tape in _tapes(values):
@@ -141,7 +143,7 @@ _ARITHMETIC: dict[np.ufunc, Callable[..., Number]] = {
     np.exp: elementary.exp,
     np.expm1: elementary.expm1,
     np.log: elementary.log,
-    np.rint: elementary.rounded,
+    np.rint: elementary.rint,
     np.sin: elementary.sin,
     np.cos: elementary.cos,
     np.tanh: elementary.tanh,
@@ -226,6 +228,8 @@ def _where(mask: Any, a: Any, b: Any) -> Any:
 
 
 def _chosen(mask: Number, a: Number, b: Number) -> Any:
+    if not is_truth(mask):
+        mask = elementary.opposite(elementary.equal(mask, 0.0))
     value = elementary.select(mask, a, b)
     return as_truth(value) if is_truth(a) and is_truth(b) else value
 

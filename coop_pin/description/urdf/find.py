@@ -55,7 +55,7 @@ def example_folder() -> Path | None:
     spec = importlib.util.find_spec("pinocchio")
     prefixes = () if spec is None or spec.origin is None else Path(spec.origin).resolve().parents
     places = (*prefixes, *(Path(entry, "cmeel.prefix") for entry in sys.path))
-    return next((place / _SHARE for place in places if (place / _SHARE).is_dir()), None)
+    return next((folder / _SHARE for folder in places if (folder / _SHARE).is_dir()), None)
 
 
 @functools.cache
@@ -121,11 +121,11 @@ def find_urdf(
     Raises:
         UrdfError: there is none; the message lists the places searched and the closest names.
     """
-    given, robots = Path.cwd() / name_or_path, robot_files()
-    path = given if os.path.isfile(given) else robots.get(str(name_or_path))  # noqa: PTH113
+    file, robots = Path.cwd() / name_or_path, robot_files()
+    path = file if os.path.isfile(file) else robots.get(str(name_or_path))  # noqa: PTH113
     if path is None:
-        raise UrdfError(_not_found(str(name_or_path), given, sorted(robots)))
-    resolved = path.resolve() if path is given else _resolved(path)
+        raise UrdfError(_not_found(str(name_or_path), file, sorted(robots)))
+    resolved = path.resolve() if path is file else _resolved(path)
     return _found(resolved, tuple(package_dirs), tuple(sorted(xacro_args.items())), Path.cwd())
 
 
@@ -152,14 +152,14 @@ def _found(
     return UrdfFile(path, tuple(folders), origin, xacro_args)
 
 
-def _not_found(name: str, given: Path, robots: Sequence[str]) -> str:
+def _not_found(name: str, file: Path, robots: Sequence[str]) -> str:
     """Return the message for a path or name without a URDF."""
     is_name = len(Path(name).parts) <= 1
     if is_name and Path(name).suffix not in _SUFFIXES:
         places = f"{Path.cwd()}, the robots of coop_pin ({bundled_urdf_folder()}) or example-robot-data"
-        found = example_folder() or "not installed"
-        return f"no URDF {name!r} in {places} ({found}); {suggestion(name, robots)}"
-    path = Path(os.path.normpath(given))
+        folder = example_folder() or "not installed"
+        return f"no URDF {name!r} in {places} ({folder}); {suggestion(name, robots)}"
+    path = Path(os.path.normpath(file))
     if os.path.isdir(path):  # noqa: PTH112 - Path.is_dir raises where a name is too long
         return f"{path} is a folder; name the URDF or xacro file in it"
     files = path.parent.iterdir() if os.path.isdir(path.parent) else ()  # noqa: PTH112
