@@ -136,7 +136,8 @@ class Check:
     For the built-in controllers, also check that the damping gains are stable at the control rate, all gains
     with the lag of the drives along the motion, and the joint friction in the plant's steps; say what the law
     measures and what a kinematic bias and an unknown load leave; the proposal of 'coop-pin suggest'
-    for these postures follows. Every field of the scenario can be changed as in 'coop-pin run'.
+    for these postures follows; on compliant grasps it is the stiffness from which the gains hold.
+    Every field of the scenario can be changed as in 'coop-pin run'.
 
     Attributes:
         scenario: a name listed by 'coop-pin list', or a TOML file.
@@ -161,6 +162,7 @@ class Check:
             closure_problem,
             force_reserve,
             gain_proposal,
+            grasp_stability,
             implausible_numbers,
             internal_moment,
             loads_without_an_arm,
@@ -192,10 +194,14 @@ class Check:
                     f" {carried:.3g} times if it carries its own weight: above 1 no law holds the payload"
                 )
         simulation = Simulation(scenario, build_controller(scenario))
-        sampled = motion_stability(simulation, reach)
-        stable = sampled, loop_stability(simulation, reach), step_stability(simulation, reach)
+        stable: list[Any] = [step_stability(simulation, reach)]
+        if scenario.cell.compliant:
+            stable.insert(0, grasp_stability(simulation))
+        else:
+            stable[:0] = motion_stability(simulation, reach), loop_stability(simulation, reach)
         _print(textwrap.indent("\n".join(finding.summary() for finding in stable), "  "))
-        _print(f"  {gain_proposal(scenario, reach).summary()}")
+        if not scenario.cell.compliant:
+            _print(f"  {gain_proposal(scenario, reach).summary()}")
         law: Any = scenario.controller
         if not scenario.cell.controls_turns and "holding torque" in law.needs:
             _print(f"  {internal_moment(scenario, reach, law.posture).summary()}")
@@ -203,7 +209,7 @@ class Check:
         _print(textwrap.indent(errors.summary(), "  "))
         if errors.growth > 0.0:
             earliest = max(0.0, force_reserve(scenario, reach)) / errors.growth
-            _print(f"  ! the force that grows is beyond the first drive {earliest:.3g} s later, or after that")
+            _print(f"  ! the force that grows is beyond the first drive {earliest:.3g} s later or after")
         if math.isfinite(errors.free):
             needed = ", ".join(
                 f"{arm} {1e3 * position:.3g} mm and {1e3 * angle:.3g} mrad"
