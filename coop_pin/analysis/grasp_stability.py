@@ -52,13 +52,13 @@ class GraspStability(NamedTuple):
         bound = f"each arm alone has {value}; below 2 no grasp is too soft for the damping"
         needed = f"{self.holds_from * self.stiffness:.3g} N/m"
         remedy = f"they hold from {needed} on" if math.isfinite(self.holds_from) else "no stiffness helps"
-        found = f"|z| = {self.radius:.5f} on compliant grasps of {self.stiffness:.3g} N/m"
+        modes = f"|z| = {self.radius:.5f} on compliant grasps of {self.stiffness:.3g} N/m"
         verdict = "the motion is stable" if self.ok else f"the gains are too large: {remedy}"
         start = (
             f"at the start the grasps give by {1e3 * self.distance:.3g} mm and {1e3 * self.angle:.3g} mrad;"
             " each arm sees its own tip, so that this acts like a kinematic bias"
         )
-        return f"{'' if self.ok else '! '}{found}: {verdict}\n{bound}\n{start}"
+        return f"{'' if self.ok else '! '}{modes}: {verdict}\n{bound}\n{start}"
 
 
 @typed
@@ -140,8 +140,8 @@ class _GraspLoop:
 
     def radius(self, stiffer: float) -> float:
         """Return the largest ``|z|`` with the stiffness times a factor, at the same damping ratios."""
-        A, own = plant_matrix(self._simulation, self._simulation.plant.q, stiffer)
-        turn = np.kron(np.eye(2), own.T @ self._N)  # both are bases of the same motions
+        A, basis = plant_matrix(self._simulation, self._simulation.plant.q, stiffer)
+        turn = np.kron(np.eye(2), basis.T @ self._N)  # both are bases of the same motions
         A, n = turn.T @ A @ turn, len(A) // 2
         springs = np.repeat((stiffer, math.sqrt(stiffer)), n)  # wrenches of springs, and of dampers
         G, H = self._law + springs * self._by_wrench

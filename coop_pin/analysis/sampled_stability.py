@@ -201,7 +201,9 @@ def step_stability(simulation: Simulation, cell_reach: Reachability | None = Non
     if cell_reach is not None:
         poses += configurations_along(simulation, cell_reach, _STEP_POSES)[1:]
     stabilities = [_steps_at(simulation, *pose) for pose in poses]
-    stabilities += [_grasp_steps_at(simulation, *pose) for pose in poses if simulation.scenario.cell.compliant]
+    stabilities += [
+        _grasp_steps_at(simulation, *pose) for pose in poses if simulation.scenario.cell.compliant
+    ]
     return max(stabilities, key=lambda stability: stability.value / stability.limit)
 
 
@@ -219,7 +221,9 @@ def _grasp_steps_at(simulation: Simulation, time: float, q: Array) -> StepStabil
         steps = scenario.clock.steps_per_tick
         value, joints = float(np.abs(s[worst])), fastest_joints(simulation, np.abs(modes[:, worst]))
         value *= scenario.clock.period / steps
-        stabilities.append(StepStability(value, float(limits[worst]), steps, joints, time, "compliant grasps"))
+        stabilities.append(
+            StepStability(value, float(limits[worst]), steps, joints, time, "compliant grasps")
+        )
     chain.surround(simulation.plant.surroundings)
     return max(stabilities, key=lambda stability: stability.value / stability.limit)
 

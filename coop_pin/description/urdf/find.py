@@ -88,7 +88,7 @@ class UrdfFile:
         package_dirs: folders that are searched for the packages of package:// and $(find ...), in this order.
         origin: "user" (found by path), "bundled" (part of coop_pin) or "example" (example-robot-data).
         xacro_args: name and value of the arguments with which a xacro file is expanded.
-        carrier: what the robot stands on; it is added to the text of the file.
+        carrier: base that the robot stands on; it is added to the text of the file.
     """
 
     path: Path
