@@ -75,10 +75,10 @@ class PostureGains(Description):
         Raises:
             FieldError: a gain has a wrong number of entries.
         """
-        is_driven = np.arange(drives) >= base_drives
+        is_of_arm = np.arange(drives) >= base_drives
         stiffness, damping = (
             gain_vector(gain, drives, f"controller.posture.{name}")
-            * (is_driven if np.ndim(gain) == 0 else 1.0)
+            * (is_of_arm if np.ndim(gain) == 0 else 1.0)
             for name, gain in self
         )
         return stiffness, damping
