@@ -336,11 +336,18 @@ def test_the_text_of_the_benchmark_is_that_of_its_table():
     import benchmark
     from pages import with_block
 
+    row = re.compile(r"^(\| `[\w-]+`)((?: \| \d\.\d\d){6}) \|$", re.MULTILINE)
+
+    def damping(text: str) -> np.ndarray:
+        return np.array([columns.split(" | ")[1:] for _, columns in row.findall(text)], float)
+
     text = benchmark.text(Comparison.load(benchmark.DATA), None)
-    assert with_block(BENCHMARK, "benchmark", text) == BENCHMARK
-    columns = re.findall(r"^\| `[\w-]+`((?: \| \d\.\d\d){6}) \|$", text, re.MULTILINE)
-    assert len(columns) == len(controller_names())
-    assert max(float(value) for row in columns for value in row.split(" | ")[1:]) < 1.0
+    written = with_block(BENCHMARK, "benchmark", text)
+    assert row.sub(r"\1", written) == row.sub(r"\1", BENCHMARK)
+    # Eigenvalues at a tie of the last printed digit round up on one processor and down on another.
+    assert_allclose(damping(written), damping(BENCHMARK), atol=0.0101)
+    assert damping(text).shape == (len(controller_names()), 6)
+    assert damping(text).max() < 1.0
 
 
 def test_verdicts_follow_from_the_runs(claims):

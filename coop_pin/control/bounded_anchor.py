@@ -14,6 +14,8 @@ _TINY = 1e-300
 """Stands for 0 in a quotient of two lengths."""
 _STANDS = float(np.exp(-8.0))
 """Part of its first step below which the centre stands still."""
+_TINY_PART, _LAGS = 1e-6, 30.0
+"""Part of a bias to which a limit is found, and time constants after which nothing moves."""
 
 
 class AnchorState(NamedTuple):
@@ -166,7 +168,7 @@ class BoundedAnchor(NamedTuple):
         Args:
             state: Memory with what the anchor has moved.
             is_recent: Whether a measurement is recent.
-            change: What else changes the integral, N and N m, shape (k_0,).
+            change: Change of the integral by all else, N and N m, shape (k_0,).
         """
         _, C_B, C_E, t_m = state
         held = self.kept * state.held
@@ -181,6 +183,41 @@ class BoundedAnchor(NamedTuple):
     def _norm(self, values: Array) -> Array:
         """Return for each row the norm of the rows of its kind, shape (k_0,)."""
         return self._sum(values * values) ** 0.5
+
+
+def followed_bias(
+    free: float, further: float, *, part: float, transient_rate: float, rate: float, period: float
+) -> float:
+    """Return the largest ``|b_i - bbar|`` from t_0 on that the bound holds at the end, m or rad.
+
+    Without a turn of the payload, in one direction: the anchor follows it by two lags in series, and C
+    follows the anchor by at most d at a tick, all the while that a bound acts::
+
+        y[k] = |b_i - bbar| (1 - (1 - h)^k - h (q^k - (1 - h)^k) / (q - 1 + h)),  q = exp(-kappa T)
+        C[k] = min(goal[k], C[k-1] + d[k]),  |b_i - bbar| <= C[inf] + b_0
+
+    Args:
+        free: b_0, m or rad.
+        further: b_max - b_0, likewise.
+        part: h, the part of a force error that the anchor takes out at a tick.
+        transient_rate: kappa, 1/s.
+        rate: nu, 1/s.
+        period: T, s.
+    """
+    ticks = np.arange(1.0, _LAGS / (rate * period))
+    kept, q = 1.0 - part, np.exp(-transient_rate * period * (1.0 + _TINY_PART))
+    y = 1.0 - kept**ticks - part * (q**ticks - kept**ticks) / (q - kept)
+    path = np.cumsum(period * rate * np.exp(-rate * period * ticks) * further)
+
+    def centre(size: float) -> float:
+        goal = size * y * _part(2.0 * size * y / free - 1.0)
+        return float(path[-1] + min((goal - path).min(), 0.0))
+
+    low, high = free, free + further
+    while high - low > _TINY_PART * high:
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if middle <= centre(middle) + free else (low, middle)
+    return low
 
 
 def _part(values: Array) -> Array:

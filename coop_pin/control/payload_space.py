@@ -19,10 +19,17 @@ from pydantic import (
 )
 
 from coop_pin.arrays import Array
-from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
+from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor, followed_bias
+from coop_pin.control.force_path import SampledLoop
 from coop_pin.control.gains import PositiveGain, gain_vector
-from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.control.law import ControlledArm, LawController, PostureGains
+from coop_pin.control.interface import (
+    ArmCommand,
+    ArmController,
+    ArmMeasurement,
+    ArmReference,
+    ControlledArm,
+)
+from coop_pin.control.law import LawController, PostureGains
 from coop_pin.control.sliding_surface import SurfaceGains, SurfaceLaw
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.switching import Saturation, Sign, Switching
@@ -132,12 +139,12 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
     Attributes:
         switching: phi: sgn, or a smooth function in its place.
         leak: lambda, 1/s.
-        payload_weight: What, the approximate weight of the payload as a wrench, shape (k_0,); None ignores
+        payload_weight: approximate weight What of the payload as a wrench, shape (k_0,); None ignores
             the wrist sensor.
         stale_after: age in ticks beyond which a measurement is no longer recent.
-        posture: what spare joints do; None for an arm without spare joints.
-        bound: of the anchor; None without. With one, the integral takes over what drives cut: see the page
-            "The bounded anchor".
+        posture: spring and damper of the spare joints; None for an arm without spare joints.
+        bound: bound of the anchor; None without. With one, the integral takes over what drives cut: see the
+            page "The bounded anchor".
     """
 
     switching: Switching
@@ -349,7 +356,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
 
     def _bound(self, arm: ControlledArm, gains: PayloadSpaceGains) -> BoundedAnchor | None:
         """Return the bound of an arm's anchor; None without one."""
-        K, g, width = gains.sliding_gain, gains.anchor_gain, self._layer(gains, arm.rows)
+        K, width = gains.sliding_gain, self._layer(gains, arm.rows)
         if width is None:
             return None
         ticks = 1.0 + arm.oldest_wrench + self.force_path.pole / (1.0 - self.force_path.pole)
@@ -359,25 +366,26 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             gain=arm.load_share * K @ gains.pose_gain,
             forget=gains.sign_gain.diagonal() / width,
             largest=width / gains.pose_gain.diagonal(),
-            rate=1.0 / (1.0 / gains.transient_rate + ticks * arm.period * (1.0 + gains.force_gain) / g),
+            rate=self._centre_rate(gains, ticks * arm.period),
             period=arm.period,
         )
 
-    def steady_directions(self, rows: TaskRows, sample_period: float) -> list[SteadyDirection]:
+    def _centre_rate(self, gains: PayloadSpaceGains, age: float) -> float:
+        """Return nu, 1/s, for wrenches of an age, s."""
+        return 1.0 / (1.0 / gains.transient_rate + age * (1.0 + gains.force_gain) / gains.anchor_gain)
+
+    def steady_directions(self, rows: TaskRows, loop: SampledLoop, period: float) -> list[SteadyDirection]:
         """Return K gamma and the integral K alpha phi(gamma x) in each linear task row."""
         gains, internal, phi = self.gains, self.force_path.measures, self.switching
         gamma, K, alpha = (
             gain_vector(gain, rows.size) for gain in (gains.pose_gain, gains.sliding_gain, gains.sign_gain)
         )
-        beta, leak = gains.anchor_gain / sample_period, self._leak(gains)
+        beta, leak = gains.anchor_gain / (loop.every * period), self._leak(gains)
         anchored = self.measures and beta > 0.0
-        width, biases = self._layer(gains, rows), (self.anchor_bias, self.anchor_bias_answered)
+        linear = [row for row, index in enumerate(rows.indices) if index < 3]
+        free, most = self._free_and_followed(gamma[linear], rows, loop, period)
 
         def direction(gamma: float, K: float, alpha: float) -> SteadyDirection:
-            free = most = np.inf
-            if width is not None:
-                edge = width / gamma
-                free, most = min(biases[0][0], edge / 2.0), biases[1][0]
             return SteadyDirection(
                 spring=lambda x: 0.0 if anchored else K * gamma * x,
                 integral=lambda x: K * alpha * float(phi(np.array(gamma * x))),
@@ -387,5 +395,25 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
                 most=most,
             )
 
-        linear = [row for row, index in enumerate(rows.indices) if index < 3]
         return [direction(*map(float, (gamma[row], K[row], alpha[row]))) for row in linear]
+
+    def _free_and_followed(
+        self, gamma: Array, rows: TaskRows, loop: SampledLoop, period: float
+    ) -> tuple[float, float]:
+        """Return b_0 and the largest bias from the start on that the anchor follows, m; inf without one."""
+        gains, width = self.gains, self._layer(self.gains, rows)
+        if width is None:
+            return np.inf, np.inf
+        edges = width / gamma
+        free = min(self.anchor_bias[0], float(edges.min()) / 2.0)
+        further = min(self.anchor_bias_answered[0] - self.anchor_bias[0], float(np.linalg.norm(edges)) - free)
+        age = period * (loop.every + loop.delay + loop.pole / (1.0 - loop.pole))
+        most = followed_bias(
+            free,
+            further,
+            part=gains.anchor_gain / (loop.every * (1.0 + gains.force_gain)),
+            transient_rate=gains.transient_rate,
+            rate=self._centre_rate(gains, age),
+            period=period,
+        )
+        return free, most

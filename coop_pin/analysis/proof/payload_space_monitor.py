@@ -149,10 +149,10 @@ class _MonitoredCell:
         for i, (law, arm) in enumerate(zip(self.laws, now.arms, strict=True)):
             if law.bound is not None:
                 follows = float(not (is_stale[i] or arm.measured.saturated.any()))
-                given, self.anchors[i] = law.bound.step(
+                correction, self.anchors[i] = law.bound.step(
                     self.anchors[i], -asked[i], float(is_fresh[i]), follows, arm.measured.payload_pose
                 )
-                taken[i] = -given
+                taken[i] = -correction
         return taken
 
     def _cut(self, now: RecordedTick) -> Array:
