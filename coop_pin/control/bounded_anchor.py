@@ -129,36 +129,30 @@ class BoundedAnchor(NamedTuple):
             may_follow: 1.0 where C may move, else 0.0.
             pose: Payload pose as this arm sees it, shape (4, 4).
         """
-        y = state.held + self.gain_inverse.dot(asked)
-        state = AnchorState(y, state.from_base, state.from_tip, state.measured_for)
+        y, C_B, C_E = state.held + self.gain_inverse.dot(asked), state.from_base, state.from_tip
         part = y / self.free
         size = part.dot(part)  # (|y| / b_0)^2 of positions and rotations together
         left = exp(-self.rate * state.measured_for) - _STANDS
         h = may_follow * where(left > 0.0, left, 0.0)
         # What is known to do nothing is left out, with the same bits.
-        if not (known(h == 0.0) or (known(size <= 0.25) and known(self._has_no_centre(state)))):
-            state = self._followed(state, h, pose)
-        if known(size <= 1.0):
-            return asked, state
-        beyond = fresh * self._beyond(state, pose)
-        return asked - self.gain.dot(beyond), state._replace(held=y - beyond)
+        has_none = C_B.dot(C_B) + C_E.dot(C_E) == 0.0
+        stands = known(h == 0.0) or (known(size <= 0.25) and known(has_none))
+        if stands and known(size <= 1.0):
+            return asked, AnchorState(y, C_B, C_E, state.measured_for)
+        turned = self.rows.turn(pose, C_E)
+        if not stands:
+            step = self._to_goal(y, (C_B + turned) / 2.0, h)
+            C_B, C_E, turned = C_B + step, C_E + self.rows.turn(pose.T, step), turned + step
+        beyond = fresh * self._beyond(y, C_B, turned)
+        return asked - self.gain.dot(beyond), AnchorState(y - beyond, C_B, C_E, state.measured_for)
 
-    @staticmethod
-    def _has_no_centre(state: AnchorState) -> bool:
-        """Return whether C is 0, for any pose."""
-        C_B, C_E = state.from_base, state.from_tip
-        return C_B.dot(C_B) + C_E.dot(C_E) == 0.0
+    def _to_goal(self, y: Array, C: Array, h: float) -> Array:
+        """Return the step of the centre, m and rad, shape (k_0,)."""
+        way = y * _part(2.0 * self._norm(y) / self.free - 1.0) - C
+        return way * np.minimum(1.0, h * self.first / np.maximum(self._norm(way), _TINY))
 
-    def _followed(self, state: AnchorState, h: float, pose: Array) -> AnchorState:
-        """Return the memory with the centre a step closer to the goal."""
-        y, C_B, C_E, t_m = state
-        step = y * _part(2.0 * self._norm(y) / self.free - 1.0) - self.centre(state, pose)
-        step = step * np.minimum(1.0, h * self.first / np.maximum(self._norm(step), _TINY))
-        return AnchorState(y, C_B + step, C_E + self.rows.turn(pose.T, step), t_m)
-
-    def _beyond(self, state: AnchorState, pose: Array) -> Array:
-        """Return the part of y beyond the bound, m and rad, shape (k_0,)."""
-        y, C_B, turned = state.held, state.from_base, self.rows.turn(pose, state.from_tip)
+    def _beyond(self, y: Array, C_B: Array, turned: Array) -> Array:
+        """Return the part of y beyond the bound, with R C_E, m and rad, shape (k_0,)."""
         C, b = (C_B + turned) / 2.0, self.free + self._norm(C_B - turned) / 2.0
         off = y - C * _part(self._sum(y * C) / np.maximum(self._sum(C * C), _TINY))
         return off * (1.0 - b / np.maximum(self._norm(off), b))
