@@ -32,8 +32,8 @@ class Mode(NamedTuple):
     """A mode of the sampled motion.
 
     Attributes:
-        z: its factor from tick to tick.
-        joints: the joints that move most, as arm/joint, the fastest first.
+        z: factor from tick to tick.
+        joints: joints that move most, as arm/joint, the fastest first.
         is_spare: whether most of it leaves the task rows of the payload at rest.
     """
 
