@@ -799,8 +799,9 @@ HOLD = [
 @pytest.mark.parametrize(("law", "cell", "part", "bias", "hold", "none"), HOLD)
 def test_the_hold_of_integrals_while_drives_are_cut(monkeypatch, law, cell, part, bias, hold, none):
     """Tracking, mm, and internal force, N, rms from 2 to 5 s, as on the page."""
-    base = benchmark_scenario(Scenario.load(cell), 5.0)
-    base = base.override({"controller": controllers_for(base, [law], tuned=False)[law]})
+    scenario = Scenario.load(cell)
+    controller = controllers_for(scenario, [law], tuned=False)[law]
+    base = benchmark_scenario(scenario, 5.0).override({"controller": controller})
     if part is None:
         changes = standard_trials(base)["torque of an arm lost"].changes
     else:

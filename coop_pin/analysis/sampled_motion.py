@@ -34,7 +34,7 @@ class Mode(NamedTuple):
 
     Attributes:
         z: factor from tick to tick.
-        joints: the joints that move most, as arm/joint, the fastest first.
+        joints: joints that move most, as arm/joint, the fastest first.
         is_spare: whether most of it leaves the task rows of the payload at rest.
     """
 
@@ -119,10 +119,10 @@ def tick_matrix(
 
     Args:
         G: Acceleration that the law's torque asks for by [y, w_m], shape (n, 2 n).
-        H: Gain that it adds to that for all later ticks, likewise.
+        H: Acceleration that it adds for all later ticks, likewise.
         period: T, s.
         lag: Time constant of the drives, s.
-        velocity: Velocity, as of SampledMotion.
+        velocity: Measured speed and next states, as in SampledMotion.
     """
     basis, singular, _ = np.linalg.svd(H)
     U, eye, T = basis[:, singular > NEUTRAL * np.abs(G).max()], np.eye(len(G)), period
