@@ -386,7 +386,7 @@ class Calls:
                 "execution": QUIET,
             },
         )
-        yield batch.plant_reason, lambda: {"plant": self.scenario.plant}
+        yield batch.plant_reason, lambda: {"plant": self.scenario.plant, "cell": self.scenario.cell}
         yield batch.simulate_batch, lambda: {"scenarios": [self.scenario], "machine": NumpyMachine}
         yield batch.export_c, lambda: {**alone(), "arm": "left", "folder": self.folder / "c", "ticks": 2}
         yield analysis.anchor_bounded_time, result

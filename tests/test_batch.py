@@ -322,7 +322,7 @@ def test_runs_that_differ_in_motion_start_friction_and_squeeze_are_one_batch():
 
 
 def test_samples_that_do_not_fit_are_refused_before_they_are_made(monkeypatch):
-    monkeypatch.setattr("coop_pin.arrays.free_memory", lambda: 1_000_000)
+    monkeypatch.setattr("coop_pin.memory.free_memory", lambda: 1_000_000)
     scenario = cp.Scenario.load("adept-paper").replace(duration=0.05, events=())
     with pytest.raises(NotEnoughMemoryError):
         simulate_batch([scenario] * 100, machine=NumpyMachine)

@@ -44,6 +44,8 @@ TOLD = """[coopPin.arrows["forces/left/internal"].value.length(),
     ...["axial", "shear"].map(key => coopPin.plots.value(coopPin.runs[0],
         coopPin.plots.plots.find(({ curves }) => curves[0].plot === key).curves[0].column)), coopPin.time]"""
 """Internal force as drawn, the two parts of it that tiles and captions have, and the time."""
+STRUTS = """coopPin.struts.map(({ name, tension, twist, wanted, radius, text }) =>
+    [name, tension, twist, wanted, radius, text.textContent])"""
 LINEAR_M, LONGEST_M = 0.25, 0.5
 AS_FAR_AS_THE_PANEL = ("import coop_pin as cp", "panel = Panel(scenario)")
 
@@ -168,6 +170,39 @@ def test_a_squeeze_ends_at_the_grasps_and_a_pull_leaves_them(name):
     view.close()
 
 
+@pytest.mark.parametrize("name", [*SCENARIOS, "three-ur5-plate"])
+def test_struts_show_a_squeeze_and_a_pull_between_every_two_grasps(name):
+    """Tensions follow from forces towards the middle of the other tips, by the forces' components."""
+    scenario = cp.Scenario.load(name) if name == "three-ur5-plate" else SCENARIOS[name]()
+    view, snapshot = open_view(scenario), initial_scene(scenario).snapshot
+    tips, arms = snapshot.tip_position, list(scenario.cell.arms)
+    centre, per_metre = snapshot.payload_pose[:3, 3], LiveScene(initial_scene(scenario)).scales[0]
+    pairs = [(i, j) for i in range(len(arms)) for j in range(i + 1, len(arms))]
+    with browser_page() as page:
+        page.goto(view.url)
+        page.wait_for_function("window.coopPin !== undefined")
+        for number, newtons in enumerate((10.0, -3.0), start=1):  # a pull, then a squeeze, of each strut
+            wrench = np.where(np.isnan(snapshot.interaction_wrench), np.nan, 0.0)
+            for i, j in pairs:
+                u = (tips[j] - tips[i]) / np.linalg.norm(tips[j] - tips[i])
+                for end, force in ((i, newtons * u), (j, -newtons * u)):
+                    wrench[end] += np.concatenate((force, np.cross(tips[end] - centre, force)))
+            view.show(snapshot._replace(time=0.1 * number, internal_wrench=wrench, interaction_wrench=wrench))
+            page.wait_for_function(f"Math.abs({NOW} - {0.1 * number}) < 1e-6")
+            found = page.evaluate(STRUTS)
+            assert [strut[0] for strut in found] == [f"{arms[i]} to {arms[j]}" for i, j in pairs]
+            desired = snapshot.desired_internal_wrench[:, :3]
+            for (i, j), (_, tension, twist, wanted, radius, text) in zip(pairs, found, strict=True):
+                assert (tension, twist) == (pytest.approx(newtons, abs=1e-4), pytest.approx(0.0, abs=1e-4))
+                assert text.startswith("pulled apart 10 N" if newtons > 0.0 else "squeezed 3 N")
+                assert wanted < 0.0  # every cell wants a squeeze
+                if len(arms) == 2:
+                    u = (tips[j] - tips[i]) / np.linalg.norm(tips[j] - tips[i])
+                    assert wanted == pytest.approx(desired[i] @ u, rel=1e-5)
+                assert radius == pytest.approx(0.1 * drawn_length([newtons], per_metre), rel=1e-5)
+    view.close()
+
+
 def test_saturated_links_change_their_colour_and_get_it_back():
     scenario = planar_scenario().replace(duration=0.5, events=())
     view = open_view(scenario)
@@ -255,7 +290,7 @@ def test_the_replay_opens_paused_plays_seeks_zooms_and_switches_layers_with_the_
         assert tiles["x"] + tiles["width"] == pytest.approx(over["x"] + over["width"], abs=1.0)
 
         lines = page.locator("#legend li:visible").all_inner_texts()
-        assert len(lines) == len(set(lines)) == 9  # without those of a push and of a second run
+        assert len(lines) == len(set(lines)) == 10  # without that of a push
         shown = "coopPin.arrows['forces/left/internal'].object.visible"
         assert page.evaluate(shown)
         page.locator("[data-layer=internal]").click()

@@ -1,5 +1,7 @@
 """Definitions of internal force that the literature argues about: properties, and where they coincide."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 from cells import SCENARIOS
@@ -9,9 +11,11 @@ from coop_pin.errors import ShapeError
 from coop_pin.spatial import internal_wrenches, rotate_vector6, rotation_from_rpy, shift_wrench
 from coop_pin.spatial.internal_wrench import (
     constraint_consistent_internal_wrenches,
+    determinate_grasp,
     minimum_norm_internal_wrenches,
     nonsqueezing_internal_wrenches,
     symmetric_internal_wrenches,
+    virtual_linkage,
     virtual_linkage_internal_wrenches,
 )
 
@@ -121,6 +125,98 @@ def test_tensions_of_the_virtual_linkage_are_the_forces_along_its_edges():
         tensions = np.linalg.lstsq(edges, force.ravel(), rcond=None)[0]
         np.testing.assert_allclose(internal[:, :3].ravel(), edges @ tensions, atol=1e-11)
         np.testing.assert_allclose(shift_wrench(internal, -tips)[:, 3:], 0.0, atol=1e-11)
+
+
+# ---------------------------------------------------------------- struts of the virtual linkage
+
+SQUARE = np.array([(0.3, 0.3, 0.1), (-0.3, 0.3, 0.1), (-0.3, -0.3, 0.1), (0.3, -0.3, 0.1)])
+SELF_STRESS = np.array([1.0, -np.sqrt(2.0), 1.0, 1.0, -np.sqrt(2.0), 1.0]) / np.sqrt(8.0)
+"""Of a square: its sides pull as its diagonals push; pairs in the order 12, 13, 14, 23, 24, 34."""
+LINE = np.array([(-0.4, 0.0, 0.0), (0.1, 0.0, 0.0), (0.5, 0.0, 0.0)])
+TURNED = rotation_from_rpy((0.4, -0.7, 1.1))
+
+
+def strut_wrenches(tips, tensions, twists):
+    """Wrenches on the arms about P that struts cause, summed strut by strut."""
+    wrenches = np.zeros((len(tips), 6))
+    for (i, j), tension, twist in zip(combinations(range(len(tips)), 2), tensions, twists, strict=True):
+        u = (tips[j] - tips[i]) / np.linalg.norm(tips[j] - tips[i])
+        for end, sign in ((i, 1.0), (j, -1.0)):
+            force = sign * tension * u
+            wrenches[end] += np.concatenate((force, np.cross(tips[end], force) + sign * twist * u))
+    return wrenches
+
+
+@pytest.mark.parametrize("m", [2, 3, 4])
+def test_struts_and_their_rest_are_the_internal_wrench_and_no_strut_can_carry_the_rest(m):
+    F, r = grasp(m)
+    struts, rest = virtual_linkage(F, r)
+    at_tips = shift_wrench(virtual_linkage_internal_wrenches(F, r), -r)
+    for tips, strut, left, internal in zip(r, struts, rest, at_tips, strict=True):
+        carried = shift_wrench(strut_wrenches(tips, *strut.T), -tips)
+        np.testing.assert_allclose(carried + left, internal, atol=1e-10)
+        for i, j in combinations(range(m), 2):
+            for part in (left[:, :3], left[:, 3:]):
+                assert abs((part[i] - part[j]) @ (tips[j] - tips[i])) < 1e-10
+
+
+@pytest.mark.parametrize("m", [2, 3, 4])
+def test_tensions_and_twists_in_general_position_are_found_again_with_their_sign(m):
+    _, r = grasp(m)
+    pairs = m * (m - 1) // 2
+    for tips in r:
+        tension, twist = RNG.normal(size=(2, pairs))
+        struts, rest = virtual_linkage(strut_wrenches(tips, tension, 0.0 * twist), tips)
+        np.testing.assert_allclose(struts, np.column_stack((tension, 0.0 * twist)), atol=1e-9)
+        np.testing.assert_allclose(rest, 0.0, atol=1e-9)
+        found = virtual_linkage(strut_wrenches(tips, tension, twist), tips).struts
+        np.testing.assert_allclose(found[:, 1], twist, atol=1e-9)
+
+
+def test_the_strut_of_two_arms_has_half_of_the_difference_along_the_line():
+    F, r = grasp(2)
+    struts, _ = virtual_linkage(F, r)
+    u = (r[:, 1] - r[:, 0]) / np.linalg.norm(r[:, 1] - r[:, 0], axis=1, keepdims=True)
+    half = (shift_wrench(F, -r)[:, 0] - shift_wrench(F, -r)[:, 1]) / 2.0
+    np.testing.assert_allclose(struts[:, 0, 0], (half[:, :3] * u).sum(axis=1), atol=1e-10)
+    np.testing.assert_allclose(struts[:, 0, 1], (half[:, 3:] * u).sum(axis=1), atol=1e-10)
+
+
+@pytest.mark.parametrize("turn", [np.eye(3), TURNED], ids=["level", "turned"])
+def test_struts_of_coplanar_and_collinear_tips_have_the_tensions_of_least_norm(turn):
+    tips = SQUARE @ turn.T
+    alone = virtual_linkage(strut_wrenches(tips, SELF_STRESS, np.zeros(6)), tips)
+    np.testing.assert_allclose(alone.struts, 0.0, atol=1e-12)  # it moves no arm, and no wrench shows it
+    tension = RNG.normal(size=6)
+    found = virtual_linkage(strut_wrenches(tips, tension, np.zeros(6)), tips)
+    np.testing.assert_allclose(
+        found.struts[:, 0], tension - (SELF_STRESS @ tension) * SELF_STRESS, atol=1e-10
+    )
+    warping = np.array([1.0, -1.0, 1.0, -1.0])[:, None] * turn[:, 2]  # out of the plane, alternately
+    held = np.concatenate((warping, np.cross(tips, warping)), axis=1)
+    struts, rest = virtual_linkage(held, tips)
+    np.testing.assert_allclose(struts, 0.0, atol=1e-10)
+    np.testing.assert_allclose(rest[:, :3], warping, atol=1e-10)
+
+    line = LINE @ turn.T
+    tension = np.array([4.0, 0.0, 4.0])  # 12, 13, 23: least norm 4/3, 8/3, 4/3, of the same forces
+    struts, _ = virtual_linkage(strut_wrenches(line, tension, np.zeros(3)), line)
+    np.testing.assert_allclose(struts[:, 0], [4 / 3, 8 / 3, 4 / 3], atol=1e-9)
+    nearly = tips + 1e-9 * RNG.normal(size=tips.shape)  # as the closure error of a run moves them
+    np.testing.assert_allclose(virtual_linkage(held, nearly).struts, 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_strut_of_a_run_has_the_forces_of_its_definition_along_the_line(name):
+    """The cells are planar, and spatial with grasp frames turned away from the world."""
+    data = (result := cp.run(SCENARIOS[name]().replace(events=(), duration=0.2))).data
+    r = data["tip_position"].values - data["payload_position"].values[:, None]
+    struts, _ = virtual_linkage(*determinate_grasp(data["interaction_wrench"].values, r))
+    f = result.internal_wrench_definitions()["virtual_linkage"].values[:, 0, :3]
+    line = data["tip_position"].values[:, 1] - data["tip_position"].values[:, 0]
+    along = (np.nan_to_num(f) * line).sum(axis=1) / np.linalg.norm(line, axis=1)
+    np.testing.assert_allclose(struts[:, 0, 0], along, rtol=1e-9, atol=1e-9)
+    assert np.abs(along).max() > 0.1
 
 
 @pytest.mark.parametrize("name", sorted(ANY_UNIT_OF_LENGTH))

@@ -403,6 +403,14 @@ def test_wrenches_of_frames_are_those_of_the_result(replay: Replay) -> None:
     for block, name in zip(("interaction", "internal", "wanted", "external"), names, strict=True):
         wanted = np.nan_to_num(data[name].values).reshape(len(replay.frames), -1)
         assert_allclose(replay.block(block), wanted, rtol=FLOAT32, atol=1e-12)
+    scenario, struts = replay.result.scenario, replay.block("struts")  # tension, twist; then those wanted
+    u = data["tip_position"].values[:, 1] - data["tip_position"].values[:, 0]
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    desired = np.nan_to_num(data["desired_internal_wrench"].values[:, 0, :3])
+    assert_allclose(struts[:, 2], (desired * u).sum(axis=1), rtol=1e-5, atol=1e-6)
+    resultant = (np.nan_to_num(data["interaction_wrench"].values)[..., :3].sum(axis=1) * u).sum(axis=1)
+    shift = (scenario.cell.shares[0] - 0.5) * resultant  # struts divide what moves the payload equally
+    assert_allclose(struts[:, 0], data["internal_axial"].values[:, 0] + shift, rtol=1e-5, atol=1e-5)
     tips = data["tip_position"].values.reshape(len(replay.frames), -1)
     assert_allclose(replay.block("tips"), tips, rtol=FLOAT32, atol=1e-7)
 
@@ -424,7 +432,11 @@ def test_thinned_links_are_light_keep_their_extent_and_are_stored_once(spatial: 
     assert len(tables) == len(meshes) > 7  # two equal arms, with a piece for every colour
     for mesh, table in zip(meshes, tables, strict=True):
         assert isinstance(mesh, Mesh)
-        vertices, faces = floats(table["vertices"]).reshape(-1, 3), floats(table["faces"]).reshape(-1, 3)
+        steps, faces = (
+            np.frombuffer(base64.b64decode(table[name]), dtype=kind).astype(int).reshape(-1, 3)
+            for name, kind in (("vertices", "<u2"), ("faces", f"<u{table['bytes']}"))
+        )
+        vertices = table["low"] + steps * np.array(table["step"])
         assert len(faces) <= max(LINK_FACES, 0.97 * len(mesh.faces))
         assert faces.max() < len(vertices)
         assert_allclose(vertices.min(axis=0), mesh.vertices.min(axis=0), atol=0.005)

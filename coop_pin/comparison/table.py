@@ -33,7 +33,7 @@ class Comparison:
     """Table of controllers by scenarios and trials.
 
     Attributes:
-        data: for each measure its ``<measure>``, the median over the seeds, with ``<measure>_low`` and
+        data: table with ``<measure>`` of each measure, the median over the seeds, with ``<measure>_low`` and
             ``<measure>_high``, the bootstrap interval of the median at 95 %; ``runs``, ``finished`` and
             ``trustworthy`` count; ``information`` is what the law has besides its own arm's joints,
             ``gains`` is "tuned", "untuned" or "given", ``failure`` the first failed run's error; dimensions
@@ -76,7 +76,7 @@ class Comparison:
             scenario: name.
             controller: name.
             trial: name.
-            seed: of a random trial.
+            seed: seed of a random trial.
 
         Raises:
             InvalidStateError: only the table is known, not the folder of the runs.
@@ -133,7 +133,7 @@ class Comparison:
 
         Args:
             measure: a measure.
-            seed: of the bootstrap.
+            seed: seed of the bootstrap.
 
         Raises:
             NameNotFoundError: there is no such measure.
@@ -156,10 +156,10 @@ class Comparison:
         force = (self.data["axial_rms_N"] ** 2 + self.data["shear_rms_N"] ** 2) ** 0.5
         lines = []
         for scenario in self.data["scenario"].values:
-            own = self.data.sel(scenario=scenario)
+            data = self.data.sel(scenario=scenario)
             texts = {
                 str(trial): [
-                    _cell_text(own, force.sel(scenario=scenario), controller, trial)
+                    _cell_text(data, force.sel(scenario=scenario), controller, trial)
                     for controller in self.data["controller"].values
                 ]
                 for trial in self.data["trial"].values
@@ -224,8 +224,8 @@ def bootstrap_interval(samples: Array, statistic: Any, seed: int) -> tuple[Array
     return low, high
 
 
-def _cell_text(own: xr.Dataset, force: xr.DataArray, controller: Any, trial: Any) -> str:
-    cell = own.sel(controller=controller, trial=trial)
+def _cell_text(data: xr.Dataset, force: xr.DataArray, controller: Any, trial: Any) -> str:
+    cell = data.sel(controller=controller, trial=trial)
     if not np.isfinite(cell["runs"]):
         return "-"
     if not np.isfinite(cell["tracking_rms_mm"]):

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+from typing import NamedTuple
+
 import numpy as np
 
 from coop_pin.arrays import Array, as_array, shaped
 from coop_pin.errors import ShapeError
 from coop_pin.spatial.pose import shift_wrench
+
+_RANK = 1e-6
+"""Ratio of singular values below which tips count as collinear or coplanar; runs move them by rounding."""
 
 
 def load_wrenches(interaction: Array, load_shares: Array) -> Array:
@@ -107,6 +113,56 @@ def virtual_linkage_internal_wrenches(interaction: Array, tips: Array) -> Array:
     by_moments = np.concatenate((np.zeros_like(moment), moment), axis=-1)
     regular = B.sum(axis=-3) + turn[..., :, None] * turn[..., None, :]
     return _split(interaction - by_moments[..., None, :], B, regular)
+
+
+class VirtualLinkage(NamedTuple):
+    """Internal wrenches of the virtual linkage by struts, one between every two tips; p = m (m - 1) / 2.
+
+    Attributes:
+        struts: tension, N, and twisting moment, N m, of each strut, shape (..., p, 2); a tension pulls the
+            payload apart, and a positive twist turns the payload at the second tip about the line to it.
+        rest: force, N, and moment about the tip, N m, on each arm that no strut carries, shape (..., m, 6).
+    """
+
+    struts: Array
+    rest: Array
+
+
+def virtual_linkage(interaction: Array, tips: Array) -> VirtualLinkage:
+    """Return tensions and twists of the virtual linkage's struts, and what struts do not carry.
+
+    With ``E`` the unit vectors from tip to tip, ``f = E t + rest`` splits the internal tip forces f and, with
+    the same E, the tip moments. Of two tips or three in a triangle, and of four in space, the tensions are
+    unique. Struts of collinear tips and of four in a plane can stress each other: t is the least-norm one.
+    The pairs of tips are in the order (1, 2), (1, 3), ..., (2, 3), ... Williams and Khatib (1993).
+
+    Args:
+        interaction: wrench on each arm by the payload, about P, in common axes, shape (..., m, 6).
+        tips: r_i, position of each tip relative to P, m, shape (..., m, 3).
+    """
+    internal = shift_wrench(virtual_linkage_internal_wrenches(interaction, tips), -tips)
+    m, pairs = tips.shape[-2], list(combinations(range(tips.shape[-2]), 2))
+    E = np.zeros((*tips.shape[:-2], m, 3, len(pairs)))
+    for strut, (i, j) in enumerate(pairs):
+        line = tips[..., j, :] - tips[..., i, :]
+        line = line / np.maximum(np.linalg.norm(line, axis=-1, keepdims=True), np.finfo(float).tiny)
+        E[..., i, :, strut], E[..., j, :, strut] = line, -line
+    E = E.reshape(*tips.shape[:-2], 3 * m, len(pairs))
+    f = np.moveaxis(internal.reshape(*tips.shape[:-1], 2, 3), -2, -1).reshape(*E.shape[:-1], 2)
+    struts = np.linalg.pinv(E, rcond=_RANK) @ f
+    rest = np.moveaxis((f - E @ struts).reshape(*tips.shape, 2), -1, -2)
+    return VirtualLinkage(struts, rest.reshape(internal.shape))
+
+
+def determinate_grasp(interaction: Array, tips: Array) -> tuple[Array, Array]:
+    """Return wrenches and tips with zeros for rows that rigid bodies do not determine (NaN).
+
+    Args:
+        interaction: wrench on each arm by the payload, about P, in common axes, shape (..., m, 6).
+        tips: r_i, position of each tip relative to P, m, shape (..., m, 3).
+    """
+    is_free = np.isnan(interaction)
+    return np.where(is_free, 0.0, interaction), np.where(is_free[..., :3], 0.0, tips)
 
 
 def constraint_consistent_internal_wrenches(

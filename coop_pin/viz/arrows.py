@@ -1,7 +1,8 @@
 """Scales of the arrows of forces and moments: N and N m per metre of length.
 
 The page draws a force or moment over its scale as a length l: l up to ``LINEAR_M``; from there
-``LINEAR_M (1 + 0.4 log(l / LINEAR_M))``, never more than ``LONGEST_M``. The number at the head is the value.
+``LINEAR_M (1 + LOGARITHMIC log(l / LINEAR_M))``, never more than ``LONGEST_M``. The number at the head is the
+value. A strut of the virtual linkage is as thick as its tension is long, in proportion.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from coop_pin.results import Snapshot
 TYPICAL_M = 0.15
 """Approximate length of the arrow of a typical force."""
 
-LINEAR_M, LONGEST_M = 0.25, 0.5
+LINEAR_M, LOGARITHMIC, LONGEST_M = 0.25, 0.4, 0.5
 
 _GRAVITY = 9.81
 _NEGLIGIBLE = 1e-6

@@ -1,7 +1,8 @@
 """Frames of a scene: one row of numbers per instant, the same for a recorded run and for one under way.
 
 A row holds the time, poses of bodies, payload and desired pose (m, and quaternions x, y, z, w), positions of
-the tips (m), wrenches about P in world axes (N and N m), and warning codes.
+the tips (m), wrenches about P in world axes (N and N m), tension and twist of the struts of the virtual
+linkage and those wanted (N and N m), the forces on the arms that no strut carries (N), and warning codes.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from coop_pin.figures import palette
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.results.quantities import QUANTITIES, Samples, computed
+from coop_pin.spatial.internal_wrench import determinate_grasp, virtual_linkage
 
 FRAMES_PER_SECOND = 30.0
 NEAR_SINGULAR = 100.0
@@ -47,6 +49,8 @@ class CellFrames:
             "tips": 3 * arms,
             **dict.fromkeys(("interaction", "internal", "wanted"), 6 * arms),
             "external": 6,
+            "struts": 2 * arms * (arms - 1),
+            "across": 3 * arms,
             "warnings": len(bodies),
         }
 
@@ -69,6 +73,7 @@ class CellFrames:
             ),
             samples["tip_position"],
             *(np.nan_to_num(samples[name]) for name in wrenches),
+            *strut_columns(samples),
             warning_codes(names, self.visuals.joints, saturated, condition),
         )
         return np.concatenate([part.reshape(n, -1) for part in parts], axis=1)
@@ -79,14 +84,32 @@ def run_samples(result: RunResult) -> Samples:
     return {str(name): result.data[name].values for name in ("time", *result.data.data_vars)}
 
 
+def strut_columns(samples: Samples) -> tuple[Array, Array]:
+    """Return tension and twist of the struts, and those wanted, shape (n, 2, p, 2), and the forces across.
+
+    Args:
+        samples: quantities by name, n samples along the first axis.
+
+    Returns:
+        Tensions, N, and twists, N m; forces on the arms that no strut carries, N, shape (n, m, 3).
+    """
+    F, p_WP = samples["interaction_wrench"], samples["payload_position"][:, None]
+    wrenches = np.stack((F, np.where(np.isnan(F), F, samples["desired_internal_wrench"])), axis=1)
+    tips = np.broadcast_to((samples["tip_position"] - p_WP)[:, None], (*wrenches.shape[:-1], 3))
+    struts, rest = virtual_linkage(*determinate_grasp(wrenches, tips))
+    return struts, rest[:, 0, :, :3]
+
+
 def snapshot_samples(snapshot: Snapshot, cell: Cell) -> Samples:
     """Return a snapshot as one sample, with the quantities that follow from it."""
-    given = {name: np.asarray(value)[None] for name, value in snapshot._asdict().items() if value is not None}
+    values = {
+        name: np.asarray(value)[None] for name, value in snapshot._asdict().items() if value is not None
+    }
     follow = [q for q in QUANTITIES if q.source is not None and q.dims != "arm joint"]  # of the payload
-    names = {q.name for q in follow if not (q.group or q.name in given)}
+    names = {q.name for q in follow if not (q.group or q.name in values)}
     if snapshot.measured_internal_wrench is not None:
         names |= {q.name for q in follow if q.name.startswith("measured_internal_")}
-    return computed(QUANTITIES, given, cell.shares, names)
+    return computed(QUANTITIES, values, cell.shares, names)
 
 
 def frame_samples(time: Array, frames_per_second: float, instants: Sequence[float] = ()) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import importlib.util
 import json
+import math
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
@@ -15,9 +16,10 @@ from coop_pin.arrays import Array
 from coop_pin.atomic_write import write_atomically
 from coop_pin.description.cell import Cell
 from coop_pin.figures import palette
-from coop_pin.viz.arrows import LINEAR_M, LONGEST_M, ArrowScales
+from coop_pin.viz.arrows import LINEAR_M, LOGARITHMIC, LONGEST_M, ArrowScales
 from coop_pin.viz.curves import Curve, plot_table
 from coop_pin.viz.frames import WARNING_COLOURS, CellFrames
+from coop_pin.viz.highlights import read_number
 from coop_pin.viz.scene import Scene, base64_floats, packed_scene
 
 _PATH_POINTS = 240
@@ -96,7 +98,13 @@ def page_parts(
         "plots": plot_table(curves),
         "colours": _COLOURS,
         "warning_colours": WARNING_COLOURS,
-        "scales": {"forces": forces, "moments": moments, "linear": LINEAR_M, "longest": LONGEST_M},
+        "scales": {
+            "forces": forces,
+            "moments": moments,
+            "linear": LINEAR_M,
+            "logarithmic": LOGARITHMIC,
+            "longest": LONGEST_M,
+        },
         **{
             "spans": [],
             "breaches": [],
@@ -119,7 +127,8 @@ def page_parts(
         told=told,
         **_COLOURS,
         scale=f"0.1 m of arrow: {0.1 * forces:g} N" + ("" if moments is None else f", {0.1 * moments:g} N m"),
-        shortened=f"{LINEAR_M * forces:g} N",
+        linear=f"{LINEAR_M * forces:g}",
+        thickest=read_number(LINEAR_M * forces * math.exp((LONGEST_M / LINEAR_M - 1.0) / LOGARITHMIC)),
         data=DATA,
     )
     return layout, page
@@ -127,8 +136,8 @@ def page_parts(
 
 def page_scripts() -> str:
     """Return the scripts that a page runs before its data are read."""
-    own = ("uplot/uPlot.iife.min.js", "stage.js", "plots.js")
-    return "\n".join((_viewer_file("main.min.js"), *map(web_file, own)))
+    scripts = ("uplot/uPlot.iife.min.js", "stage.js", "plots.js")
+    return "\n".join((_viewer_file("main.min.js"), *map(web_file, scripts)))
 
 
 def page_licences() -> str:

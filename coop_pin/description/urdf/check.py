@@ -62,7 +62,8 @@ def load_checked(urdf: UrdfFile, *, strict: bool = False, loops: bool = False) -
     findings = _findings_of_file(urdf, data, urdf.package_dirs if is_users else (), loops=loops)
     ignored = ("loop",) if loops else ()
     _require_usable(UrdfReport(str(urdf.path), findings), ignored, strict=strict, warn=is_users)
-    return data.decode("utf-8")
+    text = data.decode("utf-8")
+    return text if urdf.carrier is None else urdf.carrier.under(text)
 
 
 @typed
@@ -73,7 +74,7 @@ def text_checked(text: str, *, loops: bool = False) -> str:
 
     Args:
         text: the URDF.
-        loops: as for load_checked.
+        loops: whether loops are read, as for load_checked.
 
     Raises:
         UrdfError: it has errors, all of which the message lists.
@@ -101,11 +102,11 @@ def _findings(data: bytes, package_dirs: Sequence[Path] = ()) -> tuple[UrdfFindi
         code, line, message = error.args
         return (UrdfFinding("structural", code, "document", line, message),)
     tree = read_tree(robot)
-    found = [*loop_findings(robot, tree.links), *element_findings(robot), *tree.findings]
-    found += physical_findings(robot, tree)
+    findings = [*loop_findings(robot, tree.links), *element_findings(robot), *tree.findings]
+    findings += physical_findings(robot, tree)
     if package_dirs:
-        found += mesh_findings(robot, package_dirs)
-    return tuple(sorted(found, key=lambda finding: finding.line))
+        findings += mesh_findings(robot, package_dirs)
+    return tuple(sorted(findings, key=lambda finding: finding.line))
 
 
 def _findings_of_file(

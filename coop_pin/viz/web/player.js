@@ -34,7 +34,6 @@
       const name = key !== "axial" ? tile : worst < 0 ? "squeeze" : "pull apart";
       box.innerHTML = `${name}<b>${coopPinNumber(worst)}<small> ${unit}</small></b>${wanted ? `wanted ${coopPinNumber(plots.value(runs[0], wanted.column))}` : "&nbsp;"}`;
       if (key === "axial") { spoken = `${coopPinNumber(Math.abs(worst))} N ${worst < 0 ? "squeeze" : "pull apart"}`; }
-      if (key === "axial") { stage.tint(values.reduce((a, b) => a + b) / values.length); }
     }
   }
 

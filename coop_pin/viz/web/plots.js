@@ -7,7 +7,8 @@ const coopPinWhole = (value) => coopPinTick(Math.round(value));
 
 // Numbers of a page are little-endian float32 in base64.
 const coopPinBytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-const coopPinFloats = (text) => new Float32Array(coopPinBytes(text).buffer);
+const coopPinNumbers = (text, kind) => new kind(coopPinBytes(text).buffer);
+const coopPinFloats = (text) => coopPinNumbers(text, Float32Array);
 
 // Index of the last time that is not later.
 function coopPinIndex(count, timeOf, time) {

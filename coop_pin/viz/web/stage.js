@@ -9,7 +9,7 @@ function coopPinStage(pane, labels, page) {
     said.className = "none";
     said.textContent = "No 3-D view: this browser has no WebGL. Plots and numbers need none.";
     pane.prepend(said);
-    return { show: nothing, tint: nothing, trail: nothing, travelled: nothing, view: nothing, setLayer: nothing, arrows: {} };
+    return { show: nothing, trail: nothing, travelled: nothing, view: nothing, setLayer: nothing, arrows: {} };
   }
 }
 
@@ -27,7 +27,6 @@ function coopPinScene(pane, labels, page) {
   // ---------------------------------------------------------------- drawables
   const floats = coopPinFloats;
   const points = (values) => Array.from({ length: values.length / 3 }, (_, k) => vector().fromArray(values, 3 * k));
-  const attribute = (text) => new three.BufferAttribute(floats(text), 3);
   const tube = (path, radius) => new three.TubeGeometry(new three.CatmullRomCurve3(path), path.length, radius, 8);
   const shapes = {
     box: ({ size }) => new three.BoxGeometry(...size),
@@ -35,7 +34,7 @@ function coopPinScene(pane, labels, page) {
     sphere: ({ size: [radius] }) => new three.SphereGeometry(radius, 32, 16),
     mesh: ({ mesh }) => meshes[mesh],
   };
-  const nodes = {}, layers = { moments: false }, layered = [];
+  const nodes = {}, layers = { moments: false, wanted: false }, layered = [];
   function node(path) {
     if (!nodes[path]) { viewer.scene.add(nodes[path] = new three.Group()); }
     return nodes[path];
@@ -63,14 +62,14 @@ function coopPinScene(pane, labels, page) {
     } else {
       drawn = new three.Mesh(geometry(), new three.MeshBasicMaterial(options));
     }
-    drawn.userData.tinted = item.node === "payload" && item.colour === page.colours.payload;
     drawn.applyMatrix4(new three.Matrix4().fromArray(item.pose));
     node(item.node).add(inLayer(item.layer, drawn));
   }
 
-  const [first] = page.runs, meshes = first.scene.meshes.map(({ vertices, faces }) => {
-    const geometry = new three.BufferGeometry().setAttribute("position", attribute(vertices));
-    return geometry.setIndex(new three.BufferAttribute(Uint32Array.from(floats(faces)), 1));
+  const [first] = page.runs, meshes = first.scene.meshes.map(({ low, step, vertices, faces, bytes }) => {
+    const positions = Float32Array.from(coopPinNumbers(vertices, Uint16Array), (value, k) => low[k % 3] + step[k % 3] * value);
+    const geometry = new three.BufferGeometry().setAttribute("position", new three.BufferAttribute(positions, 3));
+    return geometry.setIndex(new three.BufferAttribute(coopPinNumbers(faces, bytes === 2 ? Uint16Array : Uint32Array), 1));
   });
   first.scene.items.forEach(draw);
   // The floor: a slab below a grid of 0.25 m, and the grid in step with the world's axes.
@@ -83,7 +82,7 @@ function coopPinScene(pane, labels, page) {
 
   // ---------------------------------------------------------------- arrows
   // Shape and colour tell the parts apart, in greyscale too: [shaft radius, head radius, pieces of the shaft].
-  const HEAD = 0.05, STYLES = { internal: [0.008, 0.02, 1], wanted: [0.008, 0.02, 1], load: [0.0045, 0.014, 4], external: [0.011, 0.024, 2] };
+  const HEAD = 0.05, STYLES = { internal: [0.008, 0.02, 1], wanted: [0.008, 0.02, 1], load: [0.0045, 0.014, 4], external: [0.011, 0.024, 2], across: [0.003, 0.011, 1] };
   function solid(colour, [radius, head, pieces], heads, grown, options) {
     const kind = options ? three.MeshBasicMaterial : three.MeshLambertMaterial;
     const material = new kind({ color: colour, transparent: true, depthTest: false, depthWrite: false, ...options });
@@ -99,15 +98,21 @@ function coopPinScene(pane, labels, page) {
     return { shaft, tip };
   }
 
+  // Up to the linear length in proportion, then with the logarithm, up to the longest.
+  function drawnLength(size, per) {
+    const ratio = size / per / scales.linear;
+    return Math.min(scales.linear * (ratio <= 1 ? ratio : 1 + scales.logarithmic * Math.log(ratio)), scales.longest);
+  }
+  // An outline: a grown solid, drawn where a hidden thinner one has not marked the stencil.
+  const MARK = { colorWrite: false, stencilWrite: true, stencilRef: 1, stencilZPass: three.ReplaceStencilOp };
+  const AROUND = { stencilWrite: true, stencilRef: 1, stencilFunc: three.NotEqualStencilFunc };
+
   const arrows = {};
   function makeArrow(group, arm, part) {
     const moment = group === "moments", shape = STYLES[part].map((size, k) => (moment && k < 2 ? 0.7 * size : size));
     const object = new three.Group(), heads = moment ? 2 : 1, wanted = part === "wanted";
-    // The wanted wrench is an outline: a grown arrow, drawn where a hidden thinner one has not marked the stencil.
-    const mark = { colorWrite: false, stencilWrite: true, stencilRef: 1, stencilZPass: three.ReplaceStencilOp };
-    const around = { stencilWrite: true, stencilRef: 1, stencilFunc: three.NotEqualStencilFunc };
-    const solids = wanted ? [solid(0, shape, heads, 0.001, mark), solid(page.colours.wanted, shape, heads, 0.006, around)]
-      : [solid(page.colours[part], shape, heads, 0)];
+    const colour = page.colours[part === "across" ? "internal" : part];
+    const solids = wanted ? [solid(0, shape, heads, 0.001, MARK), solid(colour, shape, heads, 0.006, AROUND)] : [solid(colour, shape, heads, 0)];
     solids.forEach(({ shaft, tip }, k) => {
       object.add(shaft, tip);
       object.traverse((drawn) => { drawn.renderOrder = drawn.renderOrder || (wanted ? 20 + k : 10); });
@@ -115,14 +120,13 @@ function coopPinScene(pane, labels, page) {
     viewer.scene.add(object);
     const text = document.createElement("span");
     labels.append(text);
-    text.style.borderColor = page.colours[part];
+    text.style.borderColor = colour;
     const per = scales[group], unit = moment ? "N m" : "N", name = `${group}/${arm}/${part}`;
     const arrow = { name, part, value: vector(), length: 0, tip: vector(), outer: vector(), inner: vector(), text, object };
     // A force towards the other grasps ends at its own, one away from them starts there: no arrow crosses the payload.
     arrow.set = (grasp, inwards, x, y, z) => {
       arrow.value.set(x, y, z);
-      const size = arrow.value.length(), ratio = size / per / scales.linear;
-      const length = Math.min(scales.linear * (ratio <= 1 ? ratio : 1 + 0.4 * Math.log(ratio)), scales.longest);
+      const size = arrow.value.length(), length = drawnLength(size, per);
       arrow.length = length;
       object.visible = length > 0.002 && layers[part] !== false && (!moment || layers.moments);
       const along = length > 0 ? arrow.value.clone().divideScalar(size) : vector(0, 0, 1);
@@ -136,13 +140,63 @@ function coopPinScene(pane, labels, page) {
       }
       arrow.tip.copy(along).multiplyScalar(length).add(object.position);
       [arrow.outer, arrow.inner] = pressed > 0.5 ? [object.position, arrow.tip] : [arrow.tip, object.position];
-      text.textContent = `${wanted ? "wanted " : ""}${coopPinNumber(size)} ${unit}`;
+      text.textContent = `${{ wanted: "wanted ", across: "by moments " }[part] ?? ""}${coopPinNumber(size)} ${unit}`;
     };
     arrows[name] = arrow;
   }
   for (const group of scales.moments === null ? ["forces"] : ["forces", "moments"]) {
     for (const arm of first.arms) { for (const part of ["load", "internal", "wanted"]) { makeArrow(group, arm, part); } }
     makeArrow(group, "payload", "external");
+  }
+  first.arms.forEach((arm) => makeArrow("forces", arm, "across"));
+
+  // ---------------------------------------------------------------- virtual linkage
+  // A strut between every two grasps: as thick as its tension is large, with an outline for the wanted one and a
+  // ring with a head for its twist. Values are computed in Python (frames.py).
+  const THICKNESS = 0.1, RING = 0.045, Z = vector(0, 0, 1);
+  const struts = first.arms.flatMap((_, i) => first.arms.slice(i + 1).map((_, k) => makeStrut(i, i + 1 + k)));
+  function makeStrut(i, j) {
+    const object = new three.Group(), ring = new three.Group(), rods = {}, text = document.createElement("span");
+    const part = (geometry, order, options) => {
+      const mesh = new three.Mesh(geometry, new three.MeshBasicMaterial({ transparent: true, depthTest: false, depthWrite: false, ...options }));
+      mesh.renderOrder = order;
+      return mesh;
+    };
+    const rod = new three.CylinderGeometry(1, 1, 1, 24).rotateX(Math.PI / 2).translate(0, 0, 0.5);
+    for (const [order, [name, options]] of Object.entries({ edge: { color: 0xffffff }, core: {}, mark: MARK, around: { color: page.colours.wanted, ...AROUND } }).map((entry, k) => [[5, 6, 7, 8][k], entry])) {
+      object.add(rods[name] = part(rod, order, options));
+    }
+    ring.add(part(new three.TorusGeometry(1, 0.1, 10, 40, 1.5 * Math.PI), 9, { color: page.colours.internal }));
+    ring.add(part(new three.ConeGeometry(0.28, 0.6, 16).rotateZ(-Math.PI / 2).translate(0.25, -1, 0), 9, { color: page.colours.internal }));
+    object.add(ring);
+    inLayer("struts", object);
+    viewer.scene.add(object);
+    labels.append(text);
+    const strut = { name: `${first.arms[i]} to ${first.arms[j]}`, tension: 0, twist: 0, wanted: 0, radius: 0, middle: vector(), tip: vector(), text, object };
+    strut.set = (tips, [tension, twist, wanted, wantedTwist]) => {
+      const along = tips[j].clone().sub(tips[i]), length = along.length(), squeezed = (Math.abs(tension) < 0.05 ? wanted : tension) < 0;
+      const [radius, outline] = [tension, wanted].map((newtons) => THICKNESS * drawnLength(Math.abs(newtons), scales.forces));
+      Object.assign(strut, { tension, twist, wanted, radius });
+      strut.tip.copy(tips[j]);
+      strut.middle.copy(tips[i]).lerp(tips[j], 0.5);
+      object.position.copy(tips[i]);
+      object.quaternion.setFromUnitVectors(Z, along.normalize());
+      for (const [name, wide] of Object.entries({ edge: radius + 0.005, core: radius, mark: outline, around: outline + 0.003 })) {
+        rods[name].scale.set(wide, wide, length);
+        rods[name].visible = name === "edge" || name === "core" ? radius > 1e-4 : outline > 1e-4;
+      }
+      rods.core.material.color.set(squeezed ? page.colours.squeezed : page.colours.torn);
+      const turn = scales.moments === null ? 0 : drawnLength(Math.abs(twist), scales.moments) / scales.linear;
+      ring.visible = turn > 0.1;
+      ring.position.z = 0.7 * length; // as it turns the payload at the second grasp
+      ring.scale.setScalar(RING * (0.6 + turn));
+      ring.scale.x *= Math.sign(twist);
+      text.style.borderColor = squeezed ? page.colours.squeezed : page.colours.torn;
+      const said = (newtons) => (Math.abs(newtons) < 0.05 ? "0 N" : `${newtons < 0 ? "squeezed" : "pulled apart"} ${coopPinNumber(Math.abs(newtons))} N`);
+      text.textContent = said(tension) + (Math.abs(wanted) < 0.05 ? "" : `\nwanted ${wanted < 0 === squeezed && Math.abs(tension) >= 0.05 ? coopPinNumber(Math.abs(wanted)) : said(wanted)}`)
+        + (ring.visible ? `\ntwisted ${coopPinNumber(Math.abs(twist))} N m` + (Math.abs(wantedTwist) < 0.005 ? "" : `, wanted ${coopPinNumber(Math.abs(wantedTwist))}`) : "");
+    };
+    return strut;
   }
 
   // Names of the arms, at their bases.
@@ -163,9 +217,24 @@ function coopPinScene(pane, labels, page) {
       text.style.transform = `translate(${x}px, ${y}px)`;
       placed.push([x, y, long]);
     }
+    const centre = struts.reduce((sum, { middle }) => sum.add(middle), vector()).divideScalar(struts.length).project(viewer.camera);
+    for (const { middle, tip, text, object } of struts) {
+      text.hidden = !object.visible;
+      if (text.hidden) { continue; }
+      const [at, end] = [middle, tip].map((point) => point.clone().project(viewer.camera)), long = text.offsetWidth, lines = text.textContent.split("\n");
+      // Outwards of a triangle, else below a level strut and beside a steep one.
+      let [right, down] = [(at.x - centre.x) * width, (centre.y - at.y) * height];
+      if (struts.length === 1) { [right, down] = Math.abs(end.y - at.y) * height > Math.abs(end.x - at.x) * width ? [1, 0] : [0, 1]; }
+      const norm = Math.hypot(right, down) || 1, tall = 8 * lines.length;
+      const x = Math.max(0, Math.min((1 + at.x) * width / 2 - long / 2 + right / norm * (long / 2 + 12), width - long));
+      let y = Math.min((1 - at.y) * height / 2 - tall + down / norm * (tall + 12), height - 2 * tall);
+      while (placed.some(([a, b, other]) => a < x + long && x < a + other && b < y + 17 * lines.length && y < b + 17)) { y += 17; }
+      text.style.transform = `translate(${x}px, ${y}px)`;
+      lines.forEach((_, line) => placed.push([x, y + 16 * line, long]));
+    }
     for (const { outer, inner, text, object, length, part } of Object.values(arrows)) {
       const [end, start] = [outer, inner].map((point) => point.clone().project(viewer.camera));
-      text.hidden = !object.visible || length < 0.03 || Math.abs(end.z) > 1 || (part === "wanted" && width < 500);
+      text.hidden = !object.visible || length < 0.03 || Math.abs(end.z) > 1 || (["wanted", "across"].includes(part) && width < 500);
       if (text.hidden) { continue; }
       const long = 13 + 7.2 * text.textContent.length;
       let [x, y] = [(1 + end.x) * width / 2 + (end.x < start.x ? -8 - long : 8), (1 - end.y) * height / 2 - 9];
@@ -219,16 +288,12 @@ function coopPinScene(pane, labels, page) {
       });
       arrows[`${group}/payload/external`].set(centre, nowhere, ...wrench("external", 0, 1));
     });
+    const strutValues = (k, wanted) => [0, 1].map((part) => from[at.struts + 2 * (k + wanted * struts.length) + part]);
+    struts.forEach((strut, k) => strut.set(tips, [...strutValues(k, 0), ...strutValues(k, 1)]));
+    first.arms.forEach((arm, k) => arrows[`forces/${arm}/across`].set(tips[k], nowhere, ...[0, 1, 2].map((axis) => -from[at.across + 3 * k + axis])));
     first.nodes.slice(0, -2).forEach((path, k) => setWarning(path, from[at.warnings + k]));
     follow();
     viewer.set_dirty();
-  }
-
-  // Between squeeze (dark) and tear (orange): the share of the axial force that an arrow shows uncompressed.
-  function tint(newtons) {
-    const share = layers.tint === false ? 0 : Math.max(-1, Math.min(1, newtons / (scales.forces * scales.linear)));
-    const colour = new three.Color(page.colours.payload).lerp(new three.Color(share < 0 ? page.colours.squeezed : page.colours.torn), Math.abs(share));
-    node("payload").traverse(({ material, userData }) => { if (userData.tinted) { material.color.copy(colour); } });
   }
 
   const trails = {};
@@ -305,5 +370,5 @@ function coopPinScene(pane, labels, page) {
   }
   view("reset");
   trail("desired", points(floats(first.desired)), "#9a9fa6", 0.004);
-  return { viewer, node, arrows, layers, show, tint, trail, travelled, view, setLayer };
+  return { viewer, node, arrows, struts, layers, show, trail, travelled, view, setLayer };
 }

@@ -1,0 +1,110 @@
+"""Draw the loops of the gallery, and write its table into the README and the front page of the documentation.
+
+    python tools/gallery.py                      # every cell of the catalogue, and the four laws
+    python tools/gallery.py two-pandas-box       # some of them; the table is always written
+    python tools/gallery.py --table              # the table alone
+
+A loop is a whole run in six seconds, drawn by a headless browser with the network off.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+import coop_pin as cp
+from coop_pin.description import scenario_names
+from coop_pin.results import RunResult
+from coop_pin.viz.export import page_images
+from coop_pin.viz.replay import replay_html
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(REPOSITORY / "studies"))
+from pages import write_block  # noqa: E402
+
+LOOPS = REPOSITORY / "docs" / "_static" / "gallery"
+SECONDS, FRAMES_PER_SECOND = 6.0, 10.0
+SCENE_ONLY = """html, body, main { display: block !important; height: 100% !important; }
+    nav, aside, #caption, #views { display: none !important; } #view { height: 100% !important; }
+    #tension { width: 170px !important; }"""
+LAWS = "laws"
+BIAS: dict[str, Any] = {
+    "events": [],
+    "duration": 10.0,
+    "cell.arms.left.calibration_error.tip.xyz": [1e-3, 0.0, 0.0],
+}
+FOUR_LAWS: dict[str, tuple[str, dict[str, Any]]] = {
+    "printed": ("adept-paper", {}),
+    "printed, α = 0": ("adept-paper", {"controller.gains.sign_gain": 0.0}),
+    "no sensor": ("adept-anchored", {"controller.force_path.kind": "none"}),
+    "anchored": ("adept-anchored", {}),
+}
+
+
+def save_loop(name: str, *runs: RunResult, names: tuple[str, ...] = (), width: int, height: int) -> Path:
+    """Draw a loop of runs and return its file, an animated WebP."""
+    count = int(SECONDS * FRAMES_PER_SECOND)
+    times = np.linspace(0.0, max(run.end for run in runs), count)
+    page = replay_html(*runs, names=names, times=times)
+    if len(runs) == 1:
+        page = page.replace("</head>", f"<style>{SCENE_ONLY}</style></head>")
+    images = [
+        Image.open(io.BytesIO(image)).convert("RGB") for image in page_images(page, times, width, height)
+    ]
+    LOOPS.mkdir(parents=True, exist_ok=True)
+    file, pause = LOOPS / f"{name}.webp", round(1e3 / FRAMES_PER_SECOND)
+    durations = [*[pause] * (count - 1), 8 * pause]  # the end is held
+    images[0].save(
+        file, save_all=True, append_images=images[1:], duration=durations, loop=0, quality=55, method=6
+    )
+    return file
+
+
+def gallery(columns: int, images: str, replays: str = "") -> str:
+    """Return the table of the catalogue, robots of today first: loop, sentence, command, replay.
+
+    Args:
+        columns: number of cells beside each other.
+        images: folder of the loops, as the page addresses it.
+        replays: folder of the replays likewise; "" where there are none.
+    """
+    cells = []
+    for name in reversed(scenario_names()):
+        replay = f' <a href="{replays}/{name}.html">replay</a>' if replays else ""
+        text = f"{cp.Scenario.load(name).summary}.".replace("..", ".")
+        cells.append(f"![{text}]({images}/{name}.webp)<br>{text}<br>`coop-pin run {name}`{replay}")
+    lines = [
+        [""] * columns,
+        ["---"] * columns,
+        *(cells[k : k + columns] for k in range(0, len(cells), columns)),
+    ]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def main() -> None:
+    """Run the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("names", nargs="*", choices=[*scenario_names(), LAWS, []])
+    parser.add_argument("--table", action="store_true")
+    options = parser.parse_args()
+    for name in () if options.table else options.names or (*scenario_names(), LAWS):
+        if name == LAWS:
+            runs = [cp.run(scenario, BIAS | changes) for scenario, changes in FOUR_LAWS.values()]
+            file = save_loop(name, *runs, names=tuple(FOUR_LAWS), width=1280, height=760)
+        else:
+            file = save_loop(name, cp.run(name), width=480, height=320)
+        print(f"{file.relative_to(REPOSITORY)}: {file.stat().st_size / 1e6:.2f} MB", flush=True)
+    write_block(REPOSITORY / "README.md", "gallery", gallery(4, "docs/_static/gallery"))
+    write_block(REPOSITORY / "docs" / "index.md", "gallery", gallery(2, "_static/gallery", "_static/replays"))
+
+
+if __name__ == "__main__":
+    main()
