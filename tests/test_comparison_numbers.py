@@ -177,10 +177,13 @@ def test_gains_of_spare_joints_have_a_spring_unless_the_cell_has_a_joint_without
     scenario = cp.Scenario.load("two-pandas-box")
     for stiffness in (30.0, 0.0):
         own = scenario.override({"controller.posture.stiffness": stiffness})
-        laws = controllers_for(own, ["printed", "leader-follower", "computed-torque"], tuned=False)
+        laws = controllers_for(
+            own, ["printed", "leader-follower", "computed-torque", "adaptive"], tuned=False
+        )
         spring = float(stiffness > 0.0)
         assert tuple(laws["leader-follower"]["gains"]["spare_gains"]) == (40.0 * spring, 8.0)
         assert tuple(laws["computed-torque"]["gains"]["spare_gains"]) == (25.0 * spring, 10.0)
+        assert laws["adaptive"]["gains"]["spare_gain"] == 4.0 * spring
         assert laws["printed"]["kind"] == "sliding-mode-redundant"
 
 
