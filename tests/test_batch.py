@@ -192,6 +192,12 @@ def test_a_batch_of_one_run_has_its_metrics_its_last_tick_and_the_trust_of_its_c
     assert 1.1 * largest < bounds < 6.0 * largest
 
 
+def test_a_run_that_diverges_is_not_valid():
+    gains = {"controller.gains.sliding_gain": 1e7, "beyond_bound": True}
+    scenario = cp.Scenario.load("adept-anchored", {"duration": 0.1, "events": [], **gains})
+    assert simulate_batch([scenario]).is_valid.tolist() == [False]
+
+
 def test_an_event_at_the_last_tick_is_that_of_a_single_run():
     event = {"kind": "payload-change", "time": 0.1, "mass": 4.0}
     scenario = cp.Scenario.load("adept-paper", {"duration": 0.1, "events": [event]})

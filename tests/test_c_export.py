@@ -231,6 +231,13 @@ def test_a_law_that_cannot_be_traced_is_refused_and_the_reason_told(mode, reason
     assert list(tmp_path.iterdir()) == []
 
 
+def test_files_are_written_into_new_folders_and_over_those_of_before(tmp_path):
+    folder = tmp_path / "new" / "folder"
+    laws = [cp.export_c(cp.Scenario.load("adept-paper"), "left", folder, ticks=2) for _ in range(2)]
+    assert laws[0] == laws[1]
+    assert {path.name for path in folder.iterdir()} == {"left.h", "left.c", "left_self_test.c"}
+
+
 def test_what_is_no_law_of_one_arm_is_refused(tmp_path):
     with pytest.raises(ArgumentError, match="all arms"):
         cp.export_c(users("OfTheCell"), "left", tmp_path)

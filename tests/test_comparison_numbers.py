@@ -169,6 +169,7 @@ def test_gains_that_the_cell_sets_are_parts_of_its_own(scenario):
     weight = np.array([*np.multiply(scenario.cell.payload.mass, scenario.cell.gravity), 0.0, 0.0, 0.0])
     assert_allclose(gains["payload_weight"], scenario.cell.task_rows.select(weight))
     assert laws["printed"]["kind"] == "sliding-mode"
+    assert len(laws["printed"]["gains"]["damping_gain"]) == K.size  # of both arms, which are alike
     assert 0.7 < t_lambda(scenario.override({"controller": laws["printed"]})) <= 0.9
 
 
@@ -176,10 +177,13 @@ def test_gains_of_spare_joints_have_a_spring_unless_the_cell_has_a_joint_without
     scenario = cp.Scenario.load("two-pandas-box")
     for stiffness in (30.0, 0.0):
         own = scenario.override({"controller.posture.stiffness": stiffness})
-        laws = controllers_for(own, ["printed", "leader-follower", "computed-torque"], tuned=False)
+        laws = controllers_for(
+            own, ["printed", "leader-follower", "computed-torque", "adaptive"], tuned=False
+        )
         spring = float(stiffness > 0.0)
         assert tuple(laws["leader-follower"]["gains"]["spare_gains"]) == (40.0 * spring, 8.0)
         assert tuple(laws["computed-torque"]["gains"]["spare_gains"]) == (25.0 * spring, 10.0)
+        assert laws["adaptive"]["gains"]["spare_gain"] == 4.0 * spring
         assert laws["printed"]["kind"] == "sliding-mode-redundant"
 
 
@@ -203,6 +207,8 @@ def test_every_controller_is_searched_with_the_same_number_of_runs(scenario, tmp
     tune_controllers(scenario, names[:1], out=tmp_path, size=18, generations=2, duration=0.05)
     _, ranges, options = searches[-1]
     assert (len(ranges) * options["population"], options["generations"]) == (18, 2)
+    tune_controllers(scenario, ["printed"], out=tmp_path, size=1, duration=0.05)
+    assert searches[-1][2]["population"] == 1
 
 
 def test_engines_are_those_asked_for(scenario):

@@ -118,6 +118,7 @@ def task_inertia(scenario: Scenario, cell_reach: Reachability) -> TaskInertia:
     return TaskInertia(times, mobility)
 
 
+@typed
 def motion_wrenches(scenario: Scenario, cell_reach: Reachability, posture: PostureGains) -> MotionWrenches:
     """Return the wrenches that the motion asks of the payload-space law.
 

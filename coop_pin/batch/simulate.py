@@ -134,6 +134,7 @@ class BatchSimulator:
 
         Of a user's law, some of the runs are repeated singly.
         """
+        require_type("scenarios", scenarios, Sequence)
         if not scenarios:
             raise ArgumentError("scenarios is empty; give at least one")
         for index, scenario in enumerate(scenarios):

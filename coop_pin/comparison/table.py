@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from coop_pin.arrays import Array, require_path, require_type
+from coop_pin.arrays import Array, as_count, require_path, require_type
 from coop_pin.comparison.measures import MEASURES
 from coop_pin.errors import FileReadError, InvalidStateError, NameNotFoundError
 from coop_pin.heat_map import cell_text, write_heat_map
@@ -138,6 +138,8 @@ class Comparison:
         Raises:
             NameNotFoundError: there is no such measure.
         """
+        require_type("measure", measure, str)
+        seed = as_count("seed", seed)
         if measure not in COLUMNS:
             raise NameNotFoundError("measure", measure, COLUMNS, "the comparison")
         cells = self.data[measure].stack(place=("scenario", "trial")).transpose("place", "controller")
