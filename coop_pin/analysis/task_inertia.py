@@ -130,7 +130,7 @@ def motion_wrenches(scenario: Scenario, cell_reach: Reachability, posture: Postu
     first = int(np.count_nonzero(cell_reach.arms[0].times == 0.0)) - 1
     t = cell_reach.arms[0].times[first:]
     motion = scenario.motion.replace()  # reads a CSV table again
-    end = min(time_at_rest(motion, scenario.duration) + _SETTLING, scenario.duration)
+    end = min(time_at_rest(scenario) + _SETTLING, scenario.duration)
     fine = np.linspace(0.0, end, _SAMPLES)
     targets = [motion.at(time) for time in fine.tolist()]
     acceleration = np.gradient(np.array([target.V_WP_d for target in targets]), fine, axis=0)
