@@ -92,7 +92,9 @@ def loop_stability(simulation: Simulation, cell_reach: Reachability | None = Non
 
     Raises:
         SingularJacobianError: an arm is singular at a pose.
+        ArgumentError: a grasp is compliant.
     """
+    simulation.scenario.cell.require_rigid("loop_stability")
     poses = [(0.0, simulation.plant.q)]
     if cell_reach is not None:
         poses += configurations_along(simulation, cell_reach, _POSES)[1:]

@@ -91,11 +91,13 @@ def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
         InfeasibleMotionError: the cell cannot do it, with the cause: rank, reach, singularity, limits, torque
             or stability.
         UrdfError, NameNotFoundError, FileReadError: an arm or the motion cannot be built.
+        ArgumentError: a grasp is compliant.
     """
     if isinstance(scenario, str | Path):
         scenario = Scenario.load(scenario, draft=True)
     require_type("scenario", scenario, Scenario)
     poses = as_count("poses", poses, 5)
+    scenario.cell.require_rigid("suggest")
     for number in implausible_numbers(scenario):
         warnings.warn(number, ScenarioWarning, stacklevel=2)
     require_rank(scenario.cell)

@@ -101,7 +101,11 @@ def task_inertia(scenario: Scenario, cell_reach: Reachability) -> TaskInertia:
     Args:
         scenario: cell and motion.
         cell_reach: reachability of the scenario.
+
+    Raises:
+        ArgumentError: a grasp is compliant.
     """
+    scenario.cell.require_rigid("the task-space inertia of the cell")
     cell, rows = scenario.cell, list(scenario.cell.task_rows.indices)
     times, arms = cell_reach.arms[0].times, [CellArm(cell, reach.arm) for reach in cell_reach.arms]
     A = _payload_inertia(scenario, cell_reach)
@@ -178,9 +182,7 @@ class HeldArm:
         cell = scenario.cell
         self.motion, self.rows = scenario.motion.replace(), cell.task_rows
         self.model, self.friction = CellArm(cell, name), friction(cell.arms[name], name)
-        spring, damper = np.asarray(posture.stiffness), np.asarray(posture.damping)
-        self.stiffness = np.broadcast_to(spring, self.model.nv)
-        self.damping = np.broadcast_to(damper, self.model.nv)
+        self.stiffness, self.damping = posture.of_drives(self.model.nv, self.model.base_joints)
         robot = scenario.actuators_of(name).gravity_compensation
         self.carried = 0.0 if robot is None else 1.0 + robot.mass_error
         load = self.model.share * weight_wrench(cell.payload.mass, cell.gravity)
@@ -213,7 +215,7 @@ class HeldArm:
             t: times of the path of the inverse kinematics, s.
             q: that path.
         """
-        if self.is_redundant and self.rows.size == 6 and bool(np.all(self.damping > 0.0)):
+        if self.is_redundant and self.rows.size == 6 and bool(self.damping.any()):
             return self._with_spare_motion(times, q[0])
         from scipy.interpolate import make_interp_spline  # slow to load
 

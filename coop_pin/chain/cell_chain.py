@@ -14,6 +14,7 @@ from coop_pin.arrays import Array, Mask, as_array, as_number, as_pose, require_f
 from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import ClosureError
+from coop_pin.chain.grasp_springs import GraspSprings, GraspState
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.chain.kkt_solver import constraint_svd
 from coop_pin.chain.linearisation import Linearisation, linearised
@@ -25,7 +26,7 @@ from coop_pin.errors import ArgumentError, NameNotFoundError, OpenClosureError
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.cell_model import CellModel
 from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, symmetric
-from coop_pin.spatial import rotate_vector6, shift_wrench
+from coop_pin.spatial import rotate_vector6, shift_wrench, weight_wrench
 
 _NO_WRENCH = np.zeros(6)
 _CLOSED_BY_TREE = ClosureError(0.0, 0.0)
@@ -45,6 +46,10 @@ class Observation(NamedTuple):
             (..., m, 6).
         kinetic_energy: kinetic energy of arms and payload, J, shape (...).
         potential_energy: potential energy of arms and payload, J, shape (...).
+        grasp_deflection: deflection of each compliant grasp, m and rad, shape (..., m, 6), NaN for rigid
+            ones; None without any.
+        grasp_wrench: wrench of each on its arm about the tip in grasp axes, N and N m, likewise.
+        elastic_energy: energy in the compliant grasps, J, shape (...); None without any.
     """
 
     payload_pose: Array
@@ -53,6 +58,9 @@ class Observation(NamedTuple):
     interaction_wrench: Array
     kinetic_energy: Array
     potential_energy: Array
+    grasp_deflection: Array | None = None
+    grasp_wrench: Array | None = None
+    elastic_energy: Array | None = None
 
 
 class CellTorques(NamedTuple):
@@ -71,13 +79,15 @@ class CellTorques(NamedTuple):
 class CellChain:
     """Closed chain of a cell: its model, loop closures and interaction wrenches.
 
-    The payload is welded to the first arm's tip (that arm's wrench follows from the equations of motion of
-    the payload), or free and held by m closures. Both are the same mechanism.
+    The payload is welded to the tip of the first arm with a rigid grasp (that arm's wrench follows from the
+    equations of motion of the payload), or free. Closures hold the other rigid grasps, springs and dampers
+    the compliant ones. Both are the same mechanism.
 
     Attributes:
         cell: the description.
         model: the tree, with the positions of arms and payload in it; ``surround`` changes it in place.
         mechanism: the tree with its closures; ``mechanism.model`` is the Pinocchio model of the tree.
+        springs: the compliant grasps in it.
     """
 
     def __init__(self, cell: Cell, options: PlantOptions | None = None) -> None:
@@ -96,15 +106,17 @@ class CellChain:
         require_type("options", options, PlantOptions)
         self.cell = cell
         self.model = CellModel(cell, options.payload)
-        held = [name for name in cell.arms if name not in self.model.closed_by_tree]
+        held = [name for name in cell.arms if name not in (*self.model.closed_by_tree, *cell.compliant)]
         self.mechanism = ClosedChain(
             self.model.model,
             [Closure(f"{name}/grasp", f"payload/{name}") for name in held],
             stabilisation=options.stabilisation,
             formulation=options.formulation,
         )
+        self.springs = GraspSprings(cell, self.model)
         self._data = self.mechanism.model.createData()
         self._held = [index for index, name in enumerate(cell.arms) if name in held]
+        self._welded = [index for index, name in enumerate(cell.arms) if name in self.model.closed_by_tree]
         self._grasps = [frame_id(self.mechanism.model, f"payload/{name}") for name in cell.arms]
 
     def surround(self, surroundings: Surroundings) -> None:
@@ -115,17 +127,41 @@ class CellChain:
     def configuration(self, X_WP: ArrayLike) -> Array:
         """Return the configuration that holds the payload at a pose, each arm near its posture.
 
+        Compliant grasps are deflected: each carries its arm's share of the payload's weight.
+
         Args:
             X_WP: payload pose, shape (4, 4).
 
         Raises:
             UnreachablePoseError: an arm cannot reach its grasp; with the gap.
+            FieldError: a compliant grasp is too soft for its share.
         """
         X = as_pose("X_WP", X_WP)
         configurations = [
             solve_ik(CellArm(self.cell, name), X, posture=arm.posture) for name, arm in self.cell.arms.items()
         ]
-        return self.mechanism.project_configuration(self.model.configuration(configurations, X))
+        return self.settled(self.model.configuration(configurations, X))
+
+    def settled(self, q: ArrayLike) -> Array:
+        """Return a configuration on the rigid grasps near one, with compliant grasps deflected by the load.
+
+        Args:
+            q: configuration with the tips of compliant grasps at them.
+
+        Raises:
+            OpenClosureError: the rigid grasps cannot be closed.
+            FieldError: a compliant grasp is too soft for its share of the load.
+        """
+        q = self.mechanism.project_configuration(q)
+        return self.springs.deflected(q) if self.springs.arms else q
+
+    def loads(self, q: ArrayLike) -> Array:
+        """Return the wrench on each arm at rest about P as the arm's own kinematics see it, shape (m, 6).
+
+        Rigid grasps have their load shares, F_i = c_i [m_0 g, 0].
+        """
+        loads = self.cell.shares[:, None] * weight_wrench(self.cell.payload.mass, self.cell.gravity)
+        return self.springs.loads(self._q(q), loads) if self.springs.arms else loads
 
     def posed_configuration(self, angles: Mapping[str, ArrayLike], X_WP: ArrayLike) -> Array:
         """Return the configuration at stated joint angles of every arm, whether or not the grasps are closed.
@@ -191,7 +227,7 @@ class CellChain:
         Args:
             q: configuration.
             v: velocity.
-            tau: generalised force of everything but the closures, including J_WP^T push, shape (nv,).
+            tau: generalised force of everything but the grasps, including J_WP^T push, shape (nv,).
             push: wrench on the payload about P in world axes, N and N m, shape (6,).
         """
         q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
@@ -203,10 +239,9 @@ class CellChain:
         Raises:
             OutOfRangeError: a wrench is not finite.
         """
-        frames = self._at(q, v, self.mechanism.solver.acceleration(q, v, tau))
-        return require_finite(
-            "the interaction wrenches", self._wrenches(frames, self.mechanism.solver.wrenches(), push)
-        )
+        frames, grasps = self._moving(q, v, tau)
+        wrenches = self._wrenches(frames, self.mechanism.solver.wrenches(), push, grasps)
+        return require_finite("the interaction wrenches", wrenches)
 
     def observe(self, q: Array, v: Array, tau: Array, push: Array) -> Observation:
         """Return poses, wrenches and energy at n states.
@@ -249,8 +284,10 @@ class CellChain:
             push: wrench on the payload about P in world axes, shape (6,).
 
         Raises:
-            ArgumentError: the internal wrenches do not add up to zero, or a opens the closures.
+            ArgumentError: the internal wrenches do not add up to zero, a opens the closures, or a grasp is
+                compliant.
         """
+        self.cell.require_rigid("inverse dynamics")
         q, v, a, push = self._q(q), self._v("v", v), self._v("a", a), as_array("push", push, 6)
         motors = [f"{arm.name}/{joint}" for arm in self.model.arms for joint in arm.joint_names]
         applied, wrenches = self.payload_jacobian(q).T @ push, None
@@ -285,8 +322,9 @@ class CellChain:
             q: configuration on the closures, shape (nq,).
 
         Raises:
-            ArgumentError: the payload cannot move in all task rows.
+            ArgumentError: the payload cannot move in all task rows, or a grasp is compliant.
         """
+        self.cell.require_rigid("the effective inertia")
         q = self._q(q)
         reduced = self.mechanism.reduced_dynamics(q, np.zeros(self.mechanism.model.nv))
         rows = list(self.cell.task_rows.indices)
@@ -307,6 +345,7 @@ class CellChain:
         y has the displacement of P and the small rotation of the payload in world axes (m, rad), then the
         deviation of V_WP. State, input and errors are those of ``ClosedChain.linearise``.
         """
+        self.cell.require_rigid("the linear model")
         q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
         X_WP = pin.SE3(self.payload_pose(q))
 
@@ -322,15 +361,22 @@ class CellChain:
     def _observed(self, q: Array, v: Array, tau: Array, push: Array) -> tuple[Any, ...]:
         """Return the parts of an Observation at a state."""
         model, data, payload = self.mechanism.model, self._data, self.model.payload_frame
-        frames = self._at(q, v, self.mechanism.solver.acceleration(q, v, tau))
+        frames, grasps = self._moving(q, v, tau)
         return (
             frames[payload].homogeneous,
             pin.getFrameVelocity(model, data, payload, pin.LOCAL_WORLD_ALIGNED).vector,
             self._tips(frames),
-            self._wrenches(frames, self.mechanism.solver.wrenches(), push),
+            self._wrenches(frames, self.mechanism.solver.wrenches(), push, grasps),
             pin.computeKineticEnergy(model, data),
             pin.computePotentialEnergy(model, data),
+            *(() if grasps is None else self._of_grasps(grasps)),
         )
+
+    def _of_grasps(self, grasps: GraspState) -> tuple[Any, ...]:
+        """Return the last parts of an Observation."""
+        table = np.full((2, len(self.model.arms), 6), np.nan)
+        table[:, self.springs.arms] = grasps.deflection, grasps.wrench
+        return (*table, self.springs.energy(grasps))
 
     def _q(self, q: ArrayLike) -> Array:
         return as_array("q", q, self.mechanism.model.nq)
@@ -344,6 +390,12 @@ class CellChain:
         pin.updateFramePlacements(self.mechanism.model, self._data)
         return self._data.oMf
 
+    def _moving(self, q: Array, v: Array, tau: Array) -> tuple[Any, GraspState | None]:
+        """Return the frames under a generalised force, and the compliant grasps; None without any."""
+        grasps = self.springs.at(q, v) if self.springs.arms else None
+        force = tau if grasps is None else tau + grasps.force
+        return self._at(q, v, self.mechanism.solver.acceleration(q, v, force)), grasps
+
     def _tips(self, frames: Any) -> Array:
         return np.array([frames[arm.tip].translation for arm in self.model.arms])
 
@@ -356,18 +408,21 @@ class CellChain:
             closure_errors[index] = ClosureError(math.hypot(*error[:3]), math.hypot(*error[3:]))
         return closure_errors
 
-    def _wrenches(self, frames: Any, closure_wrenches: Array, push: Array) -> Array:
-        """Return the interaction wrenches, about P in world axes, of those of the closures."""
+    def _wrenches(
+        self, frames: Any, closure_wrenches: Array, push: Array, grasps: GraspState | None = None
+    ) -> Array:
+        """Return the interaction wrenches, about P in world axes, of those of closures and springs."""
         X_WP, arms = frames[self.model.payload_frame], self.model.arms
         in_payload = np.zeros((len(arms), 6))
         for index, F_E in zip(self._held, closure_wrenches, strict=True):
             X_PE = X_WP.actInv(frames[arms[index].tip])
             in_payload[index] = X_PE.act(pin.Force(F_E)).vector
-        if self.model.closed_by_tree:
-            in_payload[0] = -self._payload_balance(X_WP) - np.add.reduce(in_payload)
+        if grasps is not None:
+            in_payload[self.springs.arms] = [X_WP.actInv(force).vector for force in grasps.on_arms]
+        if self._welded:
+            in_payload[self._welded] = -self._payload_balance(X_WP) - np.add.reduce(in_payload)
         wrenches: Array = in_payload.reshape(-1, 3).dot(X_WP.rotation.T).reshape(-1, 6)
-        if self.model.closed_by_tree:
-            wrenches[0] += push
+        wrenches[self._welded] += push
         return wrenches
 
     def _payload_balance(self, X_WP: pin.SE3) -> Array:

@@ -143,6 +143,13 @@ class Scenario(Description):
         return self.arm_actuators.get(arm, self.actuators)
 
     @model_validator(mode="after")
+    def _plant_fits_the_grasps(self) -> Self:
+        if self.cell.compliant and self.plant.integrator != "rk4":
+            detail = f"is {self.plant.integrator!r}; compliant grasps need 'rk4', whose stable step is known"
+            raise FieldError(detail, "plant.integrator")
+        return self
+
+    @model_validator(mode="after")
     def _force_path_fits_the_run(self) -> Self:
         path = self.controller.force_path
         if path.measures and (late := late_delay(path.delay, self.clock, self.duration)):
@@ -286,6 +293,7 @@ class Scenario(Description):
             commented: leave out fields at their defaults, and write the meaning of each table and field
                 beside it.
         """
+        require_type("commented", commented, bool)
         return commented_toml(self) if commented else resolved_toml(self)
 
     def save(self, path: str | Path, *, commented: bool = False) -> None:

@@ -14,7 +14,7 @@ import xarray as xr
 
 from coop_pin.arrays import Array, Mask, mean, rms
 from coop_pin.description.payload import Payload
-from coop_pin.results.quantities import WORK, Arrays
+from coop_pin.results.quantities import Arrays, energies
 from coop_pin.results.window import SETTLING_S, Window, Windows, samples_of
 from coop_pin.spatial import internal_wrenches
 from coop_pin.spatial.internal_wrench import (
@@ -186,8 +186,8 @@ def internal_force(data: Arrays, window: Window) -> InternalForceMetrics:
 
 def energy_balance(data: Arrays) -> Array:
     """Return energy minus its start minus all work done, J, shape (..., n): zero for an exact integration."""
-    energy = np.asarray(data["kinetic_energy"]) + np.asarray(data["potential_energy"])
-    return np.asarray(energy - energy[..., :1] - sum(np.asarray(data[name]) for name in WORK))
+    energy, works = energies(data)
+    return np.asarray(energy - energy[..., :1] - sum(works))
 
 
 def closure_error_max(data: Arrays) -> tuple[Array, Array]:

@@ -19,6 +19,7 @@ from coop_pin.results import RunResult, Snapshot
 from coop_pin.results.dataset import dataset
 from coop_pin.results.quantities import (
     WORK,
+    WORK_OF_GRASPS,
     Quantity,
     Samples,
     allocate,
@@ -64,8 +65,9 @@ class Recorder:
             count * (bytes_per_sample(self._table, sizes) + 8 * (rows + 1) * model.nv),
             "raise clock.record_every, or lower duration or clock.rate_hz",
         )
-        self._samples, self._work = allocate(self._table, count, sizes), np.full((count, len(WORK)), np.nan)
-        self._samples |= zip(WORK, self._work.T, strict=True)
+        self._samples = allocate(self._table, count, sizes)
+        self._work = np.full((count, len(plant.work)), np.nan)
+        self._samples |= zip((*WORK, *WORK_OF_GRASPS)[: len(plant.work)], self._work.T, strict=True)
         self._read = [(each.read, *self._columns(each)) for each in self._table if each.read]
         self._jacobians = [np.zeros((count, rows, len(arm.drive))) for arm in arms]
         self._turned = {
@@ -133,7 +135,8 @@ class Recorder:
         with np.errstate(over="ignore", invalid="ignore"):
             observation = self._plant.observe(*state)
         for name, values in observation._asdict().items():
-            samples[name][new] = values
+            if values is not None:
+                samples[name][new] = values
         self._observed = self.count = new.stop
 
     def _columns(self, quantity: Quantity) -> tuple[list[Array], list[int] | None]:
