@@ -73,7 +73,12 @@ def positional_torques(
 
     The closures hold spare joints there, so that a spring of the posture takes torque at rest, too:
     tau_i = M qdd + h + friction + J_i^T F_i, with the forces of F_i those of load and squeeze and its moments
-    those of internal_moment. An array of shape (n, k) for each arm; arguments as of internal_moment.
+    those of internal_moment. An array of shape (n, k) for each arm.
+
+    Args:
+        scenario: cell on positional rows, motion and squeeze.
+        cell_reach: reachability of the scenario, in which every arm holds the start.
+        posture: gains of the spare joints.
     """
     balance = _Balance.along(scenario, cell_reach, posture)
     return tuple(balance.drive_torques(scenario, k) for k in range(len(balance.arms)))
