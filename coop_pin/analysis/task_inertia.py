@@ -61,7 +61,7 @@ class MotionWrenches(NamedTuple):
         """Return x of K (d/dt + gamma) (d/dt + k_I) x = d', m and rad, shape (n, k_0).
 
         Args:
-            K: its diagonal, shape (k_0,).
+            K: Diagonal of K, shape (k_0,).
             pose_gain: gamma, 1/s.
             integral_rate: k_I, 1/s.
         """
@@ -82,7 +82,7 @@ def _decayed(u: Array, decay: float) -> Array:
 
     Args:
         u: shape (..., n, k).
-        decay: in a sample.
+        decay: Decay in a sample.
     """
     kept, gained = math.exp(-decay), -math.expm1(-decay) / decay
     y = np.zeros(u.shape)
