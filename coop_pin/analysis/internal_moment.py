@@ -76,9 +76,9 @@ def positional_torques(
     those of internal_moment. An array of shape (n, k) for each arm.
 
     Args:
-        scenario: scenario on positional rows.
-        cell_reach: reachability along its motion.
-        posture: spring and damper of the spare joints.
+        scenario: cell on positional rows, motion and squeeze.
+        cell_reach: reachability of the scenario, in which every arm holds the start.
+        posture: gains of the spare joints.
     """
     balance = _Balance.along(scenario, cell_reach, posture)
     return tuple(balance.drive_torques(scenario, k) for k in range(len(balance.arms)))

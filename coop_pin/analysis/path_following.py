@@ -14,7 +14,6 @@ from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import UnreachablePoseError
 from coop_pin.model.cell_arm import CellArm
-from coop_pin.reference import PoseReference
 
 _APPROACH_POSES = 20
 _BISECTIONS = 20
@@ -120,7 +119,7 @@ class PayloadPath(NamedTuple):
 def payload_path(scenario: Scenario, poses: int) -> PayloadPath:
     """Return the path of a scenario: straight to the reference, then along it, denser where it moves."""
     reference = scenario.motion.replace()  # reads a CSV table again
-    times = _pose_times(reference, scenario.duration, poses)
+    times = _pose_times(scenario, poses)
     targets = [reference.at(float(time)) for time in times]
     start, begin = pin.SE3(scenario.start.matrix), pin.SE3(np.array(targets[0].X_WP_d))
     approach = [
@@ -134,24 +133,24 @@ def payload_path(scenario: Scenario, poses: int) -> PayloadPath:
     )
 
 
-def _pose_times(motion: PoseReference, duration: float, poses: int) -> Array:
+def _pose_times(scenario: Scenario, poses: int) -> Array:
     """Return times of poses, s: evenly spaced, a tenth as dense where the reference rests."""
-    probes, moves = _moving(motion, duration)
+    probes, moves = _moving(scenario)
     if np.all(moves):
-        return np.linspace(0.0, duration, poses)
+        return np.linspace(0.0, scenario.duration, poses)
     passed = np.concatenate(([0.0], np.cumsum(np.where(moves, 1.0, _RESTING))))
     return np.interp(np.linspace(0.0, passed[-1], poses), passed, probes)
 
 
-def time_at_rest(motion: PoseReference, duration: float) -> float:
-    """Return the time from which on a reference rests, s; its duration if it never does."""
-    probes, moves = _moving(motion, duration)
-    return float(probes[1:][moves][-1]) if np.any(moves) else 0.0
+def time_at_rest(scenario: Scenario) -> float:
+    """Return the time from which on the reference rests, s; the duration if it never does."""
+    probes, moves = _moving(scenario)
+    return float(probes[1:][moves].max(initial=0.0))
 
 
-def _moving(motion: PoseReference, duration: float) -> tuple[Array, Array]:
+def _moving(scenario: Scenario) -> tuple[Array, Array]:
     """Return probed times, s, and whether the reference moves in the intervals between them."""
-    probes = np.linspace(0.0, duration, _PROBES)
+    motion, probes = scenario.motion.replace(), np.linspace(0.0, scenario.duration, _PROBES)
     poses = np.array([motion.at(time).X_WP_d for time in probes.tolist()])
     return probes, np.abs(np.diff(poses, axis=0)).max(axis=(1, 2)) > 0.0
 

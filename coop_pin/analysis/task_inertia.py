@@ -61,7 +61,7 @@ class MotionWrenches(NamedTuple):
         """Return x of K (d/dt + gamma) (d/dt + k_I) x = d', m and rad, shape (n, k_0).
 
         Args:
-            K: diagonal, shape (k_0,).
+            K: Diagonal of K, shape (k_0,).
             pose_gain: gamma, 1/s.
             integral_rate: k_I, 1/s.
         """
@@ -82,7 +82,7 @@ def _decayed(u: Array, decay: float) -> Array:
 
     Args:
         u: shape (..., n, k).
-        decay: decay in a sample.
+        decay: Decay in a sample.
     """
     kept, gained = math.exp(-decay), -math.expm1(-decay) / decay
     y = np.zeros(u.shape)
@@ -135,7 +135,7 @@ def motion_wrenches(scenario: Scenario, cell_reach: Reachability, posture: Postu
     first = int(np.count_nonzero(cell_reach.arms[0].times == 0.0)) - 1
     t = cell_reach.arms[0].times[first:]
     motion = scenario.motion.replace()  # reads a CSV table again
-    end = min(time_at_rest(motion, scenario.duration) + _SETTLING, scenario.duration)
+    end = min(time_at_rest(scenario) + _SETTLING, scenario.duration)
     fine = np.linspace(0.0, end, _SAMPLES)
     targets = [motion.at(time) for time in fine.tolist()]
     acceleration = np.gradient(np.array([target.V_WP_d for target in targets]), fine, axis=0)
