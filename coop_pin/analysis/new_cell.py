@@ -173,7 +173,7 @@ def _arms_of_robot(robot: str | Path | Arm, tips: Sequence[str]) -> tuple[dict[s
     except UrdfError as error:
         raise error.below("arms.0") from None
     tools = tuple(tips) or links.tools()
-    if len(tools) != 2 and not tips:
+    if len(tools) < 2 or (len(tools) > 2 and not tips):
         listed = ", ".join(map(repr, tools))
         reason = (
             f"{str(robot)!r} may hold with {listed}; name the tips of its arms in tips, or two or more robots"
