@@ -3,6 +3,7 @@
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
 from coop_pin.analysis.feasibility import closure_problem
+from coop_pin.analysis.grasp_stability import GraspStability, grasp_stability
 from coop_pin.analysis.internal_moment import InternalMoment, internal_moment, positional_torques
 from coop_pin.analysis.loop_stability import LoopStability, loop_stability
 from coop_pin.analysis.new_cell import new_cell
@@ -42,6 +43,7 @@ __all__ = [
     "DriveTorque",
     "FastestJoint",
     "GainProposal",
+    "GraspStability",
     "InternalMoment",
     "JointLimitMargin",
     "LoopStability",
@@ -65,6 +67,7 @@ __all__ = [
     "fewest_steps",
     "force_reserve",
     "gain_proposal",
+    "grasp_stability",
     "implausible_numbers",
     "internal_moment",
     "loads_without_an_arm",

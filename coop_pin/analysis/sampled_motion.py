@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -139,17 +140,23 @@ def tick_matrix(
     return np.vstack((motion, h + U.T @ H @ measured, np.kron(velocity[1:], eye) @ seen))
 
 
-def sampled_motion(simulation: Simulation, q: Array, time: float) -> SampledMotion:
+def sampled_motion(
+    simulation: Simulation,
+    q: Array,
+    time: float,
+    wrench_errors: Callable[[Array, Array], Array] | None = None,
+) -> SampledMotion:
     """Return the closed loop of the motion of a law of coop_pin at a pose, by central differences.
 
     All gains are in it, per row and of spare joints, and the estimate of the speed, the slowest of an arm for
-    all. At rest on the reference, internal wrenches as desired, so that their loop is not in it. sgn has no
-    linear integral: there H = 0. Friction, leak and rate limits are not considered.
+    all. At rest on the reference, internal wrenches as desired unless errors of them are given: their loop is
+    not in it. sgn has no linear integral: there H = 0. Friction, leak and rate limits are not considered.
 
     Args:
         simulation: Simulation that has not begun.
         q: Configuration of the chain at the pose.
         time: Time of the pose, s.
+        wrench_errors: Errors of the measured internal wrenches at a state, task rows, shape (m, k_0).
 
     Raises:
         SingularJacobianError: an arm is singular there.
@@ -171,8 +178,13 @@ def sampled_motion(simulation: Simulation, q: Array, time: float) -> SampledMoti
 
     def step(q: Array, v: Array, state: object) -> tuple[Array, object]:
         # Drives cut nothing here: what the law asked for a tick ago is what acted.
-        measured = sensing.start(q, v, references)
+        measured: Any = sensing.start(q, v, references)
         seen = [arm._replace(time=_SETTLED, reported_torque=None) for arm in measured]
+        if wrench_errors is not None:
+            seen = [
+                arm._replace(internal_wrench=arm.internal_wrench + error, internal_wrench_age=0.0)
+                for arm, error in zip(seen, wrench_errors(q, v), strict=True)
+            ]
         command = law.step(seen, references, state)
         torque = plant.transmission.torque(simulation.actuation.commanded(command))
         return N.T @ chain.forward_dynamics(q, rest, torque).acceleration, command.state

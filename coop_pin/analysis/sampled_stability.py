@@ -211,7 +211,9 @@ def _grasp_steps_at(simulation: Simulation, time: float, q: Array) -> StepStabil
     instants, found = {0.0, *(event.time for event in scenario.events)}, list[StepStability]()
     for surroundings in map(scenario.surroundings_at, instants):
         chain.surround(surroundings)
-        s, modes = _plant_modes(simulation, q)
+        A, N = plant_matrix(simulation, q)
+        s, vectors = np.linalg.eig(A)
+        modes = N @ vectors[len(A) // 2 :]
         limits = np.array([_ray_limit(entry) for entry in s])
         worst = int(np.argmax(np.abs(s) / limits))
         steps = scenario.clock.steps_per_tick
@@ -222,25 +224,29 @@ def _grasp_steps_at(simulation: Simulation, time: float, q: Array) -> StepStabil
     return max(found, key=lambda stability: stability.value / stability.limit)
 
 
-def _plant_modes(simulation: Simulation, q: Array) -> tuple[Array, Array]:
-    """Return poles, 1/s, and modes, as velocities of the tree, of grasps and friction alone."""
+def plant_matrix(simulation: Simulation, q: Array, stiffer: float = 1.0) -> tuple[Array, Array]:
+    """Return the matrix of [y, w] under grasps and friction alone, and the basis N of the n motions.
+
+    N has shape (nv, n), and v = N w.
+
+    Args:
+        simulation: Simulation of a cell with compliant grasps.
+        q: Configuration, with the payload at rest.
+        stiffer: Factor of all stiffnesses, at the same damping ratios.
+    """
     plant = simulation.plant
-    chain, springs, rest = plant.chain.mechanism, plant.chain.springs, np.zeros(len(plant.v))
-    friction = plant.transmission.friction
+    chain, rest, friction = plant.chain.mechanism, np.zeros(len(plant.v)), plant.transmission.friction
     basis, singular, _ = np.linalg.svd(
         np.column_stack([chain.project_velocity(q, row) for row in np.eye(len(rest))])
     )
     N = basis[:, singular > _UNDAMPED]
-    K, D = springs.matrices(q)
-    D = D - np.column_stack([friction(_SLOW * row) / _SLOW for row in np.eye(len(rest))])
+    K, D = plant.chain.springs.matrices(q)
+    D = math.sqrt(stiffer) * D - np.column_stack([friction(_SLOW * row) / _SLOW for row in np.eye(len(rest))])
     still = chain.forward_dynamics(q, rest, rest).acceleration
-    respond = [
-        chain.forward_dynamics(q, rest, row).acceleration - still for row in np.hstack((K @ N, D @ N)).T
-    ]
+    forces = np.hstack((stiffer * K @ N, D @ N)).T
+    response = [chain.forward_dynamics(q, rest, force).acceleration - still for force in forces]
     n = N.shape[1]
-    A = np.vstack((np.eye(n, 2 * n, n), -N.T @ np.column_stack(respond)))
-    s, vectors = np.linalg.eig(A)
-    return s, N @ vectors[n:]
+    return np.vstack((np.eye(n, 2 * n, n), -N.T @ np.column_stack(response))), N
 
 
 def _ray_limit(pole: complex) -> float:

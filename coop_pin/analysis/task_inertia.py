@@ -84,10 +84,11 @@ def _decayed(u: Array, decay: float) -> Array:
         u: shape (..., n, k).
         decay: in a sample.
     """
-    from scipy.signal import lfilter  # slow to load
-
     kept, gained = math.exp(-decay), -math.expm1(-decay) / decay
-    return np.asarray(lfilter((gained, -gained), (1.0, -kept), u - u[..., :1, :], axis=-2))
+    y = np.zeros(u.shape)
+    for k in range(1, u.shape[-2]):
+        y[..., k, :] = kept * y[..., k - 1, :] + gained * (u[..., k, :] - u[..., k - 1, :])
+    return y
 
 
 @typed

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, Protocol
 
+from coop_pin.arrays import typed
 from coop_pin.errors import UrdfError, suggestion
 
 _SHARE = Path("share", "example-robot-data", "robots")
@@ -112,6 +113,7 @@ def robot_files() -> MappingProxyType[str, Path]:
     return MappingProxyType(example_urdfs() | bundled)
 
 
+@typed
 def find_urdf(
     name_or_path: str | Path,
     *,
