@@ -179,7 +179,27 @@ def held_and_regulated(out, _folder):
     assert regulated < 1.0 < held
 
 
+def both_arms_of_one_robot(out, folder):  # noqa: ARG001
+    assert "left: left_gripper, 10 joints" in out
+    assert "trustworthy; internal force -10.0" in out
+
+
+def platforms_that_follow(out, folder):  # noqa: ARG001
+    moved = [float(way) for way in re.findall(r"\d\.\d\d", out)]
+    assert out.startswith("trustworthy")
+    assert len(moved) == 3
+    assert all(abs(way - 0.3) < 0.1 for way in moved)
+
+
+def forces_that_cancel(out, folder):  # noqa: ARG001
+    assert out.startswith("trustworthy")
+    assert float(out.split()[-2]) < 1e-9
+
+
 PROMISES = {
+    "two_armed_robot": both_arms_of_one_robot,
+    "mobile_bases": platforms_that_follow,
+    "four_arms": forces_that_cancel,
     "internal_force_definitions": definitions_as_on_their_page,
     "run_paper": metrics_and_files,
     "one_draw": range_of_the_readme,

@@ -7,7 +7,8 @@ import pytest
 
 import coop_pin as cp
 from coop_pin.analysis import implausible_numbers, maximum_reach
-from coop_pin.analysis.placement import contacts
+from coop_pin.analysis.new_cell import _below_ground
+from coop_pin.analysis.placement import contacts, joint_heights
 from coop_pin.cli import main
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
@@ -54,6 +55,8 @@ def test_the_arms_stand_around_the_payload_within_their_reach(made):
         towards = {"three": (0.0, 0.0, -1.0), "unlike": -tip / np.linalg.norm(tip)}.get(name)
         if towards is not None:  # a grasp may be turned about its tool
             np.testing.assert_allclose(tool, towards, atol=1e-6)
+        model = cp.ArmModel(arm)
+        assert name == "planar" or min(joint_heights(model, model.posture(arm.posture)).values()) > 0.0
     assert not implausible_numbers(suggestion.scenario)
     assert height >= (0.0 if name == "planar" else half[2] + 0.05 - 0.005)  # rounded to centimetres
     bases = np.array([arm.base.xyz for arm in cell.arms.values()])
@@ -74,10 +77,26 @@ def test_arms_side_by_side_stand_on_one_side():
         np.testing.assert_allclose([contact.approach for contact in facing], -outward, atol=1e-12)
 
 
+def test_a_joint_below_the_ground_is_told():
+    """Three UR5 and their plate, all of them half a metre lower."""
+    scenario = cp.Scenario.load("three-ur5-plate")
+    assert not list(_below_ground(scenario))
+    arms, at = scenario.cell.arms, (0.0, 0.0, -0.2)
+    sunk = {f"cell.arms.{name}.base.xyz": (*arm.base.xyz[:2], -0.5) for name, arm in arms.items()}
+    low = scenario.override({**sunk, "start.xyz": at, "motion.start.xyz": at, "motion.goal.xyz": at})
+    told = list(_below_ground(low))
+    assert [line.partition(":")[0] for line in told] == list(arms)
+    assert all("m below the ground" in line for line in told)
+
+
 REFUSED = {
     "unknown": (["xarm", "ur10"], {}, UrdfError, "arms.left"),
     "two arms in a robot": (["baxter"] * 2, {}, UrdfError, "arms.left"),
-    "one arm": (["ur5"], {}, FieldError, "arms"),
+    "one arm": (["ur5"], {}, UrdfError, "arms.0"),
+    "no arm": ([], {}, FieldError, "arms"),
+    "mobile base": ([cp.Arm(urdf="ur5", tip="tool0", mobile_base={})] * 2, {}, FieldError, "arms"),
+    "arm, not robot": ([cp.Arm(urdf="ur5", tip="tool0")], {}, FieldError, "arms"),
+    "a joint in place of a tip": (["baxter"], {"tips": ["left_s0", "right_s0"]}, NameNotFoundError, None),
     "tips": (["ur5"] * 2, {"tips": ["tool0"]}, FieldError, "tips"),
     "payload": (["ur5"] * 2, {"payload": "boxx"}, FieldError, "payload"),
     "grasp": (["ur5"] * 2, {"grasp": "below"}, FieldError, "grasp"),
@@ -93,11 +112,12 @@ def test_what_cannot_be_a_cell_is_refused_by_name(case):
     arms, options, error, place = REFUSED[case]
     with pytest.raises(error) as caught:
         cp.new_cell(arms, **options)
-    assert getattr(caught.value, "cause", None) or caught.value.path == place
+    assert getattr(caught.value, "cause", None) or place in (None, getattr(caught.value, "path", ""))
     if isinstance(caught.value, InfeasibleMotionError):
         assert caught.value.cause == place
+        assert case != "five joints" or "coop-pin run five-joint-pair" in str(caught.value)
     if case in ("unknown", "two arms in a robot"):
-        assert {"unknown": "xarm7", "two arms in a robot": "left_hand_camera_link"}[case] in str(caught.value)
+        assert {"unknown": "xarm7", "two arms in a robot": "left_gripper"}[case] in str(caught.value)
 
 
 def test_bases_are_refused_from_the_reach_on_and_a_payload_from_the_mass_that_is_named():

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from coop_pin.analysis.feasibility import require_rank
-from coop_pin.analysis.placement import ArmPlacement, Layout, Side, common_places, contacts
+from coop_pin.analysis.placement import ArmPlacement, Layout, Side, common_places, contacts, joint_heights
+from coop_pin.analysis.reachability import reachability
 from coop_pin.analysis.suggestion import Suggestion, suggest
 from coop_pin.arrays import as_array, as_positive, require_type, typed
 from coop_pin.description.arm import Arm
@@ -20,7 +21,8 @@ from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
-from coop_pin.errors import FieldError, UrdfError, suggestion
+from coop_pin.errors import FieldError, InfeasibleMotionError, UrdfError, suggestion
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.schema.pose import Pose
 from coop_pin.spatial.task_rows import RowsName
 
@@ -47,11 +49,13 @@ def new_cell(
     The bases stand upright around the payload, on one ground. Each is where its arm has the largest margins
     of torque, joint range and condition number, at the start and a tenth of the least reach around it. The
     motion is a line within that range, the squeeze 10 N; rate, gains, postures and steps are those of
-    ``cp.suggest``. Arms that move in a horizontal plane hold the payload in that plane. Collisions are not
-    considered.
+    ``cp.suggest``. Arms that move in a horizontal plane hold the payload in that plane. Joints stay
+    above the ground where they can, and it is told where not; other collisions are not considered. Arms of
+    one robot keep their common base, and joints that move several of them are locked.
 
     Args:
-        arms: two or more: names of robots, URDF or xacro files, or arms, whose bases are not used.
+        arms: two or more, or one robot with two: names of robots, URDF or xacro files, or arms, whose bases
+            are not used.
         payload: "box", "bar" or "plate", homogeneous, or a payload.
         mass: mass of the payload, kg; not used with a Payload.
         size: edges of the payload along x, y and z, m, shape (3,); those of its kind when omitted; not used
@@ -79,6 +83,10 @@ def new_cell(
     require_type("arms", arms, list, tuple)
     is_robot = len(arms) == 1
     named, shared = _arms_of_robot(arms[0], tips) if is_robot else (_arms(arms, tips), "")
+    if mobile := [name for name, arm in named.items() if arm.mobile_base]:
+        raise FieldError(
+            f"{mobile[0]!r} has a mobile base; make the cell without, then add mobile_base", "arms"
+        )
     held = _payload(payload, mass, size)
     around = contacts(held, len(named), grasp, "one-base" if is_robot else layout)
     placing = [
@@ -87,7 +95,14 @@ def new_cell(
     ]
     is_planar = all(arm.is_planar for arm in placing)
     rows: RowsName = "planar" if is_planar else "full"
-    require_rank(Cell(arms=named, payload=held, grasps=dict.fromkeys(named, Pose()), rows=rows))
+    try:
+        require_rank(Cell(arms=named, payload=held, grasps=dict.fromkeys(named, Pose()), rows=rows))
+    except InfeasibleMotionError as error:
+        command = "coop-pin run five-joint-pair --out five, then edit the arms of five/scenario.toml"
+        advice = (
+            "a new cell has full rows. To hold a payload with fewer joints start from the catalogue's cell"
+        )
+        raise InfeasibleMotionError(error.cause, f"{error.detail}; {advice}: {command}") from None
     height, stroke, places = common_places(placing, held, distance, one_base=is_robot)
     by_arm = dict(zip(named, places, strict=True))
     start, lift = Pose(xyz=(0.0, 0.0, height)), 0.0 if is_planar else 0.6 * stroke
@@ -114,9 +129,20 @@ def new_cell(
     )
     suggested = suggest(draft, poses=_POSES)
     scenario = suggested.scenario.override(dict(_rounded(suggested)))
-    return dataclasses.replace(
-        suggested, scenario=scenario, changes=(*suggested.changes, *filter(None, [shared]))
-    )
+    told = (*filter(None, [shared]), *(() if is_planar or is_robot else _below_ground(scenario)))
+    return dataclasses.replace(suggested, scenario=scenario, changes=(*suggested.changes, *told))
+
+
+def _below_ground(scenario: Scenario) -> Iterator[str]:
+    """Yield the lowest joint of each arm that goes below the ground on which the bases stand."""
+    for reach in reachability(scenario, poses=5).arms:
+        model = CellArm(scenario.cell, reach.arm)
+        z, joint = min((z, joint) for q in reach.q for joint, z in joint_heights(model, q).items())
+        if z < 0.0:
+            yield (
+                f"{reach.arm}: {joint} goes {-z:.2f} m below the ground; raise the payload (start, motion) or"
+                " choose another posture"
+            )
 
 
 def _rounded(suggested: Suggestion) -> Iterator[tuple[str, Any]]:
@@ -173,7 +199,7 @@ def _arms_of_robot(robot: str | Path | Arm, tips: Sequence[str]) -> tuple[dict[s
     except UrdfError as error:
         raise error.below("arms.0") from None
     tools = tuple(tips) or links.tools()
-    if len(tools) != 2 and not tips:
+    if len(tools) < 2 or (len(tools) > 2 and not tips):
         listed = ", ".join(map(repr, tools))
         reason = (
             f"{str(robot)!r} may hold with {listed}; name the tips of its arms in tips, or two or more robots"

@@ -195,6 +195,8 @@ class ArmPlacement:
         solution = self._solver.solve(pin.SE3(X_BP @ X_PE), seed, steps=_STEPS)
         q = self._model.limits.wrap_near(solution.q, seed)
         holds = solution.is_closed and not self._model.limits.violation(q).any()
+        if holds and not (self.is_planar or self._contact.one_base):  # a robot's root may be its torso
+            holds = min(joint_heights(self._model, q).values()) >= 0.0
         return q, self._margin(q, X_BP) if holds else -np.inf
 
     def _margin(self, q: Array, X_BP: Array) -> float:
@@ -206,6 +208,14 @@ class ArmPlacement:
         condition = float(np.linalg.cond(self._rows.select(J) @ model.from_drive))
         used = float((np.abs(tau) / model.limits.torque).max())
         return min(1.0 - used, position_margin(model.limits, q), 1.0 - condition / CONDITION_LIMIT)
+
+
+def joint_heights(model: ArmModel, q: Array) -> dict[str, float]:
+    """Return the heights of the joints of an arm in the world, m, by joint; without a mobile base's."""
+    data = model.model.createData()
+    pin.forwardKinematics(model.model, data, q)
+    joints = list(zip(model.model.names, data.oMi, strict=True))[1 + model.base_joints :]
+    return {name.partition("/")[2]: float(X_WJ.translation[2]) for name, X_WJ in joints}
 
 
 def _tool_axis(model: ArmModel, q: Array) -> Array:

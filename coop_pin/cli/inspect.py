@@ -263,7 +263,8 @@ class New:
 
     Attributes:
         scenario: name of the scenario, or the file to write, which must not exist: NAME.toml.
-        arms: two or more robots: names listed by 'coop-pin list --robots', URDF or xacro files.
+        arms: two or more robots, or one with two arms: names listed by 'coop-pin list --robots', URDF or
+            xacro files.
         payload: kind of the payload.
         mass: mass of the payload, kg.
         size: edges of the payload along x, y and z, m; those of its kind when omitted.

@@ -18,7 +18,6 @@ from pydantic import (
     ValidationError,
     model_serializer,
 )
-from pydantic._internal._model_construction import ModelMetaclass  # it has no public name
 
 from coop_pin.arrays import require_type
 from coop_pin.errors import FieldError, UnknownFieldError, one_or_all, suggestion
@@ -218,15 +217,17 @@ def unknown_arms(names: Iterable[str], arms: Iterable[str]) -> list[FieldError]:
     ]
 
 
-class _Listed(ModelMetaclass):
-    """Metaclass whose classes list their public names without those of pydantic: ``help`` stays short."""
-
-    def __dir__(self) -> list[str]:
-        names = {name for base in self.__mro__ for name in vars(base)} - {*vars(BaseModel)}
-        return sorted(name for name in names if not name.startswith("_"))
+def _public_names(model: type) -> list[str]:
+    """Return the public names of a class without those of pydantic: ``help`` stays short."""
+    names = {name for base in model.__mro__ for name in vars(base)} - {*vars(BaseModel)}
+    return sorted(name for name in names if not name.startswith("_"))
 
 
-class Description(BaseModel, metaclass=_Listed):
+_Listed: Any = type("_Listed", (type(BaseModel),), {"__dir__": _public_names})
+"""Metaclass of the configuration classes: pydantic's, with another ``dir``."""
+
+
+class Description(BaseModel, metaclass=_Listed):  # type: ignore[metaclass]
     """Base of the configuration classes: frozen, no unknown fields, finite numbers only.
 
     Two values are equal if their types and fields are; what a value has precomputed does not count.
