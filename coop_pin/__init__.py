@@ -1,4 +1,4 @@
-"""coop_pin: two or more URDF arms that rigidly hold one object, on Pinocchio.
+"""coop_pin: two or more URDF arms that hold one object, on Pinocchio.
 
 What a user calls or writes is listed here and loaded on first use, so that ``import coop_pin`` is fast and
 ``coop_pin.control`` can be used where Pinocchio is missing. The packages are attributes as well:
@@ -30,6 +30,7 @@ _PUBLIC = {
     "Clock": "coop_pin.description",
     "ClosedChain": "coop_pin.chain",
     "Closure": "coop_pin.chain",
+    "CompliantGrasp": "coop_pin.description",
     "ConstantSqueeze": "coop_pin.reference",
     "CoopPinError": "coop_pin.errors",
     "CsvMotion": "coop_pin.reference",
@@ -49,6 +50,7 @@ _PUBLIC = {
     "LowPassForcePath": "coop_pin.control",
     "MeanPose": "coop_pin.control",
     "Miscalibration": "coop_pin.description",
+    "MobileBase": "coop_pin.description",
     "NoForcePath": "coop_pin.control",
     "ObservedVelocity": "coop_pin.description",
     "Payload": "coop_pin.description",

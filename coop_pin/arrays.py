@@ -1,8 +1,7 @@
-"""Arrays: validation of arguments by name (type, shape, finiteness, sign, pose), sizes by memory, means."""
+"""Arrays: validation of arguments by name (type, shape, finiteness, sign, pose), and means."""
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import functools
 import inspect
@@ -22,8 +21,6 @@ from numpy.typing import ArrayLike, NDArray
 from coop_pin.errors import (
     ArgumentError,
     CoopPinError,
-    NotAPoseError,
-    NotEnoughMemoryError,
     OutOfRangeError,
     ShapeError,
     WrongTypeError,
@@ -40,13 +37,6 @@ Mask: TypeAlias = NDArray[np.bool_]
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _NUMBERS: dict[Any, Any] = {float: numbers.Real, int: numbers.Integral}
-
-_CGROUP_LIST, _CGROUPS = Path("/proc/self/cgroup"), Path("/sys/fs/cgroup")
-_CGROUP_FILES = {
-    "": ("memory.max", "memory.current", "inactive_file"),
-    "memory": ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
-}
-"""Files of limit, use and the cache that can be given back: of version 2, which has one tree, and of 1."""
 
 POSE_ALLOWED = 1e-6
 """Largest accepted entry of R^T R - I: poses typed to seven digits pass."""
@@ -80,10 +70,10 @@ def as_array(name: str, value: ArrayLike, *shape: int | str) -> Array:
     return array
 
 
-def _sizes_match(sizes: tuple[int, ...], wanted: tuple[int | str, ...]) -> bool:
-    """Return whether sizes are those wanted, of which a string stands for any."""
-    matches = (isinstance(want, str) or have == want for have, want in zip(sizes, wanted, strict=False))
-    return len(sizes) == len(wanted) and all(matches)
+def _sizes_match(sizes: tuple[int, ...], expected: tuple[int | str, ...]) -> bool:
+    """Return whether sizes are those expected, of which a string stands for any."""
+    matches = (isinstance(want, str) or have == want for have, want in zip(sizes, expected, strict=False))
+    return len(sizes) == len(expected) and all(matches)
 
 
 def as_positive(name: str, value: ArrayLike) -> float:
@@ -104,16 +94,15 @@ def as_pose(name: str, value: ArrayLike) -> Array:
 
     Raises:
         ShapeError: the shape differs.
-        OutOfRangeError: an entry is NaN or infinite.
-        NotAPoseError: the 3x3 block is not a rotation matrix or the last row is not 0 0 0 1.
+        OutOfRangeError: an entry is NaN or infinite, the 3x3 block no rotation, or the last row not 0 0 0 1.
     """
     X = as_array(name, value, 4, 4)
     R, last_row = X[:3, :3], np.array((0.0, 0.0, 0.0, 1.0))
     deviation = float(max(np.abs(R.T @ R - np.eye(3)).max(), np.abs(X[3] - last_row).max()))
+    name, deviation = (f"{name} (a mirror image)", 2.0) if np.linalg.det(R) < 0.0 else (name, deviation)
     if deviation > POSE_ALLOWED:
-        raise NotAPoseError(name, deviation, POSE_ALLOWED)
-    if np.linalg.det(R) < 0.0:
-        raise NotAPoseError(f"{name} (a mirror image)", 2.0, POSE_ALLOWED)
+        allowed = f"at most {POSE_ALLOWED:.3g}: build it with coop_pin.spatial.make_pose"
+        raise OutOfRangeError(f"the deviation of {name} from a pose", deviation, allowed)
     return X
 
 
@@ -258,69 +247,6 @@ def rms(values: Array) -> Array:
 def mean(values: Array) -> Array:
     """Return the mean along the last axis; NaN when it is empty."""
     return np.mean(values, axis=-1) if values.shape[-1] else np.full(values.shape[:-1], np.nan)
-
-
-def require_memory(what: str, needed: float, remedy: str) -> None:
-    """Refuse arrays that are larger than the free memory, before they are allocated.
-
-    Args:
-        what: the arrays, for the error message.
-        needed: size of the arrays, bytes.
-        remedy: advice that makes them smaller.
-
-    Raises:
-        NotEnoughMemoryError: they do not fit.
-    """
-    free = free_memory()
-    if needed > free:
-        raise NotEnoughMemoryError(what, needed, free, remedy)
-
-
-def free_memory() -> int:
-    """Return the memory that is available without swapping, bytes; sys.maxsize where it cannot be read.
-
-    It is the least of what the system, the control groups of the process (containers, batch jobs) and its
-    limit of the address space leave.
-    """
-    return max(0, min(_system_memory(), _address_space(), *_cgroup_memory()))
-
-
-def _system_memory() -> int:
-    with contextlib.suppress(OSError, StopIteration):  # Linux; what caches give back is free
-        lines = Path("/proc/meminfo").read_text("ascii").splitlines()
-        return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable:"))
-    for pages in ("SC_AVPHYS_PAGES", "SC_PHYS_PAGES"):
-        with contextlib.suppress(AttributeError, OSError, ValueError):  # no such name, or not on this system
-            return int(os.sysconf(pages) * os.sysconf("SC_PAGE_SIZE"))
-    return sys.maxsize
-
-
-def _address_space() -> int:
-    """Return what the limit of the address space (ulimit -v) leaves, bytes."""
-    with contextlib.suppress(ImportError, OSError):
-        import resource  # not on Windows
-
-        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-        if limit != resource.RLIM_INFINITY:
-            pages = int(Path("/proc/self/statm").read_text("ascii").split()[0])
-            return limit - pages * resource.getpagesize()
-    return sys.maxsize
-
-
-def _cgroup_memory() -> Iterator[int]:
-    """Yield what the limits of the process's control groups and of the groups around them leave, bytes."""
-    try:
-        groups = [line.split(":", 2)[1:] for line in _CGROUP_LIST.read_text("utf-8").splitlines()]
-    except OSError:  # not Linux
-        return
-    for controller, path in groups:
-        limit, used, cache = _CGROUP_FILES.get(controller, ("", "", ""))
-        group = _CGROUPS / controller / path.lstrip("/")
-        for folder in (group, *group.parents) if limit else ():
-            with contextlib.suppress(OSError, ValueError):  # no such file or number: the group has no limit
-                counts = dict(map(str.split, (folder / "memory.stat").read_text("ascii").splitlines()))
-                taken = int((folder / used).read_text("ascii")) - int(counts.get(cache, 0))
-                yield int((folder / limit).read_text("ascii")) - taken
 
 
 def frozen(array: NDArray[Entry]) -> NDArray[Entry]:

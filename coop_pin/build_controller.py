@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coop_pin.control import CellController
-from coop_pin.control.law import ControlledArm
+from coop_pin.control.interface import ControlledArm
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmModel
 
@@ -38,4 +38,5 @@ def controlled_arm(scenario: Scenario, name: str) -> ControlledArm:
         start_pose=scenario.start.matrix,
         oldest_wrench=path.delay
         + max((wrist.delay + wrist.every - 1 for wrist in scenario.wrists), default=0),
+        base_drives=model.base_joints,
     )

@@ -92,7 +92,7 @@ def _choice(scenario: Scenario | ScenarioError, runs: int | None, traces_user_co
 
     if isinstance(scenario, ScenarioError):
         return EngineChoice("single", "scenario", str(scenario))
-    if text := plant_reason(scenario.plant):
+    if text := plant_reason(scenario.plant, scenario.cell):
         return EngineChoice("single", "plant", text)
     try:
         enough = runs_worth_a_batch(scenario)

@@ -69,11 +69,11 @@ class ArgumentError(CoopPinError, ValueError):
 
 
 class WrongTypeError(CoopPinError, TypeError):
-    """An argument ``name`` of the type ``given`` where an object of the type ``expected`` is needed."""
+    """An argument ``name`` of the type ``actual`` where an object of the type ``expected`` is needed."""
 
-    def __init__(self, name: str, given: str, expected: str) -> None:
-        self.name, self.given, self.expected = name, given, expected
-        super().__init__(f"{name} is of type {given}; it must be of type {expected}")
+    def __init__(self, name: str, actual: str, expected: str) -> None:
+        self.name, self.actual, self.expected = name, actual, expected
+        super().__init__(f"{name} is of type {actual}; it must be of type {expected}")
 
 
 class NotEnoughMemoryError(ArgumentError):
@@ -106,33 +106,11 @@ class OutOfRangeError(ArgumentError):
         super().__init__(f"{entry} is {value:.6g}; it must be {allowed}")
 
 
-class NotAPoseError(ArgumentError):
-    """A 4x4 matrix ``name`` that is not a pose: R^T R, det R or the last row is off by ``deviation``."""
-
-    def __init__(self, name: str, deviation: float, allowed: float) -> None:
-        self.name, self.deviation = name, deviation
-        super().__init__(
-            f"{name} is not a pose: its rotation block or last row is off by {deviation:.3g}"
-            f" (allowed {allowed:.3g}); build it with coop_pin.spatial.make_pose"
-        )
-
-
-class NotIncreasingError(ArgumentError):
-    """Times ``name`` that do not increase strictly: at ``index`` stands ``value`` after ``previous``."""
-
-    def __init__(self, name: str, index: int, value: float, previous: float) -> None:
-        self.name, self.index, self.value, self.previous = name, index, value, previous
-        super().__init__(
-            f"{name}[{index}] is {value:.6g} after {previous:.6g}; times must increase strictly, by"
-            " a nanosecond at least: sort them and remove duplicates"
-        )
-
-
 class AmbiguousTurnError(ArgumentError):
-    """A rotation to orientation ``index`` that is ambiguous because its ``angle`` in rad is close to pi."""
+    """A rotation to orientation ``index[0]`` that is ambiguous: its ``angle`` in rad is close to pi."""
 
     def __init__(self, first: str, second: str, index: int, angle: float) -> None:
-        self.index, self.angle = index, angle
+        self.index, self.angle = (index,), angle
         super().__init__(
             f"the rotation from {first} to {second} is ambiguous ({angle:.6g} rad, close to pi); add an"
             " orientation between them, space the times more evenly, or use a turn about a given axis"
@@ -189,12 +167,12 @@ def needs_extra(package: str, extra: str, purpose: str) -> Iterator[None]:
 
 
 class MissingPinocchioError(CoopPinError, ImportError):
-    """Pinocchio is missing, broken or unsupported; ``found`` says what was found instead."""
+    """Pinocchio is missing, broken or unsupported; ``reason`` says what was found instead."""
 
-    def __init__(self, found: str) -> None:
-        self.found = found
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
         super().__init__(
-            f"{found}. On Linux (glibc 2.28 or later, not musl) and macOS: pip install 'pin>=4.1,<5'. With"
+            f"{reason}. On Linux (glibc 2.28 or later, not musl) and macOS: pip install 'pin>=4.1,<5'. With"
             " conda, and on Windows, for which PyPI has no wheel: conda install -c conda-forge"
             " 'pinocchio>=4.1,<5'. Only conda-forge calls it pinocchio; on PyPI it is pin"
         )
@@ -381,17 +359,6 @@ class SingularJacobianError(CoopPinError, ArithmeticError):
             f"{f'arm {arm!r}' if arm else 'the arm'} is singular at t = {time:.6g} s: condition number"
             f" {condition:.3g} of its payload Jacobian (allowed {limit:.3g}); keep the motion away from"
             " stretched or folded arms"
-        )
-
-
-class InconsistentReferenceError(CoopPinError, ValueError):
-    """A desired ``quantity`` that is not the derivative of another: difference ``gap`` (SI) at ``time`` s."""
-
-    def __init__(self, quantity: str, time: float, gap: float, allowed: float) -> None:
-        self.quantity, self.time, self.gap = quantity, time, gap
-        super().__init__(
-            f"the {quantity} differs from central differences by {gap:.3g} at t = {time:.6g} s (allowed"
-            f" {allowed:.3g}); check its axes (world), order (linear first) and signs, or leave it out"
         )
 
 

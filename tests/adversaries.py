@@ -4,6 +4,8 @@
 A spring and damper, and in ``changed`` what an adversary, or a user in good faith, does with its torque.
 """
 
+import collections
+import contextvars
 import functools
 import inspect
 import itertools
@@ -44,7 +46,13 @@ class Spring(cp.ArmController):
     def changed(self, m, u):
         return u
 
+    def rare(self):
+        """1 in the run whose gain is UNCHECKED, 0 in all others."""
+        return np.where(np.abs(self.gain - UNCHECKED) < 1e-6, 1.0, 0.0)
 
+
+UNCHECKED = 0.9
+"""Gain of the run that is not repeated singly."""
 LATE = 30
 """Number of steps after which a counter acts; fewer are tried before a batch."""
 counter = {"module": 0, "list": [0], "holder": types.SimpleNamespace(n=0)}
@@ -252,6 +260,79 @@ class SlowGrow(Spring):
         return u * (1.0 + 1e-14 * 1.5 ** min(self.grown(), 80))
 
 
+class CountInBytes(Spring):
+    seen = bytearray(1)
+
+    def changed(self, m, u):
+        self.seen[0] += 1
+        return 1.5 * u if self.seen[0] > 2 * LATE else u
+
+
+held = collections.deque([0])
+
+
+class CountInDeque(Spring):
+    def changed(self, m, u):
+        held[0] += 1
+        return 1.5 * u if held[0] > 2 * LATE else u
+
+
+context = contextvars.ContextVar("context", default=0)
+
+
+class CountInContext(Spring):
+    def changed(self, m, u):
+        context.set(context.get() + 1)
+        return 1.5 * u if context.get() > 2 * LATE else u
+
+
+class Meta(type(Spring)):
+    n = 0
+
+
+class CountInMetaclass(Spring, metaclass=Meta):
+    def changed(self, m, u):
+        Meta.n += 1
+        return 1.5 * u if Meta.n > 2 * LATE else u
+
+
+# ---------------------------------------------------------------- states
+
+
+class SmallCounter(Spring):
+    """Its count is -128 after 127."""
+
+    def init(self, measurement, reference):
+        return np.int8(100)
+
+    def step(self, measurement, reference, state):
+        torque, after = super().step(measurement, reference, None).torque, state + np.int8(1)
+        return cp.ArmCommand(np.where(after > 0, torque, 0.9 * torque), after)
+
+
+class WholeNumbers(Spring):
+    """An array of whole numbers cuts what is written into it."""
+
+    def init(self, measurement, reference):
+        return np.zeros(2, dtype=int)
+
+    def step(self, measurement, reference, state):
+        state = state.copy()
+        state[0] = np.where(measurement.time > 0.3, 0.7, 0.0)
+        return cp.ArmCommand(super().step(measurement, reference, None).torque * (1.0 + state[0]), state)
+
+
+class LeftToRight(Spring):
+    """An arm tells the next one its position."""
+
+    told = bytearray(8)
+
+    def changed(self, m, u):
+        before = np.frombuffer(self.told)[0]
+        self.told[:] = np.float64(m.time if isinstance(m.time, float) else 0.0).tobytes()
+        return u * (1.0 + before)
+
+
 # ---------------------------------------------------------------- what a run leaves to the next
 
 
@@ -411,6 +492,85 @@ class LogOfZero(Spring):
 class HugeSine(Spring):
     def changed(self, m, u):
         return u + np.sin(1e12 * m.q)
+
+
+# ---------------------------------------------------------------- numbers of the run that is not checked
+
+
+class RareExponential(Spring):
+    def changed(self, m, u):
+        return u * np.minimum(np.exp(-705.0 * self.rare()) * np.exp(705.0 * self.rare()), 1.1)
+
+
+class RareLargeExponential(Spring):
+    def changed(self, m, u):
+        return u * np.minimum(1.0 + 1e-309 * np.exp(709.5 * self.rare()), 1.5)
+
+
+class RareExponentialLessOne(Spring):
+    def changed(self, m, u):
+        return np.where(np.expm1(710.0 * self.rare()) >= 0.0, u, 0.5 * u)
+
+
+class RareSine(Spring):
+    def changed(self, m, u):
+        return u + np.sin(1e12 * self.rare() * m.q)
+
+
+class RareLogarithm(Spring):
+    def changed(self, m, u):
+        return u + np.log(np.where(self.rare() > 0.5, 1e-315, 1.0))
+
+
+class RareRounding(Spring):
+    def changed(self, m, u):
+        x = (2.0**52 + 1.0) * self.rare()
+        return u * (1.0 + np.rint(x) - x)
+
+
+class RareTanh(Spring):
+    def changed(self, m, u):
+        return u * (1.0 + 1e20 * np.tanh(1e-20 * self.rare()))
+
+
+class RareAngle(Spring):
+    def changed(self, m, u):
+        return u + self.rare() * np.arctan2(-0.0 * self.rare(), -1.0)
+
+
+class RareChoice(Spring):
+    """A choice by a number that is 0 or 1 in the other runs."""
+
+    def changed(self, m, u):
+        return u * np.where(1.0 + self.rare(), 1.0, 0.0)
+
+
+class RareDivision(Spring):
+    def changed(self, m, u):
+        x = np.where(self.rare() > 0.5, 3e-310, 0.0)
+        return u * (1.0 + self.rare() * np.minimum(x / 2.0**-1030, 0.1))
+
+
+class RareInverse(Spring):
+    def changed(self, m, u):
+        last = 1.0 - (1.0 - 1e-13) * self.rare()
+        first = np.stack([1.0 + 0.1 * m.q[0], 1.0 + 0.1 * m.q[0]])
+        inverse = np.linalg.inv(np.stack([first, np.stack([1.0 + 0.0 * m.q[0], 1.0 + last])]))
+        return u + 0.01 * inverse[0, 0] * last
+
+
+class RareSingularity(Spring):
+    def changed(self, m, u):
+        rows = [np.stack([1.0 + 0.0 * m.q[0], 1.0]), np.stack([1.0, 2.0 - self.rare()])]
+        return u + np.where(np.linalg.inv(np.stack(rows))[0, 0] > 5.0, 0.1, 0.0)
+
+
+class RareError(Spring):
+    """It asks numpy to raise."""
+
+    def changed(self, m, u):
+        with np.errstate(divide="raise"):
+            return u + np.minimum(1.0 / (1.0 - self.rare() + 0.0 * m.q), 1.0)
 
 
 # ---------------------------------------------------------------- refusals that are caught, and types
@@ -638,6 +798,9 @@ def reset() -> None:
     CountInDefault.changed.__defaults__[0][0] = 0
     CountInClosure.count, SlowGrow.grown = staticmethod(counted()), staticmethod(counted())
     globals().pop("hidden", None)
+    CountInBytes.seen[0] = held[0] = Meta.n = 0
+    LeftToRight.told[:] = bytes(8)
+    context.set(0)
     os.environ.pop("ADVERSARY", None)
     CountInFile.path.unlink(missing_ok=True)
     CountInCache.first.cache_clear()

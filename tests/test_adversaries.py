@@ -73,7 +73,8 @@ def is_silent(target, cell="planar", gains=GAINS, **options):
     ],
 )
 def test_an_adversary_is_told_or_refused(target):
-    assert len(adversaries.ADVERSARIES) >= 40
+    assert len(adversaries.ADVERSARIES) >= 80
+    assert adversaries.UNCHECKED in {*GAINS} - {*checked(GAINS)}
     assert not is_silent(target)
 
 
@@ -100,6 +101,9 @@ def test_a_random_law_does_not_differ_in_silence():
         ("CountInClass", "'n' of class CountInClass"),
         ("CountInModule", "'steps' of module adversaries"),
         ("CountInDefault", "'changed' of class CountInDefault"),
+        ("CountInClosure", "'count' of class CountInClosure"),
+        ("CountInFunction", "'counted' of module adversaries"),
+        ("CountInNamespace", "'counter' of module adversaries"),
     ],
 )
 @pytest.mark.parametrize("cell", SCENARIOS)

@@ -23,7 +23,7 @@ from coop_pin.simulation import simulate
 PACKAGE = Path(coop_pin.__file__).parent
 REPOSITORY = Path(__file__).resolve().parents[1]
 
-EVERYWHERE = {"errors", "arrays", "spatial", "atomic_write"}
+EVERYWHERE = {"errors", "arrays", "memory", "spatial", "atomic_write"}
 
 # Package -> (packages it imports besides EVERYWHERE, third parties besides numpy). Why:
 # - schema is the frozen pydantic base of everything in a scenario file;
@@ -52,6 +52,7 @@ EVERYWHERE = {"errors", "arrays", "spatial", "atomic_write"}
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
     "arrays": (set(), set()),
+    "memory": (set(), set()),
     "spatial": (set(), {"scipy"}),
     "atomic_write": (set(), set()),
     "user_files": (set(), set()),
@@ -259,6 +260,7 @@ def test_a_package_imports_exactly_what_the_table_allows():
 def test_errors_and_arrays_stand_on_nothing():
     assert imports()["errors"] == set()
     assert imports()["arrays"] == {"errors", "numpy"}
+    assert imports()["memory"] == {"errors"}
     assert imports()["spatial"] <= {"arrays", "errors", "numpy", "scipy"}
     assert imports()["atomic_write"] == {"errors"}
 
@@ -291,6 +293,25 @@ def test_there_are_no_cycles_between_packages_or_files():
     files = {name: file for name, file in MODULES.items() if not file.name.startswith("__")}
     assert cycle({name: modules_imported_by(file) - {name} for name, file in files.items()}) == []
     assert cycle({"control": {"model"}, "model": {"control"}})
+
+
+@pytest.mark.parametrize("package", ["batch", "tracing"])
+def test_a_package_of_many_stages_says_in_which_order_its_files_are_read(package):
+    """Each file is named before those that import it."""
+    _, text = ast.get_docstring(TREES[PACKAGE / package / "__init__.py"]).split("build on each")
+    places = {
+        file.stem: re.search(rf"\b{file.stem}\b", text).start()
+        for file in (PACKAGE / package).glob("*.py")
+        if file.stem != "__init__"
+    }
+    later = [
+        (importer, imported)
+        for importer in places
+        for module in modules_imported_by(PACKAGE / package / f"{importer}.py")
+        if (imported := module.removeprefix(f"coop_pin.{package}.")) in places
+        and places[imported] > places[importer]
+    ]
+    assert later == []
 
 
 def test_no_class_name_stands_twice_in_the_package():

@@ -6,7 +6,7 @@ from close import assert_close
 from test_payload_space import inputs
 
 from coop_pin.control.gains import gain_vector
-from coop_pin.control.law import ControlledArm
+from coop_pin.control.interface import ControlledArm
 from coop_pin.control.leader_follower import LeaderFollower, LeaderFollowerState
 from coop_pin.control.prescribed_performance import PrescribedPerformance
 from coop_pin.control.terms import InternalForceIntegral, is_new, spare_torque

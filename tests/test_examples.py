@@ -171,6 +171,14 @@ def definitions_as_on_their_page(out, _folder):
     assert equal["load_shares"] == equal["nonsqueezing"] == equal["symmetric"] != equal["virtual_linkage"]
 
 
+def held_and_regulated(out, _folder):
+    torques = [float(number) for number in re.findall(r"\|tau\| = ([\d.]+)", out)]
+    held, regulated = (float(number) for number in re.findall(r"largest \|z\| = ([\d.]+)", out))
+    assert torques[0] < torques[1]
+    assert "forces on the arms [[-20.0, 0.0, -14.7], [20.0, -0.0, -14.7]] N" in out
+    assert regulated < 1.0 < held
+
+
 PROMISES = {
     "internal_force_definitions": definitions_as_on_their_page,
     "run_paper": metrics_and_files,
@@ -185,6 +193,7 @@ PROMISES = {
     "save_and_load": all_the_same,
     "stability_map": bound_of_a_late_force_path,
     "four_bar": close_to_the_closed_form,
+    "linear_model": held_and_regulated,
 }
 
 

@@ -12,7 +12,7 @@ from coop_pin.description import PayloadChange
 from coop_pin.errors import OutOfRangeError
 from coop_pin.results import metrics
 from coop_pin.results.dataset import LIMITS, dataset
-from coop_pin.results.metrics import LimitViolation
+from coop_pin.results.limits import LimitViolation
 from coop_pin.results.quantities import allocate, quantities
 from coop_pin.results.window import Window, checked_window, samples_of
 from coop_pin.spatial import make_pose

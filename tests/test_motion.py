@@ -185,7 +185,7 @@ def test_a_users_twist_is_used_and_its_mistakes_are_seen():
     motion = FunctionMotion(target=users_pose, twist=users_twist, options={"reach": 0.2})
     assert motion.target == f"{__name__}:users_pose"
     assert_allclose(motion.at(0.4).V_WP_d, users_twist(0.4, 0.2))
-    with pytest.raises(errors.InconsistentReferenceError, match="V_WP_d"):
+    with pytest.raises(errors.OutOfRangeError, match="V_WP_d"):
         check_consistency(FunctionMotion(target=users_pose, twist=wrong_twist), TIMES)
 
 

@@ -1,6 +1,8 @@
 """Names that become paths and labels: refused where they are read, drawn as they are written."""
 
+import ast
 import re
+from pathlib import Path
 
 import pytest
 from cells import SCENARIOS, planar_scenario
@@ -9,6 +11,8 @@ import coop_pin as cp
 from coop_pin import figures
 from coop_pin.cli import main
 from coop_pin.errors import FieldError
+
+PACKAGE = Path(cp.__file__).parent
 
 UNSAFE = [
     "../../x",
@@ -84,3 +88,54 @@ def test_a_dollar_sign_is_drawn_in_figures(cell):
         make(result).draw_without_rendering()
     panels = figures.torque_figure(result).axes
     assert panels[0].get_title(loc="left").startswith(r"arm \$^\$, joint 1")
+
+
+# ---------------------------------------------------------------- names and texts in the code
+
+NO_NOUNS = re.compile(
+    r"    \w+: (as|at|by|for|from|how|in|its|likewise|of|to|what|when|where|which)\b", re.IGNORECASE
+)
+"""Argument or attribute whose text does not begin with a noun."""
+PARTICIPLES = {"found", "given", "own", "place", "wanted"}
+"""Locals that do not say what they hold."""
+TREES = {
+    path.relative_to(PACKAGE).as_posix(): ast.parse(path.read_text(encoding="utf-8"))
+    for path in sorted(PACKAGE.rglob("*.py"))
+}
+
+
+def documented(tree):
+    """Lines of the lists of arguments and attributes in the docstrings of a module."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+            for part in re.findall(
+                r"^(?:Args|Attributes):\n((?:    .*\n?)+)", ast.get_docstring(node) or "", re.M
+            ):
+                yield from part.splitlines()
+
+
+def local_names(tree):
+    """Names of arguments and of variables that a module assigns."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.arg):
+            yield node.arg
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id
+
+
+def test_texts_of_arguments_begin_with_a_noun():
+    offenders = [
+        f"{file}: {line.strip()}"
+        for file, tree in TREES.items()
+        for line in documented(tree)
+        if NO_NOUNS.match(line)
+    ]
+    assert offenders == []
+    assert sum(1 for tree in TREES.values() for _ in documented(tree)) > 2000
+
+
+def test_locals_are_nouns():
+    offenders = [
+        (file, name) for file, tree in TREES.items() for name in local_names(tree) if name in PARTICIPLES
+    ]
+    assert offenders == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -16,9 +17,6 @@ from coop_pin.errors import (
     AmbiguousTurnError,
     FieldError,
     FileReadError,
-    InconsistentReferenceError,
-    NotAPoseError,
-    NotIncreasingError,
     OutOfRangeError,
     ScenarioError,
     ShapeError,
@@ -485,17 +483,18 @@ def mistaken_acceleration(time: float) -> np.ndarray:
 @pytest.mark.parametrize("mistake", MISTAKEN_TWISTS)
 def test_a_twist_that_is_not_the_rate_of_the_pose_is_refused(mistake: str) -> None:
     reference = FunctionMotion(target=on_line, twist=mistaken_twist, options={"mistake": mistake})
-    with pytest.raises(InconsistentReferenceError) as caught:
+    with pytest.raises(OutOfRangeError) as caught:
         check_consistency(reference, np.linspace(0.1, 1.4, 9))
-    assert caught.value.quantity == MISTAKEN_TWISTS[mistake][1]
-    assert caught.value.gap > 0
-    assert 0.1 <= caught.value.time <= 1.4
+    part, time = re.findall(r"of the (.*) from .* at (\S+) s", caught.value.name)[0]
+    assert part == MISTAKEN_TWISTS[mistake][1]
+    assert caught.value.value > 0
+    assert 0.1 <= float(time) <= 1.4
 
 
 def test_an_acceleration_that_is_not_the_rate_of_the_twist_is_refused() -> None:
-    with pytest.raises(InconsistentReferenceError) as caught:
+    with pytest.raises(OutOfRangeError) as caught:
         check_consistency(FunctionMotion(target=on_line, acceleration=mistaken_acceleration), [0.2, 0.3])
-    assert caught.value.quantity == "linear part of A_WP_d"
+    assert "linear part of A_WP_d" in caught.value.name
 
 
 def test_a_users_own_reference_must_return_poses() -> None:
@@ -503,7 +502,7 @@ def test_a_users_own_reference_must_return_poses() -> None:
         def at(self, time: float) -> PoseTarget:
             return PoseTarget(np.diag((1.0, 1.0, -1.0, 1.0)), np.zeros(6), np.zeros(6))
 
-    with pytest.raises(NotAPoseError, match="mirror"):
+    with pytest.raises(OutOfRangeError, match="mirror"):
         check_consistency(Mirrored(), [0.0])
 
 
@@ -608,14 +607,14 @@ def test_waypoints_whose_orientation_swings_wildly_between_uneven_times_are_refu
     turns = Rotation.from_rotvec([(0, 0, yaw) for yaw in (0.0, -2.2, -3.4, -4.6)]).as_quat()
     with pytest.raises(AmbiguousTurnError) as caught:
         PoseSpline.through(np.array((0.0, 0.2, 2.2, 4.2)), np.zeros((4, 3)), turns)
-    assert caught.value.index == 3
+    assert caught.value.index == (3,)
     assert_allclose(caught.value.angle, 1.2, atol=1e-12)
 
 
 def test_times_that_do_not_increase_are_refused_by_index() -> None:
-    with pytest.raises(NotIncreasingError) as caught:
+    with pytest.raises(OutOfRangeError) as caught:
         PoseSpline.through(np.array((0.0, 2.0, 2.0)), np.zeros((3, 3)), QUATERNIONS)
-    assert caught.value.index == 2
+    assert caught.value.index == (2,)
 
 
 # ---------------------------------------------------------------- tables in files

@@ -28,7 +28,7 @@ def chains():
 def test_the_wrong_type_error_has_name_and_types():
     with pytest.raises(errors.WrongTypeError) as caught:
         require_type("cell", 3, cp.Cell, str)
-    assert (caught.value.name, caught.value.given, caught.value.expected) == ("cell", "int", "Cell or str")
+    assert (caught.value.name, caught.value.actual, caught.value.expected) == ("cell", "int", "Cell or str")
     assert isinstance(caught.value, TypeError)
 
 

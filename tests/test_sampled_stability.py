@@ -18,6 +18,7 @@ from coop_pin.analysis import (
     loop_stability,
     motion_stability,
     reachability,
+    sampled_motion,
     sampled_stability,
     step_stability,
 )
@@ -370,6 +371,48 @@ def test_the_largest_lag_is_sharp_on_the_plant(cell, factor):
     error, time = np.linalg.norm(result.data.pose_error.values, axis=1), result.data.time.values / duration
     early, late = (error[(time >= at) & (time < at + 0.2)].max() for at in (0.4, 0.8))
     assert (late < early) == (factor < 1.0)
+
+
+def identified(signals, order=24, depth=30):
+    """Factors z from tick to tick of signals without noise, shape (ticks, channels), by their ERA."""
+    blocks = np.lib.stride_tricks.sliding_window_view(signals, depth, axis=0)
+    U, S, _ = np.linalg.svd(blocks.reshape(len(blocks), -1), full_matrices=False)
+    states = U[:, :order] * S[:order]
+    return np.linalg.eigvals(np.linalg.lstsq(states[:-1], states[1:], rcond=None)[0])
+
+
+FILTERED = {
+    "planar": {"sensors.velocity": {"kind": "difference", "cutoff_hz": 20.0}},
+    "spatial": {"sensors.velocity": {"kind": "observer", "bandwidth_hz": 40.0}},
+}
+LAGGING = {"planar": {"actuators.lag": 0.1}, "spatial": {"actuators.lag": 0.01}}
+
+
+@pytest.mark.parametrize("changes", [{}, FILTERED, LAGGING], ids=["plain", "filtered", "lagging"])
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_the_fastest_growth_and_the_least_damping_are_those_of_a_run(cell, changes):
+    """Of a push; the planar cell's motion grows with its lag. Gains that differ between rows."""
+    gains = np.array(ANCHORED[cell].gains.sliding_gain)
+    rows = np.linspace(0.8, 1.2, len(gains))
+    fields = {"controller.gains.pose_gain": (2.0 * rows).tolist(), "cell.gravity": [0.0, 0.0, 0.0]}
+    fields |= {"controller.gains.sign_gain": (0.25 * rows[::-1]).tolist(), **changes.get(cell, {})}
+    scenario = pushed(cell, 0.0).override(fields | {"duration": {"planar": 4.0, "spatial": 2.4}[cell]})
+    simulation = Simulation(scenario, build_controller(scenario))
+    motion = sampled_motion(simulation, simulation.plant.q, 0.0)
+    modes = motion.modes(simulation, scenario.actuators.lag)
+    data = cp.run(scenario).data
+    error = data.pose_error.values[data.time.values > 0.2]
+    error = error[:, np.abs(error).max(axis=0) > 1e-9]
+    z = identified(error / np.abs(error).max(axis=0))
+    least = min(modes, key=lambda mode: mode.damping)
+    for mode in (least, max(modes, key=lambda mode: abs(mode.z))):
+        assert_allclose(z[np.abs(z - mode.z).argmin()], mode.z, atol=1.5e-3)
+    log = np.log(least.z)
+    assert_allclose(least.damping, -log.real / abs(log))
+    found = loop_of(scenario)
+    assert (found.damping, found.radius) == (least.damping, max(abs(mode.z) for mode in modes))
+    assert found.ok == (cell == "spatial" or changes is not LAGGING)
+    assert ("lower sign_gain" in found.summary()) == (found.ok and least.damping < 0.55)
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.03, 0.2])

@@ -11,11 +11,11 @@ import pytest
 from cells import SCENARIOS
 from linkages import bennett
 
-from coop_pin import arrays, errors
-from coop_pin.arrays import free_memory
+from coop_pin import errors, memory
 from coop_pin.build_controller import build_controller
 from coop_pin.chain.trajectory import time_grid
 from coop_pin.description import Clock, Scenario
+from coop_pin.memory import free_memory
 from coop_pin.simulation import Simulation, simulate
 from coop_pin.simulation.timeline import Timeline
 
@@ -79,7 +79,7 @@ def test_a_time_grid_needs_its_times_and_what_goes_with_them(monkeypatch):
     assert time_grid(1.0, 0.25, 92).tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
     assert 0.07 / 0.01 > 7.0  # by rounding
     np.testing.assert_allclose(time_grid(0.07, 0.01, 92), np.linspace(0.0, 0.07, 8), rtol=1e-14)
-    monkeypatch.setattr(arrays, "free_memory", lambda: 0)
+    monkeypatch.setattr(memory, "free_memory", lambda: 0)
     with pytest.raises(errors.NotEnoughMemoryError) as caught:
         time_grid(1.0, 0.25, 92)
     assert caught.value.needed == pytest.approx(500.0, rel=1e-8)
@@ -93,7 +93,7 @@ def test_free_memory_is_within_the_limit_of_the_address_space():
     script = """
 import resource
 from pathlib import Path
-from coop_pin.arrays import free_memory
+from coop_pin.memory import free_memory
 from coop_pin.chain.trajectory import time_grid
 limit = 1 << 30
 resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
@@ -122,8 +122,8 @@ def test_free_memory_is_within_the_limits_of_every_control_group(
 ):
     limit, used, cache = names
     (tmp_path / "list").write_text(listed + "\n")
-    monkeypatch.setattr(arrays, "_CGROUP_LIST", tmp_path / "list")
-    monkeypatch.setattr(arrays, "_CGROUPS", tmp_path / "cgroup")
+    monkeypatch.setattr(memory, "_CGROUP_LIST", tmp_path / "list")
+    monkeypatch.setattr(memory, "_CGROUPS", tmp_path / "cgroup")
     job = tmp_path / "cgroup" / folder / "batch" / "job"
     job.mkdir(parents=True)
     for group, text in ((job, "max" if not folder else str(2**63 - 4096)), (job.parent, "9000000")):

@@ -27,7 +27,7 @@ from coop_pin.tracing.kernel import RECORD, Instruction, Kernel, Layout, Program
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.numpy_machine import NumpyMachine, evaluate
 from coop_pin.tracing.tape import Tape, operands
-from coop_pin.tracing.traced_array import TracedMask, TracedScalar, inputs, traced
+from coop_pin.tracing.traced_array import TracedMask, TracedScalar, inputs, parts, traced
 from coop_pin.tracing.tree import SharedFunctions, leaves, rebuilt, require_state, structure
 
 
@@ -112,6 +112,65 @@ def test_functions_of_nan_and_inf_are_those_of_numpy(function):
         np.testing.assert_allclose(value, function(x), rtol=1e-15, err_msg=str(x))
 
 
+def any_doubles():
+    """Doubles of all magnitudes, the largest, least, special and negative ones among them."""
+    rng = np.random.default_rng(7)
+    bits = rng.integers(2**64, size=2000, dtype=np.uint64).view(np.float64)
+    edges = [0.0, -0.0, 5e-324, 1e-310, 2.2e-308, 1e-16, 701.0, 708.5, 720.0, 745.2, 746.1, 709.5, 709.79]
+    edges += [800.0, 0.5, 1.5, 1e5, 1.1e5, 1e9, 2.0**51 - 0.5, 2.0**51 + 0.5, 2.0**52 + 1.0, 1e22, math.nan]
+    shared = np.concatenate([edges, rng.normal(size=1000), 10.0 ** rng.uniform(-320, 308, 1000)])
+    return np.concatenate([bits, shared, -shared, SPECIAL])
+
+
+ONE_ARGUMENT = {
+    **{function.__name__: function for function in (np.sin, np.cos, np.tanh, np.exp, np.expm1, np.log)},
+    **{function.__name__: function for function in (np.sqrt, np.sign, np.rint, np.square, np.absolute)},
+    "choice by a number": lambda x: np.where(x, 1.0, 0.0),
+    "quotient of a small power of two": lambda x: x / 2.0**-1030,
+    "sign of a zero": lambda x: np.arctan2(x, -1.0),
+    "sign of another zero": lambda x: np.arctan2(1.0, 1.0 / (-x)),
+}
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("name", ONE_ARGUMENT)
+def test_functions_of_any_double_are_those_of_numpy_or_make_exact_code_invalid(name):
+    tape, function, x = Tape(), ONE_ARGUMENT[name], any_doubles()
+    with tape.exact(True):
+        (value,) = function(inputs(tape, 1))
+    found, *guards = np.broadcast_arrays(*values_of(tape, [value, *tape.guards], [x]), x)[:-1]
+    is_valid = np.all([np.ones(len(x)), *guards], axis=0)
+    allowed = 1e-15 if name in ("sin", "cos") else 0.0
+    assert_allclose(
+        found[is_valid], function(x)[is_valid], rtol=2e-12 if name == "tanh" else 3e-15, atol=allowed
+    )
+    assert is_valid.mean() > 0.45
+    assert is_valid[np.abs(x) <= 700.0].all() or name == "log"
+    inexact = Tape()
+    function(inputs(inexact, 1))
+    assert not inexact.guards
+
+
+def test_exact_code_of_an_inverse_is_valid_for_well_conditioned_matrices():
+    tape = Tape()
+    with tape.exact(True):
+        np.linalg.inv(inputs(tape, 2, 2))
+    for smallest, is_valid in ((1.0, True), (1.01e-6, True), (0.99e-6, False), (0.0, False)):
+        with np.errstate(all="ignore"):
+            guards = values_of(tape, tape.guards, [1.0, 0.0, 0.0, smallest])
+        assert all(guard == 1.0 for guard in guards) == is_valid
+
+
+def test_exact_code_that_asks_numpy_to_raise_is_refused():
+    tape = Tape()
+    x = inputs(tape, 2)
+    with np.errstate(divide="raise"), tape.exact(True), pytest.raises(TracingError, match="errstate"):
+        1.0 / x
+    assert tape.refusals
+    with np.errstate(divide="raise"):
+        assert type((1.0 / x)[0]) is TracedScalar
+
+
 def test_differences_and_products_fold_where_diverged_runs_are_refused_anyway():
     tape = Tape()
     (x,) = inputs(tape, 1)
@@ -139,6 +198,28 @@ def test_truth_values_are_no_numbers():
     ):
         with pytest.raises(TracingError):
             refused()
+
+
+def test_sums_and_products_of_arrays_are_those_of_numpy():
+    tape, values = Tape(), [2.0, 3.0, 7.0]
+    x = inputs(tape, 3)
+    found = [x.sum(), np.sum(x), np.add.reduce(x), np.multiply.reduce(x), x @ x, np.any(x > 5.0) * 1.0]
+    assert values_of(tape, found, values) == [12.0, 12.0, 12.0, 42.0, 62.0, 1.0]
+
+
+def test_parts_have_their_sizes():
+    tape = Tape()
+    x = inputs(tape, 6)
+    assert [[entry.index for entry in part] for part in parts(x, (1, 2, 3))] == [[0], [1, 2], [3, 4, 5]]
+
+
+def test_quotients_by_constants_have_the_bits_of_python():
+    tape, x = Tape(), np.random.default_rng(9).normal(size=200)
+    divisors = [3.0, -8.0, 0.125, 0.7, 2.0**-1022, 2.0**1023]
+    for divisor, found in zip(
+        divisors, values_of(tape, [inputs(tape) / d for d in divisors], [x] * 6), strict=True
+    ):
+        assert_array_equal(found, x / divisor)
 
 
 def test_truth_values_in_a_state_stay_truth_values():
@@ -380,6 +461,11 @@ def run_small_program():
     block = np.array([[1.0, 2.0, 3.0], [0.0, 1.0, -1.0]])
     record = LlvmMachine(small_program()).run(block, np.array([[0.5]]), np.zeros((1, 0, 3)))
     assert_allclose(record[0], [[1.0, 2.5, 2.5], np.exp([0.0, 1.0, -1.0])], rtol=4e-16)
+
+
+def test_a_program_needs_as_many_rows_as_its_instructions_name():
+    program = Program((), Layout(), 0, 0, [Instruction(0, 7), Instruction(RECORD, 2)])
+    assert (program.rows(RECORD), program.rows(0), program.rows(1)) == (3, 8, 0)
 
 
 def test_the_bits_of_a_small_program_do_not_depend_on_the_vector_width():

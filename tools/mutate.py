@@ -1,6 +1,6 @@
 """Mutation run: small changes of the code, one at a time, that the tests must notice.
 
-    python tools/mutate.py                            every mutant of control, chain, results and spatial
+    python tools/mutate.py                            every mutant of the packages in TESTS
     python tools/mutate.py results chain/closure.py   those of a package or of a file
     python tools/mutate.py --sample 40 --seed 1       some of them
 
@@ -48,11 +48,15 @@ PACKAGE = REPOSITORY / "coop_pin"
 EQUIVALENT = Path(__file__).with_name("mutate_equivalent.toml")
 FLOOR = 0.95
 TESTS = {
+    "batch": "adversaries batch batch_laws batch_sensing c_export gravity_turn sweep_batch tracing",
     "chain": "branches cell_chain closed_chain closures ik_solver integrators inverse_kinematics mechanisms"
     " projection sizes",
+    "comparison": "benchmarks compare comparison_figures",
     "control": "baseline_laws bounds interface payload_space redundant_sliding_mode sensing sliding_mode",
+    "model_based": "batch_laws compare model_based",
     "results": "internal_wrench_definitions metrics results trust user_files",
     "spatial": "internal_wrench_definitions payload_space spatial",
+    "tracing": "batch batch_laws c_export sweep_batch tracing",
 }
 """Test files that are run for each package; others hardly judge it, and take longer."""
 LONGEST = 8.0

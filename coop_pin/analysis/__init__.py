@@ -3,13 +3,15 @@
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
 from coop_pin.analysis.feasibility import closure_problem
-from coop_pin.analysis.internal_moment import InternalMoment, internal_moment
-from coop_pin.analysis.loop_stability import LoopStability, Mode, loop_stability
+from coop_pin.analysis.grasp_stability import GraspStability, grasp_stability
+from coop_pin.analysis.internal_moment import InternalMoment, internal_moment, positional_torques
+from coop_pin.analysis.loop_stability import LoopStability, loop_stability
 from coop_pin.analysis.new_cell import new_cell
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
 from coop_pin.analysis.plausibility import implausible_numbers, run_warnings
 from coop_pin.analysis.proof import anchor_bounded_time, theorem_monitor
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
+from coop_pin.analysis.sampled_motion import Mode, SampledMotion, sampled_motion
 from coop_pin.analysis.sampled_stability import (
     SampledStability,
     StepStability,
@@ -22,12 +24,13 @@ from coop_pin.analysis.statics import (
     ArmStatics,
     DriveTorque,
     StaticTorques,
+    force_reserve,
     loads_without_an_arm,
     start_torques,
     static_torques,
     statics_along,
 )
-from coop_pin.analysis.steady_errors import SteadyErrors, steady_errors
+from coop_pin.analysis.steady_errors import SteadyErrors, anchor_biases, steady_errors
 from coop_pin.analysis.step_size import StepSize, fewest_steps
 from coop_pin.analysis.suggestion import Suggestion, suggest
 from coop_pin.analysis.task_inertia import MotionWrenches, TaskInertia, motion_wrenches, task_inertia
@@ -40,6 +43,7 @@ __all__ = [
     "DriveTorque",
     "FastestJoint",
     "GainProposal",
+    "GraspStability",
     "InternalMoment",
     "JointLimitMargin",
     "LoopStability",
@@ -47,6 +51,7 @@ __all__ = [
     "MotionWrenches",
     "NearlySingular",
     "Reachability",
+    "SampledMotion",
     "SampledStability",
     "StaticTorques",
     "SteadyErrors",
@@ -55,11 +60,14 @@ __all__ = [
     "Suggestion",
     "TaskInertia",
     "Unreachable",
+    "anchor_biases",
     "anchor_bounded_time",
     "cell_summary",
     "closure_problem",
     "fewest_steps",
+    "force_reserve",
     "gain_proposal",
+    "grasp_stability",
     "implausible_numbers",
     "internal_moment",
     "loads_without_an_arm",
@@ -68,8 +76,10 @@ __all__ = [
     "motion_stability",
     "motion_wrenches",
     "new_cell",
+    "positional_torques",
     "reachability",
     "run_warnings",
+    "sampled_motion",
     "sampled_stability",
     "start_stability",
     "start_torques",

@@ -111,7 +111,7 @@ def require_feasible(scenario: Scenario, cell_reach: Reachability, statics: Stat
 
 def _lighter(scenario: Scenario, statics: StaticTorques) -> str:
     """Return the mass that the drives can hold at these configurations, as advice."""
-    part = min(_part_held(arm.weight, arm.load, arm.limit) for arm in statics.arms)
+    part = min(part_held(arm.weight, arm.load, arm.limit) for arm in statics.arms)
     if not 0.0 < part < 1.0:
         return "The arm's own weight is too much: use a stronger arm, or another posture or grasp"
     mass = scenario.cell.payload.mass
@@ -120,12 +120,12 @@ def _lighter(scenario: Scenario, statics: StaticTorques) -> str:
 
 def squeeze_part(statics: StaticTorques) -> float:
     """Return the largest part of the squeeze, at most 1, that the drives can hold beside weight and load."""
-    part = min(1.0, *(_part_held(arm.weight + arm.load, arm.squeeze, arm.limit) for arm in statics.arms))
+    part = min(1.0, *(part_held(arm.weight + arm.load, arm.squeeze, arm.limit) for arm in statics.arms))
     return part if part == 1.0 else math.floor(100.0 * part) / 100.0
 
 
-def _part_held(fixed: Array, varied: Array, limit: Array) -> float:
-    """Return the largest part of some torques that the drives can hold beside others."""
+def part_held(fixed: Array, varied: Array, limit: Array) -> float:
+    """Return the largest part of some torques that the drives can hold beside others, N m, shape (n, k)."""
     holding = np.copysign(fixed, fixed * varied)
     with np.errstate(divide="ignore", invalid="ignore"):
         held = (_TORQUE_PART * limit - holding) / np.abs(varied)

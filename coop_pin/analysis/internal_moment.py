@@ -55,23 +55,81 @@ def internal_moment(scenario: Scenario, cell_reach: Reachability, posture: Postu
         cell_reach: reachability of the scenario, in which every arm holds the start.
         posture: gains of the spare joints.
     """
-    cell = scenario.cell
-    first = int(np.count_nonzero(cell_reach.arms[0].times == 0.0)) - 1
-    t = cell_reach.arms[0].times[first:]
-    arms = [HeldArm(scenario, reach.arm, reach.q[first], posture) for reach in cell_reach.arms]
-    paths = [reach.q[first:] for reach in cell_reach.arms]
-    torques = [arm.missing(t, path) for arm, path in zip(arms, paths, strict=True)]
-    turns = np.array([arms[0].model.payload_pose(q)[:3, :3] for q in paths[0]])
-    asked = _moments_of_payload(scenario, t, turns)
-    excess = np.empty((len(t), len(arms), 3))
-    for k, time in enumerate(t.tolist()):
-        jacobians = [arm.model.payload_jacobian(path[k]) for arm, path in zip(arms, paths, strict=True)]
-        n = _moments(jacobians, [torque[k] for torque in torques], -asked[k])
-        desired = scenario.squeeze.at(time, cell.grasps)[:, 3:] @ turns[k].T
-        excess[k] = n - cell.shares[:, None] * n.sum(axis=0) - desired
+    balance = _Balance.along(scenario, cell_reach, posture)
+    t, cell = balance.times, scenario.cell
+    desired = np.array([scenario.squeeze.at(time, cell.grasps)[:, 3:] for time in t.tolist()])
+    n = balance.moments
+    excess = n - cell.shares[:, None] * n.sum(axis=1, keepdims=True) - desired @ balance.turns.mT
     sizes = np.linalg.norm(excess, axis=2)
     at, arm = np.unravel_index(int(sizes.argmax()), sizes.shape)
     return InternalMoment(cell_reach.arms[arm].arm, float(t[at]), float(sizes[at, arm]))
+
+
+@typed
+def positional_torques(
+    scenario: Scenario, cell_reach: Reachability, posture: PostureGains
+) -> tuple[Array, ...]:
+    """Return the drive torques of the payload-space law on positional rows along the motion, N m.
+
+    The closures hold spare joints there, so that a spring of the posture takes torque at rest, too:
+    tau_i = M qdd + h + friction + J_i^T F_i, with the forces of F_i those of load and squeeze and its moments
+    those of internal_moment. An array of shape (n, k) for each arm; arguments as of internal_moment.
+    """
+    balance = _Balance.along(scenario, cell_reach, posture)
+    return tuple(balance.drive_torques(scenario, k) for k in range(len(balance.arms)))
+
+
+class _Balance(NamedTuple):
+    """Balance of arms and payload along a motion on positional rows.
+
+    Attributes:
+        times: s, shape (n,).
+        arms: arms, and their paths of configurations.
+        turns: R_WP, shape (n, 3, 3).
+        moments: n_i about P, N m, shape (n, m, 3).
+    """
+
+    times: Array
+    arms: list[tuple[HeldArm, Array]]
+    turns: Array
+    moments: Array
+
+    @classmethod
+    def along(cls, scenario: Scenario, cell_reach: Reachability, posture: PostureGains) -> _Balance:
+        """Return the balance; arguments as of internal_moment."""
+        first = int(np.count_nonzero(cell_reach.arms[0].times == 0.0)) - 1
+        t = cell_reach.arms[0].times[first:]
+        arms = [
+            (HeldArm(scenario, reach.arm, reach.q[first], posture), reach.q[first:])
+            for reach in cell_reach.arms
+        ]
+        torques = [arm.missing(t, path) for arm, path in arms]
+        turns = np.array([arms[0][0].model.payload_pose(q)[:3, :3] for q in arms[0][1]])
+        asked = _moments_of_payload(scenario, t, turns)
+        moments = np.array(
+            [
+                _moments(
+                    [arm.model.payload_jacobian(path[k]) for arm, path in arms],
+                    [torque[k] for torque in torques],
+                    -asked[k],
+                )
+                for k in range(len(t))
+            ]
+        )
+        return cls(t, arms, turns, moments)
+
+    def drive_torques(self, scenario: Scenario, index: int) -> Array:
+        """Return the drive torques of an arm, N m, shape (n, k)."""
+        arm, path = self.arms[index]
+        cell, motion, t = scenario.cell, scenario.motion.replace(), self.times
+        velocity = np.array([motion.at(time).V_WP_d[:3] for time in t.tolist()])
+        inertial = np.gradient(velocity, t, axis=0) - np.array(cell.gravity)
+        squeeze = np.array([scenario.squeeze.at(time, cell.grasps)[index, :3] for time in t.tolist()])
+        forces = arm.model.share * cell.payload.mass * inertial - np.einsum("nij,nj->ni", self.turns, squeeze)
+        wrenches = np.hstack((forces, -self.moments[:, index]))
+        J = np.array([arm.model.payload_jacobian(q) for q in path])
+        joints = arm.without_payload(t, path) + np.einsum("nij,ni->nj", J, wrenches)
+        return np.asarray(joints @ arm.model.from_drive)
 
 
 def _moments_of_payload(scenario: Scenario, t: Array, turns: Array) -> Array:

@@ -5,47 +5,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from coop_pin.analysis.reachability import Reachability
-from coop_pin.analysis.sampled_stability import configurations_along, fastest_joints
-from coop_pin.arrays import Array, typed
-from coop_pin.control.bounds import lag_pole
-from coop_pin.description.sensors import Sensors
+from coop_pin.analysis.sampled_motion import LEAST_DAMPING, NEUTRAL, Mode, SampledMotion, sampled_motion
+from coop_pin.analysis.sampled_stability import configurations_along
+from coop_pin.arrays import typed
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.sensing import Sensing
 
-_SMALL = 1e-6
-"""Displacement of differences, rad or m; speeds likewise."""
-_SETTLED = 1e6
-"""A time at which the transients of the start are gone, s."""
-_NEUTRAL = 1e-6
-"""Growth in a tick, and part of a singular value, that count as none."""
-_LARGEST_LAG = 1.0
+_LARGEST_LAG, _LAG_ERROR = 1.0, 1e-6
+"""Largest lag that is tried, and that to which the largest one is found, s."""
 _POSES = 6
 """Largest number of poses on the reference, evenly spread."""
-_SPARE = 0.5
-"""Part of a mode's square that must leave the task rows at rest for it to be one of spare joints."""
-
-
-class Mode(NamedTuple):
-    """A mode of the sampled motion.
-
-    Attributes:
-        z: its factor from tick to tick.
-        joints: the joints that move most, as arm/joint, the fastest first.
-        is_spare: whether most of it leaves the task rows of the payload at rest.
-    """
-
-    z: complex
-    joints: tuple[str, ...]
-    is_spare: bool
-
-    @property
-    def name(self) -> str:
-        """Name of the mode: that of the spare joints with their arms, or its joints."""
-        arms = " and ".join(sorted({joint.partition("/")[0] for joint in self.joints}))
-        return f"elbow (spare joints) of {arms}" if self.is_spare else f"motion of {', '.join(self.joints)}"
 
 
 class LoopStability(NamedTuple):
@@ -57,8 +27,9 @@ class LoopStability(NamedTuple):
         largest_lag: largest lag with which the motion would still not grow, s, counted from that of the
             drives if that is stable, else from none; at most 1, and 0 where the motion grows without any.
         mode: mode of that ``|z|``.
+        least_damped: mode with the smallest damping ratio, at any of the poses.
         spare: slowest mode of the spare joints; None without any.
-        period: of the control, s.
+        period: period of the control, s.
         remedy: field of the spring of spare joints; empty if the law has none.
         time: time of the pose at which the motion is least stable, s.
     """
@@ -67,6 +38,7 @@ class LoopStability(NamedTuple):
     lag: float
     largest_lag: float
     mode: Mode
+    least_damped: Mode
     spare: Mode | None
     period: float
     remedy: str
@@ -75,12 +47,17 @@ class LoopStability(NamedTuple):
     @property
     def ok(self) -> bool:
         """Whether the motion does not grow from tick to tick."""
-        return self.radius < 1.0 + _NEUTRAL
+        return self.radius < 1.0 + NEUTRAL
 
     @property
     def spare_rate(self) -> float:
         """Decay of the slowest mode of the spare joints, 1/s; negative if it grows, inf without any."""
         return np.inf if self.spare is None else -float(np.log(abs(self.spare.z))) / self.period
+
+    @property
+    def damping(self) -> float:
+        """Smallest damping ratio of a mode."""
+        return self.least_damped.damping
 
     def summary(self) -> str:
         """Return the finding as text, in one line."""
@@ -88,7 +65,10 @@ class LoopStability(NamedTuple):
         finding = f"|z| = {self.radius:.5f}{at} with all gains and a lag of {1e3 * self.lag:.3g} ms"
         bound = f"lags up to {1e3 * self.largest_lag:.3g} ms"
         if self.ok:
-            return f"{finding}: the motion is stable, with {bound}"
+            advice = (
+                "" if self.damping >= LEAST_DAMPING else f" < {LEAST_DAMPING}: lower sign_gain or pose_gain"
+            )
+            return f"{finding}: the motion is stable, with {bound}; damping ratio {self.damping:.2f}{advice}"
         if self.mode.is_spare and self.mode.z.real > 0.0:
             spring = f"Raise {self.remedy}" if self.remedy else "Its law has no spring for them"
             growth = f"grows by e in {self.period / np.log(self.radius):.3g} s"
@@ -102,14 +82,8 @@ class LoopStability(NamedTuple):
 def loop_stability(simulation: Simulation, cell_reach: Reachability | None = None) -> LoopStability:
     """Return the stability of a law with all its gains under the lag of the drives, where it is least.
 
-    On the n motions y that the closures leave, with their speed w, the acceleration b by the torques that
-    act, and what the law keeps in its integral, h::
-
-        u[k] = G [y, w][k] + h[k],   h[k+1] = h[k] + H [y, w][k],   y' = w,  w' = b,  b' = (u - b) / lag
-
-    over a tick in closed form, with the largest lag of an arm for all. sgn has no linear integral: there H =
-    0. Friction, leak, rate limits, and filters and delays of the sensors are not considered. At each pose the
-    law starts anew from the torques that hold the cell there.
+    That of SampledMotion, with the largest lag of an arm for all. At each pose the law starts anew from the
+    torques that hold the cell there.
 
     Args:
         simulation: simulation of a law of coop_pin that has not begun.
@@ -118,121 +92,54 @@ def loop_stability(simulation: Simulation, cell_reach: Reachability | None = Non
 
     Raises:
         SingularJacobianError: an arm is singular at a pose.
+        ArgumentError: a grasp is compliant.
     """
+    simulation.scenario.cell.require_rigid("loop_stability")
     poses = [(0.0, simulation.plant.q)]
     if cell_reach is not None:
         poses += configurations_along(simulation, cell_reach, _POSES)[1:]
-    found, bound = list[LoopStability](), _LARGEST_LAG
+    stabilities, bound = list[LoopStability](), _LARGEST_LAG
     for time, q in poses:
-        found.append(_PoseLoop(simulation, q, time).stability(bound))
-        bound = found[-1].largest_lag
-    worst = max(found, key=lambda stability: stability.radius)
-    slowest = min(found, key=lambda stability: stability.spare_rate)
-    return worst._replace(largest_lag=bound, spare=slowest.spare)
+        stabilities.append(_stability(simulation, sampled_motion(simulation, q, time), bound))
+        bound = stabilities[-1].largest_lag
+    worst = max(stabilities, key=lambda stability: stability.radius)
+    slowest = min(stabilities, key=lambda stability: stability.spare_rate)
+    swinging = min(stabilities, key=lambda stability: stability.damping)
+    return worst._replace(largest_lag=bound, spare=slowest.spare, least_damped=swinging.least_damped)
 
 
-class _PoseLoop:
-    """Sampled loop of a law, linearised at rest at a pose of the motion."""
-
-    def __init__(self, simulation: Simulation, q: Array, time: float) -> None:
-        self._simulation, self._q, self._time = simulation, q, time
-        self._period = simulation.scenario.clock.period
-        self._G, self._H, self._N = _feedback(simulation, q, time)
-
-    def stability(self, bound: float) -> LoopStability:
-        """Return the stability at the lag of the drives, and the largest lag up to a bound, s."""
-        lag = self._simulation.scenario.actuator_lag * self._period
-        modes = self._modes(lag)
-        mode = max(modes, key=lambda mode: abs(mode.z))
-        spare = max((mode for mode in modes if mode.is_spare), key=lambda mode: abs(mode.z), default=None)
-        remedy = self._simulation.scenario.controller.spare_spring
-        largest = self._largest_lag(lag, bound)
-        return LoopStability(abs(mode.z), lag, largest, mode, spare, self._period, remedy, self._time)
-
-    def _map(self, lag: float) -> Array:
-        return _tick_map(self._G, self._H, self._period, lag)
-
-    def _is_stable(self, lag: float) -> bool:
-        return float(np.abs(np.linalg.eigvals(self._map(lag))).max()) < 1.0 + _NEUTRAL
-
-    def _largest_lag(self, lag: float, bound: float) -> float:
-        """Return the largest lag up to a bound with which the motion does not grow, s."""
-        # A lag can also stabilise what the sampling does not bear without: the search starts at the drives'.
-        low, high = lag if self._is_stable(lag) else 0.0, max(bound, lag)
-        if self._is_stable(high):
-            return high
-        if not self._is_stable(low):
-            return 0.0
-        while high - low > _SMALL:
-            middle = (low + high) / 2.0
-            low, high = (middle, high) if self._is_stable(middle) else (low, middle)
-        return low
-
-    def _modes(self, lag: float) -> list[Mode]:
-        """Return the modes with the lag of the drives that move the chain."""
-        z, vectors = np.linalg.eig(self._map(lag))
-        chain, rows, n = self._simulation.plant.chain, self._simulation.scenario.cell.task_rows, len(self._G)
-        J = rows.select(chain.payload_jacobian(self._q)) @ self._N
-        at_rest, y = np.eye(n) - np.linalg.pinv(J) @ J, vectors[:n]
-        size = np.linalg.norm(y, axis=0)
-        is_spare = np.linalg.norm(at_rest @ y, axis=0) ** 2 > _SPARE * size**2
-        joints = [fastest_joints(self._simulation, speeds) for speeds in np.abs(self._N @ y).T]
-        return [Mode(complex(z[k]), joints[k], bool(is_spare[k])) for k in np.flatnonzero(size > 0.0)]
-
-
-def _tick_map(G: Array, H: Array, T: float, lag: float) -> Array:
-    """Return the map of [y, w, b, h] over a tick, h in coordinates U of what H can reach."""
-    basis, singular, _ = np.linalg.svd(H)
-    U, eye = basis[:, singular > _NEUTRAL * np.abs(G).max()], np.eye(len(G))
-    r = lag_pole(lag / T)
-    held = lag * (1.0 - r)  # the integral of exp(-s / lag) over the tick
-    free = np.array([[1.0, T, lag * (T - held)], [0.0, 1.0, held], [0.0, 0.0, r]])
-    by_u = np.array([[T * T / 2.0 - free[0, 2]], [T - held], [1.0 - r]])
-    zero = np.zeros((len(G), U.shape[1]))
-    feedback, kept = np.hstack((G, 0.0 * eye, U)), np.hstack((U.T @ H, zero.T, np.eye(U.shape[1])))
-    return np.vstack((np.hstack((np.kron(free, eye), np.tile(zero, (3, 1)))) + np.kron(by_u, feedback), kept))
-
-
-def _feedback(simulation: Simulation, q_0: Array, time: float) -> tuple[Array, Array, Array]:
-    """Return d(acceleration)/d[y, w] by a tick's torque, and by what the law keeps of it, (n, 2 n) each.
-
-    At rest on the reference at a pose, joints measured as they are and internal wrenches as desired. The last
-    entry is the basis N of the n motions, shape (nv, n).
-    """
-    plant, law, scenario = simulation.plant, simulation.controller, simulation.scenario
-    chain, rest = plant.chain.mechanism, np.zeros(len(plant.v))
-    ideal = scenario.replace(sensors=Sensors(), arm_sensors={}, beyond_bound=True)
-    holding = simulation.actuation.holding_commands(q_0)
-    sensing = Sensing(ideal, plant.chain.model.arms, holding_torques=lambda _q: holding)
-    first = sensing.start(q_0, rest, simulation.references(time))
-    references = [
-        reference._replace(pose=seen.payload_pose, twist=0.0 * reference.twist)
-        for reference, seen in zip(simulation.references(time), first, strict=True)
-    ]
-    basis, singular, _ = np.linalg.svd(
-        np.column_stack([chain.project_velocity(q_0, row) for row in np.eye(len(rest))])
+def _stability(simulation: Simulation, motion: SampledMotion, bound: float) -> LoopStability:
+    """Return the stability at the lag of the drives, and the largest lag up to a bound, s."""
+    scenario = simulation.scenario
+    lag = scenario.actuator_lag * motion.period
+    modes = motion.modes(simulation, lag)
+    mode = max(modes, key=lambda mode: abs(mode.z))
+    return LoopStability(
+        radius=abs(mode.z),
+        lag=lag,
+        largest_lag=_largest_lag(motion, lag, bound),
+        mode=mode,
+        least_damped=min(modes, key=lambda mode: mode.damping),
+        spare=max((mode for mode in modes if mode.is_spare), key=lambda mode: abs(mode.z), default=None),
+        period=motion.period,
+        remedy=scenario.controller.spare_spring,
+        time=motion.time,
     )
-    N = basis[:, singular > _NEUTRAL]
 
-    def step(q: Array, v: Array, state: object) -> tuple[Array, object]:
-        # Drives cut nothing here: what the law asked for a tick ago is what acted.
-        measured = sensing.start(q, v, references)
-        seen = [arm._replace(time=_SETTLED, reported_torque=None) for arm in measured]
-        command = law.step(seen, references, state)
-        torque = plant.transmission.torque(simulation.actuation.commanded(command))
-        return N.T @ chain.forward_dynamics(q, rest, torque).acceleration, command.state
 
-    def answer(q: Array, v: Array) -> Array:
-        now, state = step(q, v, start)
-        kept = step(q_0, rest, state)[0] if scenario.controller.has_linear_integral else 0.0 * now
-        return np.concatenate((now, kept))
+def _largest_lag(motion: SampledMotion, lag: float, bound: float) -> float:
+    """Return the largest lag up to a bound with which the motion does not grow, s."""
 
-    start = law.init(first, references)
-    moved = [
-        [answer(pin.integrate(chain.model, q_0, h * row), rest), answer(q_0, h * row)]
-        for row in N.T
-        for h in (_SMALL, -_SMALL)
-    ]
-    slopes = (np.array(moved[::2]) - np.array(moved[1::2])) / (2.0 * _SMALL)
-    G, H = np.split(np.hstack((slopes[:, 0].T, slopes[:, 1].T)), 2)
-    return G, H, N
+    def is_stable(lag: float) -> bool:
+        return motion.radius(lag) < 1.0 + NEUTRAL
+
+    # A lag can also stabilise what the sampling does not bear without: the search starts at the drives'.
+    low, high = lag if is_stable(lag) else 0.0, max(bound, lag)
+    if is_stable(high):
+        return high
+    if not is_stable(low):
+        return 0.0
+    while high - low > _LAG_ERROR:
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if is_stable(middle) else (low, middle)
+    return low

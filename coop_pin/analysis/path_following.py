@@ -14,11 +14,14 @@ from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import UnreachablePoseError
 from coop_pin.model.cell_arm import CellArm
+from coop_pin.reference import PoseReference
 
 _APPROACH_POSES = 20
 _BISECTIONS = 20
 _TURN_STEPS, _CLOSED = 30, 1e-9
 """Largest number of Newton steps from pose to pose, and the error that they leave, m or rad."""
+_PROBES, _RESTING = 401, 0.1
+"""Times at which a reference is looked at, and how dense poses are where it rests."""
 _ROUND_OFF = 1e-6
 """Singular values below this part of the largest are redundant rows."""
 
@@ -115,9 +118,9 @@ class PayloadPath(NamedTuple):
 
 
 def payload_path(scenario: Scenario, poses: int) -> PayloadPath:
-    """Return the path of a scenario: straight to the reference, then along it, evenly spaced in time."""
+    """Return the path of a scenario: straight to the reference, then along it, denser where it moves."""
     reference = scenario.motion.replace()  # reads a CSV table again
-    times = np.linspace(0.0, scenario.duration, poses)
+    times = _pose_times(reference, scenario.duration, poses)
     targets = [reference.at(float(time)) for time in times]
     start, begin = pin.SE3(scenario.start.matrix), pin.SE3(np.array(targets[0].X_WP_d))
     approach = [
@@ -131,6 +134,28 @@ def payload_path(scenario: Scenario, poses: int) -> PayloadPath:
     )
 
 
+def _pose_times(motion: PoseReference, duration: float, poses: int) -> Array:
+    """Return times of poses, s: evenly spaced, a tenth as dense where the reference rests."""
+    probes, moves = _moving(motion, duration)
+    if np.all(moves):
+        return np.linspace(0.0, duration, poses)
+    passed = np.concatenate(([0.0], np.cumsum(np.where(moves, 1.0, _RESTING))))
+    return np.interp(np.linspace(0.0, passed[-1], poses), passed, probes)
+
+
+def time_at_rest(motion: PoseReference, duration: float) -> float:
+    """Return the time from which on a reference rests, s; its duration if it never does."""
+    probes, moves = _moving(motion, duration)
+    return float(probes[1:][moves][-1]) if np.any(moves) else 0.0
+
+
+def _moving(motion: PoseReference, duration: float) -> tuple[Array, Array]:
+    """Return probed times, s, and whether the reference moves in the intervals between them."""
+    probes = np.linspace(0.0, duration, _PROBES)
+    poses = np.array([motion.at(time).X_WP_d for time in probes.tolist()])
+    return probes, np.abs(np.diff(poses, axis=0)).max(axis=(1, 2)) > 0.0
+
+
 def with_free_turn(scenario: Scenario, path: PayloadPath) -> PayloadPath:
     """Return a path of a cell on positional rows with the orientations that its closed chain takes.
 
@@ -138,7 +163,7 @@ def with_free_turn(scenario: Scenario, path: PayloadPath) -> PayloadPath:
     allow. Springs and dampers of a posture are not considered. From a position on that the chain cannot take,
     the orientations are those of the reference, and at the start those of the start.
     """
-    chain = CellChain(scenario.cell)
+    chain = CellChain(scenario.cell.rigid)
     model, closures = chain.mechanism.model, chain.mechanism.closures
     try:
         q = chain.configuration(path.poses[0])

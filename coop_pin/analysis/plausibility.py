@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from coop_pin.analysis.grasp_stability import grasp_stability
 from coop_pin.analysis.loop_stability import loop_stability
 from coop_pin.analysis.reachability import reachability
 from coop_pin.analysis.sampled_stability import start_stability, step_stability
@@ -41,7 +42,7 @@ def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str
 
     Args:
         scenario: scenario that would be run.
-        controller: its controller.
+        controller: controller of the scenario.
     """
     yield from implausible_numbers(scenario)
     with contextlib.suppress(Exception):
@@ -51,7 +52,9 @@ def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str
         yield from (f"arm {arm.arm!r} {problem}" for arm in path.arms for problem in arm.problems())
         reach = reachability(scenario, poses=_LOOP_POSES) if path.ok else None
         stable: list[Any] = [step_stability(simulation, reach)]
-        if not scenario.controller.user_code:
+        if not scenario.controller.user_code and scenario.cell.compliant:
+            stable.append(grasp_stability(simulation))
+        elif not scenario.controller.user_code:
             stable += [start_stability(simulation), loop_stability(simulation, reach)]
         yield from (finding.summary().removeprefix("! ") for finding in stable if not finding.ok)
 

@@ -17,11 +17,12 @@ from coop_pin.analysis.path_following import (
     payload_path,
     with_free_turn,
 )
-from coop_pin.arrays import Array, as_count, frozen, require_memory, require_type
+from coop_pin.arrays import Array, as_count, frozen, require_type
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.control.terms import CONDITION_LIMIT
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import NameNotFoundError, UnreachablePoseError
+from coop_pin.memory import require_memory
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.spatial.task_rows import joint_shortage
 
@@ -172,8 +173,8 @@ def reachability(
     names = list(scenario.cell.arms if arms is None else arms)
     if strangers := [name for name in names if name not in scenario.cell.arms]:
         raise NameNotFoundError("arm", str(strangers[0]), scenario.cell.arms, "the cell")
-    found = tuple(_arm_reach(scenario, name, path) for name in names)
-    return Reachability(scenario.name, scenario.duration, poses, found)
+    reaches = tuple(_arm_reach(scenario, name, path) for name in names)
+    return Reachability(scenario.name, scenario.duration, poses, reaches)
 
 
 def _arm_reach(scenario: Scenario, name: str, path: PayloadPath) -> ArmReach:

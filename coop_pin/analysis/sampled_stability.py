@@ -29,6 +29,10 @@ _POSES, _STEP_POSES = 9, 21
 _SLOW = 1e-6
 """A speed at which Coulomb friction is linear, rad/s or m/s."""
 _SHARE_OF_MODE = 0.3
+_NEUTRAL_POLE = 1.0
+"""Size of a pole that only rounding and slow friction have, 1/s."""
+_LONGEST, _LIMIT_ERROR = 4.0, 1e-4
+"""Beyond the stability region of RK4; accuracy of its border."""
 
 
 class SampledStability(NamedTuple):
@@ -70,14 +74,16 @@ class SampledStability(NamedTuple):
 
 
 class StepStability(NamedTuple):
-    """Stability of the plant's integration under joint friction, with the critical mode.
+    """Stability of the plant's integration under joint friction and compliant grasps, with the critical mode.
 
     Attributes:
-        value: ``h lambda``, with h the plant's step and lambda the fastest decay by friction alone.
-        limit: stability limit of the integrator.
+        value: ``h |lambda|``, with h the plant's step and lambda the fastest decay by friction alone; with
+            compliant grasps the mode of springs, dampers and friction that is nearest to its limit.
+        limit: stability limit of the integrator for it.
         steps_per_tick: plant steps in a tick.
         joints: the joints that move most in that mode, as arm/joint.
         time: time of the pose at which it is so, s.
+        cause: what it is a mode of, "friction" or "compliant grasps".
     """
 
     value: float
@@ -85,22 +91,24 @@ class StepStability(NamedTuple):
     steps_per_tick: int
     joints: tuple[str, ...]
     time: float = 0.0
+    cause: str = "friction"
 
     @property
     def ok(self) -> bool:
-        """Whether the friction is integrated stably."""
+        """Whether it is integrated stably."""
         return self.value <= self.limit
 
     def summary(self) -> str:
         """Return the finding as text, in one line."""
         at = f" at t = {self.time:.3g} s" if self.time else ""
-        text = f"h*lambda = {self.value:.3g} of the friction of {', '.join(self.joints)}{at}"
+        text = f"h*lambda = {self.value:.3g} of the {self.cause} of {', '.join(self.joints)}{at}"
         if self.ok:
             return f"{text} is within the stability limit {self.limit:.3g} of the plant's steps"
         steps = math.ceil(self.steps_per_tick * self.value / self.limit)
+        remedy = "lower the friction" if self.cause == "friction" else "use softer or less damped grasps"
         return (
             f"! {text} exceeds the stability limit {self.limit:.3g} of the plant's steps."
-            f" Raise clock.steps_per_tick from {self.steps_per_tick} to {steps}, or lower the friction"
+            f" Raise clock.steps_per_tick from {self.steps_per_tick} to {steps}, or {remedy}"
         )
 
 
@@ -140,8 +148,8 @@ def motion_stability(simulation: Simulation, cell_reach: Reachability) -> Sample
         cell_reach: Reachability of its scenario, in which every arm holds the start.
     """
     along = configurations_along(simulation, cell_reach, _POSES)
-    found = [_stability_at(simulation, q, time) for time, q in along]
-    return max(found, key=lambda stability: stability.value)
+    stabilities = [_stability_at(simulation, q, time) for time, q in along]
+    return max(stabilities, key=lambda stability: stability.value)
 
 
 def configurations_along(
@@ -150,8 +158,8 @@ def configurations_along(
     """Return times, s, and configurations of the cell on the reference, evenly chosen, both ends among them.
 
     Args:
-        simulation: As of motion_stability.
-        cell_reach: Likewise.
+        simulation: Simulation, as of motion_stability.
+        cell_reach: Reachability, likewise.
         most: Number of poses, at most.
     """
     model, reaches = simulation.plant.chain.model, cell_reach.arms
@@ -161,7 +169,7 @@ def configurations_along(
     chosen = np.unique(np.linspace(0, len(samples) - 1, most).astype(int)).tolist()
     return [
         (time, model.configuration([reach.q[k] for reach in reaches], lead.payload_pose(reaches[0].q[k])))
-        for time, k in (samples[place] for place in chosen)
+        for time, k in (samples[index] for index in chosen)
     ]
 
 
@@ -177,9 +185,10 @@ def _stability_at(simulation: Simulation, q: Array, time: float) -> SampledStabi
 
 @typed
 def step_stability(simulation: Simulation, cell_reach: Reachability | None = None) -> StepStability:
-    """Return the stability of the plant's steps under joint friction, where it is least along the motion.
+    """Return the stability of the plant's steps under friction and grasps, where it is least on the motion.
 
-    D is that of sampled_stability for the friction. Coulomb friction is steepest at rest, where its slope is
+    D is that of sampled_stability for the friction. With compliant grasps it is looked at for every payload
+    that the events bring. Coulomb friction is steepest at rest, where its slope is
     coulomb / coulomb_velocity: a joint that turns back along the motion passes it. Beyond the limit energy
     appears from nothing.
 
@@ -191,7 +200,65 @@ def step_stability(simulation: Simulation, cell_reach: Reachability | None = Non
     poses = [(0.0, simulation.plant.q)]
     if cell_reach is not None:
         poses += configurations_along(simulation, cell_reach, _STEP_POSES)[1:]
-    return max((_steps_at(simulation, *pose) for pose in poses), key=lambda stability: stability.value)
+    found = [_steps_at(simulation, *pose) for pose in poses]
+    found += [_grasp_steps_at(simulation, *pose) for pose in poses if simulation.scenario.cell.compliant]
+    return max(found, key=lambda stability: stability.value / stability.limit)
+
+
+def _grasp_steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:
+    """Return the stability of the plant's steps under grasps and friction, for the payload that is worst."""
+    scenario, chain = simulation.scenario, simulation.plant.chain
+    instants, found = {0.0, *(event.time for event in scenario.events)}, list[StepStability]()
+    for surroundings in map(scenario.surroundings_at, instants):
+        chain.surround(surroundings)
+        A, N = plant_matrix(simulation, q)
+        s, vectors = np.linalg.eig(A)
+        modes = N @ vectors[len(A) // 2 :]
+        limits = np.array([_ray_limit(entry) for entry in s])
+        worst = int(np.argmax(np.abs(s) / limits))
+        steps = scenario.clock.steps_per_tick
+        value, joints = float(np.abs(s[worst])), fastest_joints(simulation, np.abs(modes[:, worst]))
+        value *= scenario.clock.period / steps
+        found.append(StepStability(value, float(limits[worst]), steps, joints, time, "compliant grasps"))
+    chain.surround(simulation.plant.surroundings)
+    return max(found, key=lambda stability: stability.value / stability.limit)
+
+
+def plant_matrix(simulation: Simulation, q: Array, stiffer: float = 1.0) -> tuple[Array, Array]:
+    """Return the matrix of [y, w] under grasps and friction alone, and the basis N of the n motions.
+
+    N has shape (nv, n), and v = N w.
+
+    Args:
+        simulation: Simulation of a cell with compliant grasps.
+        q: Configuration, with the payload at rest.
+        stiffer: Factor of all stiffnesses, at the same damping ratios.
+    """
+    plant = simulation.plant
+    chain, rest, friction = plant.chain.mechanism, np.zeros(len(plant.v)), plant.transmission.friction
+    basis, singular, _ = np.linalg.svd(
+        np.column_stack([chain.project_velocity(q, row) for row in np.eye(len(rest))])
+    )
+    N = basis[:, singular > _UNDAMPED]
+    K, D = plant.chain.springs.matrices(q)
+    D = math.sqrt(stiffer) * D - np.column_stack([friction(_SLOW * row) / _SLOW for row in np.eye(len(rest))])
+    still = chain.forward_dynamics(q, rest, rest).acceleration
+    forces = np.hstack((stiffer * K @ N, D @ N)).T
+    response = [chain.forward_dynamics(q, rest, force).acceleration - still for force in forces]
+    n = N.shape[1]
+    return np.vstack((np.eye(n, 2 * n, n), -N.T @ np.column_stack(response))), N
+
+
+def _ray_limit(pole: complex) -> float:
+    """Return the largest ``h |s|`` at which RK4 does not let the mode of a pole s grow."""
+    direction = pole / abs(pole) if abs(pole) > _NEUTRAL_POLE else -1.0
+    low, high = 0.0, _LONGEST
+    while high - low > _LIMIT_ERROR:
+        middle = (low + high) / 2.0
+        x = middle * direction
+        is_stable = abs(1.0 + x + x**2 / 2.0 + x**3 / 6.0 + x**4 / 24.0) <= 1.0 + _UNDAMPED
+        low, high = (middle, high) if is_stable else (low, middle)
+    return low
 
 
 def _steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:

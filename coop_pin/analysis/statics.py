@@ -13,6 +13,8 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation import Simulation
 
+_NO_LEVER = 1e-12
+"""Torque by a newton that counts as none, m."""
 _POSES = 9
 """Poses of the motion at which arms are left out."""
 
@@ -231,6 +233,28 @@ def _arm_statics(scenario: Scenario, name: str, times: Array, configurations: Ar
 
 
 @typed
+def force_reserve(scenario: Scenario, cell_reach: Reachability) -> float:
+    """Return the internal force that no drive is too weak for, whatever its direction, at rest, N.
+
+    Beside weight, load share and squeeze, the least at the poses of the motion; inf without limits.
+
+    Args:
+        scenario: arms and payload.
+        cell_reach: reachability of the scenario; every arm reaches the whole motion.
+    """
+    reserve = np.inf
+    for reach, arm in zip(cell_reach.arms, statics_along(scenario, cell_reach).arms, strict=True):
+        model = CellArm(scenario.cell, reach.arm)
+        for q, torque in zip(reach.q, arm.torque, strict=True):
+            J = model.rows.select(model.payload_jacobian(q)) @ model.from_drive
+            per_newton = np.linalg.norm(J[np.array(model.rows.indices) < 3], axis=0)
+            reserve = min(
+                reserve, float(np.min((arm.limit - np.abs(torque)) / np.maximum(per_newton, _NO_LEVER)))
+            )
+    return reserve
+
+
+@typed
 def loads_without_an_arm(scenario: Scenario, cell_reach: Reachability) -> dict[str, tuple[float, float]]:
     """Return for each arm the part of their torque limits that the others need without it, at rest.
 
@@ -282,5 +306,5 @@ def _least_part(arms: list[tuple[Array, Array, Array]], load: Array) -> float:
     A, b = np.vstack([-A, A * np.append(np.ones(len(J)), -1.0)]), np.concatenate([-g[limited], g[limited]])
     balance = np.hstack([*(np.eye(6) for _ in arms), np.zeros((6, 1))])
     bounds = [(None, None)] * len(J) + [(0.0, None)]
-    found = linprog(np.eye(len(J) + 1)[-1], A_ub=A, b_ub=b, A_eq=balance, b_eq=load, bounds=bounds)
-    return float(found.fun) if found.success else np.inf
+    solution = linprog(np.eye(len(J) + 1)[-1], A_ub=A, b_ub=b, A_eq=balance, b_eq=load, bounds=bounds)
+    return float(solution.fun) if solution.success else np.inf

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array, as_positive, typed
+from coop_pin.arrays import Array, as_number, as_positive, typed
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.control.force_path import SampledLoop
 from coop_pin.control.steady_state import LARGEST_SAG, SteadyDirection
@@ -40,15 +40,19 @@ class SteadyErrors(NamedTuple):
 
     Attributes:
         needs: quantities that the law measures, besides joint positions and velocities.
-        wrenches: that cross between the arms at each tick.
+        wrenches: wrenches that cross between the arms at each tick.
         delay: largest further delay of the measured wrench at which its feedback is stable, ticks; inf for
             any, or if no wrench is fed back; -1 if it is unstable as it is.
         bias: kinematic bias of the position of one arm's tip, m.
         load: constant force on the payload that the law does not know, N.
         force: internal force that the bias leaves, N; inf if it grows; NaN for law (23) with redundant arms.
         growth: rate at which it grows where it does, N/s; NaN likewise.
+        limit: largest bias of one arm from the start on that is sure to come to rest, m; inf without a bound
+            of the anchor.
+        free: b_0, m: half of the largest bias of one arm that comes to rest whenever it begins; inf likewise.
         drift: position error if the load is a force error that no arm can change, such as a dead arm's, m;
             inf if the payload is lost; NaN likewise, and where no force is measured.
+        unreachable: largest such force error against which the payload is held, N; inf for any; NaN likewise.
         sag: position error that the load leaves, m; inf if it is dropped; NaN likewise.
         product: c (1 - c) b D, which force times (sag + bias) of no law of these measurements stays below for
             all loads up to D; force times sag of a linear one is exactly this, N m.
@@ -63,7 +67,10 @@ class SteadyErrors(NamedTuple):
     load: float
     force: float
     growth: float
+    limit: float
+    free: float
     drift: float
+    unreachable: float
     sag: float
     product: float
     balanced: float
@@ -87,9 +94,18 @@ class SteadyErrors(NamedTuple):
                 f"at rest a bias of {self.bias * 1e3:g} mm leaves {force},"
                 f" and {self.load:g} N of unknown load a sag of {self.sag * 1e3:.3g} mm"
             )
+        if math.isfinite(self.limit):
+            lines.append(
+                f"a bias of one arm comes to rest up to {self.limit * 1e3:.3g} mm from the start on, and"
+                f" up to {2e3 * self.free:.3g} mm if it begins later"
+            )
         if not math.isnan(self.drift):
             moved = f"moves it by {self.drift * 1e3:.3g} mm" if math.isfinite(self.drift) else "loses it"
-            lines.append(f"{self.load:g} N of internal force that no arm can change (a dead one's) {moved}")
+            held = f"up to {self.unreachable:.3g} N" if math.isfinite(self.unreachable) else "any size"
+            lines.append(
+                f"{self.load:g} N of internal force that no arm can change (a dead one's) {moved}; the law"
+                f" holds against {held} of it"
+            )
         if not math.isnan(self.balanced):
             lines.append(
                 f"anchor_gain {self.balanced:.3g} lets the load sag as far as the bias itself moves it"
@@ -122,17 +138,22 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
     law: Any = scenario.controller
     if law.user_code:
         raise ArgumentError("steady errors are known of the laws of coop_pin, not of a user's controller")
-    exchanges, own = bool(_EXCHANGED & {*law.needs}), "own wrench" in law.needs
-    shares, balanced, (force, growth, drift, sag) = scenario.cell.shares.tolist(), math.nan, [math.nan] * 4
+    exchanges, measures_own = bool(_EXCHANGED & {*law.needs}), "own wrench" in law.needs
+    shares, balanced = scenario.cell.shares.tolist(), math.nan
+    force, growth, drift, unreachable, sag = [math.nan] * 5
+    limit = free = math.inf
     loop = law.loop(scenario.timing)
     period = loop.every * scenario.clock.period
-    if directions := law.steady_directions(scenario.cell.task_rows, period):
+    if directions := law.steady_directions(scenario.cell.task_rows, loop, scenario.clock.period):
         force = max(direction.force(share, bias) for direction in directions for share in shares)
         growth = max(direction.growth(share, bias) for direction in directions for share in shares)
+        limit = min(direction.limit(share) for direction in directions for share in shares)
+        free = min(direction.free for direction in directions)
         sag = max(_sag(direction, load) for direction in directions)
         if law.measures and exchanges:
             drift = max(_drift(direction, share, load) for direction in directions for share in shares)
-        if own:
+            unreachable = min(direction.unreachable(share) for direction in directions for share in shares)
+        if measures_own:
             rate = min(direction.integral(min(shares) * bias) for direction in directions)
             balanced = rate / load * period
     elif springs := _joint_springs(scenario):
@@ -140,18 +161,39 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
     return SteadyErrors(
         needs=" and ".join(["forward kinematics and Jacobians", *(_NEEDED[need] for need in law.needs)]),
         wrenches=len(shares) if exchanges else 0,
-        delay=_largest_delay(loop) if exchanges or own else math.inf,
+        delay=_largest_delay(loop) if exchanges or measures_own else math.inf,
         bias=bias,
         load=load,
         force=force,
         growth=growth,
+        limit=limit,
+        free=free,
         drift=drift,
+        unreachable=unreachable,
         sag=sag,
         product=0.0
         if law.force_path.measures or {"role", "poses of all arms"} & {*law.needs}
         else max(c * (1.0 - c) for c in shares) * bias * load,
         balanced=balanced,
     )
+
+
+@typed
+def anchor_biases(scenario: Scenario, bias: float, turn: float = 0.0) -> dict[str, tuple[float, float]]:
+    """Return for each arm the least ``anchor_bias`` that bears a bias of it whenever it begins, m and rad.
+
+    Half of what the bias changes of the arm's view of the payload at the start: the payload comes to rest
+    between the views.
+
+    Args:
+        scenario: arms and start.
+        bias: position of the arm's tip or base that is off, m.
+        turn: angle by which its base is off, rad.
+    """
+    bias, turn = as_positive("bias", bias), abs(as_number("turn", turn))
+    start = np.array(scenario.start.xyz)
+    levers = {name: np.linalg.norm(start - arm.base.xyz) for name, arm in scenario.cell.arms.items()}
+    return {name: (float(bias + turn * lever) / 2.0, turn / 2.0) for name, lever in levers.items()}
 
 
 def _sag(direction: SteadyDirection, load: float) -> float:

@@ -50,7 +50,7 @@ class Suggestion:
         scenario: ready to run.
         proposal: the numbers of the law.
         limits: one sentence for each value: what limits it.
-        changes: what differs from what is stated: squeeze, grasps; one sentence each.
+        changes: differences from what is stated: squeeze, grasps; one sentence each.
     """
 
     scenario: Scenario
@@ -72,7 +72,8 @@ class Suggestion:
 def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
     """Return a proposal for the payload-space law: what limits each value, and a scenario that runs with it.
 
-    The tuning rule along the whole motion is T lambda_max(A^-1 K) <= 1, k_I T <= 1/4, k_I <= lambda_min / 2.
+    The tuning rule along the whole motion is T lambda_max(A^-1 K) <= 1, k_I T <= 1/4, k_I <= lambda_min / 2,
+    gamma <= lambda_min / 4, and a damping ratio of at least 0.58 of every sampled mode.
     The rate is the scenario's, or the first multiple of it up to 1000 Hz at which the error to expect while
     moving is below 0.2 mm and 0.2 N. The integral is anchored where the scenario has a force path, or a wrist
     sensor on every arm; otherwise it leaks (the law of an arm's own wrist is not proposed). The postures are
@@ -90,11 +91,13 @@ def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
         InfeasibleMotionError: the cell cannot do it, with the cause: rank, reach, singularity, limits, torque
             or stability.
         UrdfError, NameNotFoundError, FileReadError: an arm or the motion cannot be built.
+        ArgumentError: a grasp is compliant.
     """
     if isinstance(scenario, str | Path):
         scenario = Scenario.load(scenario, draft=True)
     require_type("scenario", scenario, Scenario)
     poses = as_count("poses", poses, 5)
+    scenario.cell.require_rigid("suggest")
     for number in implausible_numbers(scenario):
         warnings.warn(number, ScenarioWarning, stacklevel=2)
     require_rank(scenario.cell)
@@ -142,11 +145,14 @@ def _held(scenario: Scenario, cell_reach: Reachability) -> tuple[GainProposal, S
             and _spare_angle(suggested, cell_reach, proposal) < _AWAY
         ):
             return proposal, suggested, loop
-        stiffness = max(_SOFTEST, 2.0 * float(np.max(proposal.posture.stiffness)))
-        if stiffness > _STIFFEST or not (loop.ok or loop.mode.is_spare):
+        tried = float(np.max(proposal.posture.stiffness))
+        is_held = tried < stiffness  # on positional rows the drives hold no stiffer one
+        stiffness = max(_SOFTEST, 2.0 * tried)
+        if is_held or stiffness > _STIFFEST or not (loop.ok or loop.mode.is_spare):
             detail = loop.summary().removeprefix("! ")
             if loop.ok:
-                detail = f"no spring up to {_STIFFEST:g} N m/rad keeps the spare joints on their path"
+                limit = f"the {tried:g} N m/rad that the drives hold" if is_held else f"{_STIFFEST:g} N m/rad"
+                detail = f"no spring up to {limit} keeps the spare joints on their path"
             raise InfeasibleMotionError("stability", detail)
 
 
@@ -179,7 +185,8 @@ def _gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
     yield f"K: by T lambda_max(A^-1 K) = {proposal.t_lambda_max:.2g} <= 1 along the motion"
     yield (
         f"k_I: {proposal.integral_rate:.3g} /s, by half of lambda_min = {proposal.lambda_min:.3g} /s and by"
-        f" 1 / (4 T) = {0.25 / T:.3g} /s; gamma by a quarter of lambda_min"
+        f" 1 / (4 T) = {0.25 / T:.3g} /s; gamma by a quarter of lambda_min; both by the damping ratio of the"
+        f" sampled modes, {proposal.damping:.2f}"
     )
     if proposal.anchor_bound is None:
         yield (

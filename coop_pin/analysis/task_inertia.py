@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from coop_pin.analysis.path_following import time_at_rest
 from coop_pin.analysis.reachability import ArmReach, Reachability
 from coop_pin.arrays import Array, typed
 from coop_pin.control.law import PostureGains
@@ -22,6 +23,12 @@ _RIGID = 1e-9
 """Mobility of a direction in which an arm cannot move the payload, as a part of its largest."""
 _SPARE_STEP = 0.02
 """Longest step of the motion of spare joints, s."""
+_SAMPLES = 401
+"""Samples along a motion: Coulomb friction changes its sign within few of them."""
+_NEWTON_STEPS = 2
+"""From an interpolated configuration to the reference."""
+_SETTLING = 1.0
+"""Time after a motion in which spare joints are still looked at, s."""
 
 
 class TaskInertia(NamedTuple):
@@ -38,17 +45,50 @@ class TaskInertia(NamedTuple):
 
 
 class MotionWrenches(NamedTuple):
-    """Wrenches that the motion asks of the law, rows in world axes about P.
+    """Wrenches that the motion asks of the law, rows in world axes about P, evenly spaced in time.
 
     Attributes:
-        load_rate: largest rate of the wrench that moves payload and arms, N/s and N m/s, (k_0,).
-        load_range: largest change of that wrench from its value at rest, N and N m, shape (k_0,).
-        internal_rate: largest rate of mu_i = a_i - c_i sum a_j of any arm, N/s and N m/s, shape (k_0,).
+        period: time between samples, s.
+        load: d, what moves payload and arms, N and N m, shape (n, k_0).
+        internal: mu_i = a_i - c_i sum a_j of every arm, N and N m, shape (m, n, k_0).
     """
 
-    load_rate: Array
-    load_range: Array
-    internal_rate: Array
+    period: float
+    load: Array
+    internal: Array
+
+    def tracking(self, K: Array, pose_gain: float, integral_rate: float) -> Array:
+        """Return x of K (d/dt + gamma) (d/dt + k_I) x = d', m and rad, shape (n, k_0).
+
+        Args:
+            K: its diagonal, shape (k_0,).
+            pose_gain: gamma, 1/s.
+            integral_rate: k_I, 1/s.
+        """
+        unmet = _decayed(self.load, pose_gain * self.period)
+        return (unmet - _decayed(unmet, integral_rate * self.period)) / (K * integral_rate)
+
+    def internal_error(self, anchor_rate: float) -> Array:
+        """Return ftilde_i of ftilde_i' = -beta ftilde_i + mu_i', N and N m, shape (m, n, k_0).
+
+        Args:
+            anchor_rate: beta, 1/s.
+        """
+        return _decayed(self.internal, anchor_rate * self.period)
+
+
+def _decayed(u: Array, decay: float) -> Array:
+    """Return y of y' = -decay y + u' from y = 0 with linear u between samples, along the last axis but one.
+
+    Args:
+        u: shape (..., n, k).
+        decay: in a sample.
+    """
+    kept, gained = math.exp(-decay), -math.expm1(-decay) / decay
+    y = np.zeros(u.shape)
+    for k in range(1, u.shape[-2]):
+        y[..., k, :] = kept * y[..., k - 1, :] + gained * (u[..., k, :] - u[..., k - 1, :])
+    return y
 
 
 @typed
@@ -61,7 +101,11 @@ def task_inertia(scenario: Scenario, cell_reach: Reachability) -> TaskInertia:
     Args:
         scenario: cell and motion.
         cell_reach: reachability of the scenario.
+
+    Raises:
+        ArgumentError: a grasp is compliant.
     """
+    scenario.cell.require_rigid("the task-space inertia of the cell")
     cell, rows = scenario.cell, list(scenario.cell.task_rows.indices)
     times, arms = cell_reach.arms[0].times, [CellArm(cell, reach.arm) for reach in cell_reach.arms]
     A = _payload_inertia(scenario, cell_reach)
@@ -90,21 +134,22 @@ def motion_wrenches(scenario: Scenario, cell_reach: Reachability, posture: Postu
     first = int(np.count_nonzero(cell_reach.arms[0].times == 0.0)) - 1
     t = cell_reach.arms[0].times[first:]
     motion = scenario.motion.replace()  # reads a CSV table again
-    twist = np.array([motion.at(float(time)).V_WP_d for time in t])
-    M_0 = _payload_inertia(scenario, cell_reach)[first:]
-    payload = np.einsum("nij,nj->ni", M_0, np.gradient(twist, t, axis=0))[:, rows]
+    end = min(time_at_rest(motion, scenario.duration) + _SETTLING, scenario.duration)
+    fine = np.linspace(0.0, end, _SAMPLES)
+    targets = [motion.at(time) for time in fine.tolist()]
+    acceleration = np.gradient(np.array([target.V_WP_d for target in targets]), fine, axis=0)
+    mass, inertia = cell.payload.mass, cell.payload.inertia_matrix
+    M_0 = np.array([spatial_inertia(mass, inertia, target.X_WP_d[:3, :3]) for target in targets])
+    held = [HeldArm(scenario, reach.arm, reach.q[first], posture) for reach in cell_reach.arms]
     a = np.array(
         [
-            HeldArm(scenario, reach.arm, reach.q[first], posture).wrenches(t, reach.q[first:])
-            for reach in cell_reach.arms
+            arm.wrenches(fine, arm.path(fine, t, reach.q[first:]))
+            for arm, reach in zip(held, cell_reach.arms, strict=True)
         ]
     )
     mu = a - cell.shares[:, None, None] * a.sum(axis=0)
-    d = a.sum(axis=0) + payload
-    load_rate, internal_rate = np.gradient(d, t, axis=0), np.gradient(mu, t, axis=1)
-    return MotionWrenches(
-        np.abs(load_rate).max(axis=0), np.abs(d - d[0]).max(axis=0), np.abs(internal_rate).max(axis=(0, 1))
-    )
+    d = a.sum(axis=0) + np.einsum("nij,nj->ni", M_0, acceleration)[:, rows]
+    return MotionWrenches(float(fine[1]), d, mu)
 
 
 def with_spare_motion(scenario: Scenario, cell_reach: Reachability, posture: PostureGains) -> Reachability:
@@ -116,7 +161,8 @@ def with_spare_motion(scenario: Scenario, cell_reach: Reachability, posture: Pos
     arms = list[ArmReach]()
     for reach in cell_reach.arms:
         held = HeldArm(scenario, reach.arm, reach.q[first], posture)
-        moved = held.path(reach.times[first:], reach.q[first:])
+        t = reach.times[first:]
+        moved = held.path(t, t, reach.q[first:])
         arms.append(dataclasses.replace(reach, q=np.concatenate((reach.q[:first], moved))))
     return dataclasses.replace(cell_reach, arms=tuple(arms))
 
@@ -136,9 +182,7 @@ class HeldArm:
         cell = scenario.cell
         self.motion, self.rows = scenario.motion.replace(), cell.task_rows
         self.model, self.friction = CellArm(cell, name), friction(cell.arms[name], name)
-        spring, damper = np.asarray(posture.stiffness), np.asarray(posture.damping)
-        self.stiffness = np.broadcast_to(spring, self.model.nv)
-        self.damping = np.broadcast_to(damper, self.model.nv)
+        self.stiffness, self.damping = posture.of_drives(self.model.nv, self.model.base_joints)
         robot = scenario.actuators_of(name).gravity_compensation
         self.carried = 0.0 if robot is None else 1.0 + robot.mass_error
         load = self.model.share * weight_wrench(cell.payload.mass, cell.gravity)
@@ -163,41 +207,66 @@ class HeldArm:
             torque = torque + drive.T @ arm.null_space(q) @ (arm.from_drive.T @ self.held + pull)
         return torque
 
-    def path(self, t: Array, q: Array) -> Array:
-        """Return a path of configurations with the motion of spare joints, shape (n, nq)."""
-        moves = self.is_redundant and self.rows.size == 6 and bool(np.all(self.damping > 0.0))
-        return self._with_spare_motion(t, q) if moves else q
+    def path(self, times: Array, t: Array, q: Array) -> Array:
+        """Return configurations at times, shape (n, nq), where spare joints move as law and weight let them.
+
+        Args:
+            times: s, shape (n,), from that of the start on.
+            t: times of the path of the inverse kinematics, s.
+            q: that path.
+        """
+        if self.is_redundant and self.rows.size == 6 and bool(self.damping.any()):
+            return self._with_spare_motion(times, q[0])
+        from scipy.interpolate import make_interp_spline  # slow to load
+
+        turned = make_interp_spline(t, self._unwound(q), k=min(3, len(t) - 1))(times)
+        between = [pin.integrate(self.model.model, q[0], step) for step in turned]
+        for _ in range(_NEWTON_STEPS):
+            between = [self._corrected(q_k, time) for q_k, time in zip(between, times.tolist(), strict=True)]
+        return np.array(between)
+
+    def _corrected(self, q: Array, time: float) -> Array:
+        """Return a configuration nearer to the reference by a Newton step."""
+        error = self.rows.pose_error(self.motion.at(time).X_WP_d, self.model.payload_pose(q))
+        step = self.model.from_drive @ np.linalg.pinv(self.model.task_jacobian(q)) @ error
+        return np.asarray(pin.integrate(self.model.model, q, step))
 
     def missing(self, t: Array, q: Array) -> Array:
         """Return M qdd + h + friction - what the torques hold besides the law's wrench, N m, shape (n, k)."""
-        model = self.model
-        steps = [pin.difference(model.model, *pair) for pair in itertools.pairwise(q)]
-        positions = np.concatenate((np.zeros((1, model.nv)), np.cumsum(steps, axis=0)))
-        v = np.gradient(positions, t, axis=0)
-        qdd, rubbing = np.gradient(v, t, axis=0), -self.friction.force(v)
-        torques = [
-            model.inverse_dynamics(*state) - self.beside(*state[:2]) for state in zip(q, v, qdd, strict=True)
-        ]
-        return np.array(torques) + rubbing
+        v = self._speeds(t, q)
+        return self.without_payload(t, q) - np.array([self.beside(*s) for s in zip(q, v, strict=True)])
+
+    def without_payload(self, t: Array, q: Array) -> Array:
+        """Return M qdd + h + friction along a path of configurations, N m, shape (n, k)."""
+        v = self._speeds(t, q)
+        states = zip(q, v, np.gradient(v, t, axis=0), strict=True)
+        return np.array([self.model.inverse_dynamics(*state) for state in states]) - self.friction.force(v)
+
+    def _speeds(self, t: Array, q: Array) -> Array:
+        return np.gradient(self._unwound(q), t, axis=0)
+
+    def _unwound(self, q: Array) -> Array:
+        """Return the displacements from the first configuration of a path, rad or m, shape (n, nv)."""
+        steps = [pin.difference(self.model.model, *pair) for pair in itertools.pairwise(q)]
+        return np.concatenate((np.zeros((1, self.model.nv)), np.cumsum(steps, axis=0)))
 
     def wrenches(self, t: Array, q: Array) -> Array:
         """Return a_i along a path of configurations, shape (n, k_0)."""
-        model, q = self.model, self.path(t, q)
-        wrenches = []
+        model, wrenches = self.model, []
         for q_k, tau in zip(q, self.missing(t, q), strict=True):
             J, M = self.rows.select(model.payload_jacobian(q_k)), model.mass_matrix(q_k)
             weighted = np.linalg.solve(M, J.T)
             wrenches.append(np.linalg.lstsq(J @ weighted, weighted.T @ tau, rcond=None)[0])
         return np.array(wrenches)
 
-    def _with_spare_motion(self, t: Array, q: Array) -> Array:
+    def _with_spare_motion(self, t: Array, q_0: Array) -> Array:
         """Return the path on which the spare joints move.
 
         ``N M N wdot = N (tau - g - c w - D qdot)`` with ``qdot = J^+ V + w``, implicit in damper c and in
         the friction D. What is left of the pose error is taken out in each step.
         """
         model, rest, from_drive = self.model, np.zeros(self.model.nv), self.model.from_drive
-        q_k, w, path = q[0], rest, [q[0]]
+        q_k, w, path = q_0, rest, [q_0]
         for begin, end in itertools.pairwise(t.tolist()):
             count = math.ceil((end - begin) / _SPARE_STEP)
             h = (end - begin) / count

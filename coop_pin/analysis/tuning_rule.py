@@ -4,22 +4,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.analysis.internal_moment import internal_moment
+from coop_pin.analysis.feasibility import part_held
+from coop_pin.analysis.internal_moment import internal_moment, positional_torques
 from coop_pin.analysis.reachability import Reachability
-from coop_pin.analysis.task_inertia import motion_wrenches, task_inertia
+from coop_pin.analysis.sampled_motion import damping_ratio, tick_matrix
+from coop_pin.analysis.task_inertia import MotionWrenches, motion_wrenches, task_inertia
 from coop_pin.arrays import Array, typed
 from coop_pin.control.force_path import ForcePath, LateForcePath, sampled_loop
 from coop_pin.control.law import PostureGains
 from coop_pin.control.payload_space import PayloadSpace, PayloadSpaceGains
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
+from coop_pin.spatial import pose_error
 
 _T_LAMBDA = 0.9
 """T lambda_max(A^-1 K): the rule allows 1, and the poses between those that are looked at need something."""
+_BASE_POSTURE = PostureGains(stiffness=160.0, damping=80.0)
+"""Null-space gains of arms on mobile bases: their spring moves the mass of the base."""
+_DAMPING = 0.58
+"""Least damping ratio: ``loop_stability`` asks for 0.55, and springs of postures need something."""
+_LESS = 0.99
+"""Factor by which pose gain and integral are lowered until no mode is damped less."""
+_MODES = 12
+"""Eigenvalues of A^-1 K, from the smallest to the largest, that are looked at."""
 _ROUND_OFF = 1e-9
 _POSE_PART = 20.0
 """Fewest ticks in 1 / gamma."""
@@ -28,6 +40,12 @@ _LEAK = 0.2
 """The law's own leak where nothing is measured, 1/s."""
 _FASTEST_HZ = 1000.0
 """What the torque interfaces of common robots take."""
+_RAISED = 1.25
+"""Factor by which g is raised at a time."""
+_SQUEEZE_RATE = 10.0
+"""Least kappa with which a squeeze comes in, 1/s: all but a hundredth of it in half a second."""
+_ON_START = 1e-3
+"""Distance and angle of a reference from the start that do not count, m and rad."""
 _TRACKING, _FORCE = 2e-4, 0.2
 """Expected error, m, and internal force, N, while moving, for which the rate is raised."""
 
@@ -41,6 +59,7 @@ class GainProposal(NamedTuple):
         posture: gains of the spare joints.
         t_lambda_max: T lambda_max(A^-1 K), the largest along the motion.
         lambda_min: smallest eigenvalue of A^-1 K along the motion, 1/s.
+        damping: smallest damping ratio of a sampled mode between the two.
         integral_rate: k_I, 1/s.
         anchor_bound: g at which the anchor would be unstable; None if no wrench is measured.
         tracking: error to expect while moving, m.
@@ -54,6 +73,7 @@ class GainProposal(NamedTuple):
     posture: PostureGains
     t_lambda_max: float
     lambda_min: float
+    damping: float
     integral_rate: float
     anchor_bound: float | None
     tracking: float
@@ -70,8 +90,8 @@ class GainProposal(NamedTuple):
         return (
             f"proposal: {self.rate_hz:g} Hz, payload-space, sliding_gain [{K}], pose_gain {g.pose_gain:g},"
             f" sign_gain {g.sign_gain:g} (k_I {self.integral_rate:.3g} /s), {anchor}: T*lambda"
-            f" {self.t_lambda_max:.2g}, smallest lambda {self.lambda_min:.3g} /s; to expect while moving"
-            f" {1e3 * self.tracking:.2g} mm{force}"
+            f" {self.t_lambda_max:.2g}, smallest lambda {self.lambda_min:.3g} /s, damping ratio"
+            f" {self.damping:.2f}; to expect while moving {1e3 * self.tracking:.2g} mm{force}"
         )
 
 
@@ -87,7 +107,8 @@ def gain_proposal(
     Args:
         scenario: cell, motion, sensors and clock.
         cell_reach: reachability of the scenario, in which every arm holds the start.
-        least_stiffness: of the posture's spring, N m/rad: what holds the spare joints against gravity.
+        least_stiffness: stiffness of the posture's spring, N m/rad: what holds the spare joints against
+            gravity.
     """
     inertia = task_inertia(scenario, cell_reach)
     scale = 1.0 / np.diagonal(inertia.mobility, axis1=1, axis2=2).max(axis=0)
@@ -95,76 +116,107 @@ def gain_proposal(
     eigenvalues = np.linalg.eigvalsh(root[:, None] * inertia.mobility * root)
     largest = float(eigenvalues.max())
     spread = largest, max(float(eigenvalues.min()), _ROUND_OFF * largest)
+    wrenches = cache(partial(motion_wrenches, scenario, cell_reach))
     for rate in _rates(scenario):
-        proposal = _at_rate(scenario, cell_reach, scale, spread, rate, least_stiffness)
+        posture = _posture_gains(scenario, cell_reach, 1.0 / rate, least_stiffness)
+        proposal = _at_rate(scenario, scale, spread, rate, posture, wrenches(posture))
         if proposal.tracking <= _TRACKING and (proposal.internal_force or 0.0) <= _FORCE:
             break
-    proposal = _anchored_faster(proposal)
+    proposal = _anchored_faster(proposal, scenario, wrenches(proposal.posture))
     if scenario.cell.task_rows.has_moments:
         return proposal
     moment = internal_moment(scenario, cell_reach, proposal.posture).moment  # no anchor acts on it
     return proposal._replace(internal_moment=moment)
 
 
-def _anchored_faster(proposal: GainProposal) -> GainProposal:
+def _anchored_faster(proposal: GainProposal, scenario: Scenario, wrenches: MotionWrenches) -> GainProposal:
     """Return the proposal with g raised, up to 0.5 and a quarter of its bound, if the force is too large."""
     force, bound = proposal.internal_force, proposal.anchor_bound
-    if force is None or bound is None or force <= _FORCE:
+    if force is None or bound is None:
         return proposal
-    g = proposal.gains.anchor_gain
-    raised = max(g, _rounded_down(min(_LARGEST_ANCHOR, bound / 4.0, g * force / _FORCE)))
-    gains = proposal.gains.replace(anchor_gain=raised)
-    part, moment = g / raised, proposal.internal_moment or 0.0
-    return proposal._replace(gains=gains, internal_force=force * part, internal_moment=moment * part)
+    g, largest = proposal.gains.anchor_gain, _rounded_down(min(_LARGEST_ANCHOR, bound / 4.0))
+    while force > _FORCE and g < largest:
+        g = min(largest, _rounded_down(_RAISED * g))
+        force, moment = _internal_errors(scenario, wrenches, g * proposal.rate_hz)
+        gains = proposal.gains.replace(anchor_gain=g)
+        proposal = proposal._replace(gains=gains, internal_force=force, internal_moment=moment)
+    return proposal
 
 
 def _at_rate(
     scenario: Scenario,
-    cell_reach: Reachability,
     scale: Array,
     spread: tuple[float, float],
     rate: float,
-    least_stiffness: float,
+    posture: PostureGains,
+    wrenches: MotionWrenches,
 ) -> GainProposal:
     """Return the gains at a control rate; spread is that of the eigenvalues of A^-1 diag(scale)."""
     T, path = 1.0 / rate, force_path_of(scenario)
-    posture = _posture_gains(scenario, cell_reach, T, least_stiffness)
-    wrenches = motion_wrenches(scenario, cell_reach, posture)
     factor = _T_LAMBDA / (spread[0] * (T + 2.0 * _lag(scenario)))
     K = np.array([_rounded_down(factor * entry) for entry in scale])
     lambda_min = float(np.min(K / scale)) * spread[1]
-    gamma = _rounded_down(min(lambda_min / 4.0, rate / _POSE_PART))
+    t_lambda_max = T * float(np.max(K / scale)) * spread[0]
     width = PayloadSpace.model_fields["switching"].default.width
-    alpha = _rounded_down(width * min(lambda_min / 2.0, rate / 4.0))
-    k_I, bound = alpha / width, None
+    gamma, k_I = min(lambda_min / 4.0, rate / _POSE_PART), min(lambda_min / 2.0, rate / 4.0)
+    modes = np.geomspace(T * lambda_min, t_lambda_max, _MODES)
+    damping = partial(_least_damping, modes, lag=_lag(scenario) / T)
+    enough = min(_DAMPING, _LESS * damping(0.0, 0.0))  # lags may leave less to the damping alone
+    while damping(T * gamma, T * k_I) < enough:
+        gamma, k_I = _LESS * gamma, _LESS * k_I
+    gamma, alpha = _rounded_down(gamma), _rounded_down(width * k_I)
+    kappa = max(gamma, min(_SQUEEZE_RATE, rate / 4.0)) if _starts_on_motion(scenario) else gamma
+    k_I, bound, force, moment = alpha / width, None, None, None
+    linear = np.array(scenario.cell.task_rows.indices) < 3
+    tracking = float(np.linalg.norm(wrenches.tracking(K, gamma, k_I)[:, linear], axis=1).max())
     if not path.measures:
-        force, rest = None, wrenches.load_range / (K * gamma * (1.0 + k_I / _LEAK))
-        tracking = np.maximum(wrenches.load_rate / (K * gamma * k_I), rest)
+        sag = np.abs(wrenches.load - wrenches.load[0]).max(axis=0) / (K * gamma * (1.0 + k_I / _LEAK))
+        tracking = max(tracking, float(np.linalg.norm(sag[linear])))
     else:
         lag = scenario.actuator_lag * scenario.clock.period / T
         bound = sampled_loop(path, scenario.wrists, lag).anchor_bound
-        tracking = wrenches.load_rate / (K * gamma * k_I)
     g = _ANCHOR if bound is None else min(_ANCHOR, _rounded_down(bound / 4.0))
-    linear = np.array(scenario.cell.task_rows.indices) < 3
-    moment = None
     if bound is not None:
-        errors = wrenches.internal_rate * T / g
-        force, moment = float(np.linalg.norm(errors[linear])), float(np.linalg.norm(errors[~linear]))
+        force, moment = _internal_errors(scenario, wrenches, g * rate)
     gains = PayloadSpaceGains(
-        pose_gain=gamma, sliding_gain=tuple(K), sign_gain=alpha, anchor_gain=g, transient_rate=gamma
+        pose_gain=gamma, sliding_gain=tuple(K), sign_gain=alpha, anchor_gain=g, transient_rate=kappa
     )
     return GainProposal(
         rate_hz=rate,
         gains=gains,
         posture=posture,
-        t_lambda_max=T * float(np.max(K / scale)) * spread[0],
+        t_lambda_max=t_lambda_max,
         lambda_min=lambda_min,
+        damping=damping(T * gamma, T * k_I),
         integral_rate=k_I,
         anchor_bound=bound,
-        tracking=float(np.linalg.norm(tracking[linear])),
+        tracking=tracking,
         internal_force=force,
         internal_moment=moment,
     )
+
+
+def _least_damping(rates: Array, gamma: float, k_I: float, *, lag: float) -> float:
+    """Return the smallest damping ratio of sampled modes; rates lambda, gamma, k_I and lag in ticks."""
+    law = np.array([[gamma, 1.0]])
+    return min(
+        damping_ratio(z)
+        for rate in rates
+        for z in np.linalg.eigvals(tick_matrix(-rate * law, -rate * k_I * law, 1.0, lag=lag))
+    )
+
+
+def _internal_errors(scenario: Scenario, wrenches: MotionWrenches, anchor_rate: float) -> tuple[float, float]:
+    """Return the largest errors of the internal force and moment of an arm, N and N m."""
+    errors, linear = wrenches.internal_error(anchor_rate), np.array(scenario.cell.task_rows.indices) < 3
+    force, moment = (np.linalg.norm(errors[..., rows], axis=-1).max() for rows in (linear, ~linear))
+    return float(force), float(moment)
+
+
+def _starts_on_motion(scenario: Scenario) -> bool:
+    """Return whether the reference begins at the start, so that only the squeeze comes in with kappa."""
+    begin = scenario.motion.replace().at(0.0).X_WP_d
+    return float(np.abs(pose_error(scenario.start.matrix, np.array(begin))).max()) < _ON_START
 
 
 def _rates(scenario: Scenario) -> Iterator[float]:
@@ -195,12 +247,14 @@ def force_path_of(scenario: Scenario) -> ForcePath:
 def _posture_gains(
     scenario: Scenario, cell_reach: Reachability, T: float, least_stiffness: float
 ) -> PostureGains:
-    """Return null-space gains, at most the default ones but for a spring that has to be stiffer.
+    """Return null-space gains, at most the usual ones but for a spring that has to be stiffer.
 
-    The damping keeps T lambda below 0.9 with the payload held, and the spring is lowered with it. At
-    rest the spring takes no more torque than gravity asks for, however stiff it is.
+    The damping keeps T lambda below 0.9 with the payload held, and the spring is lowered with it. On full
+    rows the spring takes no more torque at rest than gravity asks for, however stiff it is; on positional
+    ones the closures hold the spare joints against it, so that it is lowered to what the drives can hold.
     """
-    usual, decay = PostureGains(), 0.0
+    on_base = any(arm.base_joints for arm in scenario.cell.arms.values())
+    usual, decay = _BASE_POSTURE if on_base else PostureGains(), 0.0
     for reach in cell_reach.arms:
         arm = CellArm(scenario.cell, reach.arm)
         if arm.nv == arm.rows.size:
@@ -213,7 +267,24 @@ def _posture_gains(
     if decay > 0.0:
         damping = min(damping, _rounded_down(_T_LAMBDA / ((T + 2.0 * _lag(scenario)) * decay)))
     stiffness *= damping / float(np.max(usual.damping))
-    return PostureGains(stiffness=max(stiffness, least_stiffness), damping=damping)
+    stiffness = max(stiffness, least_stiffness)
+    if decay > 0.0 and not scenario.cell.controls_turns:
+        stiffness = min(stiffness, _largest_held(scenario, cell_reach, damping))
+    return PostureGains(stiffness=stiffness, damping=damping)
+
+
+def _largest_held(scenario: Scenario, cell_reach: Reachability, damping: float) -> float:
+    """Return the stiffest spring that the drives hold along the motion on positional rows, N m/rad."""
+    without, with_one = (
+        positional_torques(scenario, cell_reach, PostureGains(stiffness=stiffness, damping=damping))
+        for stiffness in (0.0, 1.0)
+    )
+    limits = [CellArm(scenario.cell, reach.arm).limits.torque for reach in cell_reach.arms]
+    held = min(
+        part_held(torque, pulled - torque, limit)
+        for torque, pulled, limit in zip(without, with_one, limits, strict=True)
+    )
+    return _rounded_down(max(held, _ROUND_OFF))
 
 
 def _rounded_down(value: float) -> float:

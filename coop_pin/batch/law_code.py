@@ -117,7 +117,7 @@ def trace_law(
         arms: Numbers of each arm.
         rows: Task rows of the cell.
         first: Tick of each arm, whose fields that are not None become inputs.
-        exact: As of law_code.
+        exact: Mode of tracing, as of law_code.
 
     Raises:
         TracingError: The controller cannot be traced.

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from coop_pin.arrays import Array, Mask, require_memory, require_type, typed
+from coop_pin.arrays import Array, Mask, require_type, typed
 from coop_pin.batch.preparation import Prepared, PreparedPlant, plant_fields
 from coop_pin.batch.samples import RunSamples
 from coop_pin.batch.schedule import RunProgram
@@ -17,6 +17,7 @@ from coop_pin.batch.single_runs import checked, require_agreement
 from coop_pin.batch.support import require_traceable
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError
+from coop_pin.memory import require_memory
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import all_metrics
 from coop_pin.results.trust import TrustMonitor
@@ -57,7 +58,7 @@ class BatchResult:
             prepared: Scenarios, plants and numbers of the batch.
             layout: Slots of the records.
             records: Records of blocks of the runs, as a Machine returns them.
-            is_valid: Which runs are valid, shape (runs,).
+            is_valid: Mask of the valid runs, shape (runs,).
             give_back: Function that gives the memory of the records back.
         """
         self.scenarios, self.is_valid = prepared.scenarios, is_valid

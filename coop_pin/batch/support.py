@@ -12,6 +12,7 @@ from coop_pin.batch.hidden_state import Contents, of_objects, of_surroundings, r
 from coop_pin.batch.law_code import LawTick, require_agreement, trace_law
 from coop_pin.build_controller import build_controller
 from coop_pin.control import CellController
+from coop_pin.description.cell import Cell
 from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
@@ -39,7 +40,7 @@ def support(scenario: Scenario) -> str | None:
     Raises:
         CoopPinError: the run cannot start.
     """
-    if reason := plant_reason(scenario.plant):
+    if reason := plant_reason(scenario.plant, scenario.cell):
         return reason
     try:
         run = Simulation(scenario, build_controller(scenario))
@@ -50,8 +51,15 @@ def support(scenario: Scenario) -> str | None:
 
 
 @typed
-def plant_reason(plant: PlantOptions) -> str | None:
-    """Return None if a plant can be traced, otherwise the reason why it cannot."""
+def plant_reason(plant: PlantOptions, cell: Cell) -> str | None:
+    """Return None if a plant can be traced, otherwise the reason why it cannot.
+
+    Args:
+        plant: Options of the plant.
+        cell: Cell, whose grasps must be rigid.
+    """
+    if cell.compliant:
+        return f"the grasps of {list(cell.compliant)} are compliant; the traced plant has rigid ones"
     if plant.payload != "welded":
         return "its plant has a free payload; the traced one has it welded to the first arm"
     if plant.integrator != "rk4" or plant.project != "start":

@@ -163,7 +163,7 @@ class TracedPlant(Plant):
 
 def _numbers(chain: CellChain, options: PlantOptions) -> CellNumbers:
     """Return the constants of a cell; raises ArgumentError as TracedPlant."""
-    if reason := plant_reason(options):
+    if reason := plant_reason(options, chain.cell):
         raise ArgumentError(f"engine 'traced' does not fit: {reason}; choose engine 'pinocchio'")
     try:
         return CellNumbers.from_chain(chain)

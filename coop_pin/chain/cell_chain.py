@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,20 +14,25 @@ from coop_pin.arrays import Array, Mask, as_array, as_number, as_pose, require_f
 from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import ClosureError
+from coop_pin.chain.grasp_springs import GraspSprings, GraspState
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.chain.kkt_solver import constraint_svd
+from coop_pin.chain.linearisation import Linearisation, linearised
+from coop_pin.chain.trajectory import ChainState
 from coop_pin.description.cell import Cell
 from coop_pin.description.events import Surroundings
 from coop_pin.description.plant import PlantOptions
-from coop_pin.errors import NameNotFoundError, OpenClosureError
+from coop_pin.errors import ArgumentError, NameNotFoundError, OpenClosureError
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.cell_model import CellModel
 from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, symmetric
-from coop_pin.spatial import rotate_vector6, shift_wrench
+from coop_pin.spatial import rotate_vector6, shift_wrench, weight_wrench
 
 _NO_WRENCH = np.zeros(6)
 _CLOSED_BY_TREE = ClosureError(0.0, 0.0)
 _INDETERMINATE = 1e-6
+_SINGULAR = 1e10
+_SUM_ALLOWED = 1e-6
 
 
 class Observation(NamedTuple):
@@ -41,6 +46,10 @@ class Observation(NamedTuple):
             (..., m, 6).
         kinetic_energy: kinetic energy of arms and payload, J, shape (...).
         potential_energy: potential energy of arms and payload, J, shape (...).
+        grasp_deflection: deflection of each compliant grasp, m and rad, shape (..., m, 6), NaN for rigid
+            ones; None without any.
+        grasp_wrench: wrench of each on its arm about the tip in grasp axes, N and N m, likewise.
+        elastic_energy: energy in the compliant grasps, J, shape (...); None without any.
     """
 
     payload_pose: Array
@@ -49,18 +58,36 @@ class Observation(NamedTuple):
     interaction_wrench: Array
     kinetic_energy: Array
     potential_energy: Array
+    grasp_deflection: Array | None = None
+    grasp_wrench: Array | None = None
+    elastic_energy: Array | None = None
+
+
+class CellTorques(NamedTuple):
+    """Torques and wrenches of a motion of a cell.
+
+    Attributes:
+        torque: joint torques in the coordinates of the tree, N m, shape (nv,); zero at a free payload. The
+            torque of an arm's drives is T^-T times its part.
+        interaction_wrench: wrench on each arm by the payload, about P in world axes, shape (m, 6).
+    """
+
+    torque: Array
+    interaction_wrench: Array
 
 
 class CellChain:
     """Closed chain of a cell: its model, loop closures and interaction wrenches.
 
-    The payload is welded to the first arm's tip (that arm's wrench follows from the equations of motion of
-    the payload), or free and held by m closures. Both are the same mechanism.
+    The payload is welded to the tip of the first arm with a rigid grasp (that arm's wrench follows from the
+    equations of motion of the payload), or free. Closures hold the other rigid grasps, springs and dampers
+    the compliant ones. Both are the same mechanism.
 
     Attributes:
         cell: the description.
         model: the tree, with the positions of arms and payload in it; ``surround`` changes it in place.
         mechanism: the tree with its closures; ``mechanism.model`` is the Pinocchio model of the tree.
+        springs: the compliant grasps in it.
     """
 
     def __init__(self, cell: Cell, options: PlantOptions | None = None) -> None:
@@ -79,15 +106,17 @@ class CellChain:
         require_type("options", options, PlantOptions)
         self.cell = cell
         self.model = CellModel(cell, options.payload)
-        held = [name for name in cell.arms if name not in self.model.closed_by_tree]
+        held = [name for name in cell.arms if name not in (*self.model.closed_by_tree, *cell.compliant)]
         self.mechanism = ClosedChain(
             self.model.model,
             [Closure(f"{name}/grasp", f"payload/{name}") for name in held],
             stabilisation=options.stabilisation,
             formulation=options.formulation,
         )
+        self.springs = GraspSprings(cell, self.model)
         self._data = self.mechanism.model.createData()
         self._held = [index for index, name in enumerate(cell.arms) if name in held]
+        self._welded = [index for index, name in enumerate(cell.arms) if name in self.model.closed_by_tree]
         self._grasps = [frame_id(self.mechanism.model, f"payload/{name}") for name in cell.arms]
 
     def surround(self, surroundings: Surroundings) -> None:
@@ -98,17 +127,41 @@ class CellChain:
     def configuration(self, X_WP: ArrayLike) -> Array:
         """Return the configuration that holds the payload at a pose, each arm near its posture.
 
+        Compliant grasps are deflected: each carries its arm's share of the payload's weight.
+
         Args:
             X_WP: payload pose, shape (4, 4).
 
         Raises:
             UnreachablePoseError: an arm cannot reach its grasp; with the gap.
+            FieldError: a compliant grasp is too soft for its share.
         """
         X = as_pose("X_WP", X_WP)
         configurations = [
             solve_ik(CellArm(self.cell, name), X, posture=arm.posture) for name, arm in self.cell.arms.items()
         ]
-        return self.mechanism.project_configuration(self.model.configuration(configurations, X))
+        return self.settled(self.model.configuration(configurations, X))
+
+    def settled(self, q: ArrayLike) -> Array:
+        """Return a configuration on the rigid grasps near one, with compliant grasps deflected by the load.
+
+        Args:
+            q: configuration with the tips of compliant grasps at them.
+
+        Raises:
+            OpenClosureError: the rigid grasps cannot be closed.
+            FieldError: a compliant grasp is too soft for its share of the load.
+        """
+        q = self.mechanism.project_configuration(q)
+        return self.springs.deflected(q) if self.springs.arms else q
+
+    def loads(self, q: ArrayLike) -> Array:
+        """Return the wrench on each arm at rest about P as the arm's own kinematics see it, shape (m, 6).
+
+        Rigid grasps have their load shares, F_i = c_i [m_0 g, 0].
+        """
+        loads = self.cell.shares[:, None] * weight_wrench(self.cell.payload.mass, self.cell.gravity)
+        return self.springs.loads(self._q(q), loads) if self.springs.arms else loads
 
     def posed_configuration(self, angles: Mapping[str, ArrayLike], X_WP: ArrayLike) -> Array:
         """Return the configuration at stated joint angles of every arm, whether or not the grasps are closed.
@@ -174,7 +227,7 @@ class CellChain:
         Args:
             q: configuration.
             v: velocity.
-            tau: generalised force of everything but the closures, including J_WP^T push, shape (nv,).
+            tau: generalised force of everything but the grasps, including J_WP^T push, shape (nv,).
             push: wrench on the payload about P in world axes, N and N m, shape (6,).
         """
         q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
@@ -186,8 +239,9 @@ class CellChain:
         Raises:
             OutOfRangeError: a wrench is not finite.
         """
-        frames = self._at(q, v, self.mechanism.solver.acceleration(q, v, tau))
-        return require_finite("the interaction wrenches", self._wrenches(frames, push))
+        frames, grasps = self._moving(q, v, tau)
+        wrenches = self._wrenches(frames, self.mechanism.solver.wrenches(), push, grasps)
+        return require_finite("the interaction wrenches", wrenches)
 
     def observe(self, q: Array, v: Array, tau: Array, push: Array) -> Observation:
         """Return poses, wrenches and energy at n states.
@@ -205,18 +259,124 @@ class CellChain:
         require_finite("the interaction wrenches", seen.interaction_wrench)
         return seen
 
+    def inverse_dynamics(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        *,
+        internal: ArrayLike | None = None,
+        push: ArrayLike = _NO_WRENCH,
+    ) -> CellTorques:
+        """Return the joint torques of a motion and an internal wrench.
+
+        F_i = c_i (push - M_0 xddot - Q_0 xdot - W_0) + f_i,    tau = M a + h - J^T lambda - J_WP^T push
+
+        with the load shares c_i and the internal wrenches f_i; without f_i the torques are those of least
+        tau^T tau. Joint friction is not in them.
+
+        Args:
+            q: configuration on the closures, shape (nq,).
+            v: velocity that keeps them closed, shape (nv,).
+            a: acceleration that keeps them closed, shape (nv,).
+            internal: f_i on each arm by the payload, about P in world axes, N and N m, shape (m, 6); their
+                sum is zero.
+            push: wrench on the payload about P in world axes, shape (6,).
+
+        Raises:
+            ArgumentError: the internal wrenches do not add up to zero, a opens the closures, or a grasp is
+                compliant.
+        """
+        self.cell.require_rigid("inverse dynamics")
+        q, v, a, push = self._q(q), self._v("v", v), self._v("a", a), as_array("push", push, 6)
+        motors = [f"{arm.name}/{joint}" for arm in self.model.arms for joint in arm.joint_names]
+        applied, wrenches = self.payload_jacobian(q).T @ push, None
+        frames = self._at(q, v, a)
+        X_WP, W = (
+            frames[self.model.payload_frame],
+            np.kron(np.eye(2), frames[self.model.payload_frame].rotation),
+        )
+        if internal is not None:
+            f = as_array("internal", internal, len(self.model.arms), 6)
+            _require_internal(f)
+            shares = np.array([arm.share for arm in self.model.arms])
+            F = np.outer(shares, push - W @ self._payload_balance(X_WP)) + f
+            wrenches = np.array(
+                [
+                    X_WP.actInv(frames[self.model.arms[index].tip]).actInv(pin.Force(W.T @ F[index])).vector
+                    for index in self._held
+                ]
+            ).reshape(-1, 6)
+        solution = self.mechanism.inverse_dynamics(
+            q, v, a, closure_wrenches=wrenches, motors=motors, applied=applied
+        )
+        frames = self._at(q, v, a)
+        return CellTorques(solution.torque, self._wrenches(frames, solution.closure_wrenches, push))
+
+    def effective_inertia(self, q: ArrayLike) -> Array:
+        """Return the inertia of the whole cell at P, as a wrench on the payload feels it, on the task rows.
+
+        Lambda = (J_WP N (N^T M N)^-1 N^T J_WP^T)^-1, kg, kg m and kg m^2, shape (k, k).
+
+        Args:
+            q: configuration on the closures, shape (nq,).
+
+        Raises:
+            ArgumentError: the payload cannot move in all task rows, or a grasp is compliant.
+        """
+        self.cell.require_rigid("the effective inertia")
+        q = self._q(q)
+        reduced = self.mechanism.reduced_dynamics(q, np.zeros(self.mechanism.model.nv))
+        rows = list(self.cell.task_rows.indices)
+        JN = self.payload_jacobian(q)[rows] @ reduced.coordinates.null_space
+        mobility = JN @ np.linalg.solve(reduced.mass_matrix, JN.T)
+        if not np.linalg.cond(mobility) <= _SINGULAR:
+            raise ArgumentError(
+                f"the payload cannot move in all {len(rows)} task rows at q (condition number"
+                f" {np.linalg.cond(mobility):.3g}, allowed {_SINGULAR:.3g})"
+            )
+        return np.asarray(np.linalg.inv(mobility))
+
+    def linearise(
+        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, joints: Sequence[str] | None = None
+    ) -> Linearisation:
+        """Return the linear model about a state; its output is the payload's motion, shape (12,).
+
+        y has the displacement of P and the small rotation of the payload in world axes (m, rad), then the
+        deviation of V_WP. State, input and errors are those of ``ClosedChain.linearise``.
+        """
+        self.cell.require_rigid("the linear model")
+        q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
+        X_WP = pin.SE3(self.payload_pose(q))
+
+        def output(near: Array, velocity: Array) -> Array:
+            twist = self.payload_jacobian(near) @ velocity
+            X = pin.SE3(self.payload_pose(near))
+            turn = pin.log3(X.rotation @ X_WP.rotation.T)
+            return np.concatenate((X.translation - X_WP.translation, turn, twist))
+
+        chain = self.mechanism
+        return linearised(chain.minimal_form, chain.solver, ChainState(q, v), tau, joints, output)
+
     def _observed(self, q: Array, v: Array, tau: Array, push: Array) -> tuple[Any, ...]:
         """Return the parts of an Observation at a state."""
         model, data, payload = self.mechanism.model, self._data, self.model.payload_frame
-        frames = self._at(q, v, self.mechanism.solver.acceleration(q, v, tau))
+        frames, grasps = self._moving(q, v, tau)
         return (
             frames[payload].homogeneous,
             pin.getFrameVelocity(model, data, payload, pin.LOCAL_WORLD_ALIGNED).vector,
             self._tips(frames),
-            self._wrenches(frames, push),
+            self._wrenches(frames, self.mechanism.solver.wrenches(), push, grasps),
             pin.computeKineticEnergy(model, data),
             pin.computePotentialEnergy(model, data),
+            *(() if grasps is None else self._of_grasps(grasps)),
         )
+
+    def _of_grasps(self, grasps: GraspState) -> tuple[Any, ...]:
+        """Return the last parts of an Observation."""
+        table = np.full((2, len(self.model.arms), 6), np.nan)
+        table[:, self.springs.arms] = grasps.deflection, grasps.wrench
+        return (*table, self.springs.energy(grasps))
 
     def _q(self, q: ArrayLike) -> Array:
         return as_array("q", q, self.mechanism.model.nq)
@@ -230,6 +390,12 @@ class CellChain:
         pin.updateFramePlacements(self.mechanism.model, self._data)
         return self._data.oMf
 
+    def _moving(self, q: Array, v: Array, tau: Array) -> tuple[Any, GraspState | None]:
+        """Return the frames under a generalised force, and the compliant grasps; None without any."""
+        grasps = self.springs.at(q, v) if self.springs.arms else None
+        force = tau if grasps is None else tau + grasps.force
+        return self._at(q, v, self.mechanism.solver.acceleration(q, v, force)), grasps
+
     def _tips(self, frames: Any) -> Array:
         return np.array([frames[arm.tip].translation for arm in self.model.arms])
 
@@ -242,18 +408,21 @@ class CellChain:
             closure_errors[index] = ClosureError(math.hypot(*error[:3]), math.hypot(*error[3:]))
         return closure_errors
 
-    def _wrenches(self, frames: Any, push: Array) -> Array:
-        """Return the interaction wrenches of the solver's last solution, about P in world axes."""
+    def _wrenches(
+        self, frames: Any, closure_wrenches: Array, push: Array, grasps: GraspState | None = None
+    ) -> Array:
+        """Return the interaction wrenches, about P in world axes, of those of closures and springs."""
         X_WP, arms = frames[self.model.payload_frame], self.model.arms
         in_payload = np.zeros((len(arms), 6))
-        for index, F_E in zip(self._held, self.mechanism.solver.wrenches(), strict=True):
+        for index, F_E in zip(self._held, closure_wrenches, strict=True):
             X_PE = X_WP.actInv(frames[arms[index].tip])
             in_payload[index] = X_PE.act(pin.Force(F_E)).vector
-        if self.model.closed_by_tree:
-            in_payload[0] = -self._payload_balance(X_WP) - np.add.reduce(in_payload)
+        if grasps is not None:
+            in_payload[self.springs.arms] = [X_WP.actInv(force).vector for force in grasps.on_arms]
+        if self._welded:
+            in_payload[self._welded] = -self._payload_balance(X_WP) - np.add.reduce(in_payload)
         wrenches: Array = in_payload.reshape(-1, 3).dot(X_WP.rotation.T).reshape(-1, 6)
-        if self.model.closed_by_tree:
-            wrenches[0] += push
+        wrenches[self._welded] += push
         return wrenches
 
     def _payload_balance(self, X_WP: pin.SE3) -> Array:
@@ -263,6 +432,15 @@ class CellChain:
         V = pin.getFrameVelocity(model, data, frame, pin.LOCAL)
         A = pin.getFrameAcceleration(model, data, frame, pin.LOCAL) - X_WP.actInv(model.gravity)
         return (inertia * A + V.cross(inertia * V)).vector
+
+
+def _require_internal(f: Array) -> None:
+    resultant, largest = float(np.abs(f.sum(axis=0)).max()), float(np.abs(f).max(initial=0.0))
+    if not resultant <= _SUM_ALLOWED * (1.0 + largest):
+        raise ArgumentError(
+            f"the internal wrenches add up to {resultant:.3g} N or N m about P; internal wrenches add up to"
+            " zero: make a wrench internal by coop_pin.spatial.internal_wrenches"
+        )
 
 
 def determinate_rows(chain: CellChain, q: Array) -> Mask:

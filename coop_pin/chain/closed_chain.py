@@ -11,12 +11,15 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, as_array, as_number, require_type
+from coop_pin.arrays import Array, Mask, as_array, as_number, require_type
 from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import ClosureError, ClosureSet
+from coop_pin.chain.inverse_dynamics import InverseDynamics, least_torque, multipliers_of
 from coop_pin.chain.kkt_solver import ConstraintSVD, KKTSolver
+from coop_pin.chain.linearisation import Linearisation, equilibrium, linearised
+from coop_pin.chain.minimal_coordinates import MinimalCoordinates, MinimalForm, ReducedDynamics
 from coop_pin.chain.projection import Projected, Projection
-from coop_pin.chain.proximal_solver import ProximalSolver
+from coop_pin.chain.proximal_solver import DynamicsDerivatives, ProximalSolver
 from coop_pin.chain.trajectory import ChainState, Energy, Propagator, TorqueLaw, Trajectory, time_grid
 from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.plant import Formulation
@@ -32,6 +35,8 @@ _START_ALLOWED = 1e-3
 """Closure error from which a motion may start, m and rad: a stated configuration in rounded numbers."""
 _STEP_ALLOWED = 1e-6
 """Closure error after a projected integration step, m and rad."""
+_MOVED = 1e-12
+"""Entry of the constraint Jacobian that is rounding: such rows are moved by no joint."""
 
 
 class ChainDynamics(NamedTuple):
@@ -73,6 +78,7 @@ class ClosedChain:
         stabilisation: Baumgarte frequency and damping ratio.
         formulation: formulation of the constrained dynamics.
         solver: solver of the constrained dynamics of a state.
+        minimal_form: its minimal coordinates.
     """
 
     solver: ProximalSolver | KKTSolver
@@ -115,6 +121,7 @@ class ClosedChain:
             raise ArgumentError(f"formulation is 'proximal', {only}; use 'auto' or 'kkt'")
         kind = ProximalSolver if can_be_proximal and formulation != "kkt" else KKTSolver
         self.solver = kind(model, self.closures, self.stabilisation)
+        self.minimal_form = MinimalForm(model, self.closures, self._projection)
 
     @classmethod
     def from_urdf(
@@ -203,6 +210,152 @@ class ClosedChain:
         if not residual <= allowed:
             raise ConstraintSolveError(residual, allowed)
         return ChainDynamics(a, self.solver.wrenches(), svd.rank, residual)
+
+    def inverse_dynamics(
+        self,
+        q: ArrayLike,
+        v: ArrayLike,
+        a: ArrayLike,
+        *,
+        closure_wrenches: ArrayLike | None = None,
+        motors: Sequence[str] | None = None,
+        applied: ArrayLike | None = None,
+    ) -> InverseDynamics:
+        """Return torques of the motors that cause a motion, ``tau + applied + J^T lambda = M a + h``.
+
+        With stated closure wrenches they are the torques of this motion and these wrenches; otherwise those
+        of least tau^T tau, with the wrenches that follow.
+
+        Args:
+            q: configuration, shape (nq,).
+            v: velocity, shape (nv,).
+            a: acceleration that keeps the closures closed, J a + gamma = 0, shape (nv,).
+            closure_wrenches: wrench on body a of each closure at frame a, in axes of a, N and N m, shape
+                (closures, 6).
+            motors: names of the joints with motors, for the least torque; all when omitted.
+            applied: generalised force of everything but motors and closures, shape (nv,); zero when omitted.
+
+        Raises:
+            ArgumentError: the acceleration opens the closures, the closures do not transmit such a wrench,
+                or the motors cannot cause the motion.
+            NameNotFoundError: a joint does not exist.
+        """
+        q, v, a = self._q(q), self._v("v", v), self._v("a", a)
+        state = self.closures.state(q, v)
+        opening = float(np.abs(state.jacobian @ a + state.drift).max(initial=0.0))
+        allowed = _RESIDUAL_ALLOWED * (1.0 + float(np.abs(a).max(initial=0.0)))
+        if not opening <= allowed:
+            raise ArgumentError(
+                f"a opens the closures: J a + gamma is {opening:.3g} m/s^2 or rad/s^2 (allowed"
+                f" {allowed:.3g}); take one that forward_dynamics returns"
+            )
+        force = np.array(pin.rnea(self.model, self._data, q, v, a))
+        force -= 0.0 if applied is None else self._v("applied", applied)
+        if closure_wrenches is None:
+            tau, multipliers = least_torque(state, force, self._motors(motors))
+        else:
+            wrenches = as_array("closure_wrenches", closure_wrenches, len(self.closures.closures), 6)
+            multipliers = multipliers_of(state, wrenches)
+            tau = force - state.jacobian.T @ multipliers
+        return InverseDynamics(tau, state.wrench_map @ multipliers)
+
+    def derivatives(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> DynamicsDerivatives:
+        """Return the derivatives of accelerations and closure wrenches by q, v and tau.
+
+        The stabilisation is in them: off the closures they are those of the simulated plant.
+
+        Args:
+            q: configuration, shape (nq,).
+            v: velocity, shape (nv,).
+            tau: generalised force, shape (nv,).
+
+        Raises:
+            ArgumentError: a closure has other rows than "full", or rows that joints move are redundant: the
+                derivatives of least multipliers are not Pinocchio's. ``linearise`` takes any rows.
+        """
+        q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
+        partial = [closure.name for closure in self.closures.closures if not all(closure.mask)]
+        if partial:
+            raise ArgumentError(f"the rows of closure {partial[0]!r} are not 'full'; use linearise")
+        state = self.closures.state(q, v)
+        moved = int(np.count_nonzero(np.abs(state.jacobian).max(axis=1, initial=0.0) > _MOVED))
+        rank = self._projection.svd(q, state).rank
+        if rank < moved:
+            raise ArgumentError(f"{moved - rank} of {moved} closure rows are redundant here; use linearise")
+        return ProximalSolver(self.model, self.closures, self.stabilisation).derivatives(q, v, tau)
+
+    def constraint_jacobian(self, q: ArrayLike) -> Array:
+        """Return J of the closures, stacked in their order, in axes of their frames a, shape (r, nv)."""
+        return self.closures.state(self._q(q), np.zeros(self.model.nv)).jacobian
+
+    def minimal_coordinates(self, q: ArrayLike, joints: Sequence[str] | None = None) -> MinimalCoordinates:
+        """Return independent joint velocities at a configuration, and the null space of J.
+
+        Args:
+            q: configuration, shape (nq,).
+            joints: names of the joints to take, one degree of freedom each; of the best condition when
+                omitted.
+
+        Raises:
+            ArgumentError: the joints do not determine the motion.
+            NameNotFoundError: a joint does not exist.
+        """
+        return self.minimal_form.coordinates(self._q(q), joints)
+
+    def reduced_dynamics(
+        self, q: ArrayLike, v: ArrayLike, joints: Sequence[str] | None = None
+    ) -> ReducedDynamics:
+        """Return mass matrix and bias in minimal coordinates, ``M_r nu' + b_r = N^T tau``.
+
+        Args:
+            q: configuration on the closures, shape (nq,).
+            v: velocity that keeps them closed, shape (nv,).
+            joints: independent joints, as for minimal_coordinates.
+        """
+        return self.minimal_form.dynamics(self._q(q), self._v("v", v), joints)
+
+    def linearise(
+        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, joints: Sequence[str] | None = None
+    ) -> Linearisation:
+        """Return the linear model about a state, in minimal coordinates.
+
+        The plant is that of the closures held exactly: its Baumgarte modes are not in the model. The output y
+        has the deviations of all joints, then of their velocities, shape (2 nv,).
+
+        Args:
+            q: configuration on the closures, shape (nq,).
+            v: velocity that keeps them closed, shape (nv,).
+            tau: generalised force, shape (nv,).
+            joints: independent joints, as for minimal_coordinates.
+
+        Raises:
+            ArgumentError: the chain is singular at q, or a free-floating body remains unconstrained.
+        """
+        q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
+
+        def output(near: Array, velocity: Array) -> Array:
+            return np.concatenate((pin.difference(self.model, q, near), velocity))
+
+        return linearised(self.minimal_form, self.solver, ChainState(q, v), tau, joints, output)
+
+    def equilibrium(
+        self, q_guess: ArrayLike, tau: ArrayLike | None = None, joints: Sequence[str] | None = None
+    ) -> Array:
+        """Return a configuration at rest in which a constant generalised force keeps the chain, shape (nq,).
+
+        Newton's steps on the acceleration of the independent joints at rest, from a guess; the equilibrium
+        may be stable or not (the eigenvalues of ``linearise`` there tell).
+
+        Args:
+            q_guess: configuration near it, shape (nq,).
+            tau: generalised force, shape (nv,); zero when omitted.
+            joints: independent joints, as for minimal_coordinates.
+
+        Raises:
+            ArgumentError: none was found, with the acceleration that remains.
+        """
+        tau = np.zeros(self.model.nv) if tau is None else self._v("tau", tau)
+        return equilibrium(self.minimal_form, self.solver, self.project_configuration(q_guess), tau, joints)
 
     def integrate(
         self,
@@ -294,6 +447,12 @@ class ClosedChain:
             OpenClosureError: with the largest closure error.
         """
         self._projection.require_closed(self._q(q), as_number("allowed", allowed))
+
+    def _motors(self, names: Sequence[str] | None) -> Mask:
+        """Return which entries of v have a motor."""
+        motors = np.full(self.model.nv, names is None)
+        motors[[] if names is None else self.minimal_form.indices(names)] = True
+        return motors
 
     def _after_step(self, q: Array, v: Array, rank: int | None) -> Projected:
         return self._projection.state(q, v, _STEP_ALLOWED, rank)

@@ -58,7 +58,7 @@ class Closure:
 
         Raises:
             WrongTypeError: name is not text.
-            ShapeError, OutOfRangeError, NotAPoseError: X_AC or X_BC is not a pose.
+            ShapeError, OutOfRangeError: X_AC or X_BC is not a pose.
         """
         for name in ("X_AC", "X_BC"):
             if getattr(self, name) is not None:

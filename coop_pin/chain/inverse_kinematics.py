@@ -100,14 +100,14 @@ def _answer(question: _Question, seeds: int, families: int | None) -> list[Array
     target = solver.tip_target(question.X_WP)
     starts = [near, *solver.limits.perturb(near, _NEIGHBOURS), *solver.limits.random_configurations(seeds)]
     with np.errstate(over="ignore", invalid="ignore"):  # a pose of 1e300 m is out of reach, and no warning
-        found = sorted(_solutions(solver, target, starts, near), key=lambda q: solver.distance(q, near))
-        if not found:
+        solutions = sorted(_solutions(solver, target, starts, near), key=lambda q: solver.distance(q, near))
+        if not solutions:
             raise _unreachable(arm.name, solver, target, starts, near)
     if solver.is_redundant:
-        nearest = _moved_near(solver, target, found, near, _FIRST_STEPS)[:families]
-        found = _moved_near(solver, target, nearest, near, _ALL_STEPS)
+        nearest = _moved_near(solver, target, solutions, near, _FIRST_STEPS)[:families]
+        solutions = _moved_near(solver, target, nearest, near, _ALL_STEPS)
     distinct: list[Array] = []
-    for q in found:
+    for q in solutions:
         if all(
             solver.distance(solver.limits.wrap_near(q, other), other) > _SAME_BRANCH for other in distinct
         ):
@@ -126,10 +126,10 @@ def _solutions(solver: IKSolver, target: pin.SE3, starts: list[Array], near: Arr
 
 
 def _moved_near(
-    solver: IKSolver, target: pin.SE3, found: list[Array], near: Array, steps: int
+    solver: IKSolver, target: pin.SE3, solutions: list[Array], near: Array, steps: int
 ) -> list[Array]:
     """Return solutions moved in their null space towards the posture, the nearest first."""
-    moved = (solver.null_space_descent(target, q, near, steps=steps) for q in found)
+    moved = (solver.null_space_descent(target, q, near, steps=steps) for q in solutions)
     return sorted((solver.limits.wrap_near(q, near) for q in moved), key=lambda q: solver.distance(q, near))
 
 

@@ -122,8 +122,8 @@ class KKTSolver:
         state, gains = self._closures.state(q, v), self._stabilisation
         svd = constraint_svd(pin.crba(self._model, self._data, q), state.jacobian).truncated(max_rank)
         y = svd.solve_L(tau - pin.nonLinearEffects(self._model, self._data, q, v))
-        wanted = -gains.stabilised(state.drift, state.velocity, state.position)
-        b = svd.left.T.dot(wanted - state.jacobian.dot(svd.solve_LT(y))) / svd.values
+        acceleration = -gains.stabilised(state.drift, state.velocity, state.position)
+        b = svd.left.T.dot(acceleration - state.jacobian.dot(svd.solve_LT(y))) / svd.values
         self._solution = state, svd.left.dot(b / svd.values)
         return svd.solve_LT(y + svd.right.dot(b))
 

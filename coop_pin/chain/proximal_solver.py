@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +17,26 @@ from coop_pin.description.baumgarte import Stabilisation
 _ACCURACY, _MU, _STEPS = 1e-14, 1e-8, 20
 
 _TYPES = {(True,) * 6: pin.ContactType.CONTACT_6D, (True,) * 3 + (False,) * 3: pin.ContactType.CONTACT_3D}
+
+
+class DynamicsDerivatives(NamedTuple):
+    """Partial derivatives of accelerations and closure wrenches at a state.
+
+    Attributes:
+        acceleration_q: of a by a change of q in the tangent space, shape (nv, nv).
+        acceleration_v: of a by v, shape (nv, nv).
+        acceleration_tau: of a by tau, shape (nv, nv).
+        wrench_q: of the closure wrenches by q, shape (closures, 6, nv).
+        wrench_v: of the closure wrenches by v, likewise.
+        wrench_tau: of the closure wrenches by tau, likewise.
+    """
+
+    acceleration_q: Array
+    acceleration_v: Array
+    acceleration_tau: Array
+    wrench_q: Array
+    wrench_v: Array
+    wrench_tau: Array
 
 
 class ProximalSolver:
@@ -62,3 +83,15 @@ class ProximalSolver:
     def wrenches(self) -> Array:
         """Return the closure wrenches (see ChainDynamics) of the last solution, shape (closures, 6)."""
         return np.array([data.contact_force.vector for data in self._solution]).reshape(-1, 6)
+
+    def derivatives(self, q: Array, v: Array, tau: Array) -> DynamicsDerivatives:
+        """Return derivatives at a state by Pinocchio's computeConstraintDynamicsDerivatives.
+
+        They are right for "full" rows that are independent; the caller sees to it.
+        """
+        self.acceleration(q, v, tau)
+        parts = pin.computeConstraintDynamicsDerivatives(
+            self._model, self._data, self._constraints, self._constraint_data, self._settings
+        )
+        a, w = [np.array(part) for part in parts[:3]], [part.reshape(-1, 6, len(v)) for part in parts[3:]]
+        return DynamicsDerivatives(*a, *map(np.array, w))

@@ -35,8 +35,9 @@ def _fields(value: Any, path: str, meaning: str, annotation: Any) -> Iterator[tu
     entries: dict[str, tuple[Any, str, Any]] = {}
     brief = meaning.split(";")[0].rstrip(".")
     if isinstance(value, Pose):
+        texts = meanings(type(value)) | {name: f"{brief}: {text}." for name, text in POSE_MEANINGS.items()}
         entries = {
-            name: (getattr(value, name), f"{brief}: {POSE_MEANINGS[name]}.", None)
+            name.replace("_", "-"): (getattr(value, name), texts[name], None)
             for name in type(value).model_fields
         }
     elif isinstance(value, BaseModel):

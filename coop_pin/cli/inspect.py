@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -135,12 +136,14 @@ class Check:
     For the built-in controllers, also check that the damping gains are stable at the control rate, all gains
     with the lag of the drives along the motion, and the joint friction in the plant's steps; say what the law
     measures and what a kinematic bias and an unknown load leave; the proposal of 'coop-pin suggest'
-    for these postures follows. Every field of the scenario can be changed as in 'coop-pin run'.
+    for these postures follows; on compliant grasps it is the stiffness from which the gains hold.
+    Every field of the scenario can be changed as in 'coop-pin run'.
 
     Attributes:
         scenario: a name listed by 'coop-pin list', or a TOML file.
         poses: number of poses checked along the motion.
         bias: kinematic bias of one arm's tip, m.
+        bias_turn: angle by which the base of one arm is off, rad.
         load: constant force on the payload that the law does not know, N.
         fields: fields of the scenario, as typed.
     """
@@ -148,14 +151,18 @@ class Check:
     scenario: _ScenarioName
     poses: int = 401
     bias: float = 1e-3
+    bias_turn: float = 0.0
     load: float = 10.0
     fields: TypedFields = dataclasses.field(default_factory=dict)
 
     def execute(self) -> int:
         """Print the results; the exit code is OK if the motion is feasible."""
         from coop_pin.analysis import (
+            anchor_biases,
             closure_problem,
+            force_reserve,
             gain_proposal,
+            grasp_stability,
             implausible_numbers,
             internal_moment,
             loads_without_an_arm,
@@ -187,14 +194,28 @@ class Check:
                     f" {carried:.3g} times if it carries its own weight: above 1 no law holds the payload"
                 )
         simulation = Simulation(scenario, build_controller(scenario))
-        sampled = motion_stability(simulation, reach)
-        stable = sampled, loop_stability(simulation, reach), step_stability(simulation, reach)
+        stable: list[Any] = [step_stability(simulation, reach)]
+        if scenario.cell.compliant:
+            stable.insert(0, grasp_stability(simulation))
+        else:
+            stable[:0] = motion_stability(simulation, reach), loop_stability(simulation, reach)
         _print(textwrap.indent("\n".join(finding.summary() for finding in stable), "  "))
-        _print(f"  {gain_proposal(scenario, reach).summary()}")
+        if not scenario.cell.compliant:
+            _print(f"  {gain_proposal(scenario, reach).summary()}")
         law: Any = scenario.controller
         if not scenario.cell.controls_turns and "holding torque" in law.needs:
             _print(f"  {internal_moment(scenario, reach, law.posture).summary()}")
-        _print(textwrap.indent(steady_errors(scenario, bias=self.bias, load=self.load).summary(), "  "))
+        errors = steady_errors(scenario, bias=self.bias, load=self.load)
+        _print(textwrap.indent(errors.summary(), "  "))
+        if errors.growth > 0.0:
+            earliest = max(0.0, force_reserve(scenario, reach)) / errors.growth
+            _print(f"  ! the force that grows is beyond the first drive {earliest:.3g} s later or after")
+        if math.isfinite(errors.free):
+            needed = ", ".join(
+                f"{arm} {1e3 * position:.3g} mm and {1e3 * angle:.3g} mrad"
+                for arm, (position, angle) in anchor_biases(scenario, self.bias, self.bias_turn).items()
+            )
+            _print(f"  anchor_bias for this bias of an arm whenever it begins: {needed}")
         return OK if ok and all(finding.ok for finding in stable) else FAILED
 
 
@@ -273,6 +294,8 @@ class New:
         from coop_pin.analysis import new_cell
 
         path = Path(self.scenario)
+        if not path.name:
+            raise FieldError(f"is {str(path)!r}, which names no file", "NAME_OR_FILE")
         path = path if path.suffix == ".toml" else path.with_name(f"{path.name}.toml")
         if path.exists():
             raise FieldError(f"{path} exists; name another file, or remove it", "NAME_OR_FILE")

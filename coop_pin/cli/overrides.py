@@ -66,8 +66,8 @@ def _value(path: str, words: Sequence[str]) -> Any:
     if not words:
         raise FieldError("has no value; write it after the field", path)
     if words[0].startswith("{") and isinstance(literal(words[0]), str):
-        wanted = f"a table in TOML, {{name = value}}; or write --{path}.NAME VALUE"
-        raise FieldError(f"is {words[0]!r}; it must be {wanted}", path)
+        expected = f"a table in TOML, {{name = value}}; or write --{path}.NAME VALUE"
+        raise FieldError(f"is {words[0]!r}; it must be {expected}", path)
     return literal(words[0]) if len(words) == 1 else [literal(word) for word in words]
 
 

@@ -70,7 +70,7 @@ def controllers_for(
         FileReadError: the table of gains cannot be read.
         FieldError: a description is neither "module:Class" nor a table of fields.
     """
-    table, found = _table(), dict[str, dict[str, Any]]()
+    table, descriptions = _table(), dict[str, dict[str, Any]]()
     stored = stored_gains(scenario.name, gains) if tuned else {}
     values = functools.cache(functools.partial(_cell_values, scenario))
     for name, chosen in _by_name(controllers).items():
@@ -89,8 +89,8 @@ def controllers_for(
             raise FieldError(
                 f"is {chosen!r}; it must be 'module:Class' or a table of fields", f"controllers.{name}"
             )
-        found[name] = dict(chosen)
-    return found
+        descriptions[name] = dict(chosen)
+    return descriptions
 
 
 def _by_name(controllers: Controllers) -> Mapping[str, Any]:
@@ -119,7 +119,7 @@ def stored_gains(scenario: str, path: str | Path = GAINS) -> dict[str, dict[str,
     Raises:
         FileReadError: the file is not a table as ``tune_controllers`` writes it.
     """
-    found: dict[str, dict[str, float]] = {}
+    gains: dict[str, dict[str, float]] = {}
     content = read_user_file(path, limit=_GAINS_BYTES, kind="a table of gains")
     for line, row in enumerate(csv.DictReader(content.decode(errors="replace").splitlines()), 2):
         try:
@@ -129,11 +129,11 @@ def stored_gains(scenario: str, path: str | Path = GAINS) -> dict[str, dict[str,
         except (KeyError, TypeError, ValueError):
             is_known = False
         if not is_known:
-            wanted = "scenario, controller, field and value, as coop-pin compare --tune writes them"
-            raise FileReadError(f"reads {row}; a row must have {wanted}", str(path), line)
+            columns = "scenario, controller, field and value, as coop-pin compare --tune writes them"
+            raise FileReadError(f"reads {row}; a row must have {columns}", str(path), line)
         if is_wanted:
-            found.setdefault(name, {})[field] = value
-    return found
+            gains.setdefault(name, {})[field] = value
+    return gains
 
 
 def _changed(table: dict[str, Any], changes: Mapping[str, float]) -> dict[str, Any]:

@@ -60,7 +60,7 @@ def tick_costs(scenario: Scenario, controllers: Controllers, *, rounds: int = 1)
     Args:
         scenario: the cell.
         controllers: names, or descriptions by name, as for ``compare``.
-        rounds: how often all controllers are timed, one after the other.
+        rounds: number of times that all controllers are timed, one after the other.
 
     Raises:
         ArgumentError: the number of rounds is not a count.
@@ -72,11 +72,11 @@ def tick_costs(scenario: Scenario, controllers: Controllers, *, rounds: int = 1)
         name: short.override({"controller": controller})
         for name, controller in controllers_for(scenario, controllers).items()
     }
-    times = [[_least_us(own) for own in chosen.values()] for _ in range(rounds)]
+    times = [[_least_us(timed) for timed in chosen.values()] for _ in range(rounds)]
     table = pd.DataFrame({"us": np.min(times, axis=0)}, index=list(chosen))
     table["ratio"] = table["us"] / table["us"].iloc[0]
-    needs = [own.controller.needs for own in chosen.values()]
-    counted = [_operations(own, used) for own, used in zip(chosen.values(), needs, strict=True)]
+    needs = [timed.controller.needs for timed in chosen.values()]
+    counted = [_operations(timed, used) for timed, used in zip(chosen.values(), needs, strict=True)]
     table["operations"], table["not_counted"] = zip(*counted, strict=True)
     table["needs"] = [", ".join(used) or "nothing" for used in needs]
     return table

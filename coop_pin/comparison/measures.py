@@ -42,8 +42,8 @@ def measures(result: RunResult) -> dict[str, float]:
 
 def tuning_cost(result: RunResult) -> dict[str, float]:
     """Return T lambda of a run and its cost: its tracking error, mm, and internal-force error, N, added."""
-    found = measures(result)
-    cost = found["tracking_rms_mm"] + math.hypot(found["axial_rms_N"], found["shear_rms_N"])
+    values = measures(result)
+    cost = values["tracking_rms_mm"] + math.hypot(values["axial_rms_N"], values["shear_rms_N"])
     return {"cost": cost, "t_lambda": t_lambda(result.scenario)}
 
 

@@ -29,8 +29,8 @@ class Trial(NamedTuple):
     """A trial.
 
     Attributes:
-        changes: of the scenario, by dotted path. What a model must not know is an event or an error: models
-            are built from the scenario's cell.
+        changes: fields of the scenario, by dotted path. What a model must not know is an event or an error:
+            models are built from the scenario's cell.
         random: whether anything in it is; it then runs once for each seed.
         friction: factor on the friction of all arms, of which no model knows.
     """
@@ -67,7 +67,7 @@ def standard_trials(scenario: Scenario) -> dict[str, Trial]:
     Earth for a fifth of a second. Cells without friction have no friction trials.
 
     Args:
-        scenario: as of ``benchmark_scenario``.
+        scenario: scenario, as of ``benchmark_scenario``.
     """
     arms, mass, half = list(scenario.cell.arms), scenario.cell.payload.mass, scenario.duration / 2.0
     push = 9.81 * mass * np.array([2.0, 1.0, 0.0, 0.0, 0.0, 0.0]) / math.sqrt(5.0)
@@ -79,8 +79,8 @@ def standard_trials(scenario: Scenario) -> dict[str, Trial]:
     }
     last, drives = f"arm_actuators.{arms[-1]}", scenario.actuators
     rubbing = any(
-        found.viscous.any() or found.coulomb.any()
-        for found in (friction(arm, name) for name, arm in scenario.cell.arms.items())
+        joints.viscous.any() or joints.coulomb.any()
+        for joints in (friction(arm, name) for name, arm in scenario.cell.arms.items())
     )
     return {
         "nominal": Trial({}),
@@ -108,13 +108,13 @@ def friction_changes(scenario: Scenario, factor: float) -> dict[str, Any]:
     """Return the changes that scale the friction of all arms."""
     changes = {}
     for name, arm in scenario.cell.arms.items():
-        found = friction(arm, name)
+        coefficients = friction(arm, name)
         changes[f"cell.arms.{name}.friction"] = {
-            "viscous": (factor * found.viscous).tolist(),
-            "coulomb": (factor * found.coulomb).tolist(),
-            "coulomb_velocity": found.coulomb_velocity,
-            "stiction": (factor * (found.coulomb + found.excess)).tolist(),
-            "stribeck_velocity": found.stribeck_velocity,
+            "viscous": (factor * coefficients.viscous).tolist(),
+            "coulomb": (factor * coefficients.coulomb).tolist(),
+            "coulomb_velocity": coefficients.coulomb_velocity,
+            "stiction": (factor * (coefficients.coulomb + coefficients.excess)).tolist(),
+            "stribeck_velocity": coefficients.stribeck_velocity,
         }
     return changes
 

@@ -34,7 +34,7 @@ class _Search(NamedTuple):
     """Search for the gains of a controller in a scenario.
 
     Attributes:
-        name: of the controller.
+        name: name of the controller.
         base: the scenario with the controller.
         ranges: lowest and highest value of each gain, by dotted path.
         trials: changes of each trial.

@@ -11,9 +11,11 @@ from coop_pin.control.interface import (
     ArmReference,
     CellCommand,
     CellController,
+    CellTiming,
+    ControlledArm,
     DecentralisedController,
 )
-from coop_pin.control.law import CellTiming, ControlledArm, DecentralisedLaw, Law, PostureGains
+from coop_pin.control.law import DecentralisedLaw, Law, PostureGains
 from coop_pin.control.leader_follower import LeaderFollower, LeaderFollowerController, LeaderFollowerGains
 from coop_pin.control.mean_pose import MeanPose, MeanPoseController
 from coop_pin.control.payload_space import (

@@ -7,25 +7,30 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.spatial.generic_numbers import inverse
+from coop_pin.spatial.generic_numbers import exp, inverse, known, where
 from coop_pin.spatial.task_rows import TaskRows
 
 _TINY = 1e-300
 """Stands for 0 in a quotient of two lengths."""
+_STANDS = float(np.exp(-8.0))
+"""Part of its first step below which the centre stands still."""
+_TINY_PART, _LAGS = 1e-6, 30.0
+"""Part of a bias to which a limit is found, and time constants after which nothing moves."""
 
 
 class AnchorState(NamedTuple):
     """Memory of a bounded anchor.
 
     Attributes:
-        moved: A, what the anchor has moved within about 1 / k_I, N and N m, shape (k_0,).
+        held: y = G^-1 A, the bias that asks for A, what the anchor has moved within about 1 / k_I, m and rad,
+            shape (k_0,).
         from_base: C_B, the bias that the start has shown, as of a base that is off: constant in world axes, m
             and rad, shape (k_0,).
         from_tip: C_E, the same as of a tip that is off: constant in payload axes, m and rad, shape (k_0,).
         measured_for: t_m, time with recent measurements since t_0, s.
     """
 
-    moved: Array
+    held: Array
     from_base: Array
     from_tip: Array
     measured_for: float
@@ -36,16 +41,18 @@ class BoundedAnchor(NamedTuple):
 
     ::
 
-        y        = G^-1 (A + a)                              a is what the anchor asks for at this tick
+        y        = y + G^-1 a                                a is what the anchor asks for at this tick
         C        = (C_B + R C_E) / 2                         R as this arm sees the payload
         goal     = y min(max(2 |y| / b_0 - 1, 0), 1)         0 for |y| < b_0 / 2, y for |y| > b_0
-        step     = (goal - C) min(1, d / |goal - C|)         d = T nu (b_max - b_0) exp(-nu t_m)
+        step     = (goal - C) min(1, d / |goal - C|)         d = T nu (b_max - b_0) h
+        h        = max(exp(-nu t_m) - exp(-8), 0)
         C_B     <- C_B + step,  C_E <- C_E + R^T step
         b        = b_0 + |C_B - R C_E| / 2                   b_0 until the payload turns
         off      = y - C min(max(y.C / |C|^2, 0), 1)         from the nearest point between 0 and C
-        anchored = a - G off (1 - b / max(|off|, b))         exactly a while |off| <= b
-        A       <- (I - T K k_I K^-1) (A + anchored)         while measurements are recent
-        A       <- A + what else changes the integral        while they are not: the next ones take it back
+        beyond   = off (1 - b / max(|off|, b))               exactly 0 while |off| <= b
+        anchored = a - G beyond
+        y       <- (1 - T k_I) (y - beyond)                  while measurements are recent
+        y       <- y - beyond + G^-1 (what else changes)     while they are not: the next ones take it back
 
     Norms and products are those of positions and those of rotations, each by itself. A constant bias moves A
     only while it takes effect after the first measurements, and C follows it; later, what moves A is no bias.
@@ -57,9 +64,9 @@ class BoundedAnchor(NamedTuple):
         gain_inverse: G^-1.
         same_kind: 1.0 between two positions or two rotations, else 0.0, shape (k_0, k_0).
         free: b_0 of each row, m and rad, shape (k_0,).
-        further: b_max - b_0 of each row, likewise.
+        first: T nu (b_max - b_0) of each row, the first step of a centre, likewise.
         rate: nu, 1/s.
-        kept: I - T K k_I K^-1, shape (k_0, k_0).
+        kept: 1 - T k_I, shape (k_0,).
         period: T, s.
     """
 
@@ -68,7 +75,7 @@ class BoundedAnchor(NamedTuple):
     gain_inverse: Array
     same_kind: Array
     free: Array
-    further: Array
+    first: Array
     rate: float
     kept: Array
     period: float
@@ -91,7 +98,7 @@ class BoundedAnchor(NamedTuple):
             rows: The task rows.
             biases: b_0 and b_max, m and rad each.
             gain: G.
-            forget: K k_I K^-1, 1/s, shape (k_0, k_0).
+            forget: k_I, 1/s, shape (k_0,).
             largest: Edges of the layer of the integral as errors, m and rad, shape (k_0,).
             rate: nu, 1/s.
             period: T, s.
@@ -102,8 +109,8 @@ class BoundedAnchor(NamedTuple):
         edge = np.array([largest[row > 0.0].min() for row in same_kind])
         free = np.minimum(b_0, edge / 2.0)
         further = np.minimum(b_max - b_0, same_kind.dot(largest**2) ** 0.5 - free)
-        kept = np.eye(rows.size) - period * forget
-        return cls(rows, gain, inverse(gain)[0], same_kind, free, further, rate, kept, period)
+        first, kept = period * rate * further, 1.0 - period * forget
+        return cls(rows, gain, inverse(gain)[0], same_kind, free, first, rate, kept, period)
 
     def start(self) -> AnchorState:
         """Return the memory at t_0."""
@@ -122,37 +129,58 @@ class BoundedAnchor(NamedTuple):
             may_follow: 1.0 where C may move, else 0.0.
             pose: Payload pose as this arm sees it, shape (4, 4).
         """
-        y, C_B, C_E = self.gain_inverse.dot(state.moved + asked), state.from_base, state.from_tip
-        goal = y * _part(2.0 * self._norm(y) / self.free - 1.0)
-        d = may_follow * self.period * self.rate * np.exp(-self.rate * state.measured_for) * self.further
-        step = goal - self.centre(state, pose)
-        step = step * np.minimum(1.0, d / np.maximum(self._norm(step), _TINY))
-        C_B, C_E = C_B + step, C_E + self.rows.turn(pose.T, step)
-        turned = self.rows.turn(pose, C_E)
+        y = state.held + self.gain_inverse.dot(asked)
+        state = AnchorState(y, state.from_base, state.from_tip, state.measured_for)
+        part = y / self.free
+        size = part.dot(part)  # (|y| / b_0)^2 of positions and rotations together
+        left = exp(-self.rate * state.measured_for) - _STANDS
+        h = may_follow * where(left > 0.0, left, 0.0)
+        # What is known to do nothing is left out, with the same bits.
+        if not (known(h == 0.0) or (known(size <= 0.25) and known(self._has_no_centre(state)))):
+            state = self._followed(state, h, pose)
+        if known(size <= 1.0):
+            return asked, state
+        beyond = fresh * self._beyond(state, pose)
+        return asked - self.gain.dot(beyond), state._replace(held=y - beyond)
+
+    @staticmethod
+    def _has_no_centre(state: AnchorState) -> bool:
+        """Return whether C is 0, for any pose."""
+        C_B, C_E = state.from_base, state.from_tip
+        return C_B.dot(C_B) + C_E.dot(C_E) == 0.0
+
+    def _followed(self, state: AnchorState, h: float, pose: Array) -> AnchorState:
+        """Return the memory with the centre a step closer to the goal."""
+        y, C_B, C_E, t_m = state
+        step = y * _part(2.0 * self._norm(y) / self.free - 1.0) - self.centre(state, pose)
+        step = step * np.minimum(1.0, h * self.first / np.maximum(self._norm(step), _TINY))
+        return AnchorState(y, C_B + step, C_E + self.rows.turn(pose.T, step), t_m)
+
+    def _beyond(self, state: AnchorState, pose: Array) -> Array:
+        """Return the part of y beyond the bound, m and rad, shape (k_0,)."""
+        y, C_B, turned = state.held, state.from_base, self.rows.turn(pose, state.from_tip)
         C, b = (C_B + turned) / 2.0, self.free + self._norm(C_B - turned) / 2.0
         off = y - C * _part(self._sum(y * C) / np.maximum(self._sum(C * C), _TINY))
-        beyond = off * (1.0 - b / np.maximum(self._norm(off), b))
-        anchored = asked - fresh * self.gain.dot(beyond)
-        return anchored, AnchorState(state.moved + anchored, C_B, C_E, state.measured_for)
+        return off * (1.0 - b / np.maximum(self._norm(off), b))
 
     def centre(self, state: AnchorState, pose: Array) -> Array:
         """Return C at a payload pose, m and rad, shape (k_0,)."""
         C: Array = (state.from_base + self.rows.turn(pose, state.from_tip)) / 2.0
         return C
 
-    def after(self, state: AnchorState, recent: float, change: Array) -> AnchorState:
+    def after(self, state: AnchorState, is_recent: bool, change: Array) -> AnchorState:
         """Return the memory after a tick.
 
         Args:
             state: Memory with what the anchor has moved.
-            recent: 1.0 where a measurement is recent, else 0.0.
-            change: What else changes the integral, N and N m, shape (k_0,).
+            is_recent: Whether a measurement is recent.
+            change: Change of the integral by all else, N and N m, shape (k_0,).
         """
-        A = state.moved
-        return state._replace(
-            moved=np.where(recent, self.kept.dot(A), A + change),
-            measured_for=state.measured_for + recent * self.period,
-        )
+        _, C_B, C_E, t_m = state
+        held = self.kept * state.held
+        if not known(is_recent):
+            held = where(is_recent, held, state.held + self.gain_inverse.dot(change))
+        return AnchorState(held, C_B, C_E, t_m + is_recent * self.period)
 
     def _sum(self, values: Array) -> Array:
         """Return for each row the sum over the rows of its kind, shape (k_0,)."""
@@ -161,6 +189,41 @@ class BoundedAnchor(NamedTuple):
     def _norm(self, values: Array) -> Array:
         """Return for each row the norm of the rows of its kind, shape (k_0,)."""
         return self._sum(values * values) ** 0.5
+
+
+def followed_bias(
+    free: float, further: float, *, part: float, transient_rate: float, rate: float, period: float
+) -> float:
+    """Return the largest ``|b_i - bbar|`` from t_0 on that the bound holds at the end, m or rad.
+
+    Without a turn of the payload, in one direction: the anchor follows it by two lags in series, and C
+    follows the anchor by at most d at a tick, all the while that a bound acts::
+
+        y[k] = |b_i - bbar| (1 - (1 - h)^k - h (q^k - (1 - h)^k) / (q - 1 + h)),  q = exp(-kappa T)
+        C[k] = min(goal[k], C[k-1] + d[k]),  |b_i - bbar| <= C[inf] + b_0
+
+    Args:
+        free: b_0, m or rad.
+        further: b_max - b_0, likewise.
+        part: h, the part of a force error that the anchor takes out at a tick.
+        transient_rate: kappa, 1/s.
+        rate: nu, 1/s.
+        period: T, s.
+    """
+    ticks = np.arange(1.0, _LAGS / (rate * period))
+    kept, q = 1.0 - part, np.exp(-transient_rate * period * (1.0 + _TINY_PART))
+    y = 1.0 - kept**ticks - part * (q**ticks - kept**ticks) / (q - kept)
+    path = np.cumsum(period * rate * np.exp(-rate * period * ticks) * further)
+
+    def centre(size: float) -> float:
+        goal = size * y * _part(2.0 * size * y / free - 1.0)
+        return float(path[-1] + min((goal - path).min(), 0.0))
+
+    low, high = free, free + further
+    while high - low > _TINY_PART * high:
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if middle <= centre(middle) + free else (low, middle)
+    return low
 
 
 def _part(values: Array) -> Array:

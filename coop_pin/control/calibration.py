@@ -38,7 +38,7 @@ class ZeroedController(ArmController):
 
     Attributes:
         rows: the k_0 task rows.
-        law: of the arm.
+        law: law of the arm.
         start_pose: X_start, the agreed pose of the payload at t_0, shape (4, 4).
     """
 

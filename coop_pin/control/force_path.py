@@ -7,8 +7,12 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from coop_pin.control.bounds import anchor_gain_bound, force_loop_is_stable
+from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound, force_loop_is_stable
+from coop_pin.errors import FieldError
 from coop_pin.schema.base import Description
+
+INSIST = "or insist with beyond_bound = true"
+"""Advice for those who know better than the bounds."""
 
 
 class NoForcePath(Description):
@@ -108,3 +112,47 @@ def sampled_loop(path: ForcePath, wrists: Collection[SampledWrist], lag: float) 
     slowest = max((wrist.delay for wrist in wrists), default=0)
     every = max((wrist.every for wrist in wrists), default=1)
     return SampledLoop(path.pole, path.delay + slowest, every, lag)
+
+
+def force_gain_problems(
+    path: ForcePath, wrists: Collection[SampledWrist], lag: float, largest: float
+) -> list[FieldError]:
+    """Return the problem of a force gain without measured force, or with unstable sampled feedback.
+
+    Args:
+        path: Force path.
+        wrists: Wrist sensors that the arms have.
+        lag: Largest time constant of the arms' drives, ticks.
+        largest: Largest force gain of the arms.
+    """
+    allowed, detail = (
+        largest == 0.0,
+        "measures no force; set the gain to 0, or the kind to 'late' or 'low-pass'",
+    )
+    reason = f"but force_path.kind 'none' {detail}"
+    if path.measures:
+        # A sample that arrives before the next is taken is in time: the loop closes once for each sample.
+        delay = max(((path.delay + w.delay) // w.every for w in wrists), default=path.delay)
+        every = max((wrist.every for wrist in wrists), default=1)
+        bound = min(force_gain_bound(path.pole, delay, lag=each / every) for each in (0.0, lag))
+        loop, allowed = f"{path.kind!r}{_late(delay, lag)}", largest < bound
+        reason = f"but feedback over {loop} is unstable from {bound:g} on; lower it, {INSIST}"
+    return [] if allowed else [FieldError(f"is {largest:g}, {reason}", "gains.force_gain")]
+
+
+def anchor_gain_problems(path: ForcePath, loop: SampledLoop) -> list[FieldError]:
+    """Return the problem of an anchor gain with which the sampled internal loop is unstable."""
+    # Drives of different lags lie between those of none and of the largest.
+    bound = min(loop._replace(lag=lag).anchor_bound for lag in (0.0, loop.lag))
+    if loop.anchor_gain == 0.0 or loop.anchor_gain < bound:
+        return []
+    detail = (
+        f"is {loop.anchor_gain:g}, but the anchored integral over {path.kind!r}{_late(loop.delay, loop.lag)}"
+        f" with K_f = {loop.force_gain:g} is unstable from {bound:.4g} on; lower it, {INSIST}"
+    )
+    return [FieldError(detail, "gains.anchor_gain")]
+
+
+def _late(delay: int, lag: float) -> str:
+    late = f" with a delay of {delay}" if delay else ""
+    return f"{late} and drives with a lag of {lag:.3g} ticks" if lag else late

@@ -1,19 +1,22 @@
 """Interface between plant and controller: measurements and references in, commands out.
 
-An ArmController sees one arm, a CellController all arms; DecentralisedController combines one ArmController
-for each arm into a CellController. State is a value: ``init`` and ``step`` return it, ``step`` takes it.
+ControlledArm is what a law may know besides measurements. An ArmController sees one arm, a CellController all
+arms; DecentralisedController combines one ArmController for each arm into a CellController. State is a value:
+``init`` and ``step`` return it, ``step`` takes it.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from coop_pin.arrays import Array, Mask
+from coop_pin.control.force_path import SampledWrist
 from coop_pin.errors import SingularJacobianError
+from coop_pin.spatial.task_rows import TaskRows
 
 
 class ArmMeasurement(NamedTuple):
@@ -30,8 +33,8 @@ class ArmMeasurement(NamedTuple):
         payload_jacobian: J_phi with V_WP = J_phi v, shape (k_0, k).
         internal_wrench: measured internal wrench on this arm about P in world axes, shape (k_0,); None
             when the scenario's force path provides none.
-        saturated: which drive torques were cut at their limits over the last tick, shape (k,); all false at
-            the first.
+        saturated: mask of the drive torques that were cut at their limits over the last tick, shape (k,); all
+            false at the first.
         internal_wrench_age: ticks since ``internal_wrench`` was sampled; inf before the first sample.
         interaction_wrench: this arm's own wrist wrench F_i, on the arm by the payload, about P in world axes
             as its own kinematics see them, shape (k_0,); None without a wrist sensor.
@@ -122,13 +125,61 @@ class CellCommand(NamedTuple):
     state: Any
 
 
+class ControlledArm(NamedTuple):
+    """Numbers that a law may know of its arm and cell besides measurements.
+
+    Attributes:
+        name: Name of the arm.
+        leads: Whether it is the first of the cell's arms.
+        rows: The k_0 task rows.
+        period: T, s.
+        load_share: c.
+        drives: Number k of drives.
+        posture: Drive angles to which spare joints return, rad, shape (k,); None for continuous joints.
+        gravity: Gravity, m/s^2, shape (3,).
+        start_pose: X_WP at t_0, shape (4, 4).
+        oldest_wrench: Age that measured wrenches reach without being lost, ticks.
+        base_drives: Number of its first drives that move a mobile base.
+    """
+
+    name: str
+    leads: bool
+    rows: TaskRows
+    period: float
+    load_share: float
+    drives: int
+    posture: Array | None
+    gravity: Array
+    start_pose: Array
+    oldest_wrench: int
+    base_drives: int = 0
+
+
+class CellTiming(NamedTuple):
+    """Arms of a cell, and the timing of its wrists and drives, against which a law is checked.
+
+    Attributes:
+        arms: Names of the arms.
+        rows: Number k_0 of task rows.
+        period: T, s.
+        wrists: Wrist sensors that the arms have.
+        lag: Largest time constant of the arms' drives, ticks.
+    """
+
+    arms: Sequence[str]
+    rows: int
+    period: float = np.nan
+    wrists: Collection[SampledWrist] = ()
+    lag: float = 0.0
+
+
 class ArmController(ABC):
     """Controller of one arm from its own measurements: the decentralised laws. Immutable.
 
     Attributes:
-        needs: what it uses besides kinematics: "model", "regressor", "own wrench", "internal wrench" (made of
-            every wrist's wrench), "wrenches of all arms", "poses of all arms", "states of all arms", "role",
-            "holding torque" and "start pose", both once.
+        needs: quantities that it uses besides kinematics: "model", "regressor", "own wrench", "internal
+            wrench" (made of every wrist's wrench), "wrenches of all arms", "poses of all arms", "states of
+            all arms", "role", "holding torque" and "start pose", both once.
     """
 
     needs: ClassVar[tuple[str, ...]] = ()
@@ -146,7 +197,7 @@ class CellController(ABC):
     """Controller of all arms from all measurements: the centralised laws.
 
     Attributes:
-        needs: as of an ArmController.
+        needs: quantities, as of an ArmController.
     """
 
     needs: ClassVar[tuple[str, ...]] = ()
@@ -166,7 +217,7 @@ class DecentralisedController(CellController):
     """One ArmController for each arm; each sees its own measurement only.
 
     Attributes:
-        controllers: by arm name, in the order of the cell's arms.
+        controllers: controllers by arm name, in the order of the cell's arms.
     """
 
     def __init__(self, controllers: Mapping[str, ArmController]) -> None:

@@ -3,78 +3,46 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
 from pydantic import Field, PrivateAttr, SerializerFunctionWrapHandler, model_serializer
 
 from coop_pin.arrays import Array
-from coop_pin.control.bounds import force_gain_bound
 from coop_pin.control.calibration import ZeroedController
-from coop_pin.control.force_path import ForcePath, NoForcePath, SampledLoop, SampledWrist, sampled_loop
+from coop_pin.control.force_path import (
+    INSIST,
+    ForcePath,
+    NoForcePath,
+    SampledLoop,
+    anchor_gain_problems,
+    force_gain_problems,
+    sampled_loop,
+)
 from coop_pin.control.gains import Gains, gain_vector
-from coop_pin.control.interface import ArmController, CellController, DecentralisedController
+from coop_pin.control.interface import (
+    ArmController,
+    CellController,
+    CellTiming,
+    ControlledArm,
+    DecentralisedController,
+)
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.terms import Posture
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import Description, NotNegative, Vector, unknown_arms
 from coop_pin.spatial.task_rows import TaskRows, joint_shortage
 
-_INSIST = "or insist with beyond_bound = true"
 _WRITTEN_FIRST = ("kind", "target", "options", "gains", "arm_gains", "switching", "force_path")
 """Fields in the order in which a law is written; the keys of stored runs depend on it."""
 
 
-class ControlledArm(NamedTuple):
-    """Numbers that a law may know of its arm and cell besides measurements.
-
-    Attributes:
-        name: Name of the arm.
-        leads: Whether it is the first of the cell's arms.
-        rows: The k_0 task rows.
-        period: T, s.
-        load_share: c.
-        drives: Number k of drives.
-        posture: Drive angles to which spare joints return, rad, shape (k,); None for continuous joints.
-        gravity: Gravity, m/s^2, shape (3,).
-        start_pose: X_WP at t_0, shape (4, 4).
-        oldest_wrench: Age that measured wrenches reach without being lost, ticks.
-    """
-
-    name: str
-    leads: bool
-    rows: TaskRows
-    period: float
-    load_share: float
-    drives: int
-    posture: Array | None
-    gravity: Array
-    start_pose: Array
-    oldest_wrench: int
-
-
-class CellTiming(NamedTuple):
-    """Arms of a cell, and the timing of its wrists and drives, against which a law is checked.
-
-    Attributes:
-        arms: Names of the arms.
-        rows: Number k_0 of task rows.
-        period: T, s.
-        wrists: Wrist sensors that the arms have.
-        lag: Largest time constant of the arms' drives, ticks.
-    """
-
-    arms: Sequence[str]
-    rows: int
-    period: float = np.nan
-    wrists: Collection[SampledWrist] = ()
-    lag: float = 0.0
-
-
 class PostureGains(Description):
     """Null-space spring towards the arm's posture, and damper, of the spare joints of redundant arms.
+
+    One value acts on the arm's own joints, not on those of a mobile base, so that the base follows the arm.
 
     Attributes:
         stiffness: N m/rad, one value for all joints or one for each.
@@ -95,8 +63,24 @@ class PostureGains(Description):
                 f"needs angles, but arm {arm.name!r} has continuous joints; lock them or give them limits",
                 "controller.posture",
             )
-        stiffness, damping = (gain_vector(gain, arm.drives, f"controller.posture.{n}") for n, gain in self)
-        return Posture(arm.posture, stiffness, damping)
+        return Posture(arm.posture, *self.of_drives(arm.drives, arm.base_drives))
+
+    def of_drives(self, drives: int, base_drives: int = 0) -> tuple[Array, Array]:
+        """Return stiffness and damping of every drive, shape (k,).
+
+        Args:
+            drives: Number k of drives of the arm.
+            base_drives: Number of its first drives that move a mobile base.
+
+        Raises:
+            FieldError: a gain has a wrong number of entries.
+        """
+        own = np.arange(drives) >= base_drives
+        stiffness, damping = (
+            gain_vector(gain, drives, f"controller.posture.{name}") * (own if np.ndim(gain) == 0 else 1.0)
+            for name, gain in self
+        )
+        return stiffness, damping
 
 
 INFORMATION: Mapping[str, set[str]] = {
@@ -188,12 +172,13 @@ class Law(Description):
         """Return what is wrong with the law for a cell."""
         return []
 
-    def steady_directions(self, rows: TaskRows, sample_period: float) -> list[SteadyDirection]:
+    def steady_directions(self, rows: TaskRows, loop: SampledLoop, period: float) -> list[SteadyDirection]:
         """Return the law at rest in each linear task row; none where that takes more than its gains.
 
         Args:
             rows: The task rows.
-            sample_period: Time from one measured wrench to the next, s.
+            loop: Feedback of measured wrenches.
+            period: T, s.
         """
         return []
 
@@ -263,39 +248,8 @@ class ParametricLaw(Law, Generic[G]):
     def feedback_problems(self, cell: CellTiming) -> list[FieldError]:
         """Return gains with which sampled force feedback is unstable, or that need what is not measured."""
         loop = self.loop(cell)
-        return self._force_problems(cell, loop.force_gain) or self._anchor_problems(loop)
-
-    def _force_problems(self, cell: CellTiming, largest: float) -> list[FieldError]:
-        """Return the problem of a force gain without measured force, or with unstable sampled feedback."""
-        path = self.force_path
-        if not path.measures:
-            allowed = largest == 0.0
-            detail = (
-                "but force_path.kind 'none' measures no force; "
-                "set the gain to 0, or the kind to 'late' or 'low-pass'"
-            )
-        else:
-            # A sample that arrives before the next is taken is in time: the loop closes once for each sample.
-            delay = max(((path.delay + w.delay) // w.every for w in cell.wrists), default=path.delay)
-            every = max((wrist.every for wrist in cell.wrists), default=1)
-            bound = min(force_gain_bound(path.pole, delay, lag=lag / every) for lag in (0.0, cell.lag))
-            allowed = largest < bound
-            loop = f"{path.kind!r}{_late(delay, cell.lag)}"
-            detail = f"but feedback over {loop} is unstable from {bound:g} on; lower it, {_INSIST}"
-        return [] if allowed else [FieldError(f"is {largest:g}, {detail}", "gains.force_gain")]
-
-    def _anchor_problems(self, loop: SampledLoop) -> list[FieldError]:
-        """Return the problem of an anchor gain with which the sampled internal loop is unstable."""
-        # Drives of different lags lie between those of none and of the largest.
-        bound = min(loop._replace(lag=lag).anchor_bound for lag in (0.0, loop.lag))
-        if loop.anchor_gain == 0.0 or loop.anchor_gain < bound:
-            return []
-        detail = (
-            f"is {loop.anchor_gain:g}, but the anchored integral over {self.force_path.kind!r}"
-            f"{_late(loop.delay, loop.lag)} with K_f = {loop.force_gain:g} is unstable from {bound:.4g} on;"
-            f" lower it, {_INSIST}"
-        )
-        return [FieldError(detail, "gains.anchor_gain")]
+        force = force_gain_problems(self.force_path, cell.wrists, cell.lag, loop.force_gain)
+        return force or anchor_gain_problems(self.force_path, loop)
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,7 +296,7 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
 
         Args:
             arm: The arm.
-            gains: Its gains, those of rows and drives as arrays.
+            gains: Gains of the arm, those of rows and drives as arrays.
             scenario: Scenario to run, for laws that build a model.
         """
 
@@ -383,10 +337,5 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
             values = {name: getattr(self.gains_of(name), field) for name in arms}
             if len(set(values.values())) > 1:
                 detail = f"differs between arms: {values}; {reason} for all arms"
-                problems.append(FieldError(f"{detail}. Make them equal, {_INSIST}", f"arm_gains.*.{field}"))
+                problems.append(FieldError(f"{detail}. Make them equal, {INSIST}", f"arm_gains.*.{field}"))
         return problems
-
-
-def _late(delay: int, lag: float) -> str:
-    late = f" with a delay of {delay}" if delay else ""
-    return f"{late} and drives with a lag of {lag:.3g} ticks" if lag else late

@@ -10,8 +10,15 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.control.force_path import SampledLoop
 from coop_pin.control.gains import Gains, PositiveRow, RowGain
-from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.control.law import CellTiming, ControlledArm, DecentralisedLaw, LawController
+from coop_pin.control.interface import (
+    ArmCommand,
+    ArmController,
+    ArmMeasurement,
+    ArmReference,
+    CellTiming,
+    ControlledArm,
+)
+from coop_pin.control.law import DecentralisedLaw, LawController
 from coop_pin.control.terms import spare_torque
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import Interval, NotNegative, Positive
@@ -43,7 +50,7 @@ class LeaderFollowerGains(Gains):
         follower_stiffness: B_p, N/m and N m/rad.
         admittance_damping: D, N s/m and N m s/rad.
         admittance_rate: l, 1/s.
-        payload_weight: What on the task rows, N and N m.
+        payload_weight: Weight What on the task rows, N and N m.
         spare_gains: Stiffness, N m/rad, and damping, N m s/rad, of spare joints.
     """
 

@@ -11,13 +11,14 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from coop_pin.arrays import Array
+from coop_pin.control.force_path import SampledLoop
 from coop_pin.control.interface import (
     ArmMeasurement,
     ArmReference,
     CellCommand,
     CellController,
+    ControlledArm,
 )
-from coop_pin.control.law import ControlledArm
 from coop_pin.control.payload_space import PayloadSpace, PayloadSpaceGains
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.spatial import exp3, pose_error
@@ -105,6 +106,6 @@ class MeanPose(PayloadSpace):
         """Return the controller of the cell; see Law."""
         return MeanPoseController(super().build(scenario, arms))
 
-    def steady_directions(self, rows: TaskRows, sample_period: float) -> list[SteadyDirection]:
+    def steady_directions(self, rows: TaskRows, loop: SampledLoop, period: float) -> list[SteadyDirection]:
         """Return those of the payload-space law, on which all arms agree."""
-        return [AgreedDirection(*direction) for direction in super().steady_directions(rows, sample_period)]
+        return [AgreedDirection(*direction) for direction in super().steady_directions(rows, loop, period)]

@@ -19,17 +19,25 @@ from pydantic import (
 )
 
 from coop_pin.arrays import Array
-from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
+from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor, followed_bias
+from coop_pin.control.force_path import SampledLoop
 from coop_pin.control.gains import PositiveGain, gain_vector
-from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.control.law import ControlledArm, LawController, PostureGains
+from coop_pin.control.interface import (
+    ArmCommand,
+    ArmController,
+    ArmMeasurement,
+    ArmReference,
+    ControlledArm,
+)
+from coop_pin.control.law import LawController, PostureGains
 from coop_pin.control.sliding_surface import SurfaceGains, SurfaceLaw
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.switching import Saturation, Sign, Switching
-from coop_pin.control.terms import Posture, is_new, null_space_part, right_inverse
+from coop_pin.control.terms import Posture, is_new, jacobian_inverse, null_space_part, right_inverse
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import NotNegative, number_or_row
 from coop_pin.spatial import weight_wrench
+from coop_pin.spatial.generic_numbers import identity, known, where
 from coop_pin.spatial.task_rows import TaskRows
 
 _BOUND = ("anchor_bias", "anchor_bias_answered")
@@ -131,12 +139,12 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
     Attributes:
         switching: phi: sgn, or a smooth function in its place.
         leak: lambda, 1/s.
-        payload_weight: What, the approximate weight of the payload as a wrench, shape (k_0,); None ignores
+        payload_weight: approximate weight What of the payload as a wrench, shape (k_0,); None ignores
             the wrist sensor.
         stale_after: age in ticks beyond which a measurement is no longer recent.
-        posture: what spare joints do; None for an arm without spare joints.
-        bound: of the anchor; None without. With one, the integral takes over what drives cut: see the page
-            "The bounded anchor".
+        posture: spring and damper of the spare joints; None for an arm without spare joints.
+        bound: bound of the anchor; None without. With one, the integral takes over what drives cut: see the
+            page "The bounded anchor".
     """
 
     switching: Switching
@@ -184,43 +192,53 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         s = self._surface(measurement, reference) - state.start_surface * e
         f_r = arm.rows.turn(measurement.payload_pose, reference.internal_wrench - state.start_squeeze * e)
         fhat, age = self._measured_wrench(measurement, f_r)
+        error = fhat - f_r
 
         fresh, stale = is_new(age, state.wrench_age), age > self.stale_after
         uncut, recent = 1.0 - measurement.saturated.any(), 1.0 - stale
         Z, Z_hold, anchor = state.integral, state.anchored, state.anchor
-        asked = fresh * gains.anchor_gain * (fhat - f_r)
+        asked = fresh * -gains.anchor_gain * error
+        J_plus = None if self.posture is None else right_inverse(J, measurement.time)
         if self.bound is not None and anchor is not None:
-            cut = recent * self._cut(measurement, state)
-            given, anchor = self.bound.step(anchor, -asked, fresh, uncut * recent, measurement.payload_pose)
-            Z, Z_hold, asked = Z - cut, Z_hold - cut, -given
-        Z = Z - asked
-        Z_hold = np.where(fresh, Z, Z_hold)
+            cut = self._cut(measurement, state, J_plus)
+            if cut is not None:
+                Z, Z_hold = Z - recent * cut, Z_hold - recent * cut
+            asked, anchor = self.bound.step(anchor, asked, fresh, uncut * recent, measurement.payload_pose)
+        Z = Z + asked
+        Z_hold = where(fresh, Z, Z_hold)
 
-        tau = -J.T.dot(c * K.dot(s) + Z + f_r - gains.force_gain * (fhat - f_r))
-        if self.posture is not None:
+        tau = -J.T.dot(c * K.dot(s) + Z + f_r - gains.force_gain * error)
+        if self.posture is not None and J_plus is not None:
             pull = self.posture.pull(measurement.q, measurement.v) - state.start_pull * e
-            J_plus = right_inverse(J, measurement.time)
             tau = tau + null_space_part(state.holding_torque + pull, J, J_plus)
 
         leak = stale * self.leak * (Z - Z_hold)
         waits = self.bound is None or measurement.reported_torque is None
-        goes_on = uncut if waits else np.maximum(uncut, recent)
+        goes_on = uncut if waits else where(stale, uncut, 1.0)
         integral = goes_on * c * K.dot(gains.sign_gain.dot(self.switching(s)))
         change = T * (integral - leak)
         if self.bound is not None and anchor is not None:
-            anchor = self.bound.after(anchor, recent, change)
+            anchor = self.bound.after(anchor, np.logical_not(stale), change)
         return ArmCommand(
             tau,
             state._replace(integral=Z + change, anchored=Z_hold, wrench_age=age, command=tau, anchor=anchor),
         )
 
-    def _cut(self, measurement: ArmMeasurement, state: PayloadSpaceState) -> Array | float:
-        """Return the wrench by which the drives changed the last command, shape (k_0,); 0.0 if not known."""
+    def _cut(
+        self, measurement: ArmMeasurement, state: PayloadSpaceState, J_plus: Array | None
+    ) -> Array | None:
+        """Return the wrench by which drives changed the last command, shape (k_0,); None for none."""
         reported = measurement.reported_torque
         if reported is None:
-            return 0.0
-        J_plus = right_inverse(measurement.payload_jacobian, measurement.time)
-        return J_plus.T.dot(reported - state.command)
+            return None
+        change = reported - state.command
+        is_uncut = change.dot(change) == 0.0
+        if known(is_uncut):
+            return None
+        if J_plus is None:  # only where it is used may a Jacobian not be singular
+            J = measurement.payload_jacobian
+            J_plus = jacobian_inverse(where(is_uncut, identity(len(J)), J), measurement.time)
+        return J_plus.T.dot(change)
 
     def _surface(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
         """Return s_x = xtildedot + gamma xtilde, shape (k_0,)."""
@@ -338,7 +356,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
 
     def _bound(self, arm: ControlledArm, gains: PayloadSpaceGains) -> BoundedAnchor | None:
         """Return the bound of an arm's anchor; None without one."""
-        K, g, width = gains.sliding_gain, gains.anchor_gain, self._layer(gains, arm.rows)
+        K, width = gains.sliding_gain, self._layer(gains, arm.rows)
         if width is None:
             return None
         ticks = 1.0 + arm.oldest_wrench + self.force_path.pole / (1.0 - self.force_path.pole)
@@ -346,27 +364,28 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             arm.rows,
             (self.anchor_bias, self.anchor_bias_answered),
             gain=arm.load_share * K @ gains.pose_gain,
-            forget=K @ gains.sign_gain @ np.linalg.inv(K) / width,
+            forget=gains.sign_gain.diagonal() / width,
             largest=width / gains.pose_gain.diagonal(),
-            rate=1.0 / (1.0 / gains.transient_rate + ticks * arm.period * (1.0 + gains.force_gain) / g),
+            rate=self._centre_rate(gains, ticks * arm.period),
             period=arm.period,
         )
 
-    def steady_directions(self, rows: TaskRows, sample_period: float) -> list[SteadyDirection]:
+    def _centre_rate(self, gains: PayloadSpaceGains, age: float) -> float:
+        """Return nu, 1/s, for wrenches of an age, s."""
+        return 1.0 / (1.0 / gains.transient_rate + age * (1.0 + gains.force_gain) / gains.anchor_gain)
+
+    def steady_directions(self, rows: TaskRows, loop: SampledLoop, period: float) -> list[SteadyDirection]:
         """Return K gamma and the integral K alpha phi(gamma x) in each linear task row."""
         gains, internal, phi = self.gains, self.force_path.measures, self.switching
         gamma, K, alpha = (
             gain_vector(gain, rows.size) for gain in (gains.pose_gain, gains.sliding_gain, gains.sign_gain)
         )
-        beta, leak = gains.anchor_gain / sample_period, self._leak(gains)
+        beta, leak = gains.anchor_gain / (loop.every * period), self._leak(gains)
         anchored = self.measures and beta > 0.0
-        width, biases = self._layer(gains, rows), (self.anchor_bias, self.anchor_bias_answered)
+        linear = [row for row, index in enumerate(rows.indices) if index < 3]
+        free, most = self._free_and_followed(gamma[linear], rows, loop, period)
 
         def direction(gamma: float, K: float, alpha: float) -> SteadyDirection:
-            free = most = np.inf
-            if width is not None:
-                edge = width / gamma
-                free, most = min(biases[0][0], edge / 2.0), biases[1][0]
             return SteadyDirection(
                 spring=lambda x: 0.0 if anchored else K * gamma * x,
                 integral=lambda x: K * alpha * float(phi(np.array(gamma * x))),
@@ -376,5 +395,25 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
                 most=most,
             )
 
-        linear = [row for row, index in enumerate(rows.indices) if index < 3]
         return [direction(*map(float, (gamma[row], K[row], alpha[row]))) for row in linear]
+
+    def _free_and_followed(
+        self, gamma: Array, rows: TaskRows, loop: SampledLoop, period: float
+    ) -> tuple[float, float]:
+        """Return b_0 and the largest bias from the start on that the anchor follows, m; inf without one."""
+        gains, width = self.gains, self._layer(self.gains, rows)
+        if width is None:
+            return np.inf, np.inf
+        edges = width / gamma
+        free = min(self.anchor_bias[0], float(edges.min()) / 2.0)
+        further = min(self.anchor_bias_answered[0] - self.anchor_bias[0], float(np.linalg.norm(edges)) - free)
+        age = period * (loop.every + loop.delay + loop.pole / (1.0 - loop.pole))
+        most = followed_bias(
+            free,
+            further,
+            part=gains.anchor_gain / (loop.every * (1.0 + gains.force_gain)),
+            transient_rate=gains.transient_rate,
+            rate=self._centre_rate(gains, age),
+            period=period,
+        )
+        return free, most

@@ -9,9 +9,16 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from coop_pin.arrays import Array
+from coop_pin.control.force_path import SampledLoop
 from coop_pin.control.gains import Gains, PositiveRow
-from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.control.law import ControlledArm, DecentralisedLaw, LawController
+from coop_pin.control.interface import (
+    ArmCommand,
+    ArmController,
+    ArmMeasurement,
+    ArmReference,
+    ControlledArm,
+)
+from coop_pin.control.law import DecentralisedLaw, LawController
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.terms import spare_torque
 from coop_pin.schema.base import Interval, NotNegative
@@ -127,7 +134,7 @@ class PrescribedPerformance(DecentralisedLaw[PrescribedPerformanceGains]):
         """Return the law of one arm."""
         return PrescribedPerformanceController(arm, gains)
 
-    def steady_directions(self, rows: TaskRows, sample_period: float) -> list[SteadyDirection]:
+    def steady_directions(self, rows: TaskRows, loop: SampledLoop, period: float) -> list[SteadyDirection]:
         """Return the spring of two funnels at their floors in each linear task row."""
         gains = self.gains.sized(rows.size, 0)
 

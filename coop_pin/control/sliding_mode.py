@@ -14,8 +14,14 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.control.gains import PositiveGain, gain_matrix
-from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.control.law import ControlledArm, LawController, PostureGains
+from coop_pin.control.interface import (
+    ArmCommand,
+    ArmController,
+    ArmMeasurement,
+    ArmReference,
+    ControlledArm,
+)
+from coop_pin.control.law import LawController, PostureGains
 from coop_pin.control.sliding_surface import SurfaceGains, SurfaceLaw
 from coop_pin.control.switching import Switching
 from coop_pin.control.terms import Posture, force_term, jacobian_inverse, right_inverse
@@ -136,8 +142,8 @@ class RedundantSlidingModeController(SlidingModeController):
     x follows x_d only up to that damping; the scenario of the run records it.
 
     Attributes:
-        posture: what the spare joints do.
-        inverse_damping: of the pseudo-inverse, in the unit of J's singular values; 0 is exact.
+        posture: spring and damper of the spare joints.
+        inverse_damping: damping of the pseudo-inverse, in the unit of J's singular values; 0 is exact.
     """
 
     posture: Posture

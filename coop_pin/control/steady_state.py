@@ -21,7 +21,7 @@ class SteadyDirection(NamedTuple):
         internal_rate: Rate at which the integral loses internal force, 1/s.
         load_rate: Rate at which the integrals' sum loses the load, 1/s; 0 if it does not.
         free: b_0 of an anchor's bound, m; inf without one.
-        most: b_max of an anchor's bound, m; inf without one.
+        most: Largest ``|b_i - bbar|`` from the start on that an anchor follows, m; inf without a bound.
     """
 
     spring: Callable[[float], float]
@@ -38,12 +38,24 @@ class SteadyDirection(NamedTuple):
 
     def force(self, share: float, bias: float) -> float:
         """Return the internal force in an arm whose view is b off, (1 - c) b off the mean, N."""
-        off = (1.0 - share) * bias
-        grows = self.integral(off) > self.integral(self.most)
-        return np.inf if grows else share * self.held(off, self.internal_rate)
+        grows = self.growth(share, bias) > 0.0 and self.internal_rate > 0.0
+        return np.inf if grows else share * self.held((1.0 - share) * bias, self.internal_rate)
 
     def growth(self, share: float, bias: float) -> float:
         """Return the rate at which that force grows where it has no bound, N/s."""
-        off = (1.0 - share) * bias
-        held = min(off, self.most) if self.internal_rate else 0.0
-        return share * (self.integral(off) - self.integral(held))
+        held = min(bias, self.limit(share)) if self.internal_rate else 0.0
+        return share * (self.integral((1.0 - share) * bias) - self.integral((1.0 - share) * held))
+
+    def limit(self, share: float) -> float:
+        """Return the largest bias of an arm, m, that is sure to come to rest.
+
+        Either every anchor follows its part, the arm's own and that of an arm with the other share, or half
+        of it is within b_0: the payload then comes to rest between the views.
+        """
+        return max(self.most / max(share, 1.0 - share), 2.0 * self.free)
+
+    def unreachable(self, share: float) -> float:
+        """Return the force error that an arm cannot change, N, against which the payload is held."""
+        if np.isfinite(self.free) or not self.internal_rate:
+            return np.inf
+        return share * self.integral(LARGEST_SAG) / self.internal_rate

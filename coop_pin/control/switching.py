@@ -57,7 +57,7 @@ class Tanh(Description):
     """tanh(s / width), a smooth sign.
 
     Attributes:
-        width: in the unit of the surface.
+        width: scale of the transition, in the unit of the surface.
     """
 
     is_smooth: ClassVar[bool] = True

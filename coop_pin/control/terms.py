@@ -23,7 +23,7 @@ def jacobian_inverse(J: Array, time: float) -> Array:
 
     Args:
         J: shape (k_0, k_0).
-        time: for the message, s.
+        time: time for the message, s.
 
     Raises:
         ArgumentError: J is not square.
@@ -44,8 +44,9 @@ def right_inverse(J: Array, time: float, damping: float | None = None) -> Array:
 
     Args:
         J: shape (k_0, k).
-        time: for the message, s.
-        damping: in the unit of J's singular values; with it J J^+ is not the identity. None for none.
+        time: time for the message, s.
+        damping: damping, in the unit of J's singular values; with it J J^+ is not the identity. None for
+            none.
 
     Raises:
         ArgumentError: J has fewer columns (joints) than rows.
@@ -148,7 +149,7 @@ class Posture:
             q: drive angles, rad, shape (k,).
             v: drive rates, rad/s, shape (k,).
             J: payload Jacobian, shape (k_0, k).
-            J_plus: its right inverse, shape (k, k_0).
+            J_plus: right inverse of J, shape (k, k_0).
         """
         return null_space_part(self.pull(q, v), J, J_plus)
 
@@ -157,7 +158,7 @@ def spare_torque(measurement: ArmMeasurement, start: Array, gains: tuple[float, 
     """Return the torque that brings the spare joints back to where they started, N m, shape (k,).
 
     Args:
-        measurement: of the arm; zero for an arm without spare joints.
+        measurement: measurement of the arm; zero for an arm without spare joints.
         start: drive angles at t_0, rad, shape (k,).
         gains: stiffness, N m/rad, and damping, N m s/rad, of all joints.
 

@@ -6,6 +6,8 @@ from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.cell import Cell, grasps_from_configuration
 from coop_pin.description.controller import ModelFactors, UserController
 from coop_pin.description.events import GravityTurn, PayloadChange, WrenchPulse
+from coop_pin.description.grasp import CompliantGrasp
+from coop_pin.description.mobile_base import MobileBase
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.scenario import Scenario, scenario_names
@@ -26,6 +28,7 @@ __all__ = [
     "Arm",
     "Cell",
     "Clock",
+    "CompliantGrasp",
     "DifferencedVelocity",
     "Encoder",
     "GravityCompensation",
@@ -33,6 +36,7 @@ __all__ = [
     "IdealVelocity",
     "JointFriction",
     "Miscalibration",
+    "MobileBase",
     "ModelFactors",
     "ObservedVelocity",
     "Payload",

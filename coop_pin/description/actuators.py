@@ -50,7 +50,7 @@ class Actuators(WithLaterFields):
         rate_limit: largest rate of the torque, N m/s, one value for all drives or one for each.
         missed_ticks: probability that the command of a tick is lost, each tick by itself; the drives go on
             with the last one.
-        gravity_compensation: what the robot adds to the commands.
+        gravity_compensation: torque that the robot adds to the commands.
         torque_lost_at: time from which the arm gives no torque, s; its joints then turn freely.
         commands_lost_at: time from the next tick of which no command reaches the drives, s; the robot goes on
             with zero in their place, and with its own gravity compensation.

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,10 +13,11 @@ from pydantic import Field, ValidationInfo, field_validator
 from coop_pin.arrays import Array, as_array, as_pose, require_type
 from coop_pin.description.arm import Arm
 from coop_pin.description.events import Surroundings
+from coop_pin.description.grasp import CompliantGrasp, Grasp
 from coop_pin.description.payload import Payload
 from coop_pin.description.urdf import load_checked
 from coop_pin.description.urdf.robot import Robot
-from coop_pin.errors import FieldError, NameNotFoundError
+from coop_pin.errors import ArgumentError, FieldError, NameNotFoundError
 from coop_pin.schema.base import Description, Vector3, check_arm_names, plain_name
 from coop_pin.schema.pose import Pose
 from coop_pin.spatial import inverse_pose
@@ -29,8 +31,8 @@ def grasps_from_configuration(
 
     Args:
         arms: the arms by name.
-        joint_angles: for every arm, one value for each joint that is neither fixed nor locked, rad or m, in
-            Pinocchio's order.
+        joint_angles: angles of every arm, one value for each joint that is neither fixed nor locked, rad or
+            m, in Pinocchio's order.
         payload_pose: X_WP, as a Pose or a matrix of shape (4, 4).
 
     Raises:
@@ -55,14 +57,15 @@ def grasps_from_configuration(
 
 
 class Cell(Description):
-    """Arms that rigidly grasp one payload; a single arm is an arm with a load.
+    """Arms that grasp one payload, rigidly or compliantly; a single arm is an arm with a load.
 
     Attributes:
         arms: the arms by name; arrays over arms have their order.
         payload: the held object.
         payload_pose: payload pose X_WP that belongs to the arms' postures; for "as-posed" grasps only.
-        grasps: for each arm, in their order, the pose X_PE of its tip in the payload frame; "as-posed"
-            computes them from ``payload_pose`` and the postures, and the cell stores the result.
+        grasps: for each arm, in their order, pose X_PE of its tip in the payload frame; with ``kind =
+            "compliant"`` a spring and damper holds the tip there. "as-posed" computes rigid ones from
+            ``payload_pose`` and the postures, and the cell stores the result.
         rows: task rows: "full" (6), "planar" (x, y and the rotation about z, for arms that move in the
             world's x-y plane) or "positional" (x, y, z).
         gravity: gravitational acceleration in world axes, m/s^2.
@@ -72,7 +75,7 @@ class Cell(Description):
     arms: dict[str, Arm] = Field(min_length=1)
     payload: Payload
     payload_pose: Pose | None = None
-    grasps: dict[str, Pose]
+    grasps: dict[str, Grasp]
     rows: RowsName = "full"
     gravity: Vector3 = (0.0, 0.0, -9.81)
     load_shares: dict[str, float] | None = None
@@ -84,6 +87,14 @@ class Cell(Description):
             plain_name(name)
             if "." in name or name == "payload":
                 raise FieldError(f"arm name {name!r} must not be 'payload', nor contain '.'")
+        return arms
+
+    @field_validator("arms")
+    @classmethod
+    def _share_no_joint(cls, arms: dict[str, Arm]) -> dict[str, Arm]:
+        for name, other in itertools.combinations(arms, 2):
+            if other in _siblings(arms, name):
+                _require_own_joints(name, arms[name], other, arms[other])
         return arms
 
     @field_validator("grasps", mode="before")
@@ -104,7 +115,7 @@ class Cell(Description):
 
     @field_validator("grasps")
     @classmethod
-    def _one_grasp_each(cls, grasps: dict[str, Pose], earlier: ValidationInfo) -> dict[str, Pose]:
+    def _one_grasp_each(cls, grasps: dict[str, Grasp], earlier: ValidationInfo) -> dict[str, Grasp]:
         arms = earlier.data.get("arms")
         check_arm_names(grasps, arms)
         return grasps if arms is None else {name: grasps[name] for name in arms}
@@ -136,6 +147,31 @@ class Cell(Description):
         return Surroundings(mass, inertia, np.array(self.gravity), np.zeros(6))
 
     @property
+    def compliant(self) -> dict[str, CompliantGrasp]:
+        """Compliant grasps by arm, in their order."""
+        return {name: grasp for name, grasp in self.grasps.items() if isinstance(grasp, CompliantGrasp)}
+
+    @property
+    def rigid(self) -> Self:
+        """The same cell with rigid grasps."""
+        return self.replace(grasps={name: Pose(xyz=g.xyz, rpy=g.rpy) for name, g in self.grasps.items()})
+
+    def require_rigid(self, purpose: str) -> None:
+        """Refuse compliant grasps where the method is that of rigid ones.
+
+        Args:
+            purpose: What needs rigid grasps, as the beginning of a sentence.
+
+        Raises:
+            ArgumentError: a grasp is compliant, with the arms.
+        """
+        if names := list(self.compliant):
+            raise ArgumentError(
+                f"{purpose} is for rigid grasps, and those of {names} are compliant; look at ``cell.rigid``,"
+                " with bare poses as grasps"
+            )
+
+    @property
     def controls_turns(self) -> bool:
         """Whether the task rows have a rotation."""
         return self.rows != "positional"
@@ -147,6 +183,44 @@ class Cell(Description):
             return np.full(len(self.arms), 1.0 / len(self.arms))
         return np.array([self.load_shares[name] for name in self.arms])
 
+    def siblings(self, arm: str) -> tuple[str, ...]:
+        """Return the other arms of the same robot: of one URDF and base, with another tip."""
+        return _siblings(self.arms, arm)
+
     def share(self, arm: str) -> float:
         """Return the load share c_i of an arm."""
         return float(self.shares[list(self.arms).index(arm)])
+
+
+def _siblings(arms: Mapping[str, Arm], name: str) -> tuple[str, ...]:
+    arm = arms[name]
+    return tuple(
+        key
+        for key, other in arms.items()
+        if (other.file, other.base) == (arm.file, arm.base) and other.tip != arm.tip
+    )
+
+
+def _require_own_joints(name: str, arm: Arm, other: str, sibling: Arm) -> None:
+    """Raise an error if a joint moves two arms of one robot, or is locked at two angles.
+
+    Raises:
+        FieldError: with the joint, and what to lock.
+    """
+    robot = Robot(load_checked(arm.file))
+    shared = [joint for joint in robot.movers(arm.tip) if joint in robot.movers(sibling.tip)]
+    angles = robot.locked(arm.locked), robot.locked(sibling.locked)
+    moving = [joint for joint in shared if not all(joint in locked for locked in angles)]
+    if moving:
+        raise FieldError(
+            f"moves {name!r} and {other!r}, arms of one robot: arms of a cell are chains of their own"
+            " and share no joint; lock it in both, at the same angle",
+            f"{other}.locked.{moving[0]}",
+        )
+    for joint in shared:
+        first, second = (locked[joint] for locked in angles)
+        if first != second:
+            raise FieldError(
+                f"is {second:g}, but arm {name!r} of the same robot has {first:g}; it is one joint",
+                f"{other}.locked.{joint}",
+            )

@@ -9,8 +9,13 @@ from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar, get_args
 from pydantic import BeforeValidator, Field
 
 from coop_pin.control.gains import Gains, PositiveRow
-from coop_pin.control.interface import ArmController, CellController, DecentralisedController
-from coop_pin.control.law import ControlledArm, DecentralisedLaw, Law, ParametricLaw
+from coop_pin.control.interface import (
+    ArmController,
+    CellController,
+    ControlledArm,
+    DecentralisedController,
+)
+from coop_pin.control.law import DecentralisedLaw, Law, ParametricLaw
 from coop_pin.control.leader_follower import LeaderFollower
 from coop_pin.control.mean_pose import MeanPose
 from coop_pin.control.payload_space import PayloadSpace

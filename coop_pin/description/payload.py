@@ -43,8 +43,8 @@ def _checked(make: Maker) -> Maker:
     @functools.wraps(make)
     def checked(cls: type[Payload], *args: Any, **kwargs: Any) -> Payload:
         positional = signature.bind_partial(cls, *args).arguments
-        given = {name: value for name, value in positional.items() if name in fields}
-        return make(cls, **dict(arguments(**given, **kwargs)))
+        named = {name: value for name, value in positional.items() if name in fields}
+        return make(cls, **dict(arguments(**named, **kwargs)))
 
     return cast(Maker, checked)
 
@@ -123,7 +123,7 @@ class Payload(Description):
 
         Args:
             mass: kg.
-            size: its edges along x, y and z, m.
+            size: edges along x, y and z, m.
         """
         x, y, z = (edge * edge * mass / 12.0 for edge in size)
         return cls(mass=mass, inertia=(y + z, x + z, x + y, 0.0, 0.0, 0.0), size=size)

@@ -47,8 +47,8 @@ class PlantOptions(Description):
             system, slower, for verification), or "auto", which is "proximal" for rigid grasps.
         integrator: "rk4" or "semi-implicit-euler".
         stabilisation: Baumgarte stabilisation of the loop closures.
-        project: when positions and velocities are projected onto the closed chain: at the "start" only, or
-            after every integration "step".
+        project: times at which positions and velocities are projected onto the closed chain: at the "start"
+            only, or after every integration "step".
     """
 
     payload: Literal["welded", "free"] = "welded"

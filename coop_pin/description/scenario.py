@@ -11,7 +11,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.arrays import Array, require_path, require_type
 from coop_pin.control.force_path import SampledWrist
-from coop_pin.control.law import CellTiming
+from coop_pin.control.interface import CellTiming
 from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller
@@ -70,12 +70,12 @@ class Scenario(Description):
         events: changes of the payload and wrenches on it during the run.
         clock: control rate and integration steps.
         plant: formulation and integration of the plant.
-        actuators: what the drives of every arm make of their commands.
+        actuators: actuators of every arm: what its drives make of their commands.
         arm_actuators: actuators of single arms, in place of ``actuators``.
         trust: thresholds beyond which the run is not trustworthy.
-        sensors: of every arm.
+        sensors: sensors of every arm.
         arm_sensors: sensors of single arms, in place of ``sensors``.
-        seed: of the random sources; every source draws from a generator of its own, see simulation/noise.py.
+        seed: seed of the random sources; every source draws from a generator of its own.
     """
 
     name: Name
@@ -143,6 +143,13 @@ class Scenario(Description):
         return self.arm_actuators.get(arm, self.actuators)
 
     @model_validator(mode="after")
+    def _plant_fits_the_grasps(self) -> Self:
+        if self.cell.compliant and self.plant.integrator != "rk4":
+            detail = f"is {self.plant.integrator!r}; compliant grasps need 'rk4', whose stable step is known"
+            raise FieldError(detail, "plant.integrator")
+        return self
+
+    @model_validator(mode="after")
     def _force_path_fits_the_run(self) -> Self:
         path = self.controller.force_path
         if path.measures and (late := late_delay(path.delay, self.clock, self.duration)):
@@ -207,8 +214,8 @@ class Scenario(Description):
             *changed[:_MOST_CHANGES],
             *[f"{len(changed) - _MOST_CHANGES} more"][: len(changed) > _MOST_CHANGES],
         )
-        own = self.summary.removeprefix(base.summary).removeprefix("; ")
-        return "; ".join((*[own][: bool(own)], f"changed: {'; '.join(texts)}"))
+        addition = self.summary.removeprefix(base.summary).removeprefix("; ")
+        return "; ".join((*[addition][: bool(addition)], f"changed: {'; '.join(texts)}"))
 
     def changes(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
         """Yield what makes the run another one than that of a base."""
@@ -256,7 +263,7 @@ class Scenario(Description):
         force path.
 
         Args:
-            fields: of the scenario; tables, as in a TOML file, or values.
+            fields: fields of the scenario; tables, as in a TOML file, or values.
 
         Raises:
             ScenarioError: another field has mistakes.
@@ -286,6 +293,7 @@ class Scenario(Description):
             commented: leave out fields at their defaults, and write the meaning of each table and field
                 beside it.
         """
+        require_type("commented", commented, bool)
         return commented_toml(self) if commented else resolved_toml(self)
 
     def save(self, path: str | Path, *, commented: bool = False) -> None:

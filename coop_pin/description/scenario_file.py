@@ -95,7 +95,8 @@ def _comments(value: Any, path: str, meaning: str, annotation: Any) -> Iterator[
         if path:
             yield path, " ".join(_of_table(value, meaning, annotation))
         if isinstance(value, Pose):
-            yield from ((f"{path}.{name}", text) for name, text in POSE_MEANINGS.items())
+            texts = meanings(type(value)) | POSE_MEANINGS
+            yield from ((f"{path}.{name}", _brief(text)) for name, text in texts.items())
             return
         texts = meanings(type(value))
         for name, field in type(value).model_fields.items():

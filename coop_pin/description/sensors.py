@@ -32,9 +32,9 @@ class Encoder(Description):
     Every field is one value for all drives or one for each. The arm's kinematics take in what they read.
 
     Attributes:
-        resolution: of a count, rad; 0 is continuous.
+        resolution: angle of a count, rad; 0 is continuous.
         noise: standard deviation at each tick, rad, Gaussian and white.
-        offset: of the zero, rad.
+        offset: offset of the zero, rad.
     """
 
     resolution: Magnitude = 0.0
@@ -54,7 +54,7 @@ class DifferencedVelocity(Description):
     ``p = exp(-2 pi cutoff_hz T)``, at rest at the first tick.
 
     Attributes:
-        cutoff_hz: of the filter, Hz.
+        cutoff_hz: cutoff frequency of the filter, Hz.
     """
 
     kind: Literal["difference"] = "difference"
@@ -113,8 +113,8 @@ class WristSensor(WithLaterFields):
         offset: constant.
         drift: growth of the offset, N/s and N m/s.
         delay: ticks from a sample until the controller has it.
-        rate_hz: of the samples, Hz: the control rate, which is the default, divided by a whole number. The
-            last sample is held in between.
+        rate_hz: rate of the samples, Hz: the control rate, which is the default, divided by a whole number.
+            The last sample is held in between.
         lost: intervals of time without samples, [start, end), s.
         stuck_at: time from which every sample repeats the one before, s; it arrives as a new one.
     """
@@ -159,8 +159,8 @@ class Sensors(Description):
     """What an arm measures with. Everything is ideal by default, and there is no wrist sensor.
 
     Attributes:
-        encoder: of the drives.
-        velocity: where the velocities of the drives come from.
+        encoder: encoders of the drives.
+        velocity: source of the velocities of the drives.
         wrist: sensor of the arm's own interaction wrench; none when omitted.
         holding_torque_error: relative error of the holding torques that the drives report, one value for all
             drives or one for each.

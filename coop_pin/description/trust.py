@@ -21,12 +21,13 @@ class TrustThresholds(WithLaterFields):
         closure_error: largest distance and angle between a tip and its grasp, m and rad.
         energy_share: largest energy error as a share of the gross work.
         energy_floor: energy error that is accepted without any work, J.
-        joint_slack: how far a joint may go beyond its position limits, rad or m; the plant has no stops.
-        torque_cut: how long a drive torque may stay at its limit without a break, s.
+        joint_slack: distance that a joint may go beyond its position limits, rad or m; the plant has no
+            stops.
+        torque_cut: time that a drive torque may stay at its limit without a break, s.
         jacobian_condition: largest condition number of an arm's payload Jacobian; the catalogue's reach 12,
             and at 100 the torques of an arm that passes a singular pose are many times their usual size.
-        joint_drift: how far a joint may drift in the last second of a run whose payload and reference rest,
-            rad or m: spare joints of redundant arms that nothing holds.
+        joint_drift: distance that a joint may drift in the last second of a run whose payload and reference
+            rest, rad or m: spare joints of redundant arms that nothing holds.
     """
 
     later_fields: ClassVar[tuple[str, ...]] = ("joint_drift",)

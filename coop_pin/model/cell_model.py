@@ -1,4 +1,4 @@
-"""Pinocchio tree of a cell: its arms, and the payload welded to the first tip or on a free-flyer joint."""
+"""Pinocchio tree of a cell: its arms, and the payload welded to a tip or on a free-flyer joint."""
 
 from __future__ import annotations
 
@@ -64,8 +64,8 @@ class CellModel:
     Attributes:
         model: the Pinocchio model.
         arms: position of each arm in the tree.
-        closed_by_tree: names of the arms whose grasp is a weld in the tree (the first, if the payload is
-            welded).
+        closed_by_tree: names of the arms whose grasp is a weld in the tree (the first one with a rigid grasp,
+            if the payload is welded).
         payload_frame: index of frame P.
         payload_joint: index of the joint that carries the payload.
         payload_inertia: inertia of the payload in its own frame.
@@ -77,12 +77,12 @@ class CellModel:
 
         Args:
             cell: the description.
-            payload: "welded" to the first arm's tip: m - 1 grasps need closures; or "free", on a free-flyer
-                joint: all m grasps need closures.
+            payload: "welded" to the tip of the first arm with a rigid grasp, or "free", on a free-flyer
+                joint, as it always is if no grasp is rigid. The other rigid grasps need closures.
         """
         self.model = model = _arms_tree(cell)
-        first = next(iter(cell.arms))
-        if payload == "free":
+        first = next((name for name in cell.arms if name not in cell.compliant), None)
+        if payload == "free" or first is None:
             self.closed_by_tree: tuple[str, ...] = ()
             self._X_JP = pin.SE3.Identity()
             joint = model.addJoint(0, pin.JointModelFreeFlyer(), self._X_JP, "payload")

@@ -15,7 +15,7 @@ from coop_pin.arrays import Array
 from coop_pin.errors import (
     AmbiguousTurnError,
     FileReadError,
-    NotIncreasingError,
+    OutOfRangeError,
     suggestion,
 )
 from coop_pin.reference.pose_reference import PoseReference, PoseTarget
@@ -56,8 +56,8 @@ class CsvMotion(PoseReference):
         positions = np.stack([column[name] for name in _POSITION[1:]], axis=1)
         try:
             return PoseSpline.through(column["time"], positions, quaternions)
-        except (NotIncreasingError, AmbiguousTurnError) as error:
-            raise FileReadError(str(error), self.path, lines[error.index]) from error
+        except (OutOfRangeError, AmbiguousTurnError) as error:
+            raise FileReadError(str(error), self.path, lines[error.index[0]]) from error
 
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s.

@@ -42,7 +42,7 @@ class FunctionMotion(PoseReference):
 
         Raises:
             NameNotFoundError: a module or function does not exist.
-            ShapeError, OutOfRangeError, NotAPoseError: a function returned something else; it is named.
+            ShapeError, OutOfRangeError: a function returned something else; it is named.
         """
         pose = self._function(self.target, lambda name, value: as_pose(name, value))
         if self.twist is None:

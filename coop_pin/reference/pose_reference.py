@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, as_array, as_pose, frozen
-from coop_pin.errors import InconsistentReferenceError
+from coop_pin.errors import OutOfRangeError
 from coop_pin.schema.base import Description
 
 
@@ -130,8 +130,8 @@ def check_consistency(
         The largest gaps, if all are accepted.
 
     Raises:
-        ShapeError, OutOfRangeError, NotAPoseError: a target is not what PoseTarget says.
-        InconsistentReferenceError: a gap is too large; it names the part, the time and the gap.
+        ShapeError, OutOfRangeError: a target is not what PoseTarget says.
+        OutOfRangeError: a gap is too large; it names the part and the time.
     """
     instants = as_array("times", times, "n").tolist()
     targets = [reference.at(time) for time in instants]
@@ -161,7 +161,7 @@ def _largest_gap(
         )
         if norms.max(initial=0.0) > limit:
             worst = int(norms.argmax())
-            raise InconsistentReferenceError(
-                f"{part} part of {name}", times[worst], float(norms[worst]), limit
-            )
+            gap = f"difference of the {part} part of {name} from central differences at {times[worst]:.6g} s"
+            advice = "check its axes (world), order (linear first) and signs, or leave it out"
+            raise OutOfRangeError(f"the {gap}", float(norms[worst]), f"at most {limit:.3g}: {advice}")
     return float(np.abs(gaps).max(initial=0.0))

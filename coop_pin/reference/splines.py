@@ -15,7 +15,7 @@ from coop_pin.errors import (
     AmbiguousTurnError,
     ArgumentError,
     FieldError,
-    NotIncreasingError,
+    OutOfRangeError,
 )
 from coop_pin.reference.pose_reference import PoseReference, PoseTarget, make_target
 from coop_pin.schema.pose import Pose
@@ -61,13 +61,14 @@ class PoseSpline(NamedTuple):
             quaternions: (x, y, z, w), either sign, any length but zero, shape (n, 4).
 
         Raises:
-            NotIncreasingError: the times do not increase strictly.
+            OutOfRangeError: the times do not increase strictly; ``index`` is that of the first such time.
             AmbiguousTurnError: neighbouring orientations are too far apart.
         """
         backward = np.flatnonzero(~(np.diff(times) >= _SHORTEST))
         if backward.size:
             index = int(backward[0]) + 1
-            raise NotIncreasingError("times", index, float(times[index]), float(times[index - 1]))
+            allowed = f"a nanosecond after {times[index - 1]:.6g}: times increase strictly; sort them"
+            raise OutOfRangeError("times", float(times[index]), allowed, (index,))
         unit = _same_sign(quaternions)
         coefficients = _quintic_coefficients(times, np.hstack((positions, unit)))
         _check_length(times, coefficients, unit)
@@ -191,10 +192,10 @@ class WaypointsMotion(PoseReference):
             raise FieldError(f"has {len(self.points)} entries; a path needs at least 2", "points")
         try:
             _ = self._spline
-        except NotIncreasingError as error:
-            raise FieldError(f"does not increase: {error}", f"points.{error.index}.time") from None
+        except OutOfRangeError as error:
+            raise FieldError(f"does not increase: {error}", f"points.{error.index[0]}.time") from None
         except AmbiguousTurnError as error:
-            raise FieldError(f"is ambiguous: {error}", f"points.{error.index}.rpy") from None
+            raise FieldError(f"is ambiguous: {error}", f"points.{error.index[0]}.rpy") from None
         return self
 
     @cached_property

@@ -1,6 +1,7 @@
 """Recorded runs: labelled arrays with their metrics, as files that are written atomically."""
 
-from coop_pin.results.metrics import InternalForceMetrics, LimitViolation
+from coop_pin.results.limits import LimitViolation
+from coop_pin.results.metrics import InternalForceMetrics
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Observer, Snapshot, ThrottledObserver
 from coop_pin.results.trust import Breach

@@ -1,4 +1,4 @@
-"""Metrics of a run: settling time, tracking error, internal force, energy balance, limit violations.
+"""Metrics of a run: settling time, tracking error, internal force, energy balance.
 
 Functions of a run's arrays by name, such as its dataset; those that average state their window. The arrays
 may have axes before that of time, such as the runs of a batch with the same times; so have the metrics then.
@@ -7,14 +7,14 @@ may have axes before that of time, such as the runs of a batch with the same tim
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from coop_pin.arrays import Array, Mask, mean, rms
 from coop_pin.description.payload import Payload
-from coop_pin.results.quantities import WORK, Arrays
+from coop_pin.results.quantities import Arrays, energies
 from coop_pin.results.window import SETTLING_S, Window, Windows, samples_of
 from coop_pin.spatial import internal_wrenches
 from coop_pin.spatial.internal_wrench import (
@@ -28,6 +28,8 @@ from coop_pin.spatial.internal_wrench import (
 
 POSITION_BAND_M = 5e-3
 ORIENTATION_BAND_RAD = 5e-3
+_ROUNDING = 1e-9
+"""Rounding of times, s."""
 DRIFT_S, REST = 1.0, 1e-3
 """Time over which joints drift, s, and speed at which the payload rests in any case, m/s and rad/s."""
 NO_STEADY_METRICS = f"the run ends, or an event occurs, before {SETTLING_S:g} s"
@@ -65,9 +67,6 @@ METRIC_TEXTS |= {
     for name, (text, unit, scale) in METRIC_TEXTS.items()
     if name in STEADY_METRICS
 }
-
-_SLACK = 1e-9
-"""Differences below it beyond a limit are rounding."""
 
 
 def all_metrics(data: Arrays, windows: Windows, *, turns: bool) -> dict[str, Any]:
@@ -178,8 +177,8 @@ def internal_force(data: Arrays, window: Window) -> InternalForceMetrics:
     inside, parts = samples_of(data, window), ("axial", "axial_error", "shear_error", "moment_error")
     taken = [np.compress(inside, np.asarray(data[f"internal_{part}"]), axis=-2) for part in parts]
     axial, *errors = (values.reshape(*values.shape[:-2], -1) for values in taken)
-    found: list[Any] = [mean(axial), *map(rms, errors)]
-    return InternalForceMetrics(*found)
+    values: list[Any] = [mean(axial), *map(rms, errors)]
+    return InternalForceMetrics(*values)
 
 
 # ------------------------------------------------------------ energy
@@ -187,8 +186,8 @@ def internal_force(data: Arrays, window: Window) -> InternalForceMetrics:
 
 def energy_balance(data: Arrays) -> Array:
     """Return energy minus its start minus all work done, J, shape (..., n): zero for an exact integration."""
-    energy = np.asarray(data["kinetic_energy"]) + np.asarray(data["potential_energy"])
-    return np.asarray(energy - energy[..., :1] - sum(np.asarray(data[name]) for name in WORK))
+    energy, works = energies(data)
+    return np.asarray(energy - energy[..., :1] - sum(works))
 
 
 def closure_error_max(data: Arrays) -> tuple[Array, Array]:
@@ -210,76 +209,16 @@ def joint_drift(data: Arrays, windows: Windows) -> Array:
     """
     time, speeds = np.asarray(data["time"]), np.asarray(data["joint_velocity"])
     settled = windows.after_event if windows.has_events else windows.steady
-    late, last = (time >= time[-1] - span - _SLACK for span in (SETTLING_S, DRIFT_S))
-    wanted, twist = (np.asarray(data[name]) for name in ("desired_twist", "payload_twist"))
-    rests = ~np.compress(late, wanted, axis=-2).any(axis=(-2, -1)) & (settled.start <= time[-1] - DRIFT_S)
+    late, last = (time >= time[-1] - span - _ROUNDING for span in (SETTLING_S, DRIFT_S))
+    desired, twist = (np.asarray(data[name]) for name in ("desired_twist", "payload_twist"))
+    rests = ~np.compress(late, desired, axis=-2).any(axis=(-2, -1)) & (settled.start <= time[-1] - DRIFT_S)
     drift = DRIFT_S * np.abs(np.compress(last, speeds, axis=-3).mean(axis=-3))
     moved = np.abs(np.compress(last, twist, axis=-2).mean(axis=-2)).max(axis=-1)
     rests &= moved <= REST + np.fmax.reduce(drift, axis=(-2, -1)) / 10.0
     return np.where(rests[..., None, None], drift, np.nan)
 
 
-# ------------------------------------------------------------ limits
-
-
-class LimitViolation(NamedTuple):
-    """A limit that a run exceeded.
-
-    Attributes:
-        arm: the arm.
-        joint: the joint; for a torque the drive of that number.
-        kind: "position", "velocity" or "torque" (asked of the drive by controller and gravity compensation;
-            what is applied never exceeds the limit).
-        worst: the value furthest beyond, rad or m, rad/s or m/s, N m.
-        limit: the limit that was exceeded.
-        first_time: time at which it was exceeded first, s.
-    """
-
-    arm: str
-    joint: str
-    kind: Literal["position", "velocity", "torque"]
-    worst: float
-    limit: float
-    first_time: float
-
-    def __str__(self) -> str:
-        """Return it as text."""
-        worst = f"{self.worst:.4g} (limit {self.limit:.4g})"
-        return f"{self.kind} of {self.arm} {self.joint}, {worst}, first at t = {self.first_time:.4g} s"
-
-
-def limit_violations(data: Arrays) -> tuple[LimitViolation, ...]:
-    """Return the limits that were exceeded, by arm, joint and kind; the plant stops no joint at its limit."""
-    found = []
-    for a, arm in enumerate(np.asarray(data["arm"])):
-        for j, joint in enumerate(np.asarray(data["joint_name"])[a]):
-            if not joint:
-                continue
-            for kind, values, lower, upper in _limited(data, a, j):
-                over = np.maximum(values - upper, lower - values)  # NaN, so never exceeded, without a limit
-                beyond = np.flatnonzero(over > _SLACK)
-                if beyond.size:
-                    worst = float(values[beyond[np.argmax(over[beyond])]])
-                    limit = upper if worst > upper else lower
-                    first = float(np.asarray(data["time"])[beyond[0]])
-                    found.append(LimitViolation(str(arm), str(joint), kind, worst, limit, first))
-    return tuple(found)
-
-
-def _limited(
-    data: Arrays, a: int, j: int
-) -> list[tuple[Literal["position", "velocity", "torque"], Array, float, float]]:
-    """Return kind, values over time, lower and upper limit of one joint."""
-    lower, upper, speed, torque = (
-        float(np.asarray(data[name])[a, j])
-        for name in ("position_lower", "position_upper", "velocity_limit", "torque_limit")
-    )
-    asked = "requested_torque" if "requested_torque" in data else "commanded_torque"
-    return [
-        ("position", np.asarray(data["joint_position"])[:, a, j], lower, upper),
-        ("velocity", np.asarray(data["joint_velocity"])[:, a, j], -speed, speed),
-        ("torque", np.asarray(data[asked])[:, a, j], -torque, torque),
-    ]
+# ------------------------------------------------------------ texts and definitions
 
 
 def metric_text(value: float) -> str:
@@ -305,7 +244,7 @@ def internal_wrench_definitions(data: xr.Dataset, load_shares: Array, payload: P
     is_determined = data["wrench_is_determined"].values
     F, r = determinate_grasp(data["interaction_wrench"].values, r)
     inertia = float(np.trace(payload.inertia_matrix)) / 3.0
-    found = {
+    definitions = {
         "load_shares": internal_wrenches(F, load_shares),
         "minimum_norm": minimum_norm_internal_wrenches(F, r),
         "nonsqueezing": nonsqueezing_internal_wrenches(F, r),
@@ -315,7 +254,7 @@ def internal_wrench_definitions(data: xr.Dataset, load_shares: Array, payload: P
         ),
     }
     if F.shape[1] == 2:
-        found["symmetric"] = symmetric_internal_wrenches(F)
+        definitions["symmetric"] = symmetric_internal_wrenches(F)
     dims = data["interaction_wrench"].dims
-    labelled = {name: (dims, np.where(is_determined, value, np.nan)) for name, value in found.items()}
+    labelled = {name: (dims, np.where(is_determined, value, np.nan)) for name, value in definitions.items()}
     return xr.Dataset(labelled, {dim: data[dim] for dim in dims}, {"units": "N, N m"})

@@ -191,6 +191,13 @@ QUANTITIES = (
     Quantity("work_friction", "", "J", "done by joint friction since the start"),
     Quantity("work_external", "", "J", "done by external wrenches since the start"),
     Quantity("work_payload_change", "", "J", "energy added by changes of payload and gravity"),
+    Quantity("grasp_deflection", "arm axis", "m, rad", "of each compliant grasp: the tip in grasp axes",
+             group="grasps"),
+    Quantity("grasp_wrench", "arm axis", "N, N m", "of each compliant grasp on the arm, about the tip in"
+             " grasp axes", group="grasps"),
+    Quantity("elastic_energy", "", "J", "in the compliant grasps", group="grasps"),
+    Quantity("work_grasps", "", "J", "done by the dampers of compliant grasps since the start",
+             group="grasps"),
     Quantity("requested_torque", "arm joint", "N m", "drive torques before their limits: the commands that"
              " arrived, and gravity compensation",
              read=lambda _, applied: applied.requested, group="compensation"),
@@ -219,6 +226,16 @@ QUANTITIES = (
 
 WORK = ("work_actuation", "work_friction", "work_external", "work_payload_change")
 """Work done since the start: by the three forces besides gravity; last by changes of payload and gravity."""
+WORK_OF_GRASPS = ("work_grasps",)
+"""Work after that of WORK, in cells with compliant grasps."""
+
+
+def energies(data: Arrays) -> tuple[Array, list[Array]]:
+    """Return the energy of a cell, J, and all work done on it, J, that its run records."""
+    energy = np.asarray(data["kinetic_energy"]) + np.asarray(data["potential_energy"])
+    works = [np.asarray(data[name]) for name in (*WORK, *WORK_OF_GRASPS) if name in data]
+    return energy + np.asarray(data["elastic_energy"]) if "elastic_energy" in data else energy, works
+
 
 _FIXED_SIZES = {"axis": 6, "position": 3, "quaternion": 4, "row": 4, "column": 4}
 
@@ -226,10 +243,12 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     "compensation": lambda scenario: any(
         scenario.actuators_of(arm).gravity_compensation is not None for arm in scenario.cell.arms
     ),
+    "grasps": lambda scenario: bool(scenario.cell.compliant),
     "encoder": lambda scenario: not all(s.joints_are_ideal for s in _sensors(scenario)),
     "kinematics": lambda scenario: (
         not all(s.joints_are_ideal for s in _sensors(scenario))
         or any(arm.calibration_error != Miscalibration() for arm in scenario.cell.arms.values())
+        or bool(scenario.cell.compliant)  # each arm sees its own tip
     ),
     "wrist": lambda scenario: any(s.wrist is not None for s in _sensors(scenario)),
     "force path": lambda scenario: (

@@ -15,12 +15,12 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
 from coop_pin.results.dataset import labelled, with_names
+from coop_pin.results.limits import LimitViolation, limit_violations
 from coop_pin.results.metrics import (
     DRIFT_S,
     NO_STEADY_METRICS,
     STEADY_METRICS,
     InternalForceMetrics,
-    LimitViolation,
     metric_text,
 )
 from coop_pin.results.netcdf import read_dataset, to_netcdf
@@ -101,16 +101,16 @@ class RunResult:
         names = [[name for name in row if name] for row in arrays["joint_name"].tolist()]
         joints = list(zip(map(str, arrays["arm"]), names, strict=True))
         limits = arrays["position_lower"], arrays["position_upper"]
-        found = TrustMonitor(self.scenario.trust, joints, *limits).breaches(arrays)
+        breaches = TrustMonitor(self.scenario.trust, joints, *limits).breaches(arrays)
         allowed, drift = self.scenario.trust.joint_drift, metrics.joint_drift(self.arrays, self.windows)
-        found += tuple(
+        breaches += tuple(
             Breach("joint drift", joints[a][0], joints[a][1][j], self.end - DRIFT_S, drift[a, j], allowed)
             for a, j in np.argwhere(drift > allowed).tolist()
         )
-        found = in_time(found)
+        breaches = in_time(breaches)
         if self.ENDED_BY in getattr(self._data, "attrs", ()):
-            found += (Breach("error", "", "", self.end, self.end, self.scenario.duration),)
-        return found
+            breaches += (Breach("error", "", "", self.end, self.end, self.scenario.duration),)
+        return breaches
 
     @property
     def trustworthy(self) -> bool:
@@ -173,7 +173,7 @@ class RunResult:
 
     def limit_violations(self) -> tuple[LimitViolation, ...]:
         """Return every joint or drive limit that was exceeded, with the worst value and the first time."""
-        return metrics.limit_violations(self.arrays)
+        return limit_violations(self.arrays)
 
     def metrics(self) -> dict[str, float]:
         """Return all metrics by name; the names carry the units, ``window_of`` gives their windows.
@@ -182,8 +182,8 @@ class RunResult:
         ``after_event_window_start_s`` and ``after_event_window_end_s`` that of the same metrics after the
         last event; a run that does not reach a window has NaN there.
         """
-        found = metrics.all_metrics(self.arrays, self.windows, turns=self.scenario.cell.controls_turns)
-        return {"trustworthy": float(self.trustworthy)} | {name: float(each) for name, each in found.items()}
+        values = metrics.all_metrics(self.arrays, self.windows, turns=self.scenario.cell.controls_turns)
+        return {"trustworthy": float(self.trustworthy)} | {name: float(each) for name, each in values.items()}
 
     def summary(self) -> str:
         """Return the verdict, every metric with its window, and the limits exceeded, one to a line."""
@@ -219,10 +219,10 @@ class RunResult:
         turn = f" and {np.linalg.norm(last[3:]):.3g} rad" if self.scenario.cell.controls_turns else ""
         return f"did not settle: errors of {np.linalg.norm(last[:3]):.3g} m{turn} at the end; {advice}"
 
-    def _steady_metrics(self, given: tuple[float, float] | None) -> dict[str, float]:
-        window = self.windows.steady if given is None else checked_window(given, self.end)
-        found = metrics.steady_metrics(self.arrays, window)
-        return {name: float(value) for name, value in found.items()}
+    def _steady_metrics(self, interval: tuple[float, float] | None) -> dict[str, float]:
+        window = self.windows.steady if interval is None else checked_window(interval, self.end)
+        values = metrics.steady_metrics(self.arrays, window)
+        return {name: float(value) for name, value in values.items()}
 
     # ------------------------------------------------------------ files
 

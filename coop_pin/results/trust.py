@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.description.trust import TrustThresholds
-from coop_pin.results.quantities import WORK
+from coop_pin.results.quantities import energies
 
 Cause = Literal[
     "joint limit", "jacobian condition", "torque cut", "closure error", "energy", "joint drift", "error"
@@ -126,8 +126,8 @@ class TrustMonitor:
     def _found(self, series: _Series, samples: Mapping[str, NDArray[Any]]) -> Iterator[Breach]:
         """Yield the breaches of a series of one run."""
         for column in np.argwhere(series.beyond.any(axis=0)).tolist():
-            place: Any = (slice(None), *column)
-            beyond, values, allowed, excess = (part[place] for part in series[1:])
+            entry: Any = (slice(None), *column)
+            beyond, values, allowed, excess = (part[entry] for part in series[1:])
             first, worst = int(np.argmax(beyond)), int(np.argmax(np.where(beyond, excess, -np.inf)))
             time = samples["time"][first] - (values[first] if series.cause == "torque cut" else 0.0)
             arm, joints = self._joints[column[0]] if column else ("", ())
@@ -166,8 +166,9 @@ class TrustMonitor:
         return np.moveaxis(lengths, 0, -3)
 
     def _energy(self, samples: Mapping[str, NDArray[Any]]) -> _Series:
-        works = np.stack([samples[name] for name in (*WORK, "potential_energy")], axis=-1)
-        energy = samples["kinetic_energy"] + samples["potential_energy"] - works[..., :-1].sum(axis=-1)
+        energy, done = energies(samples)
+        works = np.stack([*done, samples["potential_energy"]], axis=-1)
+        energy = energy - works[..., :-1].sum(axis=-1)
         if self._last is None:
             self._last, self._start_energy = works[..., :1, :], energy[..., :1]
         steps = np.abs(np.diff(works, axis=-2, prepend=self._last)).sum(axis=-1)

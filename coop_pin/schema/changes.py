@@ -25,8 +25,8 @@ def differences(new: Any, base: Any, path: tuple[str, ...] = ()) -> Iterator[str
     if new == base:
         return
     if isinstance(new, BaseModel) and type(new) is type(base):
-        own = getattr(new, "changes", None)
-        yield from own(base, path) if own else _fields(dict(new), dict(base), path)
+        changes = getattr(new, "changes", None)
+        yield from changes(base, path) if changes else _fields(dict(new), dict(base), path)
     elif isinstance(new, dict) and isinstance(base, dict):
         yield from _fields(new, base, path)
     else:

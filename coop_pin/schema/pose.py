@@ -82,7 +82,7 @@ class Pose(Description):
         """Return the value of a 4x4 pose matrix.
 
         Raises:
-            ShapeError, OutOfRangeError, NotAPoseError: it is not a pose matrix.
+            ShapeError, OutOfRangeError: it is not a pose matrix.
         """
         X = as_pose("X_AB", X_AB)
         return cls(xyz=X[:3, 3], rpy=rpy_from_rotation(X[:3, :3]))

@@ -16,7 +16,6 @@ from coop_pin.model.joint_limits import JointLimits
 from coop_pin.simulation.drives import SAME, Applied, DriveState, cell_drives
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.signals import MissedTicks
-from coop_pin.spatial import weight_wrench
 
 TORQUE_LIMIT = 1e7
 """A larger command counts as diverged, N m."""
@@ -36,7 +35,7 @@ class Actuation:
 
         Args:
             scenario: Actuators and seed.
-            plant: Its configuration.
+            plant: Plant, whose configuration is read.
             limits: Limits of each arm, in the order of the arms.
 
         Raises:
@@ -45,7 +44,7 @@ class Actuation:
         self._slots, self._start, cell = plant.chain.model.arms, 0.0, scenario.cell
         self._names = [slot.name for slot in self._slots]
         self._models = [CellArm(cell, name) for name in self._names]
-        self._loads = cell.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity)
+        self._loads = plant.chain.loads(plant.q)
         lost = [scenario.actuators_of(name).lost_at for name in self._names]
         self.lost_at = [np.inf if time is None else time for time in lost]
         self._has_losses = min(self.lost_at) < np.inf
@@ -62,8 +61,8 @@ class Actuation:
     def holding_commands(self, q: Array) -> list[Array]:
         """Return the commands that hold the cell at rest, N m, shape (k,) each, read-only.
 
-        Each arm holds its own weight, unless the robot itself does, and its load share of the payload's,
-        without internal wrench.
+        Each arm holds its own weight, unless the robot itself does, and its load share of the payload's (what
+        its grasp bears at the start, if that is compliant), without internal wrench.
 
         Args:
             q: Configuration of the cell at rest.
@@ -129,7 +128,7 @@ class Actuation:
         return [float(lost > time + SAME * self.drives.period) for lost in self.lost_at]
 
     def _holding_torque(self, index: int, q: Array) -> Array:
-        """Return T^-T (g(q) - J^T F) with F = c [m_0 g, 0], the arm's share of the load about P, (k,)."""
+        """Return T^-T (g(q) - J^T F) with F the arm's part of the load about P, as CellChain.loads, (k,)."""
         slot, model = self._slots[index], self._models[index]
         rest = np.zeros(model.nv)
         tau = model.inverse_dynamics(q[slot.q_slice], rest, rest, self._loads[index])

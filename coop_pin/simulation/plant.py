@@ -1,4 +1,4 @@
-"""Plant between two ticks: held torques, friction, and what acts on the payload of the closed chain.
+"""Plant between two ticks: held torques, friction, compliant grasps, and what acts on the payload.
 
 For speed, plant and chain hold state that changes in place: ``Plant.advance`` replaces q and v and adds to
 work, ``hold`` replaces the actuators' force and ``surround`` the surroundings, and each call of the dynamics
@@ -18,7 +18,7 @@ from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.integrators import INTEGRATORS, configuration_space
 from coop_pin.description.events import Surroundings
 from coop_pin.description.plant import PlantOptions
-from coop_pin.results.quantities import WORK
+from coop_pin.results.quantities import WORK, WORK_OF_GRASPS
 from coop_pin.simulation.transmission import Transmission
 
 _ALL = np.ones(len(WORK) - 1)
@@ -35,7 +35,7 @@ class Plant:
         q: configuration, shape (nq,).
         v: velocity, shape (nv,).
         surroundings: payload, and what acts on it from outside.
-        work: done so far, in the order of WORK, J, shape (4,).
+        work: done so far, in the order of WORK and, in cells with compliant grasps, WORK_OF_GRASPS, J.
     """
 
     engine = "pinocchio"
@@ -50,7 +50,10 @@ class Plant:
         """
         model = chain.mechanism.model
         self.chain, self.transmission = chain, Transmission(chain.cell, chain.model.arms, model.nv)
-        self.q, self.v, self.work = q, np.zeros(model.nv), np.zeros(len(WORK))
+        works = (*WORK, *WORK_OF_GRASPS) if chain.springs.arms else WORK
+        self.q, self.v, self.work = q, np.zeros(model.nv), np.zeros(len(works))
+        if chain.springs.arms:
+            chain.springs.damp(q)
         self._forces = np.zeros((len(_ALL), model.nv))
         self._integrator = INTEGRATORS[options.integrator](configuration_space(model))
         self._project = options.project == "step"
@@ -73,7 +76,9 @@ class Plant:
         self.surroundings, self._pushed = surroundings, bool(surroundings.push.any())
         self.chain.surround(surroundings)
         self._forces[2] = 0.0
-        self.work = self.work + np.array([0.0, 0.0, 0.0, energy(self.q, self.v).total - before])
+        added = np.zeros(len(self.work))
+        added[len(WORK) - 1] = energy(self.q, self.v).total - before
+        self.work = self.work + added
 
     def payload_wrench(self, q: Array, v: Array) -> Array:
         """Return the whole wrench on the payload besides gravity about P in world axes, shape (6,).
@@ -138,9 +143,14 @@ class Plant:
             self.v = self.chain.mechanism.project_velocity(self.q, self.v)
 
     def _rate(self, _t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return the acceleration, shape (nv,), and the power of each force, shape (3,)."""
+        """Return the acceleration, shape (nv,), and powers in the order of ``work``, the first of them."""
         forces = self._apply(q, v)
-        return self._solve(q, v, _ALL.dot(forces)), forces.dot(v)
+        if not self.chain.springs.arms:
+            return self._solve(q, v, _ALL.dot(forces)), forces.dot(v)
+        grasps = self.chain.springs.at(q, v)
+        return self._solve(q, v, _ALL.dot(forces) + grasps.force), np.append(
+            forces.dot(v), (0.0, grasps.power)
+        )
 
     def _apply(self, q: Array, v: Array) -> Array:
         """Return the generalised force of drives, friction and push, shape (3, nv)."""

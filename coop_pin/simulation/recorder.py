@@ -7,17 +7,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from coop_pin.arrays import Array, frozen, require_memory
+from coop_pin.arrays import Array, frozen
 from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.control.interface import ArmMeasurement
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError
+from coop_pin.memory import require_memory
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.results.dataset import dataset
 from coop_pin.results.quantities import (
     WORK,
+    WORK_OF_GRASPS,
     Quantity,
     Samples,
     allocate,
@@ -63,8 +65,9 @@ class Recorder:
             count * (bytes_per_sample(self._table, sizes) + 8 * (rows + 1) * model.nv),
             "raise clock.record_every, or lower duration or clock.rate_hz",
         )
-        self._samples, self._work = allocate(self._table, count, sizes), np.full((count, len(WORK)), np.nan)
-        self._samples |= zip(WORK, self._work.T, strict=True)
+        self._samples = allocate(self._table, count, sizes)
+        self._work = np.full((count, len(plant.work)), np.nan)
+        self._samples |= zip((*WORK, *WORK_OF_GRASPS)[: len(plant.work)], self._work.T, strict=True)
         self._read = [(each.read, *self._columns(each)) for each in self._table if each.read]
         self._jacobians = [np.zeros((count, rows, len(arm.drive))) for arm in arms]
         self._turned = {
@@ -132,7 +135,8 @@ class Recorder:
         with np.errstate(over="ignore", invalid="ignore"):
             observation = self._plant.observe(*state)
         for name, values in observation._asdict().items():
-            samples[name][new] = values
+            if values is not None:
+                samples[name][new] = values
         self._observed = self.count = new.stop
 
     def _columns(self, quantity: Quantity) -> tuple[list[Array], list[int] | None]:

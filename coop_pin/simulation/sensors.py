@@ -134,7 +134,7 @@ class CellSensors(NamedTuple):
         """Return the state before the first tick.
 
         Args:
-            truth: What is sensed at the first tick.
+            truth: Quantities that are sensed at the first tick.
             view: Kinematics of the arms.
             references: References of the first tick, for f_m[0] = f_d as the arms see the payload.
         """

@@ -46,7 +46,7 @@ def _start(chain: CellChain, scenario: Scenario) -> Array:
     q = chain.posed_configuration(scenario.start_angles, X_WP)
     if not scenario.project_start:
         chain.require_held(q, X_WP, _OPEN_START)
-    return chain.mechanism.project_configuration(q)
+    return chain.settled(q)
 
 
 class Simulation:

@@ -43,6 +43,14 @@ def where(condition: bool, a: Value, b: Value) -> Value:
     return np.where(condition, a, b)
 
 
+def known(condition: bool) -> bool:
+    """Return whether a condition is known to hold: of a traced one nobody knows.
+
+    For a short cut to the same result, which traced code does not take.
+    """
+    return isinstance(condition, bool | np.bool_) and bool(condition)
+
+
 def require_less(value: float, limit: float, error: Callable[[float], Exception]) -> None:
     """Raise an error for a value that is not less than a limit, NaN included; traced code notes it."""
     if not isinstance(value, float):

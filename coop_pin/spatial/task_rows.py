@@ -10,7 +10,7 @@ import numpy as np
 from coop_pin.arrays import Array, require_type
 from coop_pin.errors import NameNotFoundError
 from coop_pin.spatial.generic_numbers import atan2
-from coop_pin.spatial.pose import pose_error, rotate_vector6
+from coop_pin.spatial.pose import pose_error
 
 RowsName = Literal["planar", "positional", "full"]
 
@@ -86,7 +86,7 @@ class FullRows(TaskRows):
 
     def turn(self, X_WP: Array, rows_P: Array) -> Array:
         """Return ``[R f, R n]``, shape (6,)."""
-        return rotate_vector6(X_WP[:3, :3], rows_P)
+        return rows_P.reshape(2, 3).dot(X_WP[:3, :3].T).reshape(6)
 
     def twist_shift(self, displacement: Array) -> Array:
         """Return the matrix of ``[v + w x r, w]``, shape (6, 6)."""

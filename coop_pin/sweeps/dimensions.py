@@ -12,8 +12,9 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 from scipy.stats import qmc
 
-from coop_pin.arrays import Array, as_count, as_number, require_memory
+from coop_pin.arrays import Array, as_count, as_number
 from coop_pin.errors import FieldError, OutOfRangeError
+from coop_pin.memory import require_memory
 from coop_pin.schema.base import Description
 
 

@@ -27,7 +27,7 @@ def require_feasible(
 
     Args:
         runs: scenario of each run, or the mistakes in it.
-        obstacles: what is known of paths, by their fields as JSON; more are added.
+        obstacles: obstacles of the paths looked at before, by their fields as JSON; more are added.
 
     Raises:
         CoopPinError: why the first of them must fail: ScenarioError, FieldError, UrdfError, or

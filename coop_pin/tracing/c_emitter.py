@@ -13,17 +13,17 @@ from coop_pin.tracing.emitter import Emitter
 from coop_pin.tracing.tape import Operand, Subroutine, Tape
 
 _EXPRESSIONS = {
-    "add": "{} + {}",
-    "sub": "{} - {}",
-    "mul": "{} * {}",
-    "div": "{} / {}",
-    "neg": "-{}",
-    "abs": "fabs({})",
-    "sqrt": "sqrt({})",
-    "less": "{} < {} ? 1.0 : 0.0",
-    "less_equal": "{} <= {} ? 1.0 : 0.0",
-    "select": "{} != 0.0 ? {} : {}",
-    "power_of_two": "power_of_two({})",
+    "add": "{0} + {1}",
+    "sub": "{0} - {1}",
+    "mul": "{0} * {1}",
+    "div": "{0} / {1}",
+    "neg": "-{0}",
+    "abs": "fabs({0})",
+    "sqrt": "sqrt({0})",
+    "less": "{0} < {1} ? 1.0 : 0.0",
+    "less_equal": "{0} <= {1} ? 1.0 : 0.0",
+    "select": "{0} != 0.0 ? {1} : {2}",
+    "power_of_two": "power_of_two({0})",
 }
 
 _POWER_OF_TWO = """/* 2^n for a whole number n; NaN for one that is no exponent of a double. */
@@ -44,6 +44,9 @@ def c_number(value: float) -> str:
 
 class CEmitter(Emitter):
     """Writer of functions; subroutines are ``static void (const double *x, double *y)``."""
+
+    def __init__(self) -> None:
+        super().__init__({name: [f"const double v{{i}} = {text};"] for name, text in _EXPRESSIONS.items()})
 
     def text(self) -> str:
         """Return the file of all definitions so far."""
@@ -83,9 +86,6 @@ class CEmitter(Emitter):
         head = f"static void {subroutine.name}(const double *x, double *y)"
         stores = [(f"y[{index}]", operand) for index, operand in enumerate(subroutine.outputs)]
         self.define(head, subroutine.tape, stores, "x[{}]".format)
-
-    def _operation(self, index: int, name: str, operands: Sequence[str]) -> Iterator[str]:
-        yield f"const double v{index} = {_EXPRESSIONS[name].format(*operands)};"
 
     def _call(self, index: int, subroutine: Subroutine, arguments: Sequence[str]) -> Iterator[str]:
         yield f"const double x{index}[] = {{{', '.join(arguments)}}};"

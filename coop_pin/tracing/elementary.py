@@ -8,7 +8,7 @@ are within two units in the last place of correct.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -69,14 +69,27 @@ _ARC_TANGENT_Q = (
     1.945506571482613964425e2,
 )
 _SMALLEST_EXPONENT, _LARGEST_EXPONENT = -700.0, 709.0
-_ZERO_EXPONENT = -746.0
-"""Of e, below which the exponential is 0."""
+_ZERO_EXPONENT, _INFINITE_EXPONENT = -746.0, 709.8
+"""Of e, below which the exponential is 0 and from which on it is inf."""
+_LARGEST_ANGLE, _LARGEST_ROUNDED = 1e5, 2.0**51
+"""Arguments of sine and cosine, and of the rounding to whole numbers."""
+_SMALLEST_NORMAL = 2.0**-1022
+_CUBIC_TANH = 1e-5
+"""Argument below which tanh x is x - x^3 / 3."""
+_LARGEST_CONDITION = 1e6
+"""Of a matrix whose inverse is numpy's within the agreement of a batch and single runs."""
 
 
 def apply(name: str, *numbers: Number) -> Number:
     """Return the result of an operation of FOLD, on the tape of the traced scalars among the numbers."""
     scalar = next((number for number in numbers if isinstance(number, Traced)), None)
     return FOLD[name](*numbers) if scalar is None else scalar.apply(name, *numbers)
+
+
+def _refuse_where(x: Number, is_beyond: Callable[[Any], Number]) -> None:
+    """Note, of exact code, that a run is not valid where the function of x is not as accurate as numpy's."""
+    if isinstance(x, Traced) and x.tape.is_exact:
+        x.tape.guards.append(opposite(is_beyond(x)))
 
 
 def sqrt(x: Number) -> Number:
@@ -165,9 +178,11 @@ def cos(x: Number) -> Number:
 
 
 def exp(x: Number) -> Number:
-    """Return e^x; inf for x > 709, and 0 for x < -746."""
+    """Return e^x; inf for x > 709, 0 for x < -746, and e^-700 for x in between and -700."""
     if not isinstance(x, Traced):
         return math.exp(x)
+    _refuse_where(x, lambda x: both(less_equal(_ZERO_EXPONENT, x), less(x, _SMALLEST_EXPONENT)))
+    _refuse_where(x, lambda x: both(less(_LARGEST_EXPONENT, x), less(x, _INFINITE_EXPONENT)))
     r, power = _exponent(x)
     return _polynomial(r, _EXPONENTIAL) * power
 
@@ -176,14 +191,19 @@ def expm1(x: Number) -> Number:
     """Return e^x - 1; no finite number for x > 709."""
     if not isinstance(x, Traced):
         return math.expm1(x)
+    _refuse_where(x, lambda x: less(_LARGEST_EXPONENT, x))
     r, power = _exponent(x)
     return r * _polynomial(r, _EXPONENTIAL[:-1]) * power + (power - 1.0)
 
 
 def log(x: Number) -> Number:
-    """Return the natural logarithm of x = m 2^n, by the series of atanh (m - 1) / (m + 1); NaN for x < 0."""
+    """Return the natural logarithm of x = m 2^n, by the series of atanh (m - 1) / (m + 1); NaN for x < 0.
+
+    For x below 2^-1022 it is not accurate.
+    """
     if not isinstance(x, Traced):
         return math.log(x)
+    _refuse_where(x, lambda x: both(less(0.0, x), less(x, _SMALLEST_NORMAL)))
     m: Number = x
     n: Number = 0.0
     for k in _BINARY_PLACES:  # until 1 <= m < 2
@@ -198,31 +218,45 @@ def log(x: Number) -> Number:
 
 
 def tanh(x: Number) -> Number:
-    """Return (e - 1) / (e + 1) with e = exp(2 x) = 2^n (R + r) / (R - r), R = r coth(r / 2); error 4e-16."""
+    """Return (e - 1) / (e + 1) with e = exp(2 x) = 2^n (R + r) / (R - r), R = r coth(r / 2); error 4e-16.
+
+    In exact code, the relative error of small values is as small as numpy's for any use that they have.
+    """
     if not isinstance(x, Traced):
         return math.tanh(x)
-    x = minimum(maximum(2.0 * x, -_LARGEST_TANH), _LARGEST_TANH)
-    n = rounded(x * (1.0 / math.log(2.0)))
-    r = x - n * math.log(2.0)
+    z = minimum(maximum(2.0 * x, -_LARGEST_TANH), _LARGEST_TANH)
+    n = _rounded(z * (1.0 / math.log(2.0)))
+    r = z - n * math.log(2.0)
     R = _polynomial(r * r, _HYPERBOLIC_COTANGENT)
     above, below = apply("power_of_two", n) * (R + r), R - r
-    return (above - below) / (above + below)
+    value = (above - below) / (above + below)
+    return select(less(abs(x), _CUBIC_TANH), x - x * x * x / 3.0, value) if x.tape.is_exact else value
 
 
 def atan2(y: Number, x: Number) -> Number:
-    """Return the angle of (x, y), in [-pi, pi]; 0 at the origin."""
+    """Return the angle of (x, y), in [-pi, pi]; in exact code, zeros have signs as in numpy."""
     if not isinstance(x, Traced) and not isinstance(y, Traced):
         return math.atan2(y, x)
     is_steep = less(abs(x), abs(y))
     longer, shorter = select(is_steep, abs(y), abs(x)), select(is_steep, abs(x), abs(y))
     first = _arc_tangent(shorter / select(less_equal(longer, 0.0), 1.0, longer))
     octants = select(is_steep, 0.5 * math.pi - first, first)
-    half = select(less(x, 0.0), math.pi - octants, octants)
-    return select(less(y, 0.0), -half, half)
+    half = select(_has_minus(x), math.pi - octants, octants)
+    return select(_has_minus(y), -half, half)
+
+
+def _has_minus(x: Number) -> Number:
+    """Return whether x is negative, as a mask; in exact code, -0 is."""
+    is_negative = less(x, 0.0)
+    if not isinstance(x, Traced) or not x.tape.is_exact:
+        return is_negative
+    return either(is_negative, less(apply("div", 1.0, x), 0.0))
 
 
 def inverse(A: NDArray[Any]) -> NDArray[Any]:
     """Return A^-1 by Gaussian elimination with partial pivoting; the row swaps are choices by masks.
+
+    Exact code is not valid for a condition number over 1e6, by Frobenius norms: its rounding is not numpy's.
 
     Args:
         A: Matrix of numbers, shape (n, n).
@@ -246,7 +280,11 @@ def inverse(A: NDArray[Any]) -> NDArray[Any]:
             right = [x - rows[k][j] * y for x, y in zip(right, rows[j][size:], strict=True)]
         pivot = 1.0 / rows[k][k]
         rows[k][size:] = [x * pivot for x in right]
-    return np.array([row[size:] for row in rows], dtype=object)
+    result = np.array([row[size:] for row in rows], dtype=object)
+    for x in (x for x in A.flat if isinstance(x, Traced) and x.tape.is_exact):
+        x.tape.guards.append(less((A * A).sum() * (result * result).sum(), _LARGEST_CONDITION**2))
+        break
+    return result
 
 
 def _polynomial(z: Number, coefficients: Sequence[float]) -> Number:
@@ -256,8 +294,13 @@ def _polynomial(z: Number, coefficients: Sequence[float]) -> Number:
     return value
 
 
-def rounded(x: Number) -> Number:
+def rint(x: Number) -> Number:
     """Return the nearest whole number, of two the even one, for abs(x) < 2^51."""
+    _refuse_where(x, lambda x: less_equal(_LARGEST_ROUNDED, abs(x)))
+    return _rounded(x)
+
+
+def _rounded(x: Number) -> Number:
     return (x + _ROUNDER) - _ROUNDER
 
 
@@ -269,12 +312,13 @@ def _reduced(x: Any, n: Number, parts: Sequence[float]) -> Number:
 
 def _sine_and_cosine(x: Number) -> tuple[Number, Number]:
     """Return sine and cosine of x = r + n pi / 2, by those of r and of m pi / 2, m = n - 4 round(n / 4)."""
-    n = rounded(x * (2.0 / math.pi))
+    _refuse_where(x, lambda x: less(_LARGEST_ANGLE, abs(x)))
+    n = _rounded(x * (2.0 / math.pi))
     r = _reduced(x, n, _HALF_PI)
     z = r * r
     sine: Number = r + r * z * _polynomial(z, _SINE)
     cosine: Number = 1.0 + z * _polynomial(z, _COSINE)
-    m = n - 4.0 * rounded(0.25 * n)
+    m = n - 4.0 * _rounded(0.25 * n)
     cosine_m, sine_m = 1.0 - abs(m), m * (2.0 - abs(m))
     return sine * cosine_m + cosine * sine_m, cosine * cosine_m - sine * sine_m
 
@@ -282,7 +326,7 @@ def _sine_and_cosine(x: Number) -> tuple[Number, Number]:
 def _exponent(x: Number) -> tuple[Number, Number]:
     """Return r and 2^n with e^x = e^r 2^n; 2^n is inf or 0 where e^x is beyond what doubles can hold."""
     bounded = minimum(maximum(x, _SMALLEST_EXPONENT), _LARGEST_EXPONENT)
-    n = rounded(bounded * (1.0 / math.log(2.0)))
+    n = _rounded(bounded * (1.0 / math.log(2.0)))
     power = select(less(_LARGEST_EXPONENT, x), math.inf, apply("power_of_two", n))
     return _reduced(bounded, n, _LOG_2), select(less(x, _ZERO_EXPONENT), 0.0, power)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from coop_pin.tracing.tape import Operand, Subroutine, Tape
 
@@ -15,8 +15,15 @@ class Emitter(ABC):
         parts: Text of each definition, in order.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, lines: Mapping[str, Sequence[str]], **words: object) -> None:
+        """Begin without definitions.
+
+        Args:
+            lines: Lines of each operation of FOLD, with {i} for its index and {0}, {1}, {2} for its operands.
+            words: Values of the other words in braces.
+        """
         self.parts: list[str] = []
+        self._lines, self._words = lines, words
         self._emitted: set[Subroutine] = set()
 
     def body(self, tape: Tape, outputs: Sequence[Operand], read: Callable[[int, int], str]) -> Iterator[str]:
@@ -40,7 +47,9 @@ class Emitter(ABC):
                     self._define_subroutine(subroutine)
                 yield from self._call(index, subroutine, list(map(self.operand, operands)))
             else:
-                yield from self._operation(index, name, list(map(self.operand, operands)))
+                texts = list(map(self.operand, operands))
+                for line in self._lines[name]:
+                    yield line.format(*texts, i=index, **self._words)
 
     @abstractmethod
     def operand(self, operand: Operand) -> str:
@@ -57,7 +66,3 @@ class Emitter(ABC):
     @abstractmethod
     def _result(self, index: int, call: int, position: int) -> str:
         """Return the line that reads a result of a call."""
-
-    @abstractmethod
-    def _operation(self, index: int, name: str, operands: Sequence[str]) -> Iterator[str]:
-        """Yield the lines of an operation of FOLD."""

@@ -12,8 +12,30 @@ from coop_pin.tracing.emitter import Emitter
 from coop_pin.tracing.kernel import CACHE_LINE, LOAD, RECORD, Kernel, Program
 from coop_pin.tracing.tape import Operand, Subroutine, Tape
 
-_ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
-_COMPARISONS = {"less": "olt", "less_equal": "ole"}
+_AS_NUMBERS = "%v{i} = uitofp <{width} x i1> %m{i} to {vector}"
+_LINES = {
+    "add": ["%v{i} = fadd {vector} {0}, {1}"],
+    "sub": ["%v{i} = fsub {vector} {0}, {1}"],
+    "mul": ["%v{i} = fmul {vector} {0}, {1}"],
+    "div": ["%v{i} = fdiv {vector} {0}, {1}"],
+    "neg": ["%v{i} = fneg {vector} {0}"],
+    "abs": ["%v{i} = call {vector} @llvm.fabs.v{width}f64({vector} {0})"],
+    "sqrt": ["%v{i} = call {vector} @llvm.sqrt.v{width}f64({vector} {0})"],
+    "less": ["%m{i} = fcmp olt {vector} {0}, {1}", _AS_NUMBERS],
+    "less_equal": ["%m{i} = fcmp ole {vector} {0}, {1}", _AS_NUMBERS],
+    "select": [
+        "%m{i} = fcmp une {vector} {0}, zeroinitializer",
+        "%v{i} = select <{width} x i1> %m{i}, {vector} {1}, {vector} {2}",
+    ],
+    "power_of_two": [
+        "%c{i} = fptosi {vector} {0} to <{width} x i64>",
+        "%n{i} = freeze <{width} x i64> %c{i}",  # of NaN: any number, but always the same
+        "%e{i} = add <{width} x i64> %n{i}, splat (i64 1023)",
+        "%s{i} = shl <{width} x i64> %e{i}, splat (i64 52)",
+        "%v{i} = bitcast <{width} x i64> %s{i} to {vector}",
+    ],
+}
+"""Lines of each operation; {vector} is the type of a register, {width} its number of lanes."""
 
 
 def llvm_text(program: Program, width: int) -> str:
@@ -45,8 +67,8 @@ class LlvmEmitter(Emitter):
 
     def __init__(self, width: int) -> None:
         """Write for a number of lanes."""
-        super().__init__()
         self._width, self._vector = width, f"<{width} x double>"
+        super().__init__(_LINES, width=width, vector=self._vector)
         for name in ("sqrt", "fabs"):
             self.parts.append(f"declare {self._vector} @llvm.{name}.v{width}f64({self._vector})")
         self.parts.append("declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)")
@@ -71,11 +93,13 @@ class LlvmEmitter(Emitter):
         return f"splat (double 0x{bits:016X})"
 
     def _define_subroutine(self, subroutine: Subroutine) -> None:
-        def read(index: int, position: int) -> str:
-            return self._load(f"%v{index}", "%inputs", position)
-
-        head = f"@{subroutine.name}(ptr %inputs, ptr %outputs)"
-        self._define(head, subroutine.tape, list(enumerate(subroutine.outputs)), "%outputs", read)
+        self._define(
+            f"@{subroutine.name}(ptr %inputs, ptr %outputs)",
+            subroutine.tape,
+            list(enumerate(subroutine.outputs)),
+            "%outputs",
+            lambda index, position: self._load(f"%v{index}", "%inputs", position),
+        )
 
     def _define(
         self,
@@ -90,30 +114,6 @@ class LlvmEmitter(Emitter):
         for count, (slot, operand) in enumerate(stores):
             lines += self._store(f"%o{count}", self.operand(operand), target, slot)
         self.parts.append("\n".join([*lines, "ret void", "}"]))
-
-    def _operation(self, index: int, name: str, operands: Sequence[str]) -> Iterator[str]:
-        vector, width, (a, *rest) = self._vector, self._width, operands
-        match name:
-            case "add" | "sub" | "mul" | "div":
-                yield f"%v{index} = {_ARITHMETIC[name]} {vector} {a}, {rest[0]}"
-            case "neg":
-                yield f"%v{index} = fneg {vector} {a}"
-            case "sqrt" | "abs":
-                intrinsic = "fabs" if name == "abs" else name
-                yield f"%v{index} = call {vector} @llvm.{intrinsic}.v{width}f64({vector} {a})"
-            case "less" | "less_equal":
-                yield f"%m{index} = fcmp {_COMPARISONS[name]} {vector} {a}, {rest[0]}"
-                yield f"%v{index} = uitofp <{width} x i1> %m{index} to {vector}"
-            case "select":
-                yield f"%m{index} = fcmp une {vector} {a}, zeroinitializer"
-                yield f"%v{index} = select <{width} x i1> %m{index}, {vector} {rest[0]}, {vector} {rest[1]}"
-            case "power_of_two":
-                integers = f"<{width} x i64>"
-                yield f"%c{index} = fptosi {vector} {a} to {integers}"
-                yield f"%n{index} = freeze {integers} %c{index}"  # of NaN: any number, but always the same
-                yield f"%e{index} = add {integers} %n{index}, splat (i64 1023)"
-                yield f"%s{index} = shl {integers} %e{index}, splat (i64 52)"
-                yield f"%v{index} = bitcast {integers} %s{index} to {vector}"
 
     def _call(self, index: int, subroutine: Subroutine, arguments: Sequence[str]) -> Iterator[str]:
         for buffer, size in (("a", len(arguments)), ("r", len(subroutine.outputs))):

@@ -161,7 +161,8 @@ class Tape:
                 return 0.0
             case ("sub", (float(0.0), x)) | ("mul", (x, float(-1.0)) | (float(-1.0), x)):
                 return self.apply("neg", x)
-            case "div", (x, float(b)) if abs(math.frexp(b)[0]) == 0.5:  # a power of two: the same bits
+            case "div", (x, float(b)) if abs(math.frexp(b)[0]) == 0.5 and math.isfinite(1.0 / b):
+                # a power of two: the same bits
                 return self.apply("mul", x, 1.0 / b)
             case "neg", (int(x),) if self.operations[x].name == "neg":
                 return self.operations[x].operands[0]

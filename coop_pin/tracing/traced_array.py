@@ -33,6 +33,8 @@ class Recording:
 def _refusals(values: Any) -> Iterator[None]:
     """Note errors on the tapes of traced scalars among values: the code that is traced may catch them."""
     try:
+        if {"raise", "call"} & {*np.geterr().values()} and any(tape.is_exact for tape in _tapes(values)):
+            raise TracingError("computes where numpy.errstate raises or calls, which a batch does not")
         yield
     except Exception as error:
         for tape in _tapes(values):
@@ -141,7 +143,7 @@ _ARITHMETIC: dict[np.ufunc, Callable[..., Number]] = {
     np.exp: elementary.exp,
     np.expm1: elementary.expm1,
     np.log: elementary.log,
-    np.rint: elementary.rounded,
+    np.rint: elementary.rint,
     np.sin: elementary.sin,
     np.cos: elementary.cos,
     np.tanh: elementary.tanh,
@@ -221,11 +223,9 @@ def _any(masks: Any) -> Any:
     return result
 
 
-def _where(mask: Any, a: Any, b: Any) -> Any:
-    return traced(np.frompyfunc(_chosen, 3, 1)(plain(mask), plain(a), plain(b)))
-
-
 def _chosen(mask: Number, a: Number, b: Number) -> Any:
+    if not is_truth(mask):
+        mask = elementary.opposite(elementary.equal(mask, 0.0))
     value = elementary.select(mask, a, b)
     return as_truth(value) if is_truth(a) and is_truth(b) else value
 
@@ -237,15 +237,11 @@ def _vdot(a: Any, b: Any) -> Number:
     return total
 
 
-def _clip(a: Any, low: Any, high: Any) -> Any:
-    return np.minimum(np.maximum(traced(a), low), high)
-
-
 _FUNCTIONS: dict[Any, Callable[..., Any]] = {
-    np.where: _where,
+    np.where: lambda mask, a, b: traced(np.frompyfunc(_chosen, 3, 1)(*map(plain, (mask, a, b)))),
     np.vdot: _vdot,
     np.any: _any,
-    np.clip: _clip,
+    np.clip: lambda a, low, high: np.minimum(np.maximum(traced(a), low), high),
     np.round: lambda x: np.rint(traced(x)),
     np.linalg.inv: lambda A: traced(elementary.inverse(plain(A))),
     np.zeros_like: lambda a: traced(np.zeros(np.shape(a))).astype(object).view(TracedArray),

@@ -198,7 +198,7 @@ class SharedFunctions:
             constants: Tree whose numbers fold into the code; those of them that are traced are arguments.
             arguments: Tree whose numbers are arguments.
         """
-        (numbers, kind), (given, kind_given) = flattened(constants), flattened(arguments)
+        (numbers, kind), (entries, kind_given) = flattened(constants), flattened(arguments)
         folded = [None if isinstance(number, Traced) else float(number) for number in numbers]
         # Equal robots in one Pinocchio tree differ by rounding.
         rounded = tuple(None if number is None else f"{number:.13e}" for number in folded)
@@ -211,5 +211,5 @@ class SharedFunctions:
             self._traced[key] = Subroutine(name, inner, operands(inner, leaves(result))), result
         subroutine, result = self._traced[key]
         traced_ones = [number for number in numbers if isinstance(number, Traced)]
-        outputs = tape.call(subroutine, operands(tape, [*traced_ones, *given]))
+        outputs = tape.call(subroutine, operands(tape, [*traced_ones, *entries]))
         return rebuilt(result, (scalar(tape, output) for output in outputs))

@@ -102,12 +102,14 @@ def strut_columns(samples: Samples) -> tuple[Array, Array]:
 
 def snapshot_samples(snapshot: Snapshot, cell: Cell) -> Samples:
     """Return a snapshot as one sample, with the quantities that follow from it."""
-    given = {name: np.asarray(value)[None] for name, value in snapshot._asdict().items() if value is not None}
+    values = {
+        name: np.asarray(value)[None] for name, value in snapshot._asdict().items() if value is not None
+    }
     follow = [q for q in QUANTITIES if q.source is not None and q.dims != "arm joint"]  # of the payload
-    names = {q.name for q in follow if not (q.group or q.name in given)}
+    names = {q.name for q in follow if not (q.group or q.name in values)}
     if snapshot.measured_internal_wrench is not None:
         names |= {q.name for q in follow if q.name.startswith("measured_internal_")}
-    return computed(QUANTITIES, given, cell.shares, names)
+    return computed(QUANTITIES, values, cell.shares, names)
 
 
 def frame_samples(time: Array, frames_per_second: float, instants: Sequence[float] = ()) -> Array:

@@ -52,20 +52,20 @@ def telling_instant(result: RunResult) -> Instant:
     time, is_late = data["time"].values, _is_late(result)
     worst = int(np.argmax(np.where(is_late, error, -1.0)))
     moment, _, moment_text = _moment(result)
-    axial, shear, wanted = (
+    axial, shear, desired = (
         np.nan_to_num(data[name].values[worst])
         for name in ("internal_axial", "internal_shear", "desired_internal_axial")
     )
-    arm, t = int(np.argmax(np.hypot(axial - wanted, shear))), float(time[worst])
+    arm, t = int(np.argmax(np.hypot(axial - desired, shear))), float(time[worst])
     when = _when(result.scenario, t)
     if error[worst] < _SMALL_N:
         text = f"the internal force stays within {error[worst]:.2g} N of what is wanted"
         start = SETTLING_S if time[is_late.argmax()] else 0.0
         t = float(time[moment]) if moment_text else t
         return Instant(f"From {start:g} s on, {text}{moment_text}.", t)
-    if abs(axial[arm] - wanted[arm]) >= shear[arm]:
+    if abs(axial[arm] - desired[arm]) >= shear[arm]:
         verb = "pull the payload apart with" if axial[arm] > 0.0 else "squeeze the payload with"
-        said = f"the arms {verb} {read_number(abs(axial[arm]))} N, where {_wanted(wanted[arm])} is wanted"
+        said = f"the arms {verb} {read_number(abs(axial[arm]))} N, where {_wanted(desired[arm])} is wanted"
     else:
         said = f"the arms load the payload across with {read_number(shear[arm])} N"
     return Instant(f"{when} {said}; {_motion(result, worst)}{moment_text}.", t)
@@ -83,8 +83,8 @@ def _moment(result: RunResult) -> tuple[int, float, str]:
     Where no controlled row has a moment, none is wanted, and all of it is told.
     """
     is_wanted = result.scenario.cell.task_rows.has_moments
-    wrench, wanted = (result.data[f"{of}internal_wrench"].values[..., 3:] for of in ("", "desired_"))
-    error = np.linalg.norm(np.nan_to_num(wrench - is_wanted * wanted), axis=2).max(axis=1)
+    wrench, desired = (result.data[f"{of}internal_wrench"].values[..., 3:] for of in ("", "desired_"))
+    error = np.linalg.norm(np.nan_to_num(wrench - is_wanted * desired), axis=2).max(axis=1)
     worst = int(np.argmax(np.where(_is_late(result), error, -1.0)))
     verb = "is off by up to" if is_wanted else ", which no arm controls, reaches"
     text = f"; the internal moment {verb} {read_number(error[worst])} N m".replace(" ,", ",")
@@ -113,24 +113,26 @@ def instants(result: RunResult) -> list[Instant]:
     """
     data, time = result.data, result.data["time"].values
     names = ("internal_axial", "internal_shear", "desired_internal_axial")
-    axial, shear, wanted = (np.nan_to_num(data[name].values) for name in names)
-    off, told = np.hypot(axial - wanted, shear).max(axis=1), telling_instant(result).time
+    axial, shear, desired = (np.nan_to_num(data[name].values) for name in names)
+    off, told = np.hypot(axial - desired, shear).max(axis=1), telling_instant(result).time
     events = [(event.heading, event.time) for event in result.scenario.events if event.time <= result.end]
-    found = [("start", 0.0), *sorted(events, key=lambda event: event[1])]
+    instants = [("start", 0.0), *sorted(events, key=lambda event: event[1])]
     error = off[int(np.abs(time - told).argmin())]
-    found += [(f"largest error {read_number(error)} N", told)] * bool(error > _SMALL_N)
+    instants += [(f"largest error {read_number(error)} N", told)] * bool(error > _SMALL_N)
     moment, size, _ = _moment(result)
-    found += [(f"largest moment error {read_number(size)} N m", float(time[moment]))] * bool(size > _SMALL_NM)
+    instants += [(f"largest moment error {read_number(size)} N m", float(time[moment]))] * bool(
+        size > _SMALL_NM
+    )
     for text, values, error in (
-        ("worst squeeze", -axial, wanted - axial),
-        ("worst pull", axial, axial - wanted),
+        ("worst squeeze", -axial, desired - axial),
+        ("worst pull", axial, axial - desired),
         ("worst shear", shear, shear),
     ):
         worst = np.where(error > _SMALL_N, values, 0.0).max(axis=1)
         if worst.max() > _SMALL_N:
-            found.append((f"{text} {read_number(worst.max())} N", float(time[worst.argmax()])))
+            instants.append((f"{text} {read_number(worst.max())} N", float(time[worst.argmax()])))
     merged: dict[float, list[str]] = {}
-    for text, at in [*found, ("end", result.end)]:
+    for text, at in [*instants, ("end", result.end)]:
         merged.setdefault(at, []).append(text)
     return [Instant(", ".join(dict.fromkeys(texts)), at) for at, texts in merged.items()]
 

@@ -136,8 +136,8 @@ def page_parts(
 
 def page_scripts() -> str:
     """Return the scripts that a page runs before its data are read."""
-    own = ("uplot/uPlot.iife.min.js", "stage.js", "plots.js")
-    return "\n".join((_viewer_file("main.min.js"), *map(web_file, own)))
+    scripts = ("uplot/uPlot.iife.min.js", "stage.js", "plots.js")
+    return "\n".join((_viewer_file("main.min.js"), *map(web_file, scripts)))
 
 
 def page_licences() -> str:

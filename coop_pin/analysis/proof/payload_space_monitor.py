@@ -112,14 +112,12 @@ class _MonitoredCell:
             for i, law in enumerate(self.laws)
         ]
         rate = ~np.array(waits)[:, None] * integral - is_stale * leak * (Z - self.Z_hold)
-        held = np.array([self._held(*pair) for pair in zip(self.laws, self.anchors, strict=True)])
+        held = np.array([anchor.held for anchor in self.anchors])
         centre = np.zeros_like(held)
         for i, law in enumerate(self.laws):
             if law.bound is not None:
                 centre[i] = law.bound.centre(self.anchors[i], now.arms[i].measured.payload_pose)
-                self.anchors[i] = law.bound.after(
-                    self.anchors[i], float(not is_stale[i, 0]), self.period * rate[i]
-                )
+                self.anchors[i] = law.bound.after(self.anchors[i], not is_stale[i, 0], self.period * rate[i])
         Zbar = Z.sum(axis=0)
         return {
             "s": s,
@@ -151,10 +149,10 @@ class _MonitoredCell:
         for i, (law, arm) in enumerate(zip(self.laws, now.arms, strict=True)):
             if law.bound is not None:
                 follows = float(not (is_stale[i] or arm.measured.saturated.any()))
-                given, self.anchors[i] = law.bound.step(
+                correction, self.anchors[i] = law.bound.step(
                     self.anchors[i], -asked[i], float(is_fresh[i]), follows, arm.measured.payload_pose
                 )
-                taken[i] = -given
+                taken[i] = -correction
         return taken
 
     def _cut(self, now: RecordedTick) -> Array:
@@ -166,11 +164,6 @@ class _MonitoredCell:
                 cut[i] = np.linalg.pinv(x.payload_jacobian).T @ (x.reported_torque - self.commands[i])
         self.commands = [arm.commanded for arm in now.arms]
         return cut
-
-    @staticmethod
-    def _held(law: PayloadSpaceController, anchor: AnchorState) -> Array:
-        """Return the bias for which an anchor holds what it has moved, shape (k_0,); 0 without bound."""
-        return anchor.moved if law.bound is None else law.bound.gain_inverse @ anchor.moved
 
     def _surfaces(self, now: RecordedTick) -> tuple[Array, Array]:
         """Return s_i and f_r,i of every arm, shape (m, k_0) each; they start from the first tick."""

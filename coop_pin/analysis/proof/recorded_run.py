@@ -87,7 +87,11 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Record
         result: Run with every tick kept; measurements and accelerations are those of the run only if its
             drives deliver their torques at once.
         simulation: Simulation of its scenario, at the start; its plant is put to each recorded state.
+
+    Raises:
+        ArgumentError: a grasp is compliant.
     """
+    result.scenario.cell.require_rigid("the monitor of a law's proof")
     data, rows = result.data, list(result.scenario.cell.task_rows.indices)
     plant, sensing, chain = simulation.plant, simulation.sensing, simulation.plant.chain
     beside, slots = _BESIDE * simulation.timeline.period, chain.model.arms

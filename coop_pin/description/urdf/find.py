@@ -10,8 +10,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, Protocol
 
+from coop_pin.arrays import typed
 from coop_pin.errors import UrdfError, suggestion
 
 _SHARE = Path("share", "example-robot-data", "robots")
@@ -55,7 +56,7 @@ def example_folder() -> Path | None:
     spec = importlib.util.find_spec("pinocchio")
     prefixes = () if spec is None or spec.origin is None else Path(spec.origin).resolve().parents
     places = (*prefixes, *(Path(entry, "cmeel.prefix") for entry in sys.path))
-    return next((place / _SHARE for place in places if (place / _SHARE).is_dir()), None)
+    return next((folder / _SHARE for folder in places if (folder / _SHARE).is_dir()), None)
 
 
 @functools.cache
@@ -70,6 +71,14 @@ def example_urdfs() -> MappingProxyType[str, Path]:
     return MappingProxyType(by_file | known)
 
 
+class Carrier(Protocol):
+    """What a robot stands on."""
+
+    def under(self, urdf: str) -> str:
+        """Return the text of a URDF with the carrier's links and joints before its root link."""
+        ...
+
+
 @dataclass(frozen=True)
 class UrdfFile:
     """A URDF or xacro file that exists.
@@ -79,12 +88,14 @@ class UrdfFile:
         package_dirs: folders that are searched for the packages of package:// and $(find ...), in this order.
         origin: "user" (found by path), "bundled" (part of coop_pin) or "example" (example-robot-data).
         xacro_args: name and value of the arguments with which a xacro file is expanded.
+        carrier: what the robot stands on; it is added to the text of the file.
     """
 
     path: Path
     package_dirs: tuple[Path, ...]
     origin: Literal["user", "bundled", "example"] = "user"
     xacro_args: tuple[tuple[str, str], ...] = ()
+    carrier: Carrier | None = None
 
 
 @functools.cache
@@ -102,6 +113,7 @@ def robot_files() -> MappingProxyType[str, Path]:
     return MappingProxyType(example_urdfs() | bundled)
 
 
+@typed
 def find_urdf(
     name_or_path: str | Path,
     *,
@@ -121,11 +133,11 @@ def find_urdf(
     Raises:
         UrdfError: there is none; the message lists the places searched and the closest names.
     """
-    given, robots = Path.cwd() / name_or_path, robot_files()
-    path = given if os.path.isfile(given) else robots.get(str(name_or_path))  # noqa: PTH113
+    file, robots = Path.cwd() / name_or_path, robot_files()
+    path = file if os.path.isfile(file) else robots.get(str(name_or_path))  # noqa: PTH113
     if path is None:
-        raise UrdfError(_not_found(str(name_or_path), given, sorted(robots)))
-    resolved = path.resolve() if path is given else _resolved(path)
+        raise UrdfError(_not_found(str(name_or_path), file, sorted(robots)))
+    resolved = path.resolve() if path is file else _resolved(path)
     return _found(resolved, tuple(package_dirs), tuple(sorted(xacro_args.items())), Path.cwd())
 
 
@@ -152,14 +164,14 @@ def _found(
     return UrdfFile(path, tuple(folders), origin, xacro_args)
 
 
-def _not_found(name: str, given: Path, robots: Sequence[str]) -> str:
+def _not_found(name: str, file: Path, robots: Sequence[str]) -> str:
     """Return the message for a path or name without a URDF."""
     is_name = len(Path(name).parts) <= 1
     if is_name and Path(name).suffix not in _SUFFIXES:
         places = f"{Path.cwd()}, the robots of coop_pin ({bundled_urdf_folder()}) or example-robot-data"
-        found = example_folder() or "not installed"
-        return f"no URDF {name!r} in {places} ({found}); {suggestion(name, robots)}"
-    path = Path(os.path.normpath(given))
+        folder = example_folder() or "not installed"
+        return f"no URDF {name!r} in {places} ({folder}); {suggestion(name, robots)}"
+    path = Path(os.path.normpath(file))
     if os.path.isdir(path):  # noqa: PTH112 - Path.is_dir raises where a name is too long
         return f"{path} is a folder; name the URDF or xacro file in it"
     files = path.parent.iterdir() if os.path.isdir(path.parent) else ()  # noqa: PTH112

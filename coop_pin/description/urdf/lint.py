@@ -79,7 +79,7 @@ class _Rule(NamedTuple):
     Attributes:
         code: short name of the defect.
         path: their XPath, of one step: libxml2 takes time with the square of the nodes between two steps.
-        message: what is wrong, with {tag}, {parent}, {values}, and attributes of the element.
+        message: text that says what is wrong, with {tag}, {parent}, {values}, and attributes of the element.
         kind: severity class.
     """
 

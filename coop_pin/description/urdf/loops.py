@@ -26,7 +26,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, typed
 from coop_pin.description.urdf.report import UrdfFinding, listed, quoted
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.description.urdf.xml import COLON, Element, finding, name_of_tag, number_list, read_document
@@ -73,10 +73,10 @@ class UrdfLoop(NamedTuple):
     Attributes:
         link_a: name of link A, or "world".
         link_b: name of link B, or "world".
-        rows: which relative motions are held, in axes of C.
+        rows: relative motions that are held, in axes of C.
         X_AC: pose of C in A, shape (4, 4).
         X_BC: pose of C in B, shape (4, 4).
-        name: in the file; empty if it has none.
+        name: name in the file; empty if it has none.
     """
 
     link_a: str
@@ -96,7 +96,7 @@ class _Dialect(NamedTuple):
         pose_a: element with the pose of C in A; None: from the zero configuration.
         pose_b: the same in B.
         axis: three numbers in axes of C.
-        unread: what cannot be read, and why.
+        unread: elements that cannot be read, and why.
     """
 
     link_a: str
@@ -143,6 +143,7 @@ class _UnreadError(Exception):
     """Why an element cannot be read as a closure, and the element that says so; never leaves this file."""
 
 
+@typed
 def read_loops(text: str) -> tuple[UrdfLoop, ...]:
     """Return the loop closures of the text of a URDF that the check has accepted with its loops."""
     document, robot, loops = read_document(text.encode()), Robot(text), []
@@ -230,11 +231,11 @@ def _along(loop: Element, path: str) -> Array:
 
 def _only(loop: Element, path: str) -> Any:
     """Return the only value at a path."""
-    found = [value for value in loop.xpath(path) if value.strip()]
-    if len(found) != 1:
-        message = f"it has {len(found)} {path.replace(COLON, ':')}; it must have one"
-        raise _UnreadError(message, found[-1].getparent() if found else loop)
-    return found[0]
+    values = [value for value in loop.xpath(path) if value.strip()]
+    if len(values) != 1:
+        message = f"it has {len(values)} {path.replace(COLON, ':')}; it must have one"
+        raise _UnreadError(message, values[-1].getparent() if values else loop)
+    return values[0]
 
 
 def _pose(loop: Element, path: str) -> Array:

@@ -26,7 +26,7 @@ class UrdfFinding(NamedTuple):
         code: short name of the defect; the docstring of the package lists them.
         element: "link 'x'", "joint 'y'", "robot" or "document".
         line: line of the file, from 1; 0 for the file as a whole, and for a xacro's expansion.
-        message: what is wrong, with the value, the allowed values and what to do.
+        message: text that says what is wrong, with the value, the allowed values and what to do.
     """
 
     kind: Kind
@@ -37,8 +37,8 @@ class UrdfFinding(NamedTuple):
 
     def __str__(self) -> str:
         """Return the finding as one line of text."""
-        place = f"line {self.line}: " if self.line else ""
-        return f"{place}{self.element}: {self.message} [{self.code}]"
+        line = f"line {self.line}: " if self.line else ""
+        return f"{line}{self.element}: {self.message} [{self.code}]"
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,9 @@ class UrdfReport:
 
     def without(self, codes: Collection[str]) -> UrdfReport:
         """Return the report without the findings of some codes."""
-        return UrdfReport(self.source, tuple(found for found in self.findings if found.code not in codes))
+        return UrdfReport(
+            self.source, tuple(finding for finding in self.findings if finding.code not in codes)
+        )
 
     def errors(self, *, strict: bool = False) -> tuple[UrdfFinding, ...]:
         """Return structural and impossible findings, which make a file unusable; if strict, physical ones."""

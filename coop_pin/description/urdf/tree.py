@@ -17,10 +17,10 @@ class Edge(NamedTuple):
     """A joint between two links of the file.
 
     Attributes:
-        joint: its element.
+        joint: element of the joint.
         parent: name of its parent link, empty if the joint names none that exists.
         child: name of its child link.
-        name: of the joint.
+        name: name of the joint.
         is_fixed: whether the joint is of type fixed.
     """
 

@@ -68,13 +68,13 @@ def _expand(
         path: the file.
         packages: their folders by name.
         roots: folders that may be read.
-        arguments: of the file.
+        arguments: arguments of the file.
         largest: most bytes of a file that is read, and of the URDF.
     """
     import xacrodoc
 
     xacrodoc.packages.reset()
-    xacrodoc.packages.update_package_cache({name: Path(place) for name, place in packages.items()})
+    xacrodoc.packages.update_package_cache({name: Path(folder) for name, folder in packages.items()})
     xacrodoc.packages.walk_up_from(Path(path))
     _confine(xacrodoc.xacrodoc, [Path(root).resolve() for root in roots], largest)
     # As an include, because a file read as text would not find its own relative includes.

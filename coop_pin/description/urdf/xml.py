@@ -139,7 +139,7 @@ def finding(
     Args:
         element: the link, joint or loop that has the defect, or the robot.
         code: short name of the defect.
-        message: what is wrong.
+        message: text that says what is wrong.
         at: the element inside it whose line is named; the element itself when omitted.
         kind: severity class.
     """

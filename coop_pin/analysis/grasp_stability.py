@@ -1,0 +1,173 @@
+"""Stability of a law on compliant grasps: sampled loop of springs, arms and law, and stiffness needed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import expm
+
+from coop_pin.analysis.sampled_motion import NEUTRAL, sampled_motion
+from coop_pin.analysis.sampled_stability import SampledStability, plant_matrix, start_stability
+from coop_pin.arrays import Array, typed
+from coop_pin.description.scenario import Scenario
+from coop_pin.errors import ArgumentError
+from coop_pin.simulation import Simulation
+from coop_pin.spatial import internal_wrenches
+
+_STIFFEST, _STRIDE, _FACTOR_ERROR = 1e5, 1.2, 1e-3
+"""Largest factor of the stiffness that is tried, ratio of those tried below it, error of the one found."""
+
+
+class GraspStability(NamedTuple):
+    """Stability of a law on compliant grasps, linearised at the start.
+
+    Attributes:
+        radius: largest ``|z|`` of the sampled motion of springs, arms and law.
+        holds_from: factor of the grasps' stiffness from which on the motion does not grow, at the same
+            damping ratios; at most 1 if it does not grow, inf if no factor up to 1e5 suffices.
+        alone: sampled damping of each arm alone: below 2 no grasp is too soft for it.
+        stiffness: smallest translational stiffness of a grasp, N/m.
+        distance: largest displacement of a tip from its grasp at the start, m.
+        angle: largest rotation, rad.
+    """
+
+    radius: float
+    holds_from: float
+    alone: SampledStability
+    stiffness: float
+    distance: float
+    angle: float
+
+    @property
+    def ok(self) -> bool:
+        """Whether the motion does not grow from tick to tick."""
+        return self.radius < 1.0 + NEUTRAL
+
+    def summary(self) -> str:
+        """Return the findings as text."""
+        value = f"T*lambda = {self.alone.value:.3g} of {', '.join(self.alone.joints)}"
+        bound = f"each arm alone has {value}; below 2 no grasp is too soft for the damping"
+        needed = f"{self.holds_from * self.stiffness:.3g} N/m"
+        remedy = f"they hold from {needed} on" if math.isfinite(self.holds_from) else "no stiffness helps"
+        found = f"|z| = {self.radius:.5f} on compliant grasps of {self.stiffness:.3g} N/m"
+        verdict = "the motion is stable" if self.ok else f"the gains are too large: {remedy}"
+        start = (
+            f"at the start the grasps give by {1e3 * self.distance:.3g} mm and {1e3 * self.angle:.3g} mrad;"
+            " each arm sees its own tip, so that this acts like a kinematic bias"
+        )
+        return f"{'' if self.ok else '! '}{found}: {verdict}\n{bound}\n{start}"
+
+
+@typed
+def grasp_stability(simulation: Simulation) -> GraspStability:
+    """Return the stability of a law on compliant grasps, at the start.
+
+    The motions of arms and payload with springs, dampers and friction, linear and without the load's
+    prestress, over a tick in closed form; all gains of the law and the lag of the drives. Where no grasp is
+    rigid and the law measures internal wrenches, their feedback is in it, without filter and delay; an
+    estimate of the speed is not.
+
+    Args:
+        simulation: Simulation of a law of coop_pin that has not begun, with compliant grasps.
+
+    Raises:
+        ArgumentError: no grasp is compliant.
+        SingularJacobianError: an arm is singular.
+    """
+    cell, plant = simulation.scenario.cell, simulation.plant
+    if not cell.compliant:
+        raise ArgumentError("grasp_stability needs a compliant grasp; loop_stability is for rigid ones")
+    loop = _GraspLoop(simulation)
+    radius = loop.radius(1.0)
+    holds_from = 1.0 if radius < 1.0 + NEUTRAL else loop.least_factor()
+    deflection = plant.chain.springs.at(plant.q, plant.v).deflection
+    return GraspStability(
+        radius,
+        holds_from,
+        start_stability(simulation),
+        min(min(grasp.stiffness[:3]) for grasp in cell.compliant.values()),
+        float(np.linalg.norm(deflection[:, :3], axis=1).max()),
+        float(np.linalg.norm(deflection[:, 3:], axis=1).max()),
+    )
+
+
+def _wrench_errors(simulation: Simulation) -> Callable[[Array, Array], Array] | None:
+    """Return the internal wrenches at a state minus those at the start; None if they are not fed back."""
+    scenario, plant = simulation.scenario, simulation.plant
+    cell, springs = scenario.cell, plant.chain.springs
+    if not scenario.controller.force_path.measures or len(cell.compliant) < len(cell.arms):
+        return None
+
+    def internal(q: Array, v: Array) -> Array:
+        p_WP = plant.chain.payload_pose(q)[:3, 3]
+        about_P = np.array([F.vector for F in springs.at(q, v).on_arms])
+        about_P[:, 3:] -= np.cross(p_WP, about_P[:, :3])
+        return np.array([cell.task_rows.select(f) for f in internal_wrenches(about_P, cell.shares)])
+
+    start = internal(plant.q, plant.v)
+    return lambda q, v: internal(q, v) - start
+
+
+class _GraspLoop:
+    """Sampled loop of a law on compliant grasps, linear at the start."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation, q, errors = simulation, simulation.plant.q, _wrench_errors(simulation)
+        motion = sampled_motion(simulation, q, 0.0)
+        self._N, self._law = motion.basis, np.array((motion.feedback, motion.integral))
+        self._by_wrench = 0.0 * self._law
+        if errors is not None:
+            fed = sampled_motion(simulation, q, 0.0, errors)
+            self._by_wrench = np.array((fed.feedback, fed.integral)) - self._law
+
+    def least_factor(self) -> float:
+        """Return the factor of the stiffness from which on the motion does not grow; inf if there is none.
+
+        Stable windows below it do not count, so that the search comes from above.
+        """
+        low = high = _STIFFEST
+        while low > 1.0 and self.radius(low) < 1.0 + NEUTRAL:
+            low, high = low / _STRIDE, low
+        if low == _STIFFEST:
+            return math.inf
+        while high / low > 1.0 + _FACTOR_ERROR:
+            middle = math.sqrt(low * high)
+            low, high = (low, middle) if self.radius(middle) < 1.0 + NEUTRAL else (middle, high)
+        return high
+
+    def radius(self, stiffer: float) -> float:
+        """Return the largest ``|z|`` with the stiffness times a factor, at the same damping ratios."""
+        A, own = plant_matrix(self._simulation, self._simulation.plant.q, stiffer)
+        turn = np.kron(np.eye(2), own.T @ self._N)  # both are bases of the same motions
+        A, n = turn.T @ A @ turn, len(A) // 2
+        springs = np.repeat((stiffer, math.sqrt(stiffer)), n)  # wrenches of springs, and of dampers
+        G, H = self._law + springs * self._by_wrench
+        basis, singular, _ = np.linalg.svd(H)
+        U = basis[:, singular > NEUTRAL * np.abs(G).max()]
+        free, by_u = _held(A, self._simulation.scenario)
+        feedback = np.hstack((G, np.zeros((n, n)), U))
+        kept = np.hstack((U.T @ H, np.zeros((U.shape[1], n)), np.eye(U.shape[1])))
+        motion = np.hstack((free, np.zeros((3 * n, U.shape[1])))) + by_u @ feedback
+        return float(np.abs(np.linalg.eigvals(np.vstack((motion, kept)))).max())
+
+
+def _held(A: Array, scenario: Scenario) -> tuple[Array, Array]:
+    """Return the map of [y, w, b] over a tick, and that of a held acceleration by torques, shape (3 n, n).
+
+    Args:
+        A: Matrix of [y, w].
+        scenario: Period, and lag of the drives, behind which b is the acceleration that acts.
+    """
+    n, period, lag = len(A) // 2, scenario.clock.period, scenario.actuator_lag
+    to_w, rate = (
+        np.vstack((np.zeros((n, n)), np.eye(n))),
+        np.eye(n) / (lag * period) if lag else np.zeros((n, n)),
+    )
+    flow = np.block(
+        [[A, to_w * bool(lag), to_w * (not lag)], [np.zeros((n, 2 * n)), -rate, rate], [np.zeros((n, 4 * n))]]
+    )
+    tick = expm(period * flow)
+    return tick[: 3 * n, : 3 * n] * np.repeat((1.0, 1.0, float(lag > 0.0)), n), tick[: 3 * n, 3 * n :]

@@ -1,0 +1,222 @@
+"""Sampled closed loop of the motion at a pose: its matrix from tick to tick, and its modes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from coop_pin.analysis.sampled_stability import fastest_joints
+from coop_pin.arrays import Array
+from coop_pin.control.bounds import lag_pole
+from coop_pin.description.sensors import Sensors
+from coop_pin.simulation import Simulation
+from coop_pin.simulation.encoder import Encoders, EncoderState
+from coop_pin.simulation.sensing import Sensing
+
+_SMALL = 1e-6
+"""Displacement of differences, rad or m; speeds likewise."""
+_SETTLED = 1e6
+"""A time at which the transients of the start are gone, s."""
+NEUTRAL = 1e-6
+"""Growth in a tick, and part of a singular value, that count as none."""
+LEAST_DAMPING = 0.55
+"""Damping ratio below which a motion swings."""
+_SPARE = 0.5
+"""Part of a mode's square that must leave the task rows at rest for it to be one of spare joints."""
+_IDEAL_VELOCITY: Array = np.array([[0.0, 1.0]])
+
+
+class Mode(NamedTuple):
+    """A mode of the sampled motion.
+
+    Attributes:
+        z: its factor from tick to tick.
+        joints: the joints that move most, as arm/joint, the fastest first.
+        is_spare: whether most of it leaves the task rows of the payload at rest.
+    """
+
+    z: complex
+    joints: tuple[str, ...]
+    is_spare: bool
+
+    @property
+    def name(self) -> str:
+        """Name of the mode: that of the spare joints with their arms, or its joints."""
+        arms = " and ".join(sorted({joint.partition("/")[0] for joint in self.joints}))
+        return f"elbow (spare joints) of {arms}" if self.is_spare else f"motion of {', '.join(self.joints)}"
+
+    @property
+    def damping(self) -> float:
+        """Damping ratio of the mode."""
+        return damping_ratio(self.z)
+
+
+class SampledMotion(NamedTuple):
+    """Closed loop of the motion from tick to tick, linear, at rest on the reference at a pose.
+
+    On the n motions y that the closures leave, with their speed w, the acceleration b by the torques that
+    act, what the law keeps in its integral, h, and what the estimate of the speed keeps, e::
+
+        u[k] = G [y, w_m][k] + h[k],   h[k+1] = h[k] + H [y, w_m][k],   y' = w,  w' = b,  b' = (u - b) / lag
+
+    w_m is the measured speed. The states are [y, w, b, h, e], h in coordinates of what H can reach.
+
+    Attributes:
+        feedback: G, 1/s^2 and 1/s, shape (n, 2 n).
+        integral: H, likewise.
+        basis: velocity of the chain by each motion, shape (nv, n).
+        at_rest: projection of the motions on those that leave the task rows at rest, shape (n, n).
+        velocity: measured speed and the estimate's next states by [y, w, e], shape (1 + e, 2 + e).
+        period: T, s.
+        time: time of the pose, s.
+    """
+
+    feedback: Array
+    integral: Array
+    basis: Array
+    at_rest: Array
+    velocity: Array
+    period: float
+    time: float
+
+    def matrix(self, lag: float) -> Array:
+        """Return the matrix of a tick with a lag of the drives, s."""
+        return tick_matrix(self.feedback, self.integral, self.period, lag=lag, velocity=self.velocity)
+
+    def radius(self, lag: float) -> float:
+        """Return the largest ``|z|`` with a lag of the drives, s."""
+        return float(np.abs(np.linalg.eigvals(self.matrix(lag))).max())
+
+    def modes(self, simulation: Simulation, lag: float) -> list[Mode]:
+        """Return the modes that move the chain, with a lag of the drives, s.
+
+        Args:
+            simulation: Simulation of which it is the motion.
+            lag: Time constant of the drives, s.
+        """
+        z, vectors = np.linalg.eig(self.matrix(lag))
+        y = vectors[: len(self.feedback)]
+        size = np.linalg.norm(y, axis=0)
+        is_spare = np.linalg.norm(self.at_rest @ y, axis=0) ** 2 > _SPARE * size**2
+        joints = [fastest_joints(simulation, speeds) for speeds in np.abs(self.basis @ y).T]
+        return [Mode(complex(z[k]), joints[k], bool(is_spare[k])) for k in np.flatnonzero(size > 0.0)]
+
+
+def damping_ratio(z: complex) -> float:
+    """Return -Re(ln z) / ``|ln z|``; 1 for a mode that is gone after a tick, or does not move in one."""
+    if z == 0.0 or abs(log := np.log(complex(z))) < NEUTRAL:
+        return 1.0
+    return float(-log.real / abs(log))
+
+
+def tick_matrix(
+    G: Array, H: Array, period: float, *, lag: float = 0.0, velocity: Array = _IDEAL_VELOCITY
+) -> Array:
+    """Return the matrix of [y, w, b, h, e] over a tick with zero-order hold, in closed form.
+
+    Args:
+        G: Acceleration that the law's torque asks for by [y, w_m], shape (n, 2 n).
+        H: What it adds to that for all later ticks, likewise.
+        period: T, s.
+        lag: Time constant of the drives, s.
+        velocity: As of SampledMotion.
+    """
+    basis, singular, _ = np.linalg.svd(H)
+    U, eye, T = basis[:, singular > NEUTRAL * np.abs(G).max()], np.eye(len(G)), period
+    r = lag_pole(lag / T)
+    held = lag * (1.0 - r)  # the integral of exp(-s / lag) over the tick
+    free = np.array([[1.0, T, lag * (T - held)], [0.0, 1.0, held], [0.0, 0.0, r]])
+    by_u = np.array([[T * T / 2.0 - free[0, 2]], [T - held], [1.0 - r]])
+    n, k, e = len(eye), U.shape[1], len(velocity) - 1
+    # [y, w, e] from the states, then [y, w_m] and the next e.
+    slots = np.eye(3 * n + k + e * n)
+    seen = np.vstack((slots[: 2 * n], slots[3 * n + k :]))
+    measured = np.vstack((slots[:n], np.kron(velocity[:1], eye) @ seen))
+    h = slots[3 * n : 3 * n + k]
+    motion = np.kron(free, eye) @ slots[: 3 * n] + np.kron(by_u, G @ measured + U @ h)
+    return np.vstack((motion, h + U.T @ H @ measured, np.kron(velocity[1:], eye) @ seen))
+
+
+def sampled_motion(
+    simulation: Simulation,
+    q: Array,
+    time: float,
+    wrench_errors: Callable[[Array, Array], Array] | None = None,
+) -> SampledMotion:
+    """Return the closed loop of the motion of a law of coop_pin at a pose, by central differences.
+
+    All gains are in it, per row and of spare joints, and the estimate of the speed, the slowest of an arm for
+    all. At rest on the reference, internal wrenches as desired unless errors of them are given: their loop is
+    not in it. sgn has no linear integral: there H = 0. Friction, leak and rate limits are not considered.
+
+    Args:
+        simulation: Simulation that has not begun.
+        q: Configuration of the chain at the pose.
+        time: Time of the pose, s.
+        wrench_errors: Errors of the measured internal wrenches at a state, task rows, shape (m, k_0).
+
+    Raises:
+        SingularJacobianError: an arm is singular there.
+    """
+    plant, law, scenario = simulation.plant, simulation.controller, simulation.scenario
+    chain, rest = plant.chain.mechanism, np.zeros(len(plant.v))
+    ideal = scenario.replace(sensors=Sensors(), arm_sensors={}, beyond_bound=True)
+    holding = simulation.actuation.holding_commands(q)
+    sensing = Sensing(ideal, plant.chain.model.arms, holding_torques=lambda _q: holding)
+    first = sensing.start(q, rest, simulation.references(time))
+    references = [
+        reference._replace(pose=seen.payload_pose, twist=0.0 * reference.twist)
+        for reference, seen in zip(simulation.references(time), first, strict=True)
+    ]
+    basis, singular, _ = np.linalg.svd(
+        np.column_stack([chain.project_velocity(q, row) for row in np.eye(len(rest))])
+    )
+    N = basis[:, singular > NEUTRAL]
+
+    def step(q: Array, v: Array, state: object) -> tuple[Array, object]:
+        # Drives cut nothing here: what the law asked for a tick ago is what acted.
+        measured: Any = sensing.start(q, v, references)
+        seen = [arm._replace(time=_SETTLED, reported_torque=None) for arm in measured]
+        if wrench_errors is not None:
+            seen = [
+                arm._replace(internal_wrench=arm.internal_wrench + error, internal_wrench_age=0.0)
+                for arm, error in zip(seen, wrench_errors(q, v), strict=True)
+            ]
+        command = law.step(seen, references, state)
+        torque = plant.transmission.torque(simulation.actuation.commanded(command))
+        return N.T @ chain.forward_dynamics(q, rest, torque).acceleration, command.state
+
+    def response(moved: Array, v: Array) -> Array:
+        now, state = step(moved, v, start)
+        kept = step(q, rest, state)[0] if scenario.controller.has_linear_integral else 0.0 * now
+        return np.concatenate((now, kept))
+
+    start = law.init(first, references)
+    moved = [
+        [response(pin.integrate(chain.model, q, h * row), rest), response(q, h * row)]
+        for row in N.T
+        for h in (_SMALL, -_SMALL)
+    ]
+    slopes = (np.array(moved[::2]) - np.array(moved[1::2])) / (2.0 * _SMALL)
+    G, H = np.split(np.hstack((slopes[:, 0].T, slopes[:, 1].T)), 2)
+    J = scenario.cell.task_rows.select(plant.chain.payload_jacobian(q)) @ N
+    at_rest = np.eye(len(G)) - np.linalg.pinv(J) @ J
+    return SampledMotion(G, H, N, at_rest, _velocity_estimate(simulation), scenario.clock.period, time)
+
+
+def _velocity_estimate(simulation: Simulation) -> Array:
+    """Return measured speed and next states of the slowest estimate of an arm, by [y, w, e]."""
+    scenario = simulation.scenario
+    estimates = [
+        Encoders.of_sensors(Sensors(velocity=scenario.sensors_of(arm).velocity), scenario.clock.period, 1, "")
+        for arm in scenario.cell.arms
+    ]
+    slowest = max(estimates, key=lambda estimate: (estimate.velocity != "ideal", estimate.pole))
+    if slowest.velocity == "ideal":
+        return _IDEAL_VELOCITY
+    y, w, last, estimate = np.eye(4)  # the estimate is linear: all four unit inputs at once
+    (_, measured), state = slowest.step(EncoderState(last, estimate), y, w, 0.0 * y)
+    return np.array([measured, *state])

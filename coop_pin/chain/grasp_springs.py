@@ -1,0 +1,337 @@
+"""Springs and dampers of compliant grasps: force elements between the tips of arms and the payload.
+
+The wrench is a pure function of relative pose and twist (``SpringDamper``); ``GraspSprings`` has its places
+in the tree of a cell.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from coop_pin.arrays import Array
+from coop_pin.description.cell import Cell
+from coop_pin.errors import FieldError
+from coop_pin.model.cell_model import CellModel
+from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, symmetric
+from coop_pin.spatial import weight_wrench
+
+_UPPER, _LOWER = [5, 6, 1], [7, 2, 3]
+"""Entries (2, 3), (3, 1), (1, 2) of a flat matrix, and those of its transpose."""
+_STEPS = 60
+"""Most steps of the searches for rest."""
+_SETTLED = 1e-14
+"""Last step of those searches, m and rad."""
+_BALANCED = 1e-9
+"""Moment that a spring at rest may lack, as a part of its stiffness."""
+_SPREAD = 1e-6
+"""Singular value of an arm's Jacobian, as a part of the largest, in whose direction a tip does not move."""
+
+
+class SpringDamper(NamedTuple):
+    """Springs and dampers between frames G and E: the equations of CompliantGrasp, n of them at once.
+
+    Attributes:
+        stiffness: diagonals of K in axes of G, N/m and N m/rad, shape (n, 6).
+        turning: diagonals of G = tr(K_r) / 2 - K_r, N m/rad, shape (n, 3).
+        damping: diagonals of D in axes of G, N s/m and N m s/rad, shape (n, 6).
+    """
+
+    stiffness: Array
+    turning: Array
+    damping: Array
+
+    @classmethod
+    def of(cls, stiffness: Array, damping: Array) -> SpringDamper:
+        """Return the springs and dampers of two diagonals, shape (n, 6) each."""
+        k_r = stiffness[:, 3:]
+        return cls(stiffness, 0.5 * k_r.sum(axis=1, keepdims=True) - k_r, damping)
+
+    def elastic(self, p: Array, R: Array) -> Array:
+        """Return the wrenches on E about its origin in axes of G without damping, N and N m, shape (n, 6).
+
+        Args:
+            p: Position of E in G, m, shape (n, 3).
+            R: Orientation of E in G, shape (n, 3, 3).
+        """
+        S = (R * self.turning[:, None, :]).reshape(-1, 9)
+        return np.concatenate((-self.stiffness[:, :3] * p, S[:, _UPPER] - S[:, _LOWER]), axis=1)
+
+    def dissipative(self, V: Array) -> Array:
+        """Return the wrenches of the dampers, likewise.
+
+        Args:
+            V: Twist of E in G about E's origin in axes of G, m/s and rad/s, shape (n, 6).
+        """
+        return -self.damping * V
+
+    def energy(self, p: Array, R: Array) -> Array:
+        """Return the energies in the springs, J, shape (n,); arguments as of ``elastic``."""
+        turned = self.turning * (1.0 - R.reshape(-1, 9)[:, ::4])
+        return 0.5 * (self.stiffness[:, :3] * p * p).sum(axis=1) + turned.sum(axis=1)
+
+
+class GraspState(NamedTuple):
+    """Compliant grasps of a cell at a state.
+
+    Attributes:
+        force: generalised force of springs and dampers, shape (nv,).
+        power: power of the dampers, W; not positive.
+        wrench: wrench on each arm about its tip in grasp axes, N and N m, shape (n, 6).
+        on_arms: the same about the world's origin, as Pinocchio's forces.
+        position: position of each tip in its grasp frame, m, shape (n, 3).
+        rotation: orientation of each tip in its grasp frame, shape (n, 3, 3).
+    """
+
+    force: Array
+    power: float
+    wrench: Array
+    on_arms: list[Any]
+    position: Array
+    rotation: Array
+
+    @property
+    def deflection(self) -> Array:
+        """Position and rotation vector of each tip from its grasp, in grasp axes, m and rad, shape (n, 6)."""
+        return np.hstack((self.position, np.array([pin.log3(R) for R in self.rotation])))
+
+
+class _Side(NamedTuple):
+    """Frame on a joint of the tree, with references into Pinocchio's data, whose look-up would take longest.
+
+    Attributes:
+        joint: index of the joint.
+        X_JF: pose of the frame in the joint's.
+        X_WJ: pose of the joint; live.
+        V_J: twist of the joint in its axes; live.
+        F_J: wrench on the joint's body in its axes; live.
+    """
+
+    joint: int
+    X_JF: Any
+    X_WJ: Any
+    V_J: Any
+    F_J: Any
+
+    @property
+    def pose(self) -> Any:
+        """X_WF."""
+        return self.X_WJ * self.X_JF
+
+    @property
+    def twist(self) -> Any:
+        """Twist of the joint about the world's origin."""
+        return self.X_WJ.act(self.V_J)
+
+
+class GraspSprings:
+    """Compliant grasps in the tree of a cell.
+
+    Attributes:
+        arms: indices of their arms.
+        springs: their springs and dampers. A damping ratio gives no damping before ``damp`` is called.
+    """
+
+    def __init__(self, cell: Cell, tree: CellModel) -> None:
+        """Find the frames of the compliant grasps.
+
+        Args:
+            cell: Description.
+            tree: Its tree, which is kept.
+        """
+        names, grasps, model = list(cell.arms), cell.compliant, tree.model
+        self.arms = [names.index(name) for name in grasps]
+        self._cell, self._tree, self._grasps = cell, tree, grasps
+        # Without gravity and motion, inverse dynamics is J^T of the wrenches on the bodies.
+        self._weightless, self._rest = model.copy(), np.zeros(model.nv)
+        self._weightless.gravity.setZero()
+        self._data = model.createData()
+        self._forces = pin.StdVec_Force([pin.Force.Zero()] * model.njoints)
+        self._sides = [
+            (self._side(tree.arms[index].tip), self._side(frame_id(model, f"payload/{name}")))
+            for index, name in zip(self.arms, grasps, strict=True)
+        ]
+        stiffness = np.array([grasp.stiffness for grasp in grasps.values()]).reshape(-1, 6)
+        damping = [np.zeros(6) if g.damping is None else np.array(g.damping) for g in grasps.values()]
+        self.springs = SpringDamper.of(stiffness, np.array(damping).reshape(-1, 6))
+
+    def __len__(self) -> int:
+        """Return the number of compliant grasps."""
+        return len(self.arms)
+
+    def at(self, q: Array, v: Array) -> GraspState:
+        """Return wrenches and generalised force at a state."""
+        pin.forwardKinematics(self._weightless, self._data, q, v)
+        poses = [(arm.pose, payload.pose) for arm, payload in self._sides]
+        X_WG = [pin.SE3(grasp.rotation, tip.translation) for tip, grasp in poses]
+        twists = (
+            X.actInv(arm.twist - payload.twist) for X, (arm, payload) in zip(X_WG, self._sides, strict=True)
+        )
+        V = np.array([twist.vector for twist in twists])
+        X_GE = [grasp.actInv(tip) for tip, grasp in poses]
+        p, R = np.array([X.translation for X in X_GE]), np.array([X.rotation for X in X_GE])
+        dissipative = self.springs.dissipative(V)
+        wrenches = self.springs.elastic(p, R) + dissipative
+        on_arms = [X.act(pin.Force(F)) for X, F in zip(X_WG, wrenches, strict=True)]
+        for arm, payload in self._sides:
+            arm.F_J.setZero()
+            payload.F_J.setZero()
+        for (arm, payload), F in zip(self._sides, on_arms, strict=True):
+            arm.F_J.vector += arm.X_WJ.actInv(F).vector
+            payload.F_J.vector -= payload.X_WJ.actInv(F).vector
+        force = -pin.rnea(self._weightless, self._data, q, self._rest, self._rest, self._forces)
+        return GraspState(force, float((dissipative * V).sum()), wrenches, on_arms, p, R)
+
+    def energy(self, state: GraspState) -> float:
+        """Return the energy in all springs at a state, J."""
+        return float(self.springs.energy(state.position, state.rotation).sum())
+
+    def jacobians(self, q: Array) -> Array:
+        """Return B with V = B v, the twists of SpringDamper, shape (n, 6, nv)."""
+        model, data = self._weightless, self._data
+        pin.computeJointJacobians(model, data, q)
+        return np.array(
+            [
+                pin.SE3(payload.pose.rotation, arm.pose.translation).toActionMatrixInverse()
+                @ (self._jacobian(arm) - self._jacobian(payload))
+                for arm, payload in self._sides
+            ]
+        )
+
+    def matrices(self, q: Array) -> tuple[Array, Array]:
+        """Return stiffness B^T K B and damping B^T D B at undeflected grasps, shape (nv, nv) each."""
+        B, springs = self.jacobians(q), self.springs
+        return tuple(np.einsum("nji,nj,njk->ik", B, part, B) for part in (springs.stiffness, springs.damping))
+
+    def damp(self, q: Array) -> None:
+        """Set the damping that is stated as a ratio, by the mobility at a configuration."""
+        tree, damping = self._tree, self.springs.damping.copy()
+        M, B = symmetric(pin.crba(tree.model, tree.model.createData(), q)), self.jacobians(q)
+        inertia = tree.payload_inertia.matrix()
+        for place, (index, grasp) in enumerate(zip(self.arms, self._grasps.values(), strict=True)):
+            joints, (tip, payload) = tree.arms[index].v_slice, self._sides[place]
+            J, X_PG = B[place][:, joints], pin.SE3(grasp.matrix)
+            p_GE = payload.pose.actInv(tip.pose).translation
+            A = (X_PG * pin.SE3(np.eye(3), p_GE)).toActionMatrixInverse()
+            mobility = J @ np.linalg.solve(M[joints, joints], J.T) + A @ np.linalg.solve(inertia, A.T)
+            if grasp.damping is None:
+                critical = 2.0 * np.sqrt(self.springs.stiffness[place] / np.diagonal(mobility))
+                damping[place] = grasp.damping_ratio * critical
+        self.springs = self.springs._replace(damping=damping)
+
+    def deflected(self, q: Array) -> Array:
+        """Return the configuration at rest at which each compliant grasp carries its arm's share of the load.
+
+        The arms move, as far as they can; then a payload that no rigid grasp holds moves into balance.
+
+        Args:
+            q: Configuration with all tips at their grasps.
+
+        Raises:
+            FieldError: a spring is too soft for the moment of its share.
+        """
+        model, data, tree = self._tree.model, self._data, self._tree
+        pin.forwardKinematics(model, data, q)
+        X_WP = data.oMi[tree.payload_joint] * model.frames[tree.payload_frame].placement
+        weight = weight_wrench(self._cell.payload.mass, self._cell.gravity)[:3]
+        for index, (name, grasp), (tip, payload) in zip(
+            self.arms, self._grasps.items(), self._sides, strict=True
+        ):
+            slot, X_PG = tree.arms[index], pin.SE3(grasp.matrix)
+            load = pin.Force(slot.share * (X_WP.rotation.T @ weight), np.zeros(3))
+            target = payload.pose * _at_rest(np.array(grasp.stiffness), X_PG.actInv(load).vector, name)
+            q = self._reached(q, tip, slot.v_slice, target)
+            pin.forwardKinematics(model, data, q)
+        return q if tree.closed_by_tree or len(self) < len(tree.arms) else self._balanced(q, weight)
+
+    def loads(self, q: Array, loads: Array) -> Array:
+        """Return the wrenches on the arms at rest about P as their own kinematics see it, shape (m, 6).
+
+        A deflected grasp moves that point.
+
+        Args:
+            q: Configuration.
+            loads: Wrenches of the arms with rigid grasps, about P in world axes, shape (m, 6).
+        """
+        loads, on_arms = loads.copy(), self.at(q, self._rest).on_arms
+        for index, (tip, _), grasp, F in zip(
+            self.arms, self._sides, self._grasps.values(), on_arms, strict=True
+        ):
+            seen = tip.pose * pin.SE3(grasp.matrix).inverse()
+            loads[index] = pin.SE3(np.eye(3), seen.translation).actInv(F).vector
+        return loads
+
+    def _side(self, frame: int) -> _Side:
+        named = self._tree.model.frames[frame]
+        joint, data = int(named.parentJoint), self._data
+        return _Side(joint, named.placement.copy(), data.oMi[joint], data.v[joint], self._forces[joint])
+
+    def _jacobian(self, side: _Side) -> Array:
+        """Return the Jacobian of a side's joint about the world's origin, shape (6, nv)."""
+        J = pin.getJointJacobian(self._weightless, self._data, side.joint, pin.WORLD)
+        return jacobian_matrix(J)
+
+    def _reached(self, q: Array, tip: _Side, joints: slice, target: Any) -> Array:
+        """Return q with the joints of an arm moved so that its tip is nearest to a target."""
+        model, data = self._tree.model, self._data
+        for _ in range(_STEPS):
+            pin.computeJointJacobians(model, data, q)
+            missing = tip.pose.actInv(target)
+            error = np.concatenate((missing.translation, pin.log3(missing.rotation)))
+            J = tip.X_JF.toActionMatrixInverse() @ jacobian_matrix(
+                pin.getJointJacobian(model, data, tip.joint, pin.LOCAL)
+            )
+            step = np.zeros(model.nv)
+            step[joints] = np.linalg.lstsq(J[:, joints], error, rcond=_SPREAD)[0]
+            q = pin.integrate(model, q, step)
+            if np.abs(step).max() < _SETTLED:
+                break
+        return q
+
+    def _balanced(self, q: Array, weight: Array) -> Array:
+        """Return q with the payload moved until springs and weight balance."""
+        model, joint = self._tree.model, self._tree.payload_joint
+        entries = slice(int(model.idx_vs[joint]), int(model.idx_vs[joint]) + 6)
+        for _ in range(_STEPS):
+            state, B = self.at(q, self._rest), self.jacobians(q)[:, :, entries]
+            R = self._data.oMi[joint].rotation
+            missing = state.force[entries] + np.concatenate((R.T @ weight, np.zeros(3)))
+            step = np.zeros(model.nv)
+            step[entries] = np.linalg.solve(
+                np.einsum("nji,nj,njk->ik", B, self.springs.stiffness, B), missing
+            )
+            q = pin.integrate(model, q, step)
+            if np.abs(step).max() < _SETTLED:
+                break
+        return q
+
+
+def _at_rest(stiffness: Array, load: Array, name: str) -> Any:
+    """Return X_GE at which a spring has a wrench on its arm.
+
+    Args:
+        stiffness: Diagonal of K, shape (6,).
+        load: Wrench on the arm about the grasp in its axes, N and N m, shape (6,).
+        name: Name of the arm, for the error.
+
+    Raises:
+        FieldError: no rotation has the moment.
+    """
+    spring = SpringDamper.of(stiffness[None], np.zeros((1, 6)))
+    p, turn = -load[:3] / stiffness[:3], np.zeros(3)
+    moment = load[3:] - np.cross(p, load[:3])
+    for _ in range(_STEPS):
+        missing = moment - spring.elastic(p[None], pin.exp3(turn)[None])[0, 3:]
+        if np.abs(missing / stiffness[3:]).max() < _SETTLED:
+            break
+        turn = turn - missing / stiffness[3:]
+    if not np.abs(missing / stiffness[3:]).max() < _BALANCED:
+        raise FieldError(
+            f"is {stiffness[3:].tolist()} N m/rad in rotation; the arm's share of the weight asks for a"
+            f" moment of {np.linalg.norm(moment):.3g} N m, which no deflection has: use a stiffer grasp, or"
+            " one nearer to P",
+            f"cell.grasps.{name}.stiffness",
+        )
+    return pin.SE3(pin.exp3(turn), p)
