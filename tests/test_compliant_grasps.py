@@ -200,6 +200,18 @@ def test_stable_step_is_where_free_vibration_starts_to_grow(name):
     assert growth[1] > 1e3 * growth[0]
 
 
+def test_stable_step_of_the_paper_s_bar():
+    """The limit of Runge-Kutta 4 at 300 kN/m is set by the bar's roll."""
+    limits = []
+    for ratio in (0.1, 1.0):
+        scenario = with_grasps(
+            cp.Scenario.load("adept-anchored", {"events": []}), "paper", damping_ratio=ratio
+        )
+        found = step_stability(Simulation(scenario, build_controller(scenario)))
+        limits.append(scenario.clock.period / scenario.clock.steps_per_tick * found.limit / found.value)
+    assert_allclose(limits, (1.57e-3, 0.61e-3), rtol=5e-3)
+
+
 @pytest.mark.parametrize("payload", ["welded", "free"])
 @pytest.mark.parametrize("held", ["left", "right"])
 @pytest.mark.parametrize("name", SCENARIOS)
