@@ -373,3 +373,25 @@ def test_what_is_for_rigid_grasps_is_refused(name):
     result = cp.run(scenario.override({"duration": 0.02, "clock.steps_per_tick": 20}), warn=False)
     with pytest.raises(ArgumentError, match="compliant"):
         theorem_monitor(result)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_payload_at_rest_tends_to_that_of_rigid_grasps_as_the_inverse_of_the_stiffness(name):
+    """After 5 / min(k_I, gamma), with the same gains and damping ratio: slope -1 over 3e5 .. 3e7 N/m."""
+    rate = {"clock.rate_hz": 1000.0, "clock.steps_per_tick": 1, "controller.gains.anchor_gain": 0.02}
+    planar = {"controller.gains.sliding_gain": (800.0, 800.0, 10.0), "controller.gains.pose_gain": 4.0}
+    rate |= {"duration": 1.3, "controller.gains.sign_gain": 0.25} | (planar if name == "planar" else {})
+    scenario = SCENARIOS[name]().replace(controller=ANCHORED[name], events=())
+    scenario = scenario.replace(motion=cp.HoldMotion(pose=scenario.start)).override(rate)
+    rows, sizes, found = list(scenario.cell.task_rows.indices), 3.0 * np.logspace(5, 7, 3), []
+    rigid = cp.run(scenario, warn=False).data["pose_error"].values[-1]
+    for k in sizes:
+        compliant = with_grasps(scenario, (k, k, k, k / 100, k / 100, k / 100), damping_ratio=0.5)
+        stable = step_stability(Simulation(compliant, build_controller(compliant)))
+        steps = int(np.ceil(2.0 * stable.value / stable.limit))
+        data = cp.run(compliant.override({"clock.steps_per_tick": steps}), warn=False).data
+        found.append(np.linalg.norm((data["pose_error"].values[-1] - rigid)[rows]))
+    slope = np.polyfit(np.log(sizes), np.log(found), 1)[0]
+    print(f"\n{name}: {found} m or rad, slope {slope:.3f}")
+    assert_allclose(slope, -1.0, atol=0.15)
