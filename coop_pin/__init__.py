@@ -50,6 +50,7 @@ _PUBLIC = {
     "LowPassForcePath": "coop_pin.control",
     "MeanPose": "coop_pin.control",
     "Miscalibration": "coop_pin.description",
+    "MobileBase": "coop_pin.description",
     "NoForcePath": "coop_pin.control",
     "ObservedVelocity": "coop_pin.description",
     "Payload": "coop_pin.description",

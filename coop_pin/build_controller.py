@@ -38,4 +38,5 @@ def controlled_arm(scenario: Scenario, name: str) -> ControlledArm:
         start_pose=scenario.start.matrix,
         oldest_wrench=path.delay
         + max((wrist.delay + wrist.every - 1 for wrist in scenario.wrists), default=0),
+        base_drives=model.base_joints,
     )

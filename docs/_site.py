@@ -9,7 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import coop_pin
-from coop_pin.description import Payload, Scenario
+from coop_pin.comparison import Comparison, benchmark_scenario, controllers_for, standard_trials
+from coop_pin.comparison.trials import changes_of
+from coop_pin.description import Payload, Scenario, scenario_names
+from coop_pin.heat_map import REPLAYS, replay_file
 from coop_pin.schema.base import Description
 from coop_pin.schema.meanings import described, meanings, section
 
@@ -149,16 +152,51 @@ def _constructor(app: Any, what: str, name: str, obj: Any, options: Any, lines: 
         lines += ["", *inspect.cleandoc(texts).splitlines(), ""]
 
 
-def _write_replay(app: Any) -> None:
-    """Write the replay that the page on the internal force embeds."""
+TELLING = (
+    *(("adept-anchored", law, "bias 1 mm") for law in ("printed", "zeroed-leaky", "anchored")),
+    *(
+        ("two-pandas-box", law, "bias 1 mm")
+        for law in ("printed", "computed-torque", "mean-pose", "anchored")
+    ),
+    *(("two-pandas-box", "anchored", trial) for trial in ("push", "torque of an arm lost")),
+    *(("three-ur5-plate", law, "bias 1 mm") for law in ("leader-follower", "anchored")),
+    ("panda-ur5-bar", "anchored", "wrist lost at half time"),
+)
+"""Cells of the comparison whose replays the site has: scenario, controller, trial."""
+
+
+def benchmark_run(scenario: str, controller: str, trial: str) -> coop_pin.RunResult:
+    """Return the run of a cell of the benchmark, with its stored gains."""
+    base = benchmark_scenario(Scenario.load(scenario))
+    law = controllers_for(base, [controller])[controller]
+    return coop_pin.run(base, changes_of(base, standard_trials(base)[trial], law))
+
+
+def write_replays(folder: Path) -> None:
+    """Write the replay that a page embeds, those of the gallery, and the explorer with its own.
+
+    Args:
+        folder: static files of the site.
+    """
+    coop_pin.viz.save_replay(coop_pin.run("adept-paper", {"duration": 12.0}), folder / "replay.html")
+    replays = folder / REPLAYS
+    replays.mkdir(parents=True, exist_ok=True)
+    for name in scenario_names():
+        coop_pin.viz.save_replay(coop_pin.run(name), replays / f"{name}.html")
+    for cell in TELLING:
+        coop_pin.viz.save_replay(benchmark_run(*cell), replays / replay_file([cell]))
+    table = Path(__file__).parents[1] / "studies" / "benchmark.csv"
+    Comparison.load(table).write_html(folder / "comparison.html")
+
+
+def _write_replays(app: Any) -> None:
     if app.builder.format == "html":
-        result = coop_pin.run("adept-paper", {"duration": 12.0})
-        coop_pin.viz.save_replay(result, Path(app.outdir) / "_static" / "replay.html")
+        write_replays(Path(app.outdir) / "_static")
 
 
 def setup(app: Any) -> dict[str, bool]:
     """Register the callbacks with Sphinx."""
-    app.connect("builder-inited", _write_replay)
+    app.connect("builder-inited", _write_replays)
     app.connect("source-read", _fill)
     app.connect("autodoc-skip-member", _skip)
     app.connect("autodoc-process-signature", _signature)

@@ -21,8 +21,10 @@ import contextlib
 import functools
 import inspect
 import io
+import itertools
 import json
 import math
+import os
 import random
 import resource
 import signal
@@ -39,8 +41,25 @@ from cells import SCENARIOS
 from linkages import bennett
 
 import coop_pin as cp
-from coop_pin import analysis, batch, comparison, figures, spatial, viz
+from coop_pin import (
+    analysis,
+    batch,
+    chain,
+    cli,
+    comparison,
+    control,
+    description,
+    figures,
+    model_based,
+    reference,
+    results,
+    simulation,
+    spatial,
+    sweeps,
+    viz,
+)
 from coop_pin.build_controller import build_controller
+from coop_pin.description import urdf
 from coop_pin.tracing.numpy_machine import NumpyMachine
 
 SOUND = {"result", "refused", "not callable so"}
@@ -90,7 +109,7 @@ def hostile_values() -> list[object]:
             "\ud800",
             b"bytes",
             b"\0",
-            Path("/nowhere"),
+            Path("/nowhere/x"),
         ),
         *(
             [],
@@ -135,6 +154,14 @@ def hostile_values() -> list[object]:
     ]
 
 
+PACKAGES = (cp, analysis, batch, chain, comparison, control, description, figures, model_based, reference)
+PACKAGES += (results, simulation, spatial, sweeps, urdf, viz)
+
+
+PUBLIC = {name: getattr(package, name) for package in PACKAGES for name in package.__all__}
+"""What packages export, by name; what several export is one."""
+
+
 class Calls:
     """Every function, class and method that is called, with arguments that it accepts.
 
@@ -146,8 +173,9 @@ class Calls:
         folder.mkdir()
         self.folder, self.scenario = folder, scenario.override(SHORT)
         self.recipes = {}
-        for name in cp.__all__:
-            target = getattr(cp, name)
+        for name, target in PUBLIC.items():
+            if inspect.isabstract(target):
+                continue
             if hasattr(target, "model_fields"):
                 self._add(name, functools.partial(self._description, target))
             elif hasattr(target, "_fields"):
@@ -155,7 +183,7 @@ class Calls:
         for name, arguments in self._arguments().items():
             self._add(name, functools.partial(self._call, name, arguments))
         for target, arguments in self._functions():
-            name = f"{target.__module__.split('.')[1]}.{target.__name__}"
+            name = ".".join((*target.__module__.split(".")[1:2], target.__name__))
             self._add(name, lambda target=target, arguments=arguments: (target, arguments()))
 
     def _add(self, name, recipe) -> None:
@@ -163,7 +191,7 @@ class Calls:
 
     def _call(self, name, arguments):
         owner, *method = name.split(".")
-        target = getattr(cp if hasattr(cp, owner) else cp.spatial, owner)
+        target = PUBLIC[owner]
         if method:
             target = getattr(
                 target if inspect.ismethod(getattr(target, method[0])) else self.own(owner), *method
@@ -185,6 +213,10 @@ class Calls:
             return simulation
         if owner == "CellChain":
             return cp.CellChain(self.scenario.cell)
+        if owner == "Scenario":
+            return self.scenario
+        if owner == "BatchSimulator":
+            return batch.BatchSimulator(machine=NumpyMachine)
         return getattr(self, owner)
 
     @functools.cached_property
@@ -267,7 +299,7 @@ class Calls:
         return cp.reachability(self.scenario, poses=3)
 
     @functools.cached_property
-    def comparison(self):
+    def Comparison(self):
         return cp.compare(**self.compared(), out=self.folder / "compared")
 
     @functools.cached_property
@@ -315,7 +347,7 @@ class Calls:
         )
         yield (
             figures.comparison_figure,
-            lambda: {"comparison": self.comparison, "scenario": self.scenario.name},
+            lambda: {"comparison": self.Comparison, "scenario": self.scenario.name},
         )
         yield (
             figures.save_figure,
@@ -357,14 +389,71 @@ class Calls:
         yield batch.plant_reason, lambda: {"plant": self.scenario.plant, "cell": self.scenario.cell}
         yield batch.simulate_batch, lambda: {"scenarios": [self.scenario], "machine": NumpyMachine}
         yield batch.export_c, lambda: {**alone(), "arm": "left", "folder": self.folder / "c", "ticks": 2}
+        yield analysis.anchor_bounded_time, result
+        yield analysis.implausible_numbers, alone
+        yield analysis.run_warnings, lambda: {**alone(), "controller": build_controller(self.scenario)}
+        yield analysis.loads_without_an_arm, along
+        posture = lambda: {**along(), "posture": control.PostureGains()}  # noqa: E731
+        yield analysis.internal_moment, posture
+        yield analysis.motion_wrenches, posture
+        yield (
+            analysis.new_cell,
+            lambda: {
+                "arms": ["ur5", "ur5"],
+                "payload": "box",
+                "mass": 2.0,
+                "size": (0.3, 0.2, 0.1),
+                "grasp": "sides",
+                "layout": "facing",
+                "tips": (),
+                "distance": None,
+                "name": "cell",
+            },
+        )
+        yield (
+            command_new,
+            lambda: {
+                "path": self.folder / f"cell{next(numbers)}.toml",
+                "arms": "ur5 ur5",
+                "payload": "box",
+                "mass": 2.0,
+                "size": "0.3 0.2 0.1",
+                "tips": "tool0 tool0",
+                "distance": 0.7,
+            },
+        )
+        yield comparison.controller_names, dict
+        yield (
+            control.anchor_gain_bound,
+            lambda: {"pole": 0.5, "delay": 1, "every": 1, "force_gain": 0.1, "lag": 0.0},
+        )
+        yield control.force_gain_bound, lambda: {"pole": 0.5, "delay": 1, "lag": 0.0}
+        yield (
+            reference.check_consistency,
+            lambda: {"reference": self.scenario.motion, "times": [0.01, 0.02], "allowed": 1e-3},
+        )
+        yield sweeps.estimate, lambda: {"plan": self.plan}
+        yield cp.Execution, lambda: {"workers": 0, "engine": "single", "quiet": True, "merge": ()}
+        yield cp.CellArm, lambda: {"cell": self.scenario.cell, "name": "left"}
+        yield urdf.check_urdf, lambda: {"text": self.urdf}
+        yield urdf.text_checked, lambda: {"text": self.urdf, "loops": False}
+        yield urdf.read_loops, lambda: {"text": self.urdf}
+        yield urdf.find_urdf, lambda: {"name_or_path": "panda", "package_dirs": (), "xacro_args": {}}
+        yield urdf.check_file, lambda: {"urdf": urdf.find_urdf("panda")}
+        yield urdf.load_checked, lambda: {"urdf": urdf.find_urdf("panda"), "strict": False, "loops": False}
+        yield urdf.robot_files, dict
+        yield viz.save_report, lambda: {**result(), "path": self.folder / "report.html"}
+        yield viz.save_replay, lambda: {**result(), "path": self.folder / "replay.html", "names": ()}
+        yield viz.notebook_view, lambda: {**result(), "height": 300}
         yield viz.metrics_table, result
-        yield viz.replay_html, lambda: {"result": self.RunResult, "other": None, "times": ()}
+        yield viz.replay_html, lambda: {"result": self.RunResult, "times": ()}
         yield viz.report_html, result
         yield spatial.quaternions, lambda: {"R": np.eye(3)}
         yield spatial.exp3, lambda: {"vector": np.zeros(3)}
         yield spatial.log3, lambda: {"R": np.eye(3)}
         yield spatial.rotation_from_rpy, lambda: {"rpy": np.zeros(3)}
         yield spatial.weight_wrench, lambda: {"mass": 1.0, "gravity": (0.0, 0.0, -9.81)}
+        yield spatial.spatial_inertia, lambda: {"mass": 1.0, "inertia": np.eye(3), "R_WP": np.eye(3)}
         yield spatial.load_wrenches, lambda: {"interaction": np.zeros((2, 6)), "load_shares": np.full(2, 0.5)}
 
     def _arguments(self):
@@ -451,7 +540,25 @@ class Calls:
             "SweepResult.sobol_indices": {"metric": metric, "confidence": 0.9, "resamples": 9},
             "SweepResult.stability_boundary": {"field": "duration", "by": None, "stable": None},
             "SweepResult.values": {"metric": metric},
-            "Scenario.load": {"name_or_path": "adept-paper", "overrides": {"duration": 1.0}},
+            "Scenario.save": {"path": self.folder / "saved.toml", "commented": True},
+            "Scenario.to_toml": {"commented": True},
+            "Scenario.override": {"changes": {"duration": 0.02}},
+            "Comparison.ranks": {"measure": "axial_rms_N", "seed": 0},
+            "Comparison.open": {
+                "scenario": self.scenario.name,
+                "controller": "leader-follower",
+                "trial": "nominal",
+                "seed": 0,
+            },
+            "Comparison.load": {"path": self.folder / "compared"},
+            "Comparison.write_csv": {"path": self.folder / "comparison.csv"},
+            "Comparison.write_html": {"path": self.folder / "comparison.html"},
+            "Comparison.summary": {},
+            "Comparison.labels": {"scenario": self.scenario.name},
+            "Comparison.information": {"scenario": self.scenario.name},
+            "BatchSimulator": {"machine": NumpyMachine},
+            "BatchSimulator.run": {"scenarios": [self.scenario]},
+            "Scenario.load": {"name_or_path": "adept-paper", "overrides": {"clock.record_every": 2}},
             "Scenario.from_toml": {"text": self.scenario.to_toml()},
             "cell_summary": {"cell": self.scenario.cell, "X_WP": X},
             "grasps_from_configuration": {"arms": self.scenario.cell.arms, "joint_angles": angles,
@@ -472,7 +579,7 @@ class Calls:
                 "view": None},
             "sweep": {"base": self.scenario, "axes": {"duration": [0.02]}, "out": self.folder / "s",
                 "execution": cp.Execution(workers=0, quiet=True), "retry_failed": False},
-            "tune": {"scenario": self.scenario, "vary": ranges, "minimize": metric,
+            "tune": {"scenario": self.scenario, "vary": ranges, "minimize": "torque_peak_Nm",
                 "out": self.folder / "t",
                      "generations": 1, "population": 1, "subject_to": (), "seed": 0,
                          "metrics": (), "execution": cp.Execution(workers=0, quiet=True)},
@@ -492,6 +599,10 @@ class Calls:
         corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
         (self.folder / "body.obj").write_text(corners)
         return str(self.folder / "body.obj")
+
+    @functools.cached_property
+    def urdf(self):
+        return urdf.find_urdf("adept_3dof").path.read_text()
 
     @functools.cached_property
     def table(self):
@@ -516,6 +627,19 @@ class Calls:
             cp.Scenario,
             cp,
         ]
+
+
+numbers = itertools.count()
+
+
+def command_new(path, **options):
+    """``coop-pin new`` with the words of its options; its exit code."""
+    words = [word for name, value in options.items() for word in (f"--{name}", *str(value).split())]
+    with contextlib.redirect_stderr(io.StringIO()):
+        try:
+            return cli.main(["new", str(path), *words])
+        except SystemExit as refusal:  # the words are no command
+            return refusal.code
 
 
 def still(_time):
@@ -596,6 +720,8 @@ def main(seed: int, first: int, count: int) -> None:
         cells = [Calls(Path(folder) / name, SCENARIOS[name]()) for name in SCENARIOS]
         for calls in cells:
             calls.RunResult.save(calls.folder / "saved.nc")
+        (Path(folder) / "a" / "b").mkdir(parents=True)
+        os.chdir(Path(folder) / "a" / "b")  # where files with a hostile name are written
         for number in range(first, first + count):
             name, target, arguments, replaced = random_call(cells[number % 2], seed, number)
             given = {key: repr(arguments[key])[:100] for key in replaced}

@@ -101,6 +101,9 @@ def test_a_random_law_does_not_differ_in_silence():
         ("CountInClass", "'n' of class CountInClass"),
         ("CountInModule", "'steps' of module adversaries"),
         ("CountInDefault", "'changed' of class CountInDefault"),
+        ("CountInClosure", "'count' of class CountInClosure"),
+        ("CountInFunction", "'counted' of module adversaries"),
+        ("CountInNamespace", "'counter' of module adversaries"),
     ],
 )
 @pytest.mark.parametrize("cell", SCENARIOS)

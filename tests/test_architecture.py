@@ -295,6 +295,25 @@ def test_there_are_no_cycles_between_packages_or_files():
     assert cycle({"control": {"model"}, "model": {"control"}})
 
 
+@pytest.mark.parametrize("package", ["batch", "tracing"])
+def test_a_package_of_many_stages_says_in_which_order_its_files_are_read(package):
+    """Each file is named before those that import it."""
+    _, text = ast.get_docstring(TREES[PACKAGE / package / "__init__.py"]).split("build on each")
+    places = {
+        file.stem: re.search(rf"\b{file.stem}\b", text).start()
+        for file in (PACKAGE / package).glob("*.py")
+        if file.stem != "__init__"
+    }
+    later = [
+        (importer, imported)
+        for importer in places
+        for module in modules_imported_by(PACKAGE / package / f"{importer}.py")
+        if (imported := module.removeprefix(f"coop_pin.{package}.")) in places
+        and places[imported] > places[importer]
+    ]
+    assert later == []
+
+
 def test_no_class_name_stands_twice_in_the_package():
     files = collections.defaultdict(list)
     for file, tree in TREES.items():

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import coop_pin as cp
 from coop_pin.batch import simulate_batch, support
 from coop_pin.batch.arm_dynamics import ArmInput, ArmNumbers, arm_terms
-from coop_pin.batch.cell_dynamics import CellNumbers, CellState, cell_motion
+from coop_pin.batch.cell_dynamics import CellNumbers, CellState, cell_motion, closure_error
 from coop_pin.batch.preparation import Prepared
 from coop_pin.batch.serial_arm import SerialArm
 from coop_pin.batch.simulate import BatchSimulator
@@ -172,6 +172,42 @@ def test_the_metrics_of_a_batch_have_the_bits_of_those_of_each_run():
     assert [run["trustworthy"] for run in found] == [1.0, 0.0, 1.0, 0.0, 1.0]
     assert np.isfinite([found[4][f"after_event_{name}"] for name in STEADY_METRICS]).all()
     assert found[4]["position_rms_m"] != found[0]["position_rms_m"]
+
+
+def test_a_batch_of_one_run_has_its_metrics_its_last_tick_and_the_trust_of_its_condition_number():
+    """Seven ticks of which every fourth is recorded; limits between the condition number and its bound."""
+    base = cp.Scenario.load("adept-paper", {"duration": 7 * 0.0125, "events": [], "clock.record_every": 4})
+    largest = float(cp.run(base).data["jacobian_condition"].max())
+    simulator = BatchSimulator()
+    for limit, is_trusted in ((1.0 + 1e-3, True), (1.1, True), (1.0 - 1e-3, False)):
+        scenario = base.override({"trust.jacobian_condition": limit * largest})
+        batch, single = simulator.run([scenario]), cp.run(scenario)
+        assert batch.samples["time"].shape == (1, 3)
+        require_same_samples(batch.result(0).data, single.data)
+        (metrics,) = batch.metrics()
+        assert metrics["trustworthy"] == is_trusted == single.trustworthy
+        expected = {name: value for name, value in single.metrics().items() if np.isfinite(value)}
+        assert {name: metrics[name] for name in expected} == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    bounds = batch.samples.extremes(np.inf)["jacobian_condition"].max()
+    assert 1.1 * largest < bounds < 6.0 * largest
+
+
+def test_an_event_at_the_last_tick_is_that_of_a_single_run():
+    event = {"kind": "payload-change", "time": 0.1, "mass": 4.0}
+    scenario = cp.Scenario.load("adept-paper", {"duration": 0.1, "events": [event]})
+    batch, single = simulate_batch([scenario]), cp.run(scenario)
+    require_same_samples(batch.result(0).data, single.data)
+    assert abs(float(single.data["work_payload_change"][-1])) > 1e-3
+
+
+def test_the_closure_error_is_the_logarithm_of_the_offset():
+    """Of the order of a milliradian, where the terms that are left out are 1e-12."""
+    rng = np.random.default_rng(6)
+    for _ in range(5):
+        X, offset = pin.SE3.Random(), pin.exp6(1e-3 * rng.normal(size=6))
+        Y = offset.actInv(X)
+        found = closure_error(X.rotation, X.translation, Y.rotation, Y.translation)
+        assert_allclose(found.astype(float), -pin.log6(offset).vector, atol=1e-11)
 
 
 @pytest.mark.slow

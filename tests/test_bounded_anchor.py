@@ -11,8 +11,12 @@ import coop_pin as cp
 from coop_pin.analysis import steady_errors
 from coop_pin.batch import BatchSimulator
 from coop_pin.build_controller import build_controller
-from coop_pin.comparison.trials import benchmark_scenario
+from coop_pin.comparison import controllers_for
+from coop_pin.comparison.measures import measures
+from coop_pin.comparison.trials import benchmark_scenario, standard_trials
 from coop_pin.control import ArmMeasurement, ArmReference, PayloadSpace
+from coop_pin.control.payload_space import PayloadSpaceController
+from coop_pin.control.sliding_mode import SlidingModeController
 from coop_pin.description import Scenario
 from coop_pin.errors import FieldError
 from coop_pin.simulation import Simulation
@@ -701,3 +705,52 @@ def test_biases_that_make_no_bound_are_refused(fields, path):
     with pytest.raises(FieldError) as caught:
         PayloadSpace(gains=dict(Scenario.load("adept-anchored").controller.gains), **fields)
     assert caught.value.path == path
+
+
+# ------------------------------------------------------------ other laws and cut drives
+
+
+HOLD = [
+    ("printed", "adept-anchored", 0.6, 0.0, (0.963, 8.73), (1.166, 3.85)),
+    ("printed", "kinova-pair", 0.9, 0.0, (0.550, 2.97), (1.251, 2.15)),
+    ("payload-pi", "adept-anchored", 0.6, 0.0, (0.371, 3.30), (2.334, 2.09)),
+    ("payload-pi", "kinova-pair", 1.2, 1e-3, (0.453, 2.63), (0.543, 2.90)),
+    ("printed", "adept-anchored", None, 0.0, (1.321, 9.57), (1.321, 9.57)),
+    ("payload-pi", "adept-anchored", None, 0.0, (2.120, 9.53), (2.120, 9.53)),
+    ("payload-pi", "kinova-pair", None, 0.0, (8.136, 24.32), (8.136, 24.32)),
+]
+"""Law, cell, limits as a part of the nominal run's largest torques (None: an arm lost), bias, m; errors."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("law", "cell", "part", "bias", "hold", "none"), HOLD)
+def test_the_hold_of_integrals_while_drives_are_cut(monkeypatch, law, cell, part, bias, hold, none):
+    """Tracking, mm, and internal force, N, rms from 2 to 5 s, as on the page."""
+    base = benchmark_scenario(Scenario.load(cell), 5.0)
+    base = base.override({"controller": controllers_for(base, [law], tuned=False)[law]})
+    if part is None:
+        changes = standard_trials(base)["torque of an arm lost"].changes
+    else:
+        largest = np.abs(cp.run(base).data.torque.values).max(axis=0)
+        limits = part * np.maximum(largest, 0.2)
+        changes = {
+            f"cell.arms.{arm}.calibration_error.tip.xyz": [bias, 0.0, 0.0] for arm in [*base.cell.arms][:1]
+        }
+        changes |= {
+            f"cell.arms.{arm}.torque_limits": row.tolist()
+            for arm, row in zip(base.cell.arms, limits, strict=True)
+        }
+    for is_held, expected in ((True, hold), (False, none)):
+        if not is_held:
+            for kind in (PayloadSpaceController, SlidingModeController):
+                monkeypatch.setattr(kind, "step", blind_to_cuts(kind.step))
+        found = measures(cp.run(base.override(changes)))
+        force = np.hypot(found["axial_rms_N"], found["shear_rms_N"])
+        assert_allclose((found["tracking_rms_mm"], force), expected, rtol=0.01)
+
+
+def blind_to_cuts(step):
+    """A law's step that is told of no cut drive."""
+    return lambda law, seen, reference, state: step(
+        law, seen._replace(saturated=np.zeros_like(seen.saturated)), reference, state
+    )

@@ -21,9 +21,12 @@ QUIET = {"events": [], "duration": 10.0}
 CHANGES = {name: {} if name in CATALOGUE_CELLS else QUIET for name in cp.scenario_names()}
 for other in ["adept-paper", *FAR_CELLS]:  # it has the printed law; these have tests of their own, below
     del CHANGES[other]
+LARGE = ("four-ur5-plate", "three-driven-ur5")
+"""Cells of 24 joints and more, whose whole runs take long."""
+CELLS = [pytest.param(name, marks=pytest.mark.slow if name in LARGE else ()) for name in CHANGES]
 
 
-@pytest.fixture(scope="module", params=CHANGES)
+@pytest.fixture(scope="module", params=CELLS)
 def result(request):
     return cp.run(request.param, CHANGES[request.param])
 

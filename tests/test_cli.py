@@ -437,7 +437,7 @@ def test_a_controller_is_built_once(tmp_path, monkeypatch):
 def test_list_names_every_scenario(capsys):
     assert main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == cp.scenario_names()
+    assert [line.split()[0] for line in lines if line[0] != " "] == cp.scenario_names()
     assert "2 arms  20 s" in next(line for line in lines if line.startswith("adept-paper "))
 
 
@@ -644,3 +644,11 @@ def test_check_ends_with_the_verdict(tmp_path, capsys):
     away.save(tmp_path / "away.toml")
     assert main(["check", str(tmp_path / "away.toml"), "--poses", "21"]) == 1
     assert "left" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("words", [["list"], ["check", "two-pandas-box"], ["suggest", "two-pandas-box"]])
+def test_texts_have_lines_of_at_most_99_columns_and_all_their_words(words, capsys):
+    assert main(words) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 99
+    assert sum(len(line) > 60 for line in lines) > 3

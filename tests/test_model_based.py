@@ -11,6 +11,7 @@ from coop_pin.control import ArmMeasurement
 from coop_pin.errors import FieldError, ScenarioError
 from coop_pin.model import CellArm
 from coop_pin.model_based import ArmDynamics
+from coop_pin.model_based.computed_torque import acceleration_torque
 
 STEP = 0.02
 
@@ -130,6 +131,20 @@ def measured(scenario, arm, *, seed):
     J = scenario.cell.task_rows.select(model.payload_jacobian(joints)) @ back
     pose, no = model.payload_pose(joints), np.zeros(model.nv, dtype=bool)
     return ArmMeasurement(0.0, q, v, pose, J @ v, J, None, no)
+
+
+@pytest.mark.parametrize("name", [*SCENARIOS, "two-pandas-box"])
+def test_the_torque_of_an_acceleration_accelerates_the_payload_and_holds_spare_joints(name):
+    scenario = SCENARIOS[name]() if name in SCENARIOS else cp.Scenario.load(name)
+    arm = next(iter(scenario.cell.arms))
+    measurement, dynamics = measured(scenario, arm, seed=4), ArmDynamics(scenario, arm)
+    (M, h, J_dot), J, v = dynamics.terms(measurement), measurement.payload_jacobian, measurement.v
+    start, a = np.full(len(v), 0.2), np.arange(1.0, 1.0 + len(J))
+    L, r = acceleration_torque(dynamics, measurement, start, (9.0, 5.0))
+    acceleration = np.linalg.solve(M, L @ a + r - h)
+    assert_allclose(J @ acceleration + J_dot @ v, a, atol=1e-9)
+    spare = np.eye(len(v)) - np.linalg.pinv(J) @ J
+    assert_allclose(spare @ (acceleration + 9.0 * (measurement.q - start) + 5.0 * v), 0.0, atol=1e-8)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)

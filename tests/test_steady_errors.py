@@ -4,15 +4,18 @@ import math
 
 import numpy as np
 import pytest
-from cells import SCENARIOS
+from cells import ANCHORED, SCENARIOS
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
-from coop_pin.analysis import steady_errors
+from coop_pin.analysis import anchor_biases, force_reserve, reachability, steady_errors
+from coop_pin.batch import BatchSimulator
 from coop_pin.cli import main
 from coop_pin.control import RedundantSlidingMode, SlidingModeGains
 from coop_pin.description.events import WrenchPulse
 from coop_pin.errors import ArgumentError, OutOfRangeError
+from coop_pin.spatial import make_pose
 
 GAMMA, K, K_I, RATE = 2.0, 800.0, 5.0, 80.0
 UNMEASURED = {"controller.force_path": {"kind": "none"}}
@@ -155,3 +158,140 @@ def test_the_further_delay_counts_from_the_stated_ones():
     wrist = {"sensors.wrist.delay": 2, "controller.force_path.delay": 1}
     plain, late = (steady_errors(cp.Scenario.load("adept-anchored", fields)).delay for fields in ({}, wrist))
     assert late == plain - 3
+
+
+# ------------------------------------------------------------ what an anchor bears, on the plant
+
+DURATION = {"planar": 9.0, "spatial": 5.0}
+
+
+def at_rest(cell, **changes):
+    """A test cell that holds its start without weight, with its anchored law."""
+    scenario = SCENARIOS[cell]().override({"events": [], "duration": DURATION[cell]})
+    still = {"motion": {"kind": "hold", "pose": scenario.start.model_dump()}, "cell.gravity": [0.0, 0.0, 0.0]}
+    return scenario.replace(controller=ANCHORED[cell]).override(still | {"clock.steps_per_tick": 1} | changes)
+
+
+def tip_off(scenario, vector):
+    """The scenario whose first arm sees the payload off by a vector in world axes, by its tip."""
+    X_WE = scenario.start.matrix @ scenario.cell.grasps["left"].matrix
+    return scenario.override(
+        {"cell.arms.left.calibration_error.tip.xyz": (-X_WE[:3, :3].T @ np.array(vector)).tolist()}
+    )
+
+
+def ramps(scenarios, part=slice(3)):
+    """Rate of the first arm's internal force (or moment) over the last second of each run, N/s (N m/s)."""
+    batch, found = BatchSimulator().run(scenarios), []
+    for index, scenario in enumerate(scenarios):
+        data = batch.result(index).data
+        force, ticks = data.internal_wrench.values[:, 0, part], round(scenario.clock.rate_hz)
+        found.append(float(np.linalg.norm(np.nan_to_num(force[-1] - force[-1 - ticks]))))
+    return found
+
+
+def fixed_bound(b_0, b_0_turn=0.1):
+    return {f"controller.{name}": [b_0, b_0_turn] for name in ("anchor_bias", "anchor_bias_answered")}
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_a_bias_comes_to_rest_up_to_the_limit_and_ramps_beyond(cell):
+    """At equal shares and b_max = 6 b_0; a fixed bound ramps at the rate that is told."""
+    shares = {"cell.load_shares": {"left": 0.5, "right": 0.5}}
+    answered = {"controller.anchor_bias": [1e-3, 0.1], "controller.anchor_bias_answered": [6e-3, 0.1]}
+    scenario = at_rest(cell, **shares, **answered)
+    limit = steady_errors(scenario).limit
+    assert 2e-3 < limit < 12e-3
+    fixed = at_rest(cell, **shares, **fixed_bound(1e-3))
+    assert steady_errors(fixed).limit == 2e-3
+    found = ramps(
+        [tip_off(scenario, [0.0, part * limit, 0.0]) for part in (0.95, 1.1)]
+        + [tip_off(fixed, [0.0, 2.5e-3, 0.0])]
+    )
+    told = [steady_errors(law, bias=bias) for law, bias in ((scenario, 1.1 * limit), (fixed, 2.5e-3))]
+    assert found[0] < 0.02 * found[1]
+    assert steady_errors(scenario, bias=0.95 * limit).growth == 0.0
+    assert 0.7 * told[0].growth < found[1] < 1.05 * told[0].growth  # the centre follows a larger bias further
+    assert_allclose(found[2], told[1].growth, rtol=0.02)
+    assert [each.force for each in told] == [np.inf, np.inf]
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_the_bias_of_an_anchor_for_a_tip_and_a_turned_base(cell):
+    """0.9 of it ramps, 1.1 of it bears it, whatever the shares; the turn acts by the distance of the base."""
+    base = at_rest(cell)
+    bias, turn = 1.5e-3, 2e-3
+    position, angle = anchor_biases(base, bias, turn)["left"]
+    arm = base.cell.arms["left"].base.xyz
+    sideways = np.cross([0.0, 0.0, turn], np.subtract(base.start.xyz, arm))
+    distance = np.linalg.norm(np.subtract(base.start.xyz, arm))
+    assert_allclose((position, angle), ((bias + turn * distance) / 2.0, turn / 2.0))
+    # Tip and turn the same way: across the lever in the plane, of which the turn has all or a part.
+    tip, across = bias * sideways / np.linalg.norm(sideways), np.linalg.norm(sideways)
+    position *= (bias + across) / (bias + turn * distance)
+    error = {"cell.arms.left.calibration_error.base.rpy": [0.0, 0.0, turn]}
+    runs = [tip_off(at_rest(cell, **fixed_bound(part * position), **error), tip) for part in (0.9, 1.1)]
+    too_little, enough = ramps(runs)
+    assert enough < 0.02 * too_little
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_an_angle_that_an_anchor_bears_is_half_of_the_turn(cell):
+    """A tip that is turned alone, about the payload's centre: moments ramp beyond half of it."""
+    scenario, turn = at_rest(cell), 8e-3
+    grasp = scenario.cell.grasps["left"].matrix
+    X_PE, spun = grasp, make_pose((0.0, 0.0, 0.0), (0.0, 0.0, turn))
+    tip = np.linalg.inv(X_PE) @ spun @ X_PE  # the tip as it is believed to be, about the payload's centre
+    rpy = Rotation.from_matrix(tip[:3, :3]).as_euler("xyz").tolist()
+    error = {"cell.arms.left.calibration_error.tip": {"xyz": tip[:3, 3].tolist(), "rpy": rpy}}
+    _, angle = anchor_biases(scenario, 1e-9, turn)["left"]
+    runs = [at_rest(cell, **fixed_bound(5e-3, part * angle), **error) for part in (0.9, 1.1)]
+    too_little, enough = ramps(runs, slice(3, 6))
+    assert enough < 0.02 * too_little
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_force_that_no_arm_can_change_is_held_up_to_its_limit(cell):
+    """The last arm is dead: the first one asks for its squeeze in vain, of 0.8 and 1.3 times the limit."""
+    scenario = at_rest(cell, **{"controller.anchor_bias": "none", "arm_actuators.right.torque_lost_at": 1.0})
+    largest = steady_errors(scenario).unreachable
+    ends = []
+    for part in (0.8, 1.3):
+        squeeze = {"left": [0.0, part * largest, 0.0, 0.0, 0.0, 0.0]}
+        squeeze["right"] = [-entry for entry in squeeze["left"]]
+        ends.append(scenario.override({"squeeze": squeeze, "duration": 8.0}))
+    batch = BatchSimulator().run(ends)
+    error = [np.linalg.norm(batch.result(index).data.pose_error.values[:, :3], axis=1) for index in (0, 1)]
+    second = round(scenario.clock.rate_hz)
+    held, lost = ((each[-1] - each[-1 - second]) for each in error)
+    assert abs(held) < 0.1 * lost
+    assert_allclose(error[0][-1], steady_errors(scenario, load=0.8 * largest).drift, rtol=0.05)
+    assert steady_errors(at_rest(cell)).unreachable == np.inf
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_a_force_that_grows_reaches_the_first_drive_at_the_time_that_is_told(cell):
+    """Along the direction in which the weakest drive holds least; the ramp itself begins after the start."""
+    scenario = at_rest(cell, **fixed_bound(1e-3), duration=8.0)
+    model = cp.CellArm(scenario.cell, "left")
+    J = model.payload_jacobian(
+        cp.solve_ik(model, scenario.start.matrix, posture=scenario.cell.arms["left"].posture)
+    )[:3]
+    levers = np.linalg.norm(J @ model.from_drive, axis=0)
+    weakest = int(levers.argmax())
+    direction = (J @ model.from_drive)[:, weakest] / levers[weakest]
+    needed = cp.static_torques(scenario, poses=5).arms[0].torque[0]
+    spare = np.where(np.arange(len(needed)) == weakest, 6.0, 60.0) * levers.max()
+    limits = (np.abs(needed) + spare).tolist()
+    scenario = scenario.override({"cell.arms.left.torque_limits": limits})
+    reach = reachability(scenario, poses=5)
+    growth = steady_errors(scenario, bias=3e-3).growth
+    time = force_reserve(scenario, reach) / growth
+    biased = [tip_off(scenario, sign * 3e-3 * direction) for sign in (1.0, -1.0)]
+    batch = BatchSimulator().run(biased)
+    cut = []
+    for index in (0, 1):
+        data = batch.result(index).data
+        hit = np.flatnonzero(data.saturated.values[:, 0].any(axis=-1))
+        cut.append(data.time.values[hit[0]] if hit.size else np.inf)
+    assert time < min(cut) < time + 1.5

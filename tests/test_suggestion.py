@@ -11,7 +11,7 @@ from cells import CATALOGUE_CELLS, FAR_CELLS
 from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
-from coop_pin.analysis import closure_problem, gain_proposal, loop_stability, reachability
+from coop_pin.analysis import MotionWrenches, closure_problem, gain_proposal, loop_stability, reachability
 from coop_pin.build_controller import build_controller
 from coop_pin.cli import main
 from coop_pin.errors import InfeasibleMotionError
@@ -255,6 +255,52 @@ def test_the_force_path_decides_anchor_and_rate(six):
     leaky = gain_proposal(six.override(none), found)
     assert (leaky.anchor_bound, leaky.internal_force) == (None, None)
     assert leaky.tracking > gain_proposal(six, found).tracking
+
+
+def test_errors_to_expect_are_those_of_the_loops_closed_forms():
+    """A load that grows evenly, and an internal wrench that jumps: ramp and step responses."""
+    period, K, gamma, k_I, beta = 1e-3, np.array((200.0, 40.0)), 8.0, 5.0, 30.0
+    t, rate = period * np.arange(2001), np.array((3.0, -7.0))
+    step = np.where(t[:, None] > 0.5, rate, 0.0)
+    wrenches = MotionWrenches(period, rate * t[:, None], np.stack((step, -step)))
+    # 1 / ((s + gamma) (s + k_I) s) in partial fractions
+    response = (1.0 - (gamma * np.exp(-k_I * t) - k_I * np.exp(-gamma * t)) / (gamma - k_I)) / (gamma * k_I)
+    np.testing.assert_allclose(
+        wrenches.tracking(K, gamma, k_I), response[:, None] * rate / K, atol=1e-6 * np.abs(rate / K).max()
+    )
+    decay = np.where(t > 0.5, np.exp(-beta * (t - 0.5)), 0.0)[:, None] * rate
+    np.testing.assert_allclose(wrenches.internal_error(beta)[0], decay, atol=0.02 * np.abs(rate).max())
+    np.testing.assert_allclose(
+        *(sign * e for sign, e in zip((1, -1), wrenches.internal_error(beta), strict=True))
+    )
+
+
+@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
+def test_poses_are_dense_where_the_reference_moves(name):
+    """A motion of 2 s and 30 s of rest; without a rest they are evenly spaced."""
+    scenario = cp.Scenario.load(name, {"events": []})
+    begin = scenario.motion.at(0.0).X_WP_d
+    goal = cp.Pose.from_matrix(begin @ cp.Pose(xyz=(0.02, 0.01, 0.0)).matrix)
+    line = cp.LineMotion(start=cp.Pose.from_matrix(begin), goal=goal, start_time=1.0, duration=2.0)
+    (arm, *_) = reachability(scenario.replace(motion=line, duration=33.0), poses=51).arms
+    times = arm.times[np.count_nonzero(arm.times == 0.0) - 1 :]
+    assert len(times) == 51
+    assert times[-1] == 33.0
+    assert np.count_nonzero((times > 0.9) & (times < 3.1)) >= 18
+    (arm, *_) = reachability(
+        scenario.replace(motion=line.replace(start_time=0.0), duration=2.0), poses=51
+    ).arms
+    np.testing.assert_array_equal(arm.times[-50:], np.linspace(0.0, 2.0, 51)[1:])
+
+
+def test_a_squeeze_comes_in_within_half_a_second_where_the_motion_begins_at_the_start(six):
+    found = reachability(six, poses=5)
+    slow = six.override({"clock.rate_hz": 40.0, "controller.force_path": {"kind": "late", "delay": 1}})
+    gains = gain_proposal(slow, found).gains
+    assert gains.transient_rate == 10.0 > gains.pose_gain
+    away = slow.replace(start=cp.Pose(xyz=(0.0, 0.01, 0.0)))  # the pose error comes in with it, too
+    gains = gain_proposal(away, reachability(away, poses=5)).gains
+    assert gains.transient_rate == gains.pose_gain
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.005])

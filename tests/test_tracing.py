@@ -27,7 +27,7 @@ from coop_pin.tracing.kernel import RECORD, Instruction, Kernel, Layout, Program
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.numpy_machine import NumpyMachine, evaluate
 from coop_pin.tracing.tape import Tape, operands
-from coop_pin.tracing.traced_array import TracedMask, TracedScalar, inputs, traced
+from coop_pin.tracing.traced_array import TracedMask, TracedScalar, inputs, parts, traced
 from coop_pin.tracing.tree import SharedFunctions, leaves, rebuilt, require_state, structure
 
 
@@ -198,6 +198,28 @@ def test_truth_values_are_no_numbers():
     ):
         with pytest.raises(TracingError):
             refused()
+
+
+def test_sums_and_products_of_arrays_are_those_of_numpy():
+    tape, values = Tape(), [2.0, 3.0, 7.0]
+    x = inputs(tape, 3)
+    found = [x.sum(), np.sum(x), np.add.reduce(x), np.multiply.reduce(x), x @ x, np.any(x > 5.0) * 1.0]
+    assert values_of(tape, found, values) == [12.0, 12.0, 12.0, 42.0, 62.0, 1.0]
+
+
+def test_parts_have_their_sizes():
+    tape = Tape()
+    x = inputs(tape, 6)
+    assert [[entry.index for entry in part] for part in parts(x, (1, 2, 3))] == [[0], [1, 2], [3, 4, 5]]
+
+
+def test_quotients_by_constants_have_the_bits_of_python():
+    tape, x = Tape(), np.random.default_rng(9).normal(size=200)
+    divisors = [3.0, -8.0, 0.125, 0.7, 2.0**-1022, 2.0**1023]
+    for divisor, found in zip(
+        divisors, values_of(tape, [inputs(tape) / d for d in divisors], [x] * 6), strict=True
+    ):
+        assert_array_equal(found, x / divisor)
 
 
 def test_truth_values_in_a_state_stay_truth_values():
@@ -439,6 +461,11 @@ def run_small_program():
     block = np.array([[1.0, 2.0, 3.0], [0.0, 1.0, -1.0]])
     record = LlvmMachine(small_program()).run(block, np.array([[0.5]]), np.zeros((1, 0, 3)))
     assert_allclose(record[0], [[1.0, 2.5, 2.5], np.exp([0.0, 1.0, -1.0])], rtol=4e-16)
+
+
+def test_a_program_needs_as_many_rows_as_its_instructions_name():
+    program = Program((), Layout(), 0, 0, [Instruction(0, 7), Instruction(RECORD, 2)])
+    assert (program.rows(RECORD), program.rows(0), program.rows(1)) == (3, 8, 0)
 
 
 def test_the_bits_of_a_small_program_do_not_depend_on_the_vector_width():

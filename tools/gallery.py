@@ -66,20 +66,25 @@ def save_loop(name: str, *runs: RunResult, names: tuple[str, ...] = (), width: i
     return file
 
 
-def gallery(images: str, replays: str) -> str:
-    """Return the table of the catalogue: loop, sentence, command and replay of each cell.
+def gallery(columns: int, images: str, replays: str = "") -> str:
+    """Return the table of the catalogue, robots of today first: loop, sentence, command, replay.
 
     Args:
+        columns: number of cells beside each other.
         images: folder of the loops, as the page addresses it.
         replays: folder of the replays likewise; "" where there are none.
     """
     cells = []
-    for name in scenario_names():
-        replay = f" [Replay]({replays}/{name}.html)" if replays else ""
+    for name in reversed(scenario_names()):
+        replay = f' <a href="{replays}/{name}.html">replay</a>' if replays else ""
         text = f"{cp.Scenario.load(name).summary}.".replace("..", ".")
         cells.append(f"![{text}]({images}/{name}.webp)<br>{text}<br>`coop-pin run {name}`{replay}")
-    rows = [f"| {left} | {right} |" for left, right in zip(cells[::2], cells[1::2], strict=True)]
-    return "\n".join(("| | |", "| --- | --- |", *rows))
+    lines = [
+        [""] * columns,
+        ["---"] * columns,
+        *(cells[k : k + columns] for k in range(0, len(cells), columns)),
+    ]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def main() -> None:
@@ -93,12 +98,12 @@ def main() -> None:
     for name in () if options.table else options.names or (*scenario_names(), LAWS):
         if name == LAWS:
             runs = [cp.run(scenario, BIAS | changes) for scenario, changes in FOUR_LAWS.values()]
-            file = save_loop(name, *runs, names=tuple(FOUR_LAWS), width=1280, height=620)
+            file = save_loop(name, *runs, names=tuple(FOUR_LAWS), width=1280, height=760)
         else:
             file = save_loop(name, cp.run(name), width=480, height=320)
         print(f"{file.relative_to(REPOSITORY)}: {file.stat().st_size / 1e6:.2f} MB", flush=True)
-    write_block(REPOSITORY / "README.md", "gallery", gallery("docs/_static/gallery", ""))
-    write_block(REPOSITORY / "docs" / "index.md", "gallery", gallery("_static/gallery", "_static/replays"))
+    write_block(REPOSITORY / "README.md", "gallery", gallery(4, "docs/_static/gallery"))
+    write_block(REPOSITORY / "docs" / "index.md", "gallery", gallery(2, "_static/gallery", "_static/replays"))
 
 
 if __name__ == "__main__":

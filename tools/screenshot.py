@@ -2,14 +2,7 @@
 
     python tools/screenshot.py out/replay.html image.png --time 6
 
-``coop-pin view RESULT --image FILE.png --time T`` does the same from a result. The README's image:
-
-    BIAS="--events [] --cell.arms.left.calibration_error.tip.xyz [1e-3,0,0] --duration 10"
-    coop-pin run adept-paper $BIAS --out out/printed
-    coop-pin run adept-paper $BIAS --controller.gains.sign-gain 0 --out "out/printed, α = 0"
-    coop-pin run adept-anchored $BIAS --controller.force-path.kind none --out "out/no sensor"
-    coop-pin run adept-anchored $BIAS --out out/anchored
-    cd out && coop-pin view printed "printed, α = 0" "no sensor" anchored --image ../docs/images/replay.png
+``coop-pin view RESULT --image FILE.png --time T`` does the same from a result.
 """
 
 from __future__ import annotations

@@ -76,19 +76,23 @@ def new_cell(
         if value not in allowed:
             raise FieldError(f"is {value!r}; {suggestion(str(value), allowed)}", argument)
     distance = None if distance is None else as_positive("distance", distance)
-    named, held = _arms(arms, tips), _payload(payload, mass, size)
+    require_type("arms", arms, list, tuple)
+    is_robot = len(arms) == 1
+    named, shared = _arms_of_robot(arms[0], tips) if is_robot else (_arms(arms, tips), "")
+    held = _payload(payload, mass, size)
+    around = contacts(held, len(named), grasp, "one-base" if is_robot else layout)
     placing = [
         ArmPlacement(arm, named[arm], contact, held.mass / len(named))
-        for arm, contact in zip(named, contacts(held, len(named), grasp, layout), strict=True)
+        for arm, contact in zip(named, around, strict=True)
     ]
     is_planar = all(arm.is_planar for arm in placing)
     rows: RowsName = "planar" if is_planar else "full"
     require_rank(Cell(arms=named, payload=held, grasps=dict.fromkeys(named, Pose()), rows=rows))
-    height, stroke, places = common_places(placing, held, distance)
+    height, stroke, places = common_places(placing, held, distance, one_base=is_robot)
     by_arm = dict(zip(named, places, strict=True))
     start, lift = Pose(xyz=(0.0, 0.0, height)), 0.0 if is_planar else 0.6 * stroke
     goal = Pose(xyz=(0.5 * stroke, 0.5 * stroke, round(height + lift, 4)), rpy=(0.0, 0.0, 0.15))
-    robots = ", ".join(Path(arm.urdf).stem for arm in named.values())
+    robots = ", ".join(dict.fromkeys(Path(arm.urdf).stem for arm in named.values()))
     draft = Scenario.draft(
         name=name,
         summary=f"{robots}: a payload of {held.mass:g} kg, carried along a line",
@@ -109,7 +113,10 @@ def new_cell(
         clock={"rate_hz": 500.0, "steps_per_tick": 2},
     )
     suggested = suggest(draft, poses=_POSES)
-    return dataclasses.replace(suggested, scenario=suggested.scenario.override(dict(_rounded(suggested))))
+    scenario = suggested.scenario.override(dict(_rounded(suggested)))
+    return dataclasses.replace(
+        suggested, scenario=scenario, changes=(*suggested.changes, *filter(None, [shared]))
+    )
 
 
 def _rounded(suggested: Suggestion) -> Iterator[tuple[str, Any]]:
@@ -122,15 +129,13 @@ def _rounded(suggested: Suggestion) -> Iterator[tuple[str, Any]]:
 
 def _arms(arms: Sequence[str | Path | Arm], tips: Sequence[str]) -> dict[str, Arm]:
     """Return the arms by name: left and right, or numbered."""
-    require_type("arms", arms, list, tuple)
-    if len(arms) < 2:
-        raise FieldError(f"has {len(arms)} entries; a cell of this kind has two or more arms", "arms")
+    if not arms:
+        raise FieldError("has no entries; name two or more arms, or one robot with two", "arms")
     if len(tips) not in (0, len(arms)):
         raise FieldError(
             f"has {len(tips)} entries for {len(arms)} arms; give one for each arm, or none", "tips"
         )
-    names = ["left", "right"] if len(arms) == 2 else [f"arm{k + 1}" for k in range(len(arms))]
-    every = zip(names, arms, tips or ("",) * len(arms), strict=True)
+    every = zip(_names(len(arms)), arms, tips or ("",) * len(arms), strict=True)
     return {name: arm if isinstance(arm, Arm) else _arm(arm, tip, name) for name, arm, tip in every}
 
 
@@ -149,6 +154,45 @@ def _arm(robot: str | Path, tip: str, name: str) -> Arm:
         listed = ", ".join(map(repr, tools))
         raise UrdfError(f"{str(robot)!r} may hold with {listed}; choose one in tips", f"arms.{name}", tools)
     return Arm.from_urdf(robot, tools[0], locked=links.idle(tools[0]))
+
+
+def _arms_of_robot(robot: str | Path | Arm, tips: Sequence[str]) -> tuple[dict[str, Arm], str]:
+    """Return the arms of one robot from left to right, by name, and what is said of joints that move several.
+
+    Joints that move no tip or several are locked at their angles nearest to zero. Left is along +y.
+
+    Raises:
+        UrdfError: there is no such robot, or its tips are not clear; with the candidates.
+        NameNotFoundError: there is no such link.
+        FieldError: the robot is an arm, whose tip is stated.
+    """
+    if isinstance(robot, Arm):
+        raise FieldError("has one entry, an Arm; name two or more arms, or one robot with two", "arms")
+    try:
+        links = Robot(load_checked(find_urdf(robot)))
+    except UrdfError as error:
+        raise error.below("arms.0") from None
+    tools = tuple(tips) or links.tools()
+    if len(tools) != 2 and not tips:
+        listed = ", ".join(map(repr, tools))
+        reason = (
+            f"{str(robot)!r} may hold with {listed}; name the tips of its arms in tips, or two or more robots"
+        )
+        raise UrdfError(reason, "arms.0", tools)
+    tools = tuple(sorted(tools, key=lambda tip: -float(links.pose(tip, {})[1, 3])))
+    arms = {
+        name: Arm.from_urdf(robot, tip, locked=links.idle(tip, [other for other in tools if other != tip]))
+        for name, tip in zip(_names(len(tools)), tools, strict=True)
+    }
+    movers = [links.movers(tip) for tip in tools]
+    shared = [joint for joint in links.joints if sum(joint in chain for chain in movers) > 1]
+    angles = next(iter(arms.values())).locked
+    told = ", ".join(f"{joint} at {angles[joint]:g}" for joint in shared)
+    return arms, f"one joint cannot move two arms: locked {told}" if told else ""
+
+
+def _names(count: int) -> list[str]:
+    return ["left", "right"] if count == 2 else [f"arm{k + 1}" for k in range(count)]
 
 
 def _payload(payload: str | Payload, mass: float, size: ArrayLike | None) -> Payload:

@@ -27,10 +27,12 @@ _HEIGHTS = (0.2, 0.3, 0.4, 0.55)
 """Heights of the payload that are tried, over the least reach of the arms."""
 _DISTANCES = (0.4, 0.5, 0.6, 0.7, 0.8)
 """Distances from base to tip that are tried, over the reach of the arm."""
+_SHOULDER_DISTANCES = (0.3, 0.4, 0.5, 0.6)
+"""Likewise for the arms of one robot, whose shoulders lie before and beside its base."""
 _ROLLS = (0.0, np.pi / 2.0, np.pi, -np.pi / 2.0)
 """Turns of a tool about its approach that are tried, rad."""
-_SEEDS, _STEPS = 4, 60
-"""Initial guesses of the inverse kinematics, and steps of each."""
+_SEEDS, _SHARED_SEEDS, _STEPS = 4, 12, 60
+"""Initial guesses of the inverse kinematics of an arm, of one whose base others share, and steps of each."""
 _STROKE = 0.1
 """Distance around the start, over the least reach, at which every arm can hold the payload."""
 _OFF_GROUND = 0.05
@@ -44,7 +46,7 @@ _SMALL, _FLUSH = 1e-9, 1e-3
 """Numbers that count as zero; length along the tool below which it does not tell where the tool points, m."""
 
 Side = Literal["above", "sides"]
-Layout = Literal["facing", "side-by-side"]
+Layout = Literal["facing", "side-by-side", "one-base"]
 
 
 class Contact(NamedTuple):
@@ -54,11 +56,13 @@ class Contact(NamedTuple):
         point: position of the tip in the payload frame, m, shape (3,).
         approach: direction of the tool in world axes, shape (3,).
         around: direction from the payload to the arm's base, about the vertical, rad.
+        one_base: whether other arms share the base, which then faces the payload's centre.
     """
 
     point: Array
     approach: Array
     around: float
+    one_base: bool
 
 
 class Place(NamedTuple):
@@ -79,17 +83,18 @@ class Place(NamedTuple):
 
 def contacts(payload: Payload, count: int, side: Side, layout: Layout) -> Iterator[Contact]:
     """Yield the contacts of two or more arms, evenly around the payload or along one side of it."""
-    half = np.array(payload.size) / 2.0
+    half, shared = np.array(payload.size) / 2.0, layout == "one-base"
     for k in range(count):
         around = at = np.pi * (1.0 + 2.0 * k / count)
-        if layout == "side-by-side":
-            around, at = _FAN * (k - (count - 1) / 2.0) - np.pi / 2.0, np.pi * (k / (count - 1) - 1.0)
+        if layout != "facing":
+            fan = 0.0 if shared else _FAN * (k - (count - 1) / 2.0)
+            around, at = fan - np.pi / 2.0, np.pi * (k / (count - 1) - 1.0)
         outward = np.array((np.cos(at), np.sin(at), 0.0))
         to_edge = half[0] if payload.shape == "cylinder" else np.min(half[:2] / _not_zero(outward[:2]))
+        point, approach = to_edge * outward, -outward
         if side == "above":
-            yield Contact(_INSET * to_edge * outward + (0.0, 0.0, half[2]), -np.eye(3)[2], around)
-        else:
-            yield Contact(to_edge * outward, -outward, around)
+            point, approach = _INSET * point + (0.0, 0.0, half[2]), -np.eye(3)[2]
+        yield Contact(point, approach, around, shared)
 
 
 def _not_zero(values: Array) -> Array:
@@ -120,7 +125,8 @@ class ArmPlacement:
         self._model = model = ArmModel(arm.replace(base=Pose()), name=name)
         self.name, self.reach = name, maximum_reach(arm)
         q = model.posture(arm.posture)
-        self._seeds = [q, *model.limits.random_configurations(_SEEDS - 1)]
+        count = _SHARED_SEEDS if contact.one_base else _SEEDS
+        self._seeds = [q, *model.limits.random_configurations(count - 1)]
         self.is_planar = all(np.abs(model.payload_jacobian(seed)[2:5]).max() < _SMALL for seed in self._seeds)
         X_BE, tool = model.tip_pose(q), _tool_axis(model, q)
         self.plane = float(X_BE[2, 3])
@@ -138,18 +144,23 @@ class ArmPlacement:
         self._solver = IKSolver(model)
         self._rows = task_rows("planar" if self.is_planar else "full")
 
-    def best(self, height: float, stroke: float, distance: float | None) -> Place | None:
+    @property
+    def distances(self) -> list[float]:
+        """Distances of the base from the payload's centre that are tried, m."""
+        parts = _SHOULDER_DISTANCES if self._contact.one_base else _DISTANCES
+        return [self._offset + part * self.reach for part in parts]
+
+    def best(self, height: float, stroke: float, distances: Sequence[float]) -> Place | None:
         """Return the place with the largest margin; None if the arm cannot hold the payload from any.
 
         Args:
             height: height of the payload's centre, m.
             stroke: distance from the start of the poses around it, m.
-            distance: distance of the base from the payload's centre, m; several are tried when omitted.
+            distances: distances of the base from the payload's centre that are tried, m.
         """
-        parts = [self._offset + part * self.reach for part in _DISTANCES]
         best: Place | None = None
-        for one, roll in itertools.product([distance] if distance else parts, _ROLLS):
-            base, X_PE = self._base(one, height), np.eye(4)
+        for distance, roll in itertools.product(distances, _ROLLS):
+            base, X_PE = self._base(distance, height), np.eye(4)
             X_PE[:3, :3] = exp3(roll * self._contact.approach) @ self._R_WE
             X_PE[:3, 3] = self._contact.point
             X_BP = inverse_pose(base.matrix) @ Pose(xyz=(0.0, 0.0, height)).matrix
@@ -160,10 +171,11 @@ class ArmPlacement:
         return best
 
     def _base(self, distance: float, height: float) -> Pose:
-        """Return the base at a distance from the payload's centre, with its x axis towards the contact."""
+        """Return the base at a distance from the payload's centre."""
         x, y, _ = (np.round(distance * self._direction, 3) + 0.0).tolist()
         z = height - self.plane if self.is_planar else 0.0
-        yaw = np.arctan2(self._contact.point[1] - y, self._contact.point[0] - x)
+        aim = (0.0, 0.0) if self._contact.one_base else self._contact.point
+        yaw = np.arctan2(aim[1] - y, aim[0] - x)
         return Pose(xyz=(x, y, z), rpy=(0.0, 0.0, round(float(yaw), 6)))
 
     def _solutions(self, X_BP: Array, X_PE: Array, stroke: float) -> Iterator[tuple[float, Array]]:
@@ -218,7 +230,7 @@ def _triad(first: Array, second: Array) -> Array:
 
 
 def common_places(
-    arms: Sequence[ArmPlacement], payload: Payload, distance: float | None
+    arms: Sequence[ArmPlacement], payload: Payload, distance: float | None, *, one_base: bool = False
 ) -> tuple[float, float, list[Place]]:
     """Return height of the payload, stroke, and the place of each arm: those with the largest least margin.
 
@@ -226,6 +238,7 @@ def common_places(
         arms: the searches.
         payload: the payload.
         distance: distance of the bases from the payload's centre, m; by the arms' reach when omitted.
+        one_base: whether the arms are those of one robot, with one base.
 
     Raises:
         InfeasibleMotionError: cause "reach": the bases are too far away, or there is no common workspace.
@@ -244,10 +257,15 @@ def common_places(
     if all(arm.is_planar for arm in arms):
         heights = [arms[0].plane]
     stroke = round(_STROKE * least, 2)
-    tried = {height: [arm.best(height, stroke, distance) for arm in arms] for height in heights}
+    distances = [distance] if distance else shortest.distances if one_base else []
+    sets = [[one] for one in distances] if one_base else [distances]
+    tried = [
+        (height, [arm.best(height, stroke, some or arm.distances) for arm in arms])
+        for height, some in itertools.product(heights, sets)
+    ]
     common = [
         (height, [placement for placement in places if placement is not None])
-        for height, places in tried.items()
+        for height, places in tried
         if None not in places
     ]
     if not common:
@@ -256,13 +274,13 @@ def common_places(
     return height, stroke, places
 
 
-def _no_workspace(arms: Sequence[ArmPlacement], tried: dict[float, list[Place | None]]) -> str:
+def _no_workspace(arms: Sequence[ArmPlacement], tried: Sequence[tuple[float, list[Place | None]]]) -> str:
     """Return the heights at which each arm can hold the payload, and what to change."""
     held = []
     for k, arm in enumerate(arms):
-        heights = [f"{height:g}" for height, places in tried.items() if places[k] is not None]
+        heights = dict.fromkeys(f"{height:g}" for height, places in tried if places[k] is not None)
         held.append(f"{arm.name} (reach {arm.reach:.2f} m) at {', '.join(heights) or 'none'}")
-    every = ", ".join(f"{height:g}" for height in tried)
+    every = ", ".join(dict.fromkeys(f"{height:g}" for height, _ in tried))
     return (
         f"no common workspace; of the payload heights {every} m, and around them, {'; '.join(held)}. Grasp"
         " from another side, take a smaller payload, another distance of the bases, or arms of like reach"

@@ -84,10 +84,11 @@ def _decayed(u: Array, decay: float) -> Array:
         u: shape (..., n, k).
         decay: in a sample.
     """
-    from scipy.signal import lfilter  # slow to load
-
     kept, gained = math.exp(-decay), -math.expm1(-decay) / decay
-    return np.asarray(lfilter((gained, -gained), (1.0, -kept), u - u[..., :1, :], axis=-2))
+    y = np.zeros(u.shape)
+    for k in range(1, u.shape[-2]):
+        y[..., k, :] = kept * y[..., k - 1, :] + gained * (u[..., k, :] - u[..., k - 1, :])
+    return y
 
 
 @typed
@@ -181,9 +182,7 @@ class HeldArm:
         cell = scenario.cell
         self.motion, self.rows = scenario.motion.replace(), cell.task_rows
         self.model, self.friction = CellArm(cell, name), friction(cell.arms[name], name)
-        spring, damper = np.asarray(posture.stiffness), np.asarray(posture.damping)
-        self.stiffness = np.broadcast_to(spring, self.model.nv)
-        self.damping = np.broadcast_to(damper, self.model.nv)
+        self.stiffness, self.damping = posture.of_drives(self.model.nv, self.model.base_joints)
         robot = scenario.actuators_of(name).gravity_compensation
         self.carried = 0.0 if robot is None else 1.0 + robot.mass_error
         load = self.model.share * weight_wrench(cell.payload.mass, cell.gravity)
@@ -216,7 +215,7 @@ class HeldArm:
             t: times of the path of the inverse kinematics, s.
             q: that path.
         """
-        if self.is_redundant and self.rows.size == 6 and bool(np.all(self.damping > 0.0)):
+        if self.is_redundant and self.rows.size == 6 and bool(self.damping.any()):
             return self._with_spare_motion(times, q[0])
         from scipy.interpolate import make_interp_spline  # slow to load
 

@@ -24,6 +24,8 @@ from coop_pin.spatial import pose_error
 
 _T_LAMBDA = 0.9
 """T lambda_max(A^-1 K): the rule allows 1, and the poses between those that are looked at need something."""
+_BASE_POSTURE = PostureGains(stiffness=160.0, damping=80.0)
+"""Null-space gains of arms on mobile bases: their spring moves the mass of the base."""
 _DAMPING = 0.58
 """Least damping ratio: ``loop_stability`` asks for 0.55, and springs of postures need something."""
 _LESS = 0.99
@@ -245,13 +247,14 @@ def force_path_of(scenario: Scenario) -> ForcePath:
 def _posture_gains(
     scenario: Scenario, cell_reach: Reachability, T: float, least_stiffness: float
 ) -> PostureGains:
-    """Return null-space gains, at most the default ones but for a spring that has to be stiffer.
+    """Return null-space gains, at most the usual ones but for a spring that has to be stiffer.
 
     The damping keeps T lambda below 0.9 with the payload held, and the spring is lowered with it. On full
     rows the spring takes no more torque at rest than gravity asks for, however stiff it is; on positional
     ones the closures hold the spare joints against it, so that it is lowered to what the drives can hold.
     """
-    usual, decay = PostureGains(), 0.0
+    on_base = any(arm.base_joints for arm in scenario.cell.arms.values())
+    usual, decay = _BASE_POSTURE if on_base else PostureGains(), 0.0
     for reach in cell_reach.arms:
         arm = CellArm(scenario.cell, reach.arm)
         if arm.nv == arm.rows.size:

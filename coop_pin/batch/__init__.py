@@ -1,7 +1,17 @@
 """Traced code: batches of runs, compiled once for many scenarios, and the law of one arm as C99.
 
 Laws are those of coop_pin.control, run on traced numbers; the plant is written once as scalar code with the
-numbers of the cell's Pinocchio tree. llvmlite compiles batches.
+numbers of the cell's Pinocchio tree. llvmlite compiles batches. In the order in which they build on each
+other:
+
+- physics: serial_arm (kinematics), arm_dynamics, cell_dynamics (closures, forces on the payload);
+- numbers of runs: constants (what differs folds or is an input), signals (what changes in time);
+- code: plant_code (a Runge-Kutta step), law_code (a law), block (slots of the runs), tick (kernels of
+  sensors, law, drives, observation, events);
+- checks of users' laws: hidden_state (attributes), support (random ticks), single_runs (whole runs);
+- runs: preparation (what runs must share), schedule (the order of the kernels), samples (what was recorded),
+  simulate (families, blocks of runs);
+- other uses of the same code: c_export (a law as C99), traced_plant (the plant of a single run).
 """
 
 from coop_pin.batch.c_export import CLaw, export_c

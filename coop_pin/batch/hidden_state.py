@@ -119,6 +119,8 @@ def _content(value: Any, memo: dict[int, int]) -> Hashable:
         return tuple(_content(part, memo) for part in value)
     if isinstance(value, set | frozenset):
         return tuple(sorted(repr(_content(part, memo)) for part in value))
+    if isinstance(value, staticmethod | classmethod):
+        value = value.__func__
     if isinstance(value, FunctionType):
         held = value.__defaults__, value.__kwdefaults__, vars(value), [*_cells(value)]
         return value.__qualname__, _content(held, memo)

@@ -47,7 +47,8 @@ class TickCode:
         start = self._start()  # it adds the slots of the states of sensors and law
         return [
             *(start, self._weigh(), self._tick(), self._observe(), self._rates(), self._step()),
-            *(self._drive(), self._release()),
+            self._varying("drive", lambda response, state, s, h: response.mean(state, s, h)),
+            self._varying("release", lambda response, state, s, _: response.at(state, s)),
             *(self._event(index) for index in range(len(self._block.constants.changes) - 1)),
         ]
 
@@ -170,15 +171,13 @@ class TickCode:
         forces = [arm.drive.T.dot(torque) for arm, torque in zip(constants.arms, torques, strict=True)]
         kernel.write("force", np.concatenate(forces))
 
-    def _drive(self) -> Kernel:
-        """Return the kernel before a plant step: the mean force of varying torques over it."""
-        return self._varying("drive", lambda response, state, s, h: response.mean(state, s, h))
-
-    def _release(self) -> Kernel:
-        """Return the kernel at the end of a tick: the force of varying torques there."""
-        return self._varying("release", lambda response, state, s, _: response.at(state, s))
-
     def _varying(self, name: str, torques: Callable[[TorqueResponse, Any, Any, Any], Numbers]) -> Kernel:
+        """Return the kernel of varying torques: "drive" before a plant step, "release" at the end of a tick.
+
+        Args:
+            name: Name of the kernel.
+            torques: Function of response, state, time since the command and step; returns torques.
+        """
         kernel, constants = self._block.kernel(name)
         drives = constants.drives
         if drives.response is not None:

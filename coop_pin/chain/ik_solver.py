@@ -87,6 +87,7 @@ class IKSolver:
         self.model = arm.model
         self.limits = arm.limits
         self._data = arm.model.createData()
+        self._base_joints = arm.base_joints
         self._tip = frame_id(arm.model, "tip")
         X_JE, X_JP = (arm.model.frames[frame_id(arm.model, name)].placement for name in ("tip", "payload"))
         self._X_PE = X_JP.actInv(X_JE)
@@ -98,8 +99,14 @@ class IKSolver:
         return pin.SE3(X_WP) * self._X_PE
 
     def distance(self, q: Array, near: Array) -> float:
-        """Return the joint-space distance between two configurations, rad."""
-        return float(np.linalg.norm(pin.difference(self.model, q, near)))
+        """Return the joint-space distance between two configurations, rad; that of a mobile base is none."""
+        return float(np.linalg.norm(self._step(q, near)))
+
+    def _step(self, q: Array, near: Array) -> Array:
+        """Return the joint-space step to a configuration without those of a mobile base, shape (nv,)."""
+        step: Array = pin.difference(self.model, q, near)
+        step[: self._base_joints] = 0.0
+        return step
 
     def solve(
         self, target: pin.SE3, q: Array, *, limited: bool = True, angle_weight: float = 1.0, steps: int = 200
@@ -168,7 +175,7 @@ class IKSolver:
         """
         gain, distance = 1.0, self.distance(q, near)
         for _ in range(steps):
-            step = self._null_space_step(target, q, pin.difference(self.model, q, near), limited)
+            step = self._null_space_step(target, q, self._step(q, near), limited)
             length = float(np.linalg.norm(step))
             if length < _STALLED or gain < _STALLED:
                 break

@@ -15,9 +15,22 @@ from coop_pin.cli.exit_codes import FAILED, OK
 from coop_pin.cli.overrides import TypedFields, load_scenario, refuse_fields
 from coop_pin.errors import FieldError, NameNotFoundError
 
+_COLUMNS = 99
+"""Longest line of a text."""
+
 _Folders = Annotated[tuple[str, ...], tyro.conf.arg(metavar="FOLDER...")]
 _Assignments = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE...")]
 _ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
+
+
+def _print(*texts: object, sep: str = " ") -> None:
+    """Print texts with long lines wrapped at spaces, further indented; commands to copy stay whole words."""
+    for line in sep.join(map(str, texts)).splitlines():
+        indent = " " * (len(line) - len(line.lstrip()) + 4)
+        parts = textwrap.wrap(
+            line, _COLUMNS, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+        )
+        print(*(parts or [""]), sep="\n")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,7 +54,7 @@ class List:
             return OK
         for scenario in map(Scenario.load, scenario_names()):
             size = f"{len(scenario.cell.arms)} arms  {scenario.duration:g} s"
-            print(f"{scenario.name:<20} {size}  {scenario.summary}")
+            _print(f"{scenario.name:<20} {size}  {scenario.summary}")
         return OK
 
 
@@ -102,14 +115,14 @@ class Show:
                     message = f"is an option for robots only; give it to each arm: cell.arms.NAME.{option}"
                     raise FieldError(message, f"--{option.replace('_', '-')}")
             scenario = load_scenario(self.what, self.fields)
-            print(cell_summary(scenario.cell, scenario.start.matrix).summary())
+            _print(cell_summary(scenario.cell, scenario.start.matrix).summary())
             return OK
         if not path.is_file() and path.suffix not in (".urdf", ".xacro") and self.what not in robots:
             names = [*scenarios, *robots]
             raise NameNotFoundError("scenario or robot", self.what, names, "the catalogue or the file system")
         refuse_fields(self.fields, self.what)
         file = _urdf_file(self.what, self.package_dirs, self.xacro_args)
-        print(f"{file.path}\n{Robot(load_checked(file)).summary()}")
+        _print(f"{file.path}\n{Robot(load_checked(file)).summary()}")
         return OK
 
 
@@ -165,18 +178,18 @@ class Check:
 
         scenario = load_scenario(self.scenario, self.fields)
         reach = reachability(scenario, poses=self.poses)
-        print(*(f"! {number}" for number in implausible_numbers(scenario)), reach.summary(), sep="\n")
+        _print(*(f"! {number}" for number in implausible_numbers(scenario)), reach.summary(), sep="\n")
         torques = statics_along(scenario, reach)
-        print(textwrap.indent(torques.summary(), "  "))
+        _print(textwrap.indent(torques.summary(), "  "))
         singular = closure_problem(scenario) if reach.ok else ""
         if singular:
-            print(f"  ! {singular}")
+            _print(f"  ! {singular}")
         ok = reach.ok and torques.ok and not singular
         if not reach.ok or scenario.controller.user_code:
             return OK if ok else FAILED
         for arm, (limp, carried) in loads_without_an_arm(scenario, reach).items():
             if limp > 1.0:
-                print(
+                _print(
                     f"  ! if arm {arm!r} loses its torque, the others need {limp:.3g} times their limits, and"
                     f" {carried:.3g} times if it carries its own weight: above 1 no law holds the payload"
                 )
@@ -186,23 +199,23 @@ class Check:
             stable.insert(0, grasp_stability(simulation))
         else:
             stable[:0] = motion_stability(simulation, reach), loop_stability(simulation, reach)
-        print(textwrap.indent("\n".join(finding.summary() for finding in stable), "  "))
+        _print(textwrap.indent("\n".join(finding.summary() for finding in stable), "  "))
         if not scenario.cell.compliant:
-            print(f"  {gain_proposal(scenario, reach).summary()}")
+            _print(f"  {gain_proposal(scenario, reach).summary()}")
         law: Any = scenario.controller
         if not scenario.cell.controls_turns and "holding torque" in law.needs:
-            print(f"  {internal_moment(scenario, reach, law.posture).summary()}")
+            _print(f"  {internal_moment(scenario, reach, law.posture).summary()}")
         errors = steady_errors(scenario, bias=self.bias, load=self.load)
-        print(textwrap.indent(errors.summary(), "  "))
+        _print(textwrap.indent(errors.summary(), "  "))
         if errors.growth > 0.0:
             earliest = max(0.0, force_reserve(scenario, reach)) / errors.growth
-            print(f"  ! the force that grows is beyond the first drive {earliest:.3g} s later, or after that")
+            _print(f"  ! the force that grows is beyond the first drive {earliest:.3g} s later or after")
         if math.isfinite(errors.free):
             needed = ", ".join(
                 f"{arm} {1e3 * position:.3g} mm and {1e3 * angle:.3g} mrad"
                 for arm, (position, angle) in anchor_biases(scenario, self.bias, self.bias_turn).items()
             )
-            print(f"  anchor_bias for this bias of an arm whenever it begins: {needed}")
+            _print(f"  anchor_bias for this bias of an arm whenever it begins: {needed}")
         return OK if ok and all(finding.ok for finding in stable) else FAILED
 
 
@@ -235,7 +248,7 @@ class Suggest:
         from coop_pin.analysis import suggest
 
         suggested = suggest(load_scenario(self.scenario, self.fields, draft=True), poses=self.poses)
-        print(suggested.summary())
+        _print(suggested.summary())
         if self.out is not None:
             suggested.scenario.save(self.out)
         return OK
@@ -281,6 +294,8 @@ class New:
         from coop_pin.analysis import new_cell
 
         path = Path(self.scenario)
+        if not path.name:
+            raise FieldError(f"is {str(path)!r}, which names no file", "NAME_OR_FILE")
         path = path if path.suffix == ".toml" else path.with_name(f"{path.name}.toml")
         if path.exists():
             raise FieldError(f"{path} exists; name another file, or remove it", "NAME_OR_FILE")
@@ -288,8 +303,8 @@ class New:
         del options["scenario"]
         suggested = new_cell(**options, name=path.stem)
         suggested.scenario.save(path, commented=True)
-        print(suggested.summary())
-        print(f"{path}: edit it; then coop-pin check {path}, coop-pin run {path} --report")
+        _print(suggested.summary())
+        _print(f"{path}: edit it; then coop-pin check {path}, coop-pin run {path} --report")
         return OK
 
 
@@ -315,7 +330,7 @@ class CheckUrdf:
         from coop_pin.description.urdf import check_file
 
         report = check_file(_urdf_file(self.urdf, self.package_dirs, self.xacro_args))
-        print(report.summary(strict=self.strict))
+        _print(report.summary(strict=self.strict))
         return FAILED if report.errors(strict=self.strict) else OK
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from coop_pin.arrays import Array, require_path
+from coop_pin.arrays import Array, require_path, require_type
 from coop_pin.comparison.measures import MEASURES
 from coop_pin.errors import FileReadError, InvalidStateError, NameNotFoundError
 from coop_pin.heat_map import cell_text, write_heat_map
@@ -87,8 +87,7 @@ class Comparison:
         if self.folder is None:
             raise InvalidStateError("only the table of this comparison is known; load the folder of its runs")
         for kind, name in zip(CELL, (scenario, controller, trial), strict=True):
-            if name not in (known := self.data[kind].values.tolist()):
-                raise NameNotFoundError(kind, name, known, "the comparison")
+            self._require_name(kind, name)
         case = cell_text((controller, trial))
         for file in sorted((self.folder / scenario).glob("*/plan.json")):
             whole = SweepResult.load(file.parent)
@@ -171,8 +170,19 @@ class Comparison:
             lines.append("")
         return "\n".join(lines + self._failures())
 
+    def _require_name(self, kind: str, name: str) -> None:
+        """Refuse a scenario, controller or trial that is none of the comparison."""
+        require_type(kind, name, str)
+        if name not in (known := self.data[kind].values.tolist()):
+            raise NameNotFoundError(kind, name, known, "the comparison")
+
     def information(self, scenario: str) -> list[str]:
-        """Return what each controller has in a scenario besides its own arm's joints."""
+        """Return what each controller has in a scenario besides its own arm's joints.
+
+        Raises:
+            NameNotFoundError: there is no such scenario.
+        """
+        self._require_name("scenario", scenario)
         seen = self.data["information"].sel(scenario=scenario).transpose("controller", "trial").values
         return [next((name for name in row if isinstance(name, str)), "") for row in seen]
 
@@ -193,7 +203,12 @@ class Comparison:
         ]
 
     def labels(self, scenario: str) -> list[str]:
-        """Return the names of the controllers, with a mark where one runs untuned in a scenario."""
+        """Return the names of the controllers, with a mark where one runs untuned in a scenario.
+
+        Raises:
+            NameNotFoundError: there is no such scenario.
+        """
+        self._require_name("scenario", scenario)
         used = self.data["gains"].sel(scenario=scenario).transpose("controller", "trial").values
         marks = (" (untuned)" if "untuned" in row else "" for row in used)
         return [f"{name}{mark}" for name, mark in zip(self.data["controller"].values, marks, strict=True)]

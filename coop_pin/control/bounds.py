@@ -6,12 +6,13 @@ from functools import cache, partial
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, typed
 from coop_pin.errors import OutOfRangeError
 
 _BISECTIONS = 50
 
 
+@typed
 @cache
 def force_gain_bound(pole: float, delay: int = 0, *, lag: float = 0.0) -> float:
     """Return the force gain K_f at which sampled internal-force feedback goes unstable.
@@ -29,7 +30,8 @@ def force_gain_bound(pole: float, delay: int = 0, *, lag: float = 0.0) -> float:
         lag: time constant of the drives, samples.
 
     Raises:
-        OutOfRangeError: the pole is not.
+        OutOfRangeError: the pole is not, or the lag is negative or not finite.
+        WrongTypeError: a value is no number.
     """
     if not 0.0 <= pole < 1.0:
         raise OutOfRangeError("pole", pole, "at least 0 and less than 1")
@@ -45,9 +47,12 @@ def force_gain_bound(pole: float, delay: int = 0, *, lag: float = 0.0) -> float:
 
 def lag_pole(lag: float) -> float:
     """Return exp(-1 / lag), the pole of drives with a lag, samples; 0 for drives without."""
+    if not 0.0 <= lag < np.inf:
+        raise OutOfRangeError("lag", lag, "at least 0 and finite")
     return float(np.exp(-1.0 / lag)) if lag else 0.0
 
 
+@typed
 @cache
 def anchor_gain_bound(
     *, pole: float = 0.0, delay: int = 0, every: int = 1, force_gain: float = 0.0, lag: float = 0.0
@@ -72,7 +77,9 @@ def anchor_gain_bound(
             r ftilde[k-1] + (1 - r)(Z[k] - K_f ftilde_m[k]) + const with r = exp(-1 / lag).
 
     Raises:
-        OutOfRangeError: the pole is not in [0, 1), the delay is negative, or ``every`` is less than 1.
+        OutOfRangeError: the pole is not in [0, 1), the delay or the lag is negative, or ``every`` is less
+            than 1.
+        WrongTypeError: a value is no number.
     """
     if delay < 0 or every < 1:
         name, value, least = ("delay", delay, 0) if delay < 0 else ("every", every, 1)

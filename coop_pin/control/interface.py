@@ -139,6 +139,7 @@ class ControlledArm(NamedTuple):
         gravity: Gravity, m/s^2, shape (3,).
         start_pose: X_WP at t_0, shape (4, 4).
         oldest_wrench: Age that measured wrenches reach without being lost, ticks.
+        base_drives: Number of its first drives that move a mobile base.
     """
 
     name: str
@@ -151,6 +152,7 @@ class ControlledArm(NamedTuple):
     gravity: Array
     start_pose: Array
     oldest_wrench: int
+    base_drives: int = 0
 
 
 class CellTiming(NamedTuple):

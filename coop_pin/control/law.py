@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
+import numpy as np
 from pydantic import Field, PrivateAttr, SerializerFunctionWrapHandler, model_serializer
 
 from coop_pin.arrays import Array
@@ -41,6 +42,8 @@ _WRITTEN_FIRST = ("kind", "target", "options", "gains", "arm_gains", "switching"
 class PostureGains(Description):
     """Null-space spring towards the arm's posture, and damper, of the spare joints of redundant arms.
 
+    One value acts on the arm's own joints, not on those of a mobile base, so that the base follows the arm.
+
     Attributes:
         stiffness: N m/rad, one value for all joints or one for each.
         damping: N m s/rad, likewise.
@@ -60,8 +63,24 @@ class PostureGains(Description):
                 f"needs angles, but arm {arm.name!r} has continuous joints; lock them or give them limits",
                 "controller.posture",
             )
-        stiffness, damping = (gain_vector(gain, arm.drives, f"controller.posture.{n}") for n, gain in self)
-        return Posture(arm.posture, stiffness, damping)
+        return Posture(arm.posture, *self.of_drives(arm.drives, arm.base_drives))
+
+    def of_drives(self, drives: int, base_drives: int = 0) -> tuple[Array, Array]:
+        """Return stiffness and damping of every drive, shape (k,).
+
+        Args:
+            drives: Number k of drives of the arm.
+            base_drives: Number of its first drives that move a mobile base.
+
+        Raises:
+            FieldError: a gain has a wrong number of entries.
+        """
+        own = np.arange(drives) >= base_drives
+        stiffness, damping = (
+            gain_vector(gain, drives, f"controller.posture.{name}") * (own if np.ndim(gain) == 0 else 1.0)
+            for name, gain in self
+        )
+        return stiffness, damping
 
 
 INFORMATION: Mapping[str, set[str]] = {

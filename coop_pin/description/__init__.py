@@ -7,6 +7,7 @@ from coop_pin.description.cell import Cell, grasps_from_configuration
 from coop_pin.description.controller import ModelFactors, UserController
 from coop_pin.description.events import GravityTurn, PayloadChange, WrenchPulse
 from coop_pin.description.grasp import CompliantGrasp
+from coop_pin.description.mobile_base import MobileBase
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.scenario import Scenario, scenario_names
@@ -35,6 +36,7 @@ __all__ = [
     "IdealVelocity",
     "JointFriction",
     "Miscalibration",
+    "MobileBase",
     "ModelFactors",
     "ObservedVelocity",
     "Payload",

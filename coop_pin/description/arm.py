@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +20,7 @@ from pydantic import (
 )
 
 from coop_pin.arrays import Array
+from coop_pin.description.mobile_base import MobileBase
 from coop_pin.description.urdf import UrdfFile, find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import FieldError, UrdfError
@@ -29,6 +31,7 @@ from coop_pin.schema.base import (
     NumberOrVector,
     Positive,
     Vector,
+    WithLaterFields,
     number_or_row,
 )
 from coop_pin.schema.changes import words
@@ -132,7 +135,7 @@ TorqueLimits = Annotated[
 """Limits of the drive torques, N m: "urdf", "none", one value for all joints, or one for each."""
 
 
-class Arm(Description):
+class Arm(WithLaterFields):
     """One arm of a cell.
 
     Its joints are those of the URDF that are neither fixed nor locked, in Pinocchio's order.
@@ -154,10 +157,14 @@ class Arm(Description):
         posture: joint angles near which the arm starts (one angle for a continuous joint, too); they select
             the branch of the inverse kinematics. Zeros when omitted.
         locked: joints that do not move, for example those of a gripper, and their angles, rad or m; their
-            mimic joints are fixed too.
+            mimic joints are fixed too. "others" locks those that do not move the tip, at their angles nearest
+            to zero, and the arm stores the result.
         mimic: treatment of mimic joints that are not locked: "refuse" the arm, or "ignore" the coupling.
         calibration_error: errors of the arm's own kinematic model, which its controller sees.
+        mobile_base: driven platform under the arm, whose three joints come before the arm's.
     """
+
+    later_fields: ClassVar[tuple[str, ...]] = ("mobile_base",)
 
     urdf: str
     package_dirs: tuple[str, ...] = ()
@@ -171,6 +178,7 @@ class Arm(Description):
     locked: dict[str, float] = Field(default_factory=dict)
     mimic: Literal["refuse", "ignore"] = "refuse"
     calibration_error: Miscalibration = Miscalibration()
+    mobile_base: MobileBase | None = None
 
     @field_validator("tip")
     @classmethod
@@ -188,6 +196,20 @@ class Arm(Description):
                 names=leaves,
             )
         return leaves[0]
+
+    @field_validator("locked", mode="before")
+    @classmethod
+    def _others_or_table(cls, locked: Any, earlier: ValidationInfo) -> Any:
+        if not isinstance(locked, str):
+            return locked
+        if locked != "others":
+            raise FieldError(f'is {locked!r}; it must be a table of angles by joint, or "others"')
+        fields = ("urdf", "package_dirs", "xacro_args", "tip")
+        if not all(name in earlier.data for name in fields):
+            return {}
+        urdf, package_dirs, xacro_args, tip = (earlier.data[name] for name in fields)
+        file = find_urdf(urdf, package_dirs=package_dirs, xacro_args=xacro_args)
+        return Robot(load_checked(file)).idle(tip)
 
     @field_validator("drive")
     @classmethod
@@ -235,7 +257,7 @@ class Arm(Description):
         *,
         base: Pose | ArrayLike = (0.0, 0.0, 0.0),
         posture: ArrayLike | None = None,
-        locked: Mapping[str, float] | None = None,
+        locked: Mapping[str, float] | Literal["others"] | None = None,
         **fields: Any,
     ) -> Self:
         """Return the arm of a file, or of a bundled or example-robot-data robot.
@@ -245,7 +267,7 @@ class Arm(Description):
             tip: frame that is fixed to the payload; when omitted, the only link without child joints.
             base: X_WB, as a Pose, a matrix of shape (4, 4) or a position of shape (3,).
             posture: joint angles near which the arm starts.
-            locked: joints that do not move, and their angles.
+            locked: joints that do not move, and their angles; "others" for those that do not move the tip.
             fields: any other field.
 
         Raises:
@@ -267,7 +289,13 @@ class Arm(Description):
         Raises:
             UrdfError: there is none.
         """
-        return find_urdf(self.urdf, package_dirs=self.package_dirs, xacro_args=self.xacro_args)
+        file = find_urdf(self.urdf, package_dirs=self.package_dirs, xacro_args=self.xacro_args)
+        return dataclasses.replace(file, carrier=self.mobile_base) if self.mobile_base else file
+
+    @property
+    def base_joints(self) -> int:
+        """Number of its first joints, which move its mobile base."""
+        return 3 if self.mobile_base else 0
 
     def drive_matrix(self, nv: int) -> Array:
         """Return the transmission matrix T, shape (nv, nv).

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from typing import Any, Self
 
@@ -86,6 +87,14 @@ class Cell(Description):
             plain_name(name)
             if "." in name or name == "payload":
                 raise FieldError(f"arm name {name!r} must not be 'payload', nor contain '.'")
+        return arms
+
+    @field_validator("arms")
+    @classmethod
+    def _share_no_joint(cls, arms: dict[str, Arm]) -> dict[str, Arm]:
+        for name, other in itertools.combinations(arms, 2):
+            if other in _siblings(arms, name):
+                _require_own_joints(name, arms[name], other, arms[other])
         return arms
 
     @field_validator("grasps", mode="before")
@@ -174,6 +183,44 @@ class Cell(Description):
             return np.full(len(self.arms), 1.0 / len(self.arms))
         return np.array([self.load_shares[name] for name in self.arms])
 
+    def siblings(self, arm: str) -> tuple[str, ...]:
+        """Return the other arms of the same robot: of one URDF and base, with another tip."""
+        return _siblings(self.arms, arm)
+
     def share(self, arm: str) -> float:
         """Return the load share c_i of an arm."""
         return float(self.shares[list(self.arms).index(arm)])
+
+
+def _siblings(arms: Mapping[str, Arm], name: str) -> tuple[str, ...]:
+    arm = arms[name]
+    return tuple(
+        key
+        for key, other in arms.items()
+        if (other.file, other.base) == (arm.file, arm.base) and other.tip != arm.tip
+    )
+
+
+def _require_own_joints(name: str, arm: Arm, other: str, sibling: Arm) -> None:
+    """Raise an error if a joint moves two arms of one robot, or is locked at two angles.
+
+    Raises:
+        FieldError: with the joint, and what to lock.
+    """
+    robot = Robot(load_checked(arm.file))
+    shared = [joint for joint in robot.movers(arm.tip) if joint in robot.movers(sibling.tip)]
+    angles = robot.locked(arm.locked), robot.locked(sibling.locked)
+    moving = [joint for joint in shared if not all(joint in locked for locked in angles)]
+    if moving:
+        raise FieldError(
+            f"moves {name!r} and {other!r}, arms of one robot: arms of a cell are chains of their own"
+            " and share no joint; lock it in both, at the same angle",
+            f"{other}.locked.{moving[0]}",
+        )
+    for joint in shared:
+        first, second = (locked[joint] for locked in angles)
+        if first != second:
+            raise FieldError(
+                f"is {second:g}, but arm {name!r} of the same robot has {first:g}; it is one joint",
+                f"{other}.locked.{joint}",
+            )

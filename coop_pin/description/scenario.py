@@ -293,6 +293,7 @@ class Scenario(Description):
             commented: leave out fields at their defaults, and write the meaning of each table and field
                 beside it.
         """
+        require_type("commented", commented, bool)
         return commented_toml(self) if commented else resolved_toml(self)
 
     def save(self, path: str | Path, *, commented: bool = False) -> None:

@@ -40,6 +40,7 @@ class ArmModel:
         key: values on which its kinematics depend.
         nq: size of q.
         nv: size of v.
+        base_joints: number of its first joints, which move its mobile base.
         drive: Drive matrix (transmission) T with q_drive = T q, shape (nv, nv).
         from_drive: Inverse transmission T^-1, with v = T^-1 qdot, shape (nv, nv).
     """
@@ -77,6 +78,7 @@ class ArmModel:
         self._payload = add_frame(self.model, "payload", tip.parentJoint, tip.placement * X_EP)
         self._data = self.model.createData()
         self.nq, self.nv = int(self.model.nq), int(self.model.nv)
+        self.base_joints = arm.base_joints
         self.drive = arm.drive_matrix(self.nv)
         self.from_drive = np.asarray(np.linalg.inv(self.drive), dtype=np.float64)
         self._angles = JointAngles(self.model)

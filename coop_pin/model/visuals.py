@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import warnings
-from collections.abc import Hashable, Iterable
+from collections.abc import Collection, Hashable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -75,16 +76,21 @@ class CellVisuals:
         self._joints: list[int] = []
         self._base_poses: dict[int, Array] = {}
         by_kind: dict[Hashable, dict[str, tuple[Visual, ...]]] = {}  # equal arms share their meshes
+        drawn = set[str]()
         for name, arm in cell.arms.items():
-            kind = (arm.file, *arm.locked.items())
+            siblings = {other: self.joints[other] for other in cell.siblings(name)}
+            kind = (arm.file, *arm.locked.items(), *itertools.chain(*siblings.values()))
             if kind not in by_kind:
-                by_kind[kind] = _visuals_by_joint(arm)
+                by_kind[kind] = _visuals_by_joint(arm, {*itertools.chain(*siblings.values())})
             for joint, visuals in by_kind[kind].items():
                 moving = joint != "universe"
+                if not moving and any(f"{other}/base" in drawn for other in siblings):
+                    continue  # the robot's fixed part
                 if not moving:
                     self._base_poses[len(self.bodies)] = pin.SE3ToXYZQUAT(pin.SE3(arm.base.matrix))
                 self._joints.append(joint_id(self._model, f"{name}/{joint}") if moving else 0)
                 self.bodies += (Body(f"{name}/{joint if moving else 'base'}", visuals),)
+                drawn.add(self.bodies[-1].name)
 
     def poses(self, configurations: Array) -> Array:
         """Return the pose of every body in the world at every configuration.
@@ -106,13 +112,18 @@ class CellVisuals:
         return poses
 
 
-def _visuals_by_joint(arm: Arm) -> dict[str, tuple[Visual, ...]]:
-    """Return the shapes of an arm by the joint that moves them; "universe" for the fixed ones."""
+def _visuals_by_joint(arm: Arm, without: Collection[str]) -> dict[str, tuple[Visual, ...]]:
+    """Return the shapes of an arm by the joint that moves them; "universe" for the fixed ones.
+
+    Args:
+        arm: the arm.
+        without: joints whose links, and those beyond them, are left out: those of the robot's other arms.
+    """
     whole = load_unreduced_arm(arm)
-    geometry = pin.GeometryModel()
+    model, geometry = whole.model, pin.GeometryModel()
     for part in _geometries(whole, arm):
-        geometry.addGeometryObject(part)
-    model = whole.model
+        if not any(model.names[joint] in without for joint in model.supports[part.parentJoint]):
+            geometry.addGeometryObject(part)
     if whole.locked:
         model, geometry = pin.buildReducedModel(model, geometry, whole.locked, whole.configuration)
     visuals: dict[str, tuple[Visual, ...]] = {}

@@ -7,6 +7,7 @@ import datetime
 import time
 from typing import NamedTuple
 
+from coop_pin.arrays import typed
 from coop_pin.description.scenario import Scenario
 from coop_pin.engine_choice import EngineChoice, choose_engines
 from coop_pin.errors import RunTimeoutError
@@ -49,6 +50,7 @@ class Estimate(NamedTuple):
         return f"about {total} h for {self.runs} runs of {self.run_s:.2g} s on {self.workers} workers; {how}"
 
 
+@typed
 def estimate(plan: SweepPlan, *, workers: int | None = None) -> Estimate:
     """Return the estimated duration of a sweep, from its first point: a second of it, or a small batch.
 

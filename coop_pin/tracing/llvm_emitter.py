@@ -93,11 +93,13 @@ class LlvmEmitter(Emitter):
         return f"splat (double 0x{bits:016X})"
 
     def _define_subroutine(self, subroutine: Subroutine) -> None:
-        def read(index: int, position: int) -> str:
-            return self._load(f"%v{index}", "%inputs", position)
-
-        head = f"@{subroutine.name}(ptr %inputs, ptr %outputs)"
-        self._define(head, subroutine.tape, list(enumerate(subroutine.outputs)), "%outputs", read)
+        self._define(
+            f"@{subroutine.name}(ptr %inputs, ptr %outputs)",
+            subroutine.tape,
+            list(enumerate(subroutine.outputs)),
+            "%outputs",
+            lambda index, position: self._load(f"%v{index}", "%inputs", position),
+        )
 
     def _define(
         self,

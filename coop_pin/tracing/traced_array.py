@@ -223,10 +223,6 @@ def _any(masks: Any) -> Any:
     return result
 
 
-def _where(mask: Any, a: Any, b: Any) -> Any:
-    return traced(np.frompyfunc(_chosen, 3, 1)(plain(mask), plain(a), plain(b)))
-
-
 def _chosen(mask: Number, a: Number, b: Number) -> Any:
     if not is_truth(mask):
         mask = elementary.opposite(elementary.equal(mask, 0.0))
@@ -241,15 +237,11 @@ def _vdot(a: Any, b: Any) -> Number:
     return total
 
 
-def _clip(a: Any, low: Any, high: Any) -> Any:
-    return np.minimum(np.maximum(traced(a), low), high)
-
-
 _FUNCTIONS: dict[Any, Callable[..., Any]] = {
-    np.where: _where,
+    np.where: lambda mask, a, b: traced(np.frompyfunc(_chosen, 3, 1)(*map(plain, (mask, a, b)))),
     np.vdot: _vdot,
     np.any: _any,
-    np.clip: _clip,
+    np.clip: lambda a, low, high: np.minimum(np.maximum(traced(a), low), high),
     np.round: lambda x: np.rint(traced(x)),
     np.linalg.inv: lambda A: traced(elementary.inverse(plain(A))),
     np.zeros_like: lambda a: traced(np.zeros(np.shape(a))).astype(object).view(TracedArray),

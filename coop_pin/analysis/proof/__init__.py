@@ -56,7 +56,9 @@ def anchor_bounded_time(result: RunResult) -> dict[str, float]:
         ``anchor_bounded_s``: the time of the arm for which it is longest, s.
 
     Raises:
-        ArgumentError: as of ``theorem_monitor``.
+        ArgumentError: as of ``theorem_monitor``, or the run's law has no anchor.
     """
+    if (kind := result.scenario.controller.kind) == "sliding-mode":
+        raise ArgumentError(f"the run has the law {kind!r}, which has no anchor; use 'payload-space'")
     ticks = theorem_monitor(result)["anchor_is_bounded"].sum("time")
     return {"anchor_bounded_s": float(ticks.max()) * result.scenario.clock.period}

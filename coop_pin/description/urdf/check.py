@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
+from coop_pin.arrays import typed
 from coop_pin.description.urdf.find import UrdfFile
 from coop_pin.description.urdf.inertia import physical_findings
 from coop_pin.description.urdf.lint import element_findings
@@ -19,6 +20,7 @@ from coop_pin.errors import FileReadError, UrdfError, UrdfWarning
 from coop_pin.user_files import read_user_file
 
 
+@typed
 def check_urdf(text: str | bytes) -> UrdfReport:
     """Return every defect of the text of a URDF, with its link or joint and its line."""
     # A lone surrogate has no UTF-8 encoding; it is passed on so that the check reports it.
@@ -26,6 +28,7 @@ def check_urdf(text: str | bytes) -> UrdfReport:
     return UrdfReport("the text", _findings(data))
 
 
+@typed
 def check_file(urdf: UrdfFile) -> UrdfReport:
     """Return every defect of a file, missing meshes included; a xacro file is expanded first.
 
@@ -37,6 +40,7 @@ def check_file(urdf: UrdfFile) -> UrdfReport:
     return UrdfReport(str(urdf.path), _findings_of_file(urdf, _text(urdf), urdf.package_dirs))
 
 
+@typed
 def load_checked(urdf: UrdfFile, *, strict: bool = False, loops: bool = False) -> str:
     """Return the text of a URDF file that Pinocchio reads as it is written.
 
@@ -58,9 +62,11 @@ def load_checked(urdf: UrdfFile, *, strict: bool = False, loops: bool = False) -
     findings = _findings_of_file(urdf, data, urdf.package_dirs if is_users else (), loops=loops)
     ignored = ("loop",) if loops else ()
     _require_usable(UrdfReport(str(urdf.path), findings), ignored, strict=strict, warn=is_users)
-    return data.decode("utf-8")
+    text = data.decode("utf-8")
+    return text if urdf.carrier is None else urdf.carrier.under(text)
 
 
+@typed
 def text_checked(text: str, *, loops: bool = False) -> str:
     """Return the text of a URDF unchanged if Pinocchio reads it as it is written.
 

@@ -10,8 +10,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, Protocol
 
+from coop_pin.arrays import typed
 from coop_pin.errors import UrdfError, suggestion
 
 _SHARE = Path("share", "example-robot-data", "robots")
@@ -70,6 +71,14 @@ def example_urdfs() -> MappingProxyType[str, Path]:
     return MappingProxyType(by_file | known)
 
 
+class Carrier(Protocol):
+    """What a robot stands on."""
+
+    def under(self, urdf: str) -> str:
+        """Return the text of a URDF with the carrier's links and joints before its root link."""
+        ...
+
+
 @dataclass(frozen=True)
 class UrdfFile:
     """A URDF or xacro file that exists.
@@ -79,12 +88,14 @@ class UrdfFile:
         package_dirs: folders that are searched for the packages of package:// and $(find ...), in this order.
         origin: "user" (found by path), "bundled" (part of coop_pin) or "example" (example-robot-data).
         xacro_args: name and value of the arguments with which a xacro file is expanded.
+        carrier: what the robot stands on; it is added to the text of the file.
     """
 
     path: Path
     package_dirs: tuple[Path, ...]
     origin: Literal["user", "bundled", "example"] = "user"
     xacro_args: tuple[tuple[str, str], ...] = ()
+    carrier: Carrier | None = None
 
 
 @functools.cache
@@ -102,6 +113,7 @@ def robot_files() -> MappingProxyType[str, Path]:
     return MappingProxyType(example_urdfs() | bundled)
 
 
+@typed
 def find_urdf(
     name_or_path: str | Path,
     *,

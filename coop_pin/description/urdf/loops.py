@@ -26,7 +26,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, typed
 from coop_pin.description.urdf.report import UrdfFinding, listed, quoted
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.description.urdf.xml import COLON, Element, finding, name_of_tag, number_list, read_document
@@ -143,6 +143,7 @@ class _UnreadError(Exception):
     """Why an element cannot be read as a closure, and the element that says so; never leaves this file."""
 
 
+@typed
 def read_loops(text: str) -> tuple[UrdfLoop, ...]:
     """Return the loop closures of the text of a URDF that the check has accepted with its loops."""
     document, robot, loops = read_document(text.encode()), Robot(text), []

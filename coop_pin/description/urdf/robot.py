@@ -28,7 +28,7 @@ _READABLE = "geometry/*[1][self::box or self::cylinder or self::sphere or self::
 
 _GRIPPER = ("gripper", "finger", "jaw")
 """Words in the names of a gripper's joints."""
-_TOOLS = ("tcp", "tool", "end_effector", "eef", "flange")
+_TOOLS = ("tcp", "tool", "end_effector", "eef", "flange", "gripper")
 """Words in the names of frames made for tools, the best first."""
 
 
@@ -76,33 +76,49 @@ class Robot:
     def tools(self) -> tuple[str, ...]:
         """Return the links that most joints move and no gripper's joint does: several if names do not tell.
 
-        Of several, those whose name has the first of the words tcp, tool, end_effector, eef and flange.
+        Of several, those whose name has the first of the words tcp, tool, end_effector, eef, flange and
+        gripper: of a robot with several arms one for each.
         """
-        moved = dict.fromkeys(self._tree.links, 0)  # by joints; the links of a gripper are left out
+        moved, gripper = dict.fromkeys(self._tree.links, 0), set[str]()  # numbers of joints; its links
         for edge in self._edges:
-            if edge.parent in moved and not any(word in edge.name.lower() for word in _GRIPPER):
+            if edge.parent in gripper or any(word in edge.name.lower() for word in _GRIPPER):
+                gripper.add(edge.child)
+            if edge.parent in moved and (edge.is_fixed or edge.child not in gripper):
                 moved[edge.child] = moved[edge.parent] + (not edge.is_fixed)
             else:
                 moved.pop(edge.child, None)
-        inner = {edge.parent for edge in self._edges if edge.child in moved}
-        ends = [link for link in moved if link not in inner and moved[link] == max(moved.values())]
+        held = {link: joints for link, joints in moved.items() if link not in gripper or link in self.leaves}
+        inner = {edge.parent for edge in self._edges if edge.child in held}
+        ends = [link for link in held if link not in inner and held[link] == max(held.values())]
         named = ([link for link in ends if word in link.lower()] for word in _TOOLS)
         return tuple(next(filter(None, named), ends))
 
-    def idle(self, tip: str) -> dict[str, float]:
-        """Return the joints that do not move a link, with their angles nearest to zero, rad or m.
+    def movers(self, link: str) -> tuple[str, ...]:
+        """Return the joints that move a link, from the root on; empty if there is no such link."""
+        joints = []
+        while link in self._tree.above:
+            edge = self._tree.above[link]
+            joints.append(edge.name)
+            link = edge.parent
+        return tuple(joint for joint in joints[::-1] if joint in self.joints)
+
+    def idle(self, tip: str, others: Sequence[str] = ()) -> dict[str, float]:
+        """Return the joints that do not move a link alone, with their angles nearest to zero, rad or m.
 
         Joints that mimic others are left out.
+
+        Args:
+            tip: the link.
+            others: links of which none is moved by a joint that is left moving.
 
         Raises:
             NameNotFoundError: there is no such link.
         """
-        if tip not in self._tree.links:
-            raise NameNotFoundError("link", tip, self._tree.links, "the URDF")
-        moving, link = set[str](), tip
-        while link in self._tree.above:
-            moving.add(self._tree.above[link].name)
-            link = self._tree.above[link].parent
+        for link in (tip, *others):
+            if link not in self._tree.links:
+                raise NameNotFoundError("link", link, self._tree.links, "the URDF")
+        shared = {joint for other in others for joint in self.movers(other)}
+        moving = {*self.movers(tip)} - shared
         idle = [edge for edge in self._edges if edge.name in self.joints and edge.name not in moving]
         return {edge.name: _nearest_to_zero(edge) for edge in idle if edge.name not in self.mimics}
 

@@ -174,7 +174,7 @@ function coopPinScene(pane, labels, page) {
     labels.append(text);
     const strut = { name: `${first.arms[i]} to ${first.arms[j]}`, tension: 0, twist: 0, wanted: 0, radius: 0, middle: vector(), tip: vector(), text, object };
     strut.set = (tips, [tension, twist, wanted, wantedTwist]) => {
-      const along = tips[j].clone().sub(tips[i]), length = along.length(), squeezed = tension < 0;
+      const along = tips[j].clone().sub(tips[i]), length = along.length(), squeezed = (Math.abs(tension) < 0.05 ? wanted : tension) < 0;
       const [radius, outline] = [tension, wanted].map((newtons) => THICKNESS * drawnLength(Math.abs(newtons), scales.forces));
       Object.assign(strut, { tension, twist, wanted, radius });
       strut.tip.copy(tips[j]);
@@ -193,7 +193,7 @@ function coopPinScene(pane, labels, page) {
       ring.scale.x *= Math.sign(twist);
       text.style.borderColor = squeezed ? page.colours.squeezed : page.colours.torn;
       const said = (newtons) => (Math.abs(newtons) < 0.05 ? "0 N" : `${newtons < 0 ? "squeezed" : "pulled apart"} ${coopPinNumber(Math.abs(newtons))} N`);
-      text.textContent = said(tension) + (Math.abs(wanted) < 0.05 ? "" : `\nwanted ${wanted < 0 === squeezed ? coopPinNumber(Math.abs(wanted)) : said(wanted)}`)
+      text.textContent = said(tension) + (Math.abs(wanted) < 0.05 ? "" : `\nwanted ${wanted < 0 === squeezed && Math.abs(tension) >= 0.05 ? coopPinNumber(Math.abs(wanted)) : said(wanted)}`)
         + (ring.visible ? `\ntwisted ${coopPinNumber(Math.abs(twist))} N m` + (Math.abs(wantedTwist) < 0.005 ? "" : `, wanted ${coopPinNumber(Math.abs(wantedTwist))}`) : "");
     };
     return strut;
@@ -227,14 +227,14 @@ function coopPinScene(pane, labels, page) {
       if (struts.length === 1) { [right, down] = Math.abs(end.y - at.y) * height > Math.abs(end.x - at.x) * width ? [1, 0] : [0, 1]; }
       const norm = Math.hypot(right, down) || 1, tall = 8 * lines.length;
       const x = Math.max(0, Math.min((1 + at.x) * width / 2 - long / 2 + right / norm * (long / 2 + 12), width - long));
-      let y = (1 - at.y) * height / 2 - tall + down / norm * (tall + 12);
+      let y = Math.min((1 - at.y) * height / 2 - tall + down / norm * (tall + 12), height - 2 * tall);
       while (placed.some(([a, b, other]) => a < x + long && x < a + other && b < y + 17 * lines.length && y < b + 17)) { y += 17; }
       text.style.transform = `translate(${x}px, ${y}px)`;
       lines.forEach((_, line) => placed.push([x, y + 16 * line, long]));
     }
     for (const { outer, inner, text, object, length, part } of Object.values(arrows)) {
       const [end, start] = [outer, inner].map((point) => point.clone().project(viewer.camera));
-      text.hidden = !object.visible || length < 0.03 || Math.abs(end.z) > 1 || (part === "wanted" && width < 500);
+      text.hidden = !object.visible || length < 0.03 || Math.abs(end.z) > 1 || (["wanted", "across"].includes(part) && width < 500);
       if (text.hidden) { continue; }
       const long = 13 + 7.2 * text.textContent.length;
       let [x, y] = [(1 + end.x) * width / 2 + (end.x < start.x ? -8 - long : 8), (1 - end.y) * height / 2 - 9];
