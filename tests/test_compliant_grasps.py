@@ -200,6 +200,18 @@ def test_stable_step_is_where_free_vibration_starts_to_grow(name):
     assert growth[1] > 1e3 * growth[0]
 
 
+def test_stable_step_of_the_paper_s_bar():
+    """The limit of Runge-Kutta 4 at 300 kN/m is set by the bar's roll."""
+    limits = []
+    for ratio in (0.1, 1.0):
+        scenario = with_grasps(
+            cp.Scenario.load("adept-anchored", {"events": []}), "paper", damping_ratio=ratio
+        )
+        found = step_stability(Simulation(scenario, build_controller(scenario)))
+        limits.append(scenario.clock.period / scenario.clock.steps_per_tick * found.limit / found.value)
+    assert_allclose(limits, (1.57e-3, 0.61e-3), rtol=5e-3)
+
+
 @pytest.mark.parametrize("payload", ["welded", "free"])
 @pytest.mark.parametrize("held", ["left", "right"])
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -361,3 +373,25 @@ def test_what_is_for_rigid_grasps_is_refused(name):
     result = cp.run(scenario.override({"duration": 0.02, "clock.steps_per_tick": 20}), warn=False)
     with pytest.raises(ArgumentError, match="compliant"):
         theorem_monitor(result)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_payload_at_rest_tends_to_that_of_rigid_grasps_as_the_inverse_of_the_stiffness(name):
+    """After 5 / min(k_I, gamma), with the same gains and damping ratio: slope -1 over 3e5 .. 3e7 N/m."""
+    rate = {"clock.rate_hz": 1000.0, "clock.steps_per_tick": 1, "controller.gains.anchor_gain": 0.02}
+    planar = {"controller.gains.sliding_gain": (800.0, 800.0, 10.0), "controller.gains.pose_gain": 4.0}
+    rate |= {"duration": 1.3, "controller.gains.sign_gain": 0.25} | (planar if name == "planar" else {})
+    scenario = SCENARIOS[name]().replace(controller=ANCHORED[name], events=())
+    scenario = scenario.replace(motion=cp.HoldMotion(pose=scenario.start)).override(rate)
+    rows, sizes, found = list(scenario.cell.task_rows.indices), 3.0 * np.logspace(5, 7, 3), []
+    rigid = cp.run(scenario, warn=False).data["pose_error"].values[-1]
+    for k in sizes:
+        compliant = with_grasps(scenario, (k, k, k, k / 100, k / 100, k / 100), damping_ratio=0.5)
+        stable = step_stability(Simulation(compliant, build_controller(compliant)))
+        steps = int(np.ceil(2.0 * stable.value / stable.limit))
+        data = cp.run(compliant.override({"clock.steps_per_tick": steps}), warn=False).data
+        found.append(np.linalg.norm((data["pose_error"].values[-1] - rigid)[rows]))
+    slope = np.polyfit(np.log(sizes), np.log(found), 1)[0]
+    print(f"\n{name}: {found} m or rad, slope {slope:.3f}")
+    assert_allclose(slope, -1.0, atol=0.15)
