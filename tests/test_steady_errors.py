@@ -211,7 +211,7 @@ def test_a_bias_comes_to_rest_up_to_the_limit_and_ramps_beyond(cell):
     told = [steady_errors(law, bias=bias) for law, bias in ((scenario, 1.1 * limit), (fixed, 2.5e-3))]
     assert found[0] < 0.02 * found[1]
     assert steady_errors(scenario, bias=0.95 * limit).growth == 0.0
-    assert 0.7 * told[0].growth < found[1] < 1.05 * told[0].growth  # the centre follows a larger bias further
+    assert 0.7 * told[0].growth < found[1] < 1.1 * told[0].growth  # the centre depends on the bias a little
     assert_allclose(found[2], told[1].growth, rtol=0.02)
     assert [each.force for each in told] == [np.inf, np.inf]
 
