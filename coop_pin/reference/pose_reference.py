@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, as_array, as_pose, frozen
+from coop_pin.arrays import Array, as_array, as_pose, frozen, typed
 from coop_pin.errors import OutOfRangeError
 from coop_pin.schema.base import Description
 
@@ -114,6 +114,7 @@ class ConsistencyGaps(NamedTuple):
     """Between A_WP_d and the differences of V_WP_d, largest entry, m/s^2 or rad/s^2."""
 
 
+@typed
 def check_consistency(
     reference: PoseReference, times: ArrayLike, *, allowed: float = 1e-3
 ) -> ConsistencyGaps:
