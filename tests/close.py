@@ -1,4 +1,4 @@
-"""Comparison of numbers with an absolute tolerance only."""
+"""Comparisons: numbers with an absolute tolerance only, printed texts without their line breaks."""
 
 from typing import Any
 
@@ -11,3 +11,8 @@ def assert_close(actual: Any, desired: Any, atol: float) -> None:
     numpy's own default adds 1e-7 of the desired value, which swamps a stated tolerance of large numbers.
     """
     np.testing.assert_allclose(actual, desired, rtol=0.0, atol=atol)
+
+
+def unwrapped(text: str) -> str:
+    """A printed text on one line: a terminal's line breaks are where its width puts them."""
+    return " ".join(text.split())

@@ -79,17 +79,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         set(),
     ),
     "analysis": (
-        {
-            "build_controller",
-            "chain",
-            "control",
-            "description",
-            "model",
-            "reference",
-            "results",
-            "schema",
-            "simulation",
-        },
+        {"chain", "control", "build_controller", "description", "model", "results", "schema", "simulation"},
         {"pinocchio", "scipy", "xarray"},
     ),
     "batch": (

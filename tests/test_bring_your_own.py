@@ -650,9 +650,10 @@ def test_public_methods_take_lists_refuse_wrong_shapes_and_hand_out_no_live_buff
             call(arguments[0][1:], *arguments[1:])
     push = np.zeros((1, 6))
     seen = chain.observe(q[None], v[None], tau[None], push)
-    before = [np.array(part) for part in seen]
+    parts = [part for part in seen if part is not None]  # without springs' of rigid grasps
+    before = [part.copy() for part in parts]
     chain.observe(q[None] + 1e-3, v[None], tau[None], push)
-    for part, kept in zip(seen, before, strict=True):
+    for part, kept in zip(parts, before, strict=True):
         assert_allclose(part, kept, rtol=0, atol=0)
 
 

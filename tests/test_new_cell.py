@@ -7,8 +7,9 @@ import pytest
 
 import coop_pin as cp
 from coop_pin.analysis import implausible_numbers, maximum_reach
+from coop_pin.analysis.feasibility import joint_heights
 from coop_pin.analysis.new_cell import _below_ground
-from coop_pin.analysis.placement import contacts, joint_heights
+from coop_pin.analysis.placement import contacts
 from coop_pin.cli import main
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot

@@ -4,6 +4,7 @@ import functools
 
 import numpy as np
 import pytest
+from close import unwrapped
 
 import coop_pin as cp
 from coop_pin.analysis import implausible_numbers, run_warnings
@@ -133,7 +134,7 @@ def test_run_check_and_suggest_tell_alike(tmp_path, capsys):
     (said,) = implausible_numbers(wrong)
     wrong.save(tmp_path / "wrong.toml")
     main(["check", str(tmp_path / "wrong.toml"), "--poses", "3"])
-    assert said in capsys.readouterr().out
+    assert said in unwrapped(capsys.readouterr().out)
     for told in (cp.run, functools.partial(cp.suggest, poses=5)):
         with pytest.warns(ScenarioWarning) as caught:
             told(wrong)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import tomli_w
 from cells import CATALOGUE_CELLS, FAR_CELLS
+from close import unwrapped
 from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
@@ -448,10 +449,10 @@ def test_suggest_and_check_say_the_proposal(six, suggestion, tmp_path, capsys):
         cp.Scenario.load(tmp_path / "six.toml")
     words = ["suggest", str(tmp_path / "six.toml"), "--poses", "21", "--out", str(tmp_path / "new.toml")]
     assert main(words) == 0
-    assert capsys.readouterr().out.strip() == suggestion.summary()
+    assert unwrapped(capsys.readouterr().out) == unwrapped(suggestion.summary())
     assert cp.Scenario.load(tmp_path / "new.toml") == suggestion.scenario
     assert main(["check", str(tmp_path / "new.toml"), "--poses", "21"]) == 0
-    assert suggestion.proposal.summary() in capsys.readouterr().out
+    assert unwrapped(suggestion.proposal.summary()) in unwrapped(capsys.readouterr().out)
     carry("so100", [SO100] * 2).save(tmp_path / "so100.toml")
     assert main(["suggest", str(tmp_path / "so100.toml")]) == 1
     assert "rank" in capsys.readouterr().err

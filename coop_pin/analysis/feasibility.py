@@ -18,6 +18,7 @@ from coop_pin.chain.inverse_kinematics import ik_branches
 from coop_pin.description.cell import Cell
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import InfeasibleMotionError, JointLimitError, UnreachablePoseError
+from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.schema.pose import Pose
@@ -217,18 +218,37 @@ def with_best_postures(scenario: Scenario, poses: int) -> tuple[Scenario, tuple[
 
 
 def _best_posture(scenario: Scenario, name: str, poses: int) -> tuple[Scenario | None, PostureMargin]:
-    """Return the scenario with an arm on its branch with the largest margin; None if it has no branch."""
-    best, largest = None, PostureMargin(name, -np.inf, -np.inf, -np.inf)
-    model, posture = CellArm(scenario.cell, name), scenario.cell.arms[name].posture
+    """Return the scenario with an arm on its branch with the largest margin; None if it has no branch.
+
+    A branch with a joint below the plane on which the arm is mounted comes after those without.
+    """
+    best, largest, best_is_clear = None, PostureMargin(name, -np.inf, -np.inf, -np.inf), False
+    model, arm = CellArm(scenario.cell, name), scenario.cell.arms[name]
     with contextlib.suppress(UnreachablePoseError):
-        branches = ik_branches(model, scenario.start.matrix, posture=posture or _middle(model))
+        branches = ik_branches(model, scenario.start.matrix, posture=arm.posture or _middle(model))
         for q in branches[:_BRANCHES]:
             tried = _with_arm(scenario, name, posture=tuple(model.joint_angles(q).tolist()))
             reach = reachability(tried, poses=poses, arms=[name])
             (margin,) = posture_margins(tried, reach, statics_along(tried, reach))
-            if best is None or margin.least > largest.least:
-                best, largest = tried, margin
+            is_clear = min(joint_heights(model, q, arm.base.matrix).values()) >= 0.0
+            if best is None or (is_clear, margin.least) > (best_is_clear, largest.least):
+                best, largest, best_is_clear = tried, margin, is_clear
     return best, largest
+
+
+def joint_heights(model: ArmModel, q: Array, X_WB: Array | None = None) -> dict[str, float]:
+    """Return the heights of the joints of an arm, m, by joint; without a mobile base's.
+
+    Args:
+        model: model of the arm.
+        q: configuration.
+        X_WB: pose of its base; heights are then above the plane on which it is mounted, else in the world.
+    """
+    data, X = model.model.createData(), np.eye(4) if X_WB is None else X_WB
+    pin.forwardKinematics(model.model, data, q)
+    joints = list(zip(model.model.names, data.oMi, strict=True))[1 + model.base_joints :]
+    up, origin = X[:3, 2], X[:3, 3]
+    return {name.partition("/")[2]: float(up @ (X_WJ.translation - origin)) for name, X_WJ in joints}
 
 
 def _require_reach(reach: ArmReach) -> None:

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from coop_pin.analysis.feasibility import require_rank
-from coop_pin.analysis.placement import ArmPlacement, Layout, Side, common_places, contacts, joint_heights
+from coop_pin.analysis.feasibility import joint_heights, require_rank
+from coop_pin.analysis.placement import ArmPlacement, Layout, Side, common_places, contacts
 from coop_pin.analysis.reachability import reachability
 from coop_pin.analysis.suggestion import Suggestion, suggest
 from coop_pin.arrays import as_array, as_positive, require_type, typed

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.analysis.cell_summary import maximum_reach
-from coop_pin.analysis.feasibility import position_margin
+from coop_pin.analysis.feasibility import joint_heights, position_margin
 from coop_pin.arrays import Array
 from coop_pin.chain.ik_solver import IKSolver
 from coop_pin.control.terms import CONDITION_LIMIT
@@ -208,14 +208,6 @@ class ArmPlacement:
         condition = float(np.linalg.cond(self._rows.select(J) @ model.from_drive))
         used = float((np.abs(tau) / model.limits.torque).max())
         return min(1.0 - used, position_margin(model.limits, q), 1.0 - condition / CONDITION_LIMIT)
-
-
-def joint_heights(model: ArmModel, q: Array) -> dict[str, float]:
-    """Return the heights of the joints of an arm in the world, m, by joint; without a mobile base's."""
-    data = model.model.createData()
-    pin.forwardKinematics(model.model, data, q)
-    joints = list(zip(model.model.names, data.oMi, strict=True))[1 + model.base_joints :]
-    return {name.partition("/")[2]: float(X_WJ.translation[2]) for name, X_WJ in joints}
 
 
 def _tool_axis(model: ArmModel, q: Array) -> Array:

@@ -193,12 +193,12 @@ class Cell(Description):
 
 
 def _siblings(arms: Mapping[str, Arm], name: str) -> tuple[str, ...]:
+    def robot(arm: Arm) -> tuple[Any, ...]:
+        # As written: a scenario may be described before its URDF files are where it names them.
+        return arm.urdf, arm.package_dirs, arm.xacro_args, arm.mobile_base, arm.base
+
     arm = arms[name]
-    return tuple(
-        key
-        for key, other in arms.items()
-        if (other.file, other.base) == (arm.file, arm.base) and other.tip != arm.tip
-    )
+    return tuple(key for key, other in arms.items() if robot(other) == robot(arm) and other.tip != arm.tip)
 
 
 def _require_own_joints(name: str, arm: Arm, other: str, sibling: Arm) -> None:
