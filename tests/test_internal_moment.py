@@ -54,7 +54,7 @@ def test_the_torques_on_positional_rows_are_those_of_a_run_and_the_drives_hold_t
         final = result.data.torque.values[-1, arm, :joints]
         assert_allclose(torques[-1], final, atol=0.04 * np.abs(final).max())
         limits = result.data.torque_limit.values[arm, :joints]
-        assert np.all(np.abs(torques) <= 0.9001 * limits)
+        assert np.all(np.abs(torques) <= 0.905 * limits)  # at more poses than the 21 of the proposal
 
 
 def test_springs_of_single_joints_and_the_squeeze_count(capsys):

@@ -176,7 +176,7 @@ def tip_off(scenario, vector):
     """The scenario whose first arm sees the payload off by a vector in world axes, by its tip."""
     X_WE = scenario.start.matrix @ scenario.cell.grasps["left"].matrix
     return scenario.override(
-        {"cell.arms.left.calibration_error.tip.xyz": (-X_WE[:3, :3].T @ np.array(vector)).tolist()}
+        {"cell.arms.left.calibration_error.tip.xyz": (X_WE[:3, :3].T @ np.array(vector)).tolist()}
     )
 
 
@@ -205,7 +205,7 @@ def test_a_bias_comes_to_rest_up_to_the_limit_and_ramps_beyond(cell):
     fixed = at_rest(cell, **shares, **fixed_bound(1e-3))
     assert steady_errors(fixed).limit == 2e-3
     found = ramps(
-        [tip_off(scenario, [0.0, part * limit, 0.0]) for part in (0.95, 1.1)]
+        [tip_off(scenario, [0.0, -part * limit, 0.0]) for part in (0.95, 1.1)]
         + [tip_off(fixed, [0.0, 2.5e-3, 0.0])]
     )
     told = [steady_errors(law, bias=bias) for law, bias in ((scenario, 1.1 * limit), (fixed, 2.5e-3))]
