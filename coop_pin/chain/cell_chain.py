@@ -292,10 +292,8 @@ class CellChain:
         motors = [f"{arm.name}/{joint}" for arm in self.model.arms for joint in arm.joint_names]
         applied, wrenches = self.payload_jacobian(q).T @ push, None
         frames = self._at(q, v, a)
-        X_WP, W = (
-            frames[self.model.payload_frame],
-            np.kron(np.eye(2), frames[self.model.payload_frame].rotation),
-        )
+        X_WP = frames[self.model.payload_frame]
+        W = np.kron(np.eye(2), X_WP.rotation)
         if internal is not None:
             f = as_array("internal", internal, len(self.model.arms), 6)
             _require_internal(f)
@@ -310,7 +308,6 @@ class CellChain:
         solution = self.mechanism.inverse_dynamics(
             q, v, a, closure_wrenches=wrenches, motors=motors, applied=applied
         )
-        frames = self._at(q, v, a)
         return CellTorques(solution.torque, self._wrenches(frames, solution.closure_wrenches, push))
 
     def effective_inertia(self, q: ArrayLike) -> Array:
