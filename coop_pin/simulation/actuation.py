@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,20 @@ from coop_pin.simulation.signals import MissedTicks
 
 TORQUE_LIMIT = 1e7
 """A larger command counts as diverged, N m."""
+
+
+class ActuationState(NamedTuple):
+    """Memory of the drives of a cell.
+
+    Attributes:
+        drives: memory of the drives.
+        start: time of the last command, s.
+        gives: 1.0 for each arm that gives torque, 0.0 for one that does not.
+    """
+
+    drives: DriveState
+    start: float
+    gives: list[float]
 
 
 class Actuation:
@@ -57,6 +72,16 @@ class Actuation:
                 for index, arm in enumerate(self.drives.arms)
             ]
             self.state = self.state._replace(response=self.drives.response.start(np.concatenate(holding)))
+
+    def memory(self) -> ActuationState:
+        """Return the memory of the drives."""
+        return ActuationState(self.state, self._start, self._gives)
+
+    def restore(self, memory: ActuationState, scenario: Scenario, ticks: int) -> None:
+        """Return to a memory after a number of ticks, with the seed of a scenario."""
+        self.state, self._start, self._gives = memory
+        self._missed = MissedTicks(scenario)
+        self._missed.draw(ticks)
 
     def holding_commands(self, q: Array) -> list[Array]:
         """Return the commands that hold the cell at rest, N m, shape (k,) each, read-only.

@@ -9,6 +9,7 @@ overwrites the buffers of Pinocchio's ``Data`` and of the solvers. Everything el
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,24 @@ from coop_pin.simulation.transmission import Transmission
 
 _ALL = np.ones(len(WORK) - 1)
 """Sums the forces that do work on the chain besides gravity, in the order of WORK."""
+
+
+class PlantState(NamedTuple):
+    """State of a plant; the arrays are not written to.
+
+    Attributes:
+        q: configuration, shape (nq,).
+        v: velocity, shape (nv,).
+        work: work done so far, J.
+        surroundings: payload, and what acts on it from outside.
+        force: held generalised force of the actuators, N m, shape (nv,).
+    """
+
+    q: Array
+    v: Array
+    work: Array
+    surroundings: Surroundings
+    force: Array
 
 
 class Plant:
@@ -79,6 +98,17 @@ class Plant:
         added = np.zeros(len(self.work))
         added[len(WORK) - 1] = energy(self.q, self.v).total - before
         self.work = self.work + added
+
+    def state(self) -> PlantState:
+        """Return the state."""
+        return PlantState(self.q, self.v, self.work.copy(), self.surroundings, self.force.copy())
+
+    def restore(self, state: PlantState) -> None:
+        """Return to a state."""
+        self.q, self.v = state.q, state.v
+        self.surround(state.surroundings)
+        self.hold(state.force)
+        self.work = state.work.copy()
 
     def payload_wrench(self, q: Array, v: Array) -> Array:
         """Return the whole wrench on the payload besides gravity about P in world axes, shape (6,).

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coop_pin.arrays import Array, frozen
 from coop_pin.chain.cell_chain import determinate_rows
@@ -38,6 +41,24 @@ _WATCHED = ("joint_position", "jacobian_condition")
 """Computed quantities that a TrustMonitor reads."""
 
 
+class RecordState(NamedTuple):
+    """Samples of a run so far.
+
+    Attributes:
+        kept: number of samples kept.
+        observed: samples of which the observation is worked out.
+        samples: copies of the samples of every quantity.
+        angles: angles of each arm at the last sample, full turns counted, rad, shape (k,) each.
+        monitor: search for breaches.
+    """
+
+    kept: int
+    observed: int
+    samples: list[NDArray[Any]]
+    angles: list[Array]
+    monitor: TrustMonitor
+
+
 class Recorder:
     """Samples of a run at its ticks: the state at t_k, and torques and wrenches from t_k on.
 
@@ -52,32 +73,38 @@ class Recorder:
         self, scenario: Scenario, plant: Plant, timeline: Timeline, limits: Sequence[JointLimits]
     ) -> None:
         self._cell, self._plant, self._limits = scenario.cell, plant, limits
-        self.count = 0
+        self.count, self._observed = 0, 0
         self._table = quantities(scenario)
         self._determined = determinate_rows(plant.chain, plant.q)
         self._every = scenario.clock.record_every
-        count, rows = self._sample(timeline.ticks) + 1, scenario.cell.task_rows.size
-        arms, model = plant.chain.model.arms, plant.chain.mechanism.model
+        arms, model, rows = plant.chain.model.arms, plant.chain.mechanism.model, scenario.cell.task_rows.size
         joints = max(len(arm.drive) for arm in arms)
-        sizes = {"q": model.nq, "v": model.nv, "arm": len(arms), "joint": joints}
+        self._length = self._sample(timeline.ticks) + 1
+        self._sizes = {"q": model.nq, "v": model.nv, "arm": len(arms), "joint": joints}
         require_memory(
-            f"{count} samples of {scenario.name!r}",
-            count * (bytes_per_sample(self._table, sizes) + 8 * (rows + 1) * model.nv),
+            f"{self._length} samples of {scenario.name!r}",
+            self._length * (bytes_per_sample(self._table, self._sizes) + 8 * (rows + 1) * model.nv),
             "raise clock.record_every, or lower duration or clock.rate_hz",
         )
-        self._samples = allocate(self._table, count, sizes)
+        self._allocate()
+        self._angles = [arm.posture for arm in arms]
+        self._monitor = TrustMonitor(scenario.trust, self.joints, *self.limit_table()[:2])
+
+    def _allocate(self) -> None:
+        """Replace the samples by empty ones, which nothing that was handed out shares."""
+        count, plant, arms = self._length, self._plant, self._plant.chain.model.arms
+        self._samples, self._is_shared = allocate(self._table, count, self._sizes), False
         self._work = np.full((count, len(plant.work)), np.nan)
         self._samples |= zip((*WORK, *WORK_OF_GRASPS)[: len(plant.work)], self._work.T, strict=True)
         self._read = [(each.read, *self._columns(each)) for each in self._table if each.read]
+        rows = self._cell.task_rows.size
         self._jacobians = [np.zeros((count, rows, len(arm.drive))) for arm in arms]
         self._turned = {
             index: np.zeros((count, len(arm.drive)))
             for index, arm in enumerate(arms)
             if not arm.angles.is_vector
         }
-        self._forces, self._observed = np.zeros((count, model.nv)), 0
-        self._angles = [arm.posture for arm in arms]
-        self._monitor = TrustMonitor(scenario.trust, self.joints, *self.limit_table()[:2])
+        self._forces = np.zeros((count, self._sizes["v"]))
 
     def record(
         self,
@@ -120,6 +147,25 @@ class Recorder:
         if self.count - self._observed == _BLOCK:
             self.observe()
 
+    def state(self) -> RecordState:
+        """Return the samples so far."""
+        samples = [table[: self.count].copy() for table in self._tables()]
+        return RecordState(
+            self.count, self._observed, samples, list(self._angles), copy.deepcopy(self._monitor)
+        )
+
+    def restore(self, state: RecordState) -> None:
+        """Return to earlier samples; results and snapshots that were handed out stay as they are."""
+        if self._is_shared:
+            self._allocate()
+        self.count, self._observed = state.kept, state.observed
+        self._angles, self._monitor = list(state.angles), copy.deepcopy(state.monitor)
+        for table, samples in zip(self._tables(), state.samples, strict=True):
+            table[: self.count] = samples
+
+    def _tables(self) -> list[NDArray[Any]]:
+        return [*self._samples.values(), *self._jacobians, *self._turned.values(), self._forces]
+
     def observe(self) -> None:
         """Work out what an Observation has of the samples that lack it, all in the present surroundings.
 
@@ -154,6 +200,7 @@ class Recorder:
     def snapshot(self) -> Snapshot:
         """Return the sample of the last recorded tick."""
         self.observe()
+        self._is_shared = True
         last = slice(self.count - 1, self.count)
         values = computed(self._table, self._kept(last), self._cell.shares, Snapshot._fields)
         arrays = {n: frozen(values[n][0]) for n in Snapshot._fields if n != "time" and n in values}
@@ -165,6 +212,7 @@ class Recorder:
         Args:
             scenario: Scenario that was run.
         """
+        self._is_shared = True
         while self._observed < self.count:
             with contextlib.suppress(CoopPinError):  # which drops the last sample
                 self.observe()

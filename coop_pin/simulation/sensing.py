@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,12 +16,24 @@ from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import per_joint
 from coop_pin.simulation.plant import Plant
-from coop_pin.simulation.sensors import Truth, cell_sensors, sensors_path
-from coop_pin.simulation.signals import SensorSignals
+from coop_pin.simulation.sensors import SensorState, Truth, View, cell_sensors, sensors_path
+from coop_pin.simulation.signals import CellSignals, SensorSignals
 from coop_pin.spatial import weight_wrench
 
 _NONE = np.empty(0)
 """Of the wrenches, where nothing senses them."""
+
+
+class SensingState(NamedTuple):
+    """Memory of the sensors of a cell, and of the turns of its joints.
+
+    Attributes:
+        angles: joint angles of each arm at the last tick, shape (k,) each.
+        sensors: memory of the sensors.
+    """
+
+    angles: tuple[Array, ...]
+    sensors: SensorState
 
 
 class Sensing:
@@ -29,6 +41,7 @@ class Sensing:
 
     Attributes:
         sensors: the sensors.
+        state: memory of the sensors; None before the first tick.
     """
 
     def __init__(
@@ -49,17 +62,35 @@ class Sensing:
         Raises:
             FieldError: a row of values for each joint has another size.
         """
-        self._scenario, self._slots, self._holding_torques = scenario, slots, holding_torques
-        self._kinematics, self._angles, self._holding_factors = [], list[Array](), []
+        self._slots, self._holding_torques = slots, holding_torques
+        self._kinematics, self._holding_factors = [], []
         for slot in slots:
             arm, grasp, k = scenario.cell.arms[slot.name], scenario.cell.grasps[slot.name], len(slot.drive)
             self._kinematics.append(ArmKinematics(arm, grasp.matrix, scenario.cell.task_rows))
-            self._angles.append(slot.posture)
             error = np.array(scenario.sensors_of(slot.name).holding_torque_error)
             path = f"{sensors_path(scenario, slot.name)}.holding_torque_error"
             self._holding_factors.append(1.0 + per_joint(error, k, path))
         self.sensors = cell_sensors(scenario, slots)
         self._needs_wrenches = self.sensors.needs_wrenches
+        self.restore(None, scenario, 0)
+
+    def restore(self, state: SensingState | None, scenario: Scenario, ticks: int) -> None:
+        """Return to a state.
+
+        Args:
+            state: The state; None before the first tick.
+            scenario: Scenario of the run, for its seed.
+            ticks: Ticks that were measured.
+        """
+        self._scenario, self.state = scenario, state
+        self._angles = [slot.posture for slot in self._slots] if state is None else list(state.angles)
+        self._signals = self._signals_after(ticks)
+
+    def _signals_after(self, ticks: int) -> Iterator[CellSignals]:
+        """Return the signals of one tick after the other, from that with a number on."""
+        signals = SensorSignals(self._scenario, [len(slot.drive) for slot in self._slots])
+        signals.draw(ticks)
+        return signals.rows()
 
     def start(self, q: Array, v: Array, references: Sequence[ArmReference]) -> list[ArmMeasurement]:
         """Return the measurements at t = 0, with f_m[0] = f_d if the force path measures at all.
@@ -70,12 +101,12 @@ class Sensing:
         cell, first = self._scenario.cell, self._slots[0]
         rest = [frozen(np.zeros(len(slot.drive))) for slot in self._slots]
         free = [frozen(torque > 0.0) for torque in rest]
-        self._signals = SensorSignals(self._scenario, [len(torque) for torque in rest]).rows()
+        self._signals = self._signals_after(0)
         loads, R_WP = self.sensors.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity), _NONE
         if self.sensors.wrists:
             R_WP = CellArm(cell, first.name).payload_pose(q[first.q_slice])[:3, :3]
         truth, view = self._truth(0.0, q, v, free, rest, loads, R_WP), partial(self._view, q)
-        measured, self._state = self.sensors.step(self.sensors.start(truth, view, references), truth, view)
+        measured = self._step(self.sensors.start(truth, view, references), truth, view)
         return [
             reading._replace(holding_torque=frozen(torque * factor))
             for reading, torque, factor in zip(
@@ -90,8 +121,13 @@ class Sensing:
         q = plant.q
         wrenches = plant.interaction_wrenches() if self._needs_wrenches else _NONE
         R_WP = plant.chain.payload_pose(q)[:3, :3] if self.sensors.wrists else _NONE
+        assert self.state is not None  # start() came first
         truth = self._truth(time, q, plant.v, saturated, reported, wrenches, R_WP)
-        measured, self._state = self.sensors.step(self._state, truth, partial(self._view, q))
+        return self._step(self.state.sensors, truth, partial(self._view, q))
+
+    def _step(self, state: SensorState, truth: Truth, view: View) -> list[ArmMeasurement]:
+        measured, state = self.sensors.step(state, truth, view)
+        self.state = SensingState(tuple(self._angles), state)
         return measured
 
     def _truth(self, time: float, q: Array, v: Array, *others: Any) -> Truth:

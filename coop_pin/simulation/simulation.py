@@ -1,18 +1,20 @@
 """Simulation of a scenario with a controller, one tick at a time.
 
 A tick measures, steps the controller, applies the torques and integrates the plant to the next tick, with the
-torques held (zero-order hold).
+torques held (zero-order hold). ``observe`` and ``step`` are its two halves, for a controller outside; a
+``RunState`` is all that a run needs to go on bit for bit.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from coop_pin.arrays import Array, as_number, frozen, require_type
 from coop_pin.chain.cell_chain import CellChain
-from coop_pin.control.interface import ArmReference, CellController
+from coop_pin.control.interface import ArmMeasurement, ArmReference, CellCommand, CellController
 from coop_pin.description.events import Event, PayloadEvent
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import DivergedError, FieldError, InvalidStateError, OutOfRangeError
@@ -23,6 +25,7 @@ from coop_pin.simulation.actuation import Actuation
 from coop_pin.simulation.drives import Applied
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.recorder import Recorder
+from coop_pin.simulation.run_state import RunState, TickInputs
 from coop_pin.simulation.sensing import Sensing
 from coop_pin.simulation.timeline import Timeline
 
@@ -49,6 +52,18 @@ def _start(chain: CellChain, scenario: Scenario) -> Array:
     return chain.settled(q)
 
 
+class _NoController(CellController):
+    """Stands for the controller of a simulation that is commanded from outside."""
+
+    def init(self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]) -> Any:
+        raise InvalidStateError("the simulation has no controller; call step(command), or give it one")
+
+    def step(
+        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
+    ) -> CellCommand:
+        raise InvalidStateError("the simulation has no controller; call step(command), or give it one")
+
+
 class Simulation:
     """A run, tick by tick. A controller, motion or squeeze that is replaced acts from the next tick on.
 
@@ -66,12 +81,15 @@ class Simulation:
         recorder: samples recorded so far.
     """
 
-    def __init__(self, scenario: Scenario, controller: CellController, *, plant: type[Plant] = Plant) -> None:
+    def __init__(
+        self, scenario: Scenario, controller: CellController | None = None, *, plant: type[Plant] = Plant
+    ) -> None:
         """Start at t = 0, at rest.
 
         Args:
             scenario: Scenario to run.
-            controller: Controller of the cell; it need not be the one that the scenario names.
+            controller: Controller of the cell; it need not be the one that the scenario names. Without one,
+                ``step`` is given commands from outside.
             plant: Class that computes the motion.
 
         Raises:
@@ -79,8 +97,8 @@ class Simulation:
             OpenClosureError: the stated starting angles leave a grasp open, with the closure error.
         """
         require_type("scenario", scenario, Scenario)
-        require_type("controller", controller, CellController)
-        self.scenario, self.controller = scenario, controller
+        require_type("controller", controller, CellController, type(None))
+        self.scenario, self.controller = scenario, controller or _NoController()
         self.controller_state: Any = None
         self.ticks_done = 0
         self.timeline = self._timeline()
@@ -94,7 +112,13 @@ class Simulation:
         self.recorder = Recorder(scenario, self.plant, self.timeline, limits)
         self._grasps, self._rows = scenario.cell.grasps, scenario.cell.task_rows
         self._applied: Applied | None = None
-        self._replaced: list[str] = []
+        self._inputs: TickInputs | None = None
+        self._replaced: tuple[str, ...] = ()
+        self._start = self.state()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how a copy is made (``copy.deepcopy``, pickle): a new simulation in the same state."""
+        return _restored, (self._start.scenario, self.controller, type(self.plant), self.state())
 
     @property
     def time(self) -> float:
@@ -110,19 +134,90 @@ class Simulation:
         """Do the next tick: measure, apply events, step the controller, record, integrate over the period.
 
         Raises:
-            InvalidStateError: the last tick is done.
+            InvalidStateError: the last tick is done, or there is no controller.
             ShapeError: the controller returned torques of a wrong shape.
             SingularJacobianError: an arm became singular.
             DivergedError: the motion left the range of finite, closed motion.
         """
-        if self.is_finished:
-            raise InvalidStateError(
-                f"the simulation finished at t = {self.timeline.time(self.timeline.ticks):.6g} s;"
-                " create a new Simulation, or give the scenario a longer duration"
-            )
         # A diverging run is refused with its time, not warned of.
         with np.errstate(over="ignore", invalid="ignore"):
-            self._tick(self.ticks_done)
+            measurements, references, *_ = inputs = self._observe()
+            if self.ticks_done == 0:
+                self.controller_state = self.controller.init(measurements, references)
+            self._step(inputs, self.controller.step(measurements, references, self.controller_state))
+
+    def observe(self) -> TickInputs:
+        """Return what a controller gets at the next tick; asked again before ``step``, the same.
+
+        Raises:
+            InvalidStateError: the last tick is done.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._observe()
+
+    def step(self, command: CellCommand) -> None:
+        """Do the next tick with a command from outside, in place of the controller's.
+
+        Args:
+            command: Torques of the drives until the next tick; ``controller_state`` becomes its state.
+
+        Raises:
+            InvalidStateError: the last tick is done.
+            ShapeError: not one torque for each drive of each arm.
+            DivergedError: a torque or the motion left the range of finite, closed motion.
+        """
+        require_type("command", command, CellCommand)
+        with np.errstate(over="ignore", invalid="ignore"):
+            inputs, since = self._observe(), f"commanded from outside from t = {self.time:g} s on"
+            if not any(text.startswith("commanded") for text in self._replaced):
+                self._replaced += (since,)
+            self._step(inputs, command)
+
+    def state(self) -> RunState:
+        """Return the state of the run, from which ``restore`` makes it go on with the same bits."""
+        return RunState(
+            self.scenario,
+            self.ticks_done,
+            self.controller,
+            self.controller_state,
+            self.motion,
+            self.squeeze,
+            self._replaced,
+            self._inputs,
+            self._applied,
+            self.plant.state(),
+            self.sensing.state,
+            self.actuation.memory(),
+            self.recorder.state(),
+        )
+
+    def restore(self, state: RunState) -> None:
+        """Return to a state of this run, or of another that differs in events, seed or laws only.
+
+        Raises:
+            ArgumentError: the state is of a run with another cell, plant, clock, sensors or drives.
+        """
+        require_type("state", state, RunState)
+        state.require_of(self._start.scenario)
+        self.scenario, self.ticks_done, self.controller, self.controller_state = state[:4]
+        self.motion, self.squeeze, self._replaced, self._inputs, self._applied = state[4:9]
+        self.timeline = self._timeline()
+        self.plant.restore(state.plant)
+        self.sensing.restore(state.sensing, self.scenario, self.ticks_done + (self._inputs is not None))
+        self.actuation.restore(state.actuation, self.scenario, self.ticks_done)
+        self.recorder.restore(state.record)
+
+    def reset(self, seed: int | None = None) -> TickInputs:
+        """Return to the start and observe the first tick.
+
+        Args:
+            seed: Seed of the random numbers from now on; that of the start when None.
+        """
+        state = self._start
+        if seed is not None:
+            state = state._replace(scenario=state.scenario.replace(seed=seed))
+        self.restore(state)
+        return self.observe()
 
     def snapshot(self) -> Snapshot:
         """Return the state of the run at its last recorded tick; there must be one."""
@@ -146,9 +241,10 @@ class Simulation:
             FieldError: it starts before the next tick, or ends after the run.
         """
         require_type("event", event, PayloadEvent)
-        if event.time < self.time:
+        earliest = self.timeline.time(self.ticks_done + (self._inputs is not None))
+        if event.time < earliest:
             raise FieldError(
-                f"starts at t = {event.time:g} s, but the run has reached {self.time:g} s", "event.time"
+                f"starts at t = {event.time:g} s, but the run has reached {earliest:g} s", "event.time"
             )
         self.scenario = self.scenario.replace(events=(*self.scenario.events, event))
         self.timeline = self._timeline()
@@ -160,7 +256,7 @@ class Simulation:
         """
         require_type("controller", controller, CellController)
         self.controller = controller
-        self._replaced.append(f"controller replaced at t = {self.time:g} s")
+        self._replaced += (f"controller replaced at t = {self.time:g} s",)
 
     def replace_squeeze(self, squeeze: SqueezeReference) -> None:
         """Replace the desired internal wrenches.
@@ -169,7 +265,7 @@ class Simulation:
             FieldError: it does not name the arms of the cell.
         """
         self.squeeze = self.scenario.replace(squeeze=squeeze).squeeze
-        self._replaced.append(f"squeeze replaced at t = {self.time:g} s")
+        self._replaced += (f"squeeze replaced at t = {self.time:g} s",)
 
     def references(self, time: float) -> list[ArmReference]:
         """Return the reference of each arm at a time, s.
@@ -184,25 +280,34 @@ class Simulation:
             raise OutOfRangeError("time", time, "a time at which the motion is finite")
         return self._references(target, self.squeeze.at(time, self._grasps))
 
-    def _tick(self, tick: int) -> None:
-        time = self.timeline.time(tick)
-        target, squeeze = self.motion.at(time), self.squeeze.at(time, self._grasps)
-        references = self._references(target, squeeze)
-        if self._applied is None:
-            measurements = self.sensing.start(self.plant.q, self.plant.v, references)
-            self._apply_events(time)
-            self.controller_state = self.controller.init(measurements, references)
-        else:
-            measurements = self.sensing.measure(
-                time, self.plant, self._applied.saturated, self._applied.reported
+    def _observe(self) -> TickInputs:
+        """Measure and apply the events of the next tick, once."""
+        if self.is_finished:
+            raise InvalidStateError(
+                f"the simulation finished at t = {self.timeline.time(self.timeline.ticks):.6g} s;"
+                " create a new Simulation, or give the scenario a longer duration"
             )
+        if self._inputs is None:
+            time = self.time
+            target, squeeze = self.motion.at(time), self.squeeze.at(time, self._grasps)
+            references = self._references(target, squeeze)
+            if self._applied is None:
+                measurements = self.sensing.start(self.plant.q, self.plant.v, references)
+            else:
+                saturated, reported = self._applied.saturated, self._applied.reported
+                measurements = self.sensing.measure(time, self.plant, saturated, reported)
             self._apply_events(time)
-        command = self.controller.step(measurements, references, self.controller_state)
+            self._inputs = TickInputs(measurements, references, target, squeeze)
+        return self._inputs
+
+    def _step(self, inputs: TickInputs, command: CellCommand) -> None:
+        """Apply a command, record the tick and integrate to the next."""
+        tick, time = self.ticks_done, self.time
         self.controller_state = command.state
         self._applied = self.actuation.apply(time, command, self.plant.q)
         self.plant.drive(self._applied.torques)
-        self.recorder.record(tick, time, measurements, self._applied, target, squeeze)
-        self.ticks_done = tick + 1
+        self.recorder.record(tick, time, inputs.measurements, self._applied, inputs.target, inputs.squeeze)
+        self.ticks_done, self._inputs = tick + 1, None
         if tick < self.timeline.ticks:
             self._advance(tick)
         else:
@@ -249,3 +354,12 @@ class Simulation:
         closure_error = max(max(error) for error in self.plant.closure_errors())
         if not closure_error < CLOSURE_ERROR_LIMIT:
             raise DivergedError(time, "closure error, m or rad,", closure_error, CLOSURE_ERROR_LIMIT)
+
+
+def _restored(
+    scenario: Scenario, controller: CellController, plant: type[Plant], state: RunState
+) -> Simulation:
+    """Return a simulation in a state."""
+    simulation = Simulation(scenario, controller, plant=plant)
+    simulation.restore(state)
+    return simulation

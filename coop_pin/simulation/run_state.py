@@ -1,0 +1,85 @@
+"""State of a run, from which it goes on bit for bit, and what a controller gets at a tick."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from coop_pin.arrays import Array
+from coop_pin.control.interface import ArmMeasurement, ArmReference, CellController
+from coop_pin.description.scenario import Scenario
+from coop_pin.errors import ArgumentError
+from coop_pin.reference import PoseReference, PoseTarget, SqueezeReference
+from coop_pin.simulation.actuation import ActuationState
+from coop_pin.simulation.drives import Applied
+from coop_pin.simulation.plant import PlantState
+from coop_pin.simulation.recorder import RecordState
+from coop_pin.simulation.sensing import SensingState
+
+
+class TickInputs(NamedTuple):
+    """What a controller gets at a tick, and what the cell is to do then.
+
+    Attributes:
+        measurements: measurement of each arm.
+        references: reference of each arm.
+        target: desired motion of the payload.
+        squeeze: desired internal wrench of each arm about P in payload axes, N and N m, shape (m, 6).
+    """
+
+    measurements: list[ArmMeasurement]
+    references: list[ArmReference]
+    target: PoseTarget
+    squeeze: Array
+
+
+class RunState(NamedTuple):
+    """All that a run has become by a tick: values, which can be pickled if those of the controller can.
+
+    It holds a copy of the record, 1 to 4 kB a tick. Random numbers are those of the scenario's seed, counted
+    by ticks. What a controller keeps in attributes of its own, outside its state, is not part of it.
+
+    Attributes:
+        scenario: the scenario, with the events added and the seed.
+        ticks_done: ticks recorded.
+        controller: the controller.
+        controller_state: state that it returned last.
+        motion: the desired motion.
+        squeeze: the desired internal wrenches.
+        replaced: sentences for the result's summary on what was replaced.
+        inputs: inputs of a tick that was observed and is not done yet.
+        applied: torques of the last tick.
+        plant: motion and held forces.
+        sensing: memory of the sensors; None before the first tick.
+        actuation: memory of the drives.
+        record: samples so far.
+    """
+
+    scenario: Scenario
+    ticks_done: int
+    controller: CellController
+    controller_state: Any
+    motion: PoseReference
+    squeeze: SqueezeReference
+    replaced: tuple[str, ...]
+    inputs: TickInputs | None
+    applied: Applied | None
+    plant: PlantState
+    sensing: SensingState | None
+    actuation: ActuationState
+    record: RecordState
+
+    def require_of(self, scenario: Scenario) -> None:
+        """Raise ArgumentError unless its run differs from a scenario in events, seed and laws only."""
+        mine = self.scenario
+        for name, has, needed in (
+            ("cell", mine.cell, scenario.cell),
+            ("plant", mine.plant, scenario.plant),
+            ("clock", (mine.clock, mine.duration), (scenario.clock, scenario.duration)),
+            ("actuators", (mine.actuators, mine.arm_actuators), (scenario.actuators, scenario.arm_actuators)),
+            ("sensors", (mine.sensors, mine.arm_sensors), (scenario.sensors, scenario.arm_sensors)),
+            ("force path", mine.controller.force_path, scenario.controller.force_path),
+        ):
+            if has != needed:
+                raise ArgumentError(
+                    f"the state is of a run with another {name}; make a Simulation of its scenario"
+                )
