@@ -490,8 +490,8 @@ def test_a_batch_is_the_single_run():
 
 @pytest.mark.slow
 def test_a_large_bias_ramps_where_the_bar_turns():
-    """|b_i - bbar| of 12 and 17 mm, b_max 20 mm: 6 N that stay, and 5.6 N/s."""
-    for tip, end, ramp in ((24e-3, 6.0, 0.0), (34e-3, 57.8, 5.6)):
+    """|b_i - bbar| of 12 and 17 mm, b_max 20 mm: 6 N that stay, and 5.8 N/s."""
+    for tip, end, ramp in ((24e-3, 6.0, 0.0), (34e-3, 59.1, 5.8)):
         off = {"events": [], "duration": 8.0, "cell.arms.left.calibration_error.tip.xyz": [tip, 0.0, 0.0]}
         data = cp.run("adept-anchored", off | {"clock.steps_per_tick": 1}).data
         error = (data.internal_wrench - data.desired_internal_wrench).isel(arm=0).values[:, :2]
@@ -541,6 +541,21 @@ def test_two_pandas_keep_twice_and_three_times_the_mass():
         assert (position < most * 1e-3, force < 0.3) == (True, True)
         (position, _), _, force = last_second(runs.result(1))
         assert (position < 1.5e-3, force < 1.5) == (True, True)
+
+
+@pytest.mark.parametrize("name", ["adept-anchored", "three-ur5-plate"])
+def test_a_run_that_ends_at_the_bound_says_so(name, tmp_path):
+    calm = Scenario.load(name).replace(events=(), duration=2.0)
+    arms = list(calm.cell.arms)
+    dead = calm.override(
+        {f"arm_actuators.{arms[-1]}": calm.actuators.replace(torque_lost_at=0.5).model_dump()}
+    )
+    results = [cp.run(scenario, warn=False) for scenario in (calm, dead)]
+    texts = [result.data.attrs.get(cp.RunResult.REMARKS, "").splitlines() for result in results]
+    assert texts[0] == []
+    assert {text.partition(":")[0] for text in texts[1]} >= set(arms[:-1])
+    results[1].save(tmp_path / "result.nc")
+    assert texts[1][0] in cp.RunResult.load(tmp_path / "result.nc").summary()
 
 
 @pytest.mark.slow

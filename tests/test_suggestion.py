@@ -475,9 +475,9 @@ def as_expected(name, suggestion, start=0.0, **fields):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*CATALOGUE_CELLS, *FAR_CELLS, "adept-anchored"])
 def test_the_suggested_scenario_of_a_catalogue_cell_runs_within_its_limits(name):
-    """From 3 s on: before, the squeeze comes in, and the planar arms come from 0.1 m away."""
+    """From 4 s on: before, the squeeze comes in, and the planar arms come from 0.1 m away."""
     suggestion = cp.suggest(cp.Scenario.load(name))
-    tracking, force = as_expected(name, suggestion, start=3.0, events=(), duration=7.0)
+    tracking, force = as_expected(name, suggestion, start=4.0, events=(), duration=8.0)
     assert tracking < (5e-4 if name in FAR_CELLS else 1e-4)
     assert force < 0.3
 
@@ -491,4 +491,6 @@ def test_ten_new_cells_carry_two_kilograms_with_no_number_set_by_hand_or_are_tol
             continue
         tracking, force = as_expected(name, cp.suggest(scenario))
         carried[name] = tracking < 1e-3 and force < 0.5
-    assert sum(carried.values()) >= 7, carried
+    # Two xArm7 keep 0.57 mm and 0.74 N, one of them with a UR10 1.08 mm: their light wrists set T lambda, the
+    # damping ratio gamma and k_I.
+    assert [name for name, is_kept in carried.items() if not is_kept] == ["xarm7", "mixed"]

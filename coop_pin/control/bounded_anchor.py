@@ -14,6 +14,8 @@ _TINY = 1e-300
 """Stands for 0 in a quotient of two lengths."""
 _STANDS = float(np.exp(-8.0))
 """Part of its first step below which the centre stands still."""
+_NEARLY = 1.02
+"""Factor of y with which a bound that is nearly reached counts as reached."""
 _TINY_PART, _LAGS = 1e-6, 30.0
 """Part of a bias to which a limit is found, and time constants after which nothing moves."""
 
@@ -161,6 +163,11 @@ class BoundedAnchor(NamedTuple):
         """Return C at a payload pose, m and rad, shape (k_0,)."""
         C: Array = (state.from_base + self.rows.turn(pose, state.from_tip)) / 2.0
         return C
+
+    def is_reached(self, state: AnchorState, pose: Array) -> bool:
+        """Return whether the bound acts, to 2 %, at a payload pose."""
+        y, turned = state.held / self.kept, self.rows.turn(pose, state.from_tip)
+        return bool(self._beyond(_NEARLY * y, state.from_base, turned).any())
 
     def after(self, state: AnchorState, is_recent: bool, change: Array) -> AnchorState:
         """Return the memory after a tick.

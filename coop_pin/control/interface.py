@@ -192,6 +192,15 @@ class ArmController(ABC):
     def step(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> ArmCommand:
         """Return the torque to hold until the next tick, and the state for it."""
 
+    def remarks(self, pose: Array, state: Any) -> list[str]:
+        """Return sentences on what a state says of a run; none by default.
+
+        Args:
+            pose: Desired pose of the payload, shape (4, 4).
+            state: State that ``step`` returned.
+        """
+        return []
+
 
 class CellController(ABC):
     """Controller of all arms from all measurements: the centralised laws.
@@ -211,6 +220,10 @@ class CellController(ABC):
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
     ) -> CellCommand:
         """Return each arm's torque to hold until the next tick, and the state for it."""
+
+    def remarks(self, pose: Array, state: Any) -> list[str]:
+        """Return sentences on what a state says of a run, as an ArmController; none by default."""
+        return []
 
 
 class DecentralisedController(CellController):
@@ -256,6 +269,11 @@ class DecentralisedController(CellController):
             )
         ]
         return CellCommand([torque for torque, _ in commands], tuple(state for _, state in commands))
+
+    def remarks(self, pose: Array, state: tuple[Any, ...]) -> list[str]:
+        """Return the sentences of all arms, with their names."""
+        pairs = zip(self.controllers.items(), state, strict=True)
+        return [f"{name}: {text}" for (name, law), one in pairs for text in law.remarks(pose, one)]
 
     @staticmethod
     def _for_arm(name: str, function: Any, *inputs: Any) -> Any:

@@ -182,6 +182,16 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             anchor=None if self.bound is None else self.bound.start(),
         )
 
+    def remarks(self, pose: Array, state: PayloadSpaceState) -> list[str]:
+        """Return that the bound of the anchor acts, if it does."""
+        if self.bound is None or state.anchor is None or not self.bound.is_reached(state.anchor, pose):
+            return []
+        return [
+            "the anchor is at its bound: a dead arm, drives that are too weak, a wrong wrench, or a bias that"
+            " changed after the start; analysis.anchor_bounded_time tells for how long, a larger"
+            " controller.gains.anchor_bias allows more"
+        ]
+
     def step(
         self, measurement: ArmMeasurement, reference: ArmReference, state: PayloadSpaceState
     ) -> ArmCommand:

@@ -44,6 +44,8 @@ class RunResult:
     """Attribute of ``data``: class of the error that ended the run, if one did."""
     ENGINE = "engine"
     """Attribute of ``data``: what computed the motion, unless it was Pinocchio."""
+    REMARKS = "remarks"
+    """Attribute of ``data``: what the law's last state says of the run, a sentence a line, if anything."""
 
     def __init__(self, scenario: Scenario, data: xr.Dataset | Samples) -> None:
         """Hold a Dataset, or arrays as ``labelled`` takes them, which are labelled when asked for."""
@@ -208,6 +210,7 @@ class RunResult:
         if scenario.events and self.windows.after_event.is_empty:
             wait = f"{SETTLING_S:g} s after its last event"
             lines.append(f"  no steady metrics after the events: the run ends less than {wait}")
+        lines += [f"  {remark}" for remark in self.data.attrs.get(self.REMARKS, "").splitlines()]
         return "\n".join(lines + [f"  limit exceeded: {violation}" for violation in self.limit_violations()])
 
     def _unsettled(self) -> str:

@@ -229,10 +229,14 @@ class Simulation:
         Its scenario holds the events that were added, so that it can be run again. A run with a replaced
         controller or squeeze cannot: the summary says when that was.
         """
-        if not self._replaced:
-            return self.recorder.result(self.scenario)
         summary = "; ".join((self.scenario.summary, *self._replaced)).removeprefix("; ")
-        return self.recorder.result(self.scenario.replace(summary=summary))
+        scenario = self.scenario.replace(summary=summary) if self._replaced else self.scenario
+        result = self.recorder.result(scenario)
+        if self.controller_state is not None:
+            pose = self.motion.at(result.end).X_WP_d
+            if remarks := self.controller.remarks(pose, self.controller_state):
+                result.data.attrs[RunResult.REMARKS] = "\n".join(remarks)
+        return result
 
     def add_event(self, event: Event) -> None:
         """Add an event, at the next tick or later.
