@@ -806,6 +806,7 @@ HOLD = [
     ("printed", "adept-anchored", None, 0.0, (1.321, 9.57), (1.321, 9.57)),
     ("payload-pi", "adept-anchored", None, 0.0, (2.120, 9.53), (2.120, 9.53)),
     ("payload-pi", "kinova-pair", None, 0.0, (8.136, 24.32), (8.136, 24.32)),
+    ("payload-pi", "three-ur5-plate", 1.2, 1e-3, (0.619, 5.38), (0.356, 6.97)),
 ]
 """Law, cell, limits as a part of the nominal run's largest torques (None: an arm lost), bias, m; errors."""
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import itertools
 import math
 import os
 import re
@@ -110,6 +111,16 @@ def test_functions_of_nan_and_inf_are_those_of_numpy(function):
     for x in [*SPECIAL, -1e4, 1e4]:
         (value,) = values_of(tape, [found], [x])
         np.testing.assert_allclose(value, function(x), rtol=1e-15, err_msg=str(x))
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_angles_of_infinite_and_undefined_points_are_those_of_numpy():
+    tape = Tape()
+    with tape.exact(True):
+        found = elementary.atan2(inputs(tape), inputs(tape))
+    for y, x in itertools.product([*SPECIAL, 1.0, -2.0], repeat=2):
+        (value,) = values_of(tape, [found], [y, x])
+        assert_allclose(value, np.arctan2(y, x), rtol=1e-15, err_msg=f"{y} {x}")
 
 
 def any_doubles():

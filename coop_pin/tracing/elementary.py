@@ -19,6 +19,7 @@ from coop_pin.tracing.tape import FOLD, Number, Traced
 
 _ROUNDER = 6755399441055744.0
 """1.5 2^52: x + _ROUNDER - _ROUNDER is x rounded to a whole number, for abs(x) < 2^51."""
+_LARGEST = float(np.finfo(np.float64).max)
 _HALF_PI = (1.57079632673412561417e00, 6.077100506506192e-11)
 _LOG_2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)
 _SINE = (
@@ -239,7 +240,11 @@ def atan2(y: Number, x: Number) -> Number:
         return math.atan2(y, x)
     is_steep = less(abs(x), abs(y))
     longer, shorter = select(is_steep, abs(y), abs(x)), select(is_steep, abs(x), abs(y))
-    first = _arc_tangent(shorter / select(less_equal(longer, 0.0), 1.0, longer))
+    ratio = shorter / select(less_equal(longer, 0.0), 1.0, longer)
+    if next(one for one in (x, y) if isinstance(one, Traced)).tape.is_exact:
+        both = select(less(_LARGEST, longer), less(_LARGEST, shorter), 0.0)
+        ratio = select(both, 1.0, ratio)  # inf / inf
+    first = _arc_tangent(ratio)
     octants = select(is_steep, 0.5 * math.pi - first, first)
     half = select(_has_minus(x), math.pi - octants, octants)
     return select(_has_minus(y), -half, half)
