@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, Mask, as_array, as_number, as_pose, require_finite, require_type
+from coop_pin.arrays import Array, Mask, as_array, as_number, as_pose, require_finite, require_type, shaped
 from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import ClosureError
@@ -251,8 +251,13 @@ class CellChain:
             v: velocities, shape (n, nv).
             tau: generalised forces, as of interaction_wrenches, shape (n, nv).
             push: wrenches on the payload, likewise, shape (n, 6).
+
+        Raises:
+            ShapeError: a shape differs.
+            OutOfRangeError: a wrench is not finite.
         """
-        n, nq, nv = len(q), self.mechanism.model.nq, self.mechanism.model.nv
+        nq, nv = self.mechanism.model.nq, self.mechanism.model.nv
+        n = len(shaped("q", q, nq))
         arguments = (("q", q, nq), ("v", v, nv), ("tau", tau, nv), ("push", push, 6))
         states = (as_array(name, value, n, size) for name, value, size in arguments)
         seen = Observation(*(np.array(part) for part in zip(*map(self._observed, *states), strict=True)))
