@@ -1,4 +1,4 @@
-"""User files: bounded reading of regular files, and of TOML."""
+"""User files: bounded reading of regular files and of TOML, and texts of others made fit to print."""
 
 from __future__ import annotations
 
@@ -22,6 +22,21 @@ _LONG_KEY = re.compile(rf"(?:[\w\"'-]{{1,99}}[ \t]{{0,9}}\.[ \t]{{0,9}}){{{_MAX_
 """A dotted key of many parts, on which tomllib takes time with their square."""
 _INTEGERS = range(-(2**63), 2**63)
 """Those of TOML."""
+_TEXT_CHARACTERS = 10_000
+_PLAIN = re.compile(r"[\t\n -~]*")
+"""Texts that are printed as they are; others are looked at by character."""
+
+
+def printable(text: str) -> str:
+    """Return a text that a terminal or a page can show as it is, of at most 10 000 characters.
+
+    Control characters but tab and line feed, marks of direction and lone surrogates are written as escapes.
+    """
+    if (more := len(text) - _TEXT_CHARACTERS) > 0:
+        text = f"{text[:_TEXT_CHARACTERS]} ... ({more} more characters)"
+    if _PLAIN.fullmatch(text):
+        return text
+    return "".join(c if c.isprintable() or c in "\t\n" else c.encode("unicode_escape").decode() for c in text)
 
 
 def read_user_file(path: str | Path, *, limit: int, kind: str) -> bytes:

@@ -171,6 +171,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "schema",
             "simulation",
             "sweeps",
+            "user_files",
             "viz",
         },
         {"tyro", "pydantic"},

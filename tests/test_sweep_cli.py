@@ -3,6 +3,7 @@
 import csv
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from coop_pin.cli import main
@@ -43,8 +44,10 @@ def test_a_sweep_takes_over_the_runs_of_another_folder(folder, monkeypatch, caps
     assert main([*words, "--out", "theirs"]) == 0
     monkeypatch.setattr("coop_pin.sweeps.backend.run_job", None)
     assert main([*words, "--out", "mine", "--merge", "theirs"]) == 0
-    tables = [(folder / name / "table.csv").read_bytes() for name in ("theirs", "mine")]
-    assert tables[0] == tables[1]
+    theirs, mine = (pd.read_csv(folder / name / "table.csv") for name in ("theirs", "mine"))
+    assert theirs["merged"].tolist() == [0.0] * 3
+    assert mine["merged"].tolist() == [1.0] * 3
+    assert mine.drop(columns="merged").equals(theirs.drop(columns="merged"))
     assert main([*words, "--out", "mine", "--merge", "nowhere"]) == 2
     assert "nowhere" in capsys.readouterr().err
 

@@ -338,7 +338,7 @@ def test_a_run_that_is_missing_has_an_empty_line_in_the_tables(tmp_path):
     with (tmp_path / "table.csv").open(newline="") as file:
         lines = list(csv.DictReader(file))
     assert [line["status"] for line in lines] == ["ok", "missing", "ok"]
-    empty = dict.fromkeys(("failure", "message", "failed_at_s", *result.metric_names), "")
+    empty = dict.fromkeys(("failure", "message", "failed_at_s", "merged", *result.metric_names), "")
     assert lines[1] == {"number": "1", GAIN: "0.1", "status": "missing", **empty, "key": key}
     assert np.isnan(result.data["torque_peak_Nm"]).values.tolist() == [False, True, False]
 

@@ -340,15 +340,14 @@ def test_records_of_another_folder_are_taken_by_key_but_for_damaged_and_passing_
         theirs.append([Outcome(RECORD), Outcome(FAILED), Outcome(late)])
     with store.locked():
         store.append([Outcome(mine)])
-        store.take(theirs, [KEY, OTHER, third])
+        store.append(list(map(Outcome, store.missing_of(theirs, [KEY, OTHER, third]).values())))
         assert set(store.known) == {KEY, OTHER}
-    assert list(store.records()) == [mine, FAILED]
+    assert list(store.records()) == [mine, replace(FAILED, changes={}, merged=True)]
 
     segment = next((theirs.folder / "runs").iterdir())
     segment.write_bytes(segment.read_bytes().replace(b"it ran away", b"it ran awry"))
     empty = SweepStore(tmp_path / "empty")
     with empty.locked():
-        empty.take(theirs, [KEY, OTHER])
-        assert set(empty.known) == {KEY}
+        assert set(empty.missing_of(theirs, [KEY, OTHER])) == {KEY}
     with store.locked(), pytest.raises(FileReadError):
-        store.take(SweepStore(tmp_path / "nowhere"), [KEY])
+        store.missing_of(SweepStore(tmp_path / "nowhere"), [KEY])

@@ -5,6 +5,7 @@ A self-test is written beside it: ticks of a simulation of the scenario, with th
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
@@ -98,14 +99,22 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
         require_agreement(*code, cell_ticks)
     except TracingError as error:
         raise TracingError(f"the law of arm {arm!r} cannot be exported: it {error}") from None
-    name = re.sub(r"\W", "_", arm, flags=re.ASCII)
-    name = name if name[:1].isalpha() else f"arm_{name}"
+    name = _identifier(arm, list(scenario.cell.arms))
     header, source, test = (Path(folder) / f"{name}{ending}" for ending in (".h", ".c", "_self_test.c"))
     Path(folder).mkdir(parents=True, exist_ok=True)
     texts = _texts(name, scenario, arm, recorded.ticks, code)
     for file, text in zip((header, source, test), texts, strict=True):
         write_atomically(file, partial(Path.write_text, data=text, encoding="utf-8"))
     return CLaw(header, source, test, _flops(code[1]))
+
+
+def _identifier(arm: str, arms: Sequence[str]) -> str:
+    """Return the name of an arm's files and functions, with a digest where arms differ in signs alone."""
+    names = [re.sub(r"\W", "_", each, flags=re.ASCII) for each in arms]
+    name = names[arms.index(arm)]
+    if [each.lower() for each in names].count(name.lower()) > 1:
+        name = f"{name}_{hashlib.sha256(arm.encode()).hexdigest()[:8]}"
+    return name if name[:1].isalpha() else f"arm_{name}"
 
 
 # ---------------------------------------------------------------- C

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from coop_pin import __version__
 from coop_pin.cli.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, OK, OUTPUT_CLOSED
+from coop_pin.user_files import printable
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -70,5 +71,5 @@ def _format_warning(message: Warning | str, *_details: object, **_more: object) 
 
 
 def _report(message: str, code: int) -> int:
-    print(f"coop-pin: {message}", file=sys.stderr)
+    print(f"coop-pin: {printable(message)}", file=sys.stderr)
     return code

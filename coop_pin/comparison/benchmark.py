@@ -252,6 +252,7 @@ def _cells(part: _Part, result: SweepResult) -> pd.DataFrame:
         "runs": finished.shape[1],
         "finished": finished.sum(axis=1),
         "trustworthy": (finished & trusted).sum(axis=1),
+        "merged": (table["merged"].to_numpy() == 1.0).reshape(shape).sum(axis=1),
     }
     for name in COLUMNS:
         column = table.get(name, none).to_numpy(dtype=float).reshape(shape)

@@ -28,7 +28,7 @@ from coop_pin.user_files import read_toml, read_user_file
 _FOLDER = Path(__file__).parent
 GAINS = _FOLDER / "gains.csv"
 """Tuned gains: scenario, controller, field, value, range, budget (runs, duration, seed) and cost."""
-_GAINS_BYTES = 10_000_000
+_GAINS_BYTES, _LONGEST_LINE = 10_000_000, 1000
 _T_LAMBDA = 0.9
 """Largest T lambda of a joint damping along the motion; laws that use it add their pose gain, T gamma."""
 _POSES = 9
@@ -121,7 +121,12 @@ def stored_gains(scenario: str, path: str | Path = GAINS) -> dict[str, dict[str,
     """
     gains: dict[str, dict[str, float]] = {}
     content = read_user_file(path, limit=_GAINS_BYTES, kind="a table of gains")
-    for line, row in enumerate(csv.DictReader(content.decode(errors="replace").splitlines()), 2):
+    lines = content.decode(errors="replace").splitlines()
+    for number, text in enumerate(lines, 1):
+        if len(text) > _LONGEST_LINE:
+            detail = f"has {len(text)} characters; a row has at most {_LONGEST_LINE}"
+            raise FileReadError(detail, str(path), number)
+    for line, row in enumerate(csv.DictReader(lines), 2):
         try:
             name, value = row["controller"], float(row["value"])
             field = row["field"].replace("options.", "gains.")  # as the previous version wrote it

@@ -23,7 +23,7 @@ COLUMNS = MEASURES | {"settling_time_s": "settling time (s)"}
 CELL = ("scenario", "controller", "trial")
 """What names a cell of the table."""
 _RESAMPLES = 1000
-_COUNTS = ("runs", "finished", "trustworthy")
+_COUNTS = ("runs", "finished", "trustworthy", "merged")
 _TEXTS = (*CELL, "information", "gains", "failure")
 _BYTES = 1 << 28
 """Largest table that is read."""
@@ -35,9 +35,10 @@ class Comparison:
     Attributes:
         data: table with ``<measure>`` of each measure, the median over the seeds, with ``<measure>_low`` and
             ``<measure>_high``, the bootstrap interval of the median at 95 %; ``runs``, ``finished`` and
-            ``trustworthy`` count; ``information`` is what the law has besides its own arm's joints,
-            ``gains`` is "tuned", "untuned" or "given", ``failure`` the first failed run's error; dimensions
-            scenario, controller, trial. A failed run has the measure inf, a cell that was not run nan.
+            ``trustworthy`` count, and ``merged`` those taken over from other folders; ``information`` is what
+            the law has besides its own arm's joints, ``gains`` is "tuned", "untuned" or "given", ``failure``
+            the first failed run's error; dimensions scenario, controller, trial. A failed run has the measure
+            inf, a cell that was not run nan.
         folder: folder of the runs; None if there is only the table.
     """
 
@@ -63,6 +64,7 @@ class Comparison:
         content = read_user_file(file, limit=_BYTES, kind="the table of a comparison")
         try:
             cells = pd.read_csv(io.BytesIO(content), keep_default_na=False, dtype=dict.fromkeys(_TEXTS, str))
+            cells = cells.assign(merged=cells.get("merged", 0))  # tables of before have no such column
             cells = cells.astype(dict.fromkeys((*_COUNTS, *COLUMNS), float))
             return cls.of_cells(cells.set_index(list(CELL)), folder)
         except (KeyError, ValueError) as error:
@@ -121,7 +123,7 @@ class Comparison:
             names=CELL,
             rivals=["controller"],
             measures=COLUMNS,
-            filters=["information"],
+            filters=["information", *(["merged"] if table["merged"].any() else [])],
             notes=("gains", *_COUNTS),
             command=command,
         )
@@ -153,7 +155,7 @@ class Comparison:
     def summary(self) -> str:
         """Return for each scenario tracking in mm and internal force in N, controllers by trials, as text.
 
-        A star marks cells whose runs are not all trustworthy; failed runs are listed below.
+        A star marks cells whose runs are not all trustworthy, # cells with merged runs; failures are listed.
         """
         force = (self.data["axial_rms_N"] ** 2 + self.data["shear_rms_N"] ** 2) ** 0.5
         lines = []
@@ -232,6 +234,6 @@ def _cell_text(data: xr.Dataset, force: xr.DataArray, controller: Any, trial: An
         return "-"
     if not np.isfinite(cell["tracking_rms_mm"]):
         return "failed"
-    mark = "" if cell["trustworthy"] == cell["runs"] else " *"
+    mark = ("" if cell["trustworthy"] == cell["runs"] else " *") + (" #" if cell["merged"] > 0 else "")
     newtons = float(force.sel(controller=controller, trial=trial))
     return f"{float(cell['tracking_rms_mm']):.2g} / {newtons:.2g}{mark}"

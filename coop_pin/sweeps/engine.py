@@ -6,6 +6,7 @@ import contextlib
 import functools
 import itertools
 import logging
+import random
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -94,7 +95,7 @@ class Session:
             WorkersLostError: no worker is left.
         """
         for folder in self._execution.merge:
-            self.store.take(SweepStore(folder), dict.fromkeys(each.key for each in keyed_points(plan)))
+            self._merge(plan, SweepStore(folder))
         self.keys, under_way, refused = list[str](), Counter[str](), list[Outcome]()
         self._is_foreign = False
         jobs = self._jobs(plan, retry_failed, under_way, refused)
@@ -111,6 +112,25 @@ class Session:
         if self._is_foreign and plan.engine == "batch":
             self._check_batches(plan)
 
+    def _merge(self, plan: SweepPlan, other: SweepStore) -> None:
+        """Store what another folder has of a plan, if a sample of it that is repeated here agrees.
+
+        The sample is drawn anew each time, so that nobody knows it before; nothing else depends on it.
+        """
+        numbers = {keyed.key: keyed.point.number for keyed in keyed_points(plan)}
+        records = self.store.missing_of(other, numbers)
+        try:
+            require_own_names(plan, {name for record in records.values() for name in record.metrics})
+        except FieldError as error:
+            raise FileReadError(f"cannot be merged: its runs {error}", str(other.folder)) from None
+        count = min(self._execution.recompute, len(records))
+        drawn = random.SystemRandom().sample([numbers[key] for key in records], count)
+        singles = [outcome.record for outcome in self._singly(plan, sorted(drawn))] if drawn else []
+        if reason := _difference(records, singles):
+            detail = f"is not merged: of {count} of its runs that were repeated here, {reason}"
+            raise FileReadError(detail, str(other.folder))
+        self.store.append([Outcome(record) for record in records.values()])
+
     def _check_batches(self, plan: SweepPlan) -> None:
         """Repeat two runs of each new family of a user's law singly; if one differs, all of the family.
 
@@ -126,7 +146,8 @@ class Session:
         for family, members in families.items():
             members.sort()
             singles = self._singly(plan, checked(members))
-            if reason := self._difference([outcome.record for outcome in singles]):
+            records = [outcome.record for outcome in singles]
+            if reason := _difference(self.store.read_records([each.key for each in records]), records):
                 scenario = plan.scenario(members[0])
                 _LOG.warning("runs of %r are repeated one by one: %s", scenario.name, told(scenario, reason))
                 self.store.append(self._singly(plan, members))
@@ -138,18 +159,6 @@ class Session:
         jobs = (self._job(plan, keyed)._replace(engine="single") for keyed in keyed_points(plan, numbers))
         with contextlib.closing(self._outcomes(jobs)) as batches:
             return list(itertools.chain.from_iterable(batches))
-
-    def _difference(self, singles: Sequence[Record]) -> str:
-        """Return how stored runs of a batch differ from single ones; nothing of those that cannot be told."""
-        from coop_pin.batch.single_runs import difference  # slow to load
-
-        batch = self.store.read_records([single.key for single in singles])
-        for single in singles:
-            if single.failure and single.failure not in TRANSIENT:
-                return f"a single run ends with {single.failure}: {single.message}"
-            if reason := difference(batch[single.key].metrics, single.metrics):
-                return reason
-        return ""
 
     @functools.cached_property
     def _outcomes(self) -> Callable[[Iterator[Job]], Generator[list[Outcome]]]:
@@ -201,6 +210,23 @@ class Session:
                 reason = "has no file in which edits could be seen" if is_here else "workers cannot import"
                 detail = f"names {name!r}, which {reason}; put it into a module (a file of its own)"
                 raise FieldError(detail, "the plan")
+
+
+def _difference(stored: Mapping[str, Record], singles: Sequence[Record]) -> str:
+    """Return how stored runs differ from single ones; nothing of those that cannot be told."""
+    from coop_pin.batch.single_runs import difference  # slow to load
+
+    for single in singles:
+        record = stored[single.key]
+        if single.failure in TRANSIENT:
+            continue
+        if single.failure != record.failure:
+            return f"a single run ends with {single.failure or 'its last tick'}: {single.message}"
+        if missing := {*single.metrics} - {*record.metrics}:
+            return f"{min(missing)} is missing in a stored run"
+        if reason := difference(record.metrics, single.metrics):
+            return reason
+    return ""
 
 
 @contextlib.contextmanager
@@ -271,7 +297,7 @@ def sweep(
     require_path("out", out)
     require_type("retry_failed", retry_failed, bool)
     require_type("execution", execution, Execution)
-    for field in {"workers", "scheduler", "merge", "quiet"} & {*plan}:
+    for field in {"workers", "scheduler", "merge", "recompute", "quiet"} & {*plan}:
         raise FieldError(f"is a field of execution; write execution=coop_pin.Execution({field}=...)", field)
     fields = plan if axes is None else {**plan, "axes": axes}
     if execution.engine is not None:

@@ -26,6 +26,8 @@ class Execution:
             runs by itself.
         merge: folder of another sweep, search or comparison, whose runs are taken over where they are the
             same; once for each.
+        recompute: number of runs of each such folder, drawn at random, that are computed here, too; if one
+            differs, nothing of the folder is taken over.
         quiet: no progress bar, and no summary of a command.
 
     Raises:
@@ -37,21 +39,29 @@ class Execution:
     scheduler: str | None = None
     engine: SweepEngine | None = None
     merge: tuple[str | Path, ...] = ()
+    recompute: int = 0
     quiet: bool = False
 
     def __post_init__(self) -> None:
-        if (self.workers, self.scheduler, self.merge, self.quiet) != (None, None, (), False):
+        if (self.workers, self.scheduler, self.merge, self.recompute, self.quiet) != (
+            None,
+            None,
+            (),
+            0,
+            False,
+        ):
             self._require_types()
         if self.engine not in (None, *get_args(SweepEngine)):
             raise FieldError(f"is {self.engine!r}; it must be one of {get_args(SweepEngine)}", "engine")
 
     def _require_types(self) -> None:
-        from coop_pin.arrays import require_path, require_type  # loads numpy: not for help
+        from coop_pin.arrays import as_count, require_path, require_type  # loads numpy: not for help
 
         require_type("workers", self.workers, int, type(None))
         require_type("scheduler", self.scheduler, str, type(None))
         require_type("merge", self.merge, list, tuple)
         require_type("quiet", self.quiet, bool)
+        as_count("recompute", self.recompute)
         for folder in self.merge:
             require_path("merge", folder)
 

@@ -10,21 +10,25 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import AfterValidator, ConfigDict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from coop_pin.arrays import Array
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import CoopPinError, FileReadError, RunTimeoutError, place_of
+from coop_pin.errors import CoopPinError, FieldError, FileReadError, RunTimeoutError, place_of
 from coop_pin.results import RunResult
 from coop_pin.results.netcdf import to_netcdf
 from coop_pin.run_scenario import run
 from coop_pin.schema.user_code import load_function
 from coop_pin.sweeps.run_key import Code, require_unchanged
+from coop_pin.user_files import printable
 
+_MOST_METRICS, _LONGEST_NAME = 1000, 200
+"""Bounds of what is taken over from others."""
+_Text = Annotated[str, AfterValidator(printable)]
 _LINE = re.compile(rb'\{"sha256": "([0-9a-f]{64})", "content": (.*)\}')
 
 
@@ -60,6 +64,7 @@ class Record:
         engine: engine that simulated it: "single", or "batch" together with others.
         family: digest of the family and the code of a run of a user's law in a batch; some of its runs are
             repeated singly.
+        merged: whether it was taken over from another folder.
         wall_s: duration; like ``cpu_s`` apart from the metrics, because it differs from run to run.
         cpu_s: processor time.
     """
@@ -67,12 +72,13 @@ class Record:
     key: str
     changes: dict[str, Any] = dataclasses.field(default_factory=dict)
     metrics: dict[str, float] = dataclasses.field(default_factory=dict)
-    failure: str = ""
-    message: str = ""
+    failure: _Text = ""
+    message: _Text = ""
     failed_at_s: float | None = None
-    trace: str = ""
-    engine: str = "single"
-    family: str = ""
+    trace: _Text = ""
+    engine: _Text = "single"
+    family: _Text = ""
+    merged: bool = False
     wall_s: float = 0.0
     cpu_s: float = 0.0
 
@@ -89,6 +95,26 @@ class Record:
         if isinstance(error, Exception) and not is_own:  # of a user's metric or constructor, for example
             message = "at {}:{} in {}: {}".format(*place_of(error), message)
         return cls(key, dict(changes), {}, kind, message, failed_at_s, trace)
+
+    def require_sound(self) -> None:
+        """Refuse what no sweep writes: the record may be somebody else's.
+
+        Raises:
+            FieldError: it has neither metrics nor an error, too many, or names that are too long or no names.
+        """
+        names = [
+            name for name in self.metrics if not name.isprintable() or not 0 < len(name) <= _LONGEST_NAME
+        ]
+        if names:
+            shown = printable(names[0][:_LONGEST_NAME])
+            form = f"a name has 1 to {_LONGEST_NAME} characters that can be printed"
+            raise FieldError(f"has the metric {shown!r}; {form}", "a record")
+        if bool(self.metrics) == bool(self.failure) or len(self.metrics) > _MOST_METRICS:
+            counts = f"has {len(self.metrics)} metrics and the error {self.failure[:_LONGEST_NAME]!r}"
+            raise FieldError(f"{counts}; a run has 1 to {_MOST_METRICS} metrics, or an error", "a record")
+        if not f"_{self.failure}".isidentifier() or len(self.failure) > _LONGEST_NAME:
+            shown = self.failure[:_LONGEST_NAME]
+            raise FieldError(f"has the error {shown!r}, which is no name of a class", "a record")
 
     def to_line(self) -> bytes:
         """Return its line in the store."""

@@ -22,7 +22,7 @@ from coop_pin.sweeps.dimensions import Dimension, Sample, Values
 from coop_pin.sweeps.execution import SweepEngine
 from coop_pin.user_files import read_toml
 
-COLUMNS = ("number", "status", "failure", "message", "failed_at_s", "wall_s", "cpu_s", "key")
+COLUMNS = ("number", "status", "failure", "message", "failed_at_s", "merged", "wall_s", "cpu_s", "key")
 """Columns that the table of every sweep has beside metrics and varied fields."""
 
 

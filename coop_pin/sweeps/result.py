@@ -148,7 +148,12 @@ class SweepResult:
             names=dims,
             rivals=dims,
             measures={name: name for name in names if np.isfinite(runs[name]).any()},
-            notes=(*(str(name) for name in self.data.coords if name not in dims), "number", "status"),
+            notes=(
+                *(str(name) for name in self.data.coords if name not in dims),
+                "number",
+                "status",
+                "merged",
+            ),
             command=command,
             replay="run-{number}",
         )

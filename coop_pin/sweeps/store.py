@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import functools
 import hashlib
 import json
@@ -12,11 +13,12 @@ import re
 import socket
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import BinaryIO
 
 from filelock import FileLock, Timeout
 
 from coop_pin.atomic_write import write_atomically
-from coop_pin.errors import FileReadError, FileWriteError, ScenarioError, StoreLockedError
+from coop_pin.errors import FieldError, FileReadError, FileWriteError, ScenarioError, StoreLockedError
 from coop_pin.results import RunResult
 from coop_pin.sweeps.job import Outcome, Record, checked_content, checksummed
 from coop_pin.sweeps.plan import SweepPlan
@@ -29,6 +31,8 @@ TRANSIENT = ("RunTimeoutError", "WorkerDiedError", "MemoryError")
 """Failures that may not occur again."""
 _PLAN_BYTES = 1 << 28
 """Largest plan that is read."""
+_LINE_BYTES = 1 << 24
+"""Largest record that is read; what follows a longer one in its segment is not."""
 
 
 class SweepStore:
@@ -67,16 +71,20 @@ class SweepStore:
 
         Raises:
             StoreLockedError: another process holds it.
+            FileWriteError: the folder cannot be written.
             FileReadError: ``lock`` is not a regular file.
         """
-        self.folder.mkdir(parents=True, exist_ok=True)
         path = self.folder / "lock"
-        if path.exists() and not path.is_file():
+        if path.is_symlink() or (path.exists() and not path.is_file()):
             raise FileReadError(f"{path} is not a regular file; remove it, or choose another folder")
         try:
-            held = FileLock(path).acquire(blocking=False)
-        except Timeout:
-            raise StoreLockedError(str(self.folder), _text(path) or "another process") from None
+            with _write_errors(self.folder):
+                self.folder.mkdir(parents=True, exist_ok=True)
+                held = FileLock(path).acquire(blocking=False)
+        except FileWriteError as error:
+            if isinstance(error.__context__, Timeout):
+                raise StoreLockedError(str(self.folder), _text(path) or "another process") from None
+            raise
         with held:
             if killed := _text(path):
                 message = "the last sweep in %s (%s) was killed; its finished runs are kept"
@@ -93,7 +101,7 @@ class SweepStore:
     def _clean_up(self) -> None:
         """Remove partial files, note what is stored, and copy damaged lines into ``quarantine/``."""
         for part in self.folder.rglob(".*"):
-            if _PART.fullmatch(part.name):
+            if _PART.fullmatch(part.name) and not part.is_dir():
                 part.unlink()
         damaged: list[bytes] = []
         self.known = _kinds(self.records(damaged))
@@ -114,7 +122,7 @@ class SweepStore:
         """
         for segment in sorted(path for path in (self.folder / "runs").glob("*.jsonl") if path.is_file()):
             with segment.open("rb") as file:
-                for line in filter(None, map(bytes.strip, file)):
+                for line in filter(None, map(bytes.strip, _lines(file))):
                     try:
                         record = Record.from_line(line)
                     except FileReadError:
@@ -152,26 +160,31 @@ class SweepStore:
                     os.fsync(file.fileno())
         self.known |= _kinds(outcome.record for outcome in outcomes)
 
-    def take(self, other: SweepStore, keys: Collection[str]) -> None:
-        """Store what another folder has of some runs and this one does not; say how many there were.
+    def missing_of(self, other: SweepStore, keys: Collection[str]) -> dict[str, Record]:
+        """Return what another folder has of some runs and this one does not, by key; say how many there are.
 
-        Damaged lines there count as missing. Failures that may not occur again are not taken, nor are full
-        results.
+        Damaged lines there count as missing. Failures that may not occur again are left out, and so are
+        changes, which the plan has, and full results.
 
         Raises:
-            FileReadError: the other folder is not that of a sweep.
-            FileWriteError: the disk is full, or this folder cannot be written.
+            FileReadError: the other folder is not that of a sweep, or has a record that no sweep writes.
         """
         if not (other.folder / "runs").is_dir():
             raise FileReadError(f"{other.folder} holds no sweep: there is no folder 'runs' in it")
-        damaged: list[bytes] = []
-        records = {record.key: record for record in other.records(damaged) if record.failure not in TRANSIENT}
-        new = [Outcome(records[key]) for key in keys if key in records and key not in self.known]
-        self.append(new)
-        message = "%d runs are taken from the %d of %s; %d others are known here or not in this plan"
-        _LOG.warning(message, len(new), len(records), other.folder, len(records) - len(new))
+        damaged, missing, records, seen = list[bytes](), {*keys} - {*self.known}, dict[str, Record](), 0
+        for record in other.records(damaged):
+            seen += 1
+            if record.key in missing and record.failure not in TRANSIENT:
+                try:
+                    record.require_sound()
+                except FieldError as error:
+                    raise FileReadError(f"cannot be merged: {error}", str(other.folder)) from None
+                records[record.key] = dataclasses.replace(record, changes={}, merged=True)
+        message = "%d runs are taken from the %d of %s; the others are known here or not in this plan"
+        _LOG.warning(message, len(records), seen, other.folder)
         if damaged:
             _LOG.warning("%d damaged lines of %s are left out", len(damaged), other.folder)
+        return records
 
     @functools.cached_property
     def _segment(self) -> Path:
@@ -223,6 +236,14 @@ class SweepStore:
         """
         with _write_errors(path):
             write_atomically(path, write)
+
+
+def _lines(file: BinaryIO) -> Iterator[bytes]:
+    """Yield the lines of a segment up to one that is too long, of which the first bytes come last."""
+    while line := file.readline(_LINE_BYTES):
+        yield line
+        if len(line) == _LINE_BYTES:
+            return
 
 
 def _kinds(records: Iterable[Record]) -> dict[str, str]:

@@ -17,7 +17,7 @@ from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
 
 OK, FAILED, MISSING = "ok", "failed", "missing"
-_STORED = ["key", "failure", "message", "failed_at_s", "wall_s", "cpu_s"]
+_STORED = ["key", "failure", "message", "failed_at_s", "merged", "wall_s", "cpu_s"]
 """Parts of a record that are columns, beside its metrics."""
 
 
