@@ -227,6 +227,14 @@ def test_links_and_images_of_pages_lead_somewhere():
     assert offenders == []
 
 
+def test_generated_pages_say_what_the_docstrings_say():
+    sys.path.insert(0, str(REPOSITORY / "tools"))
+    from reference import pages
+
+    outdated = [page.name for page, text in pages().items() if page.read_text(encoding="utf-8") != text]
+    assert outdated == [], "python tools/reference.py"
+
+
 def test_every_image_is_on_a_page_and_has_one_format():
     images = sorted((DOCS / "images").iterdir())
     pages = [REPOSITORY / "README.md", REPOSITORY / "studies" / "README.md", *PAGES]
