@@ -162,5 +162,5 @@ def lazy_names(
 
 
 __all__ = sorted(_PUBLIC)
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __getattr__, __dir__ = lazy_names(__name__, _PUBLIC, _PACKAGES)

@@ -129,17 +129,19 @@ def test_auto_weighs_runs_against_compiling_and_a_folder_keeps_its_engine(tmp_pa
     assert engine.with_engine(many.replace(engine="batch"), store).engine == "batch"
 
 
-def test_a_sweep_that_began_with_single_runs_goes_on_with_them(tmp_path):
-    """Stored at 4665cb6, where "single" was the default; today's choice for its two runs is a batch."""
+def test_a_sweep_that_began_with_single_runs_goes_on_with_them(tmp_path, caplog):
+    """Stored by 0.1.0, where "single" was the default; today's choice for its two runs is a batch."""
     folder = Path(shutil.copytree(Path(__file__).parent / "data" / "previous_sweep", tmp_path / "stored"))
     base = cp.Scenario.load("adept-paper").replace(duration=10.0, events=())
     again = SweepPlan(base=base, axes={"controller.gains.sign_gain": [0.1, 0.2]})
     assert engine.with_engine(again, SweepStore(tmp_path / "new")).engine == "batch"
-    segments = list((folder / "runs").iterdir())
     runs, engines = swept(again, folder)
     assert engines == ["single", "single"]
     assert [run.kind for run in runs] == ["", ""]
-    assert list((folder / "runs").iterdir()) == segments
+    assert SweepStore(folder).versioned_plan()[1] == cp.__version__
+    caplog.clear()
+    assert cp.SweepResult.load(folder).counts() == {"ok": 2, "failed": 0, "missing": 0}
+    assert not caplog.records
     assert SweepStore(folder).read_plan().engine == "single"
 
 

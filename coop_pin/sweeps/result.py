@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import logging
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -13,15 +14,18 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from coop_pin import __version__
 from coop_pin.arrays import as_count, as_number, require_path, require_type
 from coop_pin.errors import ArgumentError, FieldError, InvalidStateError, NameNotFoundError, OutOfRangeError
 from coop_pin.heat_map import write_heat_map
 from coop_pin.results import RunResult
 from coop_pin.run_scenario import run
 from coop_pin.sweeps.plan import COLUMNS, SweepPlan
+from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.table import FAILED, MISSING, OK, PointResult, describe, read_runs
 
+_LOG = logging.getLogger("coop_pin.sweeps")
 _APART = ["message", "wall_s", "cpu_s", "key"]
 """Columns that are not in the dataset: durations differ from machine to machine."""
 
@@ -44,12 +48,19 @@ class SweepResult:
     def load(cls, folder: str | Path) -> Self:
         """Read the folder of a sweep, finished or not; another process may be writing it.
 
+        The table of another version's sweep is read as it was computed, and that is told.
+
         Raises:
             FileReadError: the folder is not that of a sweep.
         """
         require_path("folder", folder)
         store = SweepStore(folder)
-        return cls(store.read_plan(), store)
+        plan, version = store.versioned_plan()
+        if version == __version__:
+            return cls(plan, store)
+        message = "%s holds runs of coop_pin %s; its command, or sweep(plan, out=...), repeats them with %s"
+        _LOG.warning(message, folder, version, __version__)
+        return cls(plan, store, [keyed.key for keyed in keyed_points(plan, version=version)])
 
     # ------------------------------------------------------------ tables
 

@@ -134,6 +134,7 @@ def run_key(
     digest: Callable[[Path], str] = file_digest,
     *,
     engine: str = "single",
+    version: str = "",
 ) -> str:
     """Return the key of a run, 64 hexadecimal digits.
 
@@ -148,19 +149,25 @@ def run_key(
         code: digests of the user's code; computed when omitted.
         digest: ``file_digest``, or one that remembers.
         engine: engine of the plan; batches differ from single runs by rounding.
+        version: version of coop_pin; this one when omitted.
     """
     if code is None:
         code = tuple((name, code_digests(name)) for name in code_of(scenario, metrics))
     stored = scenario.model_copy(update={"controller": scenario.controller.stored_as})
-    content = {"coop_pin": __version__, "scenario": stored.model_dump_json(), "metrics": list(metrics)}
+    content = {
+        "coop_pin": version or __version__,
+        "scenario": stored.model_dump_json(),
+        "metrics": list(metrics),
+    }
     files = {name: digest(path) for name, path in _files(scenario)}
     named = {} if engine == "single" else {"engine": engine}
     return _hash(content | {"files": files, "code": dict(code)} | named)
 
 
-def unresolved_key(base: Scenario, changes: Mapping[str, Any]) -> str:
+def unresolved_key(base: Scenario, changes: Mapping[str, Any], version: str = "") -> str:
     """Return the key of a run whose changed scenario has mistakes: of the base scenario and the changes."""
-    return _hash({"coop_pin": __version__, "base": base.model_dump_json(), "changes": dict(changes)})
+    content = {"coop_pin": version or __version__, "base": base.model_dump_json()}
+    return _hash(content | {"changes": dict(changes)})
 
 
 def _hash(content: Mapping[str, Any]) -> str:
@@ -198,14 +205,16 @@ class KeyedPoint(NamedTuple):
     code: Code = ()
 
 
-def keyed_points(plan: SweepPlan, numbers: Iterable[int] | None = None) -> Iterator[KeyedPoint]:
+def keyed_points(
+    plan: SweepPlan, numbers: Iterable[int] | None = None, *, version: str = ""
+) -> Iterator[KeyedPoint]:
     """Yield points of a plan, all without numbers, with their keys; every file is looked at once."""
     digests, digest = functools.cache(code_digests), functools.cache(file_digest)
     for point in plan.points() if numbers is None else map(plan.__getitem__, numbers):
         scenario = plan.resolved(point.number)
         if isinstance(scenario, ScenarioError):
-            yield KeyedPoint(point, unresolved_key(plan.base[point.base], point.changes), scenario)
+            yield KeyedPoint(point, unresolved_key(plan.base[point.base], point.changes, version), scenario)
             continue
         code = tuple((name, digests(name)) for name in code_of(scenario, plan.metrics))
-        key = run_key(scenario, plan.metrics, code, digest, engine=plan.engine)
+        key = run_key(scenario, plan.metrics, code, digest, engine=plan.engine, version=version)
         yield KeyedPoint(point, key, scenario, code)

@@ -17,6 +17,7 @@ from typing import BinaryIO
 
 from filelock import FileLock, Timeout
 
+from coop_pin import __version__
 from coop_pin.atomic_write import write_atomically
 from coop_pin.errors import FieldError, FileReadError, FileWriteError, ScenarioError, StoreLockedError
 from coop_pin.results import RunResult
@@ -31,6 +32,8 @@ TRANSIENT = ("RunTimeoutError", "WorkerDiedError", "MemoryError")
 """Failures that may not occur again."""
 _PLAN_BYTES = 1 << 28
 """Largest plan that is read."""
+_FIRST_VERSION = "0.1.0"
+"""Version of plans that do not name theirs."""
 _LINE_BYTES = 1 << 24
 """Largest record that is read; what follows a longer one in its segment is not."""
 
@@ -209,11 +212,16 @@ class SweepStore:
 
     def write_plan(self, plan: SweepPlan) -> None:
         """Write the plan, so that the folder can be read on its own."""
-        content = checksummed(plan.model_dump_json().encode()) + b"\n"
+        fields = {"coop_pin": __version__} | json.loads(plan.model_dump_json())
+        content = checksummed(json.dumps(fields).encode()) + b"\n"
         self.write_with(self.folder / "plan.json", lambda part: part.write_bytes(content))
 
     def read_plan(self) -> SweepPlan:
-        """Return the last plan.
+        """Return the last plan; see ``versioned_plan``."""
+        return self.versioned_plan()[0]
+
+    def versioned_plan(self) -> tuple[SweepPlan, str]:
+        """Return the last plan, and the version of coop_pin that the keys of its runs are of.
 
         Raises:
             FileReadError: the folder is not that of a sweep, or its plan is damaged.
@@ -223,8 +231,10 @@ class SweepStore:
             raise FileReadError(f"{self.folder} holds no sweep: there is no {path.name}")
         try:
             data = read_user_file(path, limit=_PLAN_BYTES, kind="the plan of a sweep")
-            return SweepPlan(**json.loads(checked_content(data.strip())))
-        except (FileReadError, ScenarioError, ValueError, TypeError, RecursionError) as error:
+            fields = json.loads(checked_content(data.strip()))
+            version = str(fields.pop("coop_pin", _FIRST_VERSION))
+            return SweepPlan(**fields), version
+        except (FileReadError, ScenarioError, ValueError, TypeError, AttributeError, RecursionError) as error:
             advice = "run the sweep's command again: finished runs are kept"
             raise FileReadError(f"{path} cannot be used ({error}); {advice}") from None
 
