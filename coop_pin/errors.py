@@ -148,7 +148,8 @@ class MissingExtraError(CoopPinError, ImportError):
 
     def __init__(self, package: str, extra: str, purpose: str) -> None:
         self.package, self.extra = package, extra
-        super().__init__(f"{package} is not installed; {purpose}, run: pip install 'coop-pin[{extra}]'")
+        command = f"pip install 'coop-pin[{extra}]' (in a clone: pip install -e '.[{extra}]')"
+        super().__init__(f"{package} is not installed; {purpose}, run: {command}")
 
 
 @contextlib.contextmanager

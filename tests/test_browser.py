@@ -303,6 +303,24 @@ def test_the_replay_opens_paused_plays_seeks_zooms_and_switches_layers_with_the_
         assert above[2] > 10 * abs(above[0]) + 10 * abs(above[1])
 
 
+@pytest.mark.parametrize(("name", "moves"), [("three-driven-ur5", True), ("baxter-box", False)])
+def test_names_of_arms_go_with_their_bases_and_do_not_overlap(name, moves, tmp_path):
+    result = cp.run(name, {"duration": 3.0}, warn=False)
+    save_replay(result, tmp_path / "replay.html")
+    with offline_page(tmp_path / "replay.html") as page:
+        boxes = []
+        for time in (0.0, 3.0):
+            page.evaluate(f"coopPin.seek({time})")
+            page.wait_for_timeout(300)  # the labels are placed with the next frame
+            names = [page.get_by_text(arm, exact=True).first for arm in result.scenario.cell.arms]
+            boxes.append([[*each.bounding_box().values()] for each in names])
+        start, end = np.array(boxes)
+        assert (np.abs(end - start)[:, :2].max(axis=1) > 5.0).tolist() == [moves] * len(start)
+        for x, y, width, _ in end:
+            others = [other for other in end if other[0] != x or other[1] != y]
+            assert all(a + w <= x or x + width <= a or abs(b - y) >= 16.0 for a, b, w, _ in others)
+
+
 CONTRASTS = """() => {
     const rgba = (text) => [...text.match(/[\\d.]+/g).map(Number), 1].slice(0, 4);
     const over = ([r, g, b, a], [x, y, z]) => [a * r + (1 - a) * x, a * g + (1 - a) * y, a * b + (1 - a) * z];

@@ -495,6 +495,15 @@ def test_the_camera_is_close_and_has_path_tips_and_arrows_in_view(replay: Replay
     assert np.linalg.norm(eye - target) < 6.0
 
 
+def test_two_arms_of_one_robot_are_seen_from_the_front() -> None:
+    initial = initial_scene("baxter-box")
+    camera, tips = LiveScene(initial).scene.camera, initial.snapshot.tip_position
+    base = np.array(initial.cell.arms["left"].base.xyz)
+    ahead = (tips.mean(axis=0) - base)[:2]
+    towards = (camera.eye - camera.target)[:2]
+    assert ahead @ towards > 0.9 * np.linalg.norm(ahead) * np.linalg.norm(towards)
+
+
 # ---------------------------------------------------------------- forces
 
 

@@ -203,7 +203,8 @@ class Arm(WithLaterFields):
         if not isinstance(locked, str):
             return locked
         if locked != "others":
-            raise FieldError(f'is {locked!r}; it must be a table of angles by joint, or "others"')
+            form = 'a table of angles by joint, {joint = 0.1} in TOML, or "others"'
+            raise FieldError(f"is {locked!r}; it must be {form}")
         fields = ("urdf", "package_dirs", "xacro_args", "tip")
         if not all(name in earlier.data for name in fields):
             return {}

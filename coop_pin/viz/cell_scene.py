@@ -53,21 +53,23 @@ def cell_scene(cell: Cell, bodies: tuple[Body, ...], *, tips: Array, points: Arr
     bases = np.array([arm.base.xyz for arm in cell.arms.values()])
     points = np.concatenate((points, bases, (tips[:, None] + reach).reshape(-1, 3)))
     items = (*_plates(cell, feet, floor), *arms, *_payload_items(cell))
-    return Scene(items, _camera(cell, points, tips[-1] - tips[0]), floor)
+    return Scene(items, _camera(cell, points, tips), floor)
 
 
-def _camera(cell: Cell, points: Array, line: Array) -> Camera:
+def _camera(cell: Cell, points: Array, tips: Array) -> Camera:
     """Return a camera that shows points, the first arm on the left and the last on the right.
 
     Its azimuth is a little off the front, to the side from which the line between the tips appears longer.
-    Planar cells are seen from higher up.
+    Planar cells are seen from higher up, arms on one base from the front.
     """
+    line = tips[-1] - tips[0]
     bases = np.array([arm.base.xyz for arm in cell.arms.values()])
     low, high = points.min(axis=0), points.max(axis=0)
     target = (low + high) / 2.0
     across = bases[-1, :2] - bases[0, :2]
     if np.linalg.norm(across) < 1e-6:
-        across = np.array((1.0, 0.0))
+        ahead = tips.mean(axis=0) - bases[0]
+        across = np.array((-ahead[1], ahead[0]))
     front = np.arctan2(across[1], across[0]) - np.pi / 2.0
     sides = (front + np.radians(_AZIMUTH_DEG), front - np.radians(_AZIMUTH_DEG))
     azimuth = max(sides, key=lambda side: abs(line[0] * np.sin(side) - line[1] * np.cos(side)))

@@ -205,7 +205,8 @@ function coopPinScene(pane, labels, page) {
     text.textContent = arm;
     text.style.borderColor = first.arm_colours[k];
     labels.append(text);
-    return { text, base: vector(...first.bases[k]) };
+    const platform = `arms/${arm}/base_yaw`; // of a mobile base: its position moves
+    return { text, base: first.nodes.includes(platform) ? node(platform).position : vector(...first.bases[k]) };
   });
 
   // Numbers stand beyond the outer ends, and below each other where they would overlap.
@@ -213,7 +214,9 @@ function coopPinScene(pane, labels, page) {
     const { clientWidth: width, clientHeight: height } = pane, placed = [];
     for (const { text, base } of names) {
       const at = base.clone().project(viewer.camera), long = text.offsetWidth;
-      const x = Math.max(0, Math.min((1 + at.x) * width / 2 - long / 2, width - long)), y = Math.max(0, Math.min((1 - at.y) * height / 2, height - 18));
+      const x = Math.max(0, Math.min((1 + at.x) * width / 2 - long / 2, width - long));
+      let y = Math.max(0, Math.min((1 - at.y) * height / 2, height - 18));
+      while (placed.some(([a, b, other]) => a < x + long && x < a + other && Math.abs(b - y) < 17)) { y -= 17; } // two arms of one robot
       text.style.transform = `translate(${x}px, ${y}px)`;
       placed.push([x, y, long]);
     }
