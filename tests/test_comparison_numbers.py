@@ -115,7 +115,9 @@ def table_of(**columns):
     for name in COLUMNS:
         cells[name] = columns.get(name, [1.0, 2.0, 3.0])
     texts = {"information": "blind", "gains": ["tuned", "tuned", "untuned"], "failure": columns["failure"]}
-    return Comparison.of_cells(cells.assign(runs=4, finished=[4, 4, 1], trustworthy=[4, 3, 1], **texts))
+    return Comparison.of_cells(
+        cells.assign(runs=4, finished=[4, 4, 1], trustworthy=[4, 3, 1], merged=0, **texts)
+    )
 
 
 def test_the_summary_has_tracking_and_the_length_of_axial_and_shear_force():

@@ -64,7 +64,7 @@ class Comparison:
         content = read_user_file(file, limit=_BYTES, kind="the table of a comparison")
         try:
             cells = pd.read_csv(io.BytesIO(content), keep_default_na=False, dtype=dict.fromkeys(_TEXTS, str))
-            cells = cells.assign(merged=cells.get("merged", 0))  # tables of before have no such column
+            cells = cells.assign(merged=cells.get("merged", 0))  # tables of 0.1.0 have no such column
             cells = cells.astype(dict.fromkeys((*_COUNTS, *COLUMNS), float))
             return cls.of_cells(cells.set_index(list(CELL)), folder)
         except (KeyError, ValueError) as error:

@@ -200,7 +200,11 @@ def spatial_inertia(mass: float, inertia: Array, R_WP: Array) -> Array:
         mass: Mass of the payload, kg.
         inertia: Inertia about P in the axes of P, kg m^2, shape (3, 3).
         R_WP: Orientation of the payload, shape (3, 3).
+
+    Raises:
+        ShapeError: a shape differs.
     """
+    inertia, R_WP = shaped("inertia", inertia, 3, 3), shaped("R_WP", R_WP, 3, 3)
     M_0 = np.zeros((6, 6))
     M_0[:3, :3], M_0[3:, 3:] = mass * np.eye(3), R_WP @ inertia @ R_WP.T
     return M_0
