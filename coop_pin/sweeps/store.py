@@ -19,7 +19,14 @@ from filelock import FileLock, Timeout
 
 from coop_pin import __version__
 from coop_pin.atomic_write import write_atomically
-from coop_pin.errors import FieldError, FileReadError, FileWriteError, ScenarioError, StoreLockedError
+from coop_pin.errors import (
+    CoopPinError,
+    FieldError,
+    FileReadError,
+    FileWriteError,
+    ScenarioError,
+    StoreLockedError,
+)
 from coop_pin.results import RunResult
 from coop_pin.sweeps.job import Outcome, Record, checked_content, checksummed
 from coop_pin.sweeps.plan import SweepPlan
@@ -80,14 +87,12 @@ class SweepStore:
         path = self.folder / "lock"
         if path.is_symlink() or (path.exists() and not path.is_file()):
             raise FileReadError(f"{path} is not a regular file; remove it, or choose another folder")
-        try:
-            with _write_errors(self.folder):
-                self.folder.mkdir(parents=True, exist_ok=True)
+        with _write_errors(self.folder):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            try:
                 held = FileLock(path).acquire(blocking=False)
-        except FileWriteError as error:
-            if isinstance(error.__context__, Timeout):
+            except Timeout:
                 raise StoreLockedError(str(self.folder), _text(path) or "another process") from None
-            raise
         with held:
             if killed := _text(path):
                 message = "the last sweep in %s (%s) was killed; its finished runs are kept"
@@ -270,5 +275,7 @@ def _write_errors(path: Path) -> Iterator[None]:
     """Raise one error for whatever hinders writing; HDF5 raises RuntimeError on a full disk."""
     try:
         yield
+    except CoopPinError:
+        raise
     except (OSError, RuntimeError) as error:
         raise FileWriteError(str(path), getattr(error, "strerror", None) or str(error)) from None
