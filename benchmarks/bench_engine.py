@@ -57,7 +57,7 @@ def main() -> None:
         enough = runs_worth_a_batch(cp.Scenario.load(cell).replace(duration=2.0, events=()))
         texts = []
         for runs in (enough - 1, enough, 2 * enough):
-            ratios = [seconds(cell, "batch", runs) / seconds(cell, "single", runs) for _ in range(rounds)]
+            ratios = [seconds(cell, "batch", runs) / seconds(cell, "pinocchio", runs) for _ in range(rounds)]
             texts.append(f"{runs}: {statistics.median(ratios):.2f} ({min(ratios):.2f} .. {max(ratios):.2f})")
         print(f"| `{cell}` | " + " | ".join(texts) + " |", flush=True)
 

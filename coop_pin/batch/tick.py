@@ -33,14 +33,18 @@ from coop_pin.tracing.tree import SharedFunctions, leaves, rebuilt
 
 
 class TickCode:
-    """Kernels of the runs of a block."""
+    """Kernels of the runs of a block.
+
+    Attributes:
+        law: state of the law, once there are kernels.
+    """
 
     def __init__(self, block: RunBlock, *, exact: bool) -> None:
         """Begin without code; ``exact`` as of law_code."""
         self._block, self._exact = block, exact
         self._functions = SharedFunctions()
         self._sensors: Any = None
-        self._law: Any = None
+        self.law: Any = None
 
     def kernels(self) -> list[Kernel]:
         """Return the kernels, the last of which are one for each instant of events."""
@@ -75,14 +79,14 @@ class TickCode:
         measurements, _ = constants.sensors.step(self._sensors, truth, view)
         holding = constants.cell.by_arm(kernel.read("holding"))
         with law_code(kernel.tape, exact=self._exact):
-            self._law = constants.controller.init(
+            self.law = constants.controller.init(
                 [
                     measurement._replace(holding_torque=torque)
                     for measurement, torque in zip(measurements, holding, strict=True)
                 ],
                 references,
             )
-        for name, state in (("sensors", self._sensors), ("law", self._law)):
+        for name, state in (("sensors", self._sensors), ("law", self.law)):
             self._block.lanes.add(**{name: (len(leaves(state)),)})
             kernel.write(name, state)
         self._guard(kernel, [])
@@ -119,7 +123,7 @@ class TickCode:
         signals = self._block.signals_at(kernel)
         sensors, law = (
             rebuilt(state, iter(kernel.read(name)))
-            for name, state in (("sensors", self._sensors), ("law", self._law))
+            for name, state in (("sensors", self._sensors), ("law", self.law))
         )
         measurements, sensors = constants.sensors.step(sensors, *self._truth(kernel, constants, signals))
         with law_code(kernel.tape, exact=self._exact):
