@@ -56,6 +56,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "spatial": (set(), {"scipy"}),
     "atomic_write": (set(), set()),
     "engines": (set(), set()),
+    "catalogue": ({"user_files"}, set()),
     "user_files": (set(), set()),
     "limited_process": (set(), set()),
     "schema": (set(), {"pydantic", "pydantic_core"}),
@@ -65,7 +66,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "heat_map": (set(), {"pandas"}),
     "progress_bar": (set(), {"tqdm"}),
     "description": (
-        {"schema", "control", "reference", "user_files", "limited_process"},
+        {"catalogue", "schema", "control", "reference", "user_files", "limited_process"},
         {"lxml", "pydantic", "tomli_w", "trimesh", "xacrodoc", "yourdfpy"},
     ),
     "model": ({"description", "limited_process"}, {"pinocchio", "trimesh"}),
@@ -167,6 +168,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "cli": (
         {
             "analysis",
+            "catalogue",
             "batch",
             "comparison",
             "description",

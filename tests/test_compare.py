@@ -225,10 +225,10 @@ def test_what_can_be_runs_in_batches_and_gives_the_same_table(scenarios, tmp_pat
     with pytest.raises(FieldError):
         cp.compare(scenarios[0], names, trials, out=tmp_path, execution=cp.Execution(engine="both"), **quick)
     again = cp.compare(
-        scenarios[0], names, trials, out=tmp_path / "single", execution=execution(None), **quick
+        scenarios[0], names, trials, out=tmp_path / "pinocchio", execution=execution(None), **quick
     )
     assert again.data.identical(single.data)
-    assert {part.name for part in (tmp_path / "single" / "planar").iterdir()} == {"fixed", "random"}
+    assert {part.name for part in (tmp_path / "pinocchio" / "planar").iterdir()} == {"fixed", "random"}
 
 
 def test_a_search_covers_several_scenarios_and_its_table_is_used_and_marked(scenarios, tmp_path):

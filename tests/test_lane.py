@@ -73,7 +73,7 @@ def test_an_interrupted_lane_keeps_its_first_chunks(every):
     scenario = cp.Scenario.load("adept-paper", {"duration": 15.0, "clock.record_every": every})
     done = []
 
-    def watch(ticks, total):
+    def watch(ticks, _total):
         done.append(ticks)
         if len(done) == 2:
             raise KeyboardInterrupt
@@ -97,7 +97,7 @@ def test_progress_ends_with_the_last_tick_and_its_errors_carry_the_result():
     assert told[-1] == (1200, 1200)
     assert told == sorted(told)
 
-    def fail(done, total):
+    def fail(_done, _total):
         raise errors.RunTimeoutError(1.0)
 
     with pytest.raises(errors.RunTimeoutError) as caught:

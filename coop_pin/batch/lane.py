@@ -13,7 +13,9 @@ from coop_pin.arrays import Mask
 from coop_pin.batch.preparation import Prepared
 from coop_pin.batch.simulate import BatchResult, BatchSimulator, Family, require_sample_memory
 from coop_pin.batch.single_runs import require_agreement_at_first
+from coop_pin.batch.support import law_reason
 from coop_pin.description.scenario import Scenario
+from coop_pin.errors import TracingError
 from coop_pin.results import RunResult
 from coop_pin.simulation.simulate import Progress, errors_with_results
 from coop_pin.tracing.llvm_machine import LlvmMachine
@@ -36,6 +38,8 @@ class LaneSimulator(BatchSimulator):
 
         The signals are part of the kind: each run has an order of kernels with its own.
         """
+        if reason := law_reason(scenario.controller):
+            raise TracingError(reason)
         run = self.prepare(scenario)
         signals = hashlib.sha256(run.signals[0].tobytes()).digest()
         run = run._replace(kind=(signals, *run.kind))
