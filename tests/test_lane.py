@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import random
 
 import numpy as np
@@ -89,6 +90,30 @@ def test_an_interrupted_lane_keeps_its_first_chunks(every):
             whole[name].isel(time=slice(0, kept.sizes["time"])) if "time" in values.dims else whole[name]
         )
         np.testing.assert_array_equal(values, expected, err_msg=name)
+
+
+def test_nothing_is_kept_of_a_long_run_but_its_code_while_it_runs(monkeypatch):
+    from coop_pin.batch import lane
+
+    monkeypatch.setattr(lane, "_KEPT_TICKS", 10)
+    scenario = cp.Scenario.load("adept-paper", {"duration": 3.0, "events": [], "clock.rate_hz": 81.0})
+    run = lane.Lane(scenario)
+    kinds = [family.first.kind for family in lane._simulator._families]
+    assert run._prepared.kind not in kinds
+    gc.collect()  # the machine's memory with it, if nothing else held it
+    require_same_samples(run.run().data, cp.run(scenario, warn=False).data)
+
+
+def test_a_run_says_what_auto_would_have_saved(monkeypatch, caplog):
+    from coop_pin import run_scenario
+
+    cp.run("adept-paper", {"duration": 1.0, "events": []})
+    assert "auto" not in caplog.text
+    monkeypatch.setattr(run_scenario, "_WORTH_A_HINT", 0.0)
+    cp.run("adept-paper", {"duration": 1.0, "events": []})
+    assert "auto" not in caplog.text  # compiling takes longer
+    cp.run("adept-paper", {"duration": 30.0})
+    assert "engine 'auto' would have saved" in caplog.text
 
 
 def test_progress_ends_with_the_last_tick_and_its_errors_carry_the_result():

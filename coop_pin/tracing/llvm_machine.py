@@ -86,7 +86,7 @@ class LlvmMachine(Machine):
         inputs = block.ctypes.data, uniforms.ctypes.data, 8 * uniforms.shape[1], None, 0
         memory = *inputs, None if record is None else record.ctypes.data, 8 * groups
 
-        def call(first: int, count: int, _kept: object = (block, uniforms, record)) -> None:
+        def call(first: int, count: int, _kept: object = (self, block, uniforms, record)) -> None:
             run(groups, count, start + first * size, *memory)
 
         return call
