@@ -6,6 +6,7 @@ kernels run in which order, and what is loaded into slots and recorded from them
 
 from __future__ import annotations
 
+import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -79,6 +80,12 @@ class Kernel:
         self.reads: list[tuple[Literal["lane", "uniform"], int]] = []
         self.writes: list[tuple[int, Operand]] = []
         self._lanes, self._uniforms, self._fields = lanes, uniforms, dict[tuple[str, str], Any]()
+
+    def beside(self, name: str) -> Kernel:
+        """Return a kernel without writes on the same tape: what both need is traced once."""
+        other = copy.copy(self)
+        other.name, other.writes = name, []
+        return other
 
     def read(self, name: str) -> Any:
         """Return a field of the block."""
