@@ -32,6 +32,7 @@ class LaneSimulator(BatchSimulator):
     def __init__(self) -> None:
         """Begin without code."""
         super().__init__(machine=partial(LlvmMachine, width=1))
+        self._folding = BatchSimulator(machine=self._new_machine)
 
     def lane(self, scenario: Scenario) -> tuple[Prepared, Family]:
         """Return a run before it runs, and its code; raises as Lane.
@@ -43,10 +44,14 @@ class LaneSimulator(BatchSimulator):
         run = self.prepare(scenario)
         signals = hashlib.sha256(run.signals[0].tobytes()).digest()
         run = run._replace(kind=(signals, *run.kind))
-        family = self.family(run, run)
+        try:
+            family = self.family(run, run)
+        except TracingError:  # a law that needs its own numbers while it is traced: they fold
+            family = self._folding.family(run, run)
         self._plants.clear()  # files and functions of the user may change between runs
         if run.plants[0].run.timeline.ticks > _KEPT_TICKS:
-            self._families.remove(family)
+            self.forget(family)
+            self._folding.forget(family)
         return run, family
 
     def _inputs(self, first: Prepared, prepared: Prepared) -> Mask:

@@ -213,6 +213,10 @@ class BatchSimulator:
         self._families = [*self._families, family][-_KEPT:]
         return family
 
+    def forget(self, family: Family) -> None:
+        """Keep a family no longer."""
+        self._families = [each for each in self._families if each is not family]
+
     def _inputs(self, first: Prepared, prepared: Prepared) -> Mask:
         """Return the mask of the constants that are inputs: those in which runs differ from the first."""
         same = (prepared.values == first.values) | (np.isnan(prepared.values) & np.isnan(first.values))
