@@ -24,6 +24,7 @@ from cells import planar_scenario, spatial_scenario
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
+import coop_pin as cp
 from coop_pin import run, viz
 from coop_pin.description import Arm, Cell, Payload, Pose, Scenario, scenario_names
 from coop_pin.description.urdf import find_urdf
