@@ -177,10 +177,8 @@ class Plant:
         forces = self._apply(q, v)
         if not self.chain.springs.arms:
             return self._solve(q, v, _ALL.dot(forces)), forces.dot(v)
-        grasps = self.chain.springs.at(q, v)
-        return self._solve(q, v, _ALL.dot(forces) + grasps.force), np.append(
-            forces.dot(v), (0.0, grasps.power)
-        )
+        grasps, power = self.chain.springs.force(q, v)
+        return self._solve(q, v, _ALL.dot(forces) + grasps), np.array([*forces.dot(v), 0.0, power])
 
     def _apply(self, q: Array, v: Array) -> Array:
         """Return the generalised force of drives, friction and push, shape (3, nv)."""
