@@ -7,6 +7,7 @@ compiled, once for all cells, and runs for every grasp.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -121,22 +122,18 @@ class _Side(NamedTuple):
         return self.X_WJ * self.X_JF
 
 
-_SIDES = ("tip", "grasp")
-"""Frames of a grasp: E of the arm, and G of the payload. A pose is [R^T; p^T] there, shape (4, 3)."""
-
-
 def _write_wrenches(kernel: Kernel) -> None:
     """Write wrenches, their power and the relative pose of a grasp.
 
-    A wrench on body J is about the joint's origin in its axes; ``on_arm`` is about the world's.
+    Frames are E of the arm and G of the payload, on a joint J each; a pose is [R^T; p^T], shape (4, 3). A
+    wrench on the body of J is about the joint's origin in its axes; ``on_arm`` is about the world's.
     """
-    frames, joints, velocities = [], [], []
-    for side in _SIDES:
-        X_WJ, X_JF, V_J = (kernel.read(f"{side}_{name}") for name in ("joint", "frame", "twist"))
-        frames.append((X_JF[:3] @ X_WJ[:3], X_JF[3] @ X_WJ[:3] + X_WJ[3]))
-        joints.append((X_JF[:3].T, X_JF[3]))
+    frames, velocities = kernel.read("frames"), []
+    poses = list[tuple[Array, Array]]()
+    for X_WJ, X_JF, V_J in zip(kernel.read("joints"), frames, kernel.read("twists"), strict=True):
+        poses.append((X_JF[:3] @ X_WJ[:3], X_JF[3] @ X_WJ[:3] + X_WJ[3]))
         velocities.append((X_JF[:3] @ (V_J[0] + np.cross(V_J[1], X_JF[3])), X_JF[:3] @ V_J[1]))
-    (R_EW, p_WE), (R_GW, p_WG) = frames
+    (R_EW, p_WE), (R_GW, p_WG) = poses
     (v_E, w_E), (v_G, w_G) = velocities
     R, p = R_GW @ R_EW.T, R_GW @ (p_WE - p_WG)
     V = np.concatenate((R @ v_E - v_G - np.cross(w_G, p), R @ w_E - w_G))
@@ -144,13 +141,19 @@ def _write_wrenches(kernel: Kernel) -> None:
     damped = springs.dissipative(V[None])[0]
     F = springs.elastic(p[None], R[None])[0] + damped
     f, m = F[:3], F[3:]
-    on_bodies = (R.T @ f, R.T @ m), (-f, -m - np.cross(p, f))
-    for side, (R_JF, p_JF), (f_F, m_F) in zip(_SIDES, joints, on_bodies, strict=True):
-        f_J = R_JF @ f_F
-        kernel.write(f"{side}_wrench", np.concatenate((f_J, R_JF @ m_F + np.cross(p_JF, f_J))))
+    on_joints = list[Array]()
+    for X_JF, (f_F, m_F) in zip(frames, ((R.T @ f, R.T @ m), (-f, -m - np.cross(p, f))), strict=True):
+        f_J = X_JF[:3].T @ f_F
+        on_joints += [f_J, X_JF[:3].T @ m_F + np.cross(X_JF[3], f_J)]
     f_W = R_GW.T @ f
-    kernel.write("on_arm", np.concatenate((f_W, R_GW.T @ m + np.cross(p_WE, f_W))))
-    for name, value in {"wrench": F, "power": damped @ V, "position": p, "rotation": R}.items():
+    for name, value in {
+        "on_joints": np.concatenate(on_joints),
+        "on_arm": np.concatenate((f_W, R_GW.T @ m + np.cross(p_WE, f_W))),
+        "wrench": F,
+        "power": damped @ V,
+        "position": p,
+        "rotation": R,
+    }.items():
         kernel.write(name, value)
 
 
@@ -158,10 +161,8 @@ def _write_wrenches(kernel: Kernel) -> None:
 def _compiled() -> tuple[Layout, LlvmMachine]:
     """Return the slots of a grasp and the code that fills them."""
     lanes = Layout()
-    for side in _SIDES:
-        lanes.add(**{f"{side}_joint": (4, 3), f"{side}_frame": (4, 3), f"{side}_twist": (2, 3)})
-        lanes.add(**{f"{side}_wrench": (6,)})
-    lanes.add(stiffness=(6,), damping=(6,), wrench=(6,), on_arm=(6,), power=(), position=(3,), rotation=(3, 3))
+    lanes.add(joints=(2, 4, 3), twists=(2, 2, 3), frames=(2, 4, 3), stiffness=(6,), damping=(6,))
+    lanes.add(on_joints=(2, 6), on_arm=(6,), wrench=(6,), power=(), position=(3,), rotation=(3, 3))
     kernel = Kernel("grasp", lanes, Layout())
     _write_wrenches(kernel)
     return lanes, LlvmMachine(Program([kernel], lanes, 0, 0, [Instruction(0, 0)]), width=1)
@@ -205,8 +206,8 @@ class GraspSprings:
             (self._side(tree.arms[index].tip), self._side(frame_id(model, f"payload/{name}")))
             for index, name in zip(self.arms, grasps, strict=True)
         ]
-        self._joints = [[side.joint for side in sides] for sides in zip(*self._sides, strict=True)]
-        self._at, self._call = dict[str, Array](), lambda *_: None
+        self._joints = np.array([[side.joint for side in sides] for sides in self._sides])
+        self._at = dict[str, Array]()
         if grasps:
             # Looking up single objects takes longer than all the rest: these are Pinocchio's own memory.
             self._X_WJ = _rows(data.oMi[0].rotation, model.njoints, 4, 3)
@@ -214,7 +215,7 @@ class GraspSprings:
             self._F_J = _rows(self._forces[0].linear, model.njoints, 6)
             lanes, machine = _compiled()
             block = np.zeros((len(grasps), lanes.size))
-            self._call = machine.bound(block, np.zeros((1, 0)))
+            self._call: Callable[[int, int], None] = machine.bound(block, np.zeros((1, 0)))
             for name in lanes.names:
                 slots = lanes.slots(name)
                 start = int(slots.flat[0])
@@ -231,13 +232,12 @@ class GraspSprings:
     def force(self, q: Array, v: Array) -> tuple[Array, float]:
         """Return generalised force of springs and dampers, shape (nv,), and power of the dampers, W."""
         pin.forwardKinematics(self._weightless, self._data, q, v)
-        at, (tips, payload) = self._at, self._joints
-        for side, joints in zip(_SIDES, self._joints, strict=True):
-            at[f"{side}_joint"][:] = self._X_WJ.take(joints, 0)
-            at[f"{side}_twist"][:] = self._V_J.take(joints, 0)
+        at, joints = self._at, self._joints
+        at["joints"][:] = self._X_WJ.take(joints, 0)
+        at["twists"][:] = self._V_J.take(joints, 0)
         self._call(0, 1)
-        self._F_J[tips] = at["tip_wrench"]
-        np.add.reduce(at["grasp_wrench"], 0, out=self._F_J[payload[0]])
+        self._F_J[joints[:, 0]] = at["on_joints"][:, 0]
+        np.add.reduce(at["on_joints"][:, 1], 0, out=self._F_J[joints[0, 1]])
         force = -pin.rnea(self._weightless, self._data, q, self._rest, self._rest, self._forces)
         return force, float(np.add.reduce(at["power"]))
 
@@ -288,8 +288,7 @@ class GraspSprings:
     def _load(self) -> None:
         """Write frames, stiffness and damping to the code's slots."""
         for number, sides in enumerate(self._sides):
-            for name, side in zip(_SIDES, sides, strict=True):
-                self._at[f"{name}_frame"][number] = _as_rows(side.X_JF)
+            self._at["frames"][number] = [_as_rows(side.X_JF) for side in sides]
             self._at["stiffness"][number] = self.springs.stiffness[number]
             self._at["damping"][number] = self.springs.damping[number]
 
