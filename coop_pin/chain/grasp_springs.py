@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, Mask
+from coop_pin.chain.closure_set import ClosureError
 from coop_pin.description.cell import Cell
 from coop_pin.errors import FieldError
 from coop_pin.model.cell_model import CellModel
@@ -179,12 +180,32 @@ def _as_rows(X: Any) -> Array:
     return np.vstack((X.rotation.T, X.translation))
 
 
+class GraspsHeld(NamedTuple):
+    """Which compliant grasps hold, and their poses; the arrays are not written to.
+
+    Attributes:
+        holds: mask of the grasps that hold, shape (n,).
+        poses: poses on the payload at which their springs rest, shape (n, 4, 4).
+    """
+
+    holds: Mask
+    poses: Array
+
+
+def _changed(values: Any, index: int, value: Any) -> Any:
+    """Return a copy of an array with another entry."""
+    values = values.copy()
+    values[index] = value
+    return values
+
+
 class GraspSprings:
     """Compliant grasps in the tree of a cell.
 
     Attributes:
         arms: indices of their arms.
         springs: their springs and dampers. A damping ratio gives no damping before ``damp`` is called.
+        holds: grasps that hold, shape (n,); the others have no wrench.
     """
 
     def __init__(self, cell: Cell, tree: CellModel) -> None:
@@ -206,6 +227,7 @@ class GraspSprings:
             (self._side(tree.arms[index].tip), self._side(frame_id(model, f"payload/{name}")))
             for index, name in zip(self.arms, grasps, strict=True)
         ]
+        self._poses = np.array([grasp.matrix for grasp in grasps.values()]).reshape(-1, 4, 4)
         self._joints = np.array([[side.joint for side in sides] for sides in self._sides])
         self._at = dict[str, Array]()
         if grasps:
@@ -222,7 +244,10 @@ class GraspSprings:
                 self._at[name] = block[:, start : start + slots.size].reshape(-1, *slots.shape)
         stiffness = np.array([grasp.stiffness for grasp in grasps.values()]).reshape(-1, 6)
         damping = [np.zeros(6) if g.damping is None else np.array(g.damping) for g in grasps.values()]
-        self.springs = SpringDamper.of(stiffness, np.array(damping).reshape(-1, 6))
+        self.springs, self.holds = (
+            SpringDamper.of(stiffness, np.array(damping).reshape(-1, 6)),
+            np.ones(len(grasps), dtype=bool),
+        )
         self._load()
 
     def __len__(self) -> int:
@@ -249,7 +274,7 @@ class GraspSprings:
 
     def energy(self, state: GraspState) -> float:
         """Return the energy in all springs at a state, J."""
-        return float(self.springs.energy(state.position, state.rotation).sum())
+        return float(self.springs.energy(state.position, state.rotation)[self.holds].sum())
 
     def jacobians(self, q: Array) -> Array:
         """Return B with V = B v, the twists of SpringDamper, shape (n, 6, nv)."""
@@ -265,7 +290,7 @@ class GraspSprings:
 
     def matrices(self, q: Array) -> tuple[Array, Array]:
         """Return stiffness B^T K B and damping B^T D B at undeflected grasps, shape (nv, nv) each."""
-        B, springs = self.jacobians(q), self.springs
+        B, springs = self.jacobians(q)[self.holds], SpringDamper(*(part[self.holds] for part in self.springs))
         return tuple(np.einsum("nji,nj,njk->ik", B, part, B) for part in (springs.stiffness, springs.damping))
 
     def damp(self, q: Array) -> None:
@@ -289,8 +314,44 @@ class GraspSprings:
         """Write frames, stiffness and damping to the code's slots."""
         for number, sides in enumerate(self._sides):
             self._at["frames"][number] = [_as_rows(side.X_JF) for side in sides]
-            self._at["stiffness"][number] = self.springs.stiffness[number]
-            self._at["damping"][number] = self.springs.damping[number]
+            self._at["stiffness"][number] = self.holds[number] * self.springs.stiffness[number]
+            self._at["damping"][number] = self.holds[number] * self.springs.damping[number]
+
+    def release(self, number: int) -> None:
+        """Open a grasp."""
+        self.restore(GraspsHeld(_changed(self.holds, number, False), self.held().poses))
+
+    def grasp(self, number: int, q: Array | None = None) -> None:
+        """Close a grasp at its nominal pose, or as found at a configuration."""
+        pose = list(self._grasps.values())[number].matrix
+        if q is not None:
+            state = self.at(q, self._rest)
+            found = pin.SE3(state.rotation[number], state.position[number])
+            pose = (pin.SE3(self._poses[number]) * found).homogeneous
+        self.restore(GraspsHeld(_changed(self.holds, number, True), _changed(self._poses, number, pose)))
+
+    def gap(self, number: int, q: Array) -> ClosureError:
+        """Return distance and angle of a tip from its nominal grasp."""
+        tip, payload = self._sides[number]
+        pin.forwardKinematics(self._weightless, self._data, q)
+        X_JP = payload.X_JF * pin.SE3(self._poses[number]).inverse()
+        nominal = payload.X_WJ * X_JP * pin.SE3(list(self._grasps.values())[number].matrix)
+        X = nominal.actInv(tip.pose)
+        return ClosureError(float(np.linalg.norm(X.translation)), float(np.linalg.norm(pin.log3(X.rotation))))
+
+    def held(self) -> GraspsHeld:
+        """Return which grasps hold, and at which poses."""
+        return GraspsHeld(self.holds, self._poses)
+
+    def restore(self, held: GraspsHeld) -> None:
+        """Return to grasps that held."""
+        for number, (tip, payload) in enumerate(self._sides):
+            X_JP = payload.X_JF * pin.SE3(self._poses[number]).inverse()
+            moved = payload._replace(X_JF=X_JP * pin.SE3(held.poses[number]))
+            if not np.array_equal(held.poses[number], self._poses[number]):
+                self._sides[number] = tip, moved
+        self.holds, self._poses = held
+        self._load()
 
     def deflected(self, q: Array) -> Array:
         """Return the configuration at rest at which each compliant grasp carries its arm's share of the load.

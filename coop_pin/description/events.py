@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field
 
 from coop_pin.arrays import Array
 from coop_pin.errors import FieldError
@@ -158,6 +157,3 @@ class GravityTurn(PayloadEvent):
     def apply(self, surroundings: Surroundings, time: float) -> Surroundings:
         """Return the surroundings with the new gravity."""
         return surroundings._replace(gravity=np.array(self.gravity))
-
-
-Event = Annotated[PayloadChange | WrenchPulse | GravityTurn, Field(discriminator="kind")]

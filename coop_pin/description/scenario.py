@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -15,7 +15,8 @@ from coop_pin.control.interface import CellTiming
 from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller
-from coop_pin.description.events import Event, Surroundings
+from coop_pin.description.events import Surroundings
+from coop_pin.description.grasp_events import Event, GraspEvent, GraspPlan, grasp_plan, sequence_problems
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.relative_paths import anchor_files
 from coop_pin.description.scenario_file import commented_toml, resolved_toml
@@ -134,6 +135,8 @@ class Scenario(Description):
             problems += unknown_arms(value, earlier.data["cell"].arms)
         for path, part in _parts(value).items():
             problems += [problem.below(path) for problem in part.timing_problems(earlier.data)]
+        if earlier.field_name == "events" and "cell" in earlier.data and not problems:
+            problems += sequence_problems(earlier.data["cell"], value)
         if problems:
             raise one_or_all(problems, f"the {earlier.field_name}")
         return value
@@ -187,6 +190,16 @@ class Scenario(Description):
             if event.time <= time:
                 surroundings = event.apply(surroundings, time)
         return surroundings
+
+    @property
+    def grasp_events(self) -> tuple[GraspEvent, ...]:
+        """Events at grasps."""
+        return tuple(event for event in self.events if isinstance(event, GraspEvent))
+
+    def grasp_plan_at(self, time: float, missed: Sequence[GraspEvent] = ()) -> GraspPlan:
+        """Return the plan of the grasps from a time on, s, without the events that did not happen."""
+        events = [event for event in self.grasp_events if event not in missed]
+        return grasp_plan(self.cell, events, time)
 
     @property
     def squeeze_wrenches(self) -> Array:
