@@ -124,6 +124,7 @@ class Regrasp(GraspEvent):
         tolerance: Largest distance of the tip from its nominal grasp, m.
         angle_tolerance: Largest angle between them, rad.
         approach_time: Duration of the return, s.
+        wait: Time that the arm waits at its grasp before it closes, s.
         duration: Time over which load share and squeeze move, s.
     """
 
@@ -132,6 +133,7 @@ class Regrasp(GraspEvent):
     tolerance: Positive = 5e-3
     angle_tolerance: Positive = 0.05
     approach_time: Positive = 1.0
+    wait: NotNegative = 0.5
     duration: Positive = 1.0
     holds = True
     title = heading = "grasp"
@@ -179,17 +181,25 @@ class GraspPlan(NamedTuple):
         return internal_wrenches(self.loads[:, None] * wrenches, self.shares)
 
 
-def grasp_plan(cell: Cell, events: Sequence[GraspEvent], time: float) -> GraspPlan:
-    """Return the plan of grasp events at a time, s; before all of them every arm holds."""
+def grasp_plan(
+    cell: Cell, events: Sequence[GraspEvent], time: float, missed: Sequence[GraspEvent] = ()
+) -> GraspPlan:
+    """Return the plan of grasp events at a time, s; before all of them every arm holds.
+
+    Args:
+        cell: Cell, whose arms bear their load shares at first.
+        events: The events; of each arm releases and grasps take turns.
+        time: Time, s.
+        missed: Those that did not happen. The tip has come back for them, but bears nothing.
+    """
     m = len(cell.arms)
     holds, loads, retreats = np.ones(m, dtype=bool), np.ones(m), np.zeros((m, 3))
     for index, name in enumerate(cell.arms):
         mine = sorted((event for event in events if event.arm == name), key=lambda event: event.time)
-        for event in mine:
-            if event.instant <= time:
-                holds[index] = event.holds
-            if event.time <= time:
+        for before, event in itertools.pairwise((None, *mine)):
+            if event.time <= time and event not in missed and before not in missed:
                 loads[index] = event.load(time)
+                holds[index] = event.holds == (event.instant <= time)
         for away, back in itertools.zip_longest(mine[::2], mine[1::2]):
             retreats[index] += _retreat(away, back, time)
     shares = loads * cell.shares
@@ -201,7 +211,7 @@ def _retreat(away: Any, back: Any, time: float) -> Array:
     a, a1, a2 = quintic(time, away.instant, away.retreat_time)
     if back is None:
         return away.retreat * np.array((a, a1, a2))
-    b, b1, b2 = quintic(time, back.time - back.approach_time, back.approach_time)
+    b, b1, b2 = quintic(time, back.time - back.wait - back.approach_time, back.approach_time)
     stays = 1.0 - b
     return away.retreat * np.array((a * stays, a1 * stays - a * b1, a2 * stays - 2.0 * a1 * b1 - a * b2))
 

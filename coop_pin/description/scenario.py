@@ -198,8 +198,7 @@ class Scenario(Description):
 
     def grasp_plan_at(self, time: float, missed: Sequence[GraspEvent] = ()) -> GraspPlan:
         """Return the plan of the grasps from a time on, s, without the events that did not happen."""
-        events = [event for event in self.grasp_events if event not in missed]
-        return grasp_plan(self.cell, events, time)
+        return grasp_plan(self.cell, self.grasp_events, time, missed)
 
     @property
     def squeeze_wrenches(self) -> Array:
