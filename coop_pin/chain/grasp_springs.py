@@ -227,6 +227,7 @@ class GraspSprings:
             (self._side(tree.arms[index].tip), self._side(frame_id(model, f"payload/{name}")))
             for index, name in zip(self.arms, grasps, strict=True)
         ]
+        self._X_JP = model.frames[tree.payload_frame].placement.copy()
         self._poses = np.array([grasp.matrix for grasp in grasps.values()]).reshape(-1, 4, 4)
         self._joints = np.array([[side.joint for side in sides] for sides in self._sides])
         self._at = dict[str, Array]()
@@ -334,8 +335,7 @@ class GraspSprings:
         """Return distance and angle of a tip from its nominal grasp."""
         tip, payload = self._sides[number]
         pin.forwardKinematics(self._weightless, self._data, q)
-        X_JP = payload.X_JF * pin.SE3(self._poses[number]).inverse()
-        nominal = payload.X_WJ * X_JP * pin.SE3(list(self._grasps.values())[number].matrix)
+        nominal = payload.X_WJ * self._X_JP * pin.SE3(list(self._grasps.values())[number].matrix)
         X = nominal.actInv(tip.pose)
         return ClosureError(float(np.linalg.norm(X.translation)), float(np.linalg.norm(pin.log3(X.rotation))))
 
@@ -346,10 +346,7 @@ class GraspSprings:
     def restore(self, held: GraspsHeld) -> None:
         """Return to grasps that held."""
         for number, (tip, payload) in enumerate(self._sides):
-            X_JP = payload.X_JF * pin.SE3(self._poses[number]).inverse()
-            moved = payload._replace(X_JF=X_JP * pin.SE3(held.poses[number]))
-            if not np.array_equal(held.poses[number], self._poses[number]):
-                self._sides[number] = tip, moved
+            self._sides[number] = tip, payload._replace(X_JF=self._X_JP * pin.SE3(held.poses[number]))
         self.holds, self._poses = held
         self._load()
 
