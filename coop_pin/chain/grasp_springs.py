@@ -327,8 +327,8 @@ class GraspSprings:
         pose = list(self._grasps.values())[number].matrix
         if q is not None:
             state = self.at(q, self._rest)
-            found = pin.SE3(state.rotation[number], state.position[number])
-            pose = (pin.SE3(self._poses[number]) * found).homogeneous
+            X_GE = pin.SE3(state.rotation[number], state.position[number])
+            pose = (pin.SE3(self._poses[number]) * X_GE).homogeneous
         self.restore(GraspsHeld(_changed(self.holds, number, True), _changed(self._poses, number, pose)))
 
     def gap(self, number: int, q: Array) -> ClosureError:

@@ -196,7 +196,7 @@ def grasp_plan(
     holds, loads, retreats = np.ones(m, dtype=bool), np.ones(m), np.zeros((m, 3))
     for index, name in enumerate(cell.arms):
         mine = sorted((event for event in events if event.arm == name), key=lambda event: event.time)
-        for before, event in itertools.pairwise((None, *mine)):
+        for event, before in zip(mine, [None, *mine], strict=False):
             if event.time <= time and event not in missed and before not in missed:
                 loads[index] = event.load(time)
                 holds[index] = event.holds == (event.instant <= time)
