@@ -197,6 +197,40 @@ def test_a_run_goes_on_from_any_state_with_the_same_bits(name):
                 assert_array_equal(data[quantity].values, whole[quantity].values)
 
 
+def cell_and_residual(data) -> tuple[float, float]:
+    """Largest position error, m, and unexplained energy, J."""
+    error = np.linalg.norm(data["pose_error"].values[:, :3], axis=1).max()
+    return float(error), float(np.abs(energy_balance(data)).max())
+
+
+def test_the_scenario_hands_over():
+    """To the others within a second; the freed arm stays where it was let go."""
+    scenario = cp.Scenario.load("three-ur5-handover")
+    first = scenario.events[0].replace(time=0.3, retreat=0.0)
+    data = cp.run(scenario.replace(events=(first,), duration=1.6), warn=False).data
+    error, residual = cell_and_residual(data)
+    tip = 1e3 * np.linalg.norm(data["grasp_deflection"].values[-1, 2, :3])
+    print(f"\nhand-over of 1 s: payload {1e3 * error:.3f} mm, {residual:.2g} J, free tip {tip:.2f} mm")
+    assert error < 0.5e-3
+    assert residual < 1e-7
+    assert 0.0 < tip < 3.0
+    assert_allclose(data["load_share"].values[-1], (0.5, 0.5, 0.0), atol=1e-12)
+
+
+@pytest.mark.slow
+def test_the_scenario_hands_over_twice():
+    result = cp.run("three-ur5-handover", warn=False)
+    error, residual = cell_and_residual(result.data)
+    early = result.data.sel(time=slice(0.0, 2.9))
+    print(f"\n{1e3 * error:.3f} mm, first {1e3 * cell_and_residual(early)[0]:.3f} mm, {residual:.2g} J")
+    assert "did not" not in result.summary()
+    assert result.verdict() == "trustworthy"
+    assert error < 0.7e-3
+    assert cell_and_residual(early)[0] < 0.25e-3
+    assert residual < 1e-7
+    assert_allclose(result.data["load_share"].values[-1], 1.0 / 3.0)
+
+
 # ------------------------------------------------------------ hand-overs at random
 
 
