@@ -48,6 +48,7 @@ _PUBLIC = {
     "HoldMotion": "coop_pin.reference",
     "IdealVelocity": "coop_pin.description",
     "JointFriction": "coop_pin.description",
+    "LoseArm": "coop_pin.description",
     "LateForcePath": "coop_pin.control",
     "LineMotion": "coop_pin.reference",
     "LowPassForcePath": "coop_pin.control",

@@ -22,6 +22,7 @@ CHANGES = {name: {} if name in CATALOGUE_CELLS else QUIET for name in cp.scenari
 LARGE_CELLS = ["baxter-box", "four-ur5-plate", "three-driven-ur5"]  # tested in test_robots
 for other in [
     "adept-paper",
+    "adept-compliant",
     "three-ur5-handover",
     *FAR_CELLS,
     *LARGE_CELLS,

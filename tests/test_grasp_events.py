@@ -328,3 +328,40 @@ def test_events_at_rigid_grasps_are_refused_by_name():
 def test_bad_fields_are_refused(fields):
     with pytest.raises(FieldError):
         cp.Release(**{"time": 0.1, "arm": "left"} | fields)
+
+
+# ------------------------------------------------------------ failure of an arm
+
+
+@pytest.mark.parametrize(("form", "field"), [("limp", "torque_lost_at"), ("own weight", "commands_lost_at")])
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_loss_of_an_arm_is_that_of_its_actuators(name, form, field):
+    """The same bits as by the field of the actuators, on rigid and compliant grasps; no law is told."""
+    compensated = cp.Actuators(gravity_compensation={})
+    for scenario in (anchored(name), scenario_with(name)):
+        scenario = scenario.override({"duration": 0.05}).replace(arm_actuators={"right": compensated})
+        lost = compensated.replace(**{field: 0.0213})
+        event = cp.LoseArm(time=0.0213, arm="right", form=form)
+        expected = cp.run(scenario.replace(arm_actuators={"right": lost}), warn=False).data
+        data = cp.run(scenario.replace(events=(event,)), warn=False).data
+        for quantity in ("configuration", "velocity", "torque", "interaction_wrench"):
+            assert_array_equal(data[quantity].values, expected[quantity].values)
+        assert np.isfinite(data["torque"].values[-1]).any()
+
+
+@pytest.mark.parametrize(
+    ("events", "path"),
+    [
+        ([{"arm": "nobody"}], "events.0.arm"),
+        ([{"arm": "left"}, {"arm": "left", "time": 0.07}], "events.1.arm"),
+        ([{"arm": "left", "form": "own weight"}], "events.0.form"),
+        ([{"arm": "left", "time": 3.0}], "events.0.time"),
+    ],
+)
+def test_losses_that_cannot_be_are_refused_by_their_field(events, path):
+    events = tuple(cp.LoseArm(**{"time": 0.05} | event) for event in events)
+    with pytest.raises(FieldError) as caught:
+        anchored("spatial").replace(events=events)
+    assert caught.value.path == path
+    with pytest.raises(FieldError, match="lose-arm"):
+        simulation(anchored("spatial")).add_event(cp.LoseArm(time=0.05, arm="left"))

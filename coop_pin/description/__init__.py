@@ -5,7 +5,7 @@ from coop_pin.description.arm import Arm, JointFriction, Miscalibration
 from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.cell import Cell, grasps_from_configuration
 from coop_pin.description.controller import ModelFactors, UserController
-from coop_pin.description.events import GravityTurn, PayloadChange, WrenchPulse
+from coop_pin.description.events import GravityTurn, LoseArm, PayloadChange, WrenchPulse
 from coop_pin.description.grasp import CompliantGrasp
 from coop_pin.description.grasp_events import HandOver, Regrasp, Release
 from coop_pin.description.mobile_base import MobileBase
@@ -37,6 +37,7 @@ __all__ = [
     "HandOver",
     "IdealVelocity",
     "JointFriction",
+    "LoseArm",
     "Miscalibration",
     "MobileBase",
     "ModelFactors",

@@ -15,7 +15,14 @@ from pydantic import Field
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.description.cell import Cell
-from coop_pin.description.events import GravityTurn, PayloadChange, PayloadEvent, Surroundings, WrenchPulse
+from coop_pin.description.events import (
+    GravityTurn,
+    LoseArm,
+    PayloadChange,
+    PayloadEvent,
+    Surroundings,
+    WrenchPulse,
+)
 from coop_pin.errors import FieldError
 from coop_pin.reference.quintic import quintic
 from coop_pin.schema.base import NotNegative, Positive, unknown_arms
@@ -153,7 +160,8 @@ class Regrasp(GraspEvent):
 
 
 Event = Annotated[
-    PayloadChange | WrenchPulse | GravityTurn | Release | HandOver | Regrasp, Field(discriminator="kind")
+    PayloadChange | WrenchPulse | GravityTurn | LoseArm | Release | HandOver | Regrasp,
+    Field(discriminator="kind"),
 ]
 
 

@@ -15,7 +15,7 @@ from coop_pin.control.interface import CellTiming
 from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller
-from coop_pin.description.events import Surroundings
+from coop_pin.description.events import LoseArm, Surroundings
 from coop_pin.description.grasp_events import Event, GraspEvent, GraspPlan, grasp_plan, sequence_problems
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.relative_paths import anchor_files
@@ -142,8 +142,21 @@ class Scenario(Description):
         return value
 
     def actuators_of(self, arm: str) -> Actuators:
-        """Return the actuators of one arm."""
-        return self.arm_actuators.get(arm, self.actuators)
+        """Return the actuators of one arm, with its failure."""
+        actuators = self.arm_actuators.get(arm, self.actuators)
+        for event in self.events:
+            if isinstance(event, LoseArm) and event.arm == arm:
+                actuators = event.lost(actuators)
+        return actuators
+
+    @model_validator(mode="after")
+    def _each_arm_fails_once(self) -> Self:
+        for index, event in enumerate(self.events):
+            if isinstance(event, LoseArm):
+                before = self.model_copy(update={"events": self.events[:index]})
+                if problem := event.problem(self.cell.arms, before.actuators_of(event.arm)):
+                    raise problem.below(f"events.{index}")
+        return self
 
     @model_validator(mode="after")
     def _plant_fits_the_grasps(self) -> Self:

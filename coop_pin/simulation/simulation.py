@@ -15,7 +15,7 @@ import numpy as np
 from coop_pin.arrays import Array, as_number, frozen, require_type
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.control.interface import ArmMeasurement, ArmReference, CellCommand, CellController
-from coop_pin.description.events import PayloadEvent
+from coop_pin.description.events import LoseArm, PayloadEvent
 from coop_pin.description.grasp_events import Event, GraspPlan, Regrasp
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import DivergedError, FieldError, InvalidStateError, OutOfRangeError
@@ -244,9 +244,12 @@ class Simulation:
         """Add an event, at the next tick or later.
 
         Raises:
-            FieldError: it starts before the next tick, or ends after the run.
+            FieldError: it starts before the next tick, ends after the run, or is the failure of an arm, whose
+                drives are those of the scenario.
         """
         require_type("event", event, PayloadEvent)
+        if isinstance(event, LoseArm):
+            raise FieldError(f"is {event.kind!r}; state it in the scenario", "event.kind")
         earliest = self.timeline.time(self.ticks_done + (self._inputs is not None))
         if event.time < earliest:
             raise FieldError(
