@@ -19,6 +19,8 @@ _MEMORY = 4 * 2**30
 _CPU_S, _BYTES_PER_S = 3, 5_000_000
 """Processor time: this, and a second for so many bytes of meshes."""
 _PATIENCE_S = 120.0
+_MESHES = pin.coal.CachedMeshLoader(pin.coal.NODE_TYPE.BV_OBB)
+"""Reads a file again only if it has changed, and builds the tree for collisions that costs least."""
 _UNREADABLE = ValueError, RuntimeError, MemoryError
 
 
@@ -84,7 +86,7 @@ def _remove(robot: ElementTree.Element, visuals: Sequence[ElementTree.Element]) 
 def _build(model: pin.Model, text: str, folders: Sequence[str]) -> list[Any]:
     # Without the geometry model as an argument, pin 4.1 warns that passing folders is deprecated.
     geometry = pin.buildGeomFromUrdfString(
-        model, text, pin.GeometryType.VISUAL, pin.GeometryModel(), list(folders)
+        model, text, pin.GeometryType.VISUAL, pin.GeometryModel(), list(folders), _MESHES
     )
     return list(geometry.geometryObjects)
 

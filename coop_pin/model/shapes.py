@@ -103,7 +103,6 @@ def _mesh(geometry: Any) -> Mesh:
     return Mesh(np.array(geometry.vertices(), dtype=float), faces)
 
 
-# By name, because the module of these classes (coal, formerly hppfcl) depends on the version of Pinocchio.
 _READERS: dict[str, Callable[[Any], Shape]] = {
     "Box": _box,
     "Cylinder": _cylinder,
