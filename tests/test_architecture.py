@@ -41,7 +41,7 @@ EVERYWHERE = {"errors", "engines", "arrays", "memory", "spatial", "atomic_write"
 # - user_files reads what users name: bounded, regular files only;
 # - tracing is a compiler of functions of arrays and knows no robot; Descriptions are trees of numbers
 #   to it; llvmlite, which compiles, is an extra;
-# - batch traces the laws and the plant of runs;
+# - batch traces the laws and the plant of runs, and chain the wrenches of compliant grasps;
 # - limited_process runs readers that have no limits;
 # - laws stand in control, beside their controllers; a law of model_based stands in description, and names its
 #   controller, which loads when it is built: model_based controllers know the friction of simulation's
@@ -70,7 +70,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {"lxml", "pydantic", "tomli_w", "trimesh", "xacrodoc", "yourdfpy"},
     ),
     "model": ({"description", "limited_process"}, {"pinocchio", "trimesh"}),
-    "chain": ({"description", "model"}, {"pinocchio", "scipy"}),
+    "chain": ({"description", "model", "tracing"}, {"pinocchio", "scipy"}),
     "results": ({"description", "user_files"}, {"h5netcdf", "h5py", "pandas", "xarray"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
     "model_based": ({"control", "description", "model", "simulation"}, {"pinocchio", "proxsuite"}),
@@ -494,6 +494,8 @@ def test_a_controller_sees_arrays_and_floats_and_cannot_write_to_them(name, path
             measured = {field: value for field, value in measured.items() if value is not None}
             for field, shape in shapes.items():
                 assert measured[field].shape == shape
+        else:
+            assert measured.pop("load_share") is None  # without grasp events
         for field, value in measured.items():
             assert type(value) is np.ndarray, field
             assert value.dtype == (np.bool_ if field == "saturated" else np.float64)

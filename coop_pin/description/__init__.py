@@ -6,8 +6,9 @@ from coop_pin.description.arm import Arm, JointFriction, Miscalibration
 from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.cell import Cell, grasps_from_configuration
 from coop_pin.description.controller import ModelFactors, UserController
-from coop_pin.description.events import GravityTurn, PayloadChange, WrenchPulse
+from coop_pin.description.events import GravityTurn, LoseArm, PayloadChange, WrenchPulse
 from coop_pin.description.grasp import CompliantGrasp
+from coop_pin.description.grasp_events import HandOver, Regrasp, Release
 from coop_pin.description.mobile_base import MobileBase
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions
@@ -34,8 +35,10 @@ __all__ = [
     "Encoder",
     "GravityCompensation",
     "GravityTurn",
+    "HandOver",
     "IdealVelocity",
     "JointFriction",
+    "LoseArm",
     "Miscalibration",
     "MobileBase",
     "ModelFactors",
@@ -44,6 +47,8 @@ __all__ = [
     "PayloadChange",
     "PlantOptions",
     "Pose",
+    "Regrasp",
+    "Release",
     "Scenario",
     "Sensors",
     "Stabilisation",

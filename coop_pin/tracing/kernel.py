@@ -45,6 +45,11 @@ class Layout:
             self._fields[name] = self.size, shape
             self.size += math.prod(shape)
 
+    @property
+    def names(self) -> list[str]:
+        """Names of the fields."""
+        return list(self._fields)
+
     def filled(self, name: str, numbers: int) -> list[int]:
         """Return the slots of a field in a row, for so many numbers.
 
