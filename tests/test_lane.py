@@ -22,6 +22,9 @@ RUNS = {
     **{
         f"cell {name}": lambda name=name: cp.Scenario.load(name, {"duration": 0.1, "events": []})
         for name in cp.scenario_names()
+        if not cp.Scenario.load(
+            name
+        ).cell.compliant  # refused: test_auto_leaves_compliant_grasps_to_pinocchio
     },
     **{
         f"law {name} {index}": lambda case=case: scenario_with(*case)
@@ -173,6 +176,13 @@ def test_auto_chooses_by_length_law_and_what_happens_at_ticks():
     }
     for expected, (scenario, is_live) in cases.items():
         assert choose_engine(scenario, is_live=is_live)[:2] == expected
+
+
+def test_auto_leaves_compliant_grasps_to_pinocchio():
+    scenario = cp.Scenario.load("adept-compliant")
+    assert choose_engine(scenario)[:2] == ("pinocchio", "plant")
+    with pytest.raises(errors.ArgumentError, match="compliant"):
+        cp.run(scenario, engine="batch", warn=False)
 
 
 def test_auto_runs_what_it_chooses():

@@ -69,6 +69,9 @@ class Lane:
     def __init__(self, scenario: Scenario) -> None:
         """Prepare the run, and compile its code unless that is known.
 
+        Args:
+            scenario: Scenario to run.
+
         Raises:
             TracingError: it cannot run as compiled code.
             NotEnoughMemoryError: the samples do not fit.
