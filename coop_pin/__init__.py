@@ -105,7 +105,7 @@ _PUBLIC = {
     "reachability": "coop_pin.analysis",
     "run": "coop_pin.run_scenario",
     "sampled_stability": "coop_pin.analysis",
-    "scenario_names": "coop_pin.description",
+    "scenario_names": "coop_pin.catalogue",
     "simulate": "coop_pin.simulation",
     "simulate_batch": "coop_pin.batch",
     "solve_ik": "coop_pin.chain",

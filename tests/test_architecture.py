@@ -23,7 +23,7 @@ from coop_pin.simulation import simulate
 PACKAGE = Path(coop_pin.__file__).parent
 REPOSITORY = Path(__file__).resolve().parents[1]
 
-EVERYWHERE = {"errors", "arrays", "memory", "spatial", "atomic_write"}
+EVERYWHERE = {"errors", "engines", "arrays", "memory", "spatial", "atomic_write"}
 
 # Package -> (packages it imports besides EVERYWHERE, third parties besides numpy). Why:
 # - schema is the frozen pydantic base of everything in a scenario file;
@@ -48,13 +48,15 @@ EVERYWHERE = {"errors", "arrays", "memory", "spatial", "atomic_write"}
 #   transmission, and nothing imports them but by name;
 # - build_controller builds controllers, and asks an ArmModel for the number of joints that gains must fit;
 # - engine_choice tells what simulates runs, on Pinocchio, on batch's compiled plant or in a batch;
-# - run_scenario warns of what analysis finds, and runs one.
+# - run_scenario warns of what analysis finds, and runs one, which may be a lane of a batch.
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
     "arrays": (set(), set()),
     "memory": (set(), set()),
     "spatial": (set(), {"scipy"}),
     "atomic_write": (set(), set()),
+    "engines": (set(), set()),
+    "catalogue": ({"user_files"}, set()),
     "user_files": (set(), set()),
     "limited_process": (set(), set()),
     "schema": (set(), {"pydantic", "pydantic_core"}),
@@ -64,7 +66,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "heat_map": (set(), {"pandas"}),
     "progress_bar": (set(), {"tqdm"}),
     "description": (
-        {"schema", "control", "reference", "user_files", "limited_process"},
+        {"catalogue", "schema", "control", "reference", "user_files", "limited_process"},
         {"lxml", "pydantic", "tomli_w", "trimesh", "xacrodoc", "yourdfpy"},
     ),
     "model": ({"description", "limited_process"}, {"pinocchio", "trimesh"}),
@@ -75,7 +77,15 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "build_controller": ({"control", "description", "model"}, set()),
     "engine_choice": ({"batch", "description", "model", "simulation"}, set()),
     "run_scenario": (
-        {"analysis", "description", "engine_choice", "results", "build_controller", "simulation"},
+        {
+            "analysis",
+            "batch",
+            "description",
+            "engine_choice",
+            "results",
+            "build_controller",
+            "simulation",
+        },
         set(),
     ),
     "analysis": (
@@ -158,9 +168,11 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "cli": (
         {
             "analysis",
+            "catalogue",
             "batch",
             "comparison",
             "description",
+            "engine_choice",
             "run_scenario",
             "figures",
             "heat_map",

@@ -1,5 +1,6 @@
 """Configuration classes (frozen, validated): scenario, cell, arm, payload, controller, events, plant."""
 
+from coop_pin.catalogue import scenario_names
 from coop_pin.description.actuators import Actuators, GravityCompensation
 from coop_pin.description.arm import Arm, JointFriction, Miscalibration
 from coop_pin.description.baumgarte import Stabilisation
@@ -11,7 +12,7 @@ from coop_pin.description.grasp_events import HandOver, Regrasp, Release
 from coop_pin.description.mobile_base import MobileBase
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions
-from coop_pin.description.scenario import Scenario, scenario_names
+from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import (
     DifferencedVelocity,
     Encoder,

@@ -10,6 +10,7 @@ from typing import Any, Self
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.arrays import Array, require_path, require_type
+from coop_pin.catalogue import scenario_file, scenario_names
 from coop_pin.control.force_path import SampledWrist
 from coop_pin.control.interface import CellTiming
 from coop_pin.description.actuators import Actuators
@@ -39,14 +40,8 @@ from coop_pin.schema.changes import differences
 from coop_pin.schema.pose import Pose
 from coop_pin.user_files import parse_toml, read_toml
 
-_FOLDER = Path(__file__).parent / "scenarios"
 _MOST_CHANGES = 6
 """Most changes that a caption tells."""
-
-
-def scenario_names() -> list[str]:
-    """Return the names of the scenarios in the catalogue."""
-    return sorted(path.stem for path in _FOLDER.glob("*.toml"))
 
 
 class Scenario(Description):
@@ -272,7 +267,7 @@ class Scenario(Description):
         """
         require_path("name_or_path", name_or_path)
         in_catalogue = str(name_or_path) in scenario_names()
-        path = _FOLDER / f"{name_or_path}.toml" if in_catalogue else Path(name_or_path)
+        path = scenario_file(str(name_or_path)) if in_catalogue else Path(name_or_path)
         if not path.is_file():
             raise _missing(path)
         data = read_toml(path, kind="a scenario")
