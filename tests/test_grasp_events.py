@@ -287,7 +287,7 @@ def check_hand_overs(seeds: range) -> None:
         f"\n{len(seeds)} hand-overs: residual <= {residuals.max():.2g}, payload <= {1e3 * moves.max():.3g} mm"
     )
     assert residuals.max() < 1e-7
-    assert moves.max() < 5e-3
+    assert moves.max() < 1e-2  # within 10 to 30 ms, on springs down to 10 kN/m
 
 
 def test_random_hand_overs():
