@@ -16,6 +16,7 @@ import coop_pin as cp
 from coop_pin.build_controller import build_controller
 from coop_pin.cli import main
 from coop_pin.control import ArmMeasurement, ArmReference
+from coop_pin.control.interface import DESIRED
 from coop_pin.errors import ArgumentError, NameNotFoundError, TracingError
 from coop_pin.model.arm_model import ArmKinematics, ArmModel
 from coop_pin.tracing.c_emitter import CEmitter, c_number
@@ -122,7 +123,7 @@ def test_a_million_ticks_of_c_are_those_of_the_python_law(cell, ticks, tmp_path)
     reference = ArmReference(
         motion.X_WP_d, rows.select(motion.V_WP_d), rows.select(motion.A_WP_d), rng.normal(size=k)
     )
-    desired = np.concatenate([np.ravel(value) for value in reference])
+    desired = np.concatenate([np.ravel(getattr(reference, name)) for name in DESIRED])
     state, torque, scale, worst = np.zeros(1000), np.zeros(n), 0.0, 0.0
     memory, wanted = None, np.zeros(n)
     for tick in range(ticks):

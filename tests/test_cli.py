@@ -302,7 +302,9 @@ def test_fields_tells_the_kinds_there_are_and_what_a_pose_is_the_pose_of(capsys)
         "one of sliding-mode, sliding-mode-redundant, payload-space, mean-pose, prescribed-performance,"
         " leader-follower, computed-torque, adaptive, object-impedance, torque-qp, user."
     )
-    assert said["--events.1.kind"].endswith("one of payload-change, wrench-pulse, gravity-turn.")
+    assert said["--events.1.kind"].endswith(
+        "one of payload-change, wrench-pulse, gravity-turn, lose-arm, release, hand-over, grasp."
+    )
     assert "root link in the world: x, y, z, m." in said["--cell.arms.left.base.xyz"]
 
 

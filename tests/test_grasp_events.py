@@ -146,6 +146,22 @@ def test_energy_is_explained_through_release_and_matched_grasp(name):
     assert_allclose(data["internal_wrench"].values[free][:, 1], 0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize("payload", ["welded", "free"])
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_compliant_grasp_opens_beside_a_rigid_one(name, payload):
+    """The payload stays in the rigid grasp, welded or closed; energy is explained."""
+    scenario = with_grasps(anchored(name), arms=["right"]).override(
+        {"clock.steps_per_tick": STEPS[name], "duration": 0.1, "plant.payload": payload}
+    )
+    result = cp.run(scenario.replace(events=CYCLE), warn=False)
+    data = result.data
+    assert "did not" not in result.summary()
+    assert np.abs(energy_balance(data)).max() < 1e-7
+    free = (data["time"].values > 0.0401) & (data["time"].values < 0.0599)
+    assert not data["grasp_wrench"].values[free, 1].any()
+    assert max(result.closure_error_max()) < 1e-8
+
+
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_grasp_as_found_has_no_jump_and_a_nominal_one_books_its_spring(name):
     sim = simulation(scenario_with(name, *CYCLE))
@@ -271,7 +287,7 @@ def check_hand_overs(seeds: range) -> None:
         f"\n{len(seeds)} hand-overs: residual <= {residuals.max():.2g}, payload <= {1e3 * moves.max():.3g} mm"
     )
     assert residuals.max() < 1e-7
-    assert moves.max() < 5e-3
+    assert moves.max() < 1e-2  # within 10 to 30 ms, on springs down to 10 kN/m
 
 
 def test_random_hand_overs():

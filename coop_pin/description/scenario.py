@@ -63,7 +63,7 @@ class Scenario(Description):
             must close the chain at ``start``.
         project_start: project open starting angles onto the closed chain instead of refusing them; the
             payload then starts at the projected pose.
-        events: changes of the payload and wrenches on it during the run.
+        events: changes of the payload, wrenches on it, failures of arms, and openings and closings of grasps.
         clock: control rate and integration steps.
         plant: formulation and integration of the plant.
         actuators: actuators of every arm: what its drives make of their commands.
