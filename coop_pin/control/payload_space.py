@@ -405,6 +405,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
                 load_rate=0.0 if internal else beta if self.measures else leak,
                 free=free,
                 most=most,
+                force_gain=gains.force_gain if internal else 0.0,
             )
 
         diagonals = (
