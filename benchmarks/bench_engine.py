@@ -3,7 +3,10 @@
 Prints, for sweeps of so many 2 s runs that auto takes a batch, of one run less and of twice as many, the
 processor time of a batch as a ratio to that of single runs: medians, with the range over the rounds.
 
-Usage: python benchmarks/bench_engine.py [--rounds N]
+With --one, single runs by the engines in turn in one process: first calls with code on disk or not, and
+warm ones, as ratios to Pinocchio.
+
+Usage: python benchmarks/bench_engine.py [--rounds N] [--one]
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
+import time
 
 CELLS = (
     "adept-anchored",
@@ -45,6 +49,28 @@ def seconds(cell: str, engine: str, runs: int) -> float:
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
+def one_run(cell: str, engine: str) -> float:
+    """Return the processor time of a single run in this process, its labelled result included, s."""
+    import coop_pin as cp
+
+    start = time.process_time()
+    _ = cp.run(cell, engine=engine, warn=False).data
+    return time.process_time() - start
+
+
+def single_runs(rounds: int) -> None:
+    """Print the first call by each compiled engine, and warm ones, as ratios to Pinocchio."""
+    for cell in ("adept-paper", "two-pandas-box"):
+        one_run(cell, "pinocchio")
+        first = {engine: one_run(cell, engine) for engine in ("traced", "auto")}
+        blocks = [[one_run(cell, engine) for engine in ("pinocchio", *first)] for _ in range(rounds)]
+        slow = statistics.median(block[0] for block in blocks)
+        for index, engine in enumerate(first, start=1):
+            ratios = [block[index] / block[0] for block in blocks]
+            warm = f"{statistics.median(ratios):.3f} ({min(ratios):.3f} .. {max(ratios):.3f})"
+            print(f"| `{cell}` | {engine} | {first[engine] / slow:.2f} | {warm} |", flush=True)
+
+
 def main() -> None:
     """Print the table."""
     import coop_pin as cp
@@ -52,12 +78,17 @@ def main() -> None:
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=3)
-    rounds = parser.parse_args().rounds
+    parser.add_argument("--one", action="store_true")
+    arguments = parser.parse_args()
+    rounds = arguments.rounds
+    if arguments.one:
+        single_runs(rounds)
+        return
     for cell in CELLS:
         enough = runs_worth_a_batch(cp.Scenario.load(cell).replace(duration=2.0, events=()))
         texts = []
         for runs in (enough - 1, enough, 2 * enough):
-            ratios = [seconds(cell, "batch", runs) / seconds(cell, "single", runs) for _ in range(rounds)]
+            ratios = [seconds(cell, "batch", runs) / seconds(cell, "pinocchio", runs) for _ in range(rounds)]
             texts.append(f"{runs}: {statistics.median(ratios):.2f} ({min(ratios):.2f} .. {max(ratios):.2f})")
         print(f"| `{cell}` | " + " | ".join(texts) + " |", flush=True)
 

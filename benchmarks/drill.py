@@ -163,7 +163,7 @@ class Drill:
         random: random number generator.
     """
 
-    def __init__(self, place: Path, runs: int, seed: int, engine: str = "single") -> None:
+    def __init__(self, place: Path, runs: int, seed: int, engine: str = "pinocchio") -> None:
         self.place, self.folder, self.file = place, place / "sweep", place / "sweep.toml"
         self.folder.mkdir(parents=True, exist_ok=True)
         self.file.write_text(PLAN.format(count=runs // 4, engine=engine))
@@ -420,7 +420,7 @@ def small_disk(folder: Path, megabytes: int) -> Iterator[bool]:
 
 
 def run_drill(
-    place: Path, faults: int, runs: int, seed: int, kinds: tuple[str, ...] = FAULTS, engine: str = "single"
+    place: Path, faults: int, runs: int, seed: int, kinds: tuple[str, ...] = FAULTS, engine: str = "pinocchio"
 ) -> Counter[str]:
     """Inject faults and return how often each kind; an AssertionError reports what was lost."""
     with small_disk(place / "sweep", 64) as is_small:
@@ -442,7 +442,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--faults", type=int, default=110)
     parser.add_argument("--runs", type=int, default=400)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--engine", default="single", help="of the sweep: single or batch")
+    parser.add_argument("--engine", default="pinocchio", help="of the sweep: pinocchio or batch")
     options = parser.parse_args(arguments)
     start = time.monotonic()
     with tempfile.TemporaryDirectory() as place:

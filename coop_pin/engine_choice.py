@@ -8,18 +8,21 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 from coop_pin.description.scenario import Scenario
+from coop_pin.engines import PREVIOUS, Engine
 from coop_pin.errors import NameNotFoundError, ScenarioError
 from coop_pin.model.pinocchio_model import load_arm_model
 from coop_pin.simulation.plant import Plant
 
-Engine: TypeAlias = Literal["pinocchio", "traced"]
-"""What computes the motion of a single run. Pinocchio is the oracle; "traced" is compiled code."""
-Obstacle: TypeAlias = Literal["few runs", "plant", "scenario", "law"]
+Obstacle: TypeAlias = Literal["few runs", "plant", "scenario", "law", "live", "long"]
 """What keeps a run from a batch."""
 _TICKS_PER_JOINT = 250
 """Ticks of single runs that take as long as tracing and compiling does for each joint of a cell.
 
 A tick on Pinocchio costs nearly the same in all cells; code grows with the joints (benchmarks/README.md)."""
+_LONGEST_LANE = 100_000
+"""Ticks of a single run whose tables, as one lane of a batch, take at most about 1 GB."""
+_LANE_COST = 0.1
+"""Cost of a tick of compiled code, in ticks on Pinocchio (benchmarks/README.md)."""
 _TIMES = {"time", "duration", "torque_lost_at", "lost", "rate_hz"}
 """Fields with numbers that runs of a batch must share."""
 
@@ -28,19 +31,19 @@ class EngineChoice(NamedTuple):
     """Engine of a run.
 
     Attributes:
-        engine: "single", each run alone on Pinocchio, or "batch", many together by compiled code.
-        obstacle: kind of the reason why it is "single"; None if that was asked for.
+        engine: "pinocchio" or "traced", each run alone, or "batch", by compiled code, many together or one.
+        obstacle: kind of the reason why it is not "batch"; None if that was asked for.
         reason: text that says why it is this one.
     """
 
-    engine: Literal["single", "batch"]
+    engine: Literal["pinocchio", "traced", "batch"]
     obstacle: Obstacle | None = None
     reason: str = ""
 
 
 def choose_engines(
     scenarios: Sequence[Scenario | ScenarioError],
-    engine: str,
+    engine: Engine,
     runs: Sequence[int],
     *,
     traces_user_code: bool = True,
@@ -52,13 +55,13 @@ def choose_engines(
 
     Args:
         scenarios: scenarios, or the mistakes in them.
-        engine: engine that is asked for: "single", "batch", or "auto", which weighs runs against compiling.
+        engine: engine that is asked for; "auto" weighs runs against compiling.
         runs: number of runs of each.
         traces_user_code: whether a user's law is built and traced here. Otherwise it counts as one that can
             be traced, and whoever simulates it finds out.
     """
-    if engine == "single":
-        return [EngineChoice("single")] * len(scenarios)
+    if engine == "pinocchio" or engine == "traced":
+        return [EngineChoice(engine)] * len(scenarios)
     kinds, counts, choices = list(map(_kind, scenarios)), Counter[str](), dict[str, EngineChoice]()
     for kind, count in zip(kinds, runs, strict=True):
         counts[kind] += count
@@ -88,22 +91,23 @@ def _without_numbers(value: Any) -> Any:
 
 def _choice(scenario: Scenario | ScenarioError, runs: int | None, traces_user_code: bool) -> EngineChoice:
     """Return the engine of runs like a scenario, by their number unless that is None."""
-    from coop_pin.batch import plant_reason, support  # slow to load
+    from coop_pin.batch import law_reason, plant_reason, support  # slow to load
 
     if isinstance(scenario, ScenarioError):
-        return EngineChoice("single", "scenario", str(scenario))
+        return EngineChoice("pinocchio", "scenario", str(scenario))
     if text := plant_reason(scenario.plant, scenario.cell):
-        return EngineChoice("single", "plant", text)
+        return EngineChoice("pinocchio", "plant", text)
     try:
         enough = runs_worth_a_batch(scenario)
         reason = f"compiling takes as long as {enough} single runs"
         if runs is not None and runs < enough:
-            return EngineChoice("single", "few runs", f"{reason}, and there are {runs}")
-        traced = traces_user_code or not scenario.controller.user_code
-        text = support(scenario) if traced else None
+            return EngineChoice("pinocchio", "few runs", f"{reason}, and there are {runs}")
+        text = law_reason(scenario.controller)
+        if traces_user_code and scenario.controller.user_code:
+            text = support(scenario)
     except Exception as error:  # a user's class may raise anything; the run itself reports it
-        return EngineChoice("single", "scenario", str(error))
-    return EngineChoice("single", "law", text) if text else EngineChoice("batch", None, reason)
+        return EngineChoice("pinocchio", "scenario", str(error))
+    return EngineChoice("pinocchio", "law", text) if text else EngineChoice("batch", None, reason)
 
 
 def runs_worth_a_batch(scenario: Scenario) -> int:
@@ -112,8 +116,8 @@ def runs_worth_a_batch(scenario: Scenario) -> int:
     Raises:
         CoopPinError: an arm cannot be loaded.
     """
-    joints = sum(load_arm_model(arm).nv for arm in scenario.cell.arms.values())
-    enough = math.ceil(_TICKS_PER_JOINT * joints / max(1.0, scenario.duration * scenario.clock.rate_hz))
+    ticks = max(1.0, scenario.duration * scenario.clock.rate_hz)
+    enough = math.ceil(_ticks_of_compiling(scenario) / ticks)
     if not scenario.controller.user_code:
         return enough
     from coop_pin.batch.single_runs import CHECKED  # slow to load
@@ -121,13 +125,64 @@ def runs_worth_a_batch(scenario: Scenario) -> int:
     return enough + CHECKED
 
 
-def plant_of(engine: Engine) -> type[Plant]:
-    """Return the plant of an engine.
+def choose_engine(scenario: Scenario, *, is_live: bool = False) -> EngineChoice:
+    """Return the engine of one run by "auto"; it depends on the scenario, and on nothing before.
+
+    Args:
+        scenario: scenario.
+        is_live: whether something is done at every tick: a view, pacing, or a stop at a breach.
+
+    Raises:
+        CoopPinError: an arm cannot be loaded.
+    """
+    from coop_pin.batch import law_reason, plant_reason  # slow to load
+
+    if text := plant_reason(scenario.plant, scenario.cell):
+        return EngineChoice("pinocchio", "plant", text)
+    needed, ticks = _ticks_of_compiling(scenario), scenario.clock.ticks(scenario.duration)
+    reason = f"compiling takes as long as {needed} ticks on Pinocchio, and there are {ticks}"
+    if ticks < needed:
+        return EngineChoice("pinocchio", "few runs", reason)
+    if scenario.controller.user_code:
+        text = "a user's law is compiled only if engine 'batch' is named"
+    if text := text or law_reason(scenario.controller):
+        return EngineChoice("traced", "law", text)
+    if is_live:
+        return EngineChoice("traced", "live", "a view, pacing or a stop at a breach needs every tick")
+    if ticks > _LONGEST_LANE:
+        return EngineChoice("traced", "long", f"{ticks} ticks; compiled code takes {_LONGEST_LANE} at most")
+    return EngineChoice("batch", None, reason)
+
+
+def saved_by_auto(scenario: Scenario, duration: float) -> float:
+    """Return about how much of the wall time of a run on Pinocchio "auto" would have saved, s.
+
+    Args:
+        scenario: scenario.
+        duration: wall time of the run, s.
+
+    Raises:
+        CoopPinError: an arm cannot be loaded.
+    """
+    if choose_engine(scenario).engine != "batch":
+        return 0.0
+    ticks = scenario.clock.ticks(scenario.duration)
+    return duration * (1.0 - _LANE_COST - _ticks_of_compiling(scenario) / ticks)
+
+
+def _ticks_of_compiling(scenario: Scenario) -> int:
+    """Return the ticks on Pinocchio that take as long as tracing and compiling."""
+    return _TICKS_PER_JOINT * sum(load_arm_model(arm).nv for arm in scenario.cell.arms.values())
+
+
+def plant_of(engine: str) -> type[Plant]:
+    """Return the plant of a run by itself: of "pinocchio" or "traced".
 
     Raises:
         NameNotFoundError: there is no such engine.
     """
-    if engine not in get_args(Engine):
+    engine = PREVIOUS.get(engine, engine)
+    if engine not in ("pinocchio", "traced"):
         raise NameNotFoundError("engine", engine, get_args(Engine), "coop_pin.run")
     if engine == "pinocchio":
         return Plant

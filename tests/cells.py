@@ -16,7 +16,7 @@ from coop_pin.control import (
 from coop_pin.description import Arm, JointFriction
 from coop_pin.description.cell import Cell
 from coop_pin.description.payload import Payload
-from coop_pin.description.scenario import Scenario
+from coop_pin.description.scenario import Scenario, scenario_names
 from coop_pin.reference import HoldMotion
 from coop_pin.schema.pose import Pose
 from coop_pin.spatial.task_rows import TaskRows
@@ -118,6 +118,9 @@ def cell_and_start(name: str) -> tuple[Cell, np.ndarray]:
     scenario = SCENARIOS[name]()
     return scenario.cell, scenario.start.matrix
 
+
+RIGID = [name for name in scenario_names() if not Scenario.load(name).cell.compliant]
+"""Scenarios of the catalogue that compiled code can run."""
 
 CATALOGUE_CELLS = ["two-pandas-box", "panda-ur5-bar", "three-ur5-plate", "kinova-pair"]
 """In space, with gravity: redundant, mixed, three-armed and with continuous joints."""

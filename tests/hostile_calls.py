@@ -433,7 +433,7 @@ class Calls:
             lambda: {"reference": self.scenario.motion, "times": [0.01, 0.02], "allowed": 1e-3},
         )
         yield sweeps.estimate, lambda: {"plan": self.plan}
-        yield cp.Execution, lambda: {"workers": 0, "engine": "single", "quiet": True, "merge": ()}
+        yield cp.Execution, lambda: {"workers": 0, "engine": "pinocchio", "quiet": True, "merge": ()}
         yield cp.CellArm, lambda: {"cell": self.scenario.cell, "name": "left"}
         yield urdf.check_urdf, lambda: {"text": self.urdf}
         yield urdf.text_checked, lambda: {"text": self.urdf, "loops": False}

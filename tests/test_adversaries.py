@@ -132,10 +132,10 @@ def test_a_sweep_repeats_a_family_that_differs_singly_and_tells_why(target, tmp_
     with caplog.at_level(logging.WARNING, "coop_pin.sweeps"):
         batch = cp.sweep(plan(target), out=tmp_path / "batch", execution=HERE).table
     assert "differs from a single run" in caplog.text
-    assert [record.engine for record in records(tmp_path / "batch")] == ["single"] * 3
+    assert [record.engine for record in records(tmp_path / "batch")] == ["pinocchio"] * 3
     if target == "GainInEnvironment":  # a counter goes on counting, whatever runs it
         single = cp.sweep(
-            plan(target).replace(engine="single"), out=tmp_path / "single", execution=HERE
+            plan(target).replace(engine="pinocchio"), out=tmp_path / "single", execution=HERE
         ).table
         metrics = [name for name in single.columns if single[name].dtype == float and not name.endswith("_s")]
         assert np.allclose(batch[metrics], single[metrics], rtol=1e-9, equal_nan=True)

@@ -23,7 +23,7 @@ from coop_pin.simulation import simulate
 PACKAGE = Path(coop_pin.__file__).parent
 REPOSITORY = Path(__file__).resolve().parents[1]
 
-EVERYWHERE = {"errors", "arrays", "memory", "spatial", "atomic_write"}
+EVERYWHERE = {"errors", "engines", "arrays", "memory", "spatial", "atomic_write"}
 
 # Package -> (packages it imports besides EVERYWHERE, third parties besides numpy). Why:
 # - schema is the frozen pydantic base of everything in a scenario file;
@@ -41,20 +41,22 @@ EVERYWHERE = {"errors", "arrays", "memory", "spatial", "atomic_write"}
 # - user_files reads what users name: bounded, regular files only;
 # - tracing is a compiler of functions of arrays and knows no robot; Descriptions are trees of numbers
 #   to it; llvmlite, which compiles, is an extra;
-# - batch traces the laws and the plant of runs;
+# - batch traces the laws and the plant of runs, and chain the wrenches of compliant grasps;
 # - limited_process runs readers that have no limits;
 # - laws stand in control, beside their controllers; a law of model_based stands in description, and names its
 #   controller, which loads when it is built: model_based controllers know the friction of simulation's
 #   transmission, and nothing imports them but by name;
 # - build_controller builds controllers, and asks an ArmModel for the number of joints that gains must fit;
 # - engine_choice tells what simulates runs, on Pinocchio, on batch's compiled plant or in a batch;
-# - run_scenario warns of what analysis finds, and runs one.
+# - run_scenario warns of what analysis finds, and runs one, which may be a lane of a batch.
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "errors": (set(), set()),
     "arrays": (set(), set()),
     "memory": (set(), set()),
     "spatial": (set(), {"scipy"}),
     "atomic_write": (set(), set()),
+    "engines": (set(), set()),
+    "catalogue": ({"user_files"}, set()),
     "user_files": (set(), set()),
     "limited_process": (set(), set()),
     "schema": (set(), {"pydantic", "pydantic_core"}),
@@ -64,18 +66,26 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "heat_map": (set(), {"pandas"}),
     "progress_bar": (set(), {"tqdm"}),
     "description": (
-        {"schema", "control", "reference", "user_files", "limited_process"},
+        {"catalogue", "schema", "control", "reference", "user_files", "limited_process"},
         {"lxml", "pydantic", "tomli_w", "trimesh", "xacrodoc", "yourdfpy"},
     ),
     "model": ({"description", "limited_process"}, {"pinocchio", "trimesh"}),
-    "chain": ({"description", "model"}, {"pinocchio", "scipy"}),
+    "chain": ({"description", "model", "tracing"}, {"pinocchio", "scipy"}),
     "results": ({"description", "user_files"}, {"h5netcdf", "h5py", "pandas", "xarray"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
     "model_based": ({"control", "description", "model", "simulation"}, {"pinocchio", "proxsuite"}),
     "build_controller": ({"control", "description", "model"}, set()),
     "engine_choice": ({"batch", "description", "model", "simulation"}, set()),
     "run_scenario": (
-        {"analysis", "description", "engine_choice", "results", "build_controller", "simulation"},
+        {
+            "analysis",
+            "batch",
+            "description",
+            "engine_choice",
+            "results",
+            "build_controller",
+            "simulation",
+        },
         set(),
     ),
     "analysis": (
@@ -158,9 +168,11 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "cli": (
         {
             "analysis",
+            "catalogue",
             "batch",
             "comparison",
             "description",
+            "engine_choice",
             "run_scenario",
             "figures",
             "heat_map",
@@ -482,6 +494,8 @@ def test_a_controller_sees_arrays_and_floats_and_cannot_write_to_them(name, path
             measured = {field: value for field, value in measured.items() if value is not None}
             for field, shape in shapes.items():
                 assert measured[field].shape == shape
+        else:
+            assert measured.pop("load_share") is None  # without grasp events
         for field, value in measured.items():
             assert type(value) is np.ndarray, field
             assert value.dtype == (np.bool_ if field == "saturated" else np.float64)

@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from batches import require_same_bits, require_same_samples
+from cells import RIGID
 from numpy.testing import assert_allclose, assert_array_equal
 
 import coop_pin as cp
@@ -14,7 +15,6 @@ from coop_pin.batch.preparation import Prepared
 from coop_pin.batch.serial_arm import SerialArm
 from coop_pin.batch.simulate import BatchSimulator
 from coop_pin.chain.cell_chain import CellChain
-from coop_pin.description.scenario import scenario_names
 from coop_pin.errors import ArgumentError, InvalidStateError, NotEnoughMemoryError
 from coop_pin.results.metrics import STEADY_METRICS
 from coop_pin.results.quantities import WORK
@@ -24,7 +24,7 @@ from coop_pin.tracing.tape import Tape, operands
 from coop_pin.tracing.traced_array import inputs
 from coop_pin.tracing.tree import SharedFunctions
 
-CATALOGUE = scenario_names()
+CATALOGUE = RIGID
 QUICK = ("adept-paper", "five-joint-pair")
 
 

@@ -8,7 +8,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from cells import ANCHORED, SCENARIOS
+from cells import ANCHORED, RIGID, SCENARIOS
 from numpy.testing import assert_array_equal
 from scipy.linalg import expm
 
@@ -58,7 +58,7 @@ def test_exported_laws_compile_without_warnings_and_pass_their_self_test(cell, t
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", cp.scenario_names())
+@pytest.mark.parametrize("name", RIGID)
 def test_every_scenario_of_the_catalogue_is_exported(name, tmp_path):
     scenario = cp.Scenario.load(name)
     for arm in scenario.cell.arms:

@@ -20,7 +20,13 @@ from coop_pin.spatial import shift_wrench
 QUIET = {"events": [], "duration": 10.0}
 CHANGES = {name: {} if name in CATALOGUE_CELLS else QUIET for name in cp.scenario_names()}
 LARGE_CELLS = ["baxter-box", "four-ur5-plate", "three-driven-ur5"]  # tested in test_robots
-for other in ["adept-paper", *FAR_CELLS, *LARGE_CELLS]:  # it has the printed law; others have tests below
+for other in [
+    "adept-paper",
+    "adept-compliant",
+    "three-ur5-handover",
+    *FAR_CELLS,
+    *LARGE_CELLS,
+]:  # it has the printed law; others have tests below
     del CHANGES[other]
 
 

@@ -211,7 +211,7 @@ def test_what_can_be_runs_in_batches_and_gives_the_same_table(scenarios, tmp_pat
     quick, execution = {"duration": 0.1, "seeds": 2}, functools.partial(cp.Execution, 0, None, quiet=True)
     single, auto = (
         cp.compare(scenarios[0], names, trials, out=tmp_path / engine, execution=execution(engine), **quick)
-        for engine in ("single", "auto")
+        for engine in ("pinocchio", "auto")
     )
     for name in COLUMNS:
         assert_allclose(auto.data[name], single.data[name], rtol=1e-9, atol=1e-12)
@@ -219,16 +219,16 @@ def test_what_can_be_runs_in_batches_and_gives_the_same_table(scenarios, tmp_pat
     kept = {part.name: SweepStore(part) for part in (tmp_path / "auto" / "planar").iterdir()}
     assert set(kept) == {"fixed", "fixed-batch", "random", "random-batch"}
     for name, store in kept.items():
-        engine = "batch" if name.endswith("batch") else "single"
+        engine = "batch" if name.endswith("batch") else "pinocchio"
         assert store.read_plan().engine == engine
         assert {record.engine for record in store.records()} == {engine}
     with pytest.raises(FieldError):
         cp.compare(scenarios[0], names, trials, out=tmp_path, execution=cp.Execution(engine="both"), **quick)
     again = cp.compare(
-        scenarios[0], names, trials, out=tmp_path / "single", execution=execution(None), **quick
+        scenarios[0], names, trials, out=tmp_path / "pinocchio", execution=execution(None), **quick
     )
     assert again.data.identical(single.data)
-    assert {part.name for part in (tmp_path / "single" / "planar").iterdir()} == {"fixed", "random"}
+    assert {part.name for part in (tmp_path / "pinocchio" / "planar").iterdir()} == {"fixed", "random"}
 
 
 def test_a_search_covers_several_scenarios_and_its_table_is_used_and_marked(scenarios, tmp_path):
@@ -346,7 +346,7 @@ def test_a_strangers_class_and_trial_join_and_a_run_that_fails_is_counted(scenar
 def test_a_class_that_fails_when_it_is_built_ends_its_own_run_and_not_the_comparison(scenarios):
     """The engine is chosen by building it; the run reports the error."""
     (choice,) = choose_engines([scenarios[0].override(law("none", marker=3))], "auto", [10**6])
-    assert (choice.engine, choice.obstacle) == ("single", "scenario")
+    assert (choice.engine, choice.obstacle) == ("pinocchio", "scenario")
 
 
 STRANGE = """

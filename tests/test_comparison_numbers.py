@@ -216,10 +216,10 @@ def test_every_controller_is_searched_with_the_same_number_of_runs(scenario, tmp
 def test_engines_are_those_asked_for(scenario):
     execution = cp.Execution(workers=0, quiet=True)
     runs = [10**7]
-    asked = {None: "batch", "auto": "batch", "single": "single"}
+    asked = {None: "batch", "auto": "batch", "pinocchio": "pinocchio"}
     found = {
         engine: engines_of([scenario], cp.Execution(workers=0, engine=engine, quiet=True), runs)[0]
         for engine in asked
     }
     assert found == asked
-    assert engines_of([scenario], execution, [1]) == ["single"]
+    assert engines_of([scenario], execution, [1]) == ["pinocchio"]

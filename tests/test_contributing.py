@@ -4,13 +4,12 @@ import re
 import shutil
 import sys
 from pathlib import Path
-from typing import get_args
 
 import pytest
 
 import coop_pin as cp
-from coop_pin.cli.parsing import _WITH_FIELDS, Command
-from coop_pin.description import scenario as scenario_file
+from coop_pin import catalogue
+from coop_pin.cli.parsing import COMMANDS
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 PAGE = (REPOSITORY / "CONTRIBUTING.md").read_text(encoding="utf-8")
@@ -83,15 +82,14 @@ def test_a_controller_a_metric_a_scenario_and_a_trial_are_added_as_written(tmp_p
 def test_a_cell_of_the_catalogue_is_found_by_its_file(tmp_path, monkeypatch):
     folder = tmp_path / "scenarios"
     shutil.copytree(REPOSITORY / "coop_pin" / "description" / "scenarios", folder)
-    monkeypatch.setattr(scenario_file, "_FOLDER", folder)
+    monkeypatch.setattr(catalogue, "_FOLDER", folder)
     cp.Scenario.load("adept-paper").replace(name="another").save(folder / "another.toml")
     assert "another" in cp.scenario_names()
     assert cp.Scenario.load("another").name == "another"
 
 
-@pytest.mark.parametrize("kind", [get_args(command)[0] for command in get_args(Command)])
+@pytest.mark.parametrize("kind", [*COMMANDS.values()])
 def test_a_command_is_a_frozen_dataclass_with_execute(kind):
     assert kind.__dataclass_params__.frozen
     assert kind.__module__.startswith("coop_pin.cli.")
     assert callable(kind.execute)
-    assert kind not in _WITH_FIELDS.values() or "fields" in kind.__dataclass_fields__

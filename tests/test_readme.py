@@ -17,6 +17,7 @@ from test_architecture import PACKAGES
 
 import coop_pin
 from coop_pin.cli import main
+from coop_pin.cli.parsing import COMMANDS
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
@@ -129,12 +130,8 @@ def loaded(line):
 
 def test_importing_the_package_and_asking_for_help_load_nothing_heavy():
     """Whatever takes long to load, numpy and Pinocchio first of all, waits until something is done."""
-    subcommands = re.findall(
-        r"subcommand\(\"([\w-]+)\"\)",
-        (REPOSITORY / "coop_pin" / "cli" / "parsing.py").read_text(encoding="utf-8"),
-    )
-    assert {"run", "list", "check", "sweep"} <= set(subcommands)
-    asked = [["--version"], ["--help"], *([name, "--help"] for name in subcommands)]
+    assert {"run", "list", "check", "sweep"} <= {*COMMANDS}
+    asked = [["--version"], ["--help"], *([name, "--help"] for name in COMMANDS)]
     code = HELP.replace("{words}", repr(asked))
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False

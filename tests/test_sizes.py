@@ -198,5 +198,5 @@ def test_full_turns_between_kept_samples_are_counted():
         saturated, reported = run._applied.saturated, run._applied.reported
         measurements = run.sensing.measure(run.time, run.plant, saturated, reported)
         target, squeeze = run.motion.at(0.0), run.squeeze.at(0.0, scenario.cell.grasps)
-        run.recorder.record(tick, tick / 80.0, measurements, run._applied, target, squeeze)
+        run.recorder.record(tick, tick / 80.0, measurements, run._applied, target, squeeze, squeeze[:, 0])
     assert run.result().data["joint_position"].values[-1, 0, joint] == pytest.approx(first + 16.0)

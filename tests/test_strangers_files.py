@@ -32,7 +32,12 @@ def swept(folder, *merge, recompute=0):
     changes = {"duration": 0.02, "events": []}
     execution = dataclasses.replace(HERE, merge=merge, recompute=recompute)
     return cp.sweep(
-        "adept-paper", {GAIN: [0.0, 0.1]}, out=folder, changes=changes, engine="single", execution=execution
+        "adept-paper",
+        {GAIN: [0.0, 0.1]},
+        out=folder,
+        changes=changes,
+        engine="pinocchio",
+        execution=execution,
     )
 
 

@@ -38,9 +38,9 @@ def bits(runs):
 
 
 def test_the_table_of_batches_is_that_of_single_runs_and_errors_are_the_same(tmp_path):
-    single, _ = swept(plan(engine="single"), tmp_path / "single")
+    single, _ = swept(plan(engine="pinocchio"), tmp_path / "single")
     batch, engines = swept(plan(keep=(0,)), tmp_path / "batch")
-    assert engines == ["batch", "single", "batch"]
+    assert engines == ["batch", "pinocchio", "batch"]
     for found, wanted in zip(batch, single, strict=True):
         assert (found.parameters, found.kind, found.message) == (
             wanted.parameters,
@@ -78,10 +78,10 @@ def test_what_a_run_gives_does_not_depend_on_the_runs_beside_it(tmp_path):
 @pytest.mark.slow
 def test_runs_that_cannot_start_or_be_traced_are_single_and_the_others_are_not(tmp_path):
     runs, engines = swept(plan(axes={"start.xyz": [[0.6, 0.14, 0.0], [5.0, 0.0, 0.0]]}), tmp_path / "far")
-    assert engines == ["batch", "single"]
+    assert engines == ["batch", "pinocchio"]
     assert [run.kind for run in runs] == ["", "UnreachablePoseError"]
     runs, engines = swept(plan(axes={"plant.payload": ["welded", "free"]}), tmp_path / "free")
-    assert engines == ["batch", "single"]
+    assert engines == ["batch", "pinocchio"]
     assert [run.kind for run in runs] == ["", ""]
 
 
@@ -121,28 +121,28 @@ def test_auto_weighs_runs_against_compiling_and_a_folder_keeps_its_engine(tmp_pa
     many, few = plan(engine="auto", axes=axes), plan(engine="auto")
     assert engine_choice.runs_worth_a_batch(many.scenario(0)) == len(many)
     with caplog.at_level(logging.WARNING):
-        assert [engine.with_engine(each, store).engine for each in (many, few)] == ["batch", "single"]
+        assert [engine.with_engine(each, store).engine for each in (many, few)] == ["batch", "pinocchio"]
         assert engine.with_engine(few, store, runs=188).engine == "batch"
     assert not caplog.records
-    store.write_plan(few.replace(engine="single"))
-    assert engine.with_engine(many, store).engine == "single"
+    store.write_plan(few.replace(engine="pinocchio"))
+    assert engine.with_engine(many, store).engine == "pinocchio"
     assert engine.with_engine(many.replace(engine="batch"), store).engine == "batch"
 
 
 def test_a_sweep_that_began_with_single_runs_goes_on_with_them(tmp_path, caplog):
-    """Stored by 0.1.0, where "single" was the default; today's choice for its two runs is a batch."""
+    """Stored by 0.1.0, where "pinocchio" was the default; today's choice for its two runs is a batch."""
     folder = Path(shutil.copytree(Path(__file__).parent / "data" / "previous_sweep", tmp_path / "stored"))
     base = cp.Scenario.load("adept-paper").replace(duration=10.0, events=())
     again = SweepPlan(base=base, axes={"controller.gains.sign_gain": [0.1, 0.2]})
     assert engine.with_engine(again, SweepStore(tmp_path / "new")).engine == "batch"
     runs, engines = swept(again, folder)
-    assert engines == ["single", "single"]
+    assert engines == ["pinocchio", "pinocchio"]
     assert [run.kind for run in runs] == ["", ""]
     assert SweepStore(folder).versioned_plan()[1] == cp.__version__
     caplog.clear()
     assert cp.SweepResult.load(folder).counts() == {"ok": 2, "failed": 0, "missing": 0}
     assert not caplog.records
-    assert SweepStore(folder).read_plan().engine == "single"
+    assert SweepStore(folder).read_plan().engine == "pinocchio"
 
 
 @pytest.mark.parametrize(
@@ -163,9 +163,9 @@ def test_scenarios_that_differ_in_numbers_are_counted_together():
     biased = [short.override({"cell.payload.mass": mass}) for mass in np.linspace(5.0, 8.0, 30)]
     later = [short.replace(duration=0.6)] * 30
     found = engine_choice.choose_engines([base, *biased, *later], "auto", [1, *[1] * 30, *[1] * 30])
-    assert [each.engine for each in found] == ["batch"] + 60 * ["single"]
+    assert [each.engine for each in found] == ["batch"] + 60 * ["pinocchio"]
     found = engine_choice.choose_engines([*biased, *later], "auto", [2] * 30 + [1] * 30)
-    assert [each.engine for each in found] == 30 * ["batch"] + 30 * ["single"]
+    assert [each.engine for each in found] == 30 * ["batch"] + 30 * ["pinocchio"]
     assert {each.obstacle for each in found} == {None, "few runs"}
 
 
@@ -173,7 +173,7 @@ def test_scenarios_that_differ_in_numbers_are_counted_together():
 def test_the_reason_why_runs_are_single_is_told(changes, tmp_path, caplog):
     wanted = plan(changes=changes | {"plant.payload": "free"}, axes={})
     with caplog.at_level(logging.WARNING):
-        assert engine.with_engine(wanted.replace(engine="auto"), SweepStore(tmp_path)).engine == "single"
+        assert engine.with_engine(wanted.replace(engine="auto"), SweepStore(tmp_path)).engine == "pinocchio"
     assert "free" in caplog.text
     with pytest.raises(FieldError, match="free") as caught:
         engine.with_engine(wanted, SweepStore(tmp_path))
@@ -185,14 +185,14 @@ def test_a_users_code_is_not_traced_by_the_process_that_chooses_and_fails_in_its
     wanted = plan(changes=law(mode), axes={})
     assert engine.with_engine(wanted, SweepStore(tmp_path)).engine == "batch"
     (run,), engines = swept(wanted, tmp_path)
-    assert engines == ["single"]
+    assert engines == ["pinocchio"]
     assert run.kind == {"raise": "UserCodeError"}.get(mode, mode)
-    (single,), _ = swept(wanted.replace(engine="single"), tmp_path / "single")
+    (single,), _ = swept(wanted.replace(engine="pinocchio"), tmp_path / "single")
     assert run.message == single.message
     assert ("faulty.py:" in run.message) == (mode == "raise")
 
 
-@pytest.mark.parametrize("engine", ["single", "batch"])
+@pytest.mark.parametrize("engine", ["pinocchio", "batch"])
 def test_options_that_the_users_code_changes_are_those_of_its_own_run(engine, tmp_path):
     options = {"kind": "user", "target": "faulty:Forgetful", "options": {"torques": [0.3, 0.2, 0.1, 0.0] * 9}}
     wanted = plan(changes={"controller": options}, axes={"cell.payload.mass": [1.0, 1.0, 1.0]}, engine=engine)
@@ -203,9 +203,9 @@ def test_options_that_the_users_code_changes_are_those_of_its_own_run(engine, tm
 
 
 def test_keys_of_single_runs_do_not_name_an_engine_and_those_of_batches_do():
-    keys = {name: [point.key for point in keyed_points(plan(engine=name))] for name in ("single", "batch")}
-    assert keys["single"][0] == cp.sweeps.run_key.run_key(plan().scenario(0))
-    assert len({*keys["single"], *keys["batch"]}) == 6
+    keys = {name: [point.key for point in keyed_points(plan(engine=name))] for name in ("pinocchio", "batch")}
+    assert keys["pinocchio"][0] == cp.sweeps.run_key.run_key(plan().scenario(0))
+    assert len({*keys["pinocchio"], *keys["batch"]}) == 6
 
 
 @pytest.mark.slow

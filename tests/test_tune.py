@@ -438,7 +438,7 @@ def test_ctrl_c_ends_the_command_with_130_and_says_how_to_go_on(folder, workers)
         "--workers",
         str(workers),
         "--engine",
-        "single",
+        "pinocchio",
         "--out",
         "kept",
     ]

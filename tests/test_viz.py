@@ -24,6 +24,7 @@ from cells import planar_scenario, spatial_scenario
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
+import coop_pin as cp
 from coop_pin import run, viz
 from coop_pin.description import Arm, Cell, Payload, Pose, Scenario, scenario_names
 from coop_pin.description.urdf import find_urdf
@@ -706,3 +707,16 @@ def test_an_unreadable_mesh_is_warned_of_and_the_rest_is_drawn(tmp_path) -> None
         whole = CellVisuals(cell, "welded").bodies
     missing = {body.name for body in whole} - {body.name for body in broken_bodies}
     assert missing == {"left/joint_3"}
+
+
+def test_the_page_of_a_long_run_has_as_many_numbers_as_that_of_one_of_two_minutes(monkeypatch):
+    """Frames further apart, the last one and those of instants among them."""
+    from coop_pin.viz import replay
+
+    result = cp.run("adept-paper", {"duration": 4.0, "events": []}, warn=False)
+    whole = len(replay_html(result))
+    monkeypatch.setattr(replay, "_MOST_NUMBERS", 3000)
+    short = replay_html(result)
+    assert len(short) < whole - 4 * 4 / 3 * 6000
+    monkeypatch.setattr(replay, "_MOST_NUMBERS", 10**9)
+    assert len(replay_html(result)) == whole

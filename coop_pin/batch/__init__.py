@@ -11,18 +11,22 @@ other:
 - checks of users' laws: hidden_state (attributes), support (random ticks), single_runs (whole runs);
 - runs: preparation (what runs must share), schedule (the order of the kernels), samples (what was recorded),
   simulate (families, blocks of runs);
-- other uses of the same code: c_export (a law as C99), traced_plant (the plant of a single run).
+- other uses of the same code: lane (one run, interruptible), c_export (a law as C99), traced_plant (the
+  plant of a single run).
 """
 
 from coop_pin.batch.c_export import CLaw, export_c
+from coop_pin.batch.lane import Lane
 from coop_pin.batch.simulate import BatchResult, BatchSimulator, simulate_batch
-from coop_pin.batch.support import plant_reason, support
+from coop_pin.batch.support import law_reason, plant_reason, support
 
 __all__ = [
     "BatchResult",
     "BatchSimulator",
     "CLaw",
+    "Lane",
     "export_c",
+    "law_reason",
     "plant_reason",
     "simulate_batch",
     "support",

@@ -65,13 +65,12 @@ class PlantCode:
         self.lanes.add(surroundings=(len(leaves(cell.surroundings)),))
         self._uniforms.add(h=())
         steps = [Instruction(code, row) for row in range(STEPS_AT_ONCE) for code in (1, 2)]
-        observe, rates, step = (
-            Kernel(name, self.lanes, self._uniforms) for name in ("observe", "rates", "step")
-        )
+        observe, step = (Kernel(name, self.lanes, self._uniforms) for name in ("observe", "step"))
         motion = cell_motion(functions, self._cell(observe), CellState.of(observe))
         for name in observed(m):
             observe.write(name, getattr(motion, name))
-        rates.write("rates", cell_motion(functions, self._cell(rates), CellState.of(rates)).rates)
+        rates = observe.beside("rates")
+        rates.write("rates", motion.rates)
         write_step(step, functions, self._cell(step))
         self.program = Program([observe, rates, step], self.lanes, 0, 0, [Instruction(0, 0), *steps])
 

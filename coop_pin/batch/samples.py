@@ -36,7 +36,8 @@ class RunSamples(Mapping[str, Any]):
         self._plant, scenario = prepared.plants[0], prepared.scenarios[0]
         self._arms, self._rows = self._plant.run.plant.chain.model.arms, scenario.cell.task_rows
         last, every = self._plant.run.timeline.ticks, scenario.clock.record_every
-        self._kept = [tick for tick in range(last + 1) if tick % every == 0 or tick == last]
+        kept = [tick for tick in range(last + 1) if tick % every == 0 or tick == last]
+        self._kept = kept[: len(records[0])]  # records may end early
         tables = {id(plant): plant.table for plant in prepared.plants}.values()
         self._recorded, self._made = self._state(), dict[str, Any]()
         self._table = {each.name: each for table in tables for each in table}

@@ -14,6 +14,7 @@ from coop_pin.batch.tick import TickCode
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.timeline import Timeline
 from coop_pin.tracing.kernel import LOAD, RECORD, Instruction, Kernel, Program
+from coop_pin.tracing.tree import valued
 
 
 class RunProgram:
@@ -22,6 +23,7 @@ class RunProgram:
     Attributes:
         program: program for a machine.
         uniforms: numbers that all runs share, shape (rows, uniforms).
+        ticks: index of the first instruction of each tick.
     """
 
     def __init__(self, first: Prepared, differs: Mask, is_loaded: Mask) -> None:
@@ -36,9 +38,11 @@ class RunProgram:
         is_uniform = ~is_loaded & (signals != signals[:1]).any(axis=0)
         split = SignalSplit(plant.example, signals[0], is_uniform, is_loaded)
         self._block = RunBlock(first.constants, plant.start, differs, split, plant.read)
-        self._differs, kernels = differs, TickCode(self._block, exact=first.is_foreign).kernels()
+        code = TickCode(self._block, exact=first.is_foreign)
+        self._differs, kernels = differs, code.kernels()
+        self._law = code.law
         schedule = Schedule(plant.run, self._block, kernels, signals[:, is_uniform])
-        self.uniforms, block = np.array(schedule.rows), self._block
+        self.uniforms, self.ticks, block = np.array(schedule.rows), schedule.ticks, self._block
         self.program = Program(kernels, block.lanes, block.recorded, block.loaded, schedule.instructions)
 
     def begin(self, prepared: Prepared) -> tuple[Array, Array]:
@@ -57,6 +61,10 @@ class RunProgram:
             return block, np.zeros((1, 0, count))
         return block, np.stack([signals[:, is_loaded] for signals in prepared.signals], axis=2)
 
+    def law_state(self, slots: Array) -> Any:
+        """Return the state of the law in the slots of a run, shape (slots,)."""
+        return valued(self._law, iter(slots[self.program.lanes.slots("law")].tolist()))
+
 
 class Schedule:
     """Order of the kernels of a run.
@@ -64,6 +72,7 @@ class Schedule:
     Attributes:
         instructions: instructions in order.
         rows: uniforms that they refer to.
+        ticks: index of the first instruction of each tick.
     """
 
     def __init__(self, run: Simulation, block: RunBlock, kernels: Sequence[Kernel], signals: Array) -> None:
@@ -77,12 +86,14 @@ class Schedule:
         """
         self.instructions: list[Instruction] = []
         self.rows: list[Array] = []
+        self.ticks: list[int] = []
         self._steps: dict[float, int] = {}
         self._index = {kernel.name: index for index, kernel in enumerate(kernels)}
         self._events, self._block, self._actuation = 0, block, run.actuation
         timeline, before, every = run.timeline, 0.0, run.scenario.clock.record_every
         for tick in range(timeline.ticks + 1):
             time = timeline.time(tick)
+            self.ticks.append(len(self.instructions))
             row = self._row(s=time - before, gives=run.actuation.gives(time), signals=signals[tick])
             before = time
             if block.loaded:

@@ -78,7 +78,7 @@ class BatchResult:
         """Return the result of one run, as coop_pin.run returns it."""
         plant = self._plants[index]
         samples = {each.name: self.samples[each.name][index].copy() for each in plant.table}
-        return RunResult(self.scenarios[index], samples | plant.labels)
+        return RunResult(self.scenarios[index], samples | plant.labels, {RunResult.ENGINE: "batch"})
 
     def metrics(self) -> list[dict[str, float]]:
         """Return the metrics of every run, as those of its result, without making the results."""
@@ -162,8 +162,7 @@ class BatchSimulator:
         del self._plants[_KEPT:]
         *_, code, machine = self.family(runs[0], prepared)
         program, count = code.program, len(runs)
-        size = _COPIES * 8 * program.rows(RECORD) * program.recorded * count
-        require_memory(f"samples of {count} runs", size, "give fewer at once, or raise clock.record_every")
+        require_sample_memory(program, count)
         block, loads = code.begin(prepared)
         parts = [slice(first, first + LARGEST_BLOCK) for first in range(0, count, LARGEST_BLOCK)]
         memories, records = list[Array](), list[Array]()
@@ -200,9 +199,8 @@ class BatchSimulator:
         kinds = [each.first.kind for each in self._families]
         family = self._families.pop(kinds.index(prepared.kind)) if prepared.kind in kinds else None
         first = first if family is None else family.first
-        same = (prepared.values == first.values) | (np.isnan(prepared.values) & np.isnan(first.values))
+        differs = self._inputs(first, prepared)
         others = {id(signals): signals for signals in prepared.signals}.values()
-        differs = ~same.all(axis=0)
         is_loaded = np.any([(signals != first.signals[0]).any(axis=0) for signals in others], axis=0)
         if family is None:
             require_traceable(first.scenarios[0], first.plants[0].run, first.constants)
@@ -214,6 +212,21 @@ class BatchSimulator:
             family = Family(first, differs, is_loaded, code, self._new_machine(code.program))
         self._families = [*self._families, family][-_KEPT:]
         return family
+
+    def forget(self, family: Family) -> None:
+        """Keep a family no longer."""
+        self._families = [each for each in self._families if each is not family]
+
+    def _inputs(self, first: Prepared, prepared: Prepared) -> Mask:
+        """Return the mask of the constants that are inputs: those in which runs differ from the first."""
+        same = (prepared.values == first.values) | (np.isnan(prepared.values) & np.isnan(first.values))
+        return ~same.all(axis=0)
+
+
+def require_sample_memory(program: Program, runs: int) -> None:
+    """Refuse samples that do not fit; raises NotEnoughMemoryError."""
+    size = _COPIES * 8 * program.rows(RECORD) * program.recorded * runs
+    require_memory(f"samples of {runs} runs", size, "give fewer at once, or raise clock.record_every")
 
 
 @typed

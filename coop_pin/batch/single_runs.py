@@ -5,6 +5,7 @@ Random ticks see what a law computes, not what it counts, draws or reads besides
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
@@ -14,12 +15,15 @@ import numpy as np
 from coop_pin.build_controller import build_controller
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
-from coop_pin.simulation import simulate
+from coop_pin.results import RunResult
+from coop_pin.simulation import Simulation, simulate
 
 Item = TypeVar("Item")
 
 CHECKED = 2
 """Runs of a family that are repeated singly."""
+_FIRST_TICKS = 200
+"""Ticks of a run by itself that are repeated singly."""
 _AGREEMENT = 1e-9
 """Largest difference of a quantity or metric, relative to its largest value or to 1, whichever is more."""
 
@@ -66,6 +70,28 @@ def require_agreement(scenario: Scenario, samples: Mapping[str, Any]) -> None:
     else:
         reason = difference(samples, {str(name): array.values for name, array in expected.items()})
     if reason:
+        raise TracingError(told(scenario, reason))
+
+
+def require_agreement_at_first(result: RunResult) -> None:
+    """Refuse a run of a user's law as compiled code whose first ticks differ from those of a single run.
+
+    Args:
+        result: Result of the run.
+
+    Raises:
+        TracingError: They differ.
+    """
+    scenario, samples = result.scenario, result.arrays
+    every = scenario.clock.record_every
+    run = Simulation(scenario, build_controller(scenario))
+    for _ in range(min(run.timeline.ticks, every * math.ceil(_FIRST_TICKS / every)) + 1):
+        run.tick()
+    single = run.result().data
+    count = single.sizes["time"]
+    timed = [name for name, values in single.data_vars.items() if "time" in values.dims]
+    batch = {str(name): np.asarray(samples[name])[:count] for name in timed}
+    if reason := difference(batch, {str(name): single[name].values for name in timed}):
         raise TracingError(told(scenario, reason))
 
 

@@ -13,6 +13,7 @@ from coop_pin.batch.law_code import LawTick, require_agreement, trace_law
 from coop_pin.build_controller import build_controller
 from coop_pin.control import CellController
 from coop_pin.description.cell import Cell
+from coop_pin.description.controller import Controller
 from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
@@ -51,6 +52,14 @@ def support(scenario: Scenario) -> str | None:
 
 
 @typed
+def law_reason(law: Controller) -> str | None:
+    """Return None if a law of the package can be traced, otherwise the reason why it cannot."""
+    if {"model", "regressor"} & {*law.needs}:
+        return f"its controller {law.kind!r} computes with a model of Pinocchio"
+    return None
+
+
+@typed
 def plant_reason(plant: PlantOptions, cell: Cell) -> str | None:
     """Return None if a plant can be traced, otherwise the reason why it cannot.
 
@@ -76,8 +85,8 @@ def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstan
     """
     law = scenario.controller
     if not law.user_code:
-        if {"model", "regressor"} & {*law.needs}:
-            raise TracingError(f"its controller {law.kind!r} computes with a model of Pinocchio")
+        if reason := law_reason(law):
+            raise TracingError(reason)
         return
     try:
         ticks = random_ticks(scenario, run, constants)

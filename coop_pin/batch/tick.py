@@ -5,7 +5,7 @@ Sensors and drives are the functions of coop_pin.simulation, called with traced 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -20,6 +20,7 @@ from coop_pin.batch.plant_code import observed, write_step
 from coop_pin.batch.serial_arm import Numbers, frames
 from coop_pin.batch.signals import RunSignals
 from coop_pin.control import ArmMeasurement
+from coop_pin.description.events import Surroundings
 from coop_pin.simulation.actuation import TORQUE_LIMIT
 from coop_pin.simulation.drives import Applied, DriveState, TorqueResponse
 from coop_pin.simulation.sensors import Truth, View
@@ -33,28 +34,27 @@ from coop_pin.tracing.tree import SharedFunctions, leaves, rebuilt
 
 
 class TickCode:
-    """Kernels of the runs of a block."""
+    """Kernels of the runs of a block.
+
+    Attributes:
+        law: state of the law, once there are kernels.
+    """
 
     def __init__(self, block: RunBlock, *, exact: bool) -> None:
         """Begin without code; ``exact`` as of law_code."""
         self._block, self._exact = block, exact
         self._functions = SharedFunctions()
         self._sensors: Any = None
-        self._law: Any = None
+        self.law: Any = None
 
     def kernels(self) -> list[Kernel]:
         """Return the kernels, the last of which are one for each instant of events."""
         start = self._start()  # it adds the slots of the states of sensors and law
         return [
-            *(start, self._weigh(), self._tick(), self._observe(), self._rates(), self._step()),
+            *(start, self._tick(), *self._in_motion(), self._step()),
             self._varying("drive", lambda response, state, s, h: response.mean(state, s, h)),
             self._varying("release", lambda response, state, s, _: response.at(state, s)),
-            *(self._event(index) for index in range(len(self._block.constants.changes) - 1)),
         ]
-
-    def _motion(self, kernel: Kernel, constants: RunConstants) -> CellMotion:
-        """Return the motion under the held torques in the present surroundings."""
-        return cell_motion(self._functions, self._block.cell(kernel, constants), CellState.of(kernel))
 
     # ------------------------------------------------------------ kernels
 
@@ -75,14 +75,14 @@ class TickCode:
         measurements, _ = constants.sensors.step(self._sensors, truth, view)
         holding = constants.cell.by_arm(kernel.read("holding"))
         with law_code(kernel.tape, exact=self._exact):
-            self._law = constants.controller.init(
+            self.law = constants.controller.init(
                 [
                     measurement._replace(holding_torque=torque)
                     for measurement, torque in zip(measurements, holding, strict=True)
                 ],
                 references,
             )
-        for name, state in (("sensors", self._sensors), ("law", self._law)):
+        for name, state in (("sensors", self._sensors), ("law", self.law)):
             self._block.lanes.add(**{name: (len(leaves(state)),)})
             kernel.write(name, state)
         self._guard(kernel, [])
@@ -104,22 +104,13 @@ class TickCode:
         )
         return truth, partial(constants.view, q)
 
-    def _weigh(self) -> Kernel:
-        """Return the kernel before a later tick: what wrist sensors and force path sense."""
-        kernel, constants = self._block.kernel("weigh")
-        if constants.sensors.needs_wrenches:
-            motion = self._motion(kernel, constants)
-            kernel.write("wrenches", motion.wrenches)
-            kernel.write("R_WP", motion.R_WP)
-        return kernel
-
     def _tick(self) -> Kernel:
         """Return the kernel of sensors, law and drives."""
         kernel, constants = self._block.kernel("tick")
         signals = self._block.signals_at(kernel)
         sensors, law = (
             rebuilt(state, iter(kernel.read(name)))
-            for name, state in (("sensors", self._sensors), ("law", self._law))
+            for name, state in (("sensors", self._sensors), ("law", self.law))
         )
         measurements, sensors = constants.sensors.step(sensors, *self._truth(kernel, constants, signals))
         with law_code(kernel.tape, exact=self._exact):
@@ -185,39 +176,36 @@ class TickCode:
             self._hold(kernel, constants, drives.acting(now, kernel.uniform("gives")))
         return kernel
 
-    def _observe(self) -> Kernel:
-        """Return the kernel of what is recorded of the state and the forces on it, and of the rates."""
-        kernel, constants = self._block.kernel("observe")
-        motion = self._motion(kernel, constants)
-        kernel.write("rates", motion.rates)
-        for name in observed(len(constants.arms)):
-            kernel.write(name, getattr(motion, name))
-        bounds = [elementary.less(abs(rate), SPEED_LIMIT) for rate in kernel.read("v")]
-        bounds += [elementary.less(error, CLOSURE_ERROR_LIMIT) for error in motion.closure_errors.ravel()]
-        self._guard(kernel, bounds)
-        return kernel
+    def _in_motion(self) -> list[Kernel]:
+        """Return the kernels that need the motion under the held torques, which is traced once.
 
-    def _rates(self) -> Kernel:
-        """Return the kernel of the rates after another step of a tick."""
-        kernel, constants = self._block.kernel("rates")
-        kernel.write("rates", self._motion(kernel, constants).rates)
-        return kernel
+        "observe" writes what is recorded of the state and the forces on it, and the rates; "rates" the rates
+        after another step of a tick; "weigh" what wrist sensors and force path sense before a later tick.
+        """
+        observe, constants = self._block.kernel("observe")
+        cell = self._block.cell(observe, constants)
+        motion = cell_motion(self._functions, cell, CellState.of(observe))
+        observe.write("rates", motion.rates)
+        for name in observed(len(constants.arms)):
+            observe.write(name, getattr(motion, name))
+        bounds = [elementary.less(abs(rate), SPEED_LIMIT) for rate in observe.read("v")]
+        bounds += [elementary.less(error, CLOSURE_ERROR_LIMIT) for error in motion.closure_errors.ravel()]
+        self._guard(observe, bounds)
+        rates, weigh = observe.beside("rates"), observe.beside("weigh")
+        rates.write("rates", motion.rates)
+        if constants.sensors.needs_wrenches:
+            weigh.write("wrenches", motion.wrenches)
+            weigh.write("R_WP", motion.R_WP)
+        instants = constants.changes[1:]
+        events = [observe.beside(f"event_{index}") for index in range(len(instants))]
+        for event, changed in zip(events, instants, strict=True):
+            _happen(event, cell.surroundings, changed, motion)
+        return [observe, rates, weigh, *events]
 
     def _step(self) -> Kernel:
         """Return the kernel of one plant step of h."""
         kernel, constants = self._block.kernel("step")
         write_step(kernel, self._functions, self._block.cell(kernel, constants))
-        return kernel
-
-    def _event(self, index: int) -> Kernel:
-        """Return the kernel of an instant of events: the surroundings from then on, and their work."""
-        kernel, constants = self._block.kernel(f"event_{index}")
-        changed, before = constants.changes[index + 1], self._block.cell(kernel, constants).surroundings
-        kernel.write("surroundings", changed)
-        if {*changed} - {"push"}:  # a push does its work while it lasts
-            gain = energy_gain(before, before._replace(**changed), self._motion(kernel, constants))
-            *works, last = kernel.read("work")
-            kernel.write("work", [*works, last + gain])
         return kernel
 
     def _guard(self, kernel: Kernel, conditions: Sequence[Number]) -> None:
@@ -226,6 +214,22 @@ class TickCode:
         for condition in (*conditions, *kernel.tape.guards):
             is_valid = is_valid * condition
         kernel.write("is_valid", is_valid)
+
+
+def _happen(event: Kernel, before: Surroundings, changed: Mapping[str, Any], motion: CellMotion) -> None:
+    """Write the surroundings from an instant of events on, and the work of the change.
+
+    Args:
+        event: Kernel of the instant.
+        before: Surroundings until then.
+        changed: Those fields of the surroundings that events change.
+        motion: Motion in the surroundings until then.
+    """
+    event.write("surroundings", changed)
+    if {*changed} - {"push"}:  # a push does its work while it lasts
+        gain = energy_gain(before, before._replace(**changed), motion)
+        *works, last = event.read("work")
+        event.write("work", [*works, last + gain])
 
 
 def _condition_bound(J: Numbers) -> Number:

@@ -420,7 +420,7 @@ class CellChain:
             X_PE = X_WP.actInv(frames[arms[index].tip])
             in_payload[index] = X_PE.act(pin.Force(F_E)).vector
         if grasps is not None:
-            in_payload[self.springs.arms] = [X_WP.actInv(force).vector for force in grasps.on_arms]
+            in_payload[self.springs.arms] = [X_WP.actInv(pin.Force(F)).vector for F in grasps.on_arms]
         if self._welded:
             in_payload[self._welded] = -self._payload_balance(X_WP) - np.add.reduce(in_payload)
         wrenches: Array = in_payload.reshape(-1, 3).dot(X_WP.rotation.T).reshape(-1, 6)

@@ -1,22 +1,28 @@
 """Springs and dampers of compliant grasps: force elements between the tips of arms and the payload.
 
 The wrench is a pure function of relative pose and twist (``SpringDamper``); ``GraspSprings`` has its places
-in the tree of a cell.
+in the tree of a cell. The steps of a run ask for it some thousand times a second: ``_write_wrenches`` is
+compiled, once for all cells, and runs for every grasp.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, Mask
+from coop_pin.chain.closure_set import ClosureError
 from coop_pin.description.cell import Cell
 from coop_pin.errors import FieldError
 from coop_pin.model.cell_model import CellModel
 from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, symmetric
 from coop_pin.spatial import weight_wrench
+from coop_pin.tracing.kernel import Instruction, Kernel, Layout, Program
+from coop_pin.tracing.llvm_machine import LlvmMachine
 
 _UPPER, _LOWER = [5, 6, 1], [7, 2, 3]
 """Entries (2, 3), (3, 1), (1, 2) of a flat matrix, and those of its transpose."""
@@ -80,7 +86,7 @@ class GraspState(NamedTuple):
         force: generalised force of springs and dampers, shape (nv,).
         power: power of the dampers, W; not positive.
         wrench: wrench on each arm about its tip in grasp axes, N and N m, shape (n, 6).
-        on_arms: the same about the world's origin, as Pinocchio's forces.
+        on_arms: the same about the world's origin in world axes, shape (n, 6).
         position: position of each tip in its grasp frame, m, shape (n, 3).
         rotation: orientation of each tip in its grasp frame, shape (n, 3, 3).
     """
@@ -88,7 +94,7 @@ class GraspState(NamedTuple):
     force: Array
     power: float
     wrench: Array
-    on_arms: list[Any]
+    on_arms: Array
     position: Array
     rotation: Array
 
@@ -99,31 +105,98 @@ class GraspState(NamedTuple):
 
 
 class _Side(NamedTuple):
-    """Frame on a joint of the tree, with references into Pinocchio's data, whose look-up would take longest.
+    """Frame on a joint of the tree.
 
     Attributes:
         joint: index of the joint.
         X_JF: pose of the frame in the joint's.
-        X_WJ: pose of the joint; live.
-        V_J: twist of the joint in its axes; live.
-        F_J: wrench on the joint's body in its axes; live.
+        X_WJ: pose of the joint; Pinocchio's own, so that it is the present one.
     """
 
     joint: int
     X_JF: Any
     X_WJ: Any
-    V_J: Any
-    F_J: Any
 
     @property
     def pose(self) -> Any:
         """X_WF."""
         return self.X_WJ * self.X_JF
 
-    @property
-    def twist(self) -> Any:
-        """Twist of the joint about the world's origin."""
-        return self.X_WJ.act(self.V_J)
+
+def _write_wrenches(kernel: Kernel) -> None:
+    """Write wrenches, their power and the relative pose of a grasp.
+
+    Frames are E of the arm and G of the payload, on a joint J each; a pose is [R^T; p^T], shape (4, 3). A
+    wrench on the body of J is about the joint's origin in its axes; ``on_arm`` is about the world's.
+    """
+    frames, velocities = kernel.read("frames"), []
+    poses = list[tuple[Array, Array]]()
+    for X_WJ, X_JF, V_J in zip(kernel.read("joints"), frames, kernel.read("twists"), strict=True):
+        poses.append((X_JF[:3] @ X_WJ[:3], X_JF[3] @ X_WJ[:3] + X_WJ[3]))
+        velocities.append((X_JF[:3] @ (V_J[0] + np.cross(V_J[1], X_JF[3])), X_JF[:3] @ V_J[1]))
+    (R_EW, p_WE), (R_GW, p_WG) = poses
+    (v_E, w_E), (v_G, w_G) = velocities
+    R, p = R_GW @ R_EW.T, R_GW @ (p_WE - p_WG)
+    V = np.concatenate((R @ v_E - v_G - np.cross(w_G, p), R @ w_E - w_G))
+    springs = SpringDamper.of(kernel.read("stiffness")[None], kernel.read("damping")[None])
+    damped = springs.dissipative(V[None])[0]
+    F = springs.elastic(p[None], R[None])[0] + damped
+    f, m = F[:3], F[3:]
+    on_joints = list[Array]()
+    for X_JF, (f_F, m_F) in zip(frames, ((R.T @ f, R.T @ m), (-f, -m - np.cross(p, f))), strict=True):
+        f_J = X_JF[:3].T @ f_F
+        on_joints += [f_J, X_JF[:3].T @ m_F + np.cross(X_JF[3], f_J)]
+    f_W = R_GW.T @ f
+    for name, value in {
+        "on_joints": np.concatenate(on_joints),
+        "on_arm": np.concatenate((f_W, R_GW.T @ m + np.cross(p_WE, f_W))),
+        "wrench": F,
+        "power": damped @ V,
+        "position": p,
+        "rotation": R,
+    }.items():
+        kernel.write(name, value)
+
+
+@cache
+def _compiled() -> tuple[Layout, LlvmMachine]:
+    """Return the slots of a grasp and the code that fills them."""
+    lanes = Layout()
+    lanes.add(joints=(2, 4, 3), twists=(2, 2, 3), frames=(2, 4, 3), stiffness=(6,), damping=(6,))
+    lanes.add(on_joints=(2, 6), on_arm=(6,), wrench=(6,), power=(), position=(3,), rotation=(3, 3))
+    kernel = Kernel("grasp", lanes, Layout())
+    _write_wrenches(kernel)
+    return lanes, LlvmMachine(Program([kernel], lanes, 0, 0, [Instruction(0, 0)]), width=1)
+
+
+def _rows(first: Array, count: int, *shape: int) -> Array:
+    """Return a view of count objects of Pinocchio in a row, from the numbers of the first on."""
+    strides = np.cumprod((8, *reversed(shape)))[::-1].tolist()
+    return np.lib.stride_tricks.as_strided(first, (count, *shape), strides)
+
+
+def _as_rows(X: Any) -> Array:
+    """Return a pose of Pinocchio as [R^T; p^T], shape (4, 3)."""
+    return np.vstack((X.rotation.T, X.translation))
+
+
+class GraspsHeld(NamedTuple):
+    """Which compliant grasps hold, and their poses; the arrays are not written to.
+
+    Attributes:
+        holds: mask of the grasps that hold, shape (n,).
+        poses: poses on the payload at which their springs rest, shape (n, 4, 4).
+    """
+
+    holds: Mask
+    poses: Array
+
+
+def _changed(values: Any, index: int, value: Any) -> Any:
+    """Return a copy of an array with another entry."""
+    values = values.copy()
+    values[index] = value
+    return values
 
 
 class GraspSprings:
@@ -132,6 +205,7 @@ class GraspSprings:
     Attributes:
         arms: indices of their arms.
         springs: their springs and dampers. A damping ratio gives no damping before ``damp`` is called.
+        holds: grasps that hold, shape (n,); the others have no wrench.
     """
 
     def __init__(self, cell: Cell, tree: CellModel) -> None:
@@ -147,46 +221,61 @@ class GraspSprings:
         # Without gravity and motion, inverse dynamics is J^T of the wrenches on the bodies.
         self._weightless, self._rest = model.copy(), np.zeros(model.nv)
         self._weightless.gravity.setZero()
-        self._data = model.createData()
+        self._data = data = model.createData()
         self._forces = pin.StdVec_Force([pin.Force.Zero()] * model.njoints)
         self._sides = [
             (self._side(tree.arms[index].tip), self._side(frame_id(model, f"payload/{name}")))
             for index, name in zip(self.arms, grasps, strict=True)
         ]
+        self._X_JP = model.frames[tree.payload_frame].placement.copy()
+        self._poses = np.array([grasp.matrix for grasp in grasps.values()]).reshape(-1, 4, 4)
+        self._joints = np.array([[side.joint for side in sides] for sides in self._sides])
+        self._at = dict[str, Array]()
+        if grasps:
+            # Looking up single objects takes longer than all the rest: these are Pinocchio's own memory.
+            self._X_WJ = _rows(data.oMi[0].rotation, model.njoints, 4, 3)
+            self._V_J = _rows(data.v[0].linear, model.njoints, 2, 3)
+            self._F_J = _rows(self._forces[0].linear, model.njoints, 6)
+            lanes, machine = _compiled()
+            block = np.zeros((len(grasps), lanes.size))
+            self._call: Callable[[int, int], None] = machine.bound(block, np.zeros((1, 0)))
+            for name in lanes.names:
+                slots = lanes.slots(name)
+                start = int(slots.flat[0])
+                self._at[name] = block[:, start : start + slots.size].reshape(-1, *slots.shape)
         stiffness = np.array([grasp.stiffness for grasp in grasps.values()]).reshape(-1, 6)
         damping = [np.zeros(6) if g.damping is None else np.array(g.damping) for g in grasps.values()]
-        self.springs = SpringDamper.of(stiffness, np.array(damping).reshape(-1, 6))
+        self.springs, self.holds = (
+            SpringDamper.of(stiffness, np.array(damping).reshape(-1, 6)),
+            np.ones(len(grasps), dtype=bool),
+        )
+        self._load()
 
     def __len__(self) -> int:
         """Return the number of compliant grasps."""
         return len(self.arms)
 
+    def force(self, q: Array, v: Array) -> tuple[Array, float]:
+        """Return generalised force of springs and dampers, shape (nv,), and power of the dampers, W."""
+        pin.forwardKinematics(self._weightless, self._data, q, v)
+        at, joints = self._at, self._joints
+        at["joints"][:] = self._X_WJ.take(joints, 0)
+        at["twists"][:] = self._V_J.take(joints, 0)
+        self._call(0, 1)
+        self._F_J[joints[:, 0]] = at["on_joints"][:, 0]
+        np.add.reduce(at["on_joints"][:, 1], 0, out=self._F_J[joints[0, 1]])
+        force = -pin.rnea(self._weightless, self._data, q, self._rest, self._rest, self._forces)
+        return force, float(np.add.reduce(at["power"]))
+
     def at(self, q: Array, v: Array) -> GraspState:
         """Return wrenches and generalised force at a state."""
-        pin.forwardKinematics(self._weightless, self._data, q, v)
-        poses = [(arm.pose, payload.pose) for arm, payload in self._sides]
-        X_WG = [pin.SE3(grasp.rotation, tip.translation) for tip, grasp in poses]
-        twists = (
-            X.actInv(arm.twist - payload.twist) for X, (arm, payload) in zip(X_WG, self._sides, strict=True)
-        )
-        V = np.array([twist.vector for twist in twists])
-        X_GE = [grasp.actInv(tip) for tip, grasp in poses]
-        p, R = np.array([X.translation for X in X_GE]), np.array([X.rotation for X in X_GE])
-        dissipative = self.springs.dissipative(V)
-        wrenches = self.springs.elastic(p, R) + dissipative
-        on_arms = [X.act(pin.Force(F)) for X, F in zip(X_WG, wrenches, strict=True)]
-        for arm, payload in self._sides:
-            arm.F_J.setZero()
-            payload.F_J.setZero()
-        for (arm, payload), F in zip(self._sides, on_arms, strict=True):
-            arm.F_J.vector += arm.X_WJ.actInv(F).vector
-            payload.F_J.vector -= payload.X_WJ.actInv(F).vector
-        force = -pin.rnea(self._weightless, self._data, q, self._rest, self._rest, self._forces)
-        return GraspState(force, float((dissipative * V).sum()), wrenches, on_arms, p, R)
+        force, power = self.force(q, v)
+        names = ("wrench", "on_arm", "position", "rotation")
+        return GraspState(force, power, *(self._at[name].copy() for name in names))
 
     def energy(self, state: GraspState) -> float:
         """Return the energy in all springs at a state, J."""
-        return float(self.springs.energy(state.position, state.rotation).sum())
+        return float(self.springs.energy(state.position, state.rotation)[self.holds].sum())
 
     def jacobians(self, q: Array) -> Array:
         """Return B with V = B v, the twists of SpringDamper, shape (n, 6, nv)."""
@@ -202,7 +291,7 @@ class GraspSprings:
 
     def matrices(self, q: Array) -> tuple[Array, Array]:
         """Return stiffness B^T K B and damping B^T D B at undeflected grasps, shape (nv, nv) each."""
-        B, springs = self.jacobians(q), self.springs
+        B, springs = self.jacobians(q)[self.holds], SpringDamper(*(part[self.holds] for part in self.springs))
         return tuple(np.einsum("nji,nj,njk->ik", B, part, B) for part in (springs.stiffness, springs.damping))
 
     def damp(self, q: Array) -> None:
@@ -220,6 +309,46 @@ class GraspSprings:
                 critical = 2.0 * np.sqrt(self.springs.stiffness[number] / np.diagonal(mobility))
                 damping[number] = grasp.damping_ratio * critical
         self.springs = self.springs._replace(damping=damping)
+        self._load()
+
+    def _load(self) -> None:
+        """Write frames, stiffness and damping to the code's slots."""
+        for number, sides in enumerate(self._sides):
+            self._at["frames"][number] = [_as_rows(side.X_JF) for side in sides]
+            self._at["stiffness"][number] = self.holds[number] * self.springs.stiffness[number]
+            self._at["damping"][number] = self.holds[number] * self.springs.damping[number]
+
+    def release(self, number: int) -> None:
+        """Open a grasp."""
+        self.restore(GraspsHeld(_changed(self.holds, number, False), self.held().poses))
+
+    def grasp(self, number: int, q: Array | None = None) -> None:
+        """Close a grasp at its nominal pose, or as found at a configuration."""
+        pose = list(self._grasps.values())[number].matrix
+        if q is not None:
+            state = self.at(q, self._rest)
+            X_GE = pin.SE3(state.rotation[number], state.position[number])
+            pose = (pin.SE3(self._poses[number]) * X_GE).homogeneous
+        self.restore(GraspsHeld(_changed(self.holds, number, True), _changed(self._poses, number, pose)))
+
+    def gap(self, number: int, q: Array) -> ClosureError:
+        """Return distance and angle of a tip from its nominal grasp."""
+        tip, payload = self._sides[number]
+        pin.forwardKinematics(self._weightless, self._data, q)
+        nominal = payload.X_WJ * self._X_JP * pin.SE3(list(self._grasps.values())[number].matrix)
+        X = nominal.actInv(tip.pose)
+        return ClosureError(float(np.linalg.norm(X.translation)), float(np.linalg.norm(pin.log3(X.rotation))))
+
+    def held(self) -> GraspsHeld:
+        """Return which grasps hold, and at which poses."""
+        return GraspsHeld(self.holds, self._poses)
+
+    def restore(self, held: GraspsHeld) -> None:
+        """Return to grasps that held."""
+        for number, (tip, payload) in enumerate(self._sides):
+            self._sides[number] = tip, payload._replace(X_JF=self._X_JP * pin.SE3(held.poses[number]))
+        self.holds, self._poses = held
+        self._load()
 
     def deflected(self, q: Array) -> Array:
         """Return the configuration at rest at which each compliant grasp carries its arm's share of the load.
@@ -260,13 +389,13 @@ class GraspSprings:
             self.arms, self._sides, self._grasps.values(), on_arms, strict=True
         ):
             seen = tip.pose * pin.SE3(grasp.matrix).inverse()
-            loads[index] = pin.SE3(np.eye(3), seen.translation).actInv(F).vector
+            loads[index] = pin.SE3(np.eye(3), seen.translation).actInv(pin.Force(F)).vector
         return loads
 
     def _side(self, frame: int) -> _Side:
         named = self._tree.model.frames[frame]
-        joint, data = int(named.parentJoint), self._data
-        return _Side(joint, named.placement.copy(), data.oMi[joint], data.v[joint], self._forces[joint])
+        joint = int(named.parentJoint)
+        return _Side(joint, named.placement.copy(), self._data.oMi[joint])
 
     def _jacobian(self, side: _Side) -> Array:
         """Return the Jacobian of a side's joint about the world's origin, shape (6, nv)."""

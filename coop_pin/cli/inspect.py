@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
+from coop_pin.catalogue import scenario_names, scenario_tables
 from coop_pin.cli.exit_codes import FAILED, OK
 from coop_pin.cli.overrides import TypedFields, load_scenario, refuse_fields
 from coop_pin.errors import FieldError, NameNotFoundError
@@ -45,16 +46,15 @@ class List:
 
     def execute(self) -> int:
         """Print one line for each scenario or robot."""
-        from coop_pin.description import Scenario, scenario_names
-        from coop_pin.description.urdf import robot_files
-
         if self.robots:
+            from coop_pin.description.urdf import robot_files  # slow to load
+
             for name, file in sorted(robot_files().items()):
                 print(f"{name:<28} {file}")
             return OK
-        for scenario in map(Scenario.load, scenario_names()):
-            size = f"{len(scenario.cell.arms)} arms  {scenario.duration:g} s"
-            _print(f"{scenario.name:<20} {size}  {scenario.summary}")
+        for scenario in scenario_tables():
+            size = f"{len(scenario['cell']['arms'])} arms  {scenario['duration']:g} s"
+            _print(f"{scenario['name']:<20} {size}  {scenario['summary']}")
         return OK
 
 
@@ -104,7 +104,6 @@ class Show:
             FieldError: a field is given for a robot, or an option of robots for a scenario.
         """
         from coop_pin.analysis.cell_summary import cell_summary
-        from coop_pin.description import scenario_names
         from coop_pin.description.urdf import load_checked, robot_files
         from coop_pin.description.urdf.robot import Robot
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Protocol, Union, cast
 
 import tyro
 
@@ -16,35 +16,33 @@ from coop_pin.cli.sweep import Sweep, SweepShow
 from coop_pin.cli.tune import Tune
 from coop_pin.cli.view import Report, View
 
-Command = (
-    Annotated[Run, tyro.conf.subcommand("run")]
-    | Annotated[List, tyro.conf.subcommand("list")]
-    | Annotated[Fields, tyro.conf.subcommand("fields")]
-    | Annotated[View, tyro.conf.subcommand("view")]
-    | Annotated[Report, tyro.conf.subcommand("report")]
-    | Annotated[Show, tyro.conf.subcommand("show")]
-    | Annotated[Check, tyro.conf.subcommand("check")]
-    | Annotated[Suggest, tyro.conf.subcommand("suggest")]
-    | Annotated[New, tyro.conf.subcommand("new")]
-    | Annotated[CheckUrdf, tyro.conf.subcommand("check-urdf")]
-    | Annotated[Sweep, tyro.conf.subcommand("sweep")]
-    | Annotated[SweepShow, tyro.conf.subcommand("sweep-show")]
-    | Annotated[Tune, tyro.conf.subcommand("tune")]
-    | Annotated[Compare, tyro.conf.subcommand("compare")]
-    | Annotated[ExportC, tyro.conf.subcommand("export-c")]
-)
-_WITH_FIELDS: dict[str, Any] = {
+COMMANDS: dict[str, type[Any]] = {
     "run": Run,
+    "list": List,
+    "fields": Fields,
     "view": View,
+    "report": Report,
     "show": Show,
     "check": Check,
     "suggest": Suggest,
+    "new": New,
+    "check-urdf": CheckUrdf,
+    "sweep": Sweep,
+    "sweep-show": SweepShow,
     "tune": Tune,
+    "compare": Compare,
     "export-c": ExportC,
 }
-"""Commands that take the fields of a scenario as options."""
+"""Commands by name; those with an attribute ``fields`` take the fields of a scenario as options."""
 
 _DESCRIPTION = "Two or more robot arms that hold one object: simulate scenarios, view runs, compute metrics."
+
+
+class Command(Protocol):
+    """Command with its options."""
+
+    def execute(self) -> int:
+        """Do what it says, and return an exit code of ``coop_pin.cli.exit_codes``."""
 
 
 def parse(words: Sequence[str]) -> Command:
@@ -53,10 +51,15 @@ def parse(words: Sequence[str]) -> Command:
     Raises:
         SystemExit: help was asked for (0), or the words are no command (2).
     """
-    kind = _WITH_FIELDS.get(words[0]) if words else None
-    options, fields = split_fields(words, kind) if kind else (list(words), {})
-    command: Any = tyro.cli(Command, prog="coop-pin", description=_DESCRIPTION, args=options)
-    return dataclasses.replace(command, fields=fields) if fields else command
+    if not words or words[0] not in COMMANDS:  # tells what commands there are
+        kinds = [Annotated[kind, tyro.conf.subcommand(name)] for name, kind in COMMANDS.items()]
+        every: Any = Union[tuple(kinds)]  # noqa: UP007
+        return cast(Command, tyro.cli(every, prog="coop-pin", description=_DESCRIPTION, args=list(words)))
+    name, kind = words[0], COMMANDS[words[0]]
+    has_fields = any(field.name == "fields" for field in dataclasses.fields(kind))
+    options, fields = split_fields(words[1:], kind) if has_fields else (list(words[1:]), {})
+    command: Any = tyro.cli(kind, prog=f"coop-pin {name}", args=options)
+    return cast(Command, dataclasses.replace(command, fields=fields) if fields else command)
 
 
 def _options(field: Any) -> Sequence[Any]:
@@ -70,7 +73,7 @@ def split_fields(words: Sequence[str], command: Any) -> tuple[list[str], dict[st
     Fields are written ``--a.b.c VALUE ...`` or ``--a.b.c=VALUE``.
 
     Args:
-        words: the command's name and what follows it.
+        words: the words after the command's name.
         command: class of the command.
 
     Returns:

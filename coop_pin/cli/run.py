@@ -13,6 +13,7 @@ import tyro
 from coop_pin import viz
 from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, NOT_TRUSTWORTHY, OK
 from coop_pin.cli.overrides import TypedFields, load_scenario
+from coop_pin.engines import Engine
 from coop_pin.errors import CoopPinError, RunInterruptedError
 
 
@@ -31,7 +32,7 @@ class Run:
         quiet: no progress bar and no table.
         verbose: list every breach of the trust thresholds.
         stop_at_breach: end the run at its first breach of the trust thresholds.
-        engine: engine that computes the motion; traced is compiled code.
+        engine: engine of the run; traced and batch are compiled code, auto takes the fastest.
         replay: write replay.html, the motion in 3-D.
         figures: write the figures, as PNG.
         svg: write the figures as SVG as well.
@@ -44,7 +45,7 @@ class Run:
     quiet: bool = False
     verbose: bool = False
     stop_at_breach: bool = False
-    engine: Literal["pinocchio", "traced"] = "pinocchio"
+    engine: Engine = "pinocchio"
     replay: bool = True
     figures: bool = True
     svg: bool = False
@@ -59,6 +60,7 @@ class Run:
         Raises:
             CoopPinError: the run could not start.
         """
+        from coop_pin.engine_choice import choose_engine
         from coop_pin.progress_bar import ProgressBar
         from coop_pin.run_folder import RunFolder, Stopwatch
         from coop_pin.run_scenario import run
@@ -66,6 +68,9 @@ class Run:
         scenario = load_scenario(self.scenario, self.fields)
         folder = RunFolder(self.out or Path("out") / scenario.name)
         folder.path.mkdir(parents=True, exist_ok=True)  # a folder that cannot be made must not cost a run
+        if self.engine == "auto" and not self.quiet:
+            choice = choose_engine(scenario, is_live=self.stop_at_breach)
+            print(f"engine {choice.engine}: {choice.reason}")
         watch = Stopwatch()
         try:
             with ProgressBar("ticks", title=scenario.name, quiet=self.quiet) as bar:

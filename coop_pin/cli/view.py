@@ -69,7 +69,7 @@ class View:
             BrowserError: there is no browser.
             OutOfRangeError: the run does not have the requested time.
         """
-        from coop_pin.description import scenario_names
+        from coop_pin.catalogue import scenario_names
 
         path = Path(self.what)
         if self.time is not None and self.image is None:

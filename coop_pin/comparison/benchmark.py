@@ -18,10 +18,11 @@ from coop_pin.comparison.table import CELL, COLUMNS, Comparison, bootstrap_inter
 from coop_pin.comparison.trials import Trial, benchmark_scenario, changes_of, standard_trials
 from coop_pin.description.scenario import Scenario
 from coop_pin.engine_choice import choose_engines
+from coop_pin.engines import Engine
 from coop_pin.errors import CoopPinError, FieldError, FileReadError, NameNotFoundError, ScenarioError
 from coop_pin.sweeps import Execution, SweepPlan, SweepResult
 from coop_pin.sweeps.engine import sweep_plan
-from coop_pin.sweeps.execution import HERE, SweepEngine
+from coop_pin.sweeps.execution import HERE
 from coop_pin.sweeps.feasibility import require_feasible_groups, require_reach
 
 
@@ -130,14 +131,14 @@ def different(scenarios: str | Path | Scenario | Sequence[str | Path | Scenario]
 
 def engines_of(
     scenarios: Sequence[Scenario | ScenarioError], execution: Execution, runs: Sequence[int]
-) -> list[SweepEngine]:
+) -> list[Engine]:
     """Return what simulates each of some scenarios, of which there are so many runs.
 
     Raises:
-        FieldError: the engine of the execution is neither "single" nor "auto".
+        FieldError: the engine of the execution is neither "pinocchio" nor "auto".
     """
-    if execution.engine == "batch":
-        raise FieldError("is 'batch'; it must be 'single' or 'auto'", "engine")
+    if execution.engine in ("batch", "traced"):
+        raise FieldError(f"is {execution.engine!r}; it must be 'pinocchio' or 'auto'", "engine")
     return [choice.engine for choice in choose_engines(scenarios, execution.engine or "auto", runs)]
 
 
@@ -199,7 +200,7 @@ def _by_engine(parts: Sequence[_Part], points: _Points, execution: Execution, ou
     for part in parts:
         repeats, batch = len(part.plan) // len(part.cells), part.folder.with_name(f"{part.folder.name}-batch")
         began_singly = (out / part.folder).is_dir() and not (out / batch).is_dir()
-        kept = dataclasses.replace(execution, engine="single") if began_singly else execution
+        kept = dataclasses.replace(execution, engine="pinocchio") if began_singly else execution
         cases = [points[part.scenario, *cell] for cell in part.cells]
         engines = engines_of(cases, execution if execution.engine else kept, [repeats] * len(cases))
         engine_of = dict(zip(part.cells, engines, strict=True))

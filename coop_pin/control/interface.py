@@ -71,12 +71,14 @@ class ArmReference(NamedTuple):
         twist: V_WP_d in world axes, task rows, shape (k_0,).
         acceleration: A_WP_d in world axes, task rows, shape (k_0,).
         internal_wrench: f_d of this arm about P in *payload* axes, task rows, N and N m, shape (k_0,).
+        load_share: c_i of the agreed plan where grasps open and close; None where it stays that of the arm.
     """
 
     pose: Array
     twist: Array
     acceleration: Array
     internal_wrench: Array
+    load_share: float | None = None
 
 
 MEASURED = {

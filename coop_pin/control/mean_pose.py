@@ -67,7 +67,7 @@ def _agreed(measurements: Sequence[ArmMeasurement], X_d: Array) -> list[ArmMeasu
     """Return the measurements with the means of all pose errors, put to the desired pose, and twists."""
     e = _mean([pose_error(seen.payload_pose, X_d) for seen in measurements])
     V = _mean([seen.payload_twist for seen in measurements])
-    X = np.zeros_like(X_d)
+    X = np.zeros_like(measurements[0].payload_pose)
     X[:3, :3], X[:3, 3], X[3, 3] = exp3(e[3:]).dot(X_d[:3, :3]), X_d[:3, 3] + e[:3], 1.0
     return [seen._replace(payload_pose=X, payload_twist=V) for seen in measurements]
 

@@ -201,7 +201,8 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         e = np.exp(-gains.transient_rate * (measurement.time - state.start_time))
         s = self._surface(measurement, reference) - state.start_surface * e
         f_r = arm.rows.turn(measurement.payload_pose, reference.internal_wrench - state.start_squeeze * e)
-        fhat, age = self._measured_wrench(measurement, f_r)
+        share = arm.load_share if reference.load_share is None else reference.load_share
+        fhat, age = self._measured_wrench(measurement, f_r, share)
         error = fhat - f_r
 
         fresh, stale = is_new(age, state.wrench_age), age > self.stale_after
@@ -255,14 +256,16 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         xtilde = self.arm.rows.pose_error(measurement.payload_pose, reference.pose)
         return measurement.payload_twist - reference.twist + self.gains.pose_gain.dot(xtilde)
 
-    def _measured_wrench(self, measurement: ArmMeasurement, f_r: Array) -> tuple[Array, float]:
+    def _measured_wrench(self, measurement: ArmMeasurement, f_r: Array, share: float) -> tuple[Array, float]:
         """Return fhat, shape (k_0,), and its age in ticks; f_r of age inf if nothing is measured."""
         if measurement.internal_wrench is not None:
             return measurement.internal_wrench, measurement.internal_wrench_age
         if measurement.interaction_wrench is None or self.payload_weight is None:
             return f_r, np.inf
-        share_of_weight = self.arm.load_share * self.payload_weight
-        return measurement.interaction_wrench - share_of_weight, measurement.interaction_wrench_age
+        return (
+            measurement.interaction_wrench - share * self.payload_weight,
+            measurement.interaction_wrench_age,
+        )
 
 
 class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):

@@ -1,16 +1,18 @@
 """Configuration classes (frozen, validated): scenario, cell, arm, payload, controller, events, plant."""
 
+from coop_pin.catalogue import scenario_names
 from coop_pin.description.actuators import Actuators, GravityCompensation
 from coop_pin.description.arm import Arm, JointFriction, Miscalibration
 from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.cell import Cell, grasps_from_configuration
 from coop_pin.description.controller import ModelFactors, UserController
-from coop_pin.description.events import GravityTurn, PayloadChange, WrenchPulse
+from coop_pin.description.events import GravityTurn, LoseArm, PayloadChange, WrenchPulse
 from coop_pin.description.grasp import CompliantGrasp
+from coop_pin.description.grasp_events import HandOver, Regrasp, Release
 from coop_pin.description.mobile_base import MobileBase
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions
-from coop_pin.description.scenario import Scenario, scenario_names
+from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import (
     DifferencedVelocity,
     Encoder,
@@ -33,8 +35,10 @@ __all__ = [
     "Encoder",
     "GravityCompensation",
     "GravityTurn",
+    "HandOver",
     "IdealVelocity",
     "JointFriction",
+    "LoseArm",
     "Miscalibration",
     "MobileBase",
     "ModelFactors",
@@ -43,6 +47,8 @@ __all__ = [
     "PayloadChange",
     "PlantOptions",
     "Pose",
+    "Regrasp",
+    "Release",
     "Scenario",
     "Sensors",
     "Stabilisation",

@@ -6,15 +6,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from collections.abc import Collection, Mapping
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field
 
 from coop_pin.arrays import Array
+from coop_pin.description.actuators import Actuators
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, NotNegative, Positive, Vector3, Vector6
+from coop_pin.schema.base import Description, NotNegative, Positive, Vector3, Vector6, unknown_arms
 
 
 class Surroundings(NamedTuple):
@@ -140,6 +140,45 @@ class WrenchPulse(PayloadEvent):
         return f"{self.title} {' and '.join(parts)} for {self.duration:g} s"
 
 
+class LoseArm(PayloadEvent):
+    """Failure of an arm: its drives follow no command from then on. No law is told.
+
+    It is ``torque_lost_at`` or ``commands_lost_at`` of the arm's actuators, as an event.
+
+    Attributes:
+        time: time of the failure, s.
+        arm: Name of the arm.
+        form: "limp": the joints turn freely; "own weight": the robot goes on with its gravity compensation,
+            which the arm's actuators must have, from the next tick on.
+    """
+
+    kind: Literal["lose-arm"] = "lose-arm"
+    arm: str
+    form: Literal["limp", "own weight"] = "limp"
+    title = heading = "loss of an arm"
+
+    def text(self, surroundings: Surroundings) -> str:
+        """Return the arm, and what is left of it."""
+        return f"{self.arm} fails, {self.form}"
+
+    def lost(self, actuators: Actuators) -> Actuators:
+        """Return the actuators of the arm with the failure."""
+        field = "torque_lost_at" if self.form == "limp" else "commands_lost_at"
+        return actuators.replace(**{field: self.time})
+
+    def problem(self, arms: Collection[str], actuators: Actuators) -> FieldError | None:
+        """Return what is wrong with the arm, given its actuators without the event."""
+        if unknown := unknown_arms([self.arm], arms):
+            return FieldError(unknown[0].detail, "arm")
+        if actuators.lost_at is not None:
+            detail = f"fails at {actuators.lost_at:g} s already, by its actuators or another event"
+            return FieldError(f"is {self.arm!r}, which {detail}", "arm")
+        if self.form == "own weight" and actuators.gravity_compensation is None:
+            detail = f"is {self.form!r}, but the robot of {self.arm!r} has no gravity compensation"
+            return FieldError(f"{detail}; give its actuators gravity_compensation", "form")
+        return None
+
+
 class GravityTurn(PayloadEvent):
     """Sudden change of gravity in world axes, as for a cell on a base that tilts.
 
@@ -158,6 +197,3 @@ class GravityTurn(PayloadEvent):
     def apply(self, surroundings: Surroundings, time: float) -> Surroundings:
         """Return the surroundings with the new gravity."""
         return surroundings._replace(gravity=np.array(self.gravity))
-
-
-Event = Annotated[PayloadChange | WrenchPulse | GravityTurn, Field(discriminator="kind")]

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.arrays import Array, require_path, require_type
+from coop_pin.catalogue import scenario_file, scenario_names
 from coop_pin.control.force_path import SampledWrist
 from coop_pin.control.interface import CellTiming
 from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller
-from coop_pin.description.events import Event, Surroundings
+from coop_pin.description.events import LoseArm, Surroundings
+from coop_pin.description.grasp_events import Event, GraspEvent, GraspPlan, grasp_plan, sequence_problems
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.relative_paths import anchor_files
 from coop_pin.description.scenario_file import commented_toml, resolved_toml
@@ -38,14 +40,8 @@ from coop_pin.schema.changes import differences
 from coop_pin.schema.pose import Pose
 from coop_pin.user_files import parse_toml, read_toml
 
-_FOLDER = Path(__file__).parent / "scenarios"
 _MOST_CHANGES = 6
 """Most changes that a caption tells."""
-
-
-def scenario_names() -> list[str]:
-    """Return the names of the scenarios in the catalogue."""
-    return sorted(path.stem for path in _FOLDER.glob("*.toml"))
 
 
 class Scenario(Description):
@@ -134,13 +130,28 @@ class Scenario(Description):
             problems += unknown_arms(value, earlier.data["cell"].arms)
         for path, part in _parts(value).items():
             problems += [problem.below(path) for problem in part.timing_problems(earlier.data)]
+        if earlier.field_name == "events" and "cell" in earlier.data and not problems:
+            problems += sequence_problems(earlier.data["cell"], value)
         if problems:
             raise one_or_all(problems, f"the {earlier.field_name}")
         return value
 
     def actuators_of(self, arm: str) -> Actuators:
-        """Return the actuators of one arm."""
-        return self.arm_actuators.get(arm, self.actuators)
+        """Return the actuators of one arm, with its failure."""
+        actuators = self.arm_actuators.get(arm, self.actuators)
+        for event in self.events:
+            if isinstance(event, LoseArm) and event.arm == arm:
+                actuators = event.lost(actuators)
+        return actuators
+
+    @model_validator(mode="after")
+    def _each_arm_fails_once(self) -> Self:
+        for index, event in enumerate(self.events):
+            if isinstance(event, LoseArm):
+                before = self.model_copy(update={"events": self.events[:index]})
+                if problem := event.problem(self.cell.arms, before.actuators_of(event.arm)):
+                    raise problem.below(f"events.{index}")
+        return self
 
     @model_validator(mode="after")
     def _plant_fits_the_grasps(self) -> Self:
@@ -187,6 +198,15 @@ class Scenario(Description):
             if event.time <= time:
                 surroundings = event.apply(surroundings, time)
         return surroundings
+
+    @property
+    def grasp_events(self) -> tuple[GraspEvent, ...]:
+        """Events at grasps."""
+        return tuple(event for event in self.events if isinstance(event, GraspEvent))
+
+    def grasp_plan_at(self, time: float, missed: Sequence[GraspEvent] = ()) -> GraspPlan:
+        """Return the plan of the grasps from a time on, s, without the events that did not happen."""
+        return grasp_plan(self.cell, self.grasp_events, time, missed)
 
     @property
     def squeeze_wrenches(self) -> Array:
@@ -247,7 +267,7 @@ class Scenario(Description):
         """
         require_path("name_or_path", name_or_path)
         in_catalogue = str(name_or_path) in scenario_names()
-        path = _FOLDER / f"{name_or_path}.toml" if in_catalogue else Path(name_or_path)
+        path = scenario_file(str(name_or_path)) if in_catalogue else Path(name_or_path)
         if not path.is_file():
             raise _missing(path)
         data = read_toml(path, kind="a scenario")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from coop_pin.arrays import Array, typed
 from coop_pin.atomic_write import write_atomically
-from coop_pin.description.events import Event
+from coop_pin.description.events import PayloadEvent
 from coop_pin.figures import palette
 from coop_pin.figures.layout import CAPTION_LINE, PanelLayout, write_decades
 from coop_pin.results import RunResult
@@ -181,7 +181,7 @@ def frame_decades(panel: Axes, values: Array) -> None:
         panel.set_ylim(float(np.percentile(positive, 1.0)) / 3.0, 2.0 * float(positive.max()))
 
 
-def _mark_event(panel: Axes, event: Event) -> None:
+def _mark_event(panel: Axes, event: PayloadEvent) -> None:
     panel.axvline(event.time, color=palette.EVENT, linewidth=0.8, linestyle=":", zorder=0.5)
     if event.end > event.time:
         panel.axvspan(event.time, event.end, color=palette.EVENT, alpha=0.25, linewidth=0.0, zorder=0.4)

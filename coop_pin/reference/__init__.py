@@ -30,7 +30,13 @@ from coop_pin.reference.motions import (
     SwingMotion,
     TurnMotion,
 )
-from coop_pin.reference.pose_reference import ConsistencyGaps, PoseReference, PoseTarget, check_consistency
+from coop_pin.reference.pose_reference import (
+    ConsistencyGaps,
+    PoseReference,
+    PoseTarget,
+    check_consistency,
+    retreated,
+)
 from coop_pin.reference.splines import Waypoint, WaypointsMotion
 from coop_pin.reference.squeeze import (
     ConstantSqueeze,
@@ -62,4 +68,5 @@ __all__ = [
     "Waypoint",
     "WaypointsMotion",
     "check_consistency",
+    "retreated",
 ]

@@ -28,6 +28,26 @@ class PoseTarget(NamedTuple):
     shape (6,)."""
 
 
+def retreated(target: PoseTarget, axis: Array, distance: Array) -> PoseTarget:
+    """Return the target of a payload frame that is moved along an axis of the payload.
+
+    With d = R axis: p + s d,  v + s' d + w x s d,  and the derivative of that.
+
+    Args:
+        target: Target of the payload.
+        axis: Unit vector in payload axes, shape (3,).
+        distance: s, m, and its two time derivatives, shape (3,).
+    """
+    (X, V, A), (s, s1, s2) = target, distance
+    d, w = X[:3, :3] @ axis, V[3:]
+    X, V, A = X.copy(), V.copy(), A.copy()
+    turning = np.cross(w, d)
+    X[:3, 3] += s * d
+    V[:3] += s1 * d + s * turning
+    A[:3] += s2 * d + 2.0 * s1 * turning + s * (np.cross(A[3:], d) + np.cross(w, turning))
+    return PoseTarget(X, V, A)
+
+
 class PoseReference(Description):
     """Desired payload motion, defined at every time; the pose is continuous and V_WP_d is its rate."""
 

@@ -195,6 +195,7 @@ QUANTITIES = (
              group="grasps"),
     Quantity("grasp_wrench", "arm axis", "N, N m", "of each compliant grasp on the arm, about the tip in"
              " grasp axes", group="grasps"),
+    Quantity("load_share", "arm", "1", "c_i of the agreed plan", group="grasps"),
     Quantity("elastic_energy", "", "J", "in the compliant grasps", group="grasps"),
     Quantity("work_grasps", "", "J", "done by the dampers of compliant grasps since the start",
              group="grasps"),
@@ -323,10 +324,10 @@ def computed(
     Args:
         table: Quantities of the run.
         samples: Samples of every recorded quantity.
-        load_shares: c_i, shape (m,).
+        load_shares: c_i where they are not recorded, shape (m,).
         names: Names of the quantities to add, without those that need another; None for all.
     """
-    values = samples | {"load_share": load_shares}
+    values = {"load_share": load_shares} | samples
     for quantity in table:
         if quantity.source is not None and (names is None or quantity.name in names):
             values[quantity.name] = quantity.source(values)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Self
 
 import numpy as np
@@ -28,6 +30,7 @@ from coop_pin.results.quantities import Arrays, Samples, quantities
 from coop_pin.results.trust import Breach, TrustMonitor, in_time
 from coop_pin.results.window import SETTLING_S, Window, Windows, checked_window
 
+NO_ATTRIBUTES: Mapping[str, str] = MappingProxyType({})
 _EVENT = ("resettling_time_s", "event_peak_position_error_m")
 
 
@@ -47,17 +50,25 @@ class RunResult:
     REMARKS = "remarks"
     """Attribute of ``data``: what the law's last state says of the run, a sentence a line, if anything."""
 
-    def __init__(self, scenario: Scenario, data: xr.Dataset | Samples) -> None:
-        """Hold a Dataset, or arrays as ``labelled`` takes them, which are labelled when asked for."""
+    def __init__(
+        self, scenario: Scenario, data: xr.Dataset | Samples, attributes: Mapping[str, str] = NO_ATTRIBUTES
+    ) -> None:
+        """Hold a Dataset, or arrays as ``labelled`` takes them, which are labelled when asked for.
+
+        Args:
+            scenario: Scenario that was run.
+            data: Dataset, or arrays by name.
+            attributes: Further attributes of the Dataset that is made of arrays.
+        """
         require_type("scenario", scenario, Scenario)
         require_type("data", data, xr.Dataset, dict)
-        self.scenario, self._data = scenario, data
+        self.scenario, self._data, self._attributes = scenario, data, attributes
 
     @property
     def data(self) -> xr.Dataset:
         """The labelled arrays."""
         if not isinstance(self._data, xr.Dataset):
-            self._data = labelled(self.scenario, self._data)
+            self._data = labelled(self.scenario, self._data).assign_attrs(self._attributes)
         return self._data
 
     @property
@@ -67,7 +78,7 @@ class RunResult:
 
     @property
     def engine(self) -> str:
-        """What computed the motion: "pinocchio" or "traced"."""
+        """What computed the run: "pinocchio", "traced" or "batch"."""
         return str(self.data.attrs.get(self.ENGINE, "pinocchio"))
 
     # ------------------------------------------------------------ windows

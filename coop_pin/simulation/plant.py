@@ -16,14 +16,37 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.chain.cell_chain import CellChain, Observation
 from coop_pin.chain.closure_set import ClosureError
+from coop_pin.chain.grasp_springs import GraspsHeld
 from coop_pin.chain.integrators import INTEGRATORS, configuration_space
 from coop_pin.description.events import Surroundings
+from coop_pin.description.grasp_events import Regrasp
 from coop_pin.description.plant import PlantOptions
 from coop_pin.results.quantities import WORK, WORK_OF_GRASPS
 from coop_pin.simulation.transmission import Transmission
 
 _ALL = np.ones(len(WORK) - 1)
 """Sums the forces that do work on the chain besides gravity, in the order of WORK."""
+
+
+class MissedGrasp(NamedTuple):
+    """Grasp that did not happen, because its tip was too far away.
+
+    Attributes:
+        event: the event.
+        gap: distance and angle of the tip from the grasp, m and rad.
+    """
+
+    event: Regrasp
+    gap: ClosureError
+
+    def __str__(self) -> str:
+        """Return it as one sentence."""
+        event, (distance, angle) = self.event, self.gap
+        return (
+            f"{event.title} by {event.arm!r} at {event.time:g} s did not happen: its tip was"
+            f" {1e3 * distance:.3g} mm and {angle:.3g} rad from the grasp, allowed are"
+            f" {1e3 * event.tolerance:g} mm and {event.angle_tolerance:g} rad"
+        )
 
 
 class PlantState(NamedTuple):
@@ -35,6 +58,8 @@ class PlantState(NamedTuple):
         work: work done so far, J.
         surroundings: payload, and what acts on it from outside.
         force: held generalised force of the actuators, N m, shape (nv,).
+        grasps: compliant grasps that hold.
+        missed: grasps that did not happen.
     """
 
     q: Array
@@ -42,6 +67,8 @@ class PlantState(NamedTuple):
     work: Array
     surroundings: Surroundings
     force: Array
+    grasps: GraspsHeld
+    missed: tuple[MissedGrasp, ...]
 
 
 class Plant:
@@ -54,6 +81,7 @@ class Plant:
         q: configuration, shape (nq,).
         v: velocity, shape (nv,).
         surroundings: payload, and what acts on it from outside.
+        missed: grasps that did not happen.
         work: done so far, in the order of WORK and, in cells with compliant grasps, WORK_OF_GRASPS, J.
     """
 
@@ -71,6 +99,7 @@ class Plant:
         self.chain, self.transmission = chain, Transmission(chain.cell, chain.model.arms, model.nv)
         works = (*WORK, *WORK_OF_GRASPS) if chain.springs.arms else WORK
         self.q, self.v, self.work = q, np.zeros(model.nv), np.zeros(len(works))
+        self.missed: tuple[MissedGrasp, ...] = ()
         if chain.springs.arms:
             chain.springs.damp(q)
         self._forces = np.zeros((len(_ALL), model.nv))
@@ -90,22 +119,51 @@ class Plant:
 
     def surround(self, surroundings: Surroundings) -> None:
         """Replace the surroundings from now on; the energy that this adds counts as work."""
-        energy = self.chain.mechanism.energy
-        before = energy(self.q, self.v).total
+        before = self._energy()
         self.surroundings, self._pushed = surroundings, bool(surroundings.push.any())
         self.chain.surround(surroundings)
         self._forces[2] = 0.0
+        self._book(before)
+
+    def release(self, arm: int) -> None:
+        """Open the compliant grasp of an arm; the energy that its spring loses counts as work."""
+        before = self._energy()
+        self.chain.springs.release(self.chain.springs.arms.index(arm))
+        self._book(before)
+
+    def grasp(self, arm: int, event: Regrasp) -> None:
+        """Close the compliant grasp of an arm whose tip is there; the energy that it adds counts as work."""
+        springs, before = self.chain.springs, self._energy()
+        number = springs.arms.index(arm)
+        gap = springs.gap(number, self.q)
+        if gap.distance > event.tolerance or gap.angle > event.angle_tolerance:
+            self.missed += (MissedGrasp(event, gap),)
+            return
+        springs.grasp(number, self.q if event.rest == "found" else None)
+        self._book(before)
+
+    def _energy(self) -> float:
+        """Return the energy of chain and springs, J."""
+        total, springs = self.chain.mechanism.energy(self.q, self.v).total, self.chain.springs
+        return total + springs.energy(springs.at(self.q, self.v)) if springs.arms else total
+
+    def _book(self, before: float) -> None:
+        """Count the energy since before an event as work."""
         added = np.zeros(len(self.work))
-        added[len(WORK) - 1] = energy(self.q, self.v).total - before
+        added[len(WORK) - 1] = self._energy() - before
         self.work = self.work + added
 
     def state(self) -> PlantState:
         """Return the state."""
-        return PlantState(self.q, self.v, self.work.copy(), self.surroundings, self.force.copy())
+        held = self.chain.springs.held()
+        return PlantState(
+            self.q, self.v, self.work.copy(), self.surroundings, self.force.copy(), held, self.missed
+        )
 
     def restore(self, state: PlantState) -> None:
         """Return to a state."""
-        self.q, self.v = state.q, state.v
+        self.q, self.v, self.missed = state.q, state.v, state.missed
+        self.chain.springs.restore(state.grasps)
         self.surround(state.surroundings)
         self.hold(state.force)
         self.work = state.work.copy()
@@ -177,10 +235,8 @@ class Plant:
         forces = self._apply(q, v)
         if not self.chain.springs.arms:
             return self._solve(q, v, _ALL.dot(forces)), forces.dot(v)
-        grasps = self.chain.springs.at(q, v)
-        return self._solve(q, v, _ALL.dot(forces) + grasps.force), np.append(
-            forces.dot(v), (0.0, grasps.power)
-        )
+        grasps, power = self.chain.springs.force(q, v)
+        return self._solve(q, v, _ALL.dot(forces) + grasps), np.array([*forces.dot(v), 0.0, power])
 
     def _apply(self, q: Array, v: Array) -> Array:
         """Return the generalised force of drives, friction and push, shape (3, nv)."""

@@ -114,6 +114,7 @@ class Recorder:
         applied: Applied,
         target: PoseTarget,
         squeeze: Array,
+        shares: Array,
     ) -> None:
         """Record one tick; the plant already holds its torques."""
         samples, plant, sample = self._samples, self._plant, self._sample(tick)
@@ -130,6 +131,8 @@ class Recorder:
             "closure_angle": angles,
         }.items():
             samples[name][sample] = value
+        if "load_share" in samples:
+            samples["load_share"][sample] = shares
         for read, columns, entries in self._read:
             at = sample if entries is None else (sample, entries)
             for column, value in zip(columns, read(measurements, applied), strict=True):

@@ -86,6 +86,10 @@ class Sensing:
         self._angles = [slot.posture for slot in self._slots] if state is None else list(state.angles)
         self._signals = self._signals_after(ticks)
 
+    def share(self, shares: Array) -> None:
+        """Split the wrenches by other load shares from now on, shape (m,)."""
+        self.sensors = self.sensors._replace(shares=shares)
+
     def _signals_after(self, ticks: int) -> Iterator[CellSignals]:
         """Return the signals of one tick after the other, from that with a number on."""
         signals = SensorSignals(self._scenario, [len(slot.drive) for slot in self._slots])

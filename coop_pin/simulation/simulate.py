@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from coop_pin.arrays import require_type
 from coop_pin.control.interface import CellController
@@ -53,7 +54,7 @@ def simulate(
         require_type(name, called, Callable, type(None))  # type: ignore[arg-type]
     run = Simulation(scenario, controller, plant=plant)
     pacer = RealtimePacer((1.0 if view else math.inf) if realtime_rate is None else realtime_rate)
-    try:
+    with errors_with_results(lambda: run.result() if run.ticks_done else None, lambda: run.time):
         while not run.is_finished:
             pacer.wait_until(run.time)
             run.tick()
@@ -65,26 +66,33 @@ def simulate(
                 break
         if isinstance(view, ThrottledObserver):
             view.show(run.snapshot())
-    except CoopPinError as error:
-        error.result = _result_before(error, run)
-        raise
-    except Exception as error:  # a user's controller, motion or squeeze may raise anything
-        user_error = UserCodeError(run.time, error)
-        user_error.result = _result_before(user_error, run)
-        raise user_error from error
-    except KeyboardInterrupt:
-        result = _result_so_far(run)
-        raise RunInterruptedError(result.end if result else math.nan, result) from None
     return run.result()
 
 
-def _result_so_far(run: Simulation) -> RunResult | None:
-    return run.result() if run.ticks_done else None
+@contextlib.contextmanager
+def errors_with_results(so_far: Callable[[], RunResult | None], time: Callable[[], float]) -> Iterator[None]:
+    """Give the errors of a run the result up to them; raises as simulate.
+
+    Args:
+        so_far: Function that returns the result so far, if there is one.
+        time: Function that returns the time of the next tick, s.
+    """
+    try:
+        yield
+    except CoopPinError as error:
+        error.result = _marked(so_far(), error)
+        raise
+    except Exception as error:  # a user's controller, motion or squeeze may raise anything
+        user_error = UserCodeError(time(), error)
+        user_error.result = _marked(so_far(), user_error)
+        raise user_error from error
+    except KeyboardInterrupt:
+        result = so_far()
+        raise RunInterruptedError(result.end if result else math.nan, result) from None
 
 
-def _result_before(error: CoopPinError, run: Simulation) -> RunResult | None:
+def _marked(result: RunResult | None, error: CoopPinError) -> RunResult | None:
     """Return the result up to an error, marked with the error's class."""
-    result = _result_so_far(run)
     if result is not None:
         result.data.attrs[RunResult.ENDED_BY] = type(error).__name__
     return result

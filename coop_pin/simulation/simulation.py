@@ -15,11 +15,12 @@ import numpy as np
 from coop_pin.arrays import Array, as_number, frozen, require_type
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.control.interface import ArmMeasurement, ArmReference, CellCommand, CellController
-from coop_pin.description.events import Event, PayloadEvent
+from coop_pin.description.events import LoseArm, PayloadEvent
+from coop_pin.description.grasp_events import Event, GraspPlan, Regrasp
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import DivergedError, FieldError, InvalidStateError, OutOfRangeError
 from coop_pin.model.joint_limits import JointLimits
-from coop_pin.reference import PoseReference, PoseTarget, SqueezeReference
+from coop_pin.reference import PoseReference, PoseTarget, SqueezeReference, retreated
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.simulation.actuation import Actuation
 from coop_pin.simulation.drives import Applied
@@ -234,7 +235,8 @@ class Simulation:
         result = self.recorder.result(scenario)
         if self.controller_state is not None:
             pose = self.motion.at(result.end).X_WP_d
-            if remarks := self.controller.remarks(pose, self.controller_state):
+            remarks = [*map(str, self.plant.missed), *self.controller.remarks(pose, self.controller_state)]
+            if remarks:
                 result.data.attrs[RunResult.REMARKS] = "\n".join(remarks)
         return result
 
@@ -242,9 +244,12 @@ class Simulation:
         """Add an event, at the next tick or later.
 
         Raises:
-            FieldError: it starts before the next tick, or ends after the run.
+            FieldError: it starts before the next tick, ends after the run, or is the failure of an arm, whose
+                drives are those of the scenario.
         """
         require_type("event", event, PayloadEvent)
+        if isinstance(event, LoseArm):
+            raise FieldError(f"is {event.kind!r}; state it in the scenario", "event.kind")
         earliest = self.timeline.time(self.ticks_done + (self._inputs is not None))
         if event.time < earliest:
             raise FieldError(
@@ -282,7 +287,7 @@ class Simulation:
             target = self.motion.at(time)
         if not all(np.isfinite(part).all() for part in target):
             raise OutOfRangeError("time", time, "a time at which the motion is finite")
-        return self._references(target, self.squeeze.at(time, self._grasps))
+        return self._references(target, *self._planned(time))
 
     def _observe(self) -> TickInputs:
         """Measure and apply the events of the next tick, once."""
@@ -293,8 +298,10 @@ class Simulation:
             )
         if self._inputs is None:
             time = self.time
-            target, squeeze = self.motion.at(time), self.squeeze.at(time, self._grasps)
-            references = self._references(target, squeeze)
+            target, (squeeze, plan) = self.motion.at(time), self._planned(time)
+            references = self._references(target, squeeze, plan)
+            if plan is not None:
+                self.sensing.share(plan.shares)
             if self._applied is None:
                 measurements = self.sensing.start(self.plant.q, self.plant.v, references)
             else:
@@ -310,7 +317,15 @@ class Simulation:
         self.controller_state = command.state
         self._applied = self.actuation.apply(time, command, self.plant.q)
         self.plant.drive(self._applied.torques)
-        self.recorder.record(tick, time, inputs.measurements, self._applied, inputs.target, inputs.squeeze)
+        self.recorder.record(
+            tick,
+            time,
+            inputs.measurements,
+            self._applied,
+            inputs.target,
+            inputs.squeeze,
+            self.sensing.sensors.shares,
+        )
         self.ticks_done, self._inputs = tick + 1, None
         if tick < self.timeline.ticks:
             self._advance(tick)
@@ -323,7 +338,20 @@ class Simulation:
         instants = [time for time in lost if time is not None]
         return Timeline(scenario.clock, scenario.duration, scenario.events, instants)
 
-    def _references(self, target: PoseTarget, squeeze: Array) -> list[ArmReference]:
+    def _planned(self, time: float) -> tuple[Array, GraspPlan | None]:
+        """Return desired internal wrenches and the plan of the grasps at a time, if grasps have events."""
+        squeeze = self.squeeze.at(time, self._grasps)
+        if not self.scenario.grasp_events:
+            return squeeze, None
+        missed = [missed.event for missed in self.plant.missed]
+        plan = self.scenario.grasp_plan_at(self.timeline.just_after(time), missed)
+        return plan.squeeze(squeeze), plan
+
+    def _references(
+        self, target: PoseTarget, squeeze: Array, plan: GraspPlan | None = None
+    ) -> list[ArmReference]:
+        if plan is not None:
+            return self._planned_references(target, squeeze, plan)
         rows = self._rows
         twist, acceleration = frozen(rows.select(target.V_WP_d)), frozen(rows.select(target.A_WP_d))
         return [
@@ -331,11 +359,30 @@ class Simulation:
             for wrench in squeeze
         ]
 
+    def _planned_references(self, target: PoseTarget, squeeze: Array, plan: GraspPlan) -> list[ArmReference]:
+        """Return the references of arms that bear other shares, or retreat from their grasps."""
+        rows, references = self._rows, list[ArmReference]()
+        for grasp, wrench, share, retreat in zip(
+            self._grasps.values(), squeeze, plan.shares.tolist(), plan.retreats, strict=True
+        ):
+            X, V, A = retreated(target, -grasp.matrix[:3, 2], retreat)
+            motion = (frozen(X), frozen(rows.select(V)), frozen(rows.select(A)))
+            references.append(ArmReference(*motion, frozen(rows.select(wrench)), share))
+        return references
+
     def _apply_events(self, time: float) -> None:
         """Put the plant into the surroundings that the events at this time make."""
         if self.timeline.happens_at(time):
             self.recorder.observe()  # in the surroundings until now
-            self.plant.surround(self.scenario.surroundings_at(self.timeline.just_after(time)))
+            after = self.timeline.just_after(time)
+            self.plant.surround(self.scenario.surroundings_at(after))
+            for event in self.scenario.grasp_events:
+                if abs(event.instant - time) <= after - time:
+                    arm = list(self.scenario.cell.arms).index(event.arm)
+                    if isinstance(event, Regrasp):
+                        self.plant.grasp(arm, event)
+                    else:
+                        self.plant.release(arm)
 
     def _advance(self, tick: int) -> None:
         """Integrate the plant to the next tick, event times included."""

@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
-from coop_pin.description.events import Event
+from coop_pin.description.events import PayloadEvent
 from coop_pin.description.plant import Clock
 
 # Two times closer than this part of a plant step are the same instant.
@@ -35,7 +35,7 @@ class Timeline:
     """
 
     def __init__(
-        self, clock: Clock, duration: float, events: Sequence[Event], instants: Iterable[float] = ()
+        self, clock: Clock, duration: float, events: Sequence[PayloadEvent], instants: Iterable[float] = ()
     ) -> None:
         self.ticks = clock.ticks(duration)
         self.period = clock.period

@@ -14,7 +14,6 @@ from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
-from scipy.linalg.lapack import dgesv
 
 from coop_pin.arrays import Array, frozen
 
@@ -72,11 +71,19 @@ def inverse(A: Array) -> tuple[Array, float]:
     if type(A) is not np.ndarray:
         A_inverse = np.linalg.inv(A)  # type: ignore[assignment]
     else:
-        _, _, A_inverse, zero_pivot = dgesv(A, identity(len(A)))
+        _, _, A_inverse, zero_pivot = _solve()(A, identity(len(A)))
         if zero_pivot:
             return np.full(A.shape, np.inf), np.inf
     condition: Any = (np.vdot(A, A) * np.vdot(A_inverse, A_inverse)) ** 0.5
     return A_inverse, condition
+
+
+@cache
+def _solve() -> Any:
+    """Return LAPACK's solver of linear equations."""
+    from scipy.linalg.lapack import dgesv  # slow to load
+
+    return dgesv
 
 
 @cache

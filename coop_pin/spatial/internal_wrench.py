@@ -22,14 +22,15 @@ def load_wrenches(interaction: Array, load_shares: Array) -> Array:
 
     Args:
         interaction: wrench on each arm by the payload, about P, in common axes, shape (..., m, k).
-        load_shares: c_i, summing to one, shape (m,).
+        load_shares: c_i, summing to one, shape (..., m).
     """
-    load_shares = as_array("load_shares", load_shares, "m")
+    if np.ndim(load_shares) < 2:
+        load_shares = as_array("load_shares", load_shares, "m")
     if not isinstance(interaction, np.ndarray):
         interaction = as_array("interaction", interaction, "m", "k")
-    if interaction.shape[-2:-1] != load_shares.shape:
-        raise ShapeError("interaction", interaction.shape, ("...", load_shares.size, "k"))
-    return load_shares[:, None] * interaction.sum(axis=-2, keepdims=True)
+    if interaction.shape[-2:-1] != load_shares.shape[-1:]:
+        raise ShapeError("interaction", interaction.shape, ("...", load_shares.shape[-1], "k"))
+    return load_shares[..., None] * interaction.sum(axis=-2, keepdims=True)
 
 
 def internal_wrenches(interaction: Array, load_shares: Array) -> Array:

@@ -47,7 +47,7 @@ def outcomes_here(jobs: Iterator[Job]) -> Generator[list[Outcome]]:
         if threading.current_thread() is threading.main_thread():  # Ctrl-C does not reach others
             stack.callback(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, _raise_ctrl_c))
         while batch := _next_batch(jobs, 1):
-            if batch[0].engine == "single":
+            if batch[0].engine != "batch":
                 yield [run_job(job) for job in batch]
             else:
                 from coop_pin.sweeps.batch_job import run_batch  # slow to load
@@ -62,7 +62,7 @@ def _with_singles(
     yield list(filter(None, outcomes))
     for job, outcome in zip(batch, outcomes, strict=True):
         if outcome is None:
-            yield run(job._replace(engine="single"))
+            yield run(job._replace(engine="pinocchio"))
 
 
 def _next_batch(jobs: Iterator[Job], size: int) -> list[Job]:

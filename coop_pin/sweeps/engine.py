@@ -47,7 +47,7 @@ def with_engine(plan: SweepPlan, store: SweepStore, runs: int | None = None) -> 
     Raises:
         FieldError: the plan wants batches, and its first run cannot be in one.
     """
-    if plan.engine == "single":
+    if plan.engine in ("pinocchio", "traced"):
         return plan
     if plan.engine == "auto":
         with contextlib.suppress(FileReadError):
@@ -156,7 +156,7 @@ class Session:
 
     def _singly(self, plan: SweepPlan, numbers: Sequence[int]) -> list[Outcome]:
         """Return the outcomes of single runs of a plan's points."""
-        jobs = (self._job(plan, keyed)._replace(engine="single") for keyed in keyed_points(plan, numbers))
+        jobs = (self._job(plan, keyed)._replace(engine="pinocchio") for keyed in keyed_points(plan, numbers))
         with contextlib.closing(self._outcomes(jobs)) as batches:
             return list(itertools.chain.from_iterable(batches))
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 import dataclasses
 import os
 from pathlib import Path
-from typing import Literal, TypeAlias, get_args
+from typing import get_args
 
+from coop_pin.engines import PREVIOUS, Engine
 from coop_pin.errors import FieldError
-
-SweepEngine: TypeAlias = Literal["single", "batch", "auto"]
-"""What simulates many runs: each alone on Pinocchio, many by compiled code, or the faster of both."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,9 +19,9 @@ class Execution:
         workers: number of processes, 0 for this process; one for each processor when omitted.
         scheduler: address of a dask scheduler to use instead of local processes, for example
             ``tcp://127.0.0.1:8786``.
-        engine: single; batch simulates runs together by compiled code; auto decides by the number of runs;
-            the plan's when omitted, auto without a plan. A comparison takes single or auto, for each kind of
-            runs by itself.
+        engine: pinocchio or traced, each run alone; batch simulates runs together by compiled code; auto
+            decides by the number of runs; the plan's when omitted, auto without a plan. A comparison takes
+            pinocchio or auto, for each kind of runs by itself.
         merge: folder of another sweep, search or comparison, whose runs are taken over where they are the
             same; once for each.
         recompute: number of runs of each such folder, drawn at random, that are computed here, too; if one
@@ -37,7 +35,7 @@ class Execution:
 
     workers: int | None = None
     scheduler: str | None = None
-    engine: SweepEngine | None = None
+    engine: Engine | None = None
     merge: tuple[str | Path, ...] = ()
     recompute: int = 0
     quiet: bool = False
@@ -51,8 +49,9 @@ class Execution:
             False,
         ):
             self._require_types()
-        if self.engine not in (None, *get_args(SweepEngine)):
-            raise FieldError(f"is {self.engine!r}; it must be one of {get_args(SweepEngine)}", "engine")
+        object.__setattr__(self, "engine", PREVIOUS.get(str(self.engine), self.engine))
+        if self.engine not in (None, *get_args(Engine)):
+            raise FieldError(f"is {self.engine!r}; it must be one of {get_args(Engine)}", "engine")
 
     def _require_types(self) -> None:
         from coop_pin.arrays import as_count, require_path, require_type  # loads numpy: not for help

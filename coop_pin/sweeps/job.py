@@ -18,6 +18,7 @@ from pydantic.dataclasses import dataclass
 
 from coop_pin.arrays import Array
 from coop_pin.description.scenario import Scenario
+from coop_pin.engines import PREVIOUS, Engine
 from coop_pin.errors import CoopPinError, FieldError, FileReadError, RunTimeoutError, place_of
 from coop_pin.results import RunResult
 from coop_pin.results.netcdf import to_netcdf
@@ -61,7 +62,7 @@ class Record:
         message: the error's message, after its place in the user's code if it is not coop_pin's own.
         failed_at_s: simulated time of the error if it has one, s.
         trace: last lines of the traceback of an error that is not coop_pin's own.
-        engine: engine that simulated it: "single", or "batch" together with others.
+        engine: engine that simulated it: "pinocchio" or "traced", or "batch" together with others.
         family: digest of the family and the code of a run of a user's law in a batch; some of its runs are
             repeated singly.
         merged: whether it was taken over from another folder.
@@ -76,7 +77,7 @@ class Record:
     message: _Text = ""
     failed_at_s: float | None = None
     trace: _Text = ""
-    engine: _Text = "single"
+    engine: Annotated[_Text, AfterValidator(lambda name: PREVIOUS.get(name, name))] = "pinocchio"
     family: _Text = ""
     merged: bool = False
     wall_s: float = 0.0
@@ -150,7 +151,8 @@ class Job(NamedTuple):
         memory_limit: memory of a worker, bytes; 0 for no limit.
         keep: whether the full result is requested.
         code: digests of the user's code that the key covers.
-        engine: "single", or "batch" for a run that is simulated together with others if it can be.
+        engine: "pinocchio" or "traced", or "batch" for a run that is simulated together with others if it can
+            be.
     """
 
     key: str
@@ -161,7 +163,7 @@ class Job(NamedTuple):
     memory_limit: int = 0
     keep: bool = False
     code: Code = ()
-    engine: str = "single"
+    engine: Engine = "pinocchio"
 
 
 class Outcome(NamedTuple):
@@ -192,7 +194,9 @@ def run_job(job: Job) -> Outcome:
     require_unchanged(job.code)
 
     def compute() -> RunResult:
-        return run(separate(job.scenario), progress=deadline(job.time_limit_s), warn=False)
+        engine: Engine = "traced" if job.engine == "traced" else "pinocchio"  # what a batch has left over
+        progress = deadline(job.time_limit_s)
+        return run(separate(job.scenario), progress=progress, warn=False, engine=engine)
 
     return outcome_of(job, compute)
 
@@ -213,7 +217,7 @@ def outcome_of(job: Job, compute: Callable[[], RunResult]) -> Outcome:
             metrics = result.metrics()
             for name in job.metrics:  # the user's last
                 metrics |= {key: float(value) for key, value in load_function(name, {})(result).items()}
-        record = Record(job.key, dict(job.changes), metrics)
+        record = Record(job.key, dict(job.changes), metrics, engine=result.engine)
     except BaseException as error:  # user code may raise anything, SystemExit as well: it is recorded
         if CtrlC in (type(error), type(error.__context__)):
             raise

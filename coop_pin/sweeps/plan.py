@@ -15,11 +15,11 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from coop_pin.arrays import require_path
 from coop_pin.description.scenario import Scenario
+from coop_pin.engines import PREVIOUS, Engine
 from coop_pin.errors import FieldError, NameNotFoundError, ScenarioError, UnknownFieldError, one_or_all
 from coop_pin.schema.base import Description
 from coop_pin.schema.user_code import FunctionName
 from coop_pin.sweeps.dimensions import Dimension, Sample, Values
-from coop_pin.sweeps.execution import SweepEngine
 from coop_pin.user_files import read_toml
 
 COLUMNS = ("number", "status", "failure", "message", "failed_at_s", "merged", "wall_s", "cpu_s", "key")
@@ -95,9 +95,9 @@ class SweepPlan(Description):
         time_limit_s: wall time after which a run is aborted, s.
         memory_limit_gb: memory of a worker, GB; a run that needs more fails. Not applied in this process.
         keep: runs whose full results are stored: their places in the plan, or "all", or "none".
-        engine: "single", each run alone on Pinocchio; "batch", runs of one kind together by compiled code,
-            and singly those that cannot be; or "auto": "batch" if the first run can be and there are enough
-            of them to be worth compiling, decided when the sweep first starts.
+        engine: "pinocchio" or "traced", each run alone; "batch", runs of one kind together by compiled code,
+            and on Pinocchio those that cannot be; or "auto": "batch" if the first run can be and there are
+            enough of them to be worth compiling, decided when the sweep first starts.
         repeats: number of runs of each point, with the scenario's ``seed`` 0, 1, 2, ...: the last dimension
             of the plan. With 1 the scenario keeps its own seed.
     """
@@ -112,7 +112,7 @@ class SweepPlan(Description):
     time_limit_s: float = Field(default=600.0, gt=0.0)
     memory_limit_gb: float = Field(default=4.0, gt=0.0)
     keep: str | tuple[int, ...] = "none"
-    engine: SweepEngine = "auto"
+    engine: Annotated[Engine, BeforeValidator(lambda name: PREVIOUS.get(str(name), name))] = "auto"
     repeats: int = Field(default=1, ge=1)
 
     @model_validator(mode="after")
@@ -220,7 +220,7 @@ class SweepPlan(Description):
             trials |= set(range(0, dimension.size * stride, stride)) if dimension.cases else set()
         return {index: self._overridden(index) for index in sorted(trials)}
 
-    def part(self, cases: Collection[str], engine: SweepEngine) -> Self:
+    def part(self, cases: Collection[str], engine: Engine) -> Self:
         """Return the plan of some of the cases that are its first dimension, by another engine.
 
         Nothing is validated again.
@@ -243,7 +243,7 @@ class SweepPlan(Description):
         """Return the scenarios, the dimensions and the number of runs as text."""
         sizes = " x ".join(map(str, self.shape)) or "1"
         total = f"{sizes} = {len(self)} runs" if len(self.shape) > 1 else f"{len(self)} runs"
-        total += {"single": ", each alone", "batch": ", in batches", "auto": ""}[self.engine]
+        total += {"batch": ", in batches", "auto": ""}.get(self.engine, ", each alone")
         lines = [f"sweep of {', '.join(self.base)}: {total}"]
         width = max((len(dimension.name) for dimension in self.dimensions), default=0)
         lines += [f"  {dimension.name:<{width}}  {dimension.summary()}" for dimension in self.dimensions]

@@ -124,11 +124,25 @@ class SweepResult:
         return {status: int((self.table["status"] == status).sum()) for status in (OK, FAILED, MISSING)}
 
     def write_tables(self) -> None:
-        """Write table.csv and table.nc, and times.csv apart from them; FileWriteError on a full disk."""
+        """Write table.csv and table.nc, and times.csv apart from them; FileWriteError on a full disk.
+
+        What has not changed is left: table.nc takes the time of some hundred rows.
+        """
         times, folder = ["wall_s", "cpu_s"], self.store.folder
-        self.store.write_with(folder / "table.csv", self.table.drop(columns=times).to_csv)
+        table, content = folder / "table.csv", self.table.drop(columns=times).to_csv().encode()
         self.store.write_with(folder / "times.csv", self.table[[*times, "key"]].to_csv)
-        self.store.write_with(folder / "table.nc", lambda part: self.data.to_netcdf(part, engine="h5netcdf"))
+        if not self._is_written(content):
+            table.unlink(missing_ok=True)  # written last: it tells that table.nc is whole
+            write = functools.partial(self.data.to_netcdf, engine="h5netcdf")
+            self.store.write_with(folder / "table.nc", write)
+        self.store.write_changed(table, content)
+
+    def _is_written(self, content: bytes) -> bool:
+        """Return whether table.nc was written for these bytes of table.csv, and after the plan."""
+        table, file, plan = (self.store.folder / name for name in ("table.csv", "table.nc", "plan.json"))
+        if not (table.is_file() and file.is_file() and plan.is_file()):
+            return False
+        return table.read_bytes() == content and file.stat().st_mtime_ns >= plan.stat().st_mtime_ns
 
     def write_html(self, path: str | Path, metric: str = "") -> None:
         """Write all runs as one page that is explored: a heat map with filters, which loads nothing.

@@ -133,7 +133,7 @@ def run_key(
     code: Code | None = None,
     digest: Callable[[Path], str] = file_digest,
     *,
-    engine: str = "single",
+    engine: str = "pinocchio",
     version: str = "",
 ) -> str:
     """Return the key of a run, 64 hexadecimal digits.
@@ -160,7 +160,7 @@ def run_key(
         "metrics": list(metrics),
     }
     files = {name: digest(path) for name, path in _files(scenario)}
-    named = {} if engine == "single" else {"engine": engine}
+    named = {} if engine == "pinocchio" else {"engine": engine}
     return _hash(content | {"files": files, "code": dict(code)} | named)
 
 

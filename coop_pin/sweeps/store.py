@@ -218,8 +218,7 @@ class SweepStore:
     def write_plan(self, plan: SweepPlan) -> None:
         """Write the plan, so that the folder can be read on its own."""
         fields = {"coop_pin": __version__} | json.loads(plan.model_dump_json())
-        content = checksummed(json.dumps(fields).encode()) + b"\n"
-        self.write_with(self.folder / "plan.json", lambda part: part.write_bytes(content))
+        self.write_changed(self.folder / "plan.json", checksummed(json.dumps(fields).encode()) + b"\n")
 
     def read_plan(self) -> SweepPlan:
         """Return the last plan; see ``versioned_plan``."""
@@ -242,6 +241,12 @@ class SweepStore:
         except (FileReadError, ScenarioError, ValueError, TypeError, AttributeError, RecursionError) as error:
             advice = "run the sweep's command again: finished runs are kept"
             raise FileReadError(f"{path} cannot be used ({error}); {advice}") from None
+
+    def write_changed(self, path: Path, content: bytes) -> None:
+        """Write a file of the folder if its content changes; raises as write_with."""
+        with _write_errors(path):
+            if not path.is_file() or path.read_bytes() != content:
+                write_atomically(path, lambda part: part.write_bytes(content))
 
     def write_with(self, path: Path, write: Callable[[Path], object]) -> None:
         """Write a file of the folder, complete or not at all.

@@ -6,6 +6,7 @@ kernels run in which order, and what is loaded into slots and recorded from them
 
 from __future__ import annotations
 
+import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -44,6 +45,11 @@ class Layout:
             self._fields[name] = self.size, shape
             self.size += math.prod(shape)
 
+    @property
+    def names(self) -> list[str]:
+        """Names of the fields."""
+        return list(self._fields)
+
     def filled(self, name: str, numbers: int) -> list[int]:
         """Return the slots of a field in a row, for so many numbers.
 
@@ -79,6 +85,12 @@ class Kernel:
         self.reads: list[tuple[Literal["lane", "uniform"], int]] = []
         self.writes: list[tuple[int, Operand]] = []
         self._lanes, self._uniforms, self._fields = lanes, uniforms, dict[tuple[str, str], Any]()
+
+    def beside(self, name: str) -> Kernel:
+        """Return a kernel without writes on the same tape: what both need is traced once."""
+        other = copy.copy(self)
+        other.name, other.writes = name, []
+        return other
 
     def read(self, name: str) -> Any:
         """Return a field of the block."""
@@ -174,6 +186,10 @@ class Machine(ABC):
     def record_size(self, lanes: int) -> int:
         """Return how many numbers of memory a record takes, with whole registers and the start of a line."""
         return math.prod(self._shape(lanes)) + CACHE_LINE // 8
+
+    def new_record(self, lanes: int) -> Array:
+        """Return memory for the record of runs, shape (rows, recorded, lanes of whole registers)."""
+        return self._record(lanes, None)
 
     def _record(self, lanes: int, out: Array | None) -> Array:
         """Return the record in memory, shape (rows, recorded, lanes of whole registers); see run."""

@@ -72,19 +72,21 @@ class LlvmMachine(Machine):
         block[:] = slots.swapaxes(0, 1).reshape(len(block), -1)[:, :lanes]
         return record[:, :, :lanes]
 
-    def bound(self, block: Array, uniforms: Array) -> Callable[[int, int], None]:
+    def bound(self, block: Array, uniforms: Array, record: Array | None = None) -> Callable[[int, int], None]:
         """Return a function that runs some instructions of the program, by first and count, on runs.
 
         Args:
             block: Slots of the runs, changed in place, shape (..., slots); the width must be 1.
             uniforms: Numbers that all runs share, read at every call, shape (rows, uniforms).
+            record: Memory that RECORD writes, as of new_record; for programs that record.
         """
         run, instructions = self._run, self._instructions
         start, size = instructions.ctypes.data, instructions.itemsize * instructions.shape[1]
         groups = block.size // block.shape[-1]
-        memory = block.ctypes.data, uniforms.ctypes.data, 8 * uniforms.shape[1], None, 0, None, 0
+        inputs = block.ctypes.data, uniforms.ctypes.data, 8 * uniforms.shape[1], None, 0
+        memory = *inputs, None if record is None else record.ctypes.data, 8 * groups
 
-        def call(first: int, count: int, _kept: object = (block, uniforms)) -> None:
+        def call(first: int, count: int, _kept: object = (self, block, uniforms, record)) -> None:
             run(groups, count, start + first * size, *memory)
 
         return call

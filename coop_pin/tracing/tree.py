@@ -99,6 +99,16 @@ def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:
     return kind.make(tree, {name: rebuilt(part, numbers) for name, part in _parts(tree)})
 
 
+def valued(tree: Tree, numbers: Iterator[float]) -> Tree:
+    """Return the same tree with values: floats, and arrays of them."""
+    kind = _kind(cast(Any, tree).__class__)
+    if kind is _NUMBER or kind is _MASK:
+        return cast(Any, next(numbers))
+    if isinstance(tree, np.ndarray) and _has_numbers(tree):
+        return cast(Any, np.array([next(numbers) for _ in range(tree.size)]).reshape(tree.shape))
+    return kind.make(tree, {name: valued(part, numbers) for name, part in _parts(tree)})
+
+
 def _like(tree: Any, number: Any) -> Any:
     """Return a number in place of a leaf, as a truth value if that is one."""
     return as_truth(number) if isinstance(tree, TracedMask) else number

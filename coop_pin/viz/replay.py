@@ -36,6 +36,8 @@ from coop_pin.viz.page import (
 from coop_pin.viz.scene import base64_floats
 
 _MOST_RUNS = 4
+_MOST_NUMBERS = 450_000
+"""Numbers of the frames of a run, which are 2.4 MB of its page: frames of long runs are further apart."""
 
 
 @typed
@@ -111,7 +113,9 @@ def _packed(result: RunResult, curves: tuple[Curve, ...], instants: list[float])
     """Return a run as the page reads it, with the frames of some instants."""
     cell, samples = result.scenario.cell, run_samples(result)
     frames = CellFrames(cell, CellVisuals(cell, result.scenario.plant.payload))
-    kept = frame_samples(samples["time"], FRAMES_PER_SECOND, instants)
+    numbers = sum(frames.blocks.values()) + 1 + len(curves)
+    rate = min(FRAMES_PER_SECOND, _MOST_NUMBERS / (numbers * max(result.end, 1.0)))
+    kept = frame_samples(samples["time"], rate, instants)
     moving = {name: value[kept] for name, value in samples.items() if len(value) == len(samples["time"])}
     tips, path = samples["tip_position"], samples["payload_position"]
     k = int(np.abs(samples["time"] - instants[0]).argmin())
