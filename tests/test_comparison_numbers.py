@@ -205,7 +205,7 @@ def test_every_controller_is_searched_with_the_same_number_of_runs(scenario, tmp
         assert (options["minimize"], options["subject_to"]) == ("cost", "t_lambda<1")
         assert {span.scale for span in ranges.values()} == {"log"}
         assert {changes["seed"] for changes in options["cases"].values()} == {1000}
-        assert list(options["cases"]) == ["noise", "bias 1 mm", "mass x0.5"]
+        assert list(options["cases"]) == ["noise", "bias 1 mm", "mass x0.5", "torque of an arm lost"]
     tune_controllers(scenario, names[:1], out=tmp_path, size=18, generations=2, duration=0.05)
     _, ranges, options = searches[-1]
     assert (len(ranges) * options["population"], options["generations"]) == (18, 2)

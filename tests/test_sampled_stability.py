@@ -415,6 +415,17 @@ def test_the_fastest_growth_and_the_least_damping_are_those_of_a_run(cell, chang
     assert ("lower sign_gain" in found.summary()) == (found.ok and least.damping < 0.55)
 
 
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_t_lambda_is_that_of_the_speeds_in_the_sampled_motion(cell):
+    """D of the damping alone is the part of the closed loop by speeds, where a law is linear in them."""
+    simulation = Simulation(scenario := pushed(cell, 0.0), build_controller(scenario))
+    motion = sampled_motion(simulation, simulation.plant.q, 0.0)
+    D = -motion.feedback[:, len(motion.feedback) :]
+    T_lambda = scenario.clock.period * np.linalg.eigvals(D)
+    expected = np.max(np.abs(T_lambda) ** 2 / T_lambda.real)
+    assert_allclose(sampled_stability(scenario).value, expected, rtol=1e-5)
+
+
 @pytest.mark.parametrize("lag", [0.0, 0.03, 0.2])
 @pytest.mark.parametrize("cell", SCENARIOS)
 def test_at_a_fast_rate_its_modes_are_those_of_continuous_time(cell, lag):

@@ -35,6 +35,23 @@ def test_anchored_law_has_a_constant_force_and_no_sag():
     assert_allclose(errors({"controller.gains.anchor_gain": 0.5}, bias=1e-3).force, found.force / 5.0)
 
 
+@pytest.mark.parametrize("force_gain", [0.0, 0.5])
+def test_force_feedback_slows_the_ramp_and_divides_what_a_spring_holds(force_gain):
+    """1 / (1 + K_f) of both, as on the plant; not of what the integral of an anchored law holds."""
+    gains = {"controller.gains.force_gain": force_gain}
+    fixed = {"controller.anchor_bias": (1e-3, 1e-2), "controller.anchor_bias_answered": (1e-3, 1e-2)}
+    tip = {"events": [], "duration": 8.0, "cell.arms.left.calibration_error.tip.xyz": [2.5e-3, 0.0, 0.0]}
+    found = errors(gains | fixed, bias=2.5e-3)
+    assert_allclose(found.growth, 1.0 / (1.0 + force_gain))
+    data = cp.run("adept-anchored", gains | fixed | tip, warn=False).data
+    error = (data.internal_wrench - data.desired_internal_wrench).isel(arm=0).values[:, :2]
+    before, last = (np.linalg.norm(error[index]) for index in (-162, -2))
+    assert_allclose((last - before) / 2.0, found.growth, rtol=0.01)
+    spring = gains | {"controller.gains.anchor_gain": 0.0, "controller.gains.sign_gain": 0.0}
+    assert_allclose(errors(spring, bias=1e-3).force, 0.25 * K * GAMMA * 1e-3 / (1.0 + force_gain))
+    assert_allclose(errors(gains, bias=1e-3).force, errors(bias=1e-3).force)
+
+
 @pytest.mark.parametrize("leak", [0.2, 2.0])
 def test_leaky_law_trades_force_for_sag(leak):
     found = errors(UNMEASURED | {"controller.gains.leak": leak}, bias=1e-4, load=20.0)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from cells import ANCHORED, SCENARIOS, planar_three_arms, spatial_scenario
+from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.analysis import anchor_bounded_time, theorem_monitor
@@ -138,6 +139,23 @@ def test_a_dead_arm_brings_the_other_anchor_to_its_bound(name):
         times.append(anchor_bounded_time(cp.run(scenario, changes))["anchor_bounded_s"])
     assert 0.0 < times[0] <= 0.1 + 1e-9
     assert times[1] == 0.0
+
+
+def test_a_sweep_tells_the_time_at_the_bound(tmp_path):
+    """A column of the table by either engine: an arm lost at 0.5 and at 1 s."""
+    plan = cp.SweepPlan(
+        base=cp.Scenario.load("adept-anchored").replace(events=(), duration=1.5),
+        axes={"arm_actuators.right.torque_lost_at": [0.5, 1.0]},
+        metrics=["coop_pin.analysis:anchor_bounded_time"],
+    )
+    columns = [
+        cp.sweep(plan, out=tmp_path / engine, execution=cp.Execution(workers=0, quiet=True, engine=engine))
+        .values("anchor_bounded_s")
+        .values.tolist()
+        for engine in ("pinocchio", "batch")
+    ]
+    assert_allclose(columns[0], (1.0, 0.5), atol=0.05)
+    assert columns[1] == columns[0]
 
 
 MORE_ARMS = {

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from coop_pin.analysis import loads_without_an_arm, reachability
 from coop_pin.arrays import typed
 from coop_pin.comparison.benchmark import different
 from coop_pin.comparison.controllers import controllers_for, tuned_ranges
@@ -26,6 +27,8 @@ TUNED_SEED = 1000
 """Seed of the search and of its noise; trials are judged with the seeds 0, 1, 2, ..."""
 TUNED_TRIALS = ("noise", "bias 1 mm", "mass x0.5")
 """Trials of the search: without a bias an anchor has no use, without an unknown load an integral has none."""
+_LOSSES = ("torque of an arm lost", "commands of an arm lost")
+"""One more trial: the first of these that the other arms can hold; what falls with any gains rates none."""
 _COLUMNS = ("scenario", "controller", "field", "value", "low", "high", "runs", "duration_s", "seed", "cost")
 _LOG = logging.getLogger("coop_pin.comparison")
 
@@ -63,8 +66,9 @@ def tune_controllers(
 
     Every controller has the same search, seed and budget, (generations + 1) x size points whatever the number
     of its gains, logarithmic in each, run with noise (of a seed that the comparison does not use), with a
-    bias of 1 mm and with half of the mass. Gains whose T lambda exceeds 1 along the motion are not taken. A
-    controller of which no run finishes has no rows.
+    bias of 1 mm, with half of the mass, and with an arm that is lost, if the others can hold the payload.
+    Gains whose T lambda exceeds 1 along the motion are not taken. A controller of which no run finishes has
+    no rows.
 
     Args:
         scenarios: scenarios, or their names or paths.
@@ -121,11 +125,19 @@ def _searches(scenario: Scenario, controllers: Sequence[str], duration: float | 
     base = benchmark_scenario(scenario, duration)
     require_reach(base)
     standard = standard_trials(base)
-    trials = {name: standard[name].changes | {"seed": TUNED_SEED} for name in TUNED_TRIALS}
+    trials = {name: standard[name].changes | {"seed": TUNED_SEED} for name in tuned_trials(base)}
     for name, law in controllers_for(scenario, controllers, tuned=False).items():
         if ranges := {f"controller.{path}": span for path, span in tuned_ranges(name).items()}:
             folder = Path(scenario.name, name)
             yield _Search(name, base.override({"controller": law}), ranges, trials, folder)
+
+
+def tuned_trials(base: Scenario) -> list[str]:
+    """Return the names of the trials of the search in a benchmark scenario."""
+    loads = loads_without_an_arm(base, reachability(base, poses=9))
+    parts = loads[list(base.cell.arms)[-1]] if loads else ()
+    held = [name for name, part in zip(_LOSSES, parts, strict=False) if part <= 1.0]
+    return [*TUNED_TRIALS, *held[:1]]
 
 
 def _rows(result: TuneResult, search: _Search) -> list[dict[str, Any]]:

@@ -183,6 +183,36 @@ class BoundedAnchor(NamedTuple):
             held = where(is_recent, held, state.held + self.gain_inverse.dot(change))
         return AnchorState(held, C_B, C_E, t_m + is_recent * self.period)
 
+    def followed_bias(self, row: int, *, part: float, transient_rate: float) -> float:
+        """Return the largest ``|b_i - bbar|`` from t_0 on that the bound holds at the end, m or rad.
+
+        Without a turn of the payload, along a row: the anchor follows it by two lags in series, and C follows
+        the anchor by at most d at a tick, all the while that a bound acts::
+
+            y[k] = |b_i - bbar| (1 - (1 - h)^k - h (q^k - (1 - h)^k) / (q - 1 + h)),  q = exp(-kappa T)
+            C[k] = min(goal[k], C[k-1] + d[k]),  |b_i - bbar| <= C[inf] + b_0
+
+        Args:
+            row: Index of the task row.
+            part: h, the part of a force error that the anchor takes out at a tick.
+            transient_rate: kappa, 1/s.
+        """
+        step, b_0 = self.rate * self.period, float(self.free[row])
+        ticks = np.arange(1.0, _LAGS / step)
+        kept, q = 1.0 - part, np.exp(-transient_rate * self.period * (1.0 + _TINY_PART))
+        y = 1.0 - kept**ticks - part * (q**ticks - kept**ticks) / (q - kept)
+        path = np.cumsum(self.first[row] * np.exp(-step * ticks))
+
+        def centre(size: float) -> float:
+            goal = size * y * _part(2.0 * size * y / b_0 - 1.0)
+            return float(path[-1] + min((goal - path).min(), 0.0))
+
+        low, high = b_0, b_0 + float(self.first[row]) / step
+        while high - low > _TINY_PART * high:
+            middle = (low + high) / 2.0
+            low, high = (middle, high) if middle <= centre(middle) + b_0 else (low, middle)
+        return low
+
     def _sum(self, values: Array) -> Array:
         """Return for each row the sum over the rows of its kind, shape (k_0,)."""
         return self.same_kind.dot(values)
@@ -190,41 +220,6 @@ class BoundedAnchor(NamedTuple):
     def _norm(self, values: Array) -> Array:
         """Return for each row the norm of the rows of its kind, shape (k_0,)."""
         return self._sum(values * values) ** 0.5
-
-
-def followed_bias(
-    free: float, further: float, *, part: float, transient_rate: float, rate: float, period: float
-) -> float:
-    """Return the largest ``|b_i - bbar|`` from t_0 on that the bound holds at the end, m or rad.
-
-    Without a turn of the payload, in one direction: the anchor follows it by two lags in series, and C
-    follows the anchor by at most d at a tick, all the while that a bound acts::
-
-        y[k] = |b_i - bbar| (1 - (1 - h)^k - h (q^k - (1 - h)^k) / (q - 1 + h)),  q = exp(-kappa T)
-        C[k] = min(goal[k], C[k-1] + d[k]),  |b_i - bbar| <= C[inf] + b_0
-
-    Args:
-        free: b_0, m or rad.
-        further: b_max - b_0, likewise.
-        part: h, the part of a force error that the anchor takes out at a tick.
-        transient_rate: kappa, 1/s.
-        rate: nu, 1/s.
-        period: T, s.
-    """
-    ticks = np.arange(1.0, _LAGS / (rate * period))
-    kept, q = 1.0 - part, np.exp(-transient_rate * period * (1.0 + _TINY_PART))
-    y = 1.0 - kept**ticks - part * (q**ticks - kept**ticks) / (q - kept)
-    path = np.cumsum(period * rate * np.exp(-rate * period * ticks) * further)
-
-    def centre(size: float) -> float:
-        goal = size * y * _part(2.0 * size * y / free - 1.0)
-        return float(path[-1] + min((goal - path).min(), 0.0))
-
-    low, high = free, free + further
-    while high - low > _TINY_PART * high:
-        middle = (low + high) / 2.0
-        low, high = (middle, high) if middle <= centre(middle) + free else (low, middle)
-    return low
 
 
 def _part(values: Array) -> Array:

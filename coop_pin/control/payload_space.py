@@ -19,9 +19,9 @@ from pydantic import (
 )
 
 from coop_pin.arrays import Array
-from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor, followed_bias
+from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.force_path import SampledLoop
-from coop_pin.control.gains import PositiveGain, gain_vector
+from coop_pin.control.gains import PositiveGain
 from coop_pin.control.interface import (
     ArmCommand,
     ArmController,
@@ -189,7 +189,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         return [
             "the anchor is at its bound: a dead arm, drives that are too weak, a wrong wrench, or a bias that"
             " changed after the start; analysis.anchor_bounded_time tells for how long, a larger"
-            " controller.gains.anchor_bias allows more"
+            " controller.anchor_bias allows more"
         ]
 
     def step(
@@ -357,46 +357,48 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             payload_weight=None if mass is None else arm.rows.select(weight_wrench(mass, arm.gravity)),
             stale_after=self.stale_after + arm.oldest_wrench,
             posture=self.posture.term(arm) if arm.drives > arm.rows.size else None,
-            bound=self._bound(arm, gains),
+            bound=self._bound(arm.rows, gains, arm.load_share, arm.period, 1 + arm.oldest_wrench),
         )
 
-    def _layer(self, gains: PayloadSpaceGains, rows: TaskRows) -> float | None:
-        """Return the half width of the layer of the integral; None where no bound is stated, or derived."""
-        anchors = self.force_path.measures and gains.anchor_gain > 0.0
+    def _bound(
+        self, rows: TaskRows, gains: PayloadSpaceGains, share: float, period: float, ticks: int
+    ) -> BoundedAnchor | None:
+        """Return the bound of the anchor of a share c; None where none is stated, or derived.
+
+        Args:
+            rows: The task rows.
+            gains: Gains, sized.
+            share: c.
+            period: T, s.
+            ticks: Age that measured wrenches reach at the next tick, without the filter's.
+        """
+        K, gamma, alpha = gains.sliding_gain, gains.pose_gain, gains.sign_gain.diagonal()
+        anchors = self.force_path.measures and gains.anchor_gain > 0.0 and bool(alpha.all())
         if not anchors or self.anchor_bias == "none" or isinstance(self.switching, Sign):
             return None
-        return self.switching.width if gain_vector(gains.sign_gain, rows.size).all() else None
-
-    def _bound(self, arm: ControlledArm, gains: PayloadSpaceGains) -> BoundedAnchor | None:
-        """Return the bound of an arm's anchor; None without one."""
-        K, width = gains.sliding_gain, self._layer(gains, arm.rows)
-        if width is None:
-            return None
-        ticks = 1.0 + arm.oldest_wrench + self.force_path.pole / (1.0 - self.force_path.pole)
+        width, pole = self.switching.width, self.force_path.pole
+        age = period * (ticks + pole / (1.0 - pole))
         return BoundedAnchor.of_rows(
-            arm.rows,
+            rows,
             (self.anchor_bias, self.anchor_bias_answered),
-            gain=arm.load_share * K @ gains.pose_gain,
-            forget=gains.sign_gain.diagonal() / width,
-            largest=width / gains.pose_gain.diagonal(),
-            rate=self._centre_rate(gains, ticks * arm.period),
-            period=arm.period,
+            gain=share * K @ gamma,
+            forget=alpha / width,
+            largest=width / gamma.diagonal(),
+            rate=1.0 / (1.0 / gains.transient_rate + age * (1.0 + gains.force_gain) / gains.anchor_gain),
+            period=period,
         )
-
-    def _centre_rate(self, gains: PayloadSpaceGains, age: float) -> float:
-        """Return nu, 1/s, for wrenches of an age, s."""
-        return 1.0 / (1.0 / gains.transient_rate + age * (1.0 + gains.force_gain) / gains.anchor_gain)
 
     def steady_directions(self, rows: TaskRows, loop: SampledLoop, period: float) -> list[SteadyDirection]:
         """Return K gamma and the integral K alpha phi(gamma x) in each linear task row."""
-        gains, internal, phi = self.gains, self.force_path.measures, self.switching
-        gamma, K, alpha = (
-            gain_vector(gain, rows.size) for gain in (gains.pose_gain, gains.sliding_gain, gains.sign_gain)
-        )
+        gains, internal, phi = self.gains.sized(rows.size, 0), self.force_path.measures, self.switching
         beta, leak = gains.anchor_gain / (loop.every * period), self._leak(gains)
         anchored = self.measures and beta > 0.0
         linear = [row for row, index in enumerate(rows.indices) if index < 3]
-        free, most = self._free_and_followed(gamma[linear], rows, loop, period)
+        bound, free, most = self._bound(rows, gains, 1.0, period, loop.every + loop.delay), np.inf, np.inf
+        if bound is not None:
+            part = gains.anchor_gain / (loop.every * (1.0 + gains.force_gain))
+            most = bound.followed_bias(linear[0], part=part, transient_rate=gains.transient_rate)
+            free = float(bound.free[linear[0]])
 
         def direction(gamma: float, K: float, alpha: float) -> SteadyDirection:
             return SteadyDirection(
@@ -406,27 +408,10 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
                 load_rate=0.0 if internal else beta if self.measures else leak,
                 free=free,
                 most=most,
+                force_gain=gains.force_gain if internal else 0.0,
             )
 
-        return [direction(*map(float, (gamma[row], K[row], alpha[row]))) for row in linear]
-
-    def _free_and_followed(
-        self, gamma: Array, rows: TaskRows, loop: SampledLoop, period: float
-    ) -> tuple[float, float]:
-        """Return b_0 and the largest bias from the start on that the anchor follows, m; inf without one."""
-        gains, width = self.gains, self._layer(self.gains, rows)
-        if width is None:
-            return np.inf, np.inf
-        edges = width / gamma
-        free = min(self.anchor_bias[0], float(edges.min()) / 2.0)
-        further = min(self.anchor_bias_answered[0] - self.anchor_bias[0], float(np.linalg.norm(edges)) - free)
-        age = period * (loop.every + loop.delay + loop.pole / (1.0 - loop.pole))
-        most = followed_bias(
-            free,
-            further,
-            part=gains.anchor_gain / (loop.every * (1.0 + gains.force_gain)),
-            transient_rate=gains.transient_rate,
-            rate=self._centre_rate(gains, age),
-            period=period,
+        diagonals = (
+            gain.diagonal()[linear] for gain in (gains.pose_gain, gains.sliding_gain, gains.sign_gain)
         )
-        return free, most
+        return [direction(*map(float, values)) for values in zip(*diagonals, strict=True)]

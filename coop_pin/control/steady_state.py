@@ -22,6 +22,7 @@ class SteadyDirection(NamedTuple):
         load_rate: Rate at which the integrals' sum loses the load, 1/s; 0 if it does not.
         free: b_0 of an anchor's bound, m; inf without one.
         most: Largest ``|b_i - bbar|`` from the start on that an anchor follows, m; inf without a bound.
+        force_gain: K_f of a measured internal wrench.
     """
 
     spring: Callable[[float], float]
@@ -30,6 +31,7 @@ class SteadyDirection(NamedTuple):
     load_rate: float = 0.0
     free: float = np.inf
     most: float = np.inf
+    force_gain: float = 0.0
 
     def held(self, error: float, rate: float) -> float:
         """Return spring(x) + integral(x) / rate, N: what an arm with the whole share holds."""
@@ -37,14 +39,21 @@ class SteadyDirection(NamedTuple):
         return self.spring(error) + (integral / rate if rate else np.inf if integral else 0.0)
 
     def force(self, share: float, bias: float) -> float:
-        """Return the internal force in an arm whose view is b off, (1 - c) b off the mean, N."""
-        grows = self.growth(share, bias) > 0.0 and self.internal_rate > 0.0
-        return np.inf if grows else share * self.held((1.0 - share) * bias, self.internal_rate)
+        """Return the internal force in an arm whose view is b off, (1 - c) b off the mean, N.
+
+        What an error holds at once, K_f divides by 1 + K_f; what an integral holds, it does not.
+        """
+        x = (1.0 - share) * bias
+        if self.growth(share, bias) > 0.0 and self.internal_rate > 0.0:
+            return np.inf
+        divided = self.spring(x) * (1.0 - 1.0 / (1.0 + self.force_gain))
+        return share * (self.held(x, self.internal_rate) - divided)
 
     def growth(self, share: float, bias: float) -> float:
         """Return the rate at which that force grows where it has no bound, N/s."""
         held = min(bias, self.limit(share)) if self.internal_rate else 0.0
-        return share * (self.integral((1.0 - share) * bias) - self.integral((1.0 - share) * held))
+        rate = self.integral((1.0 - share) * bias) - self.integral((1.0 - share) * held)
+        return share * rate / (1.0 + self.force_gain)
 
     def limit(self, share: float) -> float:
         """Return the largest bias of an arm, m, that is sure to come to rest.
