@@ -148,15 +148,16 @@ def eigenvalues(scenario: Scenario, *, time: float = 0.0) -> ClosedLoop:
     tick = TickMap(simulation, N)
     A, outputs, constants = tick.jacobian()
     z, vectors = np.linalg.eig(A)
-    names = [tick.mode_name(vector, output) for vector, output in zip(vectors.T, (outputs @ vectors).T, strict=True)]
-    is_one = np.abs(z - 1.0) < _ONE
-    modes = [
-        LoopMode(complex(z[k] ** (1.0 / N)), names[k], period)
-        for k in np.argsort(-np.abs(z))
-        if not is_one[k] and abs(z[k]) > _GONE
+    names = [
+        tick.mode_name(vector, output)
+        for vector, output in zip(vectors.T, (outputs @ vectors).T, strict=True)
     ]
-    structural = tuple(sorted(names[k] for k in np.flatnonzero(is_one)))
-    return ClosedLoop(A, tuple(modes), structural, constants, N, before * period)
+    is_one = np.abs(z - 1.0) < _ONE
+    order = [k for k in np.argsort(-np.abs(z)) if abs(z[k]) > _GONE]
+    modes = [LoopMode(complex(z[k] ** (1.0 / N)), names[k], period) for k in order if not is_one[k]]
+    ones = [names[k] for k in order if is_one[k]]
+    structural = tuple(sorted(name for name in ones if name != MEMORY))
+    return ClosedLoop(A, tuple(modes), structural, constants + ones.count(MEMORY), N, before * period)
 
 
 def _require_smooth(scenario: Scenario) -> None:
@@ -182,5 +183,7 @@ def _smooth(scenario: Scenario) -> Scenario:
         sensors=continuous(scenario.sensors),
         arm_sensors={name: continuous(sensors) for name, sensors in scenario.arm_sensors.items()},
         actuators=scenario.actuators.replace(missed_ticks=0.0),
-        arm_actuators={name: drives.replace(missed_ticks=0.0) for name, drives in scenario.arm_actuators.items()},
+        arm_actuators={
+            name: drives.replace(missed_ticks=0.0) for name, drives in scenario.arm_actuators.items()
+        },
     )

@@ -24,10 +24,10 @@ _KINK = 0.05
 """Difference of the two one-sided slopes, as a part of the slopes, from which the map is not smooth."""
 _SAME = 1e-9
 """Part of a memory that may change in a tick, and part of it by other states, while it counts as constant."""
-_MILLI = 1e3
-"""A mode moves if it does so by more mm and mrad than N and N m of internal wrench."""
+_MICRO = 1e6
+"""A mode moves if it does so by more um and urad than N and N m of internal wrench: fast ones need forces."""
 _SEEN = 1e-4
-"""Part of a mode below which neither motion, mm and mrad, nor internal wrench is in it."""
+"""Part of a mode below which neither motion, um and urad, nor internal wrench is in it."""
 _SPARE = 0.5
 """Part of a mode's square that must leave the task rows at rest for it to be one of spare joints."""
 
@@ -49,7 +49,11 @@ class TickMap:
         self._simulation, self._ticks, self._origin = simulation, ticks, simulation.state()
         chain, q = simulation.plant.chain, simulation.plant.q
         self._chain, self._basis = chain.mechanism, motion_basis(chain.mechanism, q)
-        self._arms, self._rows, self._R_WP = chain.model.arms, chain.cell.task_rows, chain.payload_pose(q)[:3, :3]
+        self._arms, self._rows, self._R_WP = (
+            chain.model.arms,
+            chain.cell.task_rows,
+            chain.payload_pose(q)[:3, :3],
+        )
         self._driven = np.concatenate([np.r_[slot.v_slice] for slot in self._arms])
         self._shares = np.array([chain.cell.share(slot.name) for slot in self._arms])
         self._payload = self._rows.select(chain.payload_jacobian(q)) @ self._basis
@@ -60,7 +64,7 @@ class TickMap:
         """Return dx'/dx and the internal wrenches by x, without constants, and the number of these.
 
         Raises:
-            ArgumentError: the map is not smooth at the origin, or the law keeps something that has no numbers.
+            ArgumentError: the map is not smooth at the origin, or the law keeps what is no number.
         """
         numbers, n = self._numbers(self._origin), self._basis.shape[1]
         count = 2 * n + sum(number.size for number in numbers)
@@ -76,9 +80,9 @@ class TickMap:
             counters.append(not is_smooth)
             if not is_smooth and not (k >= 2 * n and scalars[k - 2 * n]):
                 raise ArgumentError(
-                    f"the tick at t = {self._simulation.time:.6g} s is not smooth: a torque or rate limit, or the"
-                    f" edge of a boundary layer, is within {_STEP:g} of the state; take another time, smaller"
-                    " gains or a wider layer"
+                    f"the tick at t = {self._simulation.time:.6g} s is not smooth: a torque or rate limit, or"
+                    f" the edge of a boundary layer, is within {_STEP:g} of the state; take another time,"
+                    " smaller gains or a wider layer"
                 )
             columns.append(slope)
         slopes = np.array(columns).T
@@ -96,7 +100,7 @@ class TickMap:
         """
         n, period = self._basis.shape[1], self._simulation.scenario.clock.period
         y = max(mode[:n], period * mode[n : 2 * n], key=np.linalg.norm)
-        moved, pulled = _MILLI * np.linalg.norm(y), np.linalg.norm(wrenches)
+        moved, pulled = _MICRO * np.linalg.norm(y), np.linalg.norm(wrenches)
         if moved + pulled < _SEEN * np.linalg.norm(mode):
             return MEMORY
         if moved < pulled:
@@ -127,7 +131,9 @@ class TickMap:
         internal = wrenches - self._shares[:, None] * wrenches.sum(axis=0)
         turned = (internal.reshape(-1, 2, 3) @ self._R_WP).reshape(-1, 6)
         memories = [np.ravel(number) for number in self._numbers(state)]
-        x = np.concatenate((y, self._basis.T @ state.plant.v, *memories, self._rows.select(turned.T).T.ravel()))
+        x = np.concatenate(
+            (y, self._basis.T @ state.plant.v, *memories, self._rows.select(turned.T).T.ravel())
+        )
         return np.where(np.isfinite(x), x, 0.0)
 
     def _numbers(self, state: RunState) -> list[Array]:
@@ -151,7 +157,9 @@ class TickMap:
         q = pin.integrate(self._chain.model, state.plant.q, self._basis @ deviation[:n])
         q = self._chain.project_configuration(q)
         v = self._chain.project_velocity(q, state.plant.v + self._basis @ deviation[n : 2 * n])
-        driven, torque, reported, sensors, law = _moved(self._memories(state), iter(deviation[2 * n :].tolist()))
+        driven, torque, reported, sensors, law = _moved(
+            self._memories(state), iter(deviation[2 * n :].tolist())
+        )
         force, drives = state.plant.force.copy(), state.actuation.drives
         force[self._driven] = driven
         if torque is not None:
@@ -185,7 +193,8 @@ def _numbers(tree: Any) -> Iterator[Array]:
             yield from _numbers(part)
     elif not (tree is None or isinstance(tree, int | str)):
         raise ArgumentError(
-            f"the law keeps a {type(tree).__name__}, which has no derivative; keep tuples of numbers and arrays"
+            f"the law keeps a {type(tree).__name__}, which has no derivative; keep tuples of numbers and"
+            " arrays"
         )
 
 
