@@ -1,4 +1,4 @@
-"""Eigenvalues of the sampled closed loop: plant, law, sensors, force path, lag and delay, from tick to tick."""
+"""Eigenvalues of the sampled closed loop, from tick to tick: plant, law, sensors, force path, lag, delay."""
 
 from __future__ import annotations
 
