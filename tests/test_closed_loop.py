@@ -1,4 +1,4 @@
-"""Eigenvalues of the sampled closed loop: against runs at stability bounds, closed forms and sampled_motion."""
+"""Eigenvalues of the sampled closed loop: against runs at bounds, closed forms and sampled_motion."""
 
 import numpy as np
 import pytest
