@@ -27,7 +27,7 @@ class LoopMode(NamedTuple):
 
     Attributes:
         z: factor from tick to tick.
-        name: name of what moves: "payload along x", "posture of left", "internal force along x of left", "memory".
+        name: name of what moves: "payload along x", "posture of left", "internal force along x", "memory".
         period: T, s.
     """
 
