@@ -94,6 +94,7 @@ _PUBLIC = {
     "WristSensor": "coop_pin.description",
     "cell_summary": "coop_pin.analysis",
     "compare": "coop_pin.comparison",
+    "eigenvalues": "coop_pin.analysis",
     "export_c": "coop_pin.batch",
     "fewest_steps": "coop_pin.analysis",
     "grasps_from_configuration": "coop_pin.description",

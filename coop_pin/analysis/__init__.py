@@ -2,6 +2,7 @@
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
+from coop_pin.analysis.closed_loop import ClosedLoop, LoopMode, eigenvalues
 from coop_pin.analysis.feasibility import closure_problem
 from coop_pin.analysis.grasp_stability import GraspStability, grasp_stability
 from coop_pin.analysis.internal_moment import InternalMoment, internal_moment, positional_torques
@@ -40,12 +41,14 @@ __all__ = [
     "ArmReach",
     "ArmStatics",
     "CellSummary",
+    "ClosedLoop",
     "DriveTorque",
     "FastestJoint",
     "GainProposal",
     "GraspStability",
     "InternalMoment",
     "JointLimitMargin",
+    "LoopMode",
     "LoopStability",
     "Mode",
     "MotionWrenches",
@@ -64,6 +67,7 @@ __all__ = [
     "anchor_bounded_time",
     "cell_summary",
     "closure_problem",
+    "eigenvalues",
     "fewest_steps",
     "force_reserve",
     "gain_proposal",

@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from coop_pin.analysis.sampled_stability import fastest_joints
 from coop_pin.arrays import Array
+from coop_pin.chain import ClosedChain
 from coop_pin.control.bounds import lag_pole
 from coop_pin.description.sensors import Sensors
 from coop_pin.simulation import Simulation
@@ -112,6 +113,13 @@ def damping_ratio(z: complex) -> float:
     return float(-log.real / abs(log))
 
 
+def motion_basis(chain: ClosedChain, q: Array) -> Array:
+    """Return an orthonormal basis of the velocities that the closures leave, shape (nv, n)."""
+    unit = np.eye(chain.model.nv)
+    basis, singular, _ = np.linalg.svd(np.column_stack([chain.project_velocity(q, row) for row in unit]))
+    return np.asarray(basis[:, singular > NEUTRAL])
+
+
 def tick_matrix(
     G: Array, H: Array, period: float, *, lag: float = 0.0, velocity: Array = _IDEAL_VELOCITY
 ) -> Array:
@@ -171,10 +179,7 @@ def sampled_motion(
         reference._replace(pose=seen.payload_pose, twist=0.0 * reference.twist)
         for reference, seen in zip(simulation.references(time), first, strict=True)
     ]
-    basis, singular, _ = np.linalg.svd(
-        np.column_stack([chain.project_velocity(q, row) for row in np.eye(len(rest))])
-    )
-    N = basis[:, singular > NEUTRAL]
+    N = motion_basis(chain, q)
 
     def step(q: Array, v: Array, state: object) -> tuple[Array, object]:
         # Drives cut nothing here: what the law asked for a tick ago is what acted.

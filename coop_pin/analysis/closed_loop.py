@@ -1,0 +1,189 @@
+"""Eigenvalues of the sampled closed loop, from tick to tick: plant, law, sensors, force path, lag, delay."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coop_pin.analysis.sampled_motion import NEUTRAL, damping_ratio
+from coop_pin.analysis.tick_map import MEMORY, TickMap
+from coop_pin.arrays import Array, as_number, typed
+from coop_pin.build_controller import build_controller, controlled_arm
+from coop_pin.description.scenario import Scenario
+from coop_pin.description.sensors import Sensors
+from coop_pin.errors import ArgumentError, OutOfRangeError
+from coop_pin.simulation import Simulation
+
+_ONE = 1e-5
+"""Distance from 1 within which an eigenvalue is 1: errors of the differences are 1e-7."""
+_GONE = 1e-6
+"""``|z|`` below which a mode is gone after a tick."""
+
+
+class LoopMode(NamedTuple):
+    """A mode of the sampled closed loop.
+
+    Attributes:
+        z: factor from tick to tick.
+        name: name of what moves: "payload along x", "posture of left", "internal force along x", "memory".
+        period: T, s.
+    """
+
+    z: complex
+    name: str
+    period: float
+
+    @property
+    def damping(self) -> float:
+        """Damping ratio of the mode, -Re(ln z) / ``|ln z|``."""
+        return damping_ratio(self.z)
+
+    @property
+    def rate(self) -> float:
+        """Decay -ln ``|z|`` / T, 1/s; negative if the mode grows."""
+        return -float(np.log(abs(self.z))) / self.period
+
+
+class ClosedLoop(NamedTuple):
+    """Sampled closed loop, linear about a state: ``x[k + N] = A x[k]``.
+
+    x holds the n motions that the closures leave, their speeds, the forces of the drives, and the memories of
+    drives, sensors, force path and law. Closure errors are not in it, and so no modes of Baumgarte's. What no
+    tick changes (starting values that a law keeps) is left out and counted.
+
+    Attributes:
+        matrix: A, shape (x, x).
+        modes: modes that move or change, the slowest or fastest growing first.
+        structural: names of the modes with z = 1: what nothing controls, for example internal directions
+            without anchor or leak, or spare joints without a spring.
+        constants: number of memories that never change.
+        ticks: N, the period of the slowest sensor.
+        time: time of the state, s.
+    """
+
+    matrix: Array
+    modes: tuple[LoopMode, ...]
+    structural: tuple[str, ...]
+    constants: int
+    ticks: int
+    time: float
+
+    @property
+    def z(self) -> NDArray[np.complex128]:
+        """Eigenvalues of the modes, from tick to tick, shape (modes,)."""
+        return np.array([mode.z for mode in self.modes])
+
+    @property
+    def radius(self) -> float:
+        """Largest ``|z|`` besides the structural modes at 1."""
+        return max((abs(mode.z) for mode in self.modes), default=0.0)
+
+    @property
+    def ok(self) -> bool:
+        """Whether no mode grows."""
+        return self.radius < 1.0 + NEUTRAL
+
+    @property
+    def slowest(self) -> LoopMode:
+        """Mode of motion or internal wrenches that decays slowest, or grows."""
+        return self._moving()[0]
+
+    @property
+    def least_damped(self) -> LoopMode:
+        """Mode of motion or internal wrenches with the smallest damping ratio."""
+        return min(self._moving(), key=lambda mode: mode.damping)
+
+    def _moving(self) -> list[LoopMode]:
+        return [mode for mode in self.modes if mode.name != MEMORY] or [*self.modes]
+
+    def summary(self) -> str:
+        """Return the slowest and the least damped mode as text, in one line."""
+        slow, swinging = self.slowest, self.least_damped
+        rate = f"decays with {slow.rate:.3g} /s" if self.ok else f"grows with {-slow.rate:.3g} /s"
+        text = (
+            f"closed loop: slowest mode {slow.name} {rate} (|z| = {abs(slow.z):.5f}); least damped"
+            f" {swinging.name}, damping ratio {swinging.damping:.2f}"
+        )
+        counted = {name: self.structural.count(name) for name in self.structural}
+        held = ", ".join(f"{count} {name}" for name, count in counted.items())
+        return ("" if self.ok else "! ") + text + (f"; nothing controls {held} (z = 1)" if held else "")
+
+
+@typed
+def eigenvalues(scenario: Scenario, *, time: float = 0.0) -> ClosedLoop:
+    """Return the sampled closed loop of a scenario at a state, and its modes, by central differences.
+
+    With F the whole of N ticks of a run, as ``Simulation`` makes them, A = dF/dx at the state that the run,
+    without its events and quantisation, has at a time, once every wrench sensor has given a sample. Where
+    the run is at rest this is its linear model; while it moves it is that of the moment.
+
+    ``sampled_motion`` is the motion's part of it alone, in closed form, without friction, force path and
+    memories: much faster, for many poses and lags.
+
+    Args:
+        scenario: Scenario whose law is smooth near rest.
+        time: Time of the state, s.
+
+    Raises:
+        ArgumentError: the law switches by sgn without a boundary layer, or a torque limit, rate limit or the
+            edge of a layer is within 1e-5 of the state.
+        OutOfRangeError: the time is negative or not finite.
+        UnreachablePoseError: the start is out of an arm's reach.
+        SingularJacobianError: an arm is singular.
+        DivergedError: the run grows before that time.
+    """
+    _require_smooth(scenario)
+    if not 0.0 <= as_number("time", time) < np.inf:
+        raise OutOfRangeError("time", time, "at least 0 and finite")
+    period = scenario.clock.period
+    age = max(controlled_arm(scenario, name).oldest_wrench for name in scenario.cell.arms)
+    N = int(np.lcm.reduce([wrist.every for wrist in scenario.wrists] or [1]))
+    before = int(np.ceil(time / period - NEUTRAL)) + age + 2
+    smooth = _smooth(scenario).replace(duration=(before + N + 1) * period)
+    simulation = Simulation(smooth, build_controller(smooth))
+    for _ in range(before):
+        simulation.tick()
+    tick = TickMap(simulation, N)
+    A, outputs, constants = tick.jacobian()
+    z, vectors = np.linalg.eig(A)
+    names = [
+        tick.mode_name(vector, output)
+        for vector, output in zip(vectors.T, (outputs @ vectors).T, strict=True)
+    ]
+    is_one = np.abs(z - 1.0) < _ONE
+    order = [k for k in np.argsort(-np.abs(z)) if abs(z[k]) > _GONE]
+    modes = [LoopMode(complex(z[k] ** (1.0 / N)), names[k], period) for k in order if not is_one[k]]
+    ones = [names[k] for k in order if is_one[k]]
+    structural = tuple(sorted(name for name in ones if name != MEMORY))
+    return ClosedLoop(A, tuple(modes), structural, constants + ones.count(MEMORY), N, before * period)
+
+
+def _require_smooth(scenario: Scenario) -> None:
+    """Raise ArgumentError if the law has no linear model near rest."""
+    law: Any = scenario.controller
+    switching = getattr(law, "switching", None)
+    if switching is not None and not switching.is_smooth and np.any(law.gains.sign_gain):
+        raise ArgumentError(
+            f"controller.switching is {switching.kind!r}: sgn has no eigenvalues; state a boundary layer"
+            " (switching.kind 'saturation' or 'tanh' with a width), or sign_gain 0"
+        )
+
+
+def _smooth(scenario: Scenario) -> Scenario:
+    """Return a scenario without events, quantisation and missed ticks, with any gains allowed."""
+
+    def continuous(sensors: Sensors) -> Sensors:
+        return sensors.replace(encoder=sensors.encoder.replace(resolution=0.0))
+
+    return scenario.replace(
+        events=(),
+        beyond_bound=True,
+        sensors=continuous(scenario.sensors),
+        arm_sensors={name: continuous(sensors) for name, sensors in scenario.arm_sensors.items()},
+        actuators=scenario.actuators.replace(missed_ticks=0.0),
+        arm_actuators={
+            name: drives.replace(missed_ticks=0.0) for name, drives in scenario.arm_actuators.items()
+        },
+    )
