@@ -69,6 +69,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         return measurement(view, T.dot(angles), T.dot(rates), time=t, internal_wrench=None, saturated=free)
 
     seen = [np.tile(part, (100, 1)) for part in (q, v, plant.force)]
+    shares = run.sensing.sensors.shares
     return {
         UNIT: constraint_dynamics(chain, q, v, tau),
         "ProximalSolver.acceleration": lambda: chain.mechanism.solver.acceleration(q, v, tau),
@@ -88,7 +89,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         STEP: lambda: plant._integrator.step(plant._rate, t, q, v, h),
         "  rate (one of its four)": lambda: plant._rate(t, q, v),
         "    friction": lambda: plant.transmission.friction(v),
-        RECORD: lambda: run.recorder.record(TICK, t, measured, applied, target, squeeze),
+        RECORD: lambda: run.recorder.record(TICK, t, measured, applied, target, squeeze, shares),
         "100 ticks of Plant.observe": lambda: plant.observe(*seen),
         "closure error": lambda: chain.closure_errors(plant.q),
     }
