@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.analysis.reachability import Reachability
-from coop_pin.arrays import Array, require_type, typed
+from coop_pin.arrays import Array, frozen, require_type, typed
 from coop_pin.build_controller import build_controller
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import Sensors
@@ -304,11 +304,18 @@ def _torque_of(simulation: Simulation, q: Array, time: float) -> Callable[[Array
     sensing = Sensing(ideal, plant.chain.model.arms, holding_torques=simulation.actuation.holding_commands)
     state = simulation.controller.init(sensing.start(plant.q, np.zeros(len(plant.v)), start), start)
     # Laws are linear in small speeds but for bounded signs, which cancel between opposite large ones.
-    speed = simulation.scenario.controller.linear_speed
+    speed, slots = simulation.scenario.controller.linear_speed, plant.chain.model.arms
+    at_rest = [
+        seen._replace(time=time, reported_torque=None)
+        for seen in sensing.start(q, np.zeros(len(plant.v)), references)
+    ]
 
     def torque(v: Array) -> Array:
-        measured = sensing.start(q, speed * v, references)
-        measurements = [seen._replace(time=time, reported_torque=None) for seen in measured]
+        rates = [frozen(slot.drive.dot(speed * v[slot.v_slice])) for slot in slots]
+        measurements = [
+            seen._replace(v=rate, payload_twist=frozen(seen.payload_jacobian.dot(rate)))
+            for seen, rate in zip(at_rest, rates, strict=True)
+        ]
         command = simulation.controller.step(measurements, references, state)
         return plant.transmission.torque(simulation.actuation.commanded(command)) / speed
 

@@ -421,10 +421,11 @@ class CellChain:
             in_payload[index] = X_PE.act(pin.Force(F_E)).vector
         if grasps is not None:
             in_payload[self.springs.arms] = [X_WP.actInv(pin.Force(F)).vector for F in grasps.on_arms]
-        if self._welded:
-            in_payload[self._welded] = -self._payload_balance(X_WP) - np.add.reduce(in_payload)
+        for index in self._welded:
+            in_payload[index] = -self._payload_balance(X_WP) - np.add.reduce(in_payload)
         wrenches: Array = in_payload.reshape(-1, 3).dot(X_WP.rotation.T).reshape(-1, 6)
-        wrenches[self._welded] += push
+        for index in self._welded:
+            wrenches[index] += push
         return wrenches
 
     def _payload_balance(self, X_WP: pin.SE3) -> Array:
