@@ -237,7 +237,7 @@ class Description(BaseModel, metaclass=_Listed):  # type: ignore[metaclass]
     """
 
     model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True, defer_build=True
+        frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True
     )
 
     def __init__(self, **fields: Any) -> None:
