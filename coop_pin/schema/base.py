@@ -236,9 +236,7 @@ class Description(BaseModel, metaclass=_Listed):  # type: ignore[metaclass]
         ScenarioError: with every mistake at once; a single mistake is raised as its own FieldError subclass.
     """
 
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True
-    )
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True)
 
     def __init__(self, **fields: Any) -> None:
         try:
