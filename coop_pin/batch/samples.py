@@ -18,6 +18,8 @@ from coop_pin.tracing.kernel import Layout
 
 _MARGIN, _LARGEST_BOUND = 1e-6, 1e3
 """Of bounds of condition numbers: for rounding, and up to which they are that accurate."""
+_TURNED = 32
+"""Samples whose axes are exchanged at once: more leave the processor's caches."""
 
 
 class RunSamples(Mapping[str, Any]):
@@ -78,14 +80,13 @@ class RunSamples(Mapping[str, Any]):
         Args:
             allowed: Condition number; of runs that keep below it, upper bounds are given, which cost little.
         """
-        errors, bounds = (self._field(name).max(axis=1) for name in ("closure_errors", "condition_bounds"))
+        errors, bounds = (self._extremes(name)[:, 1] for name in ("closure_errors", "condition_bounds"))
         is_beyond = ~(bounds <= (1.0 - _MARGIN) * min(allowed, _LARGEST_BOUND)).all(axis=1)
         if is_beyond.any():
             bounds[is_beyond] = condition_numbers([J[is_beyond] for J in self["jacobian"]]).max(axis=1)
-        positions, torque = self["joint_position"], self._field("torque")
         return {
-            "joint_position": np.stack((positions.min(axis=1), positions.max(axis=1)), axis=1),
-            "torque": np.stack((torque.min(axis=1), torque.max(axis=1)), axis=1)[:, :, None],
+            "joint_position": padded(self._by_arm(self._extremes("q"))),
+            "torque": self._extremes("torque")[:, :, None],
             "jacobian_condition": bounds[:, None],
             "closure_distance": errors[:, None, :, 0],
             "closure_angle": errors[:, None, :, 1],
@@ -95,16 +96,38 @@ class RunSamples(Mapping[str, Any]):
         """Drop the records; samples that were not asked for until now cannot be made any more."""
         self._records = None
 
-    def _field(self, name: str) -> Array:
-        """Return a copy of what was recorded of a field of the block; raises as BatchResult.release."""
+    def _recorded_of(self, name: str) -> tuple[list[Array], tuple[int, ...]]:
+        """Return what was recorded of a field, blocks (samples, entries, runs), and its shape in a sample.
+
+        Raises:
+            InvalidStateError: as of BatchResult.release.
+        """
         if self._records is None:
             raise InvalidStateError(f"the batch was released before {name!r} was read; read samples before")
         slots = self._layout.slots(name)
-        mine = slice(slots.min(), slots.max() + 1)
-        # Of one layout for any number of runs: numpy's functions choose their order of operations by it.
-        blocks = [np.moveaxis(record[:, mine], 2, 0) for record in self._records]
-        runs = [np.array(block, order="C").reshape(-1, len(self._kept), *slots.shape) for block in blocks]
-        return runs[0] if len(runs) == 1 else np.concatenate(runs)
+        return [record[:, slots.min() : slots.max() + 1] for record in self._records], slots.shape
+
+    def _field(self, name: str) -> Array:
+        """Return a copy of what was recorded of a field, (runs, samples, ...); raises as _recorded_of.
+
+        It has one layout for any number of runs: numpy's functions choose their order of operations by it.
+        """
+        blocks, shape = self._recorded_of(name)
+        values, first = np.empty((sum(block.shape[2] for block in blocks), *blocks[0].shape[:2])), 0
+        for block in blocks:
+            runs = values[first : first + block.shape[2]]
+            for index in range(0, len(block), _TURNED):
+                part = slice(index, index + _TURNED)
+                runs[:, part] = np.moveaxis(block[part], 2, 0)
+            first += len(runs)
+        return values.reshape(len(values), len(self._kept), *shape)
+
+    def _extremes(self, name: str) -> Array:
+        """Return the least and the largest values of a field, (runs, 2, ...); raises as _recorded_of."""
+        blocks, shape = self._recorded_of(name)
+        ends = [np.stack((block.min(axis=0), block.max(axis=0))) for block in blocks]
+        values = np.moveaxis(np.concatenate(ends, axis=2), 2, 0)
+        return np.array(values, order="C").reshape(len(values), 2, *shape)
 
     def _desired(self, field: str) -> Array:
         """Return a field of Desired."""
