@@ -14,6 +14,7 @@ from coop_pin.arrays import Array, Mask, as_array, as_number, as_pose, require_f
 from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import ClosureError
+from coop_pin.chain.force_elements import ForceElements, Joints
 from coop_pin.chain.grasp_springs import GraspSprings, GraspState
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.chain.kkt_solver import constraint_svd
@@ -88,6 +89,7 @@ class CellChain:
         model: the tree, with the positions of arms and payload in it; ``surround`` changes it in place.
         mechanism: the tree with its closures; ``mechanism.model`` is the Pinocchio model of the tree.
         springs: the compliant grasps in it.
+        elements: all force elements, the springs among them.
     """
 
     def __init__(self, cell: Cell, options: PlantOptions | None = None) -> None:
@@ -113,7 +115,9 @@ class CellChain:
             stabilisation=options.stabilisation,
             formulation=options.formulation,
         )
-        self.springs = GraspSprings(cell, self.model)
+        joints = Joints(self.model)
+        self.springs = GraspSprings(cell, self.model, joints)
+        self.elements = ForceElements(joints, [self.springs] if self.springs.arms else [])
         self._data = self.mechanism.model.createData()
         self._held = [index for index, name in enumerate(cell.arms) if name in held]
         self._welded = [index for index, name in enumerate(cell.arms) if name in self.model.closed_by_tree]
@@ -218,6 +222,24 @@ class CellChain:
     def closure_errors(self, q: ArrayLike) -> list[ClosureError]:
         """Return the closure error between tip and grasp of each arm."""
         return self._closure_errors(self._at(self._q(q)))
+
+    def acceleration(self, q: Array, v: Array, tau: Array) -> tuple[Array, float]:
+        """Return a, shape (nv,), and the power that the force elements dissipate, W.
+
+        Without closures the inertia of arms and payload is block-diagonal, and no constraint is solved.
+
+        Args:
+            q: configuration, shape (nq,).
+            v: velocity, shape (nv,).
+            tau: generalised force of everything but grasps and force elements, shape (nv,).
+        """
+        if not self.elements.elements:
+            return self.mechanism.solver.acceleration(q, v, tau), 0.0
+        if self.mechanism.closures.closures:
+            force, power = self.elements.force(q, v)
+            return self.mechanism.solver.acceleration(q, v, tau + force), power
+        power = self.elements.act(q, v)
+        return self.elements.joints.acceleration(q, v, tau), power
 
     def interaction_wrenches(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, push: ArrayLike = _NO_WRENCH
@@ -394,8 +416,8 @@ class CellChain:
 
     def _moving(self, q: Array, v: Array, tau: Array) -> tuple[Any, GraspState | None]:
         """Return the frames under a generalised force, and the compliant grasps; None without any."""
-        grasps = self.springs.at(q, v) if self.springs.arms else None
-        force = tau if grasps is None else tau + grasps.force
+        force = tau + self.elements.force(q, v)[0] if self.elements.elements else tau
+        grasps = self.springs.seen() if self.springs.arms else None
         return self._at(q, v, self.mechanism.solver.acceleration(q, v, force)), grasps
 
     def _tips(self, frames: Any) -> Array:
@@ -420,7 +442,7 @@ class CellChain:
             X_PE = X_WP.actInv(frames[arms[index].tip])
             in_payload[index] = X_PE.act(pin.Force(F_E)).vector
         if grasps is not None:
-            in_payload[self.springs.arms] = [X_WP.actInv(pin.Force(F)).vector for F in grasps.on_arms]
+            in_payload[self.springs.arms] = [X_WP.actInv(pin.Force(F)).vector for F in grasps.on_arm]
         for index in self._welded:
             in_payload[index] = -self._payload_balance(X_WP) - np.add.reduce(in_payload)
         wrenches: Array = in_payload.reshape(-1, 3).dot(X_WP.rotation.T).reshape(-1, 6)

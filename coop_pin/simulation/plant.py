@@ -106,7 +106,7 @@ class Plant:
         self._integrator = INTEGRATORS[options.integrator](configuration_space(model))
         self._project = options.project == "step"
         self._errors: tuple[Array | None, list[ClosureError]] = None, []
-        self._solve = chain.mechanism.solver.acceleration
+        self._solve = chain.acceleration
         self.surround(chain.cell.surroundings)
 
     def hold(self, force: Array) -> None:
@@ -233,10 +233,9 @@ class Plant:
     def _rate(self, _t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the acceleration, shape (nv,), and powers in the order of ``work``, the first of them."""
         forces = self._apply(q, v)
-        if not self.chain.springs.arms:
-            return self._solve(q, v, _ALL.dot(forces)), forces.dot(v)
-        grasps, power = self.chain.springs.force(q, v)
-        return self._solve(q, v, _ALL.dot(forces) + grasps), np.array([*forces.dot(v), 0.0, power])
+        a, power = self._solve(q, v, _ALL.dot(forces))
+        powers = forces.dot(v)
+        return a, powers if len(self.work) == len(WORK) else np.concatenate((powers, (0.0, power)))
 
     def _apply(self, q: Array, v: Array) -> Array:
         """Return the generalised force of drives, friction and push, shape (3, nv)."""
