@@ -535,6 +535,15 @@ def test_help_loads_no_dynamics_and_no_pictures():
     assert done.returncode == 0, done.stderr
 
 
+def test_a_check_loads_no_library_of_results():
+    code = (
+        "import sys\nfrom coop_pin.cli import main\nmain(['check', 'adept-paper'])\n"
+        "sys.exit(', '.join({'xarray', 'pandas', 'matplotlib', 'urllib.request'} & set(sys.modules)) or 0)"
+    )
+    done = child(code=code)
+    assert done.returncode == 0, done.stderr
+
+
 def test_a_run_with_all_its_files_loads_no_library_that_it_does_not_use(tmp_path):
     """Each takes 0.1 to 0.5 s: dask through xarray, fonts for PDF, the server of meshcat, mesh readers."""
     code = (

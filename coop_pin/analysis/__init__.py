@@ -1,6 +1,7 @@
 """Analysis of scenarios and cells: reachability, sampled stability, step size and summaries."""
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
+from coop_pin import lazy_names
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
 from coop_pin.analysis.closed_loop import ClosedLoop, LoopMode, eigenvalues
 from coop_pin.analysis.feasibility import closure_problem
@@ -10,7 +11,6 @@ from coop_pin.analysis.loop_stability import LoopStability, loop_stability
 from coop_pin.analysis.new_cell import new_cell
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
 from coop_pin.analysis.plausibility import implausible_numbers, run_warnings
-from coop_pin.analysis.proof import anchor_bounded_time, theorem_monitor
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
 from coop_pin.analysis.sampled_motion import Mode, SampledMotion, sampled_motion
 from coop_pin.analysis.sampled_stability import (
@@ -95,3 +95,6 @@ __all__ = [
     "task_inertia",
     "theorem_monitor",
 ]
+
+__getattr__, __dir__ = lazy_names(__name__, dict.fromkeys(__all__, "coop_pin.analysis.proof"))
+"""The names that are not imported above are those of the monitors, which are slow to load."""

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import expm
 
 from coop_pin.analysis.sampled_motion import NEUTRAL, sampled_motion
 from coop_pin.analysis.sampled_stability import SampledStability, plant_matrix, start_stability
@@ -161,6 +160,8 @@ def _held(A: Array, scenario: Scenario) -> tuple[Array, Array]:
         A: Matrix of [y, w].
         scenario: Period, and lag of the drives, behind which b is the acceleration that acts.
     """
+    from scipy.linalg import expm  # slow to load
+
     n, period, lag = len(A) // 2, scenario.clock.period, scenario.actuator_lag
     to_w, rate = (
         np.vstack((np.zeros((n, n)), np.eye(n))),

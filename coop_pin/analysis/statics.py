@@ -297,6 +297,9 @@ def loads_without_an_arm(scenario: Scenario, cell_reach: Reachability) -> dict[s
 
 def _least_part(arms: list[tuple[Array, Array, Array]], load: Array) -> float:
     """Return the least t of arms with their g, J and limits, in drive coordinates, under a load, (6,)."""
+    if len(arms) == 1:  # its wrench is the load
+        g, J, limits = arms[0]
+        return float(np.max(np.abs(g - J.T @ load) / limits))
     from scipy.linalg import block_diag  # slow to load
     from scipy.optimize import linprog
 

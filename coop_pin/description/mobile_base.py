@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from typing import Literal
-from xml.sax.saxutils import quoteattr
 
 from pydantic import field_validator
 
@@ -96,6 +95,8 @@ class MobileBase(Description):
         Raises:
             UrdfError: the URDF has a link or joint with a name of the platform's.
         """
+        from xml.sax.saxutils import quoteattr  # slow to load
+
         tree = read_tree(read_document(urdf.encode()))
         names = {*tree.links, *(edge.name for edge in tree.edges())}
         if taken := sorted(names.intersection((*_LINKS, *_JOINTS))):

@@ -7,10 +7,9 @@ may have axes before that of time, such as the runs of a batch with the same tim
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import xarray as xr
 
 from coop_pin.arrays import Array, Mask, mean, rms
 from coop_pin.description.payload import Payload
@@ -25,6 +24,9 @@ from coop_pin.spatial.internal_wrench import (
     symmetric_internal_wrenches,
     virtual_linkage_internal_wrenches,
 )
+
+if TYPE_CHECKING:  # slow to load
+    import xarray as xr
 
 POSITION_BAND_M = 5e-3
 ORIENTATION_BAND_RAD = 5e-3
@@ -257,4 +259,4 @@ def internal_wrench_definitions(data: xr.Dataset, load_shares: Array, payload: P
         definitions["symmetric"] = symmetric_internal_wrenches(F)
     dims = data["interaction_wrench"].dims
     labelled = {name: (dims, np.where(is_determined, value, np.nan)) for name, value in definitions.items()}
-    return xr.Dataset(labelled, {dim: data[dim] for dim in dims}, {"units": "N, N m"})
+    return type(data)(labelled, {dim: data[dim] for dim in dims}, {"units": "N, N m"})

@@ -12,7 +12,6 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-import xarray as xr
 
 from coop_pin.arrays import Array
 from coop_pin.description.arm import Miscalibration
@@ -27,7 +26,7 @@ Besides, for sources: ``load_share``, the c_i, shape (m,); and in lists, of each
 of its joints, shape (n, k), ``drive``, T, shape (k, k), and its payload ``jacobian``, shape (n, k_0, k). Axes
 before that of the samples, such as the runs of a batch, are allowed.
 """
-Arrays: TypeAlias = Mapping[Any, Any] | xr.Dataset
+Arrays: TypeAlias = Mapping[Any, Any]
 """Arrays of a run by name: numpy's, or labelled ones."""
 
 

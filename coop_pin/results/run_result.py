@@ -6,17 +6,15 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
-import xarray as xr
 
 from coop_pin.arrays import require_path, require_type
 from coop_pin.atomic_write import write_atomically
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
-from coop_pin.results.dataset import labelled, with_names
 from coop_pin.results.limits import LimitViolation, limit_violations
 from coop_pin.results.metrics import (
     DRIFT_S,
@@ -25,10 +23,12 @@ from coop_pin.results.metrics import (
     InternalForceMetrics,
     metric_text,
 )
-from coop_pin.results.netcdf import read_dataset, to_netcdf
 from coop_pin.results.quantities import Arrays, Samples, quantities
 from coop_pin.results.trust import Breach, TrustMonitor, in_time
 from coop_pin.results.window import SETTLING_S, Window, Windows, checked_window
+
+if TYPE_CHECKING:  # slow to load
+    import xarray as xr
 
 NO_ATTRIBUTES: Mapping[str, str] = MappingProxyType({})
 _EVENT = ("resettling_time_s", "event_peak_position_error_m")
@@ -61,20 +61,22 @@ class RunResult:
             attributes: Further attributes of the Dataset that is made of arrays.
         """
         require_type("scenario", scenario, Scenario)
-        require_type("data", data, xr.Dataset, dict)
+        require_type("data", data, Mapping)
         self.scenario, self._data, self._attributes = scenario, data, attributes
 
     @property
     def data(self) -> xr.Dataset:
         """The labelled arrays."""
-        if not isinstance(self._data, xr.Dataset):
+        if isinstance(self._data, dict):
+            from coop_pin.results.dataset import labelled  # slow to load
+
             self._data = labelled(self.scenario, self._data).assign_attrs(self._attributes)
         return self._data
 
     @property
     def arrays(self) -> Arrays:
         """The arrays by name, without their labels."""
-        return self._data.variables if isinstance(self._data, xr.Dataset) else self._data
+        return self._data if isinstance(self._data, dict) else self._data.variables
 
     @property
     def engine(self) -> str:
@@ -243,6 +245,8 @@ class RunResult:
     def save(self, path: str | Path) -> None:
         """Write a netCDF file that holds the scenario too; if writing fails, an older file stays."""
         require_path("path", path)
+        from coop_pin.results.netcdf import to_netcdf  # slow to load
+
         content = to_netcdf(self.data, self.scenario.to_toml())
         write_atomically(Path(path), lambda part: part.write_bytes(content))
 
@@ -253,6 +257,9 @@ class RunResult:
         Raises:
             FileReadError: the file is missing, damaged or not a result of this version of coop_pin.
         """
+        from coop_pin.results.dataset import with_names  # slow to load
+        from coop_pin.results.netcdf import read_dataset
+
         require_path("path", path)
         path = Path(path)
         if not path.is_file():

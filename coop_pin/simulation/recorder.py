@@ -19,7 +19,6 @@ from coop_pin.memory import require_memory
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult, Snapshot
-from coop_pin.results.dataset import dataset
 from coop_pin.results.quantities import (
     WORK,
     WORK_OF_GRASPS,
@@ -215,6 +214,8 @@ class Recorder:
         Args:
             scenario: Scenario that was run.
         """
+        from coop_pin.results.dataset import dataset  # slow to load
+
         self._is_shared = True
         while self._observed < self.count:
             with contextlib.suppress(CoopPinError):  # which drops the last sample

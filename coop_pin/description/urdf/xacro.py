@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
-from xml.sax.saxutils import escape
 
 from coop_pin import limited_process
 from coop_pin.errors import FileReadError, MissingExtraError, UrdfError
@@ -71,6 +70,8 @@ def _expand(
         arguments: arguments of the file.
         largest: most bytes of a file that is read, and of the URDF.
     """
+    from xml.sax.saxutils import escape  # slow to load
+
     import xacrodoc
 
     xacrodoc.packages.reset()
