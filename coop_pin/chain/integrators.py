@@ -16,10 +16,9 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array
 
-
 _FREE_FLYER = "JointModelFreeFlyer"
 _SMALL = 2.7e-5
-"""Square of the increment of a free-flyer up to which the series of dexp^-1 is right to 1e-12, m^2 and rad^2."""
+"""Largest square of a free-flyer's increment for the series of dexp^-1, which is right to 1e-12 there."""
 
 
 class ConfigurationSpace(ABC):
