@@ -207,7 +207,7 @@ class GraspSprings:
         Args:
             cell: Description.
             tree: Tree of the cell, which is kept.
-            bodies: Its joints, on which the springs act.
+            bodies: Joints of the tree, on which the springs act.
         """
         names, grasps, model = list(cell.arms), cell.compliant, tree.model
         self.arms = [names.index(name) for name in grasps]
