@@ -1,4 +1,4 @@
-"""Contacts with dry friction: element, block on a table, and what is refused; planar, and in space, turned."""
+"""Contacts with dry friction: element, block on a table, refusals; planar, and in space, turned."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ TABLES = {
     "planar": ("adept-paper", (0.0, 0.0, 0.0)),
     "spatial": ("two-pandas-box", (0.3, -0.2, 0.5)),
 }
-"""A cell, one arm of which stands beside the table, and the roll, pitch and yaw of the table; gravity turns with it."""
+"""A cell, one arm of which stands beside the table, and rpy of the table; gravity turns with it."""
 BOX = {"kind": "box", "mass": MASS, "size": (0.2, 0.2, 0.1)}
 DISC = {"kind": "cylinder", "mass": MASS, "radius": 0.1, "length": 0.1}
 
@@ -31,7 +31,9 @@ class Bench:
         scenario, rpy = TABLES[name]
         cell = cp.Scenario.load(scenario).cell
         arm = next(iter(cell.arms))
-        palm = cp.PatchGrasp(kind="patch", xyz=(-0.1, 0.0, 0.0), press="x", mu=MU, radius=0.02, face=(0.2, 0.1))
+        palm = cp.PatchGrasp(
+            kind="patch", xyz=(-0.1, 0.0, 0.0), press="x", mu=MU, radius=0.02, face=(0.2, 0.1)
+        )
         table = cp.Table(
             xyz=(3.0, 1.0, 0.2), rpy=rpy, size=(4.0, 4.0), mu=MU, stiffness=k, shear_stiffness=k,
             damping_ratio=0.7,
@@ -64,7 +66,7 @@ class Bench:
         self.plant.surround(self.plant.surroundings._replace(push=wrench))
 
     def run(self, duration: float, h: float, force=None) -> np.ndarray:
-        """Times, positions and twists of P in axes of the table, sum of normal forces, energy not explained."""
+        """Times, positions and twists of P in axes of the table, normal force, energy not explained."""
         rows = []
         for _ in range(round(duration / h)):
             if force is not None:
@@ -95,7 +97,9 @@ def some_points(n: int = 6) -> ContactPoints:
     """Points with uneven numbers."""
     rng = np.random.default_rng(3)
     k, c, sigma, d = rng.uniform(1.0, 9.0, (4, n))
-    return ContactPoints(k, c, sigma, d, rng.uniform(0.2, 1.0, n), np.full((n, 2), -5.0), np.full((n, 2), 5.0))
+    return ContactPoints(
+        k, c, sigma, d, rng.uniform(0.2, 1.0, n), np.full((n, 2), -5.0), np.full((n, 2), 5.0)
+    )
 
 
 def test_forces_stay_in_the_cone_and_never_pull():
@@ -110,7 +114,11 @@ def test_forces_stay_in_the_cone_and_never_pull():
 
 def test_stuck_points_are_the_gradient_of_their_energy_and_only_dampers_take_power():
     points, rng, h = some_points()._replace(mu=np.full(6, 1e6)), np.random.default_rng(5), 1e-6
-    x, roots, within = rng.normal(size=(6, 3)) - (0.0, 0.0, 3.0), rng.normal(size=(6, 2)), np.ones(6, dtype=bool)
+    x, roots, within = (
+        rng.normal(size=(6, 3)) - (0.0, 0.0, 3.0),
+        rng.normal(size=(6, 2)),
+        np.ones(6, dtype=bool),
+    )
     F, stored = points.forces(x, np.zeros((6, 3)), roots, within)
     assert stored == 0.0
     for index in np.ndindex(6, 3):
@@ -131,8 +139,11 @@ def test_bristles_return_to_the_cone_once():
     settled, inside, slid = points.settled(x, roots, within)
     size = points.shear_stiffness * np.linalg.norm(x[:, :2] - settled, axis=1)
     assert (size <= points.mu * points.stiffness * np.maximum(-x[:, 2], 0.0) * (1 + 1e-12)).all()
-    assert not inside[0] and inside[1:].all()
-    assert slid.min() >= 0.0 and slid[1] == 0.0 and slid[2] > 0.0
+    assert not inside[0]
+    assert inside[1:].all()
+    assert slid.min() >= 0.0
+    assert slid[1] == 0.0
+    assert slid[2] > 0.0
     again, _, none = points.settled(x, settled, inside)
     assert_allclose(again, settled, atol=1e-15)
     assert none.max() < 1e-15
@@ -264,7 +275,9 @@ def test_faces_of_other_payloads_must_be_stated():
     grasps = {"left": patch, "right": patch | {"xyz": (0.1, 0.0, 0.0), "press": "-x"}}
     with pytest.raises(FieldError, match="face"):
         cell.replace(payload=DISC, grasps=grasps)
-    cell.replace(payload=DISC, grasps={name: grasp | {"face": (0.05, 0.05)} for name, grasp in grasps.items()})
+    cell.replace(
+        payload=DISC, grasps={name: grasp | {"face": (0.05, 0.05)} for name, grasp in grasps.items()}
+    )
 
 
 def test_batches_and_rigid_methods_refuse_contacts_in_words():

@@ -15,7 +15,7 @@ from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.contact_patches import ContactPatches, ContactState
-from coop_pin.chain.force_elements import ForceElement, ForceElements, Joints
+from coop_pin.chain.force_elements import ForceElements, Joints
 from coop_pin.chain.grasp_springs import GraspSprings, GraspState
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.chain.kkt_solver import constraint_svd
@@ -127,8 +127,8 @@ class CellChain:
         joints = Joints(self.model)
         self.springs = GraspSprings(cell, self.model, joints)
         self.patches = ContactPatches(cell, self.model, joints)
-        elements: list[ForceElement] = [self.springs] if self.springs.arms else []
-        self.elements = ForceElements(joints, elements + [self.patches][: len(self.patches)])
+        parts: tuple[GraspSprings | ContactPatches, ...] = (self.springs, self.patches)
+        self.elements = ForceElements(joints, [part for part in parts if len(part)])
         self._data = self.mechanism.model.createData()
         self._held = [index for index, name in enumerate(cell.arms) if name in held]
         self._welded = [index for index, name in enumerate(cell.arms) if name in self.model.closed_by_tree]
@@ -165,7 +165,7 @@ class CellChain:
 
         Args:
             q: configuration with the tips of other grasps at them.
-            squeeze: as of ``configuration``.
+            squeeze: Squeeze of ``configuration``.
 
         Raises:
             OpenClosureError: the rigid grasps cannot be closed.
@@ -176,7 +176,9 @@ class CellChain:
         if not len(self.patches):
             return q
         m = len(self.cell.arms)
-        return self.patches.started(q, np.zeros((m, 6)) if squeeze is None else as_array("squeeze", squeeze, m, 6))
+        return self.patches.started(
+            q, np.zeros((m, 6)) if squeeze is None else as_array("squeeze", squeeze, m, 6)
+        )
 
     def loads(self, q: ArrayLike) -> Array:
         """Return the wrench on each arm at rest about P as the arm's own kinematics see it, shape (m, 6).
@@ -281,8 +283,8 @@ class CellChain:
         Raises:
             OutOfRangeError: a wrench is not finite.
         """
-        frames, *held = self._moving(q, v, tau)
-        wrenches = self._wrenches(frames, self.mechanism.solver.wrenches(), push, *held)
+        frames, grasps, contacts = self._moving(q, v, tau)
+        wrenches = self._wrenches(frames, self.mechanism.solver.wrenches(), push, grasps, contacts)
         return require_finite("the interaction wrenches", wrenches)
 
     def observe(self, q: Array, v: Array, tau: Array, push: Array) -> Observation:
@@ -303,7 +305,8 @@ class CellChain:
         arguments = (("q", q, nq), ("v", v, nv), ("tau", tau, nv), ("push", push, 6))
         states = (as_array(name, value, n, size) for name, value, size in arguments)
         parts = zip(*map(self._observed, *states), strict=True)
-        seen = Observation(*(None if part[0] is None else np.array(part) for part in parts))
+        values: list[Any] = [None if part[0] is None else np.array(part) for part in parts]
+        seen = Observation(*values)
         require_finite("the interaction wrenches", seen.interaction_wrench)
         return seen
 
@@ -443,9 +446,7 @@ class CellChain:
         pin.updateFramePlacements(self.mechanism.model, self._data)
         return self._data.oMf
 
-    def _moving(
-        self, q: Array, v: Array, tau: Array
-    ) -> tuple[Any, GraspState | None, ContactState | None]:
+    def _moving(self, q: Array, v: Array, tau: Array) -> tuple[Any, GraspState | None, ContactState | None]:
         """Return the frames under a generalised force, compliant grasps and contacts; None without any."""
         force = tau + self.elements.force(q, v)[0] if self.elements.elements else tau
         grasps = self.springs.seen() if self.springs.arms else None

@@ -15,10 +15,10 @@ from coop_pin.arrays import Array, Mask
 from coop_pin.chain.force_elements import Joints
 from coop_pin.chain.grasp_springs import Side, reached
 from coop_pin.description.cell import Cell
-from coop_pin.description.contact import Contact, corners
+from coop_pin.description.contact import DryContact, corners
 from coop_pin.model.cell_model import CellModel
 from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, symmetric
-from coop_pin.spatial import shift_wrench, weight_wrench
+from coop_pin.spatial import weight_wrench
 from coop_pin.spatial.internal_wrench import virtual_linkage_internal_wrenches
 
 _DEEPEST = 1e-2
@@ -83,9 +83,7 @@ class ContactPoints(NamedTuple):
         """Return the energy in springs and bristles, J; arguments as of ``forces``."""
         touches = within & (x[:, 2] < 0.0)
         bristles = ((x[:, :2] - roots) ** 2).sum(axis=1)
-        return float(
-            0.5 * (self.stiffness * x[:, 2] ** 2 + self.shear_stiffness * bristles)[touches].sum()
-        )
+        return float(0.5 * (self.stiffness * x[:, 2] ** 2 + self.shear_stiffness * bristles)[touches].sum())
 
     def settled(self, x: Array, roots: Array, within: Mask) -> tuple[Array, Mask, Array]:
         """Return roots and bounded points after a step, and how far each touching point slid, m, shape (n,).
@@ -149,7 +147,7 @@ class _Now(NamedTuple):
         F: forces on them, N, shape (n, 3).
         wrenches: wrench on body A of each about the plane's origin in its axes.
         on_bodies: the same about the world's origin in world axes.
-        power: as of ContactState.
+        power: Power of ContactState, W.
     """
 
     poses: list[Any]
@@ -176,7 +174,7 @@ class ContactPatches:
         Args:
             cell: Description.
             tree: Tree of the cell, which is kept.
-            bodies: Its joints, on which the contacts act.
+            bodies: Joints of the tree, on which the contacts act.
         """
         self._cell, self._tree, self._bodies, model = cell, tree, bodies, tree.model
         self.names = [*cell.patches, *cell.tables]
@@ -190,8 +188,10 @@ class ContactPatches:
             (self._side(tree.payload_frame, np.eye(4)), self._side(0, table.matrix))
             for table in cell.tables.values()
         ]
-        contacts: list[Contact] = [*cell.patches.values(), *cell.tables.values()]
-        points = [grasp.points for grasp in cell.patches.values()] + [corners(cell.payload)] * len(cell.tables)
+        contacts: list[DryContact] = [*cell.patches.values(), *cell.tables.values()]
+        points = [grasp.points for grasp in cell.patches.values()] + [corners(cell.payload)] * len(
+            cell.tables
+        )
         bounds = [grasp.bounds(cell.payload) for grasp in cell.patches.values()]
         bounds += [table.bounds for table in cell.tables.values()]
         counts = [len(part) for part in points]
@@ -355,7 +355,7 @@ class ContactPatches:
         if self._tree.closed_by_tree or len(self.names) == len(self.arms):
             return False
         x = self._positions(q)
-        roots, within, _ = self.points.settled(x, x[:, :2], np.ones(len(x), dtype=bool))
+        within = self.points.settled(x, x[:, :2], np.ones(len(x), dtype=bool))[1]
         on_tables = self._of >= len(self.arms)
         return bool((within & on_tables & (x[:, 2] < _RESTS)).any())
 
@@ -412,9 +412,18 @@ class ContactPatches:
         r, k = self._r[part], self.points.stiffness[part]
         expected, pose, bristles = X_PF.actInv(load).vector, np.zeros(3), np.zeros(3)
         points = ContactPoints(*(values[part] for values in self.points))
-        shear, still, inside = self.points.shear_stiffness[part], np.zeros((len(r), 3)), np.ones(len(r), dtype=bool)
+        shear, still, inside = (
+            self.points.shear_stiffness[part],
+            np.zeros((len(r), 3)),
+            np.ones(len(r), dtype=bool),
+        )
         spread = np.array(
-            [k.sum(), *(k[:, None] * r[:, 1::-1] ** 2).sum(axis=0), shear.sum(), (shear * (r * r).sum(axis=1)).sum()]
+            [
+                k.sum(),
+                *(k[:, None] * r[:, 1::-1] ** 2).sum(axis=0),
+                shear.sum(),
+                (shear * (r * r).sum(axis=1)).sum(),
+            ]
         )
         pressed = expected[2] > 0.0
         for _ in range(_STEPS if pressed else 0):

@@ -5,9 +5,9 @@ from coop_pin.description.actuators import Actuators, GravityCompensation
 from coop_pin.description.arm import Arm, JointFriction, Miscalibration
 from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.cell import Cell, grasps_from_configuration
+from coop_pin.description.contact import PatchGrasp, Table
 from coop_pin.description.controller import ModelFactors, UserController
 from coop_pin.description.events import GravityTurn, LoseArm, PayloadChange, WrenchPulse
-from coop_pin.description.contact import PatchGrasp, Table
 from coop_pin.description.grasp import CompliantGrasp
 from coop_pin.description.grasp_events import HandOver, Regrasp, Release
 from coop_pin.description.mobile_base import MobileBase
@@ -32,8 +32,6 @@ __all__ = [
     "Cell",
     "Clock",
     "CompliantGrasp",
-    "PatchGrasp",
-    "Table",
     "DifferencedVelocity",
     "Encoder",
     "GravityCompensation",
@@ -46,6 +44,7 @@ __all__ = [
     "MobileBase",
     "ModelFactors",
     "ObservedVelocity",
+    "PatchGrasp",
     "Payload",
     "PayloadChange",
     "PlantOptions",
@@ -55,6 +54,7 @@ __all__ = [
     "Scenario",
     "Sensors",
     "Stabilisation",
+    "Table",
     "TrustThresholds",
     "UserController",
     "WrenchParts",

@@ -84,7 +84,7 @@ class Cell(WithLaterFields):
     rows: RowsName = "full"
     gravity: Vector3 = (0.0, 0.0, -9.81)
     load_shares: dict[str, float] | None = None
-    tables: dict[Name, Table] = {}
+    tables: dict[Name, Table] = Field(default={})
 
     @field_validator("arms")
     @classmethod
@@ -211,8 +211,8 @@ class Cell(WithLaterFields):
         ):
             if names:
                 raise ArgumentError(
-                    f"{purpose} is for rigid grasps, and {are.format(names)}; look at ``cell.rigid``, with bare"
-                    " poses as grasps"
+                    f"{purpose} is for rigid grasps, and {are.format(names)}; look at ``cell.rigid``, with"
+                    " bare poses as grasps"
                 )
 
     @property

@@ -33,7 +33,7 @@ Edges = Annotated[Interval, BeforeValidator(_edges)]
 """Edges of a rectangle, m."""
 
 
-class Contact(Description):
+class DryContact(Description):
     """Numbers of a contact with dry friction: the equations of ``ContactPoints``, which share them equally.
 
     Attributes:
@@ -50,12 +50,12 @@ class Contact(Description):
     damping_ratio: Positive = 0.5
 
 
-class PatchGrasp(Pose, Contact):
+class PatchGrasp(Pose, DryContact):
     """Grasp by friction: a patch fixed to the arm's tip is pressed on a flat face of the payload.
 
     Nothing but friction holds the payload: it sticks, slides, spins, tips and drops. The patch is a few
-    points on the plane of the face: eight on a ring of two thirds of the radius, with the torsion of an evenly
-    pressed disc; or four, at 1 / sqrt(12) of the edges from the middle.
+    points on the plane of the face: eight on a ring of two thirds of the radius, with the torsion of an
+    evenly pressed disc; or four, at 1 / sqrt(12) of the edges from the middle.
 
     Attributes:
         xyz: Position of the grasp frame in payload axes, m: the middle of the patch, on the face.
@@ -120,8 +120,8 @@ class PatchGrasp(Pose, Contact):
             name = "radius" if self.size is None else "size"
             raise FieldError(
                 f"reaches {1e3 * beyond:.3g} mm beyond the payload's face, which spans"
-                f" {bounds[0].tolist()} to {bounds[1].tolist()} m about the grasp; use a smaller patch, or move"
-                " the grasp",
+                f" {bounds[0].tolist()} to {bounds[1].tolist()} m about the grasp; use a smaller patch, or"
+                " move the grasp",
                 name,
             )
         return bounds
@@ -129,8 +129,8 @@ class PatchGrasp(Pose, Contact):
     def _face_of_box(self, payload: Payload) -> Array:
         if payload.shape != "box":
             raise FieldError(
-                f"is missing; the payload is drawn as a {payload.shape}, whose flat faces are not known: state"
-                " the edges of the face about the grasp, m",
+                f"is missing; the payload is drawn as a {payload.shape}, whose flat faces are not known:"
+                " state the edges of the face about the grasp, m",
                 "face",
             )
         X_SF = inverse_pose(payload.shape_pose.matrix) @ self.matrix @ self.plane
@@ -140,8 +140,8 @@ class PatchGrasp(Pose, Contact):
         if np.abs(np.delete(normal, axis)).max() > _ALONG or abs(distance) > _ON_FACE:
             raise FieldError(
                 f"is {list(self.xyz)}; pressed along {self.press} it is {1e3 * distance:.3g} mm outside the"
-                f" nearest face of the box, with the normal {np.round(normal, 6).tolist()} in its axes: put the"
-                " grasp on a face, and let it press into it",
+                f" nearest face of the box, with the normal {np.round(normal, 6).tolist()} in its axes: put"
+                " the grasp on a face, and let it press into it",
                 "xyz",
             )
         corners = np.array([(-1.0, -1.0), (1.0, 1.0)])
@@ -152,7 +152,7 @@ class PatchGrasp(Pose, Contact):
         return np.array((in_plane.min(axis=0), in_plane.max(axis=0)))
 
 
-class Table(Pose, Contact):
+class Table(Pose, DryContact):
     """Table: a bounded plane fixed in the world that the payload's corners may lie on.
 
     Attributes:

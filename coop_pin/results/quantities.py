@@ -201,7 +201,7 @@ QUANTITIES = (
              group="patches"),
     Quantity("load_share", "arm", "1", "c_i of the agreed plan", group="grasps"),
     Quantity("elastic_energy", "", "J", "in compliant grasps, patches and tables", group="elements"),
-    Quantity("work_grasps", "", "J", "done by dampers of compliant grasps and by friction of patches and tables"
+    Quantity("work_grasps", "", "J", "done by dampers of compliant grasps, by friction of patches and tables,"
              " since the start", group="elements"),
     Quantity("requested_torque", "arm joint", "N m", "drive torques before their limits: the commands that"
              " arrived, and gravity compensation",

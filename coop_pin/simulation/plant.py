@@ -162,7 +162,12 @@ class Plant:
 
     def state(self) -> PlantState:
         """Return the state."""
-        held, patches, work, force = self.chain.springs.held(), self.chain.patches.state, self.work, self.force
+        held, patches, work, force = (
+            self.chain.springs.held(),
+            self.chain.patches.state,
+            self.work,
+            self.force,
+        )
         return PlantState(
             self.q, self.v, work.copy(), self.surroundings, force.copy(), held, patches, self.missed
         )
