@@ -15,6 +15,7 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.description.arm import Miscalibration
+from coop_pin.description.events import Partner
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import Sensors
 from coop_pin.spatial import internal_wrenches, log3, quaternions, rotate_vector6
@@ -198,6 +199,11 @@ QUANTITIES = (
     Quantity("elastic_energy", "", "J", "in the compliant grasps", group="grasps"),
     Quantity("work_grasps", "", "J", "done by the dampers of compliant grasps since the start",
              group="grasps"),
+    Quantity("partner_wrench", "axis", "N, N m", "of the partner that holds the payload, about P",
+             group="partner"),
+    Quantity("partner_deflection", "axis", "m, rad", "of the partner's handle from its point, in axes of the"
+             " point", group="partner"),
+    Quantity("partner_energy", "", "J", "in the partner's spring", group="partner"),
     Quantity("requested_torque", "arm joint", "N m", "drive torques before their limits: the commands that"
              " arrived, and gravity compensation",
              read=lambda _, applied: applied.requested, group="compensation"),
@@ -244,6 +250,7 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
         scenario.actuators_of(arm).gravity_compensation is not None for arm in scenario.cell.arms
     ),
     "grasps": lambda scenario: bool(scenario.cell.compliant),
+    "partner": lambda scenario: any(isinstance(event, Partner) for event in scenario.events),
     "encoder": lambda scenario: not all(s.joints_are_ideal for s in _sensors(scenario)),
     "kinematics": lambda scenario: (
         not all(s.joints_are_ideal for s in _sensors(scenario))
