@@ -80,4 +80,4 @@ def partner_matrices(partner: Partner, time: float, J_WP: Array) -> tuple[Array,
     from_P = partner.motion.at(time).X_WP_d[:3, :3] @ partner.handle.matrix[:3, 3]
     R = X_WG[:3, :3]
     J = np.vstack((R.T @ (J_WP[:3] + np.cross(J_WP[3:].T, from_P).T), R.T @ J_WP[3:]))
-    return tuple(J.T @ np.diag(entries) @ J for entries in (partner.stiffness, partner.damping))
+    return J.T @ np.diag(partner.stiffness) @ J, J.T @ np.diag(partner.damping) @ J
