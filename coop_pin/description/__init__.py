@@ -5,6 +5,7 @@ from coop_pin.description.actuators import Actuators, GravityCompensation
 from coop_pin.description.arm import Arm, JointFriction, Miscalibration
 from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.cell import Cell, grasps_from_configuration
+from coop_pin.description.contact import PatchGrasp, Table
 from coop_pin.description.controller import ModelFactors, UserController
 from coop_pin.description.events import GravityTurn, LoseArm, Partner, PayloadChange, WrenchPulse
 from coop_pin.description.grasp import CompliantGrasp
@@ -44,6 +45,7 @@ __all__ = [
     "ModelFactors",
     "ObservedVelocity",
     "Partner",
+    "PatchGrasp",
     "Payload",
     "PayloadChange",
     "PlantOptions",
@@ -53,6 +55,7 @@ __all__ = [
     "Scenario",
     "Sensors",
     "Stabilisation",
+    "Table",
     "TrustThresholds",
     "UserController",
     "WrenchParts",

@@ -155,8 +155,9 @@ class Scenario(Description):
 
     @model_validator(mode="after")
     def _plant_fits_the_grasps(self) -> Self:
-        if self.cell.compliant and self.plant.integrator != "rk4":
-            detail = f"is {self.plant.integrator!r}; compliant grasps need 'rk4', whose stable step is known"
+        if self.cell.has_force_elements and self.plant.integrator != "rk4":
+            detail = f"is {self.plant.integrator!r}; compliant grasps, patches and tables need 'rk4', whose"
+            detail += " stable step is known"
             raise FieldError(detail, "plant.integrator")
         return self
 
