@@ -41,7 +41,7 @@ def with_partner(name: str, *, compliant=False, end=0.05, **fields) -> cp.Scenar
 
 
 def test_wrench_is_power_consistent():
-    """F.V of the handle = -d(energy)/dt + dissipated + given, by central differences along a motion."""
+    """F.V of the handle = -d(energy)/dt + dissipated + supplied, by central differences along a motion."""
     scenario, h, rng = SCENARIOS["spatial"](), 1e-5, np.random.default_rng(3)
     one, V = partner(scenario), rng.normal(size=6)
     offset = make_pose((0.02, 0.01, -0.03), (0.1, -0.2, 0.15))
@@ -54,7 +54,7 @@ def test_wrench_is_power_consistent():
 
     behind, here, ahead = at(0.1 - h), at(0.1), at(0.1 + h)
     rate = (ahead.energy - behind.energy) / (2.0 * h)
-    assert_allclose(here.wrench @ V, -rate + here.dissipated + here.given, rtol=1e-7)
+    assert_allclose(here.wrench @ V, -rate + here.dissipated + here.supplied, rtol=1e-7)
     assert here.dissipated < 0.0
     assert here.energy > 0.0
     still = partner_state(one, 0.0, scenario.start.matrix, np.zeros(6))

@@ -21,14 +21,14 @@ class PartnerState(NamedTuple):
             point, m and rad, shape (6,).
         energy: energy in the spring, J.
         dissipated: power of the damper, W; not positive.
-        given: power that the moving point gives, W.
+        supplied: power that the moving point gives, W.
     """
 
     wrench: Array
     deflection: Array
     energy: float
     dissipated: float
-    given: float
+    supplied: float
 
 
 def partner_state(partner: Partner, time: float, X_WP: Array, V_WP: Array) -> PartnerState:
@@ -38,7 +38,7 @@ def partner_state(partner: Partner, time: float, X_WP: Array, V_WP: Array) -> Pa
     about H in axes of G, the wrench on the payload about H is F = elastic(p, R) - D V of SpringDamper. With
     V_G of the point at H, its power F.(V + V_G) is
 
-        -d(energy)/dt + dissipated + given,    given = F.V_G
+        -d(energy)/dt + dissipated + supplied,    supplied = F.V_G
 
     Args:
         partner: the partner.
@@ -64,7 +64,7 @@ def partner_state(partner: Partner, time: float, X_WP: Array, V_WP: Array) -> Pa
         deflection=np.concatenate((p, log3(R))),
         energy=float(spring.energy(p[None], R[None])[0]),
         dissipated=float(damped @ V),
-        given=float(f @ v_G + m @ w_d),
+        supplied=float(f @ v_G + m @ w_d),
     )
 
 
