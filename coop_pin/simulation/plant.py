@@ -60,7 +60,7 @@ class PlantState(NamedTuple):
         work: work done so far, J.
         surroundings: payload, and what acts on it from outside.
         force: held generalised force of the actuators, N m, shape (nv,).
-        grasps: compliant grasps that hold.
+        grasps: compliant and rigid grasps that hold.
         patches: memory of patches and tables.
         missed: grasps that did not happen.
         time: time, s.
@@ -71,7 +71,7 @@ class PlantState(NamedTuple):
     work: Array
     surroundings: Surroundings
     force: Array
-    grasps: GraspsHeld
+    grasps: tuple[GraspsHeld, GraspsHeld]
     patches: PatchesState
     missed: tuple[MissedGrasp, ...]
     time: float
@@ -136,20 +136,23 @@ class Plant:
         self._book(before)
 
     def release(self, arm: int) -> None:
-        """Open the compliant grasp of an arm; the energy that its spring loses counts as work."""
+        """Open the grasp of an arm; the energy that its spring loses counts as work."""
         before = self.energy()
-        self.chain.springs.release(self.chain.springs.arms.index(arm))
+        self.chain.release(arm)
         self._book(before)
 
     def grasp(self, arm: int, event: Regrasp) -> None:
-        """Close the compliant grasp of an arm whose tip is there; the energy that it adds counts as work."""
-        springs, before = self.chain.springs, self.energy()
-        number = springs.arms.index(arm)
-        gap = springs.gap(number, self.q)
+        """Close the grasp of an arm whose tip is there; the energy that it adds or takes counts as work.
+
+        At a rigid grasp the velocities meet by an impulse.
+        """
+        before, gap = self.energy(), self.chain.gap(arm, self.q)
         if gap.distance > event.tolerance or gap.angle > event.angle_tolerance:
             self.missed += (MissedGrasp(event, gap),)
             return
-        springs.grasp(number, self.q if event.rest == "found" else None)
+        self.chain.grasp(arm, self.q, event.rest == "nominal")
+        if arm in self.chain.rigid.closed:
+            self.v = self.chain.mechanism.project_velocity(self.q, self.v)
         self._book(before)
 
     def energy(self) -> float:
@@ -167,14 +170,14 @@ class Plant:
 
     def state(self) -> PlantState:
         """Return the state."""
-        held, patches = self.chain.springs.held(), self.chain.patches.state
+        held, patches = self.chain.held(), self.chain.patches.state
         work, force, missed = self.work.copy(), self.force.copy(), self.missed
         return PlantState(self.q, self.v, work, self.surroundings, force, held, patches, missed, self.time)
 
     def restore(self, state: PlantState) -> None:
         """Return to a state."""
         self.q, self.v, self.missed, self.time = state.q, state.v, state.missed, state.time
-        self.chain.springs.restore(state.grasps)
+        self.chain.hold(*state.grasps)
         self.chain.patches.state = state.patches
         self.surround(state.surroundings)
         self.hold(state.force)
