@@ -198,6 +198,8 @@ QUANTITIES = (
     Quantity("elastic_energy", "", "J", "in the compliant grasps", group="grasps"),
     Quantity("work_grasps", "", "J", "done by the dampers of compliant grasps since the start",
              group="grasps"),
+    Quantity("servo_command", "arm joint", "rad/s or rad", "velocities or positions that the controller asked"
+             " servos for", read=lambda _, applied: applied.servo_commands, group="servo"),
     Quantity("requested_torque", "arm joint", "N m", "drive torques before their limits: the commands that"
              " arrived, and gravity compensation",
              read=lambda _, applied: applied.requested, group="compensation"),
@@ -243,6 +245,7 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     "compensation": lambda scenario: any(
         scenario.actuators_of(arm).gravity_compensation is not None for arm in scenario.cell.arms
     ),
+    "servo": lambda scenario: scenario.has_servos,
     "grasps": lambda scenario: bool(scenario.cell.compliant),
     "encoder": lambda scenario: not all(s.joints_are_ideal for s in _sensors(scenario)),
     "kinematics": lambda scenario: (
