@@ -191,8 +191,8 @@ class Admittance(DecentralisedLaw[AdmittanceGains]):
     """Commanded velocities or positions that yield to a wrench: AdmittanceController.
 
     Attributes:
-        command: What the arms take: "velocity" or "position".
-        follows: What followers take for the desired motion: the "reference", as every arm, or the "leader".
+        command: Kind of the commands: "velocity" or "position".
+        follows: Source of the followers' desired motion: the "reference", as of every arm, or the "leader".
     """
 
     uses: ClassVar[tuple[str, ...]] = ("internal wrench", "own wrench")

@@ -172,8 +172,8 @@ class CellCommand:
     @property
     def values(self) -> list[Any]:
         """What is given for each arm, shape (k,) each."""
-        given = [values for kind in COMMANDS if len(values := self.of(kind))]
-        return [next(value for value in each if value is not None) for each in zip(*given, strict=True)]
+        kinds = [values for kind in COMMANDS if len(values := self.of(kind))]
+        return [next(value for value in each if value is not None) for each in zip(*kinds, strict=True)]
 
 
 class ControlledArm(NamedTuple):

@@ -49,7 +49,7 @@ class Servo(Description):
     drives are springs of stiffness I k_v k_p towards r.
 
     Attributes:
-        command: what the robot takes: "velocity" or "position".
+        command: kind of the robot's commands: "velocity" or "position".
         rate_hz: rate of the servo, Hz, a multiple of the control rate that divides the plant's steps.
         velocity_bandwidth: k_v, 1/s: pole of the velocity loop of the arm alone; one value or one for each
             drive, as in the other fields.
@@ -57,7 +57,7 @@ class Servo(Description):
         position_bandwidth: k_p, 1/s.
         velocity_feedforward: phi, share of the commanded velocity that a position servo adds.
         exact_feedforward: whether the robot adds the torques of its own inertia, but for gravity.
-        speed_limit: largest |w| and |w_r|, rad/s; none when omitted.
+        speed_limit: largest size of w and w_r, rad/s; none when omitted.
         acceleration_limit: a, rad/s^2; none when omitted.
         delay: ticks by which commands arrive late.
         watchdog: time without a command after which a velocity servo brakes to rest, s; never when omitted. A

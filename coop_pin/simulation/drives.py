@@ -223,7 +223,7 @@ class CellDrives(NamedTuple):
             state: State after the tick before.
             commanded: Commands by the controller, shape (k,) each; torques in N m.
             missed: Masks, whether each arm misses the tick, shape (m,).
-            sensed: What the drives sense of their arms.
+            sensed: Functions of the drives' arms.
             gives: 1.0 for each arm that gives torque, 0.0 for one that has lost it, or its commands.
             s: Time since the tick before, or the last sample of a servo, s.
         """
@@ -287,10 +287,10 @@ class CellDrives(NamedTuple):
             entries.append((now.requested, now.torque, now.is_cut, acts, state.last[index]))
             asked.append(now.commanded)
         requested, torques, saturated, reported, last = zip(*entries, strict=True)
-        own = tuple(
+        servo_commands = tuple(
             None if arm.servo is None else command for arm, command in zip(self.arms, commanded, strict=True)
         )
-        applied = Applied(asked, requested, torques, saturated, reported, own)
+        applied = Applied(asked, requested, torques, saturated, reported, servo_commands)
         return self._responded(applied, DriveState(last, state.response, tuple(servos), torques), gives, s)
 
     def _sampled(self, index: int, servo: ServoState, sensed: DriveMotion) -> tuple[ServoTorque, ServoState]:
@@ -329,8 +329,8 @@ class CellDrives(NamedTuple):
         Args:
             state: State after the last sample or command.
             due: Arms whose servos sample, by index.
-            sensed: What the drives sense of their arms.
-            gives: As of ``step``.
+            sensed: Functions of the drives' arms.
+            gives: Factors of the arms, as of ``step``.
             s: Time since the last sample or command, s.
         """
         held, servos = list(state.held), list(state.servos)

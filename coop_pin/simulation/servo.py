@@ -43,8 +43,8 @@ class ServoTorque(NamedTuple):
 
     Attributes:
         commanded: torques by the servo.
-        requested: with what the robot adds for gravity.
-        torque: within the limits.
+        requested: the same with gravity compensation.
+        torque: those within the limits.
         is_cut: mask of those that the limits cut.
     """
 
@@ -70,7 +70,7 @@ class JointServo(NamedTuple):
         speed_limit: rad/s.
         acceleration_limit: a, rad/s^2.
         watchdog: s.
-        delay: what the commands of as many ticks stand for.
+        delay: an entry for each tick by which commands arrive late.
     """
 
     command: str
@@ -155,11 +155,11 @@ class JointServo(NamedTuple):
         """
         (q, v), h = motion, self.period
         reference, speed = self._reference(state)
-        wanted = speed
+        w_r = speed
         if self.command == "position":
-            wanted = self.position_bandwidth * (reference - q) + self.velocity_feedforward * speed
-            wanted = np.clip(wanted, -self.speed_limit, self.speed_limit)
-        push = self.inertia * self.velocity_bandwidth * (wanted - v)
+            w_r = self.position_bandwidth * (reference - q) + self.velocity_feedforward * speed
+            w_r = np.clip(w_r, -self.speed_limit, self.speed_limit)
+        push = self.inertia * self.velocity_bandwidth * (w_r - v)
         commanded = push + state.integral
         if self.is_exact:
             commanded = commanded + inertial((speed - state.speed) / h)

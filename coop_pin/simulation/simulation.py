@@ -163,7 +163,7 @@ class Simulation:
         """Do the next tick with a command from outside, in place of the controller's.
 
         Args:
-            command: What the arms take until the next tick; ``controller_state`` becomes its state.
+            command: Values for all arms until the next tick; ``controller_state`` becomes its state.
 
         Raises:
             InvalidStateError: the last tick is done.
