@@ -33,6 +33,8 @@ _PUBLIC = {
     "ClosedChain": "coop_pin.chain",
     "Closure": "coop_pin.chain",
     "CompliantGrasp": "coop_pin.description",
+    "PatchGrasp": "coop_pin.description",
+    "Table": "coop_pin.description",
     "ConstantSqueeze": "coop_pin.reference",
     "CoopPinError": "coop_pin.errors",
     "CsvMotion": "coop_pin.reference",

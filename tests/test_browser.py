@@ -495,6 +495,14 @@ def test_the_report_plays_fits_narrow_windows_and_prints_with_the_network_off(tm
         assert not page.locator("figure.paper").is_visible()
 
 
+def test_a_report_with_events_has_at_most_four_sheets_of_a4(tmp_path):
+    save_report(cp.run("adept-anchored"), tmp_path / "report.html")  # every metric applies to it
+    with offline_page(tmp_path / "report.html") as page:
+        page.locator("#motion iframe").scroll_into_view_if_needed()
+        page.frame_locator("#motion iframe").locator("#pane canvas").wait_for()
+        assert len(re.findall(rb"/Type\s*/Page\b", page.pdf(format="A4"))) <= 4
+
+
 def shown_widths(page, images: str) -> list[float]:
     """Widths at which images are shown, pixels; each of them must have been loaded."""
     sizes = "[image.naturalWidth, image.naturalHeight, image.offsetWidth]"

@@ -69,6 +69,9 @@ def plant_reason(plant: PlantOptions, cell: Cell) -> str | None:
     """
     if cell.compliant:
         return f"the grasps of {list(cell.compliant)} are compliant; the traced plant has rigid ones"
+    if cell.has_contacts:
+        names = [*cell.patches, *cell.tables]
+        return f"the contacts {names} have friction; the traced plant has rigid grasps and no tables"
     if plant.payload != "welded":
         return "its plant has a free payload; the traced one has it welded to the first arm"
     if plant.integrator != "rk4" or plant.project != "start":

@@ -5,6 +5,7 @@ from coop_pin.description.actuators import Actuators, GravityCompensation
 from coop_pin.description.arm import Arm, JointFriction, Miscalibration
 from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.cell import Cell, grasps_from_configuration
+from coop_pin.description.contact import PatchGrasp, Table
 from coop_pin.description.controller import ModelFactors, UserController
 from coop_pin.description.events import GravityTurn, LoseArm, PayloadChange, WrenchPulse
 from coop_pin.description.grasp import CompliantGrasp
@@ -45,6 +46,7 @@ __all__ = [
     "MobileBase",
     "ModelFactors",
     "ObservedVelocity",
+    "PatchGrasp",
     "Payload",
     "PayloadChange",
     "PlantOptions",
@@ -55,6 +57,7 @@ __all__ = [
     "Sensors",
     "Servo",
     "Stabilisation",
+    "Table",
     "TrustThresholds",
     "UserController",
     "WrenchParts",

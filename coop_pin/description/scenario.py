@@ -10,7 +10,7 @@ from typing import Any, Self
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.arrays import Array, require_path, require_type
-from coop_pin.catalogue import scenario_file, scenario_names
+from coop_pin.catalogue import scenario_file, scenario_names, scenario_tables
 from coop_pin.control.force_path import SampledWrist
 from coop_pin.control.interface import CellTiming
 from coop_pin.description.actuators import Actuators
@@ -171,8 +171,9 @@ class Scenario(Description):
 
     @model_validator(mode="after")
     def _plant_fits_the_grasps(self) -> Self:
-        if self.cell.compliant and self.plant.integrator != "rk4":
-            detail = f"is {self.plant.integrator!r}; compliant grasps need 'rk4', whose stable step is known"
+        if self.cell.has_force_elements and self.plant.integrator != "rk4":
+            detail = f"is {self.plant.integrator!r}; compliant grasps, patches and tables need 'rk4', whose"
+            detail += " stable step is known"
             raise FieldError(detail, "plant.integrator")
         return self
 
@@ -243,7 +244,7 @@ class Scenario(Description):
     @property
     def caption(self) -> str:
         """The summary; of a scenario of the catalogue that was changed, what was changed, in its place."""
-        base = next((one for one in _catalogue() if self.summary.startswith(one.summary)), None)
+        base = _original(self.summary)
         if base is None or not (changed := list(differences(self, base))):
             return self.summary
         texts = (
@@ -354,7 +355,9 @@ def _missing(path: Path) -> NameNotFoundError:
     )
 
 
-@functools.cache
-def _catalogue() -> tuple[Scenario, ...]:
-    """Return the scenarios of the catalogue."""
-    return tuple(map(Scenario.load, scenario_names()))
+@functools.lru_cache(maxsize=64)
+def _original(summary: str) -> Scenario | None:
+    """Return the scenario of the catalogue with whose summary a summary begins."""
+    tables = zip(scenario_names(), scenario_tables(), strict=True)
+    names = (name for name, table in tables if summary.startswith(table["summary"]))
+    return next(map(Scenario.load, names), None)

@@ -16,6 +16,7 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.chain.cell_chain import CellChain, Observation
 from coop_pin.chain.closure_set import ClosureError
+from coop_pin.chain.contact_patches import PatchesState
 from coop_pin.chain.grasp_springs import GraspsHeld
 from coop_pin.chain.integrators import INTEGRATORS, configuration_space
 from coop_pin.description.events import Surroundings
@@ -59,6 +60,7 @@ class PlantState(NamedTuple):
         surroundings: payload, and what acts on it from outside.
         force: held generalised force of the actuators, N m, shape (nv,).
         grasps: compliant grasps that hold.
+        patches: memory of patches and tables.
         missed: grasps that did not happen.
     """
 
@@ -68,6 +70,7 @@ class PlantState(NamedTuple):
     surroundings: Surroundings
     force: Array
     grasps: GraspsHeld
+    patches: PatchesState
     missed: tuple[MissedGrasp, ...]
 
 
@@ -82,7 +85,7 @@ class Plant:
         v: velocity, shape (nv,).
         surroundings: payload, and what acts on it from outside.
         missed: grasps that did not happen.
-        work: done so far, in the order of WORK and, in cells with compliant grasps, WORK_OF_GRASPS, J.
+        work: done so far, in the order of WORK and, in cells with force elements, WORK_OF_GRASPS, J.
     """
 
     engine = "pinocchio"
@@ -97,16 +100,18 @@ class Plant:
         """
         model = chain.mechanism.model
         self.chain, self.transmission = chain, Transmission(chain.cell, chain.model.arms, model.nv)
-        works = (*WORK, *WORK_OF_GRASPS) if chain.springs.arms else WORK
+        works = (*WORK, *WORK_OF_GRASPS) if chain.elements.elements else WORK
         self.q, self.v, self.work = q, np.zeros(model.nv), np.zeros(len(works))
         self.missed: tuple[MissedGrasp, ...] = ()
         if chain.springs.arms:
             chain.springs.damp(q)
+        if len(chain.patches):
+            chain.patches.damp(q)
         self._forces = np.zeros((len(_ALL), model.nv))
         self._integrator = INTEGRATORS[options.integrator](configuration_space(model))
         self._project = options.project == "step"
         self._errors: tuple[Array | None, list[ClosureError]] = None, []
-        self._solve = chain.mechanism.solver.acceleration
+        self._solve = chain.acceleration
         self.surround(chain.cell.surroundings)
 
     def hold(self, force: Array) -> None:
@@ -119,7 +124,7 @@ class Plant:
 
     def surround(self, surroundings: Surroundings) -> None:
         """Replace the surroundings from now on; the energy that this adds counts as work."""
-        before = self._energy()
+        before = self.energy()
         self.surroundings, self._pushed = surroundings, bool(surroundings.push.any())
         self.chain.surround(surroundings)
         self._forces[2] = 0.0
@@ -127,13 +132,13 @@ class Plant:
 
     def release(self, arm: int) -> None:
         """Open the compliant grasp of an arm; the energy that its spring loses counts as work."""
-        before = self._energy()
+        before = self.energy()
         self.chain.springs.release(self.chain.springs.arms.index(arm))
         self._book(before)
 
     def grasp(self, arm: int, event: Regrasp) -> None:
         """Close the compliant grasp of an arm whose tip is there; the energy that it adds counts as work."""
-        springs, before = self.chain.springs, self._energy()
+        springs, before = self.chain.springs, self.energy()
         number = springs.arms.index(arm)
         gap = springs.gap(number, self.q)
         if gap.distance > event.tolerance or gap.angle > event.angle_tolerance:
@@ -142,28 +147,36 @@ class Plant:
         springs.grasp(number, self.q if event.rest == "found" else None)
         self._book(before)
 
-    def _energy(self) -> float:
-        """Return the energy of chain and springs, J."""
+    def energy(self) -> float:
+        """Return the energy of chain and force elements, J."""
         total, springs = self.chain.mechanism.energy(self.q, self.v).total, self.chain.springs
+        if len(patches := self.chain.patches):
+            total += patches.at(self.q, self.v).energy
         return total + springs.energy(springs.at(self.q, self.v)) if springs.arms else total
 
     def _book(self, before: float) -> None:
         """Count the energy since before an event as work."""
         added = np.zeros(len(self.work))
-        added[len(WORK) - 1] = self._energy() - before
+        added[len(WORK) - 1] = self.energy() - before
         self.work = self.work + added
 
     def state(self) -> PlantState:
         """Return the state."""
-        held = self.chain.springs.held()
+        held, patches, work, force = (
+            self.chain.springs.held(),
+            self.chain.patches.state,
+            self.work,
+            self.force,
+        )
         return PlantState(
-            self.q, self.v, self.work.copy(), self.surroundings, self.force.copy(), held, self.missed
+            self.q, self.v, work.copy(), self.surroundings, force.copy(), held, patches, self.missed
         )
 
     def restore(self, state: PlantState) -> None:
         """Return to a state."""
         self.q, self.v, self.missed = state.q, state.v, state.missed
         self.chain.springs.restore(state.grasps)
+        self.chain.patches.state = state.patches
         self.surround(state.surroundings)
         self.hold(state.force)
         self.work = state.work.copy()
@@ -229,14 +242,15 @@ class Plant:
         if self._project:
             self.q = self.chain.mechanism.project_configuration(self.q)
             self.v = self.chain.mechanism.project_velocity(self.q, self.v)
+        if len(self.chain.patches):
+            self.work[-1] -= self.chain.patches.settle(self.q)
 
     def _rate(self, _t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the acceleration, shape (nv,), and powers in the order of ``work``, the first of them."""
         forces = self._apply(q, v)
-        if not self.chain.springs.arms:
-            return self._solve(q, v, _ALL.dot(forces)), forces.dot(v)
-        grasps, power = self.chain.springs.force(q, v)
-        return self._solve(q, v, _ALL.dot(forces) + grasps), np.array([*forces.dot(v), 0.0, power])
+        a, power = self._solve(q, v, _ALL.dot(forces))
+        powers = forces.dot(v)
+        return a, powers if len(self.work) == len(WORK) else np.concatenate((powers, (0.0, power)))
 
     def _apply(self, q: Array, v: Array) -> Array:
         """Return the generalised force of drives, friction and push, shape (3, nv)."""

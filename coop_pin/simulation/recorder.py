@@ -79,7 +79,9 @@ class Recorder:
         arms, model, rows = plant.chain.model.arms, plant.chain.mechanism.model, scenario.cell.task_rows.size
         joints = max(len(arm.drive) for arm in arms)
         self._length = self._sample(timeline.ticks) + 1
-        self._sizes = {"q": model.nq, "v": model.nv, "arm": len(arms), "joint": joints}
+        patches = len(plant.chain.patches)
+        self._sizes = {"q": model.nq, "v": model.nv, "arm": len(arms), "joint": joints, "patch": patches}
+        self._block = 1 if patches else _BLOCK  # the plant remembers no bristles of earlier samples
         require_memory(
             f"{self._length} samples of {scenario.name!r}",
             self._length * (bytes_per_sample(self._table, self._sizes) + 8 * (rows + 1) * model.nv),
@@ -146,7 +148,7 @@ class Recorder:
             turned[sample] = self._angles[index] = along[0]
         self._work[sample], self._forces[sample] = plant.work, plant.force
         self._observed, self.count = min(self._observed, sample), sample + 1
-        if self.count - self._observed == _BLOCK:
+        if self.count - self._observed == self._block:
             self.observe()
 
     def state(self) -> RecordState:

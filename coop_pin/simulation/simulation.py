@@ -46,11 +46,11 @@ def _start(chain: CellChain, scenario: Scenario) -> Array:
     """
     X_WP = scenario.start.matrix
     if not scenario.start_angles:
-        return chain.configuration(X_WP)
+        return chain.configuration(X_WP, scenario.squeeze_wrenches)
     q = chain.posed_configuration(scenario.start_angles, X_WP)
     if not scenario.project_start:
         chain.require_held(q, X_WP, _OPEN_START)
-    return chain.settled(q)
+    return chain.settled(q, scenario.squeeze_wrenches)
 
 
 class _NoController(CellController):
