@@ -61,6 +61,7 @@ _PUBLIC = {
     "MobileBase": "coop_pin.description",
     "NoForcePath": "coop_pin.control",
     "ObservedVelocity": "coop_pin.description",
+    "Partner": "coop_pin.description",
     "Payload": "coop_pin.description",
     "PayloadChange": "coop_pin.description",
     "PayloadSpace": "coop_pin.control",

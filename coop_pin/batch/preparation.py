@@ -51,7 +51,7 @@ class PreparedPlant:
             TracingError: it cannot be traced.
             CoopPinError: the run cannot start.
         """
-        if reason := plant_reason(scenario.plant, scenario.cell):
+        if reason := plant_reason(scenario.plant, scenario.cell, scenario.events):
             raise TracingError(f"{scenario.name!r} cannot run in a batch: {reason}")
         self.run = Simulation(scenario, build_controller(scenario))
         self.arms = [controlled_arm(scenario, name) for name in scenario.cell.arms]

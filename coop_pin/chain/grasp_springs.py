@@ -277,7 +277,7 @@ class GraspSprings:
                 @ (self._jacobian(arm) - self._jacobian(payload))
                 for arm, payload in self._sides
             ]
-        )
+        ).reshape(-1, 6, model.nv)
 
     def matrices(self, q: Array) -> tuple[Array, Array]:
         """Return stiffness B^T K B and damping B^T D B at undeflected grasps, shape (nv, nv) each."""

@@ -15,6 +15,7 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.description.arm import Miscalibration
+from coop_pin.description.events import Partner
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import Sensors
 from coop_pin.spatial import internal_wrenches, log3, quaternions, rotate_vector6
@@ -205,6 +206,11 @@ QUANTITIES = (
              " since the start", group="elements"),
     Quantity("servo_command", "arm joint", "rad/s or rad", "velocities or positions that the controller asked"
              " servos for", read=lambda _, applied: applied.servo_commands, group="servo"),
+    Quantity("partner_wrench", "axis", "N, N m", "of the partner that holds the payload, about P",
+             group="partner"),
+    Quantity("partner_deflection", "axis", "m, rad", "of the partner's handle from its point, in axes of the"
+             " point", group="partner"),
+    Quantity("partner_energy", "", "J", "in the partner's spring", group="partner"),
     Quantity("requested_torque", "arm joint", "N m", "drive torques before their limits: the commands that"
              " arrived, and gravity compensation",
              read=lambda _, applied: applied.requested, group="compensation"),
@@ -252,6 +258,7 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     ),
     "servo": lambda scenario: scenario.has_servos,
     "grasps": lambda scenario: bool(scenario.cell.compliant),
+    "partner": lambda scenario: any(isinstance(event, Partner) for event in scenario.events),
     "patches": lambda scenario: scenario.cell.has_contacts,
     "elements": lambda scenario: scenario.cell.has_force_elements,
     "encoder": lambda scenario: not all(s.joints_are_ideal for s in _sensors(scenario)),
