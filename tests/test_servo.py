@@ -1,4 +1,4 @@
-"""Servos: the robots' inner loops against replicas and closed forms, in both engines, and laws that use them."""
+"""Servos: inner loops of robots against replicas and closed forms, in both engines, and laws on them."""
 
 import copy
 import itertools
@@ -27,7 +27,7 @@ LIMITED = {
 
 
 def servo_cell(name, kind, servo=None, **changes):
-    """A test cell without friction whose arms have servos, on a line of 10 mm and 20 mrad in half a second."""
+    """A test cell without friction whose arms have servos, on a line of 11 mm and 20 mrad in 0.5 s."""
     base = SCENARIOS[name]()
     start = base.start
     goal = start.replace(xyz=np.add(start.xyz, (0.01, -0.005, 0.0)), rpy=np.add(start.rpy, (0.0, 0.0, 0.02)))
@@ -68,7 +68,7 @@ def of_arm(data, name, arm):
 
 @pytest.mark.parametrize(("name", "kind"), CASES)
 def test_the_servo_is_its_equations(name, kind):
-    """A replica written from the page, fed with the recorded motion: servo, control and plant steps are one."""
+    """A replica written from the page, fed with the recorded motion; one sample a tick."""
     clock = {"clock.rate_hz": 1000.0, "clock.steps_per_tick": 1, "duration": 0.1}
     scenario = servo_cell(name, kind, LIMITED, **clock, **{"actuators.gravity_compensation": {}})
     data, h, limit = cp.run(scenario, engine="pinocchio").data, 1e-3, LIMITED["speed_limit"]
