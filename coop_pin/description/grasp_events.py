@@ -18,6 +18,7 @@ from coop_pin.description.cell import Cell
 from coop_pin.description.events import (
     GravityTurn,
     LoseArm,
+    Partner,
     PayloadChange,
     PayloadEvent,
     Surroundings,
@@ -160,7 +161,7 @@ class Regrasp(GraspEvent):
 
 
 Event = Annotated[
-    PayloadChange | WrenchPulse | GravityTurn | LoseArm | Release | HandOver | Regrasp,
+    PayloadChange | WrenchPulse | GravityTurn | Partner | LoseArm | Release | HandOver | Regrasp,
     Field(discriminator="kind"),
 ]
 
@@ -226,7 +227,7 @@ def _retreat(away: Any, back: Any, time: float) -> Array:
 
 def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
     """Return what is wrong with the order of grasp events among the events of a run."""
-    problems, holding, since = list[FieldError](), dict.fromkeys(cell.arms, True), dict[str, float]()
+    problems, holding, since = partner_problems(events), dict.fromkeys(cell.arms, True), dict[str, float]()
     numbered = [(event, str(index)) for index, event in enumerate(events) if isinstance(event, GraspEvent)]
     numbered.sort(key=lambda pair: pair[0].time)
     for (event, _), (other, path) in itertools.pairwise(numbered):
@@ -248,3 +249,15 @@ def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
             detail = f"is {event.arm!r}, the last arm that holds the payload"
             problems.append(FieldError(f"{detail}: one must hold it", f"{path}.arm"))
     return problems
+
+
+def partner_problems(events: Sequence[Any]) -> list[FieldError]:
+    """Return which partners among the events of a run take hold before the one before has let go."""
+    numbered = [(event, str(index)) for index, event in enumerate(events) if isinstance(event, Partner)]
+    numbered.sort(key=lambda pair: pair[0].time)
+    detail = "is {:g} s, but the partner before it holds until {:g} s"
+    return [
+        FieldError(detail.format(after.time, before.end), f"{path}.time")
+        for (before, _), (after, path) in itertools.pairwise(numbered)
+        if after.time < before.end
+    ]
