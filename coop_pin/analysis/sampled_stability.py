@@ -325,7 +325,7 @@ def _torque_of(simulation: Simulation, q: Array, time: float) -> Callable[[Array
             for seen, rate in zip(at_rest, rates, strict=True)
         ]
         command = simulation.controller.step(measurements, references, state)
-        return plant.transmission.torque(simulation.actuation.commanded(command)) / speed
+        return plant.transmission.torque(simulation.actuation.torques_of(command)) / speed
 
     return torque
 

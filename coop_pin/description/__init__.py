@@ -23,10 +23,12 @@ from coop_pin.description.sensors import (
     WrenchParts,
     WristSensor,
 )
+from coop_pin.description.servo import SERVOS, Servo
 from coop_pin.description.trust import TrustThresholds
 from coop_pin.schema.pose import Pose
 
 __all__ = [
+    "SERVOS",
     "Actuators",
     "Arm",
     "Cell",
@@ -54,6 +56,7 @@ __all__ = [
     "Release",
     "Scenario",
     "Sensors",
+    "Servo",
     "Stabilisation",
     "Table",
     "TrustThresholds",

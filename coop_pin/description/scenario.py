@@ -144,6 +144,22 @@ class Scenario(Description):
                 actuators = event.lost(actuators)
         return actuators
 
+    def actuators_path(self, arm: str) -> str:
+        """Return the path of the actuators of one arm."""
+        return f"arm_actuators.{arm}" if arm in self.arm_actuators else "actuators"
+
+    @property
+    def has_servos(self) -> bool:
+        """Whether an arm takes velocities or positions."""
+        return any(self.actuators_of(arm).servo is not None for arm in self.cell.arms)
+
+    @model_validator(mode="after")
+    def _law_commands_what_arms_take(self) -> Self:
+        for arm in self.cell.arms if self.controller.command_kind else ():
+            if problem := self.actuators_of(arm).command_problem(self.controller.command_kind):
+                raise problem.below(self.actuators_path(arm))
+        return self
+
     @model_validator(mode="after")
     def _each_arm_fails_once(self) -> Self:
         for index, event in enumerate(self.events):

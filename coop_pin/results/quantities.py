@@ -204,6 +204,8 @@ QUANTITIES = (
     Quantity("elastic_energy", "", "J", "in compliant grasps, patches and tables", group="elements"),
     Quantity("work_grasps", "", "J", "done by dampers of compliant grasps, by friction of patches and tables,"
              " since the start", group="elements"),
+    Quantity("servo_command", "arm joint", "rad/s or rad", "velocities or positions that the controller asked"
+             " servos for", read=lambda _, applied: applied.servo_commands, group="servo"),
     Quantity("partner_wrench", "axis", "N, N m", "of the partner that holds the payload, about P",
              group="partner"),
     Quantity("partner_deflection", "axis", "m, rad", "of the partner's handle from its point, in axes of the"
@@ -254,6 +256,7 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     "compensation": lambda scenario: any(
         scenario.actuators_of(arm).gravity_compensation is not None for arm in scenario.cell.arms
     ),
+    "servo": lambda scenario: scenario.has_servos,
     "grasps": lambda scenario: bool(scenario.cell.compliant),
     "plan": lambda scenario: bool(scenario.cell.compliant or scenario.grasp_events),
     "partner": lambda scenario: any(isinstance(event, Partner) for event in scenario.events),
