@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 _PUBLIC = {
+    "Admittance": "coop_pin.control",
+    "AdmittanceGains": "coop_pin.control",
     "Actuators": "coop_pin.description",
     "Arm": "coop_pin.description",
     "ArmCommand": "coop_pin.control",
@@ -59,6 +61,7 @@ _PUBLIC = {
     "MobileBase": "coop_pin.description",
     "NoForcePath": "coop_pin.control",
     "ObservedVelocity": "coop_pin.description",
+    "Partner": "coop_pin.description",
     "Payload": "coop_pin.description",
     "PayloadChange": "coop_pin.description",
     "PayloadSpace": "coop_pin.control",
@@ -73,6 +76,7 @@ _PUBLIC = {
     "Saturation": "coop_pin.control",
     "Scenario": "coop_pin.description",
     "Sensors": "coop_pin.description",
+    "Servo": "coop_pin.description",
     "Sign": "coop_pin.control",
     "Simulation": "coop_pin.simulation",
     "SlidingMode": "coop_pin.control",

@@ -191,7 +191,7 @@ def sampled_motion(
                 for arm, error in zip(seen, wrench_errors(q, v), strict=True)
             ]
         command = law.step(seen, references, state)
-        torque = plant.transmission.torque(simulation.actuation.commanded(command))
+        torque = plant.transmission.torque(simulation.actuation.torques_of(command))
         return N.T @ chain.forward_dynamics(q, rest, torque).acceleration, command.state
 
     def response(moved: Array, v: Array) -> Array:

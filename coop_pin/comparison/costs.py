@@ -36,6 +36,9 @@ class _Timed(CellController):
         self._law = law
         self.steps: list[float] = []
 
+    def commands_of(self, arm: str) -> str:
+        return self._law.commands_of(arm)
+
     def init(self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]) -> Any:
         return self._law.init(measurements, references)
 

@@ -144,6 +144,22 @@ class Scenario(Description):
                 actuators = event.lost(actuators)
         return actuators
 
+    def actuators_path(self, arm: str) -> str:
+        """Return the path of the actuators of one arm."""
+        return f"arm_actuators.{arm}" if arm in self.arm_actuators else "actuators"
+
+    @property
+    def has_servos(self) -> bool:
+        """Whether an arm takes velocities or positions."""
+        return any(self.actuators_of(arm).servo is not None for arm in self.cell.arms)
+
+    @model_validator(mode="after")
+    def _law_commands_what_arms_take(self) -> Self:
+        for arm in self.cell.arms if self.controller.command_kind else ():
+            if problem := self.actuators_of(arm).command_problem(self.controller.command_kind):
+                raise problem.below(self.actuators_path(arm))
+        return self
+
     @model_validator(mode="after")
     def _each_arm_fails_once(self) -> Self:
         for index, event in enumerate(self.events):
@@ -159,6 +175,10 @@ class Scenario(Description):
             detail = f"is {self.plant.integrator!r}; compliant grasps, patches and tables need 'rk4', whose"
             detail += " stable step is known"
             raise FieldError(detail, "plant.integrator")
+        rigid = [event.arm for event in self.grasp_events if event.arm not in self.cell.unclosed]
+        if rigid and self.plant.payload != "free":
+            detail = f"is {self.plant.payload!r}; the rigid grasp of {rigid[0]!r} opens or closes, and the"
+            raise FieldError(f"{detail} payload must be 'free' for it: a weld does not open", "plant.payload")
         return self
 
     @model_validator(mode="after")

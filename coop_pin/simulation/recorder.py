@@ -127,11 +127,16 @@ class Recorder:
             "desired_pose": target.X_WP_d,
             "desired_twist": target.V_WP_d,
             "desired_squeeze": squeeze,
-            "external_wrench": plant.payload_wrench(plant.q, plant.v),
+            "external_wrench": plant.payload_wrench(plant.q, plant.v, time),
             "closure_distance": distances,
             "closure_angle": angles,
         }.items():
             samples[name][sample] = value
+        if plant.surroundings.partners:
+            partner = plant.partners(plant.q, plant.v, time)[-1]
+            samples["partner_wrench"][sample] = partner.wrench
+            samples["partner_deflection"][sample] = partner.deflection
+            samples["partner_energy"][sample] = partner.energy
         if "load_share" in samples:
             samples["load_share"][sample] = shares
         for read, columns, entries in self._read:
@@ -181,9 +186,9 @@ class Recorder:
         if new.start == new.stop:
             return
         self.count -= 1
-        state = samples["configuration"][new], samples["velocity"][new], self._forces[new]
+        q, v, time = samples["configuration"][new], samples["velocity"][new], samples["time"][new]
         with np.errstate(over="ignore", invalid="ignore"):
-            observation = self._plant.observe(*state)
+            observation = self._plant.observe(q, v, self._forces[new], time)
         for name, values in observation._asdict().items():
             if values is not None:
                 samples[name][new] = values

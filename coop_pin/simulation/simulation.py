@@ -96,6 +96,7 @@ class Simulation:
         Raises:
             UnreachablePoseError: the start is out of an arm's reach.
             OpenClosureError: the stated starting angles leave a grasp open, with the closure error.
+            FieldError: an arm does not take what the controller commands.
         """
         require_type("scenario", scenario, Scenario)
         require_type("controller", controller, CellController, type(None))
@@ -107,6 +108,8 @@ class Simulation:
         self.plant = plant(chain, scenario.plant, _start(chain, scenario))
         limits = [JointLimits(arm, name) for name, arm in scenario.cell.arms.items()]
         self.actuation = Actuation(scenario, self.plant, limits)
+        if controller is not None:
+            self.actuation.require_taken(controller)
         self.sensing = Sensing(scenario, chain.model.arms, holding_torques=self.actuation.holding_commands)
         self.motion: PoseReference = scenario.motion.replace()  # reads a CSV table again
         self.squeeze: SqueezeReference = scenario.squeeze
@@ -160,12 +163,13 @@ class Simulation:
         """Do the next tick with a command from outside, in place of the controller's.
 
         Args:
-            command: Torques of the drives until the next tick; ``controller_state`` becomes its state.
+            command: Values for all arms until the next tick; ``controller_state`` becomes its state.
 
         Raises:
             InvalidStateError: the last tick is done.
-            ShapeError: not one torque for each drive of each arm.
-            DivergedError: a torque or the motion left the range of finite, closed motion.
+            ArgumentError: an arm is not commanded what it takes.
+            ShapeError: not one value for each drive of each arm.
+            DivergedError: a command or the motion left the range of finite, closed motion.
         """
         require_type("command", command, CellCommand)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -262,8 +266,12 @@ class Simulation:
         """Replace the controller by one with the same kind of state, for example with other gains.
 
         It takes over the state.
+
+        Raises:
+            FieldError: an arm does not take what it commands.
         """
         require_type("controller", controller, CellController)
+        self.actuation.require_taken(controller)
         self.controller = controller
         self._replaced += (f"controller replaced at t = {self.time:g} s",)
 
@@ -390,6 +398,9 @@ class Simulation:
         for index, step in enumerate(self.timeline.steps(tick)):
             if index > 0:
                 self._apply_events(step.start)
+                share = (step.start - self.timeline.time(tick)) / self.timeline.period
+                if (torques := actuation.sample(share, step.start)) is not None:
+                    self.plant.drive(torques)
             if not is_held:
                 self.plant.drive(actuation.torques(step.start, step.length))
             self.plant.advance(step.start, step.length)
