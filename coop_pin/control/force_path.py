@@ -16,7 +16,7 @@ INSIST = "or insist with beyond_bound = true"
 
 
 Split = Literal["shares", "virtual-linkage"]
-"""Definition of the internal wrench: F_i less its load share about P, or less tip forces that bear the load."""
+"""Load in the measured wrenches, which less it are internal: shares about P, or forces at the tips."""
 
 
 class NoForcePath(Description):

@@ -248,7 +248,9 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             anchor = self.bound.after(anchor, np.logical_not(stale), change)
         return ArmCommand(
             tau,
-            state._replace(integral=Z + change, anchored=Z_hold, wrench_age=age, command=tau, anchor=anchor, holds=holds),
+            state._replace(
+                integral=Z + change, anchored=Z_hold, wrench_age=age, command=tau, anchor=anchor, holds=holds
+            ),
         )
 
     def _cut(
@@ -298,8 +300,8 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             force path itself takes.
         anchor_bias: b_0, the bias of the kinematics for which measured internal wrenches may move the
             integral at any time, m and rad; "none" bounds nothing. At most half of the layer of the integral.
-        slip_guard: Slip of a patch, m, from which on the arms of the cell give up squeeze and anchor, which would
-            push them on; the largest slip crosses between the arms with the measured wrenches.
+        slip_guard: Slip of a patch, m, from which on the arms of the cell give up squeeze and anchor, which
+            would push them on; the largest slip crosses between the arms as measured wrenches do.
         anchor_bias_answered: b_max, how far they may while a bias shows at the start, m and rad; a bias near
             it need not come to rest. At most the norm of the edges of the layer. Equal to b_0: a fixed bound.
     """
@@ -339,7 +341,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     @model_serializer(mode="wrap")
     def _written(self, fields_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
         fields = super()._written(fields_of)
-        without = _BOUND if self.anchor_bias == "none" else ()
+        without: tuple[str, ...] = _BOUND if self.anchor_bias == "none" else ()
         without += ("slip_guard",) if self.slip_guard == SLIP_GUARD else ()
         return {name: value for name, value in fields.items() if name not in without}
 

@@ -108,8 +108,8 @@ class SensorState(NamedTuple):
 class CellSensors(NamedTuple):
     """Sensors of all arms, and the force path f_m[k] = p f_m[k-1] + (1 - p) f(t_{k-D}^-), f_m[0] = f_d.
 
-    f(t_k^-) is the internal wrench just before tick k: it still carries the torque of tick k - 1. Its load part
-    is c_i of the resultant, or that of the virtual linkage, turned as the first arm sees the payload. It is
+    f(t_k^-) is the internal wrench just before tick k: it still carries the torque of tick k - 1. Its load
+    part is c_i of the resultant, or that of the virtual linkage as the first arm sees the payload. It is
     assembled from what the wrist sensors report, where an arm without one has an ideal one. Its age is that
     of the oldest of these readings, and it has no new sample until every one of them is new.
 
