@@ -20,6 +20,7 @@ from coop_pin.chain.contact_patches import PatchesState
 from coop_pin.chain.grasp_springs import GraspsHeld
 from coop_pin.chain.integrators import INTEGRATORS, configuration_space
 from coop_pin.chain.partner import PartnerState, partner_state
+from coop_pin.chain.rigid_grasps import ClosuresHeld
 from coop_pin.description.events import Surroundings
 from coop_pin.description.grasp_events import Regrasp
 from coop_pin.description.plant import PlantOptions
@@ -60,7 +61,7 @@ class PlantState(NamedTuple):
         work: work done so far, J.
         surroundings: payload, and what acts on it from outside.
         force: held generalised force of the actuators, N m, shape (nv,).
-        grasps: compliant and rigid grasps that hold.
+        grasps: compliant grasps and closures that hold.
         patches: memory of patches and tables.
         missed: grasps that did not happen.
         time: time, s.
@@ -71,7 +72,7 @@ class PlantState(NamedTuple):
     work: Array
     surroundings: Surroundings
     force: Array
-    grasps: tuple[GraspsHeld, GraspsHeld]
+    grasps: tuple[GraspsHeld, ClosuresHeld]
     patches: PatchesState
     missed: tuple[MissedGrasp, ...]
     time: float
@@ -153,6 +154,13 @@ class Plant:
         self.chain.grasp(arm, self.q, event.rest == "nominal")
         if arm in self.chain.rigid.closed:
             self.v = self.chain.mechanism.project_velocity(self.q, self.v)
+        self._book(before)
+
+    def brake(self, arm: int) -> None:
+        """Hold the joints of an arm from now on; the energy that the impulse takes counts as work."""
+        before = self.energy()
+        self.chain.brake(arm, self.q)
+        self.v = self.chain.mechanism.project_velocity(self.q, self.v)
         self._book(before)
 
     def energy(self) -> float:
