@@ -105,7 +105,8 @@ class Plant:
         """
         model = chain.mechanism.model
         self.chain, self.transmission = chain, Transmission(chain.cell, chain.model.arms, model.nv)
-        works = (*WORK, *WORK_OF_GRASPS) if chain.elements.elements else WORK
+        self._is_elastic = bool(chain.elements.elements)
+        works = (*WORK, *WORK_OF_GRASPS) if self._is_elastic else WORK
         self.q, self.v, self.work, self.time = q, np.zeros(model.nv), np.zeros(len(works)), 0.0
         self.missed: tuple[MissedGrasp, ...] = ()
         if chain.springs.arms:
@@ -116,7 +117,6 @@ class Plant:
         self._integrator = INTEGRATORS[options.integrator](configuration_space(model))
         self._project = options.project == "step"
         self._errors: tuple[Array | None, list[ClosureError]] = None, []
-        self._solve = chain.acceleration
         self.surround(chain.cell.surroundings)
 
     def hold(self, force: Array) -> None:
@@ -270,9 +270,10 @@ class Plant:
     def _rate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the acceleration, shape (nv,), and powers in the order of ``work``, the first of them."""
         forces = self._apply(q, v, t)
-        a, power = self._solve(q, v, _ALL.dot(forces))
-        powers = forces.dot(v)
-        return a, powers if len(self.work) == len(WORK) else np.concatenate((powers, (0.0, power)))
+        if not self._is_elastic:
+            return self.chain.mechanism.solver.acceleration(q, v, _ALL.dot(forces)), forces.dot(v)
+        a, power = self.chain.acceleration(q, v, _ALL.dot(forces))
+        return a, np.array([*forces.dot(v), 0.0, power])
 
     def _apply(self, q: Array, v: Array, time: float) -> Array:
         """Return the generalised force of drives, friction and payload wrench, shape (3, nv)."""
