@@ -38,7 +38,7 @@ class LateForcePath(WithLaterFields):
 
     Attributes:
         delay: D, ticks of transport: f_m[k] = f(t_{k-D}^-), and f_d until the first sample is there.
-        split: What of the wrenches counts as load: the "shares" about P, or in the "virtual-linkage" tip
+        split: Load in the measured wrenches: the "shares" about P, or in the "virtual-linkage" tip
             forces without moments, which patches can bear; then the payload's mass may be unknown.
     """
 
@@ -60,7 +60,7 @@ class LowPassForcePath(WithLaterFields):
     Attributes:
         pole: p, in [0, 1).
         delay: D, ticks of transport before the filter, which then takes f(t_{k-D}^-).
-        split: What of the wrenches counts as load, as of LateForcePath.
+        split: Load in the measured wrenches, as of LateForcePath.
     """
 
     later_fields: ClassVar[tuple[str, ...]] = ("split",)
