@@ -8,6 +8,7 @@ import pytest
 from batches import require_same_samples
 from cells import SCENARIOS
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.linalg import expm
 
 import coop_pin as cp
 from coop_pin.batch.support import support
@@ -413,3 +414,33 @@ def test_a_follower_of_the_leader_s_pose_pulls_with_its_whole_stiffness(name):
     assert np.linalg.norm(S_2 @ b) > (2.0 if name == "planar" else 8.0) * series
     assert "poses of all arms" in law.needs
     assert "poses of all arms" not in cp.Admittance().needs
+
+
+def yielding_pair(name, damping, **changes):
+    """A still test cell under 1 mm of bias whose P servos take velocities of an admittance with damping D."""
+    base = SCENARIOS[name]()
+    arms = {f"cell.arms.{arm}.torque_limits": "none" for arm in base.cell.arms}
+    law = {"kind": "admittance", "force_path": {"kind": "late"}, "gains": {"admittance_damping": damping}}
+    # Without weight: its moment about a point that is seen 1 mm off counts as an internal one.
+    weightless = {"cell.gravity": (0.0, 0.0, 0.0)}
+    still = {"motion": cp.HoldMotion(pose=base.start), "controller": law, "squeeze": {}} | weightless
+    changes = {BIAS: [1e-3, 0.0, 0.0]} | still | arms | changes
+    return servo_cell(name, "velocity", {"velocity_bandwidth": 40.0}, **changes)
+
+
+def internal_forces(scenario):
+    """Internal wrench of the second arm in task rows at each tick."""
+    data = cp.run(scenario, engine="batch").data
+    return scenario.cell.task_rows.select(data.internal_wrench.values[:, 1].T).T
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_an_admittance_lets_a_bias_go_at_its_rate(name):
+    """f' = -gamma (1 + 2 B_s / D)^-1 2 B_s / D f, with D twice the largest 2 B_s."""
+    B_s = series_stiffness(yielding_pair(name, 1e4), 40.0)
+    unit = B_s.diagonal()
+    D = 2.0 * np.linalg.eigvals(2.0 * B_s / unit).real.max() * unit
+    f, G = internal_forces(yielding_pair(name, D.tolist(), duration=1.0)), 2.0 * B_s / D
+    expected = expm(-2.0 * 0.5 * np.linalg.solve(np.eye(len(G)) + G, G)) @ f[100]
+    assert_allclose(f[200], expected, rtol=0, atol=0.02 * np.abs(f[100]).max())
+    assert np.abs(f[200]).max() < 0.9 * np.abs(f[100]).max()
