@@ -461,6 +461,8 @@ def test_runs_side_by_side_follow_one_clock_and_one_camera_and_fit_a_phone(tmp_p
         assert page.evaluate("document.documentElement.scrollWidth") <= 420
         page.set_viewport_size({"width": 900, "height": 600})
         assert page.evaluate("document.documentElement.scrollHeight") <= 600
+        tops = [one.locator("#view").bounding_box()["y"] for one in page.frames[1:]]
+        assert np.ptp(tops) < 1.0  # however long their sentences are
         assert_not_blank_anywhere(drawn(page))
 
 
