@@ -33,6 +33,7 @@ _PUBLIC = {
     "ClosedChain": "coop_pin.chain",
     "Closure": "coop_pin.chain",
     "CompliantGrasp": "coop_pin.description",
+    "Pad": "coop_pin.description",
     "PatchGrasp": "coop_pin.description",
     "Table": "coop_pin.description",
     "ConstantSqueeze": "coop_pin.reference",

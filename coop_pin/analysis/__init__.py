@@ -7,6 +7,7 @@ from coop_pin.analysis.closed_loop import ClosedLoop, LoopMode, eigenvalues
 from coop_pin.analysis.feasibility import closure_problem
 from coop_pin.analysis.grasp_stability import GraspStability, grasp_stability
 from coop_pin.analysis.internal_moment import InternalMoment, internal_moment, positional_torques
+from coop_pin.analysis.least_squeeze import LeastSqueeze, least_squeeze
 from coop_pin.analysis.loop_stability import LoopStability, loop_stability
 from coop_pin.analysis.new_cell import new_cell
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
@@ -48,6 +49,7 @@ __all__ = [
     "GraspStability",
     "InternalMoment",
     "JointLimitMargin",
+    "LeastSqueeze",
     "LoopMode",
     "LoopStability",
     "Mode",
@@ -74,6 +76,7 @@ __all__ = [
     "grasp_stability",
     "implausible_numbers",
     "internal_moment",
+    "least_squeeze",
     "loads_without_an_arm",
     "loop_stability",
     "maximum_reach",

@@ -164,6 +164,7 @@ class Check:
             grasp_stability,
             implausible_numbers,
             internal_moment,
+            least_squeeze,
             loads_without_an_arm,
             loop_stability,
             motion_stability,
@@ -186,7 +187,14 @@ class Check:
         ok = reach.ok and torques.ok and not singular
         if scenario.has_servos:
             _print("  the arms have servos: gains, sampling and errors at rest of the law are not checked")
-        if not reach.ok or scenario.controller.user_code or scenario.has_servos:
+        squeeze = least_squeeze(scenario)
+        if squeeze is not None:
+            _print(f"  {squeeze.summary()}")
+            ok = ok and squeeze.ok
+        if scenario.cell.has_contacts:
+            _print("  the payload is held by friction, or may lie on a table: gains are not checked")
+        is_checked = not (scenario.controller.user_code or scenario.has_servos or scenario.cell.has_contacts)
+        if not reach.ok or not is_checked:
             return OK if ok else FAILED
         for arm, (limp, carried) in loads_without_an_arm(scenario, reach).items():
             if limp > 1.0:
