@@ -444,3 +444,17 @@ def test_an_admittance_lets_a_bias_go_at_its_rate(name):
     expected = expm(-2.0 * 0.5 * np.linalg.solve(np.eye(len(G)) + G, G)) @ f[100]
     assert_allclose(f[200], expected, rtol=0, atol=0.02 * np.abs(f[100]).max())
     assert np.abs(f[200]).max() < 0.9 * np.abs(f[100]).max()
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_exact_feed_forward_takes_the_inertia_off_the_servo(name):
+    """Without payload to speak of, what P on velocity leaves is the arms' inertia: M a / (I k_v)."""
+    light = {"cell.payload.mass": 1e-3, "cell.payload.inertia": (1e-6, 1e-6, 1e-6, 0.0, 0.0, 0.0)}
+    changes = {"squeeze": {}, "actuators.gravity_compensation": {}, **light}
+    servo = {"position_bandwidth": 100.0, "velocity_bandwidth": 200.0, "rate_hz": 1000.0}
+    errors = []
+    for exact in (False, True):
+        scenario = servo_cell(name, "position", servo | {"exact_feedforward": exact}, **changes)
+        data = cp.run(scenario, engine="batch").data
+        errors.append(np.abs(data.pose_error.values[20:]).max(axis=0))
+    assert errors[1].max() < 0.3 * errors[0].max()
