@@ -19,6 +19,18 @@ from coop_pin.errors import SingularJacobianError
 from coop_pin.spatial.task_rows import TaskRows
 
 
+class Message(NamedTuple):
+    """Latest message that an arm has heard from a neighbour.
+
+    Attributes:
+        numbers: what was said, rounded as it was sent, shape (w,); zero before the first.
+        age: ticks since it was said; inf before the first.
+    """
+
+    numbers: Array
+    age: float
+
+
 class ArmMeasurement(NamedTuple):
     """Measurement of one arm at one tick, in drive coordinates and task rows; the arrays are read-only.
 
@@ -46,6 +58,8 @@ class ArmMeasurement(NamedTuple):
             the command itself where nothing cut it, without the robot's own gravity compensation and before
             lag. A lost drive reports 0; a missed tick is no cut. Zero in the first measurement; None where
             drives report nothing.
+        messages: latest message of each arm that this one hears, by name in the order of the cell's arms, its
+            own among them as it was sent; None where the scenario has no network, or the law says nothing.
     """
 
     time: float
@@ -61,6 +75,7 @@ class ArmMeasurement(NamedTuple):
     interaction_wrench_age: float = np.inf
     holding_torque: Array | None = None
     reported_torque: Array | None = None
+    messages: Mapping[str, Message] | None = None
 
 
 class ArmReference(NamedTuple):
@@ -194,6 +209,16 @@ class ArmController(ABC):
     def step(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> ArmCommand:
         """Return the torque to hold until the next tick, and the state for it."""
 
+    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
+        """Return what this arm tells the others at a tick, before any arm steps, shape (w,); nothing here.
+
+        Args:
+            measurement: Measurement of the tick, without messages.
+            reference: Reference of the tick.
+            state: State that ``step`` returned; None once more before ``init``, which hears messages, too.
+        """
+        return np.zeros(0)
+
     def remarks(self, pose: Array, state: Any) -> list[str]:
         """Return sentences on what a state says of a run; none by default.
 
@@ -222,6 +247,12 @@ class CellController(ABC):
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
     ) -> CellCommand:
         """Return each arm's torque to hold until the next tick, and the state for it."""
+
+    def messages(
+        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
+    ) -> list[Array]:
+        """Return what each arm tells the others at a tick; none of a law that sees all arms."""
+        return []
 
     def remarks(self, pose: Array, state: Any) -> list[str]:
         """Return sentences on what a state says of a run, as an ArmController; none by default."""
@@ -271,6 +302,16 @@ class DecentralisedController(CellController):
             )
         ]
         return CellCommand([torque for torque, _ in commands], tuple(state for _, state in commands))
+
+    def messages(
+        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
+    ) -> list[Array]:
+        """Return what each arm tells the others at a tick; see ArmController."""
+        laws = self.controllers.values()
+        states = [None] * len(laws) if state is None else state
+        return [
+            law.message(*inputs) for law, *inputs in zip(laws, measurements, references, states, strict=True)
+        ]
 
     def remarks(self, pose: Array, state: tuple[Any, ...]) -> list[str]:
         """Return the sentences of all arms, with their names."""

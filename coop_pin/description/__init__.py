@@ -10,6 +10,7 @@ from coop_pin.description.events import GravityTurn, LoseArm, PayloadChange, Wre
 from coop_pin.description.grasp import CompliantGrasp
 from coop_pin.description.grasp_events import HandOver, Regrasp, Release
 from coop_pin.description.mobile_base import MobileBase
+from coop_pin.description.network import ArmClock, Channel, GraphChange, Link, Network
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.scenario import Scenario
@@ -28,20 +29,25 @@ from coop_pin.schema.pose import Pose
 __all__ = [
     "Actuators",
     "Arm",
+    "ArmClock",
     "Cell",
+    "Channel",
     "Clock",
     "CompliantGrasp",
     "DifferencedVelocity",
     "Encoder",
+    "GraphChange",
     "GravityCompensation",
     "GravityTurn",
     "HandOver",
     "IdealVelocity",
     "JointFriction",
+    "Link",
     "LoseArm",
     "Miscalibration",
     "MobileBase",
     "ModelFactors",
+    "Network",
     "ObservedVelocity",
     "Payload",
     "PayloadChange",
