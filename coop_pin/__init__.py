@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 _PUBLIC = {
+    "Admittance": "coop_pin.control",
+    "AdmittanceGains": "coop_pin.control",
     "Actuators": "coop_pin.description",
     "Arm": "coop_pin.description",
     "ArmClock": "coop_pin.description",
@@ -32,6 +34,8 @@ _PUBLIC = {
     "ClosedChain": "coop_pin.chain",
     "Closure": "coop_pin.chain",
     "CompliantGrasp": "coop_pin.description",
+    "PatchGrasp": "coop_pin.description",
+    "Table": "coop_pin.description",
     "ConstantSqueeze": "coop_pin.reference",
     "CoopPinError": "coop_pin.errors",
     "CsvMotion": "coop_pin.reference",
@@ -62,6 +66,7 @@ _PUBLIC = {
     "Network": "coop_pin.description",
     "NoForcePath": "coop_pin.control",
     "ObservedVelocity": "coop_pin.description",
+    "Partner": "coop_pin.description",
     "Payload": "coop_pin.description",
     "PayloadChange": "coop_pin.description",
     "PayloadSpace": "coop_pin.control",
@@ -76,6 +81,7 @@ _PUBLIC = {
     "Saturation": "coop_pin.control",
     "Scenario": "coop_pin.description",
     "Sensors": "coop_pin.description",
+    "Servo": "coop_pin.description",
     "Sign": "coop_pin.control",
     "Simulation": "coop_pin.simulation",
     "SlidingMode": "coop_pin.control",

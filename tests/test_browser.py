@@ -461,6 +461,8 @@ def test_runs_side_by_side_follow_one_clock_and_one_camera_and_fit_a_phone(tmp_p
         assert page.evaluate("document.documentElement.scrollWidth") <= 420
         page.set_viewport_size({"width": 900, "height": 600})
         assert page.evaluate("document.documentElement.scrollHeight") <= 600
+        tops = [one.locator("#view").bounding_box()["y"] for one in page.frames[1:]]
+        assert np.ptp(tops) < 1.0  # however long their sentences are
         assert_not_blank_anywhere(drawn(page))
 
 
@@ -493,6 +495,14 @@ def test_the_report_plays_fits_narrow_windows_and_prints_with_the_network_off(tm
         assert len(re.findall(rb"/Type\s*/Page\b", page.pdf(format="A4"))) <= 4
         assert page.locator("#picture").evaluate("one => one.width") > 300  # with the forces, on sheet 1
         assert not page.locator("figure.paper").is_visible()
+
+
+def test_a_report_with_events_has_at_most_four_sheets_of_a4(tmp_path):
+    save_report(cp.run("adept-anchored"), tmp_path / "report.html")  # every metric applies to it
+    with offline_page(tmp_path / "report.html") as page:
+        page.locator("#motion iframe").scroll_into_view_if_needed()
+        page.frame_locator("#motion iframe").locator("#pane canvas").wait_for()
+        assert len(re.findall(rb"/Type\s*/Page\b", page.pdf(format="A4"))) <= 4
 
 
 def shown_widths(page, images: str) -> list[float]:

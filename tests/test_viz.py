@@ -631,7 +631,7 @@ def test_the_pieces_of_a_link_have_its_bounds_and_the_colours_of_its_file() -> N
     whole = [
         part for part in visuals._geometries(load_unreduced_arm(arm), arm) if part.name == "panda_link0_0"
     ]
-    pieces = visuals._coloured_meshes(whole[0])
+    pieces = visuals._coloured_meshes(whole[0].meshPath, *whole[0].meshScale.ravel())
     vertices, known = np.concatenate([mesh.vertices for mesh, _ in pieces]), whole[0].geometry.vertices()
     assert_allclose(vertices.min(axis=0), known.min(axis=0), atol=1e-6)
     assert_allclose(vertices.max(axis=0), known.max(axis=0), atol=1e-6)

@@ -52,9 +52,10 @@ def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str
         yield from (f"arm {arm.arm!r} {problem}" for arm in path.arms for problem in arm.problems())
         reach = reachability(scenario, poses=_LOOP_POSES) if path.ok else None
         stable: list[Any] = [step_stability(simulation, reach)]
-        if not scenario.controller.user_code and scenario.cell.compliant:
+        is_known = not (scenario.controller.user_code or scenario.has_servos)
+        if is_known and scenario.cell.compliant:
             stable.append(grasp_stability(simulation))
-        elif not scenario.controller.user_code:
+        elif is_known:
             stable += [start_stability(simulation), loop_stability(simulation, reach)]
         yield from (finding.summary().removeprefix("! ") for finding in stable if not finding.ok)
 

@@ -34,7 +34,7 @@ class LawTick(NamedTuple):
     Attributes:
         measurement: Measurement of the arm, with the holding torques of the first tick.
         reference: Reference of the arm.
-        torque: Torque by the law, N m, shape (k,).
+        torque: Torque by the law, N m, shape (k,), or the velocity or position that it commands.
     """
 
     measurement: ArmMeasurement
@@ -53,6 +53,11 @@ class RecordedLaw(ArmController):
         self._law, self.ticks = law, list[LawTick]()
         self._holding: Array | None = None
 
+    @property
+    def command_kind(self) -> str:
+        """What the law commands."""
+        return self._law.command_kind
+
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> Any:
         """Return the law's state at the first tick."""
         self._holding = measurement.holding_torque
@@ -62,7 +67,7 @@ class RecordedLaw(ArmController):
         """Return the law's command."""
         command = self._law.step(measurement, reference, state)
         measurement = measurement._replace(holding_torque=self._holding)
-        self.ticks.append(LawTick(measurement, reference, command.torque))
+        self.ticks.append(LawTick(measurement, reference, command.values))
         return command
 
 
@@ -145,9 +150,10 @@ def trace_law(
     state = rebuilt(first_state, iter([inputs(tape) for _ in start.state]))
     with law_code(tape, exact=exact):
         measurements = [measurement._replace(holding_torque=None) for measurement in measurements]
-        torques, state = controller.step(measurements, references, state)
+        command = controller.step(measurements, references, state)
+        state = command.state
         require_state(state)
-        torque = [entry for torque in torques for entry in plain(torque).flat]
+        torque = [entry for values in command.values for entry in plain(values).flat]
     if structure(state) != structure(first_state):
         raise TracingError("returns another kind of state from step than from init")
     return start, LawCode.of(tape, state, torque)

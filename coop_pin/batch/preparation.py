@@ -51,7 +51,7 @@ class PreparedPlant:
             TracingError: it cannot be traced.
             CoopPinError: the run cannot start.
         """
-        if reason := plant_reason(scenario.plant, scenario.cell):
+        if reason := plant_reason(scenario.plant, scenario.cell, scenario.events):
             raise TracingError(f"{scenario.name!r} cannot run in a batch: {reason}")
         self.run = Simulation(scenario, build_controller(scenario))
         self.arms = [controlled_arm(scenario, name) for name in scenario.cell.arms]
@@ -162,8 +162,10 @@ def plant_fields(scenario: Scenario) -> list[object]:
 
 
 def _times(scenario: Scenario) -> Hashable:
-    """Return ticks, and events and losses of torque by their times."""
+    """Return ticks and samples of servos, and events and losses of torque by their times."""
     times = [(event.time, event.end) for event in scenario.events]
     lost = [scenario.actuators_of(arm).lost_at for arm in scenario.cell.arms]
-    clock = scenario.clock
-    return clock.rate_hz, clock.steps_per_tick, clock.record_every, scenario.duration, str(times), str(lost)
+    servos = [scenario.actuators_of(arm).servo for arm in scenario.cell.arms]
+    rates, clock = [servo and servo.rate_hz for servo in servos], scenario.clock
+    ticks = clock.rate_hz, clock.steps_per_tick, clock.record_every, scenario.duration
+    return (*ticks, str(times), str(lost), str(rates))

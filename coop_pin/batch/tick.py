@@ -22,7 +22,7 @@ from coop_pin.batch.signals import Desired, RunSignals
 from coop_pin.control import ArmMeasurement, ArmReference
 from coop_pin.description.events import Surroundings
 from coop_pin.simulation.actuation import TORQUE_LIMIT
-from coop_pin.simulation.drives import Applied, DriveState, TorqueResponse
+from coop_pin.simulation.drives import Applied, DriveMotion, DriveState, TorqueResponse
 from coop_pin.simulation.network import NetworkSignals
 from coop_pin.simulation.sensors import Truth, View
 from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
@@ -54,6 +54,7 @@ class TickCode:
         start = self._start()  # it adds the slots of the states of sensors and law
         return [
             *(start, self._tick(), *self._in_motion(), self._step()),
+            *map(self._sample, self._block.constants.drives.samples()),
             self._varying("drive", lambda response, state, s, h: response.mean(state, s, h)),
             self._varying("release", lambda response, state, s, _: response.at(state, s)),
         ]
@@ -121,12 +122,12 @@ class TickCode:
             measurements, network = self._heard(constants, signals, measurements, references, network, law)
             command = constants.controller.step(measurements, references, law)
             kernel.write("law", command.state)
-        commanded = [traced(torque) for torque in command.torques]
+        commanded = [traced(values) for values in command.values]
         applied, drives = constants.drives.step(
             self._drives(kernel),
             commanded,
             signals.missed,
-            partial(self._weight, kernel, constants),
+            self._sensed(kernel, constants),
             kernel.uniform("gives"),
             kernel.uniform("s"),
         )
@@ -187,12 +188,37 @@ class TickCode:
             pairs = zip(absent, values, strict=True)
             kernel.write(name, [traced(none if value is None else value) for none, value in pairs])
 
-    def _weight(self, kernel: Kernel, constants: RunConstants, index: int) -> Numbers:
-        """Return T^-T g(q) of an arm, N m, shape (k,)."""
-        q, to_joints = constants.cell.by_arm(kernel.read("q"))[index], constants.arms[index].to_joints
-        rest = np.zeros(len(q))
-        tau, *_ = newton_euler(constants.cell.arms[index], constants.cell.surroundings.gravity, q, rest, rest)
-        return to_joints.T.dot(traced(tau))
+    def _sensed(self, kernel: Kernel, constants: RunConstants) -> DriveMotion:
+        """Return what the drives sense."""
+        arms, gravity = constants.arms, constants.cell.surroundings.gravity
+        q, v = (constants.cell.by_arm(kernel.read(name)) for name in "qv")
+
+        def torque(index: int, gravity: Numbers, rates: Numbers, accelerations: Numbers) -> Numbers:
+            tau, *_ = newton_euler(constants.cell.arms[index], gravity, q[index], rates, accelerations)
+            return arms[index].to_joints.T.dot(traced(tau))
+
+        def inertial(index: int, accelerations: Numbers) -> Numbers:
+            return torque(index, np.zeros(3), v[index], arms[index].to_joints.dot(accelerations))
+
+        return DriveMotion(
+            weight=lambda index: torque(index, gravity, *np.zeros((2, len(q[index])))),
+            motion=lambda index: (arms[index].drive.dot(q[index]), arms[index].drive.dot(v[index])),
+            inertial=inertial,
+        )
+
+    def _sample(self, due: Sequence[int]) -> Kernel:
+        """Return the kernel of samples of the servos of arms within a tick."""
+        kernel, constants = self._block.kernel(sample_name(due))
+        torques, drives = constants.drives.sample(
+            self._drives(kernel),
+            due,
+            self._sensed(kernel, constants),
+            kernel.uniform("gives"),
+            kernel.uniform("s"),
+        )
+        kernel.write("drives", drives)
+        self._hold(kernel, constants, torques)
+        return kernel
 
     def _drives(self, kernel: Kernel) -> DriveState:
         """Return the memory of the drives."""
@@ -255,6 +281,11 @@ class TickCode:
         for condition in (*conditions, *kernel.tape.guards):
             is_valid = is_valid * condition
         kernel.write("is_valid", is_valid)
+
+
+def sample_name(due: Sequence[int]) -> str:
+    """Return the name of the kernel of samples of the servos of arms."""
+    return "_".join(map(str, ("sample", *due)))
 
 
 def _happen(event: Kernel, before: Surroundings, changed: Mapping[str, Any], motion: CellMotion) -> None:

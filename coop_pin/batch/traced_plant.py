@@ -96,7 +96,13 @@ class TracedPlant(Plant):
         self._at["force"][:] = force
 
     def surround(self, surroundings: Surroundings) -> None:
-        """Replace the surroundings from now on; the energy that this adds counts as work."""
+        """Replace the surroundings from now on; the energy that this adds counts as work.
+
+        Raises:
+            TracingError: a partner holds the payload.
+        """
+        if surroundings.partners:
+            raise TracingError("the traced plant has no partners; choose the engine 'pinocchio'")
         self._settle()
         super().surround(surroundings)
         self._is_observed = False
@@ -108,7 +114,7 @@ class TracedPlant(Plant):
         if len(self._waiting) == STEPS_AT_ONCE:
             self._settle()
 
-    def observe(self, q: Array, v: Array, force: Array) -> Observation:
+    def observe(self, q: Array, v: Array, force: Array, time: Array) -> Observation:
         """Return poses, wrenches and energy at n states in the present surroundings."""
         blocks = np.tile(self._block, (len(q), 1))
         for name, values in (("q", self._angles(q)), ("v", v), ("force", force)):

@@ -103,7 +103,7 @@ class GraspState(NamedTuple):
         return np.hstack((self.position, np.array([pin.log3(R) for R in self.rotation])))
 
 
-class _Side(NamedTuple):
+class Side(NamedTuple):
     """Frame on a joint of the tree.
 
     Attributes:
@@ -185,7 +185,7 @@ class GraspsHeld(NamedTuple):
     poses: Array
 
 
-def _changed(values: Any, index: int, value: Any) -> Any:
+def changed(values: Any, index: int, value: Any) -> Any:
     """Return a copy of an array with another entry."""
     values = values.copy()
     values[index] = value
@@ -277,7 +277,7 @@ class GraspSprings:
                 @ (self._jacobian(arm) - self._jacobian(payload))
                 for arm, payload in self._sides
             ]
-        )
+        ).reshape(-1, 6, model.nv)
 
     def matrices(self, q: Array) -> tuple[Array, Array]:
         """Return stiffness B^T K B and damping B^T D B at undeflected grasps, shape (nv, nv) each."""
@@ -310,7 +310,7 @@ class GraspSprings:
 
     def release(self, number: int) -> None:
         """Open a grasp."""
-        self.restore(GraspsHeld(_changed(self.holds, number, False), self.held().poses))
+        self.restore(GraspsHeld(changed(self.holds, number, False), self.held().poses))
 
     def grasp(self, number: int, q: Array | None = None) -> None:
         """Close a grasp at its nominal pose, or as found at a configuration."""
@@ -319,7 +319,7 @@ class GraspSprings:
             state = self.at(q, self._rest)
             X_GE = pin.SE3(state.rotation[number], state.position[number])
             pose = (pin.SE3(self._poses[number]) * X_GE).homogeneous
-        self.restore(GraspsHeld(_changed(self.holds, number, True), _changed(self._poses, number, pose)))
+        self.restore(GraspsHeld(changed(self.holds, number, True), changed(self._poses, number, pose)))
 
     def gap(self, number: int, q: Array) -> ClosureError:
         """Return distance and angle of a tip from its nominal grasp."""
@@ -361,7 +361,7 @@ class GraspSprings:
             slot, X_PG = tree.arms[index], pin.SE3(grasp.matrix)
             load = pin.Force(slot.share * (X_WP.rotation.T @ weight), np.zeros(3))
             target = payload.pose * _at_rest(np.array(grasp.stiffness), X_PG.actInv(load).vector, name)
-            q = self._reached(q, tip, slot.v_slice, target)
+            q = reached(model, data, q, tip, slot.v_slice, target)
             pin.forwardKinematics(model, data, q)
         return q if tree.closed_by_tree or len(self) < len(tree.arms) else self._balanced(q, weight)
 
@@ -382,32 +382,15 @@ class GraspSprings:
             loads[index] = pin.SE3(np.eye(3), seen.translation).actInv(pin.Force(F)).vector
         return loads
 
-    def _side(self, frame: int) -> _Side:
+    def _side(self, frame: int) -> Side:
         named = self._tree.model.frames[frame]
         joint = int(named.parentJoint)
-        return _Side(joint, named.placement.copy(), self._data.oMi[joint])
+        return Side(joint, named.placement.copy(), self._data.oMi[joint])
 
-    def _jacobian(self, side: _Side) -> Array:
+    def _jacobian(self, side: Side) -> Array:
         """Return the Jacobian of a side's joint about the world's origin, shape (6, nv)."""
         J = pin.getJointJacobian(self._bodies.model, self._data, side.joint, pin.WORLD)
         return jacobian_matrix(J)
-
-    def _reached(self, q: Array, tip: _Side, joints: slice, target: Any) -> Array:
-        """Return q with the joints of an arm moved so that its tip is nearest to a target."""
-        model, data = self._tree.model, self._data
-        for _ in range(_STEPS):
-            pin.computeJointJacobians(model, data, q)
-            missing = tip.pose.actInv(target)
-            error = np.concatenate((missing.translation, pin.log3(missing.rotation)))
-            J = tip.X_JF.toActionMatrixInverse() @ jacobian_matrix(
-                pin.getJointJacobian(model, data, tip.joint, pin.LOCAL)
-            )
-            step = np.zeros(model.nv)
-            step[joints] = np.linalg.lstsq(J[:, joints], error, rcond=_SPREAD)[0]
-            q = pin.integrate(model, q, step)
-            if np.abs(step).max() < _SETTLED:
-                break
-        return q
 
     def _balanced(self, q: Array, weight: Array) -> Array:
         """Return q with the payload moved until springs and weight balance."""
@@ -426,6 +409,23 @@ class GraspSprings:
             if np.abs(step).max() < _SETTLED:
                 break
         return q
+
+
+def reached(model: Any, data: Any, q: Array, tip: Side, joints: slice, target: Any) -> Array:
+    """Return q with the joints of an arm moved so that a frame on it is nearest to a target."""
+    for _ in range(_STEPS):
+        pin.computeJointJacobians(model, data, q)
+        missing = tip.pose.actInv(target)
+        error = np.concatenate((missing.translation, pin.log3(missing.rotation)))
+        J = tip.X_JF.toActionMatrixInverse() @ jacobian_matrix(
+            pin.getJointJacobian(model, data, tip.joint, pin.LOCAL)
+        )
+        step = np.zeros(model.nv)
+        step[joints] = np.linalg.lstsq(J[:, joints], error, rcond=_SPREAD)[0]
+        q = pin.integrate(model, q, step)
+        if np.abs(step).max() < _SETTLED:
+            break
+    return q
 
 
 def _at_rest(stiffness: Array, load: Array, name: str) -> Any:

@@ -184,7 +184,9 @@ class Check:
         if singular:
             _print(f"  ! {singular}")
         ok = reach.ok and torques.ok and not singular
-        if not reach.ok or scenario.controller.user_code:
+        if scenario.has_servos:
+            _print("  the arms have servos: gains, sampling and errors at rest of the law are not checked")
+        if not reach.ok or scenario.controller.user_code or scenario.has_servos:
             return OK if ok else FAILED
         for arm, (limp, carried) in loads_without_an_arm(scenario, reach).items():
             if limp > 1.0:
@@ -206,6 +208,8 @@ class Check:
             _print(f"  {internal_moment(scenario, reach, law.posture).summary()}")
         errors = steady_errors(scenario, bias=self.bias, load=self.load)
         _print(textwrap.indent(errors.summary(), "  "))
+        if scenario.network is not None:
+            _print(f"  {simulation.traffic().summary(scenario.clock.rate_hz)}")
         if errors.growth > 0.0:
             earliest = max(0.0, force_reserve(scenario, reach)) / errors.growth
             _print(f"  ! the force that grows is beyond the first drive {earliest:.3g} s later or after")

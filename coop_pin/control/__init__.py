@@ -1,5 +1,11 @@
 """Controllers that see only measurements. Importing this package imports neither Pinocchio nor a model."""
 
+from coop_pin.control.admittance import (
+    Admittance,
+    AdmittanceController,
+    AdmittanceGains,
+    FollowingController,
+)
 from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
 from coop_pin.control.calibration import ZeroedController
@@ -42,6 +48,9 @@ from coop_pin.control.switching import Saturation, Sign, Switching, Tanh
 from coop_pin.control.terms import Posture
 
 __all__ = [
+    "Admittance",
+    "AdmittanceController",
+    "AdmittanceGains",
     "AnchorState",
     "ArmCommand",
     "ArmController",
@@ -54,6 +63,7 @@ __all__ = [
     "ControlledArm",
     "DecentralisedController",
     "DecentralisedLaw",
+    "FollowingController",
     "LateForcePath",
     "Law",
     "LeaderFollower",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from coop_pin.arrays import Array
@@ -61,8 +61,13 @@ class ZeroedController(ArmController):
 
     def step(self, measurement: ArmMeasurement, reference: ArmReference, state: ZeroedState) -> ArmCommand:
         """Return the drive torque of this tick and the state of the next; raises as the law."""
-        torque, law_state = self.law.step(self._zeroed(measurement, state.offset), reference, state.law)
-        return ArmCommand(torque, ZeroedState(state.offset, law_state))
+        command = self.law.step(self._zeroed(measurement, state.offset), reference, state.law)
+        return replace(command, state=ZeroedState(state.offset, command.state))
+
+    @property
+    def command_kind(self) -> str:
+        """What the law commands."""
+        return self.law.command_kind
 
     def _zeroed(self, measurement: ArmMeasurement, offset: Array) -> ArmMeasurement:
         """Return the measurement about the corrected point: V' = A V, J' = A J, F' = A^-T F."""

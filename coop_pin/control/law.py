@@ -120,6 +120,11 @@ class Law(WithLaterFields):
         return self._stored_as or self
 
     @property
+    def command_kind(self) -> str:
+        """What it commands: "torque", "velocity" or "position"; empty if only its controller can say."""
+        return "torque"
+
+    @property
     def has_linear_integral(self) -> bool:
         """Whether the law keeps an integral that is linear near rest."""
         return False

@@ -5,8 +5,9 @@ from coop_pin.description.actuators import Actuators, GravityCompensation
 from coop_pin.description.arm import Arm, JointFriction, Miscalibration
 from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.cell import Cell, grasps_from_configuration
+from coop_pin.description.contact import PatchGrasp, Table
 from coop_pin.description.controller import ModelFactors, UserController
-from coop_pin.description.events import GravityTurn, LoseArm, PayloadChange, WrenchPulse
+from coop_pin.description.events import GravityTurn, LoseArm, Partner, PayloadChange, WrenchPulse
 from coop_pin.description.grasp import CompliantGrasp
 from coop_pin.description.grasp_events import HandOver, Regrasp, Release
 from coop_pin.description.mobile_base import MobileBase
@@ -23,10 +24,12 @@ from coop_pin.description.sensors import (
     WrenchParts,
     WristSensor,
 )
+from coop_pin.description.servo import SERVOS, Servo
 from coop_pin.description.trust import TrustThresholds
 from coop_pin.schema.pose import Pose
 
 __all__ = [
+    "SERVOS",
     "Actuators",
     "Arm",
     "ArmClock",
@@ -49,6 +52,8 @@ __all__ = [
     "ModelFactors",
     "Network",
     "ObservedVelocity",
+    "Partner",
+    "PatchGrasp",
     "Payload",
     "PayloadChange",
     "PlantOptions",
@@ -57,7 +62,9 @@ __all__ = [
     "Release",
     "Scenario",
     "Sensors",
+    "Servo",
     "Stabilisation",
+    "Table",
     "TrustThresholds",
     "UserController",
     "WrenchParts",

@@ -7,14 +7,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
+from pydantic import AfterValidator, field_validator
 
 from coop_pin.arrays import Array
 from coop_pin.description.actuators import Actuators
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, NotNegative, Positive, Vector3, Vector6, unknown_arms
+from coop_pin.reference.motions import Motion
+from coop_pin.schema.base import (
+    Description,
+    NotNegative,
+    Positive,
+    Vector3,
+    Vector6,
+    not_negative,
+    unknown_arms,
+)
+from coop_pin.schema.pose import Pose
 
 
 class Surroundings(NamedTuple):
@@ -27,12 +38,14 @@ class Surroundings(NamedTuple):
         inertia: Inertia of the payload about P in the axes of P, kg m^2, shape (3, 3).
         gravity: Gravitational acceleration in world axes, m/s^2, shape (3,).
         push: Wrench on the payload about P in world axes, N and N m, shape (6,).
+        partners: Partners that hold the payload.
     """
 
     mass: float
     inertia: Array
     gravity: Array
     push: Array
+    partners: tuple[Partner, ...] = ()
 
 
 class PayloadEvent(Description):
@@ -197,3 +210,49 @@ class GravityTurn(PayloadEvent):
     def apply(self, surroundings: Surroundings, time: float) -> Surroundings:
         """Return the surroundings with the new gravity."""
         return surroundings._replace(gravity=np.array(self.gravity))
+
+
+class Partner(PayloadEvent):
+    """Person or machine at a handle: spring and damper between the handle and a point that the partner moves.
+
+    In axes of the point's frame, with the handle's displacement p and rotation R from it and its relative
+    twist V, the wrench on the payload about the handle is F = -K [p, r] - D V, as of CompliantGrasp. The
+    point is where the handle would be if the payload moved as the partner wants it to. No law is told.
+
+    Attributes:
+        time: time at which the partner takes hold, s.
+        duration: time for which the partner holds, s.
+        motion: Motion of the payload that the partner wants.
+        handle: Pose of the handle in the payload frame.
+        stiffness: Diagonal of K, N/m and N m/rad; 0 where the partner does not hold against a motion.
+        damping: Diagonal of D, N s/m and N m s/rad.
+    """
+
+    kind: Literal["partner"] = "partner"
+    duration: Positive
+    motion: Motion
+    handle: Pose = Pose()
+    stiffness: Annotated[Vector6, AfterValidator(not_negative)]
+    damping: Annotated[Vector6, AfterValidator(not_negative)] = (0.0,) * 6
+    title = heading = "partner"
+
+    @field_validator("stiffness")
+    @classmethod
+    def _holds(cls, stiffness: tuple[float, ...]) -> tuple[float, ...]:
+        if not any(stiffness):
+            raise FieldError("is zero in every direction; a partner holds in at least one")
+        return stiffness
+
+    @property
+    def end(self) -> float:
+        """Time at which the partner lets go, s."""
+        return self.time + self.duration
+
+    def apply(self, surroundings: Surroundings, time: float) -> Surroundings:
+        """Return the surroundings, with the partner while it holds."""
+        holds = surroundings.partners + (self,) * (time < self.end)
+        return surroundings._replace(partners=holds)
+
+    def text(self, surroundings: Surroundings) -> str:
+        """Return stiffness and duration."""
+        return f"{self.title} with {max(self.stiffness[:3]):g} N/m at the handle for {self.duration:g} s"

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.arrays import Array, require_path, require_type
-from coop_pin.catalogue import scenario_file, scenario_names
+from coop_pin.catalogue import scenario_file, scenario_names, scenario_tables
 from coop_pin.control.force_path import SampledWrist
 from coop_pin.control.interface import CellTiming
 from coop_pin.description.actuators import Actuators
@@ -149,6 +149,22 @@ class Scenario(WithLaterFields):
                 actuators = event.lost(actuators)
         return actuators
 
+    def actuators_path(self, arm: str) -> str:
+        """Return the path of the actuators of one arm."""
+        return f"arm_actuators.{arm}" if arm in self.arm_actuators else "actuators"
+
+    @property
+    def has_servos(self) -> bool:
+        """Whether an arm takes velocities or positions."""
+        return any(self.actuators_of(arm).servo is not None for arm in self.cell.arms)
+
+    @model_validator(mode="after")
+    def _law_commands_what_arms_take(self) -> Self:
+        for arm in self.cell.arms if self.controller.command_kind else ():
+            if problem := self.actuators_of(arm).command_problem(self.controller.command_kind):
+                raise problem.below(self.actuators_path(arm))
+        return self
+
     @model_validator(mode="after")
     def _each_arm_fails_once(self) -> Self:
         for index, event in enumerate(self.events):
@@ -160,9 +176,14 @@ class Scenario(WithLaterFields):
 
     @model_validator(mode="after")
     def _plant_fits_the_grasps(self) -> Self:
-        if self.cell.compliant and self.plant.integrator != "rk4":
-            detail = f"is {self.plant.integrator!r}; compliant grasps need 'rk4', whose stable step is known"
+        if self.cell.has_force_elements and self.plant.integrator != "rk4":
+            detail = f"is {self.plant.integrator!r}; compliant grasps, patches and tables need 'rk4', whose"
+            detail += " stable step is known"
             raise FieldError(detail, "plant.integrator")
+        rigid = [event.arm for event in self.grasp_events if event.arm not in self.cell.unclosed]
+        if rigid and self.plant.payload != "free":
+            detail = f"is {self.plant.payload!r}; the rigid grasp of {rigid[0]!r} opens or closes, and the"
+            raise FieldError(f"{detail} payload must be 'free' for it: a weld does not open", "plant.payload")
         return self
 
     @model_validator(mode="after")
@@ -238,7 +259,7 @@ class Scenario(WithLaterFields):
     @property
     def caption(self) -> str:
         """The summary; of a scenario of the catalogue that was changed, what was changed, in its place."""
-        base = next((one for one in _catalogue() if self.summary.startswith(one.summary)), None)
+        base = _original(self.summary)
         if base is None or not (changed := list(differences(self, base))):
             return self.summary
         texts = (
@@ -351,7 +372,9 @@ def _missing(path: Path) -> NameNotFoundError:
     )
 
 
-@functools.cache
-def _catalogue() -> tuple[Scenario, ...]:
-    """Return the scenarios of the catalogue."""
-    return tuple(map(Scenario.load, scenario_names()))
+@functools.lru_cache(maxsize=64)
+def _original(summary: str) -> Scenario | None:
+    """Return the scenario of the catalogue with whose summary a summary begins."""
+    tables = zip(scenario_names(), scenario_tables(), strict=True)
+    names = (name for name, table in tables if summary.startswith(table["summary"]))
+    return next(map(Scenario.load, names), None)

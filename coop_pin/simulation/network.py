@@ -10,7 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array, frozen
-from coop_pin.control.interface import Message
+from coop_pin.control.interface import (
+    ArmMeasurement,
+    ArmReference,
+    CellController,
+    Message,
+)
 from coop_pin.description.network import Channel, Edge, Network
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ShapeError
@@ -195,34 +200,29 @@ class MessageSignals:
 
 
 class Traffic(NamedTuple):
-    """What crosses between the arms.
+    """What crosses between the arms, a tick on average.
 
     Attributes:
-        numbers: numbers on all edges, a tick on average.
-        bytes: the same, 8 bytes a number.
-        messages: messages on all edges, a tick on average.
+        numbers: numbers on all edges.
+        messages: messages on all edges.
     """
 
     numbers: float
-    bytes: float
     messages: float
 
+    @property
+    def bytes(self) -> float:
+        """Bytes of the numbers, as doubles."""
+        return _NUMBER_BYTES * self.numbers
 
-def traffic(scenario: Scenario, messages: Sequence[Array]) -> Traffic:
-    """Return what crosses a tick along the graph of the start; what an arm tells itself does not cross.
-
-    Args:
-        scenario: Scenario.
-        messages: Messages of all arms, shape (w_i,) each.
-    """
-    network, arms = scenario.network, list(scenario.cell.arms)
-    sizes = dict(zip(arms, map(len, messages), strict=False))
-    if network is None or not any(sizes.values()):
-        return Traffic(0.0, 0.0, 0.0)
-    edges = network.edges_at(0.0, arms)
-    rates = [1.0 / network.channel(edge).ticks_per_message(scenario.clock) for edge in edges]
-    numbers = sum(rate * sizes[sender] for rate, (sender, _) in zip(rates, edges, strict=True))
-    return Traffic(numbers, _NUMBER_BYTES * numbers, sum(rates))
+    def summary(self, rate_hz: float) -> str:
+        """Return the counts, for people to read, at a control rate, Hz."""
+        if not self.messages:
+            return "nothing crosses between the arms"
+        return (
+            f"between the arms cross {self.messages:g} messages, {self.numbers:g} numbers and"
+            f" {self.bytes:g} bytes a tick: {1e-3 * self.bytes * rate_hz:.3g} kB/s"
+        )
 
 
 class Exchange:
@@ -252,6 +252,47 @@ class Exchange:
         messages = self._checked(messages)
         signals = next(MessageSignals(self._scenario).rows())
         return self.network.step(self.network.start(messages), messages, signals)[0]
+
+    def at_once(
+        self,
+        controller: CellController,
+        measurements: Sequence[ArmMeasurement],
+        references: Sequence[ArmReference],
+        state: Any,
+    ) -> list[ArmMeasurement]:
+        """Return measurements with the messages of all arms, which arrive at once and exactly.
+
+        Args:
+            controller: Controller of the cell.
+            measurements: Measurements of a tick.
+            references: References of a tick.
+            state: State of the controller; None before ``init``.
+        """
+        messages = [] if self.network is None else controller.messages(measurements, references, state)
+        if self.network is None or not any(map(len, messages)):
+            return list(measurements)
+        said = dict(zip(self.network.arms, messages, strict=True))
+        return [
+            seen._replace(
+                messages={one: Message(said[one], 0.0) for one, other in self.network.edges if other == name}
+            )
+            for name, seen in zip(self.network.arms, measurements, strict=True)
+        ]
+
+    def traffic(self, messages: Sequence[Array]) -> Traffic:
+        """Return what crosses a tick along the graph of the start; what an arm tells itself does not cross.
+
+        Args:
+            messages: Messages of all arms, shape (w_i,) each; none where a law says nothing.
+        """
+        network, arms = self._scenario.network, list(self._scenario.cell.arms)
+        if network is None or not messages:
+            return Traffic(0.0, 0.0)
+        sizes, edges = dict(zip(arms, map(len, messages), strict=True)), network.edges_at(0.0, arms)
+        every = [network.channel(edge).ticks_per_message(self._scenario.clock) for edge in edges]
+        counts = [sizes[sender] / ticks for (sender, _), ticks in zip(edges, every, strict=True)]
+        said = sum(size > 0 for size in counts)
+        return Traffic(sum(counts), sum(1.0 / ticks for ticks in every) if said else 0.0)
 
     def step(self, messages: Sequence[Array]) -> list[dict[str, Message]]:
         """Return what each arm has heard by a tick.

@@ -24,7 +24,7 @@ from coop_pin.reference import PoseReference, PoseTarget, SqueezeReference, retr
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.simulation.actuation import Actuation
 from coop_pin.simulation.drives import Applied
-from coop_pin.simulation.network import Exchange
+from coop_pin.simulation.network import Exchange, Traffic
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.recorder import Recorder
 from coop_pin.simulation.run_state import RunState, TickInputs
@@ -47,11 +47,11 @@ def _start(chain: CellChain, scenario: Scenario) -> Array:
     """
     X_WP = scenario.start.matrix
     if not scenario.start_angles:
-        return chain.configuration(X_WP)
+        return chain.configuration(X_WP, scenario.squeeze_wrenches)
     q = chain.posed_configuration(scenario.start_angles, X_WP)
     if not scenario.project_start:
         chain.require_held(q, X_WP, _OPEN_START)
-    return chain.settled(q)
+    return chain.settled(q, scenario.squeeze_wrenches)
 
 
 class _NoController(CellController):
@@ -98,6 +98,7 @@ class Simulation:
         Raises:
             UnreachablePoseError: the start is out of an arm's reach.
             OpenClosureError: the stated starting angles leave a grasp open, with the closure error.
+            FieldError: an arm does not take what the controller commands.
         """
         require_type("scenario", scenario, Scenario)
         require_type("controller", controller, CellController, type(None))
@@ -109,6 +110,8 @@ class Simulation:
         self.plant = plant(chain, scenario.plant, _start(chain, scenario))
         limits = [JointLimits(arm, name) for name, arm in scenario.cell.arms.items()]
         self.actuation = Actuation(scenario, self.plant, limits)
+        if controller is not None:
+            self.actuation.require_taken(controller)
         self.sensing = Sensing(scenario, chain.model.arms, holding_torques=self.actuation.holding_commands)
         self.exchange = Exchange(scenario)
         self.motion: PoseReference = scenario.motion.replace()  # reads a CSV table again
@@ -166,12 +169,13 @@ class Simulation:
         """Do the next tick with a command from outside, in place of the controller's.
 
         Args:
-            command: Torques of the drives until the next tick; ``controller_state`` becomes its state.
+            command: Values for all arms until the next tick; ``controller_state`` becomes its state.
 
         Raises:
             InvalidStateError: the last tick is done.
-            ShapeError: not one torque for each drive of each arm.
-            DivergedError: a torque or the motion left the range of finite, closed motion.
+            ArgumentError: an arm is not commanded what it takes.
+            ShapeError: not one value for each drive of each arm.
+            DivergedError: a command or the motion left the range of finite, closed motion.
         """
         require_type("command", command, CellCommand)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -229,6 +233,12 @@ class Simulation:
         self.restore(state)
         return self.observe()
 
+    def traffic(self) -> Traffic:
+        """Return what the controller's arms tell each other in a tick, as counted at the next one."""
+        inputs = self.observe()
+        messages = self.controller.messages(inputs.measurements, inputs.references, self.controller_state)
+        return self.exchange.traffic(messages)
+
     def snapshot(self) -> Snapshot:
         """Return the state of the run at its last recorded tick; there must be one."""
         return self.recorder.snapshot()
@@ -271,8 +281,12 @@ class Simulation:
         """Replace the controller by one with the same kind of state, for example with other gains.
 
         It takes over the state.
+
+        Raises:
+            FieldError: an arm does not take what it commands.
         """
         require_type("controller", controller, CellController)
+        self.actuation.require_taken(controller)
         self.controller = controller
         self._replaced += (f"controller replaced at t = {self.time:g} s",)
 
@@ -426,6 +440,9 @@ class Simulation:
         for index, step in enumerate(self.timeline.steps(tick)):
             if index > 0:
                 self._apply_events(step.start)
+                share = (step.start - self.timeline.time(tick)) / self.timeline.period
+                if (torques := actuation.sample(share, step.start)) is not None:
+                    self.plant.drive(torques)
             if not is_held:
                 self.plant.drive(actuation.torques(step.start, step.length))
             self.plant.advance(step.start, step.length)

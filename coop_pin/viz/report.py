@@ -112,7 +112,7 @@ def _controller(result: RunResult) -> str:
 
 
 def _row(values: Iterable[float]) -> str:
-    return ", ".join(f"{value:.4g}" for value in values)
+    return ", ".join(f"{round(value, 9) + 0.0:.4g}" for value in values)
 
 
 @typed
