@@ -18,7 +18,7 @@ from coop_pin.description.events import (
 from coop_pin.description.grasp import CompliantGrasp
 from coop_pin.description.grasp_events import HandOver, Regrasp, Release
 from coop_pin.description.mobile_base import MobileBase
-from coop_pin.description.network import ArmClock, Channel, GraphChange, Link, Network
+from coop_pin.description.network import ArmClock, Channel, EdgeChannel, GraphChange, Network
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.scenario import Scenario
@@ -45,6 +45,7 @@ __all__ = [
     "Clock",
     "CompliantGrasp",
     "DifferencedVelocity",
+    "EdgeChannel",
     "Encoder",
     "GraphChange",
     "GravityCompensation",
@@ -52,7 +53,6 @@ __all__ = [
     "HandOver",
     "IdealVelocity",
     "JointFriction",
-    "Link",
     "LoseArm",
     "Miscalibration",
     "MobileBase",

@@ -55,7 +55,7 @@ class Channel(Description):
         )
 
 
-class Link(Description):
+class EdgeChannel(Description):
     """Channel of one edge, where it differs from that of the network.
 
     Attributes:
@@ -121,7 +121,7 @@ class Network(Channel):
 
     graph: Graph = "all"
     changes: tuple[GraphChange, ...] = ()
-    links: tuple[Link, ...] = ()
+    links: tuple[EdgeChannel, ...] = ()
     clocks: dict[str, ArmClock] = Field(default_factory=dict)
 
     def edges_at(self, time: float, arms: Sequence[str]) -> tuple[Edge, ...]:
