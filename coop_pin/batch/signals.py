@@ -41,7 +41,7 @@ class RunSignals(NamedTuple):
         sensors: signals of the sensors.
         missed: whether each arm misses the command, masks, shape (n, m).
         network: timing of the messages; empty without a network.
-        clocked: what each arm desires by its own clock, empty where that is exact; empty if all are.
+        clocked: desired motion of each arm by its own clock, empty where that is exact; empty if all are.
     """
 
     desired: Desired
@@ -78,7 +78,7 @@ def run_signals(
         scenario: Scenario with sensors, actuators and seed.
         desired: Desired motion and squeeze.
         joints: Number of each arm's drives.
-        clocked: What each arm desires by its own clock, as in RunSignals.
+        clocked: Desired motion of each arm by its own clock, as in RunSignals.
     """
     ticks = len(desired.time)
     network = () if scenario.network is None else MessageSignals(scenario).draw(ticks)

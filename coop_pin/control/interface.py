@@ -24,7 +24,7 @@ class Message(NamedTuple):
     """Latest message that an arm has heard from a neighbour.
 
     Attributes:
-        numbers: what was said, rounded as it was sent, shape (w,); zero before the first.
+        numbers: numbers that were said, rounded as they were sent, shape (w,); zero before the first.
         age: ticks since it was said; inf before the first.
     """
 

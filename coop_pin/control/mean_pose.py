@@ -166,7 +166,7 @@ class MeanPose(PayloadSpace):
     they are one controller. Without a measured wrench nothing leaks unless ``gains.leak`` says so.
 
     Attributes:
-        on_loss: what takes the place of a view that did not arrive: the "last" that did, or none, "skip".
+        on_loss: substitute of a view that did not arrive: the "last" that did, or none, "skip".
     """
 
     later_fields: ClassVar[tuple[str, ...]] = ("on_loss",)

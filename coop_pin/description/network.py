@@ -61,11 +61,11 @@ class EdgeChannel(Description):
     Attributes:
         sender: arm that sends.
         receiver: arm that hears.
-        delay: as of the network; the network's when omitted, as for those below.
-        jitter: likewise.
-        loss: likewise.
-        rate_hz: likewise.
-        resolution: likewise.
+        delay: ticks from a message to its arrival; that of the network when omitted, as for those below.
+        jitter: largest further delay, ticks.
+        loss: probability that a message is lost.
+        rate_hz: rate of the messages, Hz.
+        resolution: step of every number of a message.
     """
 
     sender: str
@@ -82,7 +82,7 @@ class GraphChange(Description):
 
     Attributes:
         time: time of the first messages along the new graph, s.
-        graph: as of the network.
+        graph: graph, as that of the network.
     """
 
     time: NotNegative
@@ -165,8 +165,9 @@ class Network(Channel):
         clock, duration = run["clock"], run["duration"]
         problems += self.channel_problems(clock, duration)
         for index, link in enumerate(self.links):
-            found = self.channel((link.sender, link.receiver)).channel_problems(clock, duration)
-            problems += [] if problems else [problem.below(f"links.{index}") for problem in found]
+            channel = self.channel((link.sender, link.receiver))
+            own = [] if problems else channel.channel_problems(clock, duration)
+            problems += [problem.below(f"links.{index}") for problem in own]
         for index, change in enumerate(self.changes):
             if change.time > duration:
                 detail = (
