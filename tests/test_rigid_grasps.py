@@ -12,10 +12,11 @@ from test_compliant_grasps import anchored, mass_matrix, with_grasps
 import coop_pin as cp
 from coop_pin.batch import support
 from coop_pin.build_controller import build_controller
-from coop_pin.errors import FieldError
+from coop_pin.errors import FieldError, NameNotFoundError
 from coop_pin.results.metrics import energy_balance
 from coop_pin.simulation import Simulation
 from coop_pin.spatial import spatial_inertia
+from coop_pin.sweeps.run_key import code_of
 
 CYCLE = (
     cp.HandOver(time=0.02, arm="right", duration=0.02),
@@ -149,3 +150,66 @@ def test_what_a_rigid_grasp_cannot_do_is_refused():
     with pytest.raises(FieldError, match=r"events\.1\.rest"):
         scenario_with("spatial", CYCLE[0], CYCLE[1].replace(rest="nominal"))
     assert "free payload" in support(scenario_with("spatial", *CYCLE))
+
+
+# ------------------------------------------------------------ brakes, and events of one's own
+
+
+@pytest.mark.parametrize("compliant", [False, True], ids=["rigid", "compliant"])
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_brakes_hold_the_joints_and_their_impulse_is_booked(name, compliant):
+    """No joint of the arm moves after it; the energy is explained to order four; nothing is booked twice."""
+    scenario = anchored(name).replace(events=())
+    if compliant:
+        scenario = with_grasps(scenario).override({"clock.steps_per_tick": 40 if name == "planar" else 4})
+    start = scenario.start
+    goal = start.replace(xyz=tuple(np.array(start.xyz) + np.array((0.01, 0.01, 0.0))))
+    scenario = scenario.replace(
+        duration=0.1,
+        motion=cp.LineMotion(start=start, goal=goal, duration=0.1),
+        events=(cp.LoseArm(time=0.05, arm="right", form="braked"),),
+    )
+    residuals = []
+    for factor in (1, 2):
+        steps = factor * scenario.clock.steps_per_tick
+        data = cp.run(scenario.override({"clock.steps_per_tick": steps}), warn=False).data
+        residuals.append(np.abs(energy_balance(data)).max())
+    late = data["time"].values > 0.0501
+    assert np.nanmax(np.ptp(data["joint_position"].values[late, 1], axis=0)) < 1e-12
+    assert not np.nan_to_num(data["torque"].values[late, 1]).any()
+    assert data["work_payload_change"].values[-1] < -1e-5
+    assert residuals[0] < 1e-8
+    assert residuals[1] < 0.1 * residuals[0]
+
+
+def test_a_braked_arm_goes_on_from_a_state_and_is_refused_by_batches():
+    event = cp.LoseArm(time=0.02, arm="right", form="braked")
+    scenario = anchored("spatial").replace(events=(event,), duration=0.05)
+    sim = simulation_at(scenario, 0.03)
+    state = sim.state()
+    other = simulation_at(scenario, 0.0)
+    other.restore(state)
+    for each in (sim, other):
+        while not each.is_finished:
+            each.tick()
+    assert_array_equal(sim.plant.q, other.plant.q)
+    assert "brakes" in support(scenario)
+
+
+def let_go(plant, arms, *, arm):
+    """Release an arm, and tell no law."""
+    plant.release(arms.index(arm))
+
+
+def test_an_event_of_ones_own_changes_the_plant():
+    event = cp.UserEvent(time=0.02, target=let_go, options={"arm": "right"})
+    scenario = scenario_with("spatial", event, duration=0.04)
+    assert scenario.from_toml(scenario.to_toml()).events == (event,)
+    data = cp.run(scenario, warn=False).data
+    free = data["time"].values > 0.0199
+    assert not data["interaction_wrench"].values[free, 1].any()
+    assert np.abs(data["interaction_wrench"].values[~free, 1]).min() > 0.0
+    assert "user's own" in support(scenario)
+    assert "test_rigid_grasps:let_go" in code_of(scenario, ())
+    with pytest.raises(NameNotFoundError, match="no_such"):
+        cp.run(scenario.replace(events=(event.replace(target="test_rigid_grasps:no_such"),)), warn=False)

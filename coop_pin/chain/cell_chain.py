@@ -19,7 +19,7 @@ from coop_pin.chain.grasp_springs import GraspsHeld, GraspSprings, GraspState
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.chain.kkt_solver import constraint_svd
 from coop_pin.chain.linearisation import Linearisation, linearised
-from coop_pin.chain.rigid_grasps import RigidGrasps
+from coop_pin.chain.rigid_grasps import ClosuresHeld, RigidGrasps
 from coop_pin.chain.trajectory import ChainState
 from coop_pin.description.cell import Cell
 from coop_pin.description.events import Surroundings
@@ -151,15 +151,20 @@ class CellChain:
         grasps, number = self._grasp_of(arm)
         return grasps.gap(number, q)
 
-    def held(self) -> tuple[GraspsHeld, GraspsHeld]:
-        """Return which grasps hold, and at which poses: compliant and rigid ones."""
+    def brake(self, arm: int, q: Array) -> None:
+        """Hold the joints of an arm, by its index, at a configuration from now on."""
+        self.rigid.brake(arm, q)
+        self.mechanism = self.rigid.mechanism
+
+    def held(self) -> tuple[GraspsHeld, ClosuresHeld]:
+        """Return which compliant grasps hold, at which poses, and which closures."""
         return self.springs.held(), self.rigid.held()
 
-    def hold(self, compliant: GraspsHeld, rigid: GraspsHeld) -> None:
-        """Return to grasps that held."""
+    def hold(self, compliant: GraspsHeld, closures: ClosuresHeld) -> None:
+        """Return to grasps and closures that held."""
         self.springs.restore(compliant)
-        if rigid.holds is not self.rigid.holds:
-            self.rigid.restore(rigid)
+        if closures.grasps.holds is not self.rigid.holds or closures.brakes is not self.rigid.brakes:
+            self.rigid.restore(closures)
             self.mechanism = self.rigid.mechanism
 
     def _grasp_of(self, arm: int) -> tuple[GraspSprings | RigidGrasps, int]:
@@ -504,7 +509,7 @@ class CellChain:
         """Return the interaction wrenches, about P in world axes, of those of closures and elements."""
         X_WP, arms = frames[self.model.payload_frame], self.model.arms
         in_payload = np.zeros((len(arms), 6))
-        for index, F_E in zip(self.rigid.closed, closure_wrenches, strict=True):
+        for index, F_E in zip(self.rigid.closed, closure_wrenches, strict=False):
             X_PE = X_WP.actInv(frames[arms[index].tip])
             in_payload[index] = X_PE.act(pin.Force(F_E)).vector
         if grasps is not None:

@@ -22,6 +22,7 @@ from coop_pin.description.events import (
     PayloadChange,
     PayloadEvent,
     Surroundings,
+    UserEvent,
     WrenchPulse,
 )
 from coop_pin.errors import FieldError
@@ -42,11 +43,6 @@ class GraspEvent(PayloadEvent):
     """Whether the arm holds the payload afterwards."""
 
     arm: str
-
-    @property
-    def instant(self) -> float:
-        """Time at which the grasp opens or closes, s."""
-        return self.time
 
     def timing_problems(self, run: Mapping[str, Any]) -> list[FieldError]:
         """Return what is wrong with time and arm, given the fields of the run."""
@@ -83,6 +79,10 @@ class Release(GraspEvent):
     retreat_time: Positive = 1.0
     holds = False
     title = heading = "release"
+
+    def act(self, plant: Any, arms: Sequence[str]) -> None:
+        """Open the grasp."""
+        plant.release(arms.index(self.arm))
 
     def text(self, surroundings: Surroundings) -> str:
         """Return the arm."""
@@ -164,13 +164,17 @@ class Regrasp(GraspEvent):
         """Return the quintic of the time."""
         return quintic(time, self.time, self.duration).value
 
+    def act(self, plant: Any, arms: Sequence[str]) -> None:
+        """Close the grasp, if the tip is there."""
+        plant.grasp(arms.index(self.arm), self)
+
     def text(self, surroundings: Surroundings) -> str:
         """Return the arm, and where its spring rests."""
         return f"{self.title} by {self.arm}, {self.rest} rest pose"
 
 
 Event = Annotated[
-    PayloadChange | WrenchPulse | GravityTurn | Partner | LoseArm | Release | HandOver | Regrasp,
+    PayloadChange | WrenchPulse | GravityTurn | Partner | LoseArm | Release | HandOver | Regrasp | UserEvent,
     Field(discriminator="kind"),
 ]
 
