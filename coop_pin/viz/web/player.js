@@ -31,9 +31,9 @@
   function showTiles() {
     for (const { key, tile, unit, box, actual, wanted } of tiles) {
       const values = actual.map(({ column }) => plots.value(runs[0], column)), worst = values.reduce((a, b) => (Math.abs(b) > Math.abs(a) ? b : a)), goal = wanted[values.indexOf(worst)]; // of the same arm
-      const name = key !== "axial" ? tile : worst < 0 ? "squeeze" : "pull apart";
-      box.innerHTML = `${name}<b>${coopPinNumber(worst)}<small> ${unit}</small></b>${goal ? `wanted ${coopPinNumber(plots.value(runs[0], goal.column))}` : "&nbsp;"}`;
-      if (key === "axial") { spoken = `${coopPinNumber(Math.abs(worst))} N ${worst < 0 ? "squeeze" : "pull apart"}`; }
+      const sense = Math.abs(worst) < 0.05 ? "along" : worst < 0 ? "squeeze" : "pull apart";
+      box.innerHTML = `${key === "axial" ? sense : tile}<b>${coopPinNumber(worst)}<small> ${unit}</small></b>${goal ? `wanted ${coopPinNumber(plots.value(runs[0], goal.column))}` : "&nbsp;"}`;
+      if (key === "axial") { spoken = `${coopPinNumber(Math.abs(worst))} N ${sense}`; }
     }
   }
 

@@ -368,8 +368,8 @@ function coopPinScene(pane, labels, page) {
     if (!width || !height || shownSize === `${width} ${height}`) { return; }
     shownSize = `${width} ${height}`;
     camera.aspect = width / height;
-    const half = Math.tan(field * Math.PI / 360) / Math.min(camera.aspect, 1);
-    camera.fov = 360 / Math.PI * Math.atan(half); // a narrow window shows as much as a square one
+    const half = Math.tan(field * Math.PI / 360) / Math.min(camera.aspect / 1.2, 1);
+    camera.fov = 360 / Math.PI * Math.atan(half); // a narrow window shows as much as one of 6 to 5
     viewer.renderer.setSize(width, height);
     viewer.set_dirty();
   };
