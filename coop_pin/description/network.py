@@ -166,8 +166,8 @@ class Network(Channel):
         problems += self.channel_problems(clock, duration)
         for index, link in enumerate(self.links):
             channel = self.channel((link.sender, link.receiver))
-            own = [] if problems else channel.channel_problems(clock, duration)
-            problems += [problem.below(f"links.{index}") for problem in own]
+            late = [] if problems else channel.channel_problems(clock, duration)
+            problems += [problem.below(f"links.{index}") for problem in late]
         for index, change in enumerate(self.changes):
             if change.time > duration:
                 detail = (
