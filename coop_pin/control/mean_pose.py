@@ -169,6 +169,7 @@ class MeanPose(PayloadSpace):
         on_loss: substitute of a view that did not arrive: the "last" that did, or none, "skip".
     """
 
+    reads_plan: ClassVar[bool] = False
     later_fields: ClassVar[tuple[str, ...]] = ("on_loss",)
 
     kind: Literal["mean-pose"] = "mean-pose"  # type: ignore[assignment]  # names the class, not its base
