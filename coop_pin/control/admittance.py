@@ -162,11 +162,11 @@ def _disagreement(messages: Mapping[str, Message], name: str) -> Array:
         messages: u and c of each arm, shape (k_0 + 1,).
         name: name of the arm i.
     """
-    own, largest = messages[name].numbers, np.finfo(float).max
-    total = 0.0 * own[:-1]
+    u, c, largest = messages[name].numbers[:-1], messages[name].numbers[-1], np.finfo(float).max
+    total = 0.0 * u
     for other, (numbers, age) in messages.items():
         if other != name:  # silent so far: nothing to agree with
-            total = total + np.where(age <= largest, numbers[-1] * own[:-1] - own[-1] * numbers[:-1], 0.0)
+            total = total + np.where(age <= largest, numbers[-1] * u - c * numbers[:-1], 0.0)
     return total
 
 
