@@ -1,5 +1,7 @@
 """Eigenvalues of the sampled closed loop: against runs at bounds, closed forms and sampled_motion."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cells import ANCHORED, SCENARIOS
@@ -35,7 +37,7 @@ def torques(scenario, ticks, disturbance):
         )
         if tick == 5:
             moved = [torque + disturbance * rng.normal(size=torque.size) for torque in command.torques]
-            command = command._replace(torques=moved)
+            command = replace(command, torques=moved)
         simulation.step(command)
     return simulation.result().data.torque.values.reshape(ticks, -1)
 
