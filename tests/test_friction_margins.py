@@ -70,7 +70,8 @@ def test_pads_of_rigid_grasps_use_what_patches_use():
     assert_allclose(use.used[-1], patches.used[0], rtol=2e-2)
     assert np.isinf(use.used[0]).all() or use.used[0].min() > 1.0
     assert "would slip" in rigid.verdict()
-    assert rigid.metrics()["friction_used_max"] > 1.0
+    assert_allclose(use.reserve[-1], (use.normal * (1.0 - use.used))[-1], rtol=1e-9)
+    assert rigid.metrics()["squeeze_reserve_min_N"] < 0.0
     assert np.isnan(rigid.dropped_at)
     assert "pads" in (support(rigid.scenario.override({"plant.payload": "welded"})) or "")
 

@@ -71,9 +71,9 @@ def least_squeeze(scenario: Scenario) -> LeastSqueeze | None:
             slip = np.hypot(np.linalg.norm(load[:2]), load[5] / pad.torsion_radius) / pad.mu
             tilt = float(np.linalg.norm(load[3:5])) / pad.torsion_radius
             force = max(float(slip), tilt) - float(load[2])
-            found = LeastSqueeze(force, float(stated[2]), name, time, tilt > slip)
-            if worst is None or found.stated - found.force < worst.stated - worst.force:
-                worst = found
+            least = LeastSqueeze(force, float(stated[2]), name, time, tilt > slip)
+            if worst is None or least.stated - least.force < worst.stated - worst.force:
+                worst = least
     return worst
 
 

@@ -31,16 +31,18 @@ class FrictionUse(NamedTuple):
         normal: N, shape (n, g).
         force: |f| / (mu N), shape (n, g); inf where nothing presses.
         torsion: |m| / (mu N r), likewise.
+        reserve: normal force beyond what friction needs, N (1 - u), N, shape (n, g); negative from slip on.
     """
 
     arms: tuple[str, ...]
     normal: Array
     force: Array
     torsion: Array
+    reserve: Array
 
     @property
     def used(self) -> Array:
-        """u, shape (n, g); the margin is 1 - u."""
+        """Part u of the friction, shape (n, g); the margin is 1 - u."""
         return np.hypot(self.force, self.torsion)
 
 
@@ -49,7 +51,7 @@ def friction_use(data: Arrays, cell: Cell) -> FrictionUse:
 
     Args:
         data: Arrays of a run.
-        cell: Its cell.
+        cell: Cell of the run.
     """
     pads: dict[str, Pad] = {name: cell.patches.get(name) or cell.pads[name] for name in cell.padded}
     wrenches = [_on_pad(data, cell, name, pad) for name, pad in pads.items()]
@@ -57,11 +59,13 @@ def friction_use(data: Arrays, cell: Cell) -> FrictionUse:
     mu = np.array([pad.mu for pad in pads.values()])
     radius = np.array([pad.torsion_radius for pad in pads.values()])
     bears = mu * np.maximum(F[..., 2], 0.0)
+    across, turning = np.linalg.norm(F[..., :2], axis=-1), np.abs(F[..., 5]) / radius
     with np.errstate(divide="ignore", invalid="ignore"):
-        force, torsion = np.linalg.norm(F[..., :2], axis=-1) / bears, np.abs(F[..., 5]) / (bears * radius)
+        force, torsion = across / bears, turning / bears
     holds = bears > 0.0
     lost = np.where(np.isnan(F).any(axis=-1), np.nan, np.inf)
-    return FrictionUse(tuple(pads), F[..., 2], np.where(holds, force, lost), np.where(holds, torsion, lost))
+    parts = F[..., 2], np.where(holds, force, lost), np.where(holds, torsion, lost)
+    return FrictionUse(tuple(pads), *parts, F[..., 2] - np.hypot(across, turning) / mu)
 
 
 def _on_pad(data: Arrays, cell: Cell, name: str, pad: Pad) -> Array:

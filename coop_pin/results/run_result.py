@@ -215,13 +215,13 @@ class RunResult:
 
         ``trustworthy`` is 1 or 0. ``window_start_s`` and ``window_end_s`` bound the steady window,
         ``after_event_window_start_s`` and ``after_event_window_end_s`` that of the same metrics after the
-        last event; a run that does not reach a window has NaN there. ``friction_used_max`` and
+        last event; a run that does not reach a window has NaN there. ``squeeze_reserve_min_N`` and
         ``dropped_at_s`` are those of cells with patches or pads.
         """
         values = metrics.all_metrics(self.arrays, self.windows, turns=self.scenario.cell.controls_turns)
         if self.scenario.cell.padded:
-            used = self.friction_use().used
-            values |= {"friction_used_max": used.max(initial=0.0), "dropped_at_s": self.dropped_at}
+            reserve = self.friction_use().reserve
+            values |= {"squeeze_reserve_min_N": reserve.min(), "dropped_at_s": self.dropped_at}
         return {"trustworthy": float(self.trustworthy)} | {name: float(each) for name, each in values.items()}
 
     def summary(self) -> str:
