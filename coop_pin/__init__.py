@@ -93,6 +93,7 @@ _PUBLIC = {
     "TrustThresholds": "coop_pin.description",
     "TurnMotion": "coop_pin.reference",
     "UserController": "coop_pin.description",
+    "UserEvent": "coop_pin.description",
     "Waypoint": "coop_pin.reference",
     "WaypointsMotion": "coop_pin.reference",
     "WrenchParts": "coop_pin.description",

@@ -303,7 +303,8 @@ def test_fields_tells_the_kinds_there_are_and_what_a_pose_is_the_pose_of(capsys)
         " leader-follower, computed-torque, adaptive, object-impedance, torque-qp, user."
     )
     assert said["--events.1.kind"].endswith(
-        "one of payload-change, wrench-pulse, gravity-turn, lose-arm, release, hand-over, grasp."
+        "one of payload-change, wrench-pulse, gravity-turn, partner, lose-arm, release, hand-over, grasp,"
+        " user."
     )
     assert "root link in the world: x, y, z, m." in said["--cell.arms.left.base.xyz"]
 

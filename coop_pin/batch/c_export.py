@@ -1,6 +1,6 @@
 """Law of one arm as C99 for a real controller: kinematics, Jacobian and law from the traced code.
 
-A self-test is written beside it: ticks of a simulation of the scenario, with the torques of the Python law.
+A self-test is written beside it: ticks of a simulation of the scenario, with the commands of the Python law.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from coop_pin.atomic_write import write_atomically
 from coop_pin.batch.constants import arm_constants
 from coop_pin.batch.law_code import (
     LawCode,
-    LawTick,
     RecordedLaw,
     Values,
     fields,
@@ -30,7 +29,7 @@ from coop_pin.batch.law_code import (
 )
 from coop_pin.build_controller import build_controller
 from coop_pin.control import DecentralisedController
-from coop_pin.control.interface import DESIRED, MEASURED
+from coop_pin.control.interface import COMMANDS, DESIRED, MEASURED
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, NameNotFoundError, TracingError
 from coop_pin.simulation import Simulation
@@ -102,7 +101,7 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     name = _identifier(arm, list(scenario.cell.arms))
     header, source, test = (Path(folder) / f"{name}{ending}" for ending in (".h", ".c", "_self_test.c"))
     Path(folder).mkdir(parents=True, exist_ok=True)
-    texts = _texts(name, scenario, arm, recorded.ticks, code)
+    texts = _texts(name, scenario, arm, recorded, code)
     for file, text in zip((header, source, test), texts, strict=True):
         write_atomically(file, partial(Path.write_text, data=text, encoding="utf-8"))
     return CLaw(header, source, test, _flops(code[1]))
@@ -123,7 +122,7 @@ _HEADER = """/* Law of arm {arm!r} of the scenario {scenario!r}, exported by coo
 
    {joints} drives, {rows} task rows ({kind}), period {period} s.
    Call {name}_start at the first tick, and {name}_step at every tick, the first included. Both return 1, or 0
-   if the payload Jacobian is singular: the torque then means nothing. The torque is not limited.
+   if the payload Jacobian is singular: the {output} then means nothing. The {output} is not limited.
    A step takes {flops} floating-point operations.
    Compile without contracted operations: -std=c99, or -ffp-contract=off. */
 #ifndef COOP_PIN_{upper}_H
@@ -145,10 +144,10 @@ typedef struct {{
 int {name}_start(
     const {name}_measurement *measurement, const {name}_reference *reference, {name}_state *state);
 
-/* Set the {joints} torques, N m, and change the state to that of the next tick. */
+/* Set the {output} of the {joints} drives, {unit}, and change the state to that of the next tick. */
 int {name}_step(
     const {name}_measurement *measurement, const {name}_reference *reference, {name}_state *state,
-    double *torque);
+    double *{output});
 
 #endif
 """
@@ -172,26 +171,27 @@ static const double expected[][{joints}] = {{
 int main(void)
 {{
     {name}_state state;
-    double torque[{joints}], worst = 0.0;
+    double {output}[{joints}], worst = 0.0;
     int good = {name}_start(&measured[0], &desired[0], &state);
     for (int tick = 0; tick < {ticks}; ++tick) {{
-        good &= {name}_step(&measured[tick], &desired[tick], &state, torque);
+        good &= {name}_step(&measured[tick], &desired[tick], &state, {output});
         for (int joint = 0; joint < {joints}; ++joint) {{
-            const double error = fabs(torque[joint] - expected[tick][joint]);
+            const double error = fabs({output}[joint] - expected[tick][joint]);
             good &= error <= {tolerance}; /* also catches NaN */
             worst = fmax(worst, error);
         }}
     }}
-    printf("{ticks} ticks, largest difference %.3g N m: %s\\n", worst, good ? "passed" : "FAILED");
+    printf("{ticks} ticks, largest difference %.3g {unit}: %s\\n", worst, good ? "passed" : "FAILED");
     return !good;
 }}
 """
 
 
 def _texts(
-    name: str, scenario: Scenario, arm: str, ticks: Sequence[LawTick], code: tuple[LawCode, LawCode]
+    name: str, scenario: Scenario, arm: str, law: RecordedLaw, code: tuple[LawCode, LawCode]
 ) -> tuple[str, str, str]:
     """Return header, source and self-test."""
+    ticks, output = law.ticks, law.command_kind
     (_, step), (measured, desired), joints = code, fields(ticks[0]), len(ticks[0].torque)
     header = _HEADER.format(
         arm=arm,
@@ -200,6 +200,8 @@ def _texts(
         name=name,
         upper=name.upper(),
         joints=joints,
+        output=output,
+        unit=COMMANDS[output],
         rows=scenario.cell.task_rows.size,
         kind=scenario.cell.rows,
         period=scenario.clock.period,
@@ -212,24 +214,26 @@ def _texts(
     test = _SELF_TEST.format(
         name=name,
         joints=joints,
+        output=output,
+        unit=COMMANDS[output],
         ticks=len(ticks),
         measured=",\n".join(table[0] for table in tables),
         desired=",\n".join(table[1] for table in tables),
         expected=",\n".join(_list(tick.torque) for tick in ticks),
         tolerance=c_number(tolerance([ticks])),
     )
-    return header, _source(name, measured, desired, code), test
+    return header, _source(name, measured, desired, code, output), test
 
 
-def _source(name: str, measured: Values, desired: Values, codes: tuple[LawCode, LawCode]) -> str:
+def _source(name: str, measured: Values, desired: Values, codes: tuple[LawCode, LawCode], output: str) -> str:
     """Return the file of start and step."""
     emitter, inputs = CEmitter(), f"const {name}_measurement *measurement, const {name}_reference *reference"
     read = [f"measurement->{entry}" for entry in _entries(measured)]
     read += [f"reference->{entry}" for entry in _entries(desired)]
     read += [f"state->value[{index}]" for index in range(len(codes[0].state))]
-    for what, code, argument in zip(("start", "step"), codes, ("", ", double *torque"), strict=True):
+    for what, code, argument in zip(("start", "step"), codes, ("", f", double *{output}"), strict=True):
         stores = [(f"state->value[{index}]", number) for index, number in enumerate(code.state)]
-        stores += [(f"torque[{index}]", number) for index, number in enumerate(code.torque)]
+        stores += [(f"{output}[{index}]", number) for index, number in enumerate(code.torque)]
         stores.append(("const double is_regular", code.is_regular))
         head = f"int {name}_{what}({inputs}, {name}_state *state{argument})"
         unread = "(void)measurement, (void)reference, (void)state; /* a law need not read them */"

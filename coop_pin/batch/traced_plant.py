@@ -108,6 +108,14 @@ class TracedPlant(Plant):
         self._is_observed = False
         self._at["surroundings"][:] = leaves(surroundings)
 
+    def brake(self, arm: int) -> None:
+        """Refuse to brake an arm.
+
+        Raises:
+            TracingError: always.
+        """
+        raise TracingError("the traced plant has no brakes; choose the engine 'pinocchio'")
+
     def advance(self, t: float, h: float) -> None:
         """Integrate from time t over h seconds."""
         self._waiting.append(h)

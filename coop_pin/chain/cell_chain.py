@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, Mask, as_array, as_number, as_pose, require_finite, require_type, shaped
 from coop_pin.chain.closed_chain import ClosedChain
-from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.contact_patches import ContactPatches, ContactState
 from coop_pin.chain.force_elements import ForceElements, Joints
-from coop_pin.chain.grasp_springs import GraspSprings, GraspState
+from coop_pin.chain.grasp_springs import GraspsHeld, GraspSprings, GraspState
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.chain.kkt_solver import constraint_svd
 from coop_pin.chain.linearisation import Linearisation, linearised
+from coop_pin.chain.rigid_grasps import ClosuresHeld, RigidGrasps
 from coop_pin.chain.trajectory import ChainState
 from coop_pin.description.cell import Cell
 from coop_pin.description.events import Surroundings
@@ -97,6 +97,7 @@ class CellChain:
         model: the tree, with the positions of arms and payload in it; ``surround`` changes it in place.
         mechanism: the tree with its closures; ``mechanism.model`` is the Pinocchio model of the tree.
         springs: the compliant grasps in it.
+        rigid: the rigid grasps in it that are closures.
         patches: patches of arms and tables in it.
         elements: all force elements, the springs among them.
     """
@@ -117,20 +118,14 @@ class CellChain:
         require_type("options", options, PlantOptions)
         self.cell = cell
         self.model = CellModel(cell, options.payload)
-        held = [name for name in cell.arms if name not in (*self.model.closed_by_tree, *cell.unclosed)]
-        self.mechanism = ClosedChain(
-            self.model.model,
-            [Closure(f"{name}/grasp", f"payload/{name}") for name in held],
-            stabilisation=options.stabilisation,
-            formulation=options.formulation,
-        )
+        self.rigid = RigidGrasps(cell, self.model, options)
+        self.mechanism: ClosedChain = self.rigid.mechanism
         joints = Joints(self.model)
         self.springs = GraspSprings(cell, self.model, joints)
         self.patches = ContactPatches(cell, self.model, joints)
         parts: tuple[GraspSprings | ContactPatches, ...] = (self.springs, self.patches)
         self.elements = ForceElements(joints, [part for part in parts if len(part)])
         self._data = self.mechanism.model.createData()
-        self._held = [index for index, name in enumerate(cell.arms) if name in held]
         self._welded = [index for index, name in enumerate(cell.arms) if name in self.model.closed_by_tree]
         self._grasps = [frame_id(self.mechanism.model, f"payload/{name}") for name in cell.arms]
 
@@ -138,6 +133,44 @@ class CellChain:
         """Set the payload's inertia and gravity, from the next call on; the push is an argument of each."""
         require_type("surroundings", surroundings, Surroundings)
         self.model.surround(surroundings)
+
+    def release(self, arm: int) -> None:
+        """Open the grasp of an arm, by its index."""
+        grasps, number = self._grasp_of(arm)
+        grasps.release(number)
+        self.mechanism = self.rigid.mechanism
+
+    def grasp(self, arm: int, q: Array, is_nominal: bool = False) -> None:
+        """Close the grasp of an arm where its tip is found at a configuration, or at the nominal pose."""
+        grasps, number = self._grasp_of(arm)
+        grasps.grasp(number, None if is_nominal else q)
+        self.mechanism = self.rigid.mechanism
+
+    def gap(self, arm: int, q: Array) -> ClosureError:
+        """Return distance and angle of an arm's tip from its nominal grasp."""
+        grasps, number = self._grasp_of(arm)
+        return grasps.gap(number, q)
+
+    def brake(self, arm: int, q: Array) -> None:
+        """Hold the joints of an arm, by its index, at a configuration from now on."""
+        self.rigid.brake(arm, q)
+        self.mechanism = self.rigid.mechanism
+
+    def held(self) -> tuple[GraspsHeld, ClosuresHeld]:
+        """Return which compliant grasps hold, at which poses, and which closures."""
+        return self.springs.held(), self.rigid.held()
+
+    def hold(self, compliant: GraspsHeld, closures: ClosuresHeld) -> None:
+        """Return to grasps and closures that held."""
+        self.springs.restore(compliant)
+        if closures.grasps.holds is not self.rigid.holds or closures.brakes is not self.rigid.brakes:
+            self.rigid.restore(closures)
+            self.mechanism = self.rigid.mechanism
+
+    def _grasp_of(self, arm: int) -> tuple[GraspSprings | RigidGrasps, int]:
+        """Return the grasps to which that of an arm belongs, and its number among them."""
+        grasps = self.springs if arm in self.springs.arms else self.rigid
+        return grasps, grasps.arms.index(arm)
 
     def configuration(self, X_WP: ArrayLike, squeeze: ArrayLike | None = None) -> Array:
         """Return the configuration that holds the payload at a pose, each arm near its posture.
@@ -353,7 +386,7 @@ class CellChain:
             wrenches = np.array(
                 [
                     X_WP.actInv(frames[self.model.arms[index].tip]).actInv(pin.Force(W.T @ F[index])).vector
-                    for index in self._held
+                    for index in self.rigid.closed
                 ]
             ).reshape(-1, 6)
         solution = self.mechanism.inverse_dynamics(
@@ -458,10 +491,10 @@ class CellChain:
 
     def _closure_errors(self, frames: Any) -> list[ClosureError]:
         closure_errors = [_CLOSED_BY_TREE] * len(self.model.arms)
-        for index in self._held:
-            error = pin.log6(
-                frames[self.model.arms[index].tip].actInv(frames[self._grasps[index]])
-            ).vector.tolist()
+        for index, X_GE in self.rigid.closed.items():
+            X_WG = frames[self._grasps[index]]
+            grasp = X_WG if X_GE is None else X_WG * X_GE
+            error = pin.log6(frames[self.model.arms[index].tip].actInv(grasp)).vector.tolist()
             closure_errors[index] = ClosureError(math.hypot(*error[:3]), math.hypot(*error[3:]))
         return closure_errors
 
@@ -476,7 +509,7 @@ class CellChain:
         """Return the interaction wrenches, about P in world axes, of those of closures and elements."""
         X_WP, arms = frames[self.model.payload_frame], self.model.arms
         in_payload = np.zeros((len(arms), 6))
-        for index, F_E in zip(self._held, closure_wrenches, strict=True):
+        for index, F_E in zip(self.rigid.closed, closure_wrenches, strict=False):
             X_PE = X_WP.actInv(frames[arms[index].tip])
             in_payload[index] = X_PE.act(pin.Force(F_E)).vector
         if grasps is not None:

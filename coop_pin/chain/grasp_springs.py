@@ -185,7 +185,7 @@ class GraspsHeld(NamedTuple):
     poses: Array
 
 
-def _changed(values: Any, index: int, value: Any) -> Any:
+def changed(values: Any, index: int, value: Any) -> Any:
     """Return a copy of an array with another entry."""
     values = values.copy()
     values[index] = value
@@ -310,7 +310,7 @@ class GraspSprings:
 
     def release(self, number: int) -> None:
         """Open a grasp."""
-        self.restore(GraspsHeld(_changed(self.holds, number, False), self.held().poses))
+        self.restore(GraspsHeld(changed(self.holds, number, False), self.held().poses))
 
     def grasp(self, number: int, q: Array | None = None) -> None:
         """Close a grasp at its nominal pose, or as found at a configuration."""
@@ -319,7 +319,7 @@ class GraspSprings:
             state = self.at(q, self._rest)
             X_GE = pin.SE3(state.rotation[number], state.position[number])
             pose = (pin.SE3(self._poses[number]) * X_GE).homogeneous
-        self.restore(GraspsHeld(_changed(self.holds, number, True), _changed(self._poses, number, pose)))
+        self.restore(GraspsHeld(changed(self.holds, number, True), changed(self._poses, number, pose)))
 
     def gap(self, number: int, q: Array) -> ClosureError:
         """Return distance and angle of a tip from its nominal grasp."""

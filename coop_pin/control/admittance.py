@@ -75,9 +75,9 @@ class AdmittanceGains(Gains):
 class AdmittanceController(LawController[AdmittanceGains]):
     """Commanded motion of an arm that yields to a wrench, by velocities or positions of its drives.
 
-    Hogan (1985), "Impedance control", parts I to III; for industrial arms that hold one object, with
-    commanded joint velocities, Liu et al. (2024), arXiv:2406.05613. About P in world axes on task rows, with
-    the error w of the wrench on the arm, x the pose and x_d, V_d, A_d the desired motion::
+    Hogan (1985), "Impedance control"; on commanded joint velocities of arms that hold one object, as in Liu
+    et al. (2024), arXiv:2406.05613, whose law over a graph this is not. About P in world axes on task rows,
+    with the error w of the wrench on the arm, x the pose and x_d, V_d, A_d the desired motion::
 
         w     = f_m - f_d, the internal wrench; F - f_d - c What, the arm's own; or 0 where none is measured
         V_a  <- p V_a + (1 - p) D^-1 (w - S d),   d <- d + T V_a,   p = exp(-l T)

@@ -7,7 +7,14 @@ from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.cell import Cell, grasps_from_configuration
 from coop_pin.description.contact import PatchGrasp, Table
 from coop_pin.description.controller import ModelFactors, UserController
-from coop_pin.description.events import GravityTurn, LoseArm, Partner, PayloadChange, WrenchPulse
+from coop_pin.description.events import (
+    GravityTurn,
+    LoseArm,
+    Partner,
+    PayloadChange,
+    UserEvent,
+    WrenchPulse,
+)
 from coop_pin.description.grasp import CompliantGrasp
 from coop_pin.description.grasp_events import HandOver, Regrasp, Release
 from coop_pin.description.mobile_base import MobileBase
@@ -61,6 +68,7 @@ __all__ = [
     "Table",
     "TrustThresholds",
     "UserController",
+    "UserEvent",
     "WrenchParts",
     "WrenchPulse",
     "WristSensor",

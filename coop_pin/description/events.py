@@ -6,11 +6,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from pydantic import AfterValidator, field_validator
+from pydantic import AfterValidator, Field, field_validator
 
 from coop_pin.arrays import Array
 from coop_pin.description.actuators import Actuators
@@ -26,6 +26,7 @@ from coop_pin.schema.base import (
     unknown_arms,
 )
 from coop_pin.schema.pose import Pose
+from coop_pin.schema.user_code import FunctionName, load_function
 
 
 class Surroundings(NamedTuple):
@@ -68,6 +69,19 @@ class PayloadEvent(Description):
     def end(self) -> float:
         """Time at which the event is over, s; its own time if it is over at once."""
         return self.time
+
+    @property
+    def instant(self) -> float:
+        """Time at which the event acts on the plant, s."""
+        return self.time
+
+    def act(self, plant: Any, arms: Sequence[str]) -> None:
+        """Change the plant itself at the event's instant: grasps and brakes.
+
+        Args:
+            plant: Plant of the run (``coop_pin.simulation.plant.Plant``).
+            arms: Names of the arms, in the plant's order.
+        """
 
     def timing_problems(self, run: Mapping[str, Any]) -> list[FieldError]:
         """Return what is wrong with the event's time, given the fields of the run."""
@@ -161,13 +175,14 @@ class LoseArm(PayloadEvent):
     Attributes:
         time: time of the failure, s.
         arm: Name of the arm.
-        form: "limp": the joints turn freely; "own weight": the robot goes on with its gravity compensation,
-            which the arm's actuators must have, from the next tick on.
+        form: "limp": the joints turn freely; "braked": brakes hold the joints where they are, after an
+            impulse; "own weight": the robot goes on with its gravity compensation, which the arm's actuators
+            must have, from the next tick on.
     """
 
     kind: Literal["lose-arm"] = "lose-arm"
     arm: str
-    form: Literal["limp", "own weight"] = "limp"
+    form: Literal["limp", "braked", "own weight"] = "limp"
     title = heading = "loss of an arm"
 
     def text(self, surroundings: Surroundings) -> str:
@@ -176,8 +191,13 @@ class LoseArm(PayloadEvent):
 
     def lost(self, actuators: Actuators) -> Actuators:
         """Return the actuators of the arm with the failure."""
-        field = "torque_lost_at" if self.form == "limp" else "commands_lost_at"
+        field = "commands_lost_at" if self.form == "own weight" else "torque_lost_at"
         return actuators.replace(**{field: self.time})
+
+    def act(self, plant: Any, arms: Sequence[str]) -> None:
+        """Close the brakes."""
+        if self.form == "braked":
+            plant.brake(arms.index(self.arm))
 
     def problem(self, arms: Collection[str], actuators: Actuators) -> FieldError | None:
         """Return what is wrong with the arm, given its actuators without the event."""
@@ -256,3 +276,33 @@ class Partner(PayloadEvent):
     def text(self, surroundings: Surroundings) -> str:
         """Return stiffness and duration."""
         return f"{self.title} with {max(self.stiffness[:3]):g} N/m at the handle for {self.duration:g} s"
+
+
+class UserEvent(PayloadEvent):
+    """Event of the user's own: a function that changes the plant.
+
+    It is called as ``function(plant, arms, **options)``, with the plant of the run and the names of its arms,
+    and may call ``release``, ``brake`` and other methods of the plant, which book the energy. No law is told.
+
+    Attributes:
+        time: time of the event, s.
+        target: "module:function", or the function.
+        options: Keyword arguments handed to it.
+    """
+
+    kind: Literal["user"] = "user"
+    target: FunctionName
+    options: dict[str, Any] = Field(default_factory=dict)
+    title = heading = "own event"
+
+    def act(self, plant: Any, arms: Sequence[str]) -> None:
+        """Call the function.
+
+        Raises:
+            NameNotFoundError: there is no such module or function.
+        """
+        load_function(self.target, self.options)(plant, arms)
+
+    def text(self, surroundings: Surroundings) -> str:
+        """Return the function's name."""
+        return self.target

@@ -175,6 +175,10 @@ class Scenario(Description):
             detail = f"is {self.plant.integrator!r}; compliant grasps, patches and tables need 'rk4', whose"
             detail += " stable step is known"
             raise FieldError(detail, "plant.integrator")
+        rigid = [event.arm for event in self.grasp_events if event.arm not in self.cell.unclosed]
+        if rigid and self.plant.payload != "free":
+            detail = f"is {self.plant.payload!r}; the rigid grasp of {rigid[0]!r} opens or closes, and the"
+            raise FieldError(f"{detail} payload must be 'free' for it: a weld does not open", "plant.payload")
         return self
 
     @model_validator(mode="after")

@@ -12,6 +12,8 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from coop_pin.errors import FieldError, suggestion
 from coop_pin.schema.base import Description, Magnitude, NumberOrVector, Positive
 
+KINDS = ("velocity", "position")
+"""What a robot with a servo takes."""
 _WHOLE = 1e-9
 """Two rates whose ratio is closer than this to a whole number are multiples."""
 
@@ -97,15 +99,22 @@ class Servo(Description):
         return []
 
 
-_UR5_SPEED = math.pi
-"""Of all joints, rad/s: 180 degrees a second by the data sheet of the UR5."""
-
 SERVOS: Mapping[str, Servo] = {
     f"{robot}-{command}": Servo(command=command, **numbers)
-    for robot, numbers in {
-        "ur": {"rate_hz": 500.0, "speed_limit": _UR5_SPEED},
-    }.items()
-    for command in ("velocity", "position")
+    for robot, kinds, numbers in (
+        ("ur", KINDS, {"rate_hz": 500.0, "speed_limit": math.pi}),
+        (
+            "franka",
+            KINDS,
+            {
+                "rate_hz": 1000.0,
+                "speed_limit": (*[2.175] * 4, *[2.61] * 3),
+                "acceleration_limit": (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0),
+            },
+        ),
+        ("abb", ("position",), {"rate_hz": 250.0}),
+    )
+    for command in kinds
 }
 """Servos of classes of robots by name, see docs/concepts/commands.md for their sources."""
 

@@ -20,6 +20,7 @@ from coop_pin.chain.contact_patches import PatchesState
 from coop_pin.chain.grasp_springs import GraspsHeld
 from coop_pin.chain.integrators import INTEGRATORS, configuration_space
 from coop_pin.chain.partner import PartnerState, partner_state
+from coop_pin.chain.rigid_grasps import ClosuresHeld
 from coop_pin.description.events import Surroundings
 from coop_pin.description.grasp_events import Regrasp
 from coop_pin.description.plant import PlantOptions
@@ -60,7 +61,7 @@ class PlantState(NamedTuple):
         work: work done so far, J.
         surroundings: payload, and what acts on it from outside.
         force: held generalised force of the actuators, N m, shape (nv,).
-        grasps: compliant grasps that hold.
+        grasps: compliant grasps and closures that hold.
         patches: memory of patches and tables.
         missed: grasps that did not happen.
         time: time, s.
@@ -71,7 +72,7 @@ class PlantState(NamedTuple):
     work: Array
     surroundings: Surroundings
     force: Array
-    grasps: GraspsHeld
+    grasps: tuple[GraspsHeld, ClosuresHeld]
     patches: PatchesState
     missed: tuple[MissedGrasp, ...]
     time: float
@@ -104,7 +105,8 @@ class Plant:
         """
         model = chain.mechanism.model
         self.chain, self.transmission = chain, Transmission(chain.cell, chain.model.arms, model.nv)
-        works = (*WORK, *WORK_OF_GRASPS) if chain.elements.elements else WORK
+        self._is_elastic = bool(chain.elements.elements)
+        works = (*WORK, *WORK_OF_GRASPS) if self._is_elastic else WORK
         self.q, self.v, self.work, self.time = q, np.zeros(model.nv), np.zeros(len(works)), 0.0
         self.missed: tuple[MissedGrasp, ...] = ()
         if chain.springs.arms:
@@ -115,7 +117,6 @@ class Plant:
         self._integrator = INTEGRATORS[options.integrator](configuration_space(model))
         self._project = options.project == "step"
         self._errors: tuple[Array | None, list[ClosureError]] = None, []
-        self._solve = chain.acceleration
         self.surround(chain.cell.surroundings)
 
     def hold(self, force: Array) -> None:
@@ -136,20 +137,30 @@ class Plant:
         self._book(before)
 
     def release(self, arm: int) -> None:
-        """Open the compliant grasp of an arm; the energy that its spring loses counts as work."""
+        """Open the grasp of an arm; the energy that its spring loses counts as work."""
         before = self.energy()
-        self.chain.springs.release(self.chain.springs.arms.index(arm))
+        self.chain.release(arm)
         self._book(before)
 
     def grasp(self, arm: int, event: Regrasp) -> None:
-        """Close the compliant grasp of an arm whose tip is there; the energy that it adds counts as work."""
-        springs, before = self.chain.springs, self.energy()
-        number = springs.arms.index(arm)
-        gap = springs.gap(number, self.q)
+        """Close the grasp of an arm whose tip is there; the energy that it adds or takes counts as work.
+
+        At a rigid grasp the velocities meet by an impulse.
+        """
+        before, gap = self.energy(), self.chain.gap(arm, self.q)
         if gap.distance > event.tolerance or gap.angle > event.angle_tolerance:
             self.missed += (MissedGrasp(event, gap),)
             return
-        springs.grasp(number, self.q if event.rest == "found" else None)
+        self.chain.grasp(arm, self.q, event.rest == "nominal")
+        if arm in self.chain.rigid.closed:
+            self.v = self.chain.mechanism.project_velocity(self.q, self.v)
+        self._book(before)
+
+    def brake(self, arm: int) -> None:
+        """Hold the joints of an arm from now on; the energy that the impulse takes counts as work."""
+        before = self.energy()
+        self.chain.brake(arm, self.q)
+        self.v = self.chain.mechanism.project_velocity(self.q, self.v)
         self._book(before)
 
     def energy(self) -> float:
@@ -167,14 +178,14 @@ class Plant:
 
     def state(self) -> PlantState:
         """Return the state."""
-        held, patches = self.chain.springs.held(), self.chain.patches.state
+        held, patches = self.chain.held(), self.chain.patches.state
         work, force, missed = self.work.copy(), self.force.copy(), self.missed
         return PlantState(self.q, self.v, work, self.surroundings, force, held, patches, missed, self.time)
 
     def restore(self, state: PlantState) -> None:
         """Return to a state."""
         self.q, self.v, self.missed, self.time = state.q, state.v, state.missed, state.time
-        self.chain.springs.restore(state.grasps)
+        self.chain.hold(*state.grasps)
         self.chain.patches.state = state.patches
         self.surround(state.surroundings)
         self.hold(state.force)
@@ -259,9 +270,10 @@ class Plant:
     def _rate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the acceleration, shape (nv,), and powers in the order of ``work``, the first of them."""
         forces = self._apply(q, v, t)
-        a, power = self._solve(q, v, _ALL.dot(forces))
-        powers = forces.dot(v)
-        return a, powers if len(self.work) == len(WORK) else np.concatenate((powers, (0.0, power)))
+        if not self._is_elastic:
+            return self.chain.mechanism.solver.acceleration(q, v, _ALL.dot(forces)), forces.dot(v)
+        a, power = self.chain.acceleration(q, v, _ALL.dot(forces))
+        return a, np.array([*forces.dot(v), 0.0, power])
 
     def _apply(self, q: Array, v: Array, time: float) -> Array:
         """Return the generalised force of drives, friction and payload wrench, shape (3, nv)."""

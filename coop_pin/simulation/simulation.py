@@ -16,7 +16,7 @@ from coop_pin.arrays import Array, as_number, frozen, require_type
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.control.interface import ArmMeasurement, ArmReference, CellCommand, CellController
 from coop_pin.description.events import LoseArm, PayloadEvent
-from coop_pin.description.grasp_events import Event, GraspPlan, Regrasp
+from coop_pin.description.grasp_events import Event, GraspPlan
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import DivergedError, FieldError, InvalidStateError, OutOfRangeError
 from coop_pin.model.joint_limits import JointLimits
@@ -384,13 +384,9 @@ class Simulation:
             self.recorder.observe()  # in the surroundings until now
             after = self.timeline.just_after(time)
             self.plant.surround(self.scenario.surroundings_at(after))
-            for event in self.scenario.grasp_events:
+            for event in self.scenario.events:
                 if abs(event.instant - time) <= after - time:
-                    arm = list(self.scenario.cell.arms).index(event.arm)
-                    if isinstance(event, Regrasp):
-                        self.plant.grasp(arm, event)
-                    else:
-                        self.plant.release(arm)
+                    event.act(self.plant, list(self.scenario.cell.arms))
 
     def _advance(self, tick: int) -> None:
         """Integrate the plant to the next tick, event times included."""
