@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -87,7 +87,7 @@ def root_locus(scenario: Scenario, field: str, factors: Iterable[float], *, time
 
 def _value(scenario: Scenario, field: str) -> Array:
     """Return the number or numbers of a field."""
-    node = scenario.model_dump()
+    node: Any = scenario.model_dump()
     for key in field.split("."):
         node = node.get(key) if isinstance(node, dict) else None
     try:

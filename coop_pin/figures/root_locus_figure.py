@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
@@ -54,7 +56,11 @@ def _draw_plane(figure: Figure, panel: Axes, locus: RootLocus) -> None:
     label(panel, "eigenvalues from tick to tick", "Im z")
     bar = figure.colorbar(dots, ax=panel, label="factor", shrink=0.8)
     ticks = np.unique(
-        [factors.min(), *(f for f in (0.1, 1.0, 10.0, 100.0) if norm.vmin < f < norm.vmax), factors.max()]
+        [
+            factors.min(),
+            *(f for f in (0.1, 1.0, 10.0, 100.0) if factors.min() < f < factors.max()),
+            factors.max(),
+        ]
     )
     bar.set_ticks(ticks.tolist(), labels=[f"{tick:.3g}" for tick in ticks])
     bar.ax.yaxis.set_ticks([], minor=True)
@@ -66,7 +72,7 @@ def _draw_radius(panel: Axes, locus: RootLocus) -> None:
     names = [loop.slowest.name for loop in locus.loops]
     for number, name in enumerate(dict.fromkeys(names)):
         own = np.array([one == name for one in names])
-        dots = {"color": palette.series(number), "markersize": 4.0, "label": as_written(name)}
+        dots: dict[str, Any] = {"color": palette.series(number), "markersize": 4.0, "label": as_written(name)}
         panel.plot(locus.factors[own], radii[own], "o", **dots)
     panel.axhline(1.0, color=palette.LIMIT, linewidth=0.8)
     for bound in locus.bounds:
