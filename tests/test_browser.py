@@ -314,11 +314,37 @@ def test_names_of_arms_go_with_their_bases_and_do_not_overlap(name, moves, tmp_p
             page.wait_for_timeout(300)  # the labels are placed with the next frame
             names = [page.get_by_text(arm, exact=True).first for arm in result.scenario.cell.arms]
             boxes.append([[*each.bounding_box().values()] for each in names])
+        axial, wanted = (
+            result.data[name].values[-1] for name in ("internal_axial", "desired_internal_axial")
+        )
+        arm = int(np.abs(axial).argmax())  # a tile has the worst arm, and what is wanted of the same
+        tile = page.locator("#tiles div").first.inner_text().replace("−", "-").split("\n")
+        assert float(tile[1].split()[0]) == pytest.approx(axial[arm], rel=0.06)
+        assert float(tile[2].split()[1]) == pytest.approx(wanted[arm], rel=0.02)
         start, end = np.array(boxes)
         assert (np.abs(end - start)[:, :2].max(axis=1) > 5.0).tolist() == [moves] * len(start)
         for x, y, width, _ in end:
             others = [other for other in end if other[0] != x or other[1] != y]
             assert all(a + w <= x or x + width <= a or abs(b - y) >= 16.0 for a, b, w, _ in others)
+
+
+def test_a_name_stands_above_a_base_that_the_payload_hides_and_numbers_of_met_struts_are_short(tmp_path):
+    result = cp.run("four-ur5-plate", {"duration": 2.5}, warn=False)
+    save_replay(result, tmp_path / "replay.html")
+    with offline_page(tmp_path / "replay.html", 1400, 900) as page:
+        page.evaluate("coopPin.seek(2.5)")
+        page.wait_for_timeout(300)
+        raised, pane = [], page.locator("#pane").bounding_box()
+        for arm, description in result.scenario.cell.arms.items():
+            camera = "coopPin.viewer.camera"
+            up = page.evaluate(
+                f"{camera}.position.clone().fromArray({[*description.base.xyz]}).project({camera}).y"
+            )
+            name = page.get_by_text(arm, exact=True).first.bounding_box()
+            raised.append(pane["y"] + (1.0 - up) * pane["height"] / 2.0 - name["y"])
+        assert raised[0] > 30.0  # the first arm is behind the plate
+        assert max(np.abs(raised[1:3])) < 2.0
+        assert [text for *_, text in page.evaluate(STRUTS) if "\n" in text] == []
 
 
 CONTRASTS = """() => {

@@ -25,6 +25,7 @@ for other in [
     "adept-compliant",
     "three-ur5-handover",
     "human-partner",
+    "two-pandas-palms",
     *FAR_CELLS,
     *LARGE_CELLS,
 ]:  # it has the printed law; others have tests below

@@ -19,7 +19,7 @@ from coop_pin.description.contact import DryContact, corners
 from coop_pin.model.cell_model import CellModel
 from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, symmetric
 from coop_pin.spatial import weight_wrench
-from coop_pin.spatial.internal_wrench import virtual_linkage_internal_wrenches
+from coop_pin.spatial.internal_wrench import linkage_loads
 
 _DEEPEST = 1e-2
 """Depth up to which a point that comes from beyond an edge lands on a plane, m; deeper ones pass below."""
@@ -218,6 +218,11 @@ class ContactPatches:
         """Return the number of contacts."""
         return len(self.names)
 
+    @property
+    def slips(self) -> Array:
+        """Distance that the patch of each arm has slid, m, shape (n,)."""
+        return self.state.slip[: len(self.arms)]
+
     def act(self) -> float:
         """Add the wrenches at the state of the joints to theirs; return the power of ContactState, W."""
         now, forces = self._now(), self._bodies.F_J
@@ -281,13 +286,12 @@ class ContactPatches:
         """
         lies = self.lies(q)
         q = self.laid(q) if lies else q
-        X_WP, cell, m = self._payload_pose(q), self._cell, len(self._cell.arms)
+        X_WP, cell = self._payload_pose(q), self._cell
         W = np.kron(np.eye(2), X_WP.rotation)
         loads = squeeze @ W.T
         if not lies:
-            total = np.tile(weight_wrench(cell.payload.mass, cell.gravity) / m, (m, 1))
             tips = np.array([grasp.matrix[:3, 3] for grasp in cell.grasps.values()]) @ X_WP.rotation.T
-            loads += total - virtual_linkage_internal_wrenches(total, tips) if m > 1 else total
+            loads += linkage_loads(tips) @ weight_wrench(cell.payload.mass, cell.gravity)
         for number, index in enumerate(self.arms):
             q = self._pressed(q, number, index, pin.Force(W.T @ loads[index]))
         return q

@@ -47,6 +47,7 @@ class ArmMeasurement(NamedTuple):
             the command itself where nothing cut it, without the robot's own gravity compensation and before
             lag. A lost drive reports 0; a missed tick is no cut. Zero in the first measurement; None where
             drives report nothing.
+        slip: largest distance that a patch of the cell has slid since the start, m; None without patches.
     """
 
     time: float
@@ -62,6 +63,7 @@ class ArmMeasurement(NamedTuple):
     interaction_wrench_age: float = np.inf
     holding_torque: Array | None = None
     reported_torque: Array | None = None
+    slip: float | None = None
 
 
 class ArmReference(NamedTuple):
@@ -191,6 +193,7 @@ class ControlledArm(NamedTuple):
         start_pose: X_WP at t_0, shape (4, 4).
         oldest_wrench: Age that measured wrenches reach without being lost, ticks.
         base_drives: Number of its first drives that move a mobile base.
+        pressed: Whether it holds the payload by friction: it starts with the squeeze on.
     """
 
     name: str
@@ -204,6 +207,7 @@ class ControlledArm(NamedTuple):
     start_pose: Array
     oldest_wrench: int
     base_drives: int = 0
+    pressed: bool = False
 
 
 class CellTiming(NamedTuple):
