@@ -13,7 +13,7 @@ from coop_pin.cli.overrides import TypedFields, field_path, load_scenario
 
 
 @dataclasses.dataclass(frozen=True)
-class RootLocus:
+class Locus:
     """Draw the eigenvalues of the sampled closed loop over a gain, and print where it is stable.
 
     Every field of the scenario can be changed as in 'coop-pin run'. A
