@@ -64,7 +64,8 @@ def implausible_numbers(scenario: Scenario) -> tuple[str, ...]:
     """Return numbers of a scenario that are likely mistakes, one sentence each with the likely unit.
 
     Angles that look like degrees, positions and sizes beyond 10 m, postures beyond joint limits, a start away
-    from the motion's start, grasps outside the payload's shape, and no squeeze.
+    from the motion's start, grasps outside the payload's shape, no squeeze, and a law that does not read the
+    plan of the grasps.
 
     Args:
         scenario: scenario that would be run.
@@ -77,6 +78,17 @@ def implausible_numbers(scenario: Scenario) -> tuple[str, ...]:
             *_start(scenario),
             *_grasps(scenario),
             *_squeeze(scenario),
+            *_plan(scenario),
+        )
+
+
+def _plan(scenario: Scenario) -> Iterator[str]:
+    """Yield a law whose arms do not read that one of them holds nothing."""
+    law = scenario.controller
+    if scenario.grasp_events and not (law.user_code or law.reads_plan):
+        yield (
+            f"the law {law.kind!r} does not read the plan of the grasps: an arm that lets go, or takes hold,"
+            " goes on with the load share of the cell; 'payload-space' reads it"
         )
 
 

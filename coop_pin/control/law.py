@@ -104,6 +104,8 @@ class Law(Description):
     """What the law uses besides kinematics where it is measured."""
     spare_spring: ClassVar[str] = ""
     """Path of the field with the spring of spare joints; empty if the law has none."""
+    reads_plan: ClassVar[bool] = False
+    """Whether its arms read their load share from the plan of the grasps, as one that holds nothing must."""
     _stored_as: Any = PrivateAttr(default=None)
 
     kind: str

@@ -91,6 +91,8 @@ class MeanPose(PayloadSpace):
     Its integral does not leak where no wrench is measured, unless ``gains.leak`` says so.
     """
 
+    reads_plan: ClassVar[bool] = False
+
     kind: Literal["mean-pose"] = "mean-pose"  # type: ignore[assignment]  # names the class, not its base
 
     @property

@@ -312,6 +312,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     }
 
     spare_spring: ClassVar[str] = "controller.posture.stiffness"
+    reads_plan: ClassVar[bool] = True
 
     kind: Literal["payload-space"] = "payload-space"
     switching: Switching = Saturation(width=0.05)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Mask
+from coop_pin.description.events import MISSED
 from coop_pin.description.scenario import Scenario
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M
@@ -69,6 +70,20 @@ def telling_instant(result: RunResult) -> Instant:
     else:
         said = f"the arms load the payload across with {read_number(shear[arm])} N"
     return Instant(f"{when} {said}; {_motion(result, worst)}{moment_text}.", t)
+
+
+def events_text(result: RunResult) -> str:
+    """Return what happened to arms and grasps of a run, as sentences; empty without such an event."""
+    remarks = result.data.attrs.get(RunResult.REMARKS, "").splitlines()
+    missed = [remark for remark in remarks if MISSED in remark]
+    told = [
+        event.told
+        for event in sorted(result.scenario.events, key=lambda event: event.time)
+        if event.told and event.time <= result.end
+        if not any(event.is_named(remark) for remark in missed)
+    ]
+    sentences = [*["; ".join(told)][: len(told)], *missed]
+    return " ".join(f"{sentence[:1].upper()}{sentence[1:]}." for sentence in sentences)
 
 
 def _is_late(result: RunResult) -> Mask:

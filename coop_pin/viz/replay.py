@@ -19,7 +19,7 @@ from coop_pin.viz.arrows import ArrowScales, recorded_scales
 from coop_pin.viz.cell_scene import cell_scene
 from coop_pin.viz.curves import Curve, cell_curves, curve_rows, thinned_rows
 from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, frame_samples, run_samples
-from coop_pin.viz.highlights import instants, spans, telling_instant, trust_text
+from coop_pin.viz.highlights import events_text, instants, spans, telling_instant, trust_text
 from coop_pin.viz.page import (
     DATA,
     SCRIPTS,
@@ -159,8 +159,11 @@ def _replay(result: RunResult, times: Iterable[float], scales: ArrowScales) -> t
 def _told(result: RunResult) -> str:
     """Return sentence and verdict of a run, as HTML; the sentence leads to its instant."""
     kind, instant = "verdict" if result.trustworthy else "verdict broken", telling_instant(result)
+    happened = events_text(result)
     return (
-        f'<button class="told" data-time="{instant.time:g}"><small>largest error of the internal force '
+        f'<p class="happened">{html.escape(happened)}</p>\n'
+        * bool(happened)
+        + f'<button class="told" data-time="{instant.time:g}"><small>largest error of the internal force '
         f"(click to go there)</small>{html.escape(instant.text)}</button>\n"
         f'<p class="{kind}">{html.escape(trust_text(result))}</p>'
     )
