@@ -49,8 +49,8 @@ def _draw_plane(figure: Figure, panel: Axes, locus: RootLocus) -> None:
     order = np.argsort(factors)
     norm = LogNorm(factors.min(), factors.max() if np.ptp(factors) else 1.01 * factors.max())
     dots = panel.scatter(z.real[order], z.imag[order], s=9.0, c=factors[order], cmap="viridis", norm=norm)
-    own = z[np.isclose(factors, 1.0)]
-    panel.plot(own.real, own.imag, "x", color=palette.INTERNAL, markersize=5.0)
+    base = z[np.isclose(factors, 1.0)]
+    panel.plot(base.real, base.imag, "x", color=palette.INTERNAL, markersize=5.0)
     edge = min(_LARGEST, 1.08 * max(1.0, float(np.abs(z).max())))
     panel.set(xlim=(-edge, edge), ylim=(-edge, edge), aspect="equal", xlabel="Re z")
     label(panel, "eigenvalues from tick to tick", "Im z")
@@ -71,9 +71,9 @@ def _draw_radius(panel: Axes, locus: RootLocus) -> None:
     panel.plot(locus.factors, radii, color=palette.EVENT, linewidth=0.8)
     names = [loop.slowest.name for loop in locus.loops]
     for number, name in enumerate(dict.fromkeys(names)):
-        own = np.array([one == name for one in names])
+        mask = np.array([one == name for one in names])
         dots: dict[str, Any] = {"color": palette.series(number), "markersize": 4.0, "label": as_written(name)}
-        panel.plot(locus.factors[own], radii[own], "o", **dots)
+        panel.plot(locus.factors[mask], radii[mask], "o", **dots)
     panel.axhline(1.0, color=palette.LIMIT, linewidth=0.8)
     for bound in locus.bounds:
         panel.axvline(bound, color=palette.EVENT, linestyle=(0, (4, 2)), linewidth=1.0)
