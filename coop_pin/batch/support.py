@@ -100,6 +100,8 @@ def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstan
         if reason := law_reason(law):
             raise TracingError(reason)
         return
+    if scenario.network is not None:
+        raise TracingError(f"its controller {law.user_code[0]!r} is a user's, whose messages are not traced")
     try:
         ticks = random_ticks(scenario, run, constants)
         controller, rows = build_controller(scenario), scenario.cell.task_rows

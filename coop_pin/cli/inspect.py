@@ -214,6 +214,8 @@ class Check:
             _print(f"  {internal_moment(scenario, reach, law.posture).summary()}")
         errors = steady_errors(scenario, bias=self.bias, load=self.load)
         _print(textwrap.indent(errors.summary(), "  "))
+        if scenario.network is not None:
+            _print(f"  {simulation.traffic().summary(scenario.clock.rate_hz)}")
         if errors.growth > 0.0:
             earliest = max(0.0, force_reserve(scenario, reach)) / errors.growth
             _print(f"  ! the force that grows is beyond the first drive {earliest:.3g} s later or after")
