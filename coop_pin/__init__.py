@@ -117,6 +117,7 @@ _PUBLIC = {
     "new_cell": "coop_pin.analysis",
     "open_view": "coop_pin.viz",
     "reachability": "coop_pin.analysis",
+    "root_locus": "coop_pin.analysis",
     "run": "coop_pin.run_scenario",
     "sampled_stability": "coop_pin.analysis",
     "scenario_names": "coop_pin.description",

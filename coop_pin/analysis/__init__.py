@@ -13,6 +13,7 @@ from coop_pin.analysis.new_cell import new_cell
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
 from coop_pin.analysis.plausibility import implausible_numbers, run_warnings
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
+from coop_pin.analysis.root_locus import RootLocus, root_locus
 from coop_pin.analysis.sampled_motion import Mode, SampledMotion, sampled_motion
 from coop_pin.analysis.sampled_stability import (
     SampledStability,
@@ -56,6 +57,7 @@ __all__ = [
     "MotionWrenches",
     "NearlySingular",
     "Reachability",
+    "RootLocus",
     "SampledMotion",
     "SampledStability",
     "StaticTorques",
@@ -85,6 +87,7 @@ __all__ = [
     "new_cell",
     "positional_torques",
     "reachability",
+    "root_locus",
     "run_warnings",
     "sampled_motion",
     "sampled_stability",
