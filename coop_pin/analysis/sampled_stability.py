@@ -305,18 +305,17 @@ def _stability_value(entry: complex) -> float:
 def _torque_of(simulation: Simulation, q: Array, time: float) -> Callable[[Array], Array]:
     """Return the controller's generalised force at a pose and time as a function of the velocity.
 
-    Measured internal wrenches are as desired, joints are measured as they are. Torque limits play no part.
+    Measured internal wrenches are as desired, joints are measured as they are, and messages arrive at once.
+    Torque limits play no part.
     """
     plant, start, references = simulation.plant, simulation.references(0.0), simulation.references(time)
     ideal = simulation.scenario.replace(sensors=Sensors(), arm_sensors={}, beyond_bound=True)
     sensing = Sensing(ideal, plant.chain.model.arms, holding_torques=simulation.actuation.holding_commands)
-    state = simulation.controller.init(sensing.start(plant.q, np.zeros(len(plant.v)), start), start)
+    law, at_once, rest = simulation.controller, simulation.exchange.at_once, np.zeros(len(plant.v))
+    state = law.init(at_once(law, sensing.start(plant.q, rest, start), start, None), start)
     # Laws are linear in small speeds but for bounded signs, which cancel between opposite large ones.
     speed, slots = simulation.scenario.controller.linear_speed, plant.chain.model.arms
-    at_rest = [
-        seen._replace(time=time, reported_torque=None)
-        for seen in sensing.start(q, np.zeros(len(plant.v)), references)
-    ]
+    at_rest = [seen._replace(time=time, reported_torque=None) for seen in sensing.start(q, rest, references)]
 
     def torque(v: Array) -> Array:
         rates = [frozen(slot.drive.dot(speed * v[slot.v_slice])) for slot in slots]
@@ -324,7 +323,7 @@ def _torque_of(simulation: Simulation, q: Array, time: float) -> Callable[[Array
             seen._replace(v=rate, payload_twist=frozen(seen.payload_jacobian.dot(rate)))
             for seen, rate in zip(at_rest, rates, strict=True)
         ]
-        command = simulation.controller.step(measurements, references, state)
+        command = law.step(at_once(law, measurements, references, state), references, state)
         return plant.transmission.torque(simulation.actuation.torques_of(command)) / speed
 
     return torque

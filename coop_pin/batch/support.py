@@ -81,6 +81,8 @@ def plant_reason(plant: PlantOptions, cell: Cell, events: Sequence[PayloadEvent]
     if cell.has_contacts:
         names = [*cell.patches, *cell.tables]
         return f"the contacts {names} have friction; the traced plant has rigid grasps and no tables"
+    if cell.pads:
+        return f"its pads {list(cell.pads)} have margins of friction, which batches do not compute"
     if plant.payload != "welded":
         return "its plant has a free payload; the traced one has it welded to the first arm"
     if plant.integrator != "rk4" or plant.project != "start":
@@ -100,6 +102,8 @@ def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstan
         if reason := law_reason(law):
             raise TracingError(reason)
         return
+    if scenario.network is not None:
+        raise TracingError(f"its controller {law.user_code[0]!r} is a user's, whose messages are not traced")
     try:
         ticks = random_ticks(scenario, run, constants)
         controller, rows = build_controller(scenario), scenario.cell.task_rows

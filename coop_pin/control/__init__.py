@@ -20,10 +20,11 @@ from coop_pin.control.interface import (
     CellTiming,
     ControlledArm,
     DecentralisedController,
+    Message,
 )
 from coop_pin.control.law import DecentralisedLaw, Law, PostureGains
 from coop_pin.control.leader_follower import LeaderFollower, LeaderFollowerController, LeaderFollowerGains
-from coop_pin.control.mean_pose import MeanPose, MeanPoseController
+from coop_pin.control.mean_pose import MeanPose, MeanPoseByMessages, MeanPoseController
 from coop_pin.control.payload_space import (
     PayloadSpace,
     PayloadSpaceController,
@@ -70,7 +71,9 @@ __all__ = [
     "LeaderFollowerGains",
     "LowPassForcePath",
     "MeanPose",
+    "MeanPoseByMessages",
     "MeanPoseController",
+    "Message",
     "NoForcePath",
     "PayloadSpace",
     "PayloadSpaceController",

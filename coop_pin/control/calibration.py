@@ -51,6 +51,14 @@ class ZeroedController(ArmController):
         offset = inverse_pose(measurement.payload_pose) @ self.start_pose
         return ZeroedState(offset, self.law.init(self._zeroed(measurement, offset), reference))
 
+    def message(
+        self, measurement: ArmMeasurement, reference: ArmReference, state: ZeroedState | None
+    ) -> Array:
+        """Return what the law tells the others."""
+        offset = inverse_pose(measurement.payload_pose) @ self.start_pose if state is None else state.offset
+        law_state = None if state is None else state.law
+        return self.law.message(self._zeroed(measurement, offset), reference, law_state)
+
     def step(self, measurement: ArmMeasurement, reference: ArmReference, state: ZeroedState) -> ArmCommand:
         """Return the drive torque of this tick and the state of the next; raises as the law."""
         command = self.law.step(self._zeroed(measurement, state.offset), reference, state.law)

@@ -20,6 +20,18 @@ from coop_pin.errors import SingularJacobianError
 from coop_pin.spatial.task_rows import TaskRows
 
 
+class Message(NamedTuple):
+    """Latest message that an arm has heard from a neighbour.
+
+    Attributes:
+        numbers: numbers that were said, rounded as they were sent, shape (w,); zero before the first.
+        age: ticks since it was said; inf before the first.
+    """
+
+    numbers: Array
+    age: float
+
+
 class ArmMeasurement(NamedTuple):
     """Measurement of one arm at one tick, in drive coordinates and task rows; the arrays are read-only.
 
@@ -48,6 +60,8 @@ class ArmMeasurement(NamedTuple):
             lag. A lost drive reports 0; a missed tick is no cut. Zero in the first measurement; None where
             drives report nothing.
         slip: largest distance that a patch of the cell has slid since the start, m; None without patches.
+        messages: latest message of each arm that this one hears, by name in the order of the cell's arms, its
+            own among them as it was sent; None where the scenario has no network, or the law says nothing.
     """
 
     time: float
@@ -64,6 +78,7 @@ class ArmMeasurement(NamedTuple):
     holding_torque: Array | None = None
     reported_torque: Array | None = None
     slip: float | None = None
+    messages: Mapping[str, Message] | None = None
 
 
 class ArmReference(NamedTuple):
@@ -252,6 +267,16 @@ class ArmController(ABC):
         """What it commands: "torque", "velocity" or "position"; a class attribute replaces it."""
         return "torque"
 
+    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
+        """Return what this arm tells the others at a tick, before any arm steps, shape (w,); nothing here.
+
+        Args:
+            measurement: Measurement of the tick, without messages.
+            reference: Reference of the tick.
+            state: State that ``step`` returned; None once more before ``init``, which hears messages, too.
+        """
+        return np.zeros(0)
+
     def remarks(self, pose: Array, state: Any) -> list[str]:
         """Return sentences on what a state says of a run; none by default.
 
@@ -289,6 +314,12 @@ class CellController(ABC):
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
     ) -> CellCommand:
         """Return each arm's command until the next tick, and the state for it."""
+
+    def messages(
+        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
+    ) -> list[Array]:
+        """Return what each arm tells the others at a tick; none of a law that sees all arms."""
+        return []
 
     def remarks(self, pose: Array, state: Any) -> list[str]:
         """Return sentences on what a state says of a run, as an ArmController; none by default."""
@@ -342,6 +373,16 @@ class DecentralisedController(CellController):
             )
         ]
         return CellCommand.of_arms(commands)
+
+    def messages(
+        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
+    ) -> list[Array]:
+        """Return what each arm tells the others at a tick; see ArmController."""
+        laws = self.controllers.values()
+        states = [None] * len(laws) if state is None else state
+        return [
+            law.message(*inputs) for law, *inputs in zip(laws, measurements, references, states, strict=True)
+        ]
 
     def remarks(self, pose: Array, state: tuple[Any, ...]) -> list[str]:
         """Return the sentences of all arms, with their names."""

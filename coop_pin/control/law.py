@@ -32,7 +32,7 @@ from coop_pin.control.interface import (
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.terms import Posture
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, NotNegative, Vector, unknown_arms
+from coop_pin.schema.base import Description, NotNegative, Vector, WithLaterFields, unknown_arms
 from coop_pin.spatial.task_rows import TaskRows, joint_shortage
 
 _WRITTEN_FIRST = ("kind", "target", "options", "gains", "arm_gains", "switching", "force_path")
@@ -93,7 +93,7 @@ INFORMATION: Mapping[str, set[str]] = {
 """Classes of what laws measure, the largest first, and the needs that make a law one of them."""
 
 
-class Law(Description):
+class Law(WithLaterFields):
     """A controller as a scenario states it, and what is asked of every one.
 
     Attributes:
@@ -104,6 +104,8 @@ class Law(Description):
     """What the law uses besides kinematics where it is measured."""
     spare_spring: ClassVar[str] = ""
     """Path of the field with the spring of spare joints; empty if the law has none."""
+    reads_plan: ClassVar[bool] = False
+    """Whether its arms read their load share from the plan of the grasps, as one that holds nothing must."""
     _stored_as: Any = PrivateAttr(default=None)
 
     kind: str
@@ -111,7 +113,7 @@ class Law(Description):
 
     @model_serializer(mode="wrap")
     def _written(self, fields_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        fields = fields_of(self)
+        fields = super()._written(fields_of)
         return {name: fields[name] for name in _WRITTEN_FIRST if name in fields} | fields
 
     @property

@@ -312,6 +312,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     }
 
     spare_spring: ClassVar[str] = "controller.posture.stiffness"
+    reads_plan: ClassVar[bool] = True
 
     kind: Literal["payload-space"] = "payload-space"
     switching: Switching = Saturation(width=0.05)
@@ -326,7 +327,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     @classmethod
     def _without_bound(cls, fields: Any) -> Any:
         """Return the fields of a record without ``anchor_bias``: of a law that bounds no anchor."""
-        omitted = {*_BOUND, "payload_mass", "slip_guard"}
+        omitted = {*_BOUND, "payload_mass", "slip_guard", *cls.later_fields}
         is_record = isinstance(fields, Mapping) and {*cls.model_fields} - omitted <= {*fields} - {*_BOUND}
         return {"anchor_bias": "none"} | dict(fields) if is_record else fields
 

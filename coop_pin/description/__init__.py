@@ -5,7 +5,7 @@ from coop_pin.description.actuators import Actuators, GravityCompensation
 from coop_pin.description.arm import Arm, JointFriction, Miscalibration
 from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.cell import Cell, grasps_from_configuration
-from coop_pin.description.contact import PatchGrasp, Table
+from coop_pin.description.contact import Pad, PatchGrasp, Table
 from coop_pin.description.controller import ModelFactors, UserController
 from coop_pin.description.events import (
     GravityTurn,
@@ -18,6 +18,7 @@ from coop_pin.description.events import (
 from coop_pin.description.grasp import CompliantGrasp
 from coop_pin.description.grasp_events import HandOver, Regrasp, Release
 from coop_pin.description.mobile_base import MobileBase
+from coop_pin.description.network import ArmClock, Channel, EdgeChannel, GraphChange, Network
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.scenario import Scenario
@@ -38,11 +39,15 @@ __all__ = [
     "SERVOS",
     "Actuators",
     "Arm",
+    "ArmClock",
     "Cell",
+    "Channel",
     "Clock",
     "CompliantGrasp",
     "DifferencedVelocity",
+    "EdgeChannel",
     "Encoder",
+    "GraphChange",
     "GravityCompensation",
     "GravityTurn",
     "HandOver",
@@ -52,7 +57,9 @@ __all__ = [
     "Miscalibration",
     "MobileBase",
     "ModelFactors",
+    "Network",
     "ObservedVelocity",
+    "Pad",
     "Partner",
     "PatchGrasp",
     "Payload",

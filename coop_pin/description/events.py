@@ -28,6 +28,9 @@ from coop_pin.schema.base import (
 from coop_pin.schema.pose import Pose
 from coop_pin.schema.user_code import FunctionName, load_function
 
+MISSED = "did not happen"
+"""Words in the remark of a run on an event that did not happen."""
+
 
 class Surroundings(NamedTuple):
     """Payload and what acts on it from outside, from an instant on.
@@ -74,6 +77,15 @@ class PayloadEvent(Description):
     def instant(self) -> float:
         """Time at which the event acts on the plant, s."""
         return self.time
+
+    @property
+    def told(self) -> str:
+        """Part of the sentence on what happened to arms and grasps; empty for other events."""
+        return ""
+
+    def is_named(self, remark: str) -> bool:
+        """Return whether a remark of a run says that the event did not happen."""
+        return False
 
     def act(self, plant: Any, arms: Sequence[str]) -> None:
         """Change the plant itself at the event's instant: grasps and brakes.
@@ -194,6 +206,11 @@ class LoseArm(PayloadEvent):
         field = "commands_lost_at" if self.form == "own weight" else "torque_lost_at"
         return actuators.replace(**{field: self.time})
 
+    @property
+    def told(self) -> str:
+        """The arm, and what is left of it."""
+        return f"{self.arm} fails at {self.time:g} s ({self.form})"
+
     def act(self, plant: Any, arms: Sequence[str]) -> None:
         """Close the brakes."""
         if self.form == "braked":
@@ -272,6 +289,11 @@ class Partner(PayloadEvent):
         """Return the surroundings, with the partner while it holds."""
         holds = surroundings.partners + (self,) * (time < self.end)
         return surroundings._replace(partners=holds)
+
+    @property
+    def told(self) -> str:
+        """Time of the hold."""
+        return f"a partner holds the payload from {self.time:g} to {self.end:g} s"
 
     def text(self, surroundings: Surroundings) -> str:
         """Return stiffness and duration."""

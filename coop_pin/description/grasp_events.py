@@ -16,6 +16,7 @@ from pydantic import Field
 from coop_pin.arrays import Array, Mask
 from coop_pin.description.cell import Cell
 from coop_pin.description.events import (
+    MISSED,
     GravityTurn,
     LoseArm,
     Partner,
@@ -79,6 +80,12 @@ class Release(GraspEvent):
     retreat_time: Positive = 1.0
     holds = False
     title = heading = "release"
+
+    @property
+    def told(self) -> str:
+        """The arm, and when it lets go."""
+        over = "hands over and " * (self.instant > self.time)
+        return f"{self.arm} {over}lets go at {self.instant:g} s"
 
     def act(self, plant: Any, arms: Sequence[str]) -> None:
         """Open the grasp."""
@@ -163,6 +170,20 @@ class Regrasp(GraspEvent):
     def load(self, time: float) -> float:
         """Return the quintic of the time."""
         return quintic(time, self.time, self.duration).value
+
+    @property
+    def told(self) -> str:
+        """The arm, and when it takes hold."""
+        return f"{self.arm} takes hold at {self.time:g} s"
+
+    @property
+    def named(self) -> str:
+        """Name, arm and time."""
+        return f"{self.title} by {self.arm!r} at {self.time:g} s"
+
+    def is_named(self, remark: str) -> bool:
+        """Return whether a remark of a run says that the grasp did not happen."""
+        return remark.startswith(f"{self.named} {MISSED}")
 
     def act(self, plant: Any, arms: Sequence[str]) -> None:
         """Close the grasp, if the tip is there."""

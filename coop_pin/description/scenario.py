@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -18,6 +18,7 @@ from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller
 from coop_pin.description.events import LoseArm, Surroundings
 from coop_pin.description.grasp_events import Event, GraspEvent, GraspPlan, grasp_plan, sequence_problems
+from coop_pin.description.network import ArmClock, Network
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.relative_paths import anchor_files
 from coop_pin.description.scenario_file import commented_toml, resolved_toml
@@ -27,11 +28,11 @@ from coop_pin.errors import FieldError, NameNotFoundError, one_or_all
 from coop_pin.reference.motions import Motion
 from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze
 from coop_pin.schema.base import (
-    Description,
     Name,
     Positive,
     Text,
     Vector,
+    WithLaterFields,
     check_arm_names,
     overridden,
     unknown_arms,
@@ -44,7 +45,7 @@ _MOST_CHANGES = 6
 """Most changes that a caption tells."""
 
 
-class Scenario(Description):
+class Scenario(WithLaterFields):
     """Everything that determines a run.
 
     Attributes:
@@ -72,7 +73,10 @@ class Scenario(Description):
         sensors: sensors of every arm.
         arm_sensors: sensors of single arms, in place of ``sensors``.
         seed: seed of the random sources; every source draws from a generator of its own.
+        network: messages between the arms; without one, none cross.
     """
+
+    later_fields: ClassVar[tuple[str, ...]] = ("network",)
 
     name: Name
     summary: Text = ""
@@ -94,6 +98,7 @@ class Scenario(Description):
     sensors: Sensors = Sensors()
     arm_sensors: dict[str, Sensors] = Field(default_factory=dict)
     seed: int = Field(default=0, ge=0, lt=2**63)
+    network: Network | None = None
 
     # Each validator needs only the fields that it reads, so that a mistake in one hides none in another.
 
@@ -122,7 +127,7 @@ class Scenario(Description):
             squeeze.check_arms(earlier.data["cell"].grasps)
         return squeeze
 
-    @field_validator("events", "actuators", "arm_actuators", "sensors", "arm_sensors")
+    @field_validator("events", "actuators", "arm_actuators", "sensors", "arm_sensors", "network")
     @classmethod
     def _fits_the_run(cls, value: Any, earlier: ValidationInfo) -> Any:
         problems = list[FieldError]()
@@ -211,6 +216,12 @@ class Scenario(Description):
     def sensors_of(self, arm: str) -> Sensors:
         """Return the sensors of one arm."""
         return self.arm_sensors.get(arm, self.sensors)
+
+    @property
+    def clocks(self) -> dict[int, ArmClock]:
+        """Clocks that are not exact, by the arm's number."""
+        clocks = {} if self.network is None else self.network.clocks
+        return {index: clocks[name] for index, name in enumerate(self.cell.arms) if name in clocks}
 
     def surroundings_at(self, time: float) -> Surroundings:
         """Return the payload, and what acts on it from outside, from a time on, s."""
@@ -345,6 +356,8 @@ class Scenario(Description):
 
 def _parts(value: Any) -> dict[str, Any]:
     """Return the values of a field by their path within it."""
+    if value is None:
+        return {}
     if isinstance(value, tuple):
         return {str(index): part for index, part in enumerate(value)}
     return value if isinstance(value, dict) else {"": value}

@@ -21,7 +21,7 @@ from coop_pin.chain.grasp_springs import GraspsHeld
 from coop_pin.chain.integrators import INTEGRATORS, configuration_space
 from coop_pin.chain.partner import PartnerState, partner_state
 from coop_pin.chain.rigid_grasps import ClosuresHeld
-from coop_pin.description.events import Surroundings
+from coop_pin.description.events import MISSED, Surroundings
 from coop_pin.description.grasp_events import Regrasp
 from coop_pin.description.plant import PlantOptions
 from coop_pin.results.quantities import WORK, WORK_OF_GRASPS
@@ -46,9 +46,8 @@ class MissedGrasp(NamedTuple):
         """Return it as one sentence."""
         event, (distance, angle) = self.event, self.gap
         return (
-            f"{event.title} by {event.arm!r} at {event.time:g} s did not happen: its tip was"
-            f" {1e3 * distance:.3g} mm and {angle:.3g} rad from the grasp, allowed are"
-            f" {1e3 * event.tolerance:g} mm and {event.angle_tolerance:g} rad"
+            f"{event.named} {MISSED}: its tip was {1e3 * distance:.3g} mm and {angle:.3g} rad from the grasp,"
+            f" allowed are {1e3 * event.tolerance:g} mm and {event.angle_tolerance:g} rad"
         )
 
 

@@ -24,10 +24,10 @@ FRAMES_PER_SECOND = 30.0
 NEAR_SINGULAR = 100.0
 """Condition number of the payload Jacobian from which an arm counts as near singular; 5 to 20 is usual."""
 
-PLAIN, SINGULAR, SATURATED = 0, 1, 2
+PLAIN, SINGULAR, SATURATED, FREE = 0, 1, 2, 3
 """Codes of warning colours."""
 
-WARNING_COLOURS = (None, palette.SINGULAR, palette.SATURATED)
+WARNING_COLOURS = (None, palette.SINGULAR, palette.SATURATED, palette.FREE)
 """Warning colours by code; None is the body's own colour."""
 
 
@@ -74,7 +74,7 @@ class CellFrames:
             samples["tip_position"],
             *(np.nan_to_num(samples[name]) for name in wrenches),
             *strut_columns(samples),
-            warning_codes(names, self.visuals.joints, saturated, condition),
+            warning_codes(names, self.visuals.joints, saturated, condition, free_arms(samples)),
         )
         return np.concatenate([part.reshape(n, -1) for part in parts], axis=1)
 
@@ -124,18 +124,30 @@ def frame_samples(time: Array, frames_per_second: float, instants: Sequence[floa
     return np.unique(np.maximum(np.searchsorted(time, times + 1e-9, side="right") - 1, 0))
 
 
+def free_arms(samples: Samples) -> Mask:
+    """Return which arms hold nothing by the plan, shape (n, m); none in a run without a plan.
+
+    Args:
+        samples: quantities by name, n samples along the first axis.
+    """
+    condition = samples["jacobian_condition"]
+    return np.equal(samples.get("load_share", np.ones_like(condition)), np.zeros_like(condition))
+
+
 def warning_codes(
-    bodies: Sequence[str], joints: Mapping[str, Sequence[str]], saturated: Mask, condition: Array
+    bodies: Sequence[str], joints: Mapping[str, Sequence[str]], saturated: Mask, condition: Array, free: Mask
 ) -> NDArray[np.int8]:
     """Return the codes of the bodies' warning colours.
 
-    The whole arm has a warning colour near a singularity, the driven link at a torque limit.
+    The whole arm has a warning colour near a singularity and while it holds nothing, the driven link at a
+    torque limit.
 
     Args:
         bodies: ``<arm>/<joint>`` or ``<arm>/base``.
         joints: driven joints of each arm, in the order of the arrays.
         saturated: mask of the torques at their limits, shape (n, m, k).
         condition: condition numbers of the payload Jacobians, shape (n, m).
+        free: mask of the arms that hold nothing, shape (n, m).
 
     Returns:
         Codes, shape (n, bodies).
@@ -145,6 +157,7 @@ def warning_codes(
     for index, body in enumerate(bodies):
         name, _, joint = body.partition("/")
         arm = arms.index(name)
+        codes[free[:, arm], index] = FREE
         codes[condition[:, arm] >= NEAR_SINGULAR, index] = SINGULAR
         if joint in joints[name]:
             codes[saturated[:, arm, joints[name].index(joint)], index] = SATURATED

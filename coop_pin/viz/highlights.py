@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Mask
+from coop_pin.description.events import MISSED
 from coop_pin.description.scenario import Scenario
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M
@@ -46,6 +47,9 @@ def telling_instant(result: RunResult) -> Instant:
     Args:
         result: the run.
     """
+    if math.isfinite(result.dropped_at):
+        said = result.friction_text
+        return Instant(f"{said[0].upper()}{said[1:]}.", result.dropped_at)
     data = result.data
     errors = (data[f"internal_{part}_error"].values for part in ("axial", "shear"))
     error = np.nan_to_num(np.hypot(*errors)).max(axis=1)
@@ -69,6 +73,20 @@ def telling_instant(result: RunResult) -> Instant:
     else:
         said = f"the arms load the payload across with {read_number(shear[arm])} N"
     return Instant(f"{when} {said}; {_motion(result, worst)}{moment_text}.", t)
+
+
+def events_text(result: RunResult) -> str:
+    """Return what happened to arms and grasps of a run, as sentences; empty without such an event."""
+    remarks = result.data.attrs.get(RunResult.REMARKS, "").splitlines()
+    missed = [remark for remark in remarks if MISSED in remark]
+    told = [
+        event.told
+        for event in sorted(result.scenario.events, key=lambda event: event.time)
+        if event.told and event.time <= result.end
+        if not any(event.is_named(remark) for remark in missed)
+    ]
+    sentences = [*["; ".join(told)][: len(told)], *missed]
+    return " ".join(f"{sentence[:1].upper()}{sentence[1:]}." for sentence in sentences)
 
 
 def _is_late(result: RunResult) -> Mask:
@@ -95,6 +113,7 @@ def trust_text(result: RunResult) -> str:
     """Return the verdict on a run as one line, with what was judged and the thresholds."""
     if not result.trustworthy:
         return result.verdict()
+    said = f"; {result.friction_text}" if result.friction_text else ""
     allowed, data = result.scenario.trust, result.data
     limits = {"joints within their stops": "position_upper", "torque limits kept": "torque_limit"}
     kept = [text for text, name in limits.items() if np.isfinite(data[name].values).any()]
@@ -103,7 +122,7 @@ def trust_text(result: RunResult) -> str:
         f"energy to {result.energy_balance_max():.1g} J ({allowed.energy_share:g} of the work)",
         f"condition number {data['jacobian_condition'].values.max():.2g} ({allowed.jacobian_condition:g})",
     )
-    return f"simulation sound: {', '.join((*numbers, *kept))}"
+    return f"simulation sound: {', '.join((*numbers, *kept))}{said}"
 
 
 def instants(result: RunResult) -> list[Instant]:

@@ -34,6 +34,7 @@ _COLOURS = {
     "external": palette.EXTERNAL,
     "saturated": palette.SATURATED,
     "singular": palette.SINGULAR,
+    "free": palette.FREE,
     "floor": palette.FLOOR,
     "floor_lines": palette.FLOOR_LINES,
 }
