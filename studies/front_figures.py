@@ -58,7 +58,7 @@ def pareto(points: Array) -> Array:
 
 
 def front_figure(judged: pd.DataFrame, tuning: pd.DataFrame) -> Figure:
-    """Return a column of panels for each cell, as wide as a page: the runs of the tuning, then some trials."""
+    """Return a column of panels for each cell, as wide as a page: the runs of the tuning, then trials."""
     cells = [cell for cell in TITLES if cell in set(judged["cell"])]
     rows = ("tuning", *SHOWN)
     with styled():
