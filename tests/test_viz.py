@@ -247,6 +247,18 @@ def test_colours_differ_for_every_eye_and_those_of_arms_in_grey() -> None:
             assert min(np.linalg.norm(seen(one, eye) - seen(other, eye)) for eye in eyes) > 15.0
 
 
+def test_the_sentence_names_the_arm_where_there_are_three() -> None:
+    result = run("three-ur5-plate", {"duration": 0.1}, warn=False)
+    for part, said in (
+        ("shear", "load the payload across with 50 N, most at second"),
+        ("axial", "pull the payload apart with 50 N, most at second, where"),
+    ):
+        data = result.data.copy(deep=True)
+        data[f"internal_{part}"][-1, 1] = 50.0
+        data[f"internal_{part}_error"][-1, 1] = 50.0
+        assert said in telling_instant(RunResult(result.scenario, data)).text
+
+
 def test_a_force_that_the_motion_hides_is_called_so(spatial: Replay) -> None:
     data = spatial.result.data.copy(deep=True)
     data["internal_axial"][100:, 0] += 50.0
