@@ -106,7 +106,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         },
         {"pinocchio"},
     ),
-    "figures": ({"comparison", "description", "results", "sweeps"}, {"matplotlib", "xarray"}),
+    "figures": ({"analysis", "comparison", "description", "results", "sweeps"}, {"matplotlib", "xarray"}),
     "viz": (
         {
             "schema",

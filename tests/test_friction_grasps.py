@@ -7,12 +7,14 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import coop_pin as cp
+from coop_pin.analysis import run_warnings
 from coop_pin.batch import support
 from coop_pin.build_controller import build_controller
 from coop_pin.results.metrics import energy_balance
 from coop_pin.simulation import Simulation
 from coop_pin.spatial import weight_wrench
 from coop_pin.spatial.internal_wrench import linkage_loads, virtual_linkage_internal_wrenches
+from coop_pin.viz.highlights import telling_instant
 
 BAR = {"kind": "bar", "mass": 1.5, "length": 0.24}
 
@@ -94,6 +96,7 @@ def test_a_crate_is_carried_by_friction_alone():
     assert float(data.patch_slip.max()) < 1e-9
     assert (data.patch_points.values == 8.0).all()
     assert_allclose(data.patch_wrench.values[:, :, 2], 60.0, atol=0.5)
+    assert result.friction_use().used.max() < 0.5
     exchanged = float(np.abs(np.diff(data.work_actuation.values)).sum())
     assert np.abs(energy_balance(data)).max() < 1e-3 * exchanged
     assert result.verdict() == "trustworthy"
@@ -106,20 +109,32 @@ def test_patches_slip_at_the_least_squeeze(name, mu):
     force = least(scenario)
     ramp = {"kind": "ramp", "start": squeeze(1.04 * force), "goal": squeeze(0.97 * force), "start_time": 0.05}
     ramp["duration"] = 0.07 * force / 3.5  # at most 6.6 N/s
-    data = cp.run(scenario.override({"squeeze": ramp, "duration": ramp["duration"] + 0.1})).data
+    result = cp.run(scenario.override({"squeeze": ramp, "duration": ramp["duration"] + 0.1}))
+    data = result.data
     F = data.patch_wrench.values
     N, f = F[..., 2].mean(axis=1), np.linalg.norm(F[..., :2], axis=-1).mean(axis=1)
     at_limit = f > 0.9999 * mu * N
     assert at_limit.any()
     assert_allclose(N[at_limit.argmax()], force, rtol=5e-3)
     assert N.min() > 0.0
+    used = result.friction_use().used
+    assert_allclose(used[at_limit.argmax()], 1.0, rtol=1e-2)
+    assert np.isnan(result.dropped_at)
+    assert "slides" in result.verdict()
 
 
 def test_a_squeeze_that_is_too_small_drops_the_crate_and_the_arms_stay():
     scenario = palms(duration=0.4)
     scenario = scenario.override({"squeeze": squeeze(0.7 * least(scenario))})
-    data = cp.run(scenario).data
+    result = cp.run(scenario)
+    data = result.data
     assert float(data.payload_position[-1, 2]) < 0.2
+    assert result.trustworthy
+    assert 0.05 < result.dropped_at < 0.2
+    assert result.metrics()["dropped_at_s"] == result.dropped_at
+    assert f"drops at {result.dropped_at:.3g} s" in result.verdict()
+    assert f"drops at {result.dropped_at:.3g} s" in telling_instant(result).text
+    assert any("least squeeze" in warning for warning in run_warnings(scenario, build_controller(scenario)))
     assert float(data.patch_points[-1].sum()) == 0.0
     assert float(data.patch_slip[-1].max()) < 0.05
     assert np.nanmax(np.abs(data.joint_velocity.values)) < 1.0

@@ -6,9 +6,9 @@ import itertools
 import numpy as np
 import pytest
 from batches import require_same_samples
-from cells import SCENARIOS
+from cells import SCENARIOS, planar_three_arms
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.linalg import expm
+from scipy.linalg import block_diag, expm
 
 import coop_pin as cp
 from coop_pin.batch.support import support
@@ -272,7 +272,7 @@ def test_without_error_the_motion_tends_to_the_prescribed_one_as_the_bandwidth_r
             **{"clock.steps_per_tick": n, "duration": 0.2, "squeeze": {}},
             motion=cp.LineMotion(start=start, goal=goal, duration=0.4),
         )
-        data, rows = cp.run(scenario, engine="batch").data, [0, 1, 5]
+        data, rows = cp.run(scenario, engine="batch" if n > 100 else "pinocchio").data, [0, 1, 5]
         error, V_d = (data[key].values[-1][rows] for key in ("pose_error", "desired_twist"))
         assert_allclose(error, -V_d / bandwidth, rtol=0.01)
         errors.append(np.abs(error).max())
@@ -379,11 +379,16 @@ def force_error(data):
     return np.linalg.norm(error[:, 0, :3], axis=1)
 
 
-def test_two_ur5_carry_5_kg_with_wrist_sensors_and_pull_apart_without():
-    """Under 0.5 mm of bias: 0.37 N at most with wrists; without 22.6 N after 6 s, growing by 3.7 N/s."""
-    sensed = force_error(cp.run(pair_of_ur5(True, 5e-4), engine="batch").data)
-    assert sensed[500:].max() < 1.0
-    assert_allclose(sensed[500:].max(), 0.373, atol=0.02)
+def test_two_ur5_with_wrist_sensors_carry_5_kg():
+    """0.37 N at most from 1 s on under 0.5 mm of bias: while moving and after."""
+    error = force_error(cp.run(pair_of_ur5(True, 5e-4), engine="batch").data)
+    assert_allclose(error[500:].max(), 0.373, atol=0.02)
+    assert error[-500:].mean() < 0.15
+
+
+@pytest.mark.slow
+def test_two_ur5_without_wrist_sensors_pull_apart():
+    """0.5 mm of bias: 22.6 N after 6 s, growing by 3.7 N/s; 5.5 N without bias."""
     blind = {bias: force_error(cp.run(pair_of_ur5(False, bias), engine="batch").data) for bias in (0.0, 5e-4)}
     assert_allclose([blind[0.0][-1], blind[5e-4][-1]], [5.5, 22.6], rtol=0.02)
     b = view_error(pair_of_ur5(False, 5e-4))
@@ -392,7 +397,7 @@ def test_two_ur5_carry_5_kg_with_wrist_sensors_and_pull_apart_without():
     assert_allclose((blind[5e-4][-1] - blind[5e-4][-501]) / 1.0, rate, rtol=0.1)
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
 def test_a_follower_of_the_leader_s_pose_pulls_with_its_whole_stiffness(name):
     """f = S_2 b, not the series of both: it follows the pose that its own pull shifts."""
     base = SCENARIOS[name]()
@@ -430,7 +435,7 @@ def yielding_pair(name, damping, **changes):
 
 def internal_forces(scenario):
     """Internal wrench of the second arm in task rows at each tick."""
-    data = cp.run(scenario, engine="batch").data
+    data = cp.run(scenario).data
     return scenario.cell.task_rows.select(data.internal_wrench.values[:, 1].T).T
 
 
@@ -444,3 +449,135 @@ def test_an_admittance_lets_a_bias_go_at_its_rate(name):
     expected = expm(-2.0 * 0.5 * np.linalg.solve(np.eye(len(G)) + G, G)) @ f[100]
     assert_allclose(f[200], expected, rtol=0, atol=0.02 * np.abs(f[100]).max())
     assert np.abs(f[200]).max() < 0.9 * np.abs(f[100]).max()
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_exact_feed_forward_takes_the_inertia_off_the_servo(name):
+    """Without payload to speak of, what P on velocity leaves is the arms' inertia: M a / (I k_v)."""
+    light = {"cell.payload.mass": 1e-3, "cell.payload.inertia": (1e-6, 1e-6, 1e-6, 0.0, 0.0, 0.0)}
+    changes = {"squeeze": {}, "actuators.gravity_compensation": {}, **light}
+    servo = {"position_bandwidth": 100.0, "velocity_bandwidth": 200.0, "rate_hz": 1000.0}
+    errors = []
+    for exact in (False, True):
+        scenario = servo_cell(name, "position", servo | {"exact_feedforward": exact}, **changes)
+        data = cp.run(scenario).data
+        errors.append(np.abs(data.pose_error.values[20:]).max(axis=0))
+    assert errors[1].max() < 0.3 * errors[0].max()
+
+
+# ---------------------------------------------------------------- exchanged wrenches
+
+
+def three_arms(name):
+    """Three arms of unequal shares at one payload, still, without weight, 0.5 mm of bias at the first tip."""
+    if name == "planar":
+        base = planar_three_arms("adept-anchored")
+    else:
+        base = cp.Scenario.load("three-ur5-plate")
+        base = base.override({"cell.load_shares": dict(zip(base.cell.arms, (0.2, 0.3, 0.5), strict=True))})
+    first, *_ = arms = list(base.cell.arms)
+    free = {f"cell.arms.{arm}.{name}": "none" for arm in arms for name in ("friction", "torque_limits")}
+    damping = np.where(np.array(base.cell.task_rows.indices) < 3, 3000.0, 60.0).tolist()
+    gains = {"admittance_damping": damping, "pose_gain": 5.0}
+    return base.override(
+        {
+            "duration": 1.0,
+            "events": [],
+            "cell.gravity": (0.0, 0.0, 0.0),
+            "squeeze": {},
+            "motion": cp.HoldMotion(pose=base.start),
+            "clock.rate_hz": 200.0,
+            "clock.steps_per_tick": 4,
+            "actuators.servo": {"command": "velocity", "rate_hz": 200.0, "velocity_bandwidth": 50.0},
+            "controller": {"kind": "admittance", "gains": gains},
+            "sensors.wrist": {},
+            f"cell.arms.{first}.calibration_error.tip.xyz": [5e-4, 0.0, 0.0],
+            **free,
+        }
+    )
+
+
+def wrenches(scenario):
+    """Interaction wrenches of all arms in task rows at each tick, shape (ticks, m, k_0)."""
+    data = cp.run(scenario).data
+    return data.interaction_wrench.values[..., list(scenario.cell.task_rows.indices)]
+
+
+@pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
+def test_where_all_hear_all_it_is_the_law_of_the_measured_internal_wrench(name):
+    base = three_arms(name).replace(duration=0.4)
+    by_path, by_messages = (
+        wrenches(base.override(change))
+        for change in ({"controller.force_path.kind": "late"}, {"network": {}})
+    )
+    assert_allclose(by_messages, by_path, rtol=0, atol=1e-10)
+    blind = wrenches(base.override({"sensors.wrist": None}))
+    assert np.abs(by_path - blind).max() > 0.05
+
+
+@pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
+def test_over_a_line_of_arms_a_bias_goes_at_the_rate_of_its_graph(name):
+    """F' = gamma (1 - B D^-1 L)^-1 B D^-1 L F with the Laplacian L weighted by shares."""
+    base = three_arms(name)
+    arms, shares = list(base.cell.arms), base.cell.shares
+    edges = [(0, 1), (1, 0), (1, 2), (2, 1)]
+    scenario = base.override({"network.graph": [[arms[i], arms[j]] for i, j in edges]})
+    F, k = wrenches(scenario), base.cell.task_rows.size
+    laplacian, blocks = np.zeros((3, 3)), []
+    for i, j in edges:
+        laplacian[i, i] += shares[j]
+        laplacian[i, j] -= shares[i]
+    simulation = cp.Simulation(base)
+    for slot, inertia in zip(simulation.plant.chain.model.arms, inertias(base), strict=True):
+        J_inverse = np.linalg.inv(
+            cp.CellArm(base.cell, slot.name).task_jacobian(simulation.plant.q[slot.q_slice])
+        )
+        blocks.append(J_inverse.T @ np.diag(50.0 * inertia) @ J_inverse)
+    row = np.hstack(blocks)
+    B = np.vstack([block @ np.linalg.solve(sum(blocks), row) for block in blocks]) - block_diag(*blocks)
+    D_inverse = np.diag(np.tile(1.0 / np.array(base.controller.gains.admittance_damping), 3))
+    loop = B @ D_inverse @ np.kron(laplacian, np.eye(k))
+    rate = 5.0 * np.linalg.solve(np.eye(3 * k) - loop, loop)
+    expected = expm(rate * 0.5) @ F[100].ravel()
+    assert_allclose(F[200].ravel(), expected, rtol=0, atol=0.02 * np.abs(F[100]).max())
+    assert np.abs(F[200]).max() < 0.9 * np.abs(F[100]).max()
+    late = wrenches(scenario.override({"network.delay": 3, "network.loss": 0.1, "duration": 2.0}))
+    blind = wrenches(base.override({"sensors.wrist": None}))
+    assert np.abs(late[-1]).max() < 0.6 * np.abs(blind[-1]).max()
+
+
+class Mixed(cp.CellController):
+    """The first arm by torques, about what holds it; the second by positions."""
+
+    def __init__(self, scenario):
+        self.first, self.second = scenario.cell.arms
+
+    def commands_of(self, arm):
+        return "torque" if arm == self.first else "position"
+
+    def init(self, measurements, references):
+        return measurements[0].holding_torque, measurements[0].q, measurements[1].q
+
+    def step(self, measurements, references, state):
+        torque, q_0, q_1 = state
+        pull = torque - 200.0 * (measurements[0].q - q_0) - 20.0 * measurements[0].v
+        goal = q_1 + 0.01 * np.sin(20.0 * measurements[1].time)
+        return cp.CellCommand([pull, None], state, positions=[None, goal])
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_arms_of_one_cell_take_different_commands(name):
+    second = list(SCENARIOS[name]().cell.arms)[1]
+    servo = {"command": "position", "rate_hz": 400.0, "position_bandwidth": 50.0}
+    changes = {"actuators.servo": None, "arm_actuators": {second: {"servo": servo}}, "duration": 0.1}
+    law = {"controller": cp.UserController(target=f"{__name__}:Mixed")}
+    clock = {"clock.rate_hz": 200.0, "clock.steps_per_tick": 4}
+    scenario = SCENARIOS[name]().override({"events": [], **clock, **law, **changes})
+    single = cp.run(scenario, engine="pinocchio").data
+    require_same_samples(cp.simulate_batch([scenario]).result(0).data, single)
+    commands = single.servo_command.values
+    assert np.isnan(commands[:, 0]).all()
+    assert np.nanmax(np.abs(commands[:, 1] - commands[0, 1])) > 0.005
+    assert np.nanmax(np.abs(single.drive_velocity.values)) > 0.01
+    with pytest.raises(FieldError, match="'torque'"):
+        cp.run(scenario.override({f"arm_actuators.{second}.servo": None}))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from coop_pin.analysis.grasp_stability import grasp_stability
+from coop_pin.analysis.least_squeeze import least_squeeze
 from coop_pin.analysis.loop_stability import loop_stability
 from coop_pin.analysis.reachability import reachability
 from coop_pin.analysis.sampled_stability import start_stability, step_stability
@@ -45,6 +46,9 @@ def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str
         controller: controller of the scenario.
     """
     yield from implausible_numbers(scenario)
+    with contextlib.suppress(Exception):  # a user's motion may fail: the run tells it
+        if (squeeze := least_squeeze(scenario)) is not None and not squeeze.ok:
+            yield squeeze.summary().removeprefix("! ")
     with contextlib.suppress(Exception):
         simulation = Simulation(scenario, controller)
         yield from map(str, start_torques(simulation).overloaded)
@@ -52,7 +56,8 @@ def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str
         yield from (f"arm {arm.arm!r} {problem}" for arm in path.arms for problem in arm.problems())
         reach = reachability(scenario, poses=_LOOP_POSES) if path.ok else None
         stable: list[Any] = [step_stability(simulation, reach)]
-        is_known = not (scenario.controller.user_code or scenario.has_servos)
+        law, cell = scenario.controller, scenario.cell
+        is_known = not (law.user_code or scenario.has_servos or cell.has_contacts)
         if is_known and scenario.cell.compliant:
             stable.append(grasp_stability(simulation))
         elif is_known:
@@ -98,8 +103,8 @@ def _units(value: Any, path: str) -> Iterator[str]:
         fields = {name: getattr(value, name) for name in type(value).model_fields}
         if isinstance(value, Pose):
             yield from _pose(value, path)
-        elif "size" in fields and max(value.size) > _LARGEST_M:  # type: ignore[attr-defined]
-            yield f"{path}.size is {_row(value.size)} m; is it in mm?"  # type: ignore[attr-defined]
+        if max(size := fields.get("size") or (0.0,)) > _LARGEST_M:
+            yield f"{path}.size is {_row(size)} m; is it in mm?"
     elif isinstance(value, Mapping):
         fields = dict(value)
     elif isinstance(value, tuple):

@@ -81,6 +81,8 @@ def plant_reason(plant: PlantOptions, cell: Cell, events: Sequence[PayloadEvent]
     if cell.has_contacts:
         names = [*cell.patches, *cell.tables]
         return f"the contacts {names} have friction; the traced plant has rigid grasps and no tables"
+    if cell.pads:
+        return f"its pads {list(cell.pads)} have margins of friction, which batches do not compute"
     if plant.payload != "welded":
         return "its plant has a free payload; the traced one has it welded to the first arm"
     if plant.integrator != "rk4" or plant.project != "start":

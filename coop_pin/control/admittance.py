@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -20,6 +20,7 @@ from coop_pin.control.interface import (
     CellTiming,
     ControlledArm,
     DecentralisedController,
+    Message,
 )
 from coop_pin.control.law import DecentralisedLaw, LawController
 from coop_pin.control.terms import right_inverse
@@ -76,16 +77,21 @@ class AdmittanceController(LawController[AdmittanceGains]):
     """Commanded motion of an arm that yields to a wrench, by velocities or positions of its drives.
 
     Hogan (1985), "Impedance control"; on commanded joint velocities of arms that hold one object, as in Liu
-    et al. (2024), arXiv:2406.05613, whose law over a graph this is not. About P in world axes on task rows,
+    et al. (2024), arXiv:2406.05613 (same information, other equations). About P in world axes on task rows,
     with the error w of the wrench on the arm, x the pose and x_d, V_d, A_d the desired motion::
 
-        w     = f_m - f_d, the internal wrench; F - f_d - c What, the arm's own; or 0 where none is measured
+        w     = f_m - f_d, the internal wrench; or of those heard sum_j (c_j u_i - c_i u_j), u = F - f_d;
+                or F - f_d - c What, the arm's own; or 0 where none is measured
         V_a  <- p V_a + (1 - p) D^-1 (w - S d),   d <- d + T V_a,   p = exp(-l T)
         velocity   V_c = V_d + V_a - gamma (x - x_d - d),   qdot_c = J^+ V_c + k_n N (q_0 - q)
         position   q_c <- q_c + J^+ [x_d(t + T) + d - x - J (q_c - q)] + T k_n N (q_0 - q_c)
 
     With S = 0 the arm comes to rest where w = 0, wherever its kinematics see the payload; internal wrenches
     sum to zero, and so do the offsets d, so that the payload stays. Without a wrench d = 0: stiff following.
+
+    Where the scenario has a network and no force path measures, every arm says u_i and c_i, k_0 + 1 numbers.
+    If all hear all, w is the internal wrench. Over a connected graph heard both ways the w still sum to zero,
+    and vanish together only where every u_i is its share of their sum: without internal wrench.
 
     Attributes:
         command_kind: "velocity" or "position".
@@ -97,6 +103,14 @@ class AdmittanceController(LawController[AdmittanceGains]):
         """Return the state at t_0: d = 0, V_a = 0, q_c = q."""
         rest, q = np.zeros(self.arm.rows.size), measurement.q
         return AdmittanceState(rest, rest, q, q)
+
+    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
+        """Return u and c, shape (k_0 + 1,); nothing where the internal wrench is measured, or F is not."""
+        if measurement.internal_wrench is not None or measurement.interaction_wrench is None:
+            return np.zeros(0)
+        f_d = self.arm.rows.turn(measurement.payload_pose, reference.internal_wrench)
+        share = self.arm.load_share if reference.load_share is None else reference.load_share
+        return np.concatenate((measurement.interaction_wrench - f_d, np.array([share])))
 
     def step(
         self, measurement: ArmMeasurement, reference: ArmReference, state: AdmittanceState
@@ -128,6 +142,8 @@ class AdmittanceController(LawController[AdmittanceGains]):
         f_d = arm.rows.turn(measurement.payload_pose, reference.internal_wrench)
         if measurement.internal_wrench is not None:
             return measurement.internal_wrench - f_d
+        if measurement.messages is not None:
+            return _disagreement(measurement.messages, arm.name)
         if measurement.interaction_wrench is not None:
             return measurement.interaction_wrench - f_d - arm.load_share * self.gains.payload_weight
         return np.zeros(arm.rows.size)
@@ -137,6 +153,21 @@ class AdmittanceController(LawController[AdmittanceGains]):
         if J.shape[0] == J.shape[1]:
             return np.zeros(len(way))
         return self.gains.spare_rate * (way - J_plus.dot(J.dot(way)))
+
+
+def _disagreement(messages: Mapping[str, Message], name: str) -> Array:
+    """Return the sum of c_j u_i - c_i u_j of the arms j that an arm i hears, its own as sent, shape (k_0,).
+
+    Args:
+        messages: u and c of each arm, shape (k_0 + 1,).
+        name: name of the arm i.
+    """
+    u, c, largest = messages[name].numbers[:-1], messages[name].numbers[-1], np.finfo(float).max
+    total = 0.0 * u
+    for other, (numbers, age) in messages.items():
+        if other != name:  # silent so far: nothing to agree with
+            total = total + np.where(age <= largest, numbers[-1] * u - c * numbers[:-1], 0.0)
+    return total
 
 
 @dataclass(frozen=True, eq=False)

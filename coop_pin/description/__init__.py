@@ -5,7 +5,7 @@ from coop_pin.description.actuators import Actuators, GravityCompensation
 from coop_pin.description.arm import Arm, JointFriction, Miscalibration
 from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.cell import Cell, grasps_from_configuration
-from coop_pin.description.contact import PatchGrasp, Table
+from coop_pin.description.contact import Pad, PatchGrasp, Table
 from coop_pin.description.controller import ModelFactors, UserController
 from coop_pin.description.events import (
     GravityTurn,
@@ -59,6 +59,7 @@ __all__ = [
     "ModelFactors",
     "Network",
     "ObservedVelocity",
+    "Pad",
     "Partner",
     "PatchGrasp",
     "Payload",

@@ -12,14 +12,21 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from coop_pin.arrays import Array, as_array, as_pose, require_type
 from coop_pin.description.arm import Arm
-from coop_pin.description.contact import PatchGrasp, Table
+from coop_pin.description.contact import Pad, PatchGrasp, Table
 from coop_pin.description.events import Surroundings
 from coop_pin.description.grasp import CompliantGrasp, Grasp
 from coop_pin.description.payload import Payload
 from coop_pin.description.urdf import load_checked
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import ArgumentError, FieldError, NameNotFoundError
-from coop_pin.schema.base import Name, Vector3, WithLaterFields, check_arm_names, plain_name
+from coop_pin.schema.base import (
+    Name,
+    Vector3,
+    WithLaterFields,
+    check_arm_names,
+    plain_name,
+    unknown_arms,
+)
 from coop_pin.schema.pose import Pose
 from coop_pin.spatial import inverse_pose
 from coop_pin.spatial.task_rows import RowsName, TaskRows, task_rows
@@ -73,9 +80,10 @@ class Cell(WithLaterFields):
         gravity: gravitational acceleration in world axes, m/s^2.
         load_shares: load share c_i of each arm, summing to one; equal when omitted.
         tables: tables that the payload may lie on, by name.
+        pads: pads of arms with rigid or compliant grasps, by which results tell whether friction would hold.
     """
 
-    later_fields: ClassVar[tuple[str, ...]] = ("tables",)
+    later_fields: ClassVar[tuple[str, ...]] = ("tables", "pads")
 
     arms: dict[str, Arm] = Field(min_length=1)
     payload: Payload
@@ -85,6 +93,7 @@ class Cell(WithLaterFields):
     gravity: Vector3 = (0.0, 0.0, -9.81)
     load_shares: dict[str, float] | None = None
     tables: dict[Name, Table] = Field(default={})
+    pads: dict[str, Pad] = Field(default={})
 
     @field_validator("arms")
     @classmethod
@@ -138,6 +147,17 @@ class Cell(WithLaterFields):
                     raise error.below(name) from None
         return grasps
 
+    @field_validator("pads")
+    @classmethod
+    def _pads_of_other_grasps(cls, pads: dict[str, Pad], earlier: ValidationInfo) -> dict[str, Pad]:
+        grasps = earlier.data.get("grasps", {})
+        if strangers := unknown_arms(pads, earlier.data.get("arms", pads)):
+            raise strangers[0]
+        for name in pads:
+            if isinstance(grasps.get(name), PatchGrasp):
+                raise FieldError("is of a grasp held by friction, which has a patch of its own", name)
+        return pads
+
     @field_validator("load_shares")
     @classmethod
     def _shares_sum_to_one(
@@ -173,6 +193,11 @@ class Cell(WithLaterFields):
     def patches(self) -> dict[str, PatchGrasp]:
         """Grasps by friction by arm, in their order."""
         return {name: grasp for name, grasp in self.grasps.items() if isinstance(grasp, PatchGrasp)}
+
+    @property
+    def padded(self) -> list[str]:
+        """Arms with a patch or a pad, in their order."""
+        return [name for name in self.arms if name in self.patches or name in self.pads]
 
     @property
     def unclosed(self) -> list[str]:

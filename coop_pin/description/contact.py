@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, model_validator
 
 from coop_pin.arrays import Array
 from coop_pin.description.payload import Payload
@@ -50,33 +50,31 @@ class DryContact(Description):
     damping_ratio: Positive = 0.5
 
 
-class PatchGrasp(Pose, DryContact):
-    """Grasp by friction: a patch fixed to the arm's tip is pressed on a flat face of the payload.
-
-    Nothing but friction holds the payload: it sticks, slides, spins, tips and drops. The patch is a few
-    points on the plane of the face: eight on a ring of two thirds of the radius, with the torsion of an
-    evenly pressed disc; or four, at 1 / sqrt(12) of the edges from the middle.
+class Pad(Description):
+    """Pad by which a gripper presses: what a grasp that holds any wrench would bear by friction alone.
 
     Attributes:
-        xyz: Position of the grasp frame in payload axes, m: the middle of the patch, on the face.
-        rpy: Roll, pitch, yaw of the grasp frame, rad.
-        kind: "patch"; a grasp without a kind is rigid.
         mu: Coefficient of friction.
-        radius: Radius of a round patch, m; or
+        radius: Radius of a round pad, m; or
         size: Edges of a rectangular one, m.
         press: Axis of the grasp frame along which the arm presses; the others follow it in cyclic order.
-        face: Edges of the payload's face about the grasp, m; a box has its own.
-        stiffness: Normal stiffness of all points together, N/m.
-        shear_stiffness: Stiffness of all bristles together, N/m: what a stuck contact gives sideways.
-        damping_ratio: zeta of the normal damper 2 zeta sqrt(k / W) and that of the bristles, with W the
-            mobility between the two bodies at the start.
     """
 
-    kind: Literal["patch"]
+    mu: Positive
     radius: Positive | None = None
     size: Edges | None = None
     press: Literal["x", "-x", "y", "-y", "z", "-z"] = "z"
-    face: Edges | None = None
+
+    @model_validator(mode="after")
+    def _has_one_outline(self) -> Self:
+        if (self.radius is None) == (self.size is None):
+            raise FieldError(f"is {self.radius}, and size is {self.size}; give exactly one", "radius")
+        return self
+
+    @property
+    def torsion_radius(self) -> float:
+        """R of the torsion mu N r that it bears, m."""
+        return float(np.linalg.norm(self.points[0]))
 
     @property
     def plane(self) -> Array:
@@ -102,14 +100,38 @@ class PatchGrasp(Pose, DryContact):
         """Half extents of the patch along the axes of the plane, m, shape (2,)."""
         return np.full(2, self.radius) if self.size is None else 0.5 * np.array(self.size)
 
+
+class PatchGrasp(Pose, DryContact, Pad):
+    """Grasp by friction: a patch fixed to the arm's tip is pressed on a flat face of the payload.
+
+    Nothing but friction holds the payload: it sticks, slides, spins, tips and drops. The patch is a few
+    points on the plane of the face: eight on a ring of two thirds of the radius, with the torsion of an
+    evenly pressed disc; or four, at 1 / sqrt(12) of the edges from the middle.
+
+    Attributes:
+        xyz: Position of the grasp frame in payload axes, m: the middle of the patch, on the face.
+        rpy: Roll, pitch, yaw of the grasp frame, rad.
+        kind: "patch"; a grasp without a kind is rigid.
+        mu: Coefficient of friction.
+        radius: Radius of a round patch, m; or
+        size: Edges of a rectangular one, m.
+        press: Axis of the grasp frame along which the arm presses; the others follow it in cyclic order.
+        face: Edges of the payload's face about the grasp, m; a box has its own.
+        stiffness: Normal stiffness of all points together, N/m.
+        shear_stiffness: Stiffness of all bristles together, N/m: what a stuck contact gives sideways.
+        damping_ratio: zeta of the normal damper 2 zeta sqrt(k / W) and that of the bristles, with W the
+            mobility between the two bodies at the start.
+    """
+
+    kind: Literal["patch"]
+    face: Edges | None = None
+
     def bounds(self, payload: Payload) -> Array:
         """Return lower and upper corner of the payload's face in the plane, m, shape (2, 2).
 
         Raises:
             FieldError: the face is not known, the patch does not lie on it, or reaches beyond it.
         """
-        if (self.radius is None) == (self.size is None):
-            raise FieldError(f"is {self.radius}, and size is {self.size}; give exactly one", "radius")
         if self.face is not None:
             half = 0.5 * np.array(self.face)
             bounds = np.array((-half, half))

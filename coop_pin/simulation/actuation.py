@@ -44,6 +44,7 @@ class Actuation:
         drives: the drives.
         state: memory of the drives.
         lost_at: time at which each arm loses its torque or its commands, s; inf for never.
+        has_servos: whether an arm takes velocities or positions.
     """
 
     def __init__(self, scenario: Scenario, plant: Plant, limits: Sequence[JointLimits]) -> None:
@@ -65,11 +66,11 @@ class Actuation:
         self.lost_at = [np.inf if time is None else time for time in lost]
         self._has_losses = min(self.lost_at) < np.inf
         self.drives = cell_drives(scenario, self._slots, limits, self._inertia)
-        self._has_servos = any(arm.servo is not None for arm in self.drives.arms)
+        self.has_servos = any(arm.servo is not None for arm in self.drives.arms)
         self._paths = [f"{scenario.actuators_path(name)}.servo" for name in self._names]
         self._missed, self._gives = MissedTicks(scenario), self.gives(0.0)
         self.state = DriveState(tuple(self.holding_commands(plant.q)), None)
-        if self._has_servos:
+        if self.has_servos:
             self._start_servos()
         if self.drives.response is not None:
             holding = [
@@ -144,7 +145,7 @@ class Actuation:
             share: Share of the tick that has passed.
             time: Time, s.
         """
-        if not self._has_servos or not (due := self.drives.due(share)):
+        if not (due := self.drives.due(share)):
             return None
         self._gives, since, self._start = self.gives(time), time - self._start, time
         sensed = self._sensed(self._plant.q)
@@ -237,7 +238,7 @@ class Actuation:
             ArgumentError: an arm takes velocities or positions.
             ShapeError: as ``commanded``.
         """
-        if self._has_servos:
+        if self.has_servos:
             servos = {name: arm.takes for name, arm in zip(self._names, self.drives.arms, strict=True)}
             raise ArgumentError(f"this analysis is for laws that command torques, but arms take {servos}")
         return self.commanded(command)
@@ -249,7 +250,7 @@ class Actuation:
             ArgumentError: an arm is not commanded what it takes.
             ShapeError: not one value for each drive of each arm.
         """
-        outputs = command.torques if not self._has_servos else self._outputs(command)
+        outputs = command.torques if not self.has_servos else self._outputs(command)
         torques = [np.asarray(torque, dtype=np.float64) for torque in outputs]
         if len(torques) != len(self._names):
             raise ShapeError(

@@ -436,15 +436,20 @@ class Simulation:
         for index, step in enumerate(self.timeline.steps(tick)):
             if index > 0:
                 self._apply_events(step.start)
-                share = (step.start - self.timeline.time(tick)) / self.timeline.period
-                if (torques := actuation.sample(share, step.start)) is not None:
-                    self.plant.drive(torques)
+                if actuation.has_servos:
+                    self._sample(tick, step.start)
             if not is_held:
                 self.plant.drive(actuation.torques(step.start, step.length))
             self.plant.advance(step.start, step.length)
         if not is_held:
             self.plant.drive(actuation.torques(self.timeline.time(tick + 1)))
         self._require_closed(self.timeline.time(tick))
+
+    def _sample(self, tick: int, time: float) -> None:
+        """Let the servos sample that are due at a time within a tick."""
+        share = (time - self.timeline.time(tick)) / self.timeline.period
+        if (torques := self.actuation.sample(share, time)) is not None:
+            self.plant.drive(torques)
 
     def _require_closed(self, time: float) -> None:
         """Refuse a state that diverged; ``not <`` also catches NaN."""

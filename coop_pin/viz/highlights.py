@@ -47,6 +47,9 @@ def telling_instant(result: RunResult) -> Instant:
     Args:
         result: the run.
     """
+    if math.isfinite(result.dropped_at):
+        said = result.friction_text
+        return Instant(f"{said[0].upper()}{said[1:]}.", result.dropped_at)
     data = result.data
     errors = (data[f"internal_{part}_error"].values for part in ("axial", "shear"))
     error = np.nan_to_num(np.hypot(*errors)).max(axis=1)
@@ -110,6 +113,7 @@ def trust_text(result: RunResult) -> str:
     """Return the verdict on a run as one line, with what was judged and the thresholds."""
     if not result.trustworthy:
         return result.verdict()
+    said = f"; {result.friction_text}" if result.friction_text else ""
     allowed, data = result.scenario.trust, result.data
     limits = {"joints within their stops": "position_upper", "torque limits kept": "torque_limit"}
     kept = [text for text, name in limits.items() if np.isfinite(data[name].values).any()]
@@ -118,7 +122,7 @@ def trust_text(result: RunResult) -> str:
         f"energy to {result.energy_balance_max():.1g} J ({allowed.energy_share:g} of the work)",
         f"condition number {data['jacobian_condition'].values.max():.2g} ({allowed.jacobian_condition:g})",
     )
-    return f"simulation sound: {', '.join((*numbers, *kept))}"
+    return f"simulation sound: {', '.join((*numbers, *kept))}{said}"
 
 
 def instants(result: RunResult) -> list[Instant]:

@@ -36,6 +36,8 @@ from coop_pin.viz.page import (
 from coop_pin.viz.scene import base64_floats
 
 _MOST_RUNS = 4
+_FALLS_S = 0.2
+"""Time over which the camera shows a payload that falls, s."""
 _MOST_NUMBERS = 450_000
 """Numbers of the frames of a run, which are 2.4 MB of its page: frames of long runs are further apart."""
 
@@ -119,6 +121,8 @@ def _packed(result: RunResult, curves: tuple[Curve, ...], instants: list[float])
     moving = {name: value[kept] for name, value in samples.items() if len(value) == len(samples["time"])}
     tips, path = samples["tip_position"], samples["payload_position"]
     k = int(np.abs(samples["time"] - instants[0]).argmin())
+    if np.isfinite(result.dropped_at):  # the camera stays where the payload was held
+        path = path[samples["time"] <= result.dropped_at + _FALLS_S]
     scene = cell_scene(
         cell, frames.visuals.bodies, tips=tips[k], points=np.concatenate((path, *np.moveaxis(tips, 1, 0)))
     )

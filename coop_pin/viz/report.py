@@ -63,7 +63,7 @@ def metrics_table(result: RunResult) -> list[MetricRow]:
     return [
         MetricRow(name, text, _value_text(metrics[name] * scale, unit), str(result.window_of(name)))
         for name, (text, unit, scale) in METRIC_TEXTS.items()
-        if not math.isnan(metrics[name])
+        if not math.isnan(metrics.get(name, math.nan))
     ]
 
 
@@ -221,7 +221,7 @@ def _metrics(rows: list[MetricRow]) -> str:
 def _left_out(result: RunResult) -> str:
     """Return the metrics that the table leaves out, as a sentence."""
     metrics = result.metrics()
-    texts = "; ".join(text for name, (text, *_) in METRIC_TEXTS.items() if math.isnan(metrics[name]))
+    texts = "; ".join(text for name, (text, *_) in METRIC_TEXTS.items() if math.isnan(metrics.get(name, 0.0)))
     return f"Left out, because it does not apply to this run: {html.escape(texts)}." if texts else ""
 
 
