@@ -64,8 +64,8 @@ def disagreement(name: str, heard: Mapping[str, Message]) -> Any:
         name: Name of the arm, whose own message is among those heard.
         heard: Messages by name.
     """
-    own, others = heard[name], [message for one, message in heard.items() if one != name]
+    mine, others = heard[name], [message for one, message in heard.items() if one != name]
     terms: Iterable[Any] = [
-        np.where(own.age + other.age < np.inf, own.numbers - other.numbers, 0.0) for other in others
+        np.where(mine.age + other.age < np.inf, mine.numbers - other.numbers, 0.0) for other in others
     ]
     return reduce(add, terms)

@@ -116,14 +116,14 @@ class MeanPoseByMessages(ArmController):
 
     def _agreed(self, measurement: ArmMeasurement, reference: ArmReference) -> ArmMeasurement:
         """Return the measurement with the mean of the views; its own before any arrived."""
-        views, own = heard(measurement), _view(measurement, reference.pose)
-        size = len(own)
+        views, view = heard(measurement), _view(measurement, reference.pose)
+        size = len(view)
         oldest = views[self.name].age if self.skips else np.finfo(float).max
-        weights = [np.where(view.age <= oldest, 1.0, 0.0) for view in views.values()]
+        weights = [np.where(one.age <= oldest, 1.0, 0.0) for one in views.values()]
         total = reduce(add, weights)
-        sums = reduce(add, [w * view.numbers[:size] for w, view in zip(weights, views.values(), strict=True)])
+        sums = reduce(add, [w * one.numbers[:size] for w, one in zip(weights, views.values(), strict=True)])
         alone = total < 0.5
-        mean = np.where(alone, own, sums / np.where(alone, 1.0, total))
+        mean = np.where(alone, view, sums / np.where(alone, 1.0, total))
         return _placed(_further(measurement), mean, reference.pose)
 
     def remarks(self, pose: Array, state: Any) -> list[str]:
