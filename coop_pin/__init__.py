@@ -62,6 +62,7 @@ _PUBLIC = {
     "LowPassForcePath": "coop_pin.control",
     "MeanPose": "coop_pin.control",
     "Message": "coop_pin.control",
+    "MessageForcePath": "coop_pin.control",
     "Miscalibration": "coop_pin.description",
     "MobileBase": "coop_pin.description",
     "Network": "coop_pin.description",

@@ -409,3 +409,15 @@ def test_payload_at_rest_tends_to_that_of_rigid_grasps_as_the_inverse_of_the_sti
     slope = np.polyfit(np.log(sizes), np.log(found), 1)[0]
     print(f"\n{name}: {found} m or rad, slope {slope:.3f}")
     assert_allclose(slope, -1.0, atol=0.15)
+
+
+@pytest.mark.parametrize("stiffness", [UNEVEN, "soft"])
+def test_bias_at_the_start_is_what_the_run_records(stiffness):
+    """How far each arm sees P from the mean of all, by the check and by the first sample."""
+    scenario = with_grasps(anchored("spatial"), stiffness).override({"duration": 0.002})
+    found = grasp_stability(Simulation(scenario, build_controller(scenario)))
+    seen = cp.run(scenario, warn=False).data["seen_pose_error"].values[0, :, :3]
+    recorded = np.linalg.norm(seen - seen.mean(axis=0), axis=1).max()
+    assert_allclose(found.bias, recorded, rtol=1e-9)
+    assert found.bias > 1e-5
+    assert f"{1e3 * found.bias:.3g} mm from the mean" in found.summary()

@@ -11,10 +11,21 @@ from numpy.testing import assert_allclose, assert_array_equal
 import coop_pin as cp
 from coop_pin.batch import support
 from coop_pin.build_controller import build_controller
-from coop_pin.control import DecentralisedController, MeanPoseByMessages, MeanPoseController, Message
+from coop_pin.control import (
+    ArmMeasurement,
+    ConsensusPose,
+    DecentralisedController,
+    MeanPoseByMessages,
+    MeanPoseController,
+    Message,
+    consensus_bound,
+)
+from coop_pin.control.consensus import laplacian
+from coop_pin.control.mean_pose import ConsensusState
+from coop_pin.description.network import edges_of
 from coop_pin.errors import FieldError, InvalidStateError, ScenarioError, ShapeError
-from coop_pin.simulation.network import MessageSignals, cell_network
-from coop_pin.spatial import pose_error
+from coop_pin.simulation.network import CellNetwork, MessageSignals, NetworkSignals, cell_network
+from coop_pin.spatial import make_pose, pose_error
 
 ALL = {"all arms": {}, "far": {"delay": 1, "jitter": 2, "loss": 0.2, "resolution": 1e-5}}
 SHARES = (0.2, 0.3, 0.5)
@@ -378,3 +389,176 @@ def test_what_crosses_is_counted():
     assert "216 bytes" in crossing.summary(80.0)
     silent = scenario.override({"controller": ANCHORED["planar"].model_dump()})
     assert cp.Simulation(silent, build_controller(silent)).traffic() == (0.0, 0.0)
+
+
+# ---------------------------------------------------------------- consensus
+
+
+class Silent(cp.ArmController):
+    """Says nothing, does nothing."""
+
+    def init(self, measurement, reference):
+        return None
+
+    def step(self, measurement, reference, state):
+        return cp.ArmCommand(np.zeros(0), state)
+
+
+def disagreements(arms, gain, *, rows=3, delay=0, ticks=60):
+    """Largest distance from the mean over the ticks, of arms on a ring whose views do not change."""
+    names, rng = tuple(f"arm {index}" for index in range(arms)), np.random.default_rng(arms)
+    edges = [*edges_of("ring", names), *((name, name) for name in names)]
+    network = CellNetwork(names, tuple(edges), np.zeros(len(edges)), tuple(map(float, range(delay + 1))))
+    seen = [
+        ArmMeasurement(
+            0.0, None, None, make_pose(rng.normal(size=3)), rng.normal(size=rows), None, None, None
+        )
+        for _ in names
+    ]
+    reference = cp.ArmReference(np.eye(4), None, None, None)
+    laws = [ConsensusPose(Silent(), name, gain) for name in names]
+    said = [law.message(one, reference, None) for law, one in zip(laws, seen, strict=True)]
+    mean, network_state = np.mean(said, axis=0), network.start(said)
+    states = [ConsensusState(np.zeros(6 + rows), None) for _ in names]
+    distances = []
+    for tick in range(ticks):
+        said = [
+            law.message(one, reference, state) for law, one, state in zip(laws, seen, states, strict=True)
+        ]
+        assert_allclose(np.mean(said, axis=0), mean, atol=1e-9 * np.abs(said).max())
+        distances.append(float(np.abs(said - mean).max()))
+        arrives = NetworkSignals(
+            np.full(len(edges), float(tick >= delay)),
+            np.full(len(edges), float(delay) if tick >= delay else np.inf),
+        )
+        heard, network_state = network.step(network_state, said, arrives)
+        states = [
+            law.step(one._replace(messages=messages), reference, state).state
+            for law, one, messages, state in zip(laws, seen, heard, states, strict=True)
+        ]
+    return np.array(distances)
+
+
+@pytest.mark.parametrize("rows", [3, 6])
+@pytest.mark.parametrize("arms", [4, 5, 6, 8])
+def test_consensus_over_a_ring_converges_at_the_rate_of_its_laplacian(arms, rows):
+    lowest, gain = 2.0 - 2.0 * np.cos(2.0 * np.pi / arms), 0.2  # lambda_2 of a ring
+    distances = disagreements(arms, gain, rows=rows)
+    tail = distances[(distances > 1e-9) & (np.arange(len(distances)) > 5)]
+    assert_allclose((tail[-1] / tail[0]) ** (1.0 / (len(tail) - 1)), 1.0 - gain * lowest, rtol=0.05)
+
+
+@pytest.mark.parametrize("delay", [0, 1, 2])
+@pytest.mark.parametrize("arms", [3, 4])
+def test_consensus_is_stable_below_its_bound_and_not_above(arms, delay):
+    names = [f"arm {index}" for index in range(arms)]
+    bound = consensus_bound(float(np.linalg.eigvalsh(laplacian(edges_of("ring", names), names))[-1]), delay)
+    below, above = (disagreements(arms, part * bound, delay=delay, ticks=400) for part in (0.97, 1.03))
+    assert below[-20:].max() < 0.2 * below[:20].max()
+    assert above[-20:].max() > 5.0 * above[:20].max()
+
+
+@pytest.mark.parametrize("cell", ["three planar", "three spatial"])
+def test_three_unequal_arms_on_a_ring_agree(cell):
+    """The corrections sum to zero and come to rest."""
+    ring = {
+        "network": {"graph": "ring"},
+        "controller.averaging": "consensus",
+        "controller.consensus_gain": 0.1,
+    }
+    scenario = biased(cell, duration=1.0 if cell == "three planar" else 0.4, **ring)
+    run = cp.Simulation(scenario, build_controller(scenario))
+    views = []
+    while not run.is_finished:
+        run.tick()
+        views.append([state.correction for state in run.controller_state])
+    corrections = np.array(views)[:, :, 0]
+    assert_allclose(corrections.sum(axis=1), 0.0, atol=1e-12)
+    assert_allclose(np.abs(np.diff(corrections[-3:], axis=0)).max(), 0.0, atol=2e-5)
+    batch = cp.simulate_batch([scenario]).result(0).data
+    assert_allclose(batch.joint_position, run.result().data.joint_position, atol=1e-10)
+
+
+@pytest.mark.slow
+def test_consensus_leaves_the_force_of_its_first_ticks_for_good():
+    """1 mm of bias, 5 % loss, ten minutes: of the disagreement at the start the integrals keep their part."""
+    law = mean_pose(averaging="consensus")
+    early, late = (worst_force(law, LOSSY, minutes * 60.0) for minutes in (1, 10))
+    assert_allclose(late, early, rtol=0.02)
+    assert_allclose(worst_force(law, {"delay": 1}, 60.0), worst_force(law, {}, 60.0), rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("network", "gain", "path"),
+    [
+        ({"graph": [["left", "right"]]}, 0.1, "network.graph"),
+        ({"graph": [["left", "right"], ["right", "left"]]}, 0.1, "network.graph"),
+        ({"graph": "ring"}, 0.7, "controller.consensus_gain"),
+        ({"graph": "ring", "delay": 1}, 0.4, "controller.consensus_gain"),
+    ],
+)
+def test_consensus_needs_a_connected_graph_and_a_small_gain(network, gain, path):
+    law = {"controller.averaging": "consensus", "controller.consensus_gain": gain}
+    with pytest.raises(FieldError) as caught:
+        build_controller(biased("three planar", network=network, **law))
+    assert path in str(caught.value)
+
+
+# ---------------------------------------------------------------- internal wrenches by messages
+
+
+def anchored(name, **fields):
+    """A cell under its anchored law with a wrist sensor at every arm, the first arm's tip 1 mm off."""
+    of, cell = CELLS[name]
+    scenario, law = of(cell)
+    stated = {"controller": law.model_dump(), "sensors.wrist": {}, "beyond_bound": True}
+    return scenario.override(
+        stated | {BIASED.format(next(iter(scenario.cell.arms))): [1e-3, 0.0, 0.0]}
+    ).override(fields)
+
+
+BY_MESSAGES = {"controller.force_path": {"kind": "messages"}}
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_internal_wrenches_by_messages_are_those_of_the_late_force_path(cell):
+    """Bits for two arms; three sum the wrenches of another first tick."""
+    late, by_messages = samples(anchored(cell)), samples(anchored(cell, network={}, **BY_MESSAGES))
+    if cell.startswith("two"):
+        assert_array_equal(by_messages.joint_position, late.joint_position)
+    scale = float(np.abs(late.internal_wrench).max())
+    assert_allclose(by_messages.internal_wrench, late.internal_wrench, atol=1e-3 * scale)
+
+
+@pytest.mark.parametrize("cell", ["two planar", "two spatial"])
+def test_the_delay_of_messages_bounds_the_anchor(cell):
+    D = 3
+    bound = 2.0 * np.sin(np.pi / (4 * D + 2))
+    stated = {"network": {"delay": D}, "duration": 0.9, **BY_MESSAGES}
+    growth = {}
+    for part in (0.9, 1.1):
+        gains = {"controller.gains.anchor_gain": part * bound, "controller.gains.force_gain": 0.0}
+        scenario = anchored(cell, **stated).override(gains | {"controller.anchor_bias": "none"})
+        error = np.abs(samples(scenario).internal_axial_error).max("arm").values
+        growth[part] = error[-30:].max() / error[5:35].max()
+    assert growth[0.9] < 0.7
+    assert growth[1.1] > 1.5
+    with pytest.raises(ScenarioError, match=f"{bound:.4g}"):
+        scenario.replace(beyond_bound=False)
+
+
+def test_internal_wrenches_by_messages_need_sensors_and_a_network():
+    for changes, text in (
+        ({"network": None}, "no network"),
+        ({"network": {}, "sensors.wrist": None}, "wrist"),
+        ({"network": {"graph": "star"}}, "'all'"),
+    ):
+        with pytest.raises(ScenarioError, match=text):
+            anchored("three planar", **BY_MESSAGES | changes)
+
+
+def test_mean_pose_and_wrenches_share_a_message():
+    scenario = biased("two spatial", network={}, **{"sensors.wrist": {}}, **BY_MESSAGES)
+    late = scenario.override({"controller.force_path": {"kind": "late"}, "network": None})
+    assert_array_equal(samples(scenario).joint_position, samples(late).joint_position)
+    assert cp.Simulation(scenario, build_controller(scenario)).traffic() == (2 * (6 + 6 + 6 + 1), 2)

@@ -330,17 +330,18 @@ def test_a_stiff_pair_pulls_with_the_stiffness_of_its_servos(name, grasps):
     assert_allclose(np.linalg.norm(pull), figures[grasps == "compliant"], rtol=0.01)
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
-def test_velocities_without_a_wrench_pull_apart_without_end(name):
-    """Each servo integrates an error that no motion can remove: f' = k_i (sum B_i^-1)^-1 gamma b."""
+@pytest.mark.parametrize(("name", "kind"), CASES)
+def test_servos_that_integrate_pull_apart_without_end(name, kind):
+    """What no motion can remove: f' = k_i B_s gamma b by velocities, k_i S b by positions, S = k_p B_s."""
     base = SCENARIOS[name]()
     arms = {f"cell.arms.{arm}.torque_limits": "none" for arm in base.cell.arms}
     changes = {"squeeze": {}, "motion": cp.HoldMotion(pose=base.start), "duration": 1.0, **arms}
-    servo = {"velocity_bandwidth": 100.0, "integral_rate": 20.0}
-    scenario = servo_cell(name, "velocity", servo, **changes, **{BIAS: [5e-4, 0.0, 0.0]})
+    servo = {"velocity_bandwidth": 200.0, "integral_rate": 5.0, "position_bandwidth": 40.0}
+    scenario = servo_cell(name, kind, servo, **changes, **{BIAS: [5e-4, 0.0, 0.0]})
     data, rows = cp.run(scenario).data, scenario.cell.task_rows
     f = rows.select(data.internal_wrench.values[:, 1].T).T
-    expected = series_stiffness(scenario, 100.0 * 20.0) @ (2.0 * view_error(scenario))
+    rate = 5.0 * (scenario.controller.gains.pose_gain if kind == "velocity" else 40.0)
+    expected = series_stiffness(scenario, 200.0 * rate) @ view_error(scenario)
     growth = (f[-1] - f[100]) / 0.5
     linear = slice(0, 2) if name == "planar" else slice(0, 3)
     assert np.linalg.norm((growth - expected)[linear]) < 0.02 * np.linalg.norm(expected[linear])

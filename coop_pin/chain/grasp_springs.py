@@ -365,6 +365,15 @@ class GraspSprings:
             pin.forwardKinematics(model, data, q)
         return q if tree.closed_by_tree or len(self) < len(tree.arms) else self._balanced(q, weight)
 
+    def seen_poses(self, q: Array) -> list[pin.SE3]:
+        """Return X_WP as each arm sees it by its own kinematics at a configuration."""
+        self._bodies.move(q, self._rest)
+        grasps = self._grasps.values()
+        return [
+            tip.pose * pin.SE3(grasp.matrix).inverse()
+            for (tip, _), grasp in zip(self._sides, grasps, strict=True)
+        ]
+
     def loads(self, q: Array, loads: Array) -> Array:
         """Return the wrenches on the arms at rest about P as their own kinematics see it, shape (m, 6).
 
@@ -375,11 +384,9 @@ class GraspSprings:
             loads: Wrenches of the arms with rigid grasps, about P in world axes, shape (m, 6).
         """
         loads, on_arm = loads.copy(), self.at(q, self._rest).on_arm
-        for index, (tip, _), grasp, F in zip(
-            self.arms, self._sides, self._grasps.values(), on_arm, strict=True
-        ):
-            seen = tip.pose * pin.SE3(grasp.matrix).inverse()
-            loads[index] = pin.SE3(np.eye(3), seen.translation).actInv(pin.Force(F)).vector
+        seen = self.seen_poses(q)
+        for index, X_WP, F in zip(self.arms, seen, on_arm, strict=True):
+            loads[index] = pin.SE3(np.eye(3), X_WP.translation).actInv(pin.Force(F)).vector
         return loads
 
     def _side(self, frame: int) -> Side:

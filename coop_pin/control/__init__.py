@@ -9,7 +9,9 @@ from coop_pin.control.admittance import (
 from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
 from coop_pin.control.calibration import ZeroedController
-from coop_pin.control.force_path import LateForcePath, LowPassForcePath, NoForcePath
+from coop_pin.control.consensus import consensus_bound
+from coop_pin.control.exchanged_wrench import ExchangedWrench
+from coop_pin.control.force_path import LateForcePath, LowPassForcePath, MessageForcePath, NoForcePath
 from coop_pin.control.interface import (
     ArmCommand,
     ArmController,
@@ -24,7 +26,7 @@ from coop_pin.control.interface import (
 )
 from coop_pin.control.law import DecentralisedLaw, Law, PostureGains
 from coop_pin.control.leader_follower import LeaderFollower, LeaderFollowerController, LeaderFollowerGains
-from coop_pin.control.mean_pose import MeanPose, MeanPoseByMessages, MeanPoseController
+from coop_pin.control.mean_pose import ConsensusPose, MeanPose, MeanPoseByMessages, MeanPoseController
 from coop_pin.control.payload_space import (
     PayloadSpace,
     PayloadSpaceController,
@@ -60,9 +62,11 @@ __all__ = [
     "CellCommand",
     "CellController",
     "CellTiming",
+    "ConsensusPose",
     "ControlledArm",
     "DecentralisedController",
     "DecentralisedLaw",
+    "ExchangedWrench",
     "FollowingController",
     "LateForcePath",
     "Law",
@@ -74,6 +78,7 @@ __all__ = [
     "MeanPoseByMessages",
     "MeanPoseController",
     "Message",
+    "MessageForcePath",
     "NoForcePath",
     "PayloadSpace",
     "PayloadSpaceController",
@@ -96,5 +101,6 @@ __all__ = [
     "Tanh",
     "ZeroedController",
     "anchor_gain_bound",
+    "consensus_bound",
     "force_gain_bound",
 ]

@@ -23,6 +23,7 @@ class NoForcePath(Description):
     """No measured internal wrench: K_f must be zero, and the law is truly decentralised."""
 
     measures: ClassVar[bool] = False
+    by_sensors: ClassVar[bool] = False
     pole: ClassVar[float] = 0.0
     delay: ClassVar[int] = 0
     split: ClassVar[Split] = "shares"
@@ -45,6 +46,7 @@ class LateForcePath(WithLaterFields):
     later_fields: ClassVar[tuple[str, ...]] = ("split",)
 
     measures: ClassVar[bool] = True
+    by_sensors: ClassVar[bool] = True
     pole: ClassVar[float] = 0.0
 
     kind: Literal["late"] = "late"
@@ -66,6 +68,7 @@ class LowPassForcePath(WithLaterFields):
     later_fields: ClassVar[tuple[str, ...]] = ("split",)
 
     measures: ClassVar[bool] = True
+    by_sensors: ClassVar[bool] = True
 
     kind: Literal["low-pass"] = "low-pass"
     pole: float = Field(default=0.9, ge=0.0, lt=1.0)
@@ -73,7 +76,21 @@ class LowPassForcePath(WithLaterFields):
     split: Split = "shares"
 
 
-ForcePath = Annotated[NoForcePath | LateForcePath | LowPassForcePath, Field(discriminator="kind")]
+class MessageForcePath(Description):
+    """Internal wrench that each arm forms from the wrist wrenches of all, by messages: ExchangedWrench."""
+
+    measures: ClassVar[bool] = True
+    by_sensors: ClassVar[bool] = False
+    pole: ClassVar[float] = 0.0
+    delay: ClassVar[int] = 0
+
+    split: ClassVar[Split] = "shares"
+
+    kind: Literal["messages"] = "messages"
+
+
+_Paths = NoForcePath | LateForcePath | LowPassForcePath | MessageForcePath
+ForcePath = Annotated[_Paths, Field(discriminator="kind")]
 
 
 class SampledWrist(NamedTuple):

@@ -12,9 +12,11 @@ from pydantic import Field, PrivateAttr, SerializerFunctionWrapHandler, model_se
 
 from coop_pin.arrays import Array
 from coop_pin.control.calibration import ZeroedController
+from coop_pin.control.exchanged_wrench import ExchangedWrench
 from coop_pin.control.force_path import (
     INSIST,
     ForcePath,
+    MessageForcePath,
     NoForcePath,
     SampledLoop,
     anchor_gain_problems,
@@ -316,6 +318,8 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
             path = f"controller.arm_gains.{arm.name}" if arm.name in self.arm_gains else "controller.gains"
             gains = self.gains_of(arm.name).sized(arm.rows.size, arm.drives, path)
             law = self.controller_of(arm, gains, scenario)
+            if isinstance(self.force_path, MessageForcePath):
+                law = ExchangedWrench(law, arm)
             laws[arm.name] = ZeroedController(arm.rows, law, arm.start_pose) if self.zero_at_grasp else law
         return DecentralisedController(laws)
 

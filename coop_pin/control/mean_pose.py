@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from coop_pin.arrays import Array
+from coop_pin.control.consensus import disagreement, graph_problem
+from coop_pin.control.exchanged_wrench import heard
 from coop_pin.control.force_path import SampledLoop
 from coop_pin.control.interface import (
     ArmCommand,
@@ -21,11 +23,11 @@ from coop_pin.control.interface import (
     CellController,
     ControlledArm,
     DecentralisedController,
-    Message,
 )
 from coop_pin.control.payload_space import PayloadSpace, PayloadSpaceGains
 from coop_pin.control.steady_state import SteadyDirection
-from coop_pin.errors import FieldError, InvalidStateError
+from coop_pin.errors import FieldError
+from coop_pin.schema.base import Positive
 from coop_pin.spatial import exp3, pose_error
 from coop_pin.spatial.task_rows import TaskRows
 
@@ -100,8 +102,9 @@ class MeanPoseByMessages(ArmController):
     skips: bool = False
 
     def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
-        """Return this arm's view: pose error and twist, shape (6 + k_0,)."""
-        return _view(measurement, reference.pose)
+        """Return this arm's view, pose error and twist, then what the law says, shape (6 + k_0 + w,)."""
+        view = _view(measurement, reference.pose)
+        return np.concatenate((view, self.law.message(measurement, reference, state)))
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> Any:
         """Return the first state of the law; raises as the law."""
@@ -113,25 +116,90 @@ class MeanPoseByMessages(ArmController):
 
     def _agreed(self, measurement: ArmMeasurement, reference: ArmReference) -> ArmMeasurement:
         """Return the measurement with the mean of the views; its own before any arrived."""
-        heard = _heard(measurement)
-        oldest = heard[self.name].age if self.skips else np.finfo(float).max
-        weights = [np.where(view.age <= oldest, 1.0, 0.0) for view in heard.values()]
+        views, view = heard(measurement), _view(measurement, reference.pose)
+        size = len(view)
+        oldest = views[self.name].age if self.skips else np.finfo(float).max
+        weights = [np.where(one.age <= oldest, 1.0, 0.0) for one in views.values()]
         total = reduce(add, weights)
-        sums = reduce(add, [w * view.numbers for w, view in zip(weights, heard.values(), strict=True)])
+        sums = reduce(add, [w * one.numbers[:size] for w, one in zip(weights, views.values(), strict=True)])
         alone = total < 0.5
-        mean = np.where(alone, _view(measurement, reference.pose), sums / np.where(alone, 1.0, total))
-        return _placed(measurement, mean, reference.pose)
+        mean = np.where(alone, view, sums / np.where(alone, 1.0, total))
+        return _placed(_further(measurement), mean, reference.pose)
 
     def remarks(self, pose: Array, state: Any) -> list[str]:
         """Return the sentences of the law."""
         return self.law.remarks(pose, state)
 
 
-def _heard(measurement: ArmMeasurement) -> Mapping[str, Message]:
-    """Return the messages of a measurement."""
-    if measurement.messages is None:
-        raise InvalidStateError("the law hears no messages; give the scenario a network")
-    return measurement.messages
+class ConsensusState(NamedTuple):
+    """Memory of an arm in consensus.
+
+    Attributes:
+        correction: z, shape (6 + k_0,).
+        law: state of the law.
+    """
+
+    correction: Array
+    law: Any
+
+
+@dataclass(frozen=True, eq=False)
+class ConsensusPose(ArmController):
+    """The mean-pose law of one arm by consensus: it hears its neighbours only.
+
+    ::
+
+        x_i = u_i - z_i,   z_i <- z_i + g sum_j (x_i - x_j),   z_i(t_0) = 0
+
+    u_i is the view of the arm, and x_i takes the place of the mean. Every arm says x_i; its neighbours' and
+    its own enter the sum as they were sent, so that what one adds the other takes away: the x_i keep the mean
+    of the views, and come to it at the rates 1 - g lambda, lambda > 0 the eigenvalues of the graph's
+    Laplacian. A constant bias of a view leaves no disagreement. Of views that change, x_i is late by about
+    1 / (g lambda_2) ticks. Dynamic average consensus of first order: Zhu and Martinez, Automatica 46 (2010).
+
+    Attributes:
+        law: Payload-space law of this arm.
+        name: Name of this arm.
+        gain: g, less than ``consensus_bound``.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ("messages", "poses of all arms")
+
+    law: ArmController
+    name: str
+    gain: float
+
+    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
+        """Return x_i, then what the law says, shape (6 + k_0 + w,)."""
+        x, law = _view(measurement, reference.pose), None
+        if state is not None:
+            x, law = x - state.correction, state.law
+        return np.concatenate((x, self.law.message(measurement, reference, law)))
+
+    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> ConsensusState:
+        """Return z = 0 and the first state of the law at the arm's own view; raises as the law."""
+        view = _view(measurement, reference.pose)
+        placed = _placed(_further(measurement), view, reference.pose)
+        return ConsensusState(np.zeros(len(view)), self.law.init(placed, reference))
+
+    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: ConsensusState) -> ArmCommand:
+        """Return the command of the law at x_i, and the next state; raises as the law."""
+        x = _view(measurement, reference.pose) - state.correction
+        placed = _placed(_further(measurement), x, reference.pose)
+        command = self.law.step(placed, reference, state.law)
+        z = state.correction + self.gain * disagreement(self.name, heard(measurement))[: len(x)]
+        return replace(command, state=ConsensusState(z, command.state))
+
+    def remarks(self, pose: Array, state: ConsensusState) -> list[str]:
+        """Return the sentences of the law."""
+        return self.law.remarks(pose, state.law)
+
+
+def _further(measurement: ArmMeasurement) -> ArmMeasurement:
+    """Return a measurement with the messages that go to the law: what follows the views."""
+    size = 6 + len(measurement.payload_twist)
+    parts = {name: one._replace(numbers=one.numbers[size:]) for name, one in heard(measurement).items()}
+    return measurement._replace(messages=parts)
 
 
 def _view(seen: ArmMeasurement, X_d: Array) -> Array:
@@ -167,13 +235,18 @@ class MeanPose(PayloadSpace):
 
     Attributes:
         on_loss: substitute of a view that did not arrive: the "last" that did, or none, "skip".
+        averaging: way to the mean by messages: of "all" views, which each arm hears, or by "consensus" of
+            neighbours over any connected graph.
+        consensus_gain: g of the consensus.
     """
 
     reads_plan: ClassVar[bool] = False
-    later_fields: ClassVar[tuple[str, ...]] = ("on_loss",)
+    later_fields: ClassVar[tuple[str, ...]] = ("on_loss", "averaging", "consensus_gain")
 
     kind: Literal["mean-pose"] = "mean-pose"  # type: ignore[assignment]  # names the class, not its base
     on_loss: Literal["last", "skip"] = "last"
+    averaging: Literal["all", "consensus"] = "all"
+    consensus_gain: Positive = 0.25
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -190,15 +263,25 @@ class MeanPose(PayloadSpace):
         network = scenario.network
         if network is None or not isinstance(laws, DecentralisedController):
             return MeanPoseController(laws)
-        names, heard = list(laws.controllers), network.edges_at(0.0, list(laws.controllers))
-        edges = [(one, other) for one in names for other in names if one != other]
-        if missing := [f"{other} does not hear {one}" for one, other in edges if (one, other) not in heard]:
+        if self.averaging == "consensus":
+            return self._by_consensus(network, laws.controllers)
+        names, edges = list(laws.controllers), network.edges_at(0.0, list(laws.controllers))
+        pairs = [(one, other) for one in names for other in names if one != other]
+        if missing := [f"{other} does not hear {one}" for one, other in pairs if (one, other) not in edges]:
             detail = f"leaves arms unheard ({', '.join(missing)}); 'mean-pose' averages all views: take 'all'"
             raise FieldError(detail, "network.graph")
         skips = self.on_loss == "skip"
         return DecentralisedController(
             {name: MeanPoseByMessages(law, name, skips) for name, law in laws.controllers.items()}
         )
+
+    def _by_consensus(self, network: Any, laws: Mapping[str, ArmController]) -> CellController:
+        """Return the controllers of arms that hear their neighbours only; see build."""
+        names, gain = list(laws), self.consensus_gain
+        edges = network.edges_at(0.0, names)
+        if problem := graph_problem(edges, names, gain, network.slowest_of(names)):
+            raise problem
+        return DecentralisedController({name: ConsensusPose(law, name, gain) for name, law in laws.items()})
 
     def steady_directions(self, rows: TaskRows, loop: SampledLoop, period: float) -> list[SteadyDirection]:
         """Return those of the payload-space law, on which all arms agree."""

@@ -191,16 +191,36 @@ class Scenario(WithLaterFields):
         path = self.controller.force_path
         if path.measures and (late := late_delay(path.delay, self.clock, self.duration)):
             raise FieldError(late, "controller.force_path.delay")
+        if path.measures and not path.by_sensors and (missing := self._missing_messages()):
+            raise FieldError(f"is {path.kind!r}, but {missing}", "controller.force_path.kind")
         is_checked = (self.wrists or self.actuator_lag) and not self.beyond_bound
         if is_checked and (problems := self.controller.problems(self.timing)):
             raise one_or_all([problem.below("controller") for problem in problems], "the controller")
         return self
 
+    def _missing_messages(self) -> str:
+        """Return what is missing for internal wrenches by messages, or ""."""
+        arms = list(self.cell.arms)
+        if self.network is None:
+            return "the scenario has no network; give it one"
+        if without := [arm for arm in arms if self.sensors_of(arm).wrist is None]:
+            return f"the arms {without} have no wrist sensor; give every arm one: sensors.wrist"
+        if len(self.network.edges_at(0.0, arms)) < len(arms) * (len(arms) - 1):
+            return "some arms do not hear all others; network.graph must be 'all'"
+        return ""
+
     @property
     def wrists(self) -> list[SampledWrist]:
-        """Delay and sampling of the wrist sensors that the arms have, in ticks."""
+        """Delay and sampling of the wrist sensors that the arms have, in ticks, with that of messages."""
         sensors = [wrist for arm in self.cell.arms if (wrist := self.sensors_of(arm).wrist) is not None]
-        return [SampledWrist(wrist.delay, wrist.ticks_per_sample(self.clock)) for wrist in sensors]
+        path, network, late, every = self.controller.force_path, self.network, 0, 1
+        if path.measures and not path.by_sensors and network is not None:
+            late = network.slowest_of(list(self.cell.arms))
+            every = network.ticks_per_message(self.clock)
+        return [
+            SampledWrist(wrist.delay + late, max(every, wrist.ticks_per_sample(self.clock)))
+            for wrist in sensors
+        ]
 
     @property
     def timing(self) -> CellTiming:

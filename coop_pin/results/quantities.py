@@ -270,7 +270,7 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     ),
     "wrist": lambda scenario: any(s.wrist is not None for s in _sensors(scenario)),
     "force path": lambda scenario: (
-        (path := scenario.controller.force_path).measures
+        (path := scenario.controller.force_path).by_sensors
         and (path.delay > 0 or any(s.wrist is not None for s in _sensors(scenario)))
     ),
 }

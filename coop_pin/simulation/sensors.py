@@ -239,7 +239,7 @@ def cell_sensors(scenario: Scenario, slots: Sequence[ArmPlace]) -> CellSensors:
         arms.append(ArmSensors(slot.drive, slot.from_drive, encoders, options.wrist is not None))
     at_rest = tuple(Wrist.at_rest(wrist.delay if wrist else 0) for wrist in wrists) if any(wrists) else ()
     rows, shares, transport = scenario.cell.task_rows, scenario.cell.shares, None
-    if path.measures:
+    if path.by_sensors:
         transport = ForcePath(path.pole, np.zeros((path.delay, len(arms), rows.size)))
     tips = np.array([grasp.matrix[:3, 3] for grasp in scenario.cell.grasps.values()])
     loads = linkage_loads(tips) if path.split == "virtual-linkage" else None

@@ -125,7 +125,7 @@ class SensorSignals:
         self._sampling = [Sampling.of_sensor(wrist, scenario.clock) for wrist in self._wrists]
         self._grasps = [scenario.cell.grasps[name].matrix for name in arms]
         path = scenario.controller.force_path
-        self._path_delay = path.delay if path.measures else None
+        self._path_delay = path.delay if path.by_sensors else None
         self._encoder_noise = [
             self._normal(scenario, f"{name}/encoder", np.array(scenario.sensors_of(name).encoder.noise), size)
             for name, size in zip(arms, joints, strict=True)
