@@ -23,7 +23,8 @@ from coop_pin.reference import PoseTarget, retreated
 from coop_pin.results.metrics import energy_balance
 from coop_pin.simulation import Simulation
 from coop_pin.spatial import exp3
-from coop_pin.viz.frames import FREE, CellFrames, run_samples
+from coop_pin.spatial.internal_wrench import virtual_linkage
+from coop_pin.viz.frames import FREE, CellFrames, run_samples, strut_columns
 from coop_pin.viz.highlights import events_text
 from coop_pin.viz.replay import replay_html
 
@@ -455,3 +456,26 @@ def test_the_page_tells_what_happened_and_shows_a_free_arm():
     assert missed.startswith("Right hands over and lets go at 0.04 s. Grasp by 'right' at 0.06 s did not")
     lost = cp.run(scenario_with("spatial", cp.LoseArm(time=0.01, arm="left"), duration=0.02), warn=False)
     assert events_text(lost) == "Left fails at 0.01 s (limp)."
+
+
+def test_a_free_arm_has_no_struts():
+    """Those of the others are as if it were not there; with all arms, the struts are those of all."""
+    rng, n = np.random.default_rng(7), 3
+    f, tips = rng.normal(size=(n, 3, 6)), rng.normal(size=(n, 3, 3))
+    samples = {
+        "interaction_wrench": f,
+        "desired_internal_wrench": f,
+        "payload_position": np.zeros((n, 3)),
+        "tip_position": tips,
+        "jacobian_condition": np.ones((n, 3)),
+        "load_share": np.array([[0.3, 0.3, 0.4], [0.5, 0.0, 0.5], [1.0, 0.0, 0.0]]),
+    }
+    struts, across = strut_columns(samples)
+    whole, pair = virtual_linkage(f[0], tips[0]), virtual_linkage(f[1, [0, 2]], tips[1, [0, 2]])
+    assert_allclose(struts[0, 0], whole.struts, atol=1e-12)
+    assert_allclose(across[0], whole.rest[:, :3], atol=1e-12)
+    assert_allclose(struts[1, 0, 1], pair.struts[0], atol=1e-12)
+    assert_allclose(across[1, [0, 2]], pair.rest[:, :3], atol=1e-12)
+    assert not struts[1, :, [0, 2]].any()
+    assert not across[1, 1].any()
+    assert not struts[2].any()

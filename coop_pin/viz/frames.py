@@ -7,6 +7,7 @@ linkage and those wanted (N and N m), the forces on the arms that no strut carri
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -87,6 +88,8 @@ def run_samples(result: RunResult) -> Samples:
 def strut_columns(samples: Samples) -> tuple[Array, Array]:
     """Return tension and twist of the struts, and those wanted, shape (n, 2, p, 2), and the forces across.
 
+    Arms that hold nothing have no struts.
+
     Args:
         samples: quantities by name, n samples along the first axis.
 
@@ -96,8 +99,18 @@ def strut_columns(samples: Samples) -> tuple[Array, Array]:
     F, p_WP = samples["interaction_wrench"], samples["payload_position"][:, None]
     wrenches = np.stack((F, np.where(np.isnan(F), F, samples["desired_internal_wrench"])), axis=1)
     tips = np.broadcast_to((samples["tip_position"] - p_WP)[:, None], (*wrenches.shape[:-1], 3))
-    struts, rest = virtual_linkage(*determinate_grasp(wrenches, tips))
-    return struts, rest[:, 0, :, :3]
+    wrenches, tips = determinate_grasp(wrenches, tips)
+    pairs = list(itertools.combinations(range(wrenches.shape[2]), 2))
+    struts, across = np.zeros((len(F), 2, len(pairs), 2)), np.zeros((*F.shape[:2], 3))
+    free = np.broadcast_to(free_arms(samples), F.shape[:2])
+    for pattern in np.unique(free, axis=0):
+        rows, holds = np.flatnonzero((free == pattern).all(axis=1))[:, None], np.flatnonzero(~pattern)
+        held = [number for number, pair in enumerate(pairs) if not pattern[list(pair)].any()]
+        if len(holds) > 1 or len(pattern) == 1:
+            part = virtual_linkage(wrenches[rows[:, 0]][:, :, holds], tips[rows[:, 0]][:, :, holds])
+            struts[rows, :, held] = part.struts.swapaxes(1, 2)
+            across[rows, holds] = part.rest[:, 0, :, :3]
+    return struts, across
 
 
 def snapshot_samples(snapshot: Snapshot, cell: Cell) -> Samples:

@@ -61,7 +61,8 @@ def telling_instant(result: RunResult) -> Instant:
         for name in ("internal_axial", "internal_shear", "desired_internal_axial")
     )
     arm, t = int(np.argmax(np.hypot(axial - desired, shear))), float(time[worst])
-    when = _when(result.scenario, t)
+    when, arms = _when(result.scenario, t), list(result.scenario.cell.arms)
+    most = f", most at {arms[arm]}" if len(arms) > 2 else ""
     if error[worst] < _SMALL_N:
         text = f"the internal force stays within {error[worst]:.2g} N of what is wanted"
         start = SETTLING_S if time[is_late.argmax()] else 0.0
@@ -69,9 +70,10 @@ def telling_instant(result: RunResult) -> Instant:
         return Instant(f"From {start:g} s on, {text}{moment_text}.", t)
     if abs(axial[arm] - desired[arm]) >= shear[arm]:
         verb = "pull the payload apart with" if axial[arm] > 0.0 else "squeeze the payload with"
-        said = f"the arms {verb} {read_number(abs(axial[arm]))} N, where {_wanted(desired[arm])} is wanted"
+        force = read_number(abs(axial[arm]))
+        said = f"the arms {verb} {force} N{most}, where {_wanted(desired[arm])} is wanted"
     else:
-        said = f"the arms load the payload across with {read_number(shear[arm])} N"
+        said = f"the arms load the payload across with {read_number(shear[arm])} N{most}"
     return Instant(f"{when} {said}; {_motion(result, worst)}{moment_text}.", t)
 
 

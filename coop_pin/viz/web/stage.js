@@ -74,7 +74,7 @@ function coopPinScene(pane, labels, page) {
   // The floor: a slab below a grid of 0.25 m, and the grid in step with the world's axes.
   const GRID = 0.25, EDGE = 6, [x, y] = first.scene.camera.target.map((value) => GRID * Math.round(value / GRID)), { colours } = page;
   const slab = new three.Matrix4().makeTranslation(x, y, first.scene.floor - 0.006).elements;
-  draw({ node: "floor", drawable: { kind: "box", size: [4 * EDGE, 4 * EDGE, 0.01] }, colour: colours.floor, pose: slab, opacity: 1, lit: true });
+  draw({ node: "floor", drawable: { kind: "box", size: [8 * EDGE, 8 * EDGE, 0.01] }, colour: colours.floor, pose: slab, opacity: 1, lit: true });
   const grid = new three.GridHelper(EDGE, EDGE / GRID, colours.floor_lines, colours.floor_lines).rotateX(Math.PI / 2);
   grid.position.set(x, y, first.scene.floor);
   viewer.scene.add(grid);
