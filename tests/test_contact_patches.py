@@ -186,8 +186,8 @@ def test_a_spinning_disc_slows_down_by_the_torsion_of_its_rim(name):
 @pytest.mark.parametrize("name", TABLES)
 def test_a_stuck_block_does_not_creep(name):
     bench, limit = Bench(name), MU * MASS * G
-    rows = bench.run(0.7, 1e-3, lambda t: (0.8 * limit * min(4.0 * t, 1.0), 0.0, 0.0))
-    settled = rows[rows[:, 0] > 0.5, 1]
+    rows = bench.run(0.4, 1e-3, lambda t: (0.8 * limit * min(8.0 * t, 1.0), 0.0, 0.0))
+    settled = rows[rows[:, 0] > 0.3, 1]
     assert np.ptp(settled) < 1e-12
     slip = bench.chain.patches.state.slip[1]
     assert slip < 1e-6  # of points that the tilting moment unloads
@@ -207,15 +207,15 @@ def test_a_block_slides_at_mu_m_g(name):
 
 def test_energy_of_a_fall_is_explained_the_better_the_smaller_the_step():
     left = []
-    for h in (1e-3, 5e-4, 2.5e-4):
+    for h in (1e-3, 5e-4):
         bench = Bench("spatial", height=0.07, k=1e5)
         bench.throw(linear=(0.5, 0.0, 0.0), angular=(1.0, 0.5, 2.0))
-        rows = bench.run(0.4, h)
+        rows = bench.run(0.3, h)
         assert rows[:, 10].min() >= 0.0
         left.append(np.abs(rows[:, 11]).max())
     energy = 0.5 * MASS * 0.25 + MASS * G * 0.02
     assert left[0] < 5e-2 * energy
-    assert np.log2(left[0] / left[-1]) / 2.0 > 1.5
+    assert np.log2(left[0] / left[-1]) > 1.5
 
 
 def test_a_block_tips_over_an_edge_and_falls_past_the_table():

@@ -102,8 +102,15 @@ def test_a_crate_is_carried_by_friction_alone():
     assert result.verdict() == "trustworthy"
 
 
-@pytest.mark.parametrize("mu", [0.5, 0.8])
-@pytest.mark.parametrize("name", CELLS)
+@pytest.mark.parametrize(
+    ("name", "mu"),
+    [
+        ("planar", 0.5),
+        ("planar", 0.8),
+        pytest.param("spatial", 0.5, marks=pytest.mark.slow),
+        ("spatial", 0.8),
+    ],
+)
 def test_patches_slip_at_the_least_squeeze(name, mu):
     scenario = CELLS[name](mu)
     force = least(scenario)
@@ -139,6 +146,41 @@ def test_a_squeeze_that_is_too_small_drops_the_crate_and_the_arms_stay():
     assert float(data.patch_slip[-1].max()) < 0.05
     assert np.nanmax(np.abs(data.joint_velocity.values)) < 1.0
     assert np.abs(energy_balance(data)).max() < 5e-2
+
+
+def on_table(top: float, start: float, goal: float, **changes) -> cp.Scenario:
+    """A crate above or on a table, which is lifted or put down in 1 s."""
+    table = {"xyz": (0.0, 0.0, top), "size": (1.0, 0.8), "mu": 0.4, "stiffness": 2e5, "shear_stiffness": 2e5}
+    line = {"kind": "line", "start_time": 0.1, "duration": 1.0}
+    line |= {"start": {"xyz": (0.0, 0.0, start)}, "goal": {"xyz": (0.0, 0.0, goal)}}
+    pose = {"cell.tables": {"bench": table}, "motion": line, "start": {"xyz": (0.0, 0.0, start)}}
+    return cp.Scenario.load("two-pandas-palms", pose | changes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mass", [2.0, 3.0])
+def test_an_unknown_weight_is_picked_up_from_a_table(mass):
+    box = {"kind": "box", "mass": mass, "size": (0.4, 0.3, 0.2)}
+    result = cp.run(on_table(0.4, 0.5, 0.55, **{"cell.payload": box, "duration": 2.5}))
+    data = result.data
+    table = data.patch_wrench.sel(patch="bench", axis="z").values
+    assert_allclose(table[0], mass * 9.81, rtol=1e-6)  # it lies, and the arms only squeeze
+    assert (table[data.time.values > 0.6] == 0.0).all()
+    assert table.min() == 0.0
+    error = np.linalg.norm(data.pose_error.values[:, :3], axis=1)
+    assert error.max() < 1e-2  # the integral takes the weight over
+    assert error[-1] < 2e-3
+    assert float(data.patch_slip.sel(patch=["left", "right"]).max()) < 1e-5
+    assert result.trustworthy
+
+
+@pytest.mark.slow
+def test_a_table_that_is_higher_than_planned_is_pressed_by_the_integral():
+    data = cp.run(on_table(0.402, 0.53, 0.5, duration=2.1)).data
+    force = data.patch_wrench.sel(patch="bench", axis="z").values
+    assert (np.diff(force[data.time.values > 1.5]) > 0.0).all()  # it winds up
+    assert 29.43 < force[-1] < 40.0  # a second after contact
+    assert float(data.patch_slip.max()) < 1e-5
 
 
 def test_a_restored_run_goes_on_with_the_same_bits():

@@ -54,6 +54,9 @@ def least_squeeze(scenario: Scenario) -> LeastSqueeze | None:
     With the load (f, N_0, m) that the motion puts on a patch of torsion radius r, by the split of the law,
     slip asks for N >= sqrt(|f|^2 + (m / r)^2) / mu (the ellipsoid), and a moment m_t in the plane for N >=
     |m_t| / r; N_0 counts. Friction of arms, errors of the law and events are not in it.
+
+    Args:
+        scenario: Scenario with motion and squeeze.
     """
     cell = scenario.cell
     if not cell.padded:

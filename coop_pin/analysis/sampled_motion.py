@@ -172,7 +172,7 @@ def sampled_motion(
     """
     plant, law, scenario = simulation.plant, simulation.controller, simulation.scenario
     chain, rest = plant.chain.mechanism, np.zeros(len(plant.v))
-    ideal = scenario.replace(sensors=Sensors(), arm_sensors={}, beyond_bound=True)
+    ideal = scenario.with_ideal_sensors
     holding = simulation.actuation.holding_commands(q)
     sensing = Sensing(ideal, plant.chain.model.arms, holding_torques=lambda _q: holding)
     first = sensing.start(q, rest, simulation.references(time))

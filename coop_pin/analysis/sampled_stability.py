@@ -14,7 +14,6 @@ from coop_pin.build_controller import build_controller
 from coop_pin.chain.partner import partner_matrices
 from coop_pin.description.events import Partner
 from coop_pin.description.scenario import Scenario
-from coop_pin.description.sensors import Sensors
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.sensing import Sensing
@@ -309,7 +308,7 @@ def _torque_of(simulation: Simulation, q: Array, time: float) -> Callable[[Array
     Torque limits play no part.
     """
     plant, start, references = simulation.plant, simulation.references(0.0), simulation.references(time)
-    ideal = simulation.scenario.replace(sensors=Sensors(), arm_sensors={}, beyond_bound=True)
+    ideal = simulation.scenario.with_ideal_sensors
     sensing = Sensing(ideal, plant.chain.model.arms, holding_torques=simulation.actuation.holding_commands)
     law, at_once, rest = simulation.controller, simulation.exchange.at_once, np.zeros(len(plant.v))
     state = law.init(at_once(law, sensing.start(plant.q, rest, start), start, None), start)

@@ -75,7 +75,7 @@ class ContactPoints(NamedTuple):
         elastic = self.shear_stiffness[:, None] * (x[:, :2] - roots)
         friction = -elastic - self.shear_damping[:, None] * v[:, :2]
         size, most = np.sqrt((friction * friction).sum(axis=1)), self.mu * normal
-        friction *= np.where(size > most, most / np.maximum(size, _TINY), 1.0)[:, None]
+        friction *= _kept(size, most)[:, None]
         stored = self.stiffness * x[:, 2] * v[:, 2] + (elastic * v[:, :2]).sum(axis=1)
         return np.column_stack((friction, normal)), float(stored[touches].sum())
 
@@ -96,8 +96,14 @@ class ContactPoints(NamedTuple):
         z = flat - roots
         most = self.mu * self.stiffness * np.where(within, np.maximum(depth, 0.0), 0.0) / self.shear_stiffness
         size = np.sqrt((z * z).sum(axis=1))
-        kept = np.where(size > most, most / np.maximum(size, _TINY), 1.0)
+        kept = _kept(size, most)
         return flat - kept[:, None] * z, within, np.where(most > 0.0, (1.0 - kept) * size, 0.0)
+
+
+def _kept(size: Array, most: Array) -> Array:
+    """Return the factors that shorten sizes to at most these, shape (n,)."""
+    beyond = size > most
+    return np.where(beyond, most / np.where(beyond, size, 1.0), 1.0)
 
 
 _TINY = float(np.finfo(float).tiny)

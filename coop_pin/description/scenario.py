@@ -22,7 +22,7 @@ from coop_pin.description.network import ArmClock, Network
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.relative_paths import anchor_files
 from coop_pin.description.scenario_file import commented_toml, resolved_toml
-from coop_pin.description.sensors import Sensors, late_delay
+from coop_pin.description.sensors import Sensors, WristSensor, late_delay
 from coop_pin.description.trust import TrustThresholds
 from coop_pin.errors import FieldError, NameNotFoundError, one_or_all
 from coop_pin.reference.motions import Motion
@@ -236,6 +236,14 @@ class Scenario(WithLaterFields):
     def sensors_of(self, arm: str) -> Sensors:
         """Return the sensors of one arm."""
         return self.arm_sensors.get(arm, self.sensors)
+
+    @property
+    def with_ideal_sensors(self) -> Self:
+        """The scenario with sensors without errors, for analyses; gains may be beyond bounds."""
+        path = self.controller.force_path
+        by_messages = path.measures and not path.by_sensors
+        sensors = Sensors(wrist=WristSensor() if by_messages else None)
+        return self.replace(sensors=sensors, arm_sensors={}, beyond_bound=True)
 
     @property
     def clocks(self) -> dict[int, ArmClock]:
