@@ -8,5 +8,4 @@ _PUBLIC = {
     "VectorCellEnv": "coop_pin.environment.vector_cell_env",
 }
 
-__all__ = sorted(_PUBLIC)
 __getattr__, __dir__ = lazy_names(__name__, _PUBLIC)
