@@ -209,7 +209,7 @@ def test_graphs():
 
 
 @pytest.mark.parametrize(
-    ("cell", "network"), [("two planar", "all arms"), ("three planar", "far"), ("two spatial", "far")]
+    ("cell", "network"), [("two planar", "all arms"), ("two planar", "far"), ("two spatial", "far")]
 )
 def test_a_batch_has_the_same_network(cell, network):
     scenario = biased(cell, network=ALL[network], duration=0.2)
