@@ -90,7 +90,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         "  rate (one of its four)": lambda: plant._rate(t, q, v),
         "    friction": lambda: plant.transmission.friction(v),
         RECORD: lambda: run.recorder.record(TICK, t, measured, applied, target, squeeze, shares),
-        "100 ticks of Plant.observe": lambda: plant.observe(*seen),
+        "100 ticks of Plant.observe": lambda: plant.observe(*seen, np.full(100, t)),
         "closure error": lambda: chain.closure_errors(plant.q),
     }
 

@@ -95,7 +95,7 @@ def _choice(scenario: Scenario | ScenarioError, runs: int | None, traces_user_co
 
     if isinstance(scenario, ScenarioError):
         return EngineChoice("pinocchio", "scenario", str(scenario))
-    if text := plant_reason(scenario.plant, scenario.cell):
+    if text := plant_reason(scenario.plant, scenario.cell, scenario.events):
         return EngineChoice("pinocchio", "plant", text)
     try:
         enough = runs_worth_a_batch(scenario)
@@ -137,7 +137,7 @@ def choose_engine(scenario: Scenario, *, is_live: bool = False) -> EngineChoice:
     """
     from coop_pin.batch import law_reason, plant_reason  # slow to load
 
-    if text := plant_reason(scenario.plant, scenario.cell):
+    if text := plant_reason(scenario.plant, scenario.cell, scenario.events):
         return EngineChoice("pinocchio", "plant", text)
     needed, ticks = _ticks_of_compiling(scenario), scenario.clock.ticks(scenario.duration)
     reason = f"compiling takes as long as {needed} ticks on Pinocchio, and there are {ticks}"

@@ -58,27 +58,27 @@ def pareto(points: Array) -> Array:
 
 
 def front_figure(judged: pd.DataFrame, tuning: pd.DataFrame) -> Figure:
-    """Return a row of panels for each cell: the runs of the tuning, then each law in some trials."""
+    """Return a column of panels for each cell, as wide as a page: the runs of the tuning, then trials."""
     cells = [cell for cell in TITLES if cell in set(judged["cell"])]
-    columns = ("tuning", *SHOWN)
+    rows = ("tuning", *SHOWN)
     with styled():
-        figure = Figure(figsize=(2.45 * len(columns), 2.5 * len(cells) + 0.7), layout="constrained")
-        axes = figure.subplots(len(cells), len(columns), squeeze=False, sharex=True, sharey=True)
-        for cell, row in zip(cells, axes, strict=True):
+        figure = Figure(figsize=(7.16, 1.75 * len(rows) + 0.7), layout="constrained")
+        axes = figure.subplots(len(rows), len(cells), squeeze=False, sharex=True, sharey=True)
+        for cell, column in zip(cells, axes.T, strict=True):
             mine = judged[judged["cell"] == cell]
-            draw_tuning(row[0], tuning[tuning["cell"] == cell])
-            for trial, panel in zip(SHOWN, row[1:], strict=True):
+            draw_tuning(column[0], tuning[tuning["cell"] == cell])
+            for trial, panel in zip(SHOWN, column[1:], strict=True):
                 draw_trial(panel, mine[mine["trial"] == trial])
                 label(panel, trial, "")
             ends = np.array([1e-6, 1e6])
-            row[-1].plot(ends, PRODUCT[cell] / ends, color=palette.LIMIT, linestyle=":", linewidth=1.0)
-            row[0].set_ylabel(f"{TITLES[cell]}\n{MEASURES['force_N']}")
-        for panel in axes[-1]:
-            panel.set_xlabel(MEASURES["position_mm"])
+            column[-1].plot(ends, PRODUCT[cell] / ends, color=palette.LIMIT, linestyle=":", linewidth=1.0)
+            label(column[0], f"{TITLES[cell]}, tuning: 30 runs of each law", "")
+            column[-1].set_xlabel(MEASURES["position_mm"])
+        figure.supylabel(MEASURES["force_N"], fontsize=9.0)
         axes[0, 0].set(**LIMITS)
         handles = [Line2D([], [], linestyle="none", label=named(law), **marker(law)) for law in LAWS]
         bound = Line2D([], [], color=palette.LIMIT, linestyle=":", label="bound at rest without a sensor")
-        figure.legend(handles=[*handles, bound], loc="outside upper center", ncols=9, columnspacing=1.2)
+        figure.legend(handles=[*handles, bound], loc="outside upper center", ncols=5, columnspacing=1.2)
     return figure
 
 
@@ -92,7 +92,6 @@ def draw_tuning(panel: Axes, runs: pd.DataFrame) -> None:
             line = "-" if filled else (0, (2, 1))
             panel.step(*pareto(points).T, where="post", color=colour, linestyle=line, linewidth=1.0)
     panel.set(xscale="log", yscale="log")
-    label(panel, "tuning: 30 runs of each law", "")
 
 
 def draw_trial(panel: Axes, rows: pd.DataFrame) -> None:

@@ -106,7 +106,11 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         },
         {"pinocchio"},
     ),
-    "figures": ({"comparison", "description", "results", "sweeps"}, {"matplotlib", "xarray"}),
+    "environment": (
+        {"batch", "build_controller", "chain", "control", "description", "results", "simulation", "tracing"},
+        {"gymnasium"},
+    ),
+    "figures": ({"analysis", "comparison", "description", "results", "sweeps"}, {"matplotlib", "xarray"}),
     "viz": (
         {
             "schema",
@@ -372,6 +376,7 @@ from coop_pin.control import (
     RedundantSlidingModeController, Saturation, Sign, SlidingModeController, SlidingModeGains,
     ZeroedController,
 )
+from coop_pin.control import Admittance
 from coop_pin.control.leader_follower import LeaderFollower
 from coop_pin.control.payload_space import PayloadSpace
 from coop_pin.control.prescribed_performance import PrescribedPerformance
@@ -420,7 +425,8 @@ wrist = measurement._replace(interaction_wrench=f, interaction_wrench_age=0.0)
 printed = {"pose_gain": 2.0, "sign_gain": 0.2, "damping_gain": 20.0, "transient_rate": 5.0}
 space = {"pose_gain": 2.0, "sign_gain": 0.2, "sliding_gain": 500.0, "transient_rate": 5.0}
 for law in (SlidingMode(gains=printed), RedundantSlidingMode(gains=printed), PrescribedPerformance(),
-            PayloadSpace(gains=space, payload_mass=1.0, zero_at_grasp=True), LeaderFollower()):
+            PayloadSpace(gains=space, payload_mass=1.0, zero_at_grasp=True), LeaderFollower(),
+            Admittance(zero_at_grasp=True), Admittance(command="position", follows="leader")):
     for seen in (wrist, wrist._replace(**spare._asdict() | {"interaction_wrench": f})):
         k = len(seen.q)
         if law.kind == "sliding-mode" and k > 3:

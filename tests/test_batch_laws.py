@@ -66,6 +66,21 @@ LAWS = {
     "prescribed-performance": [
         (cell, of_kind("prescribed-performance")) for cell in ("planar", "spatial", "two-pandas-box")
     ],
+    "admittance": [
+        (
+            cell,
+            of_kind("admittance")
+            | {f"controller.{name}": value for name, value in law.items()}
+            | {"actuators.servo": {"command": law["command"], "rate_hz": rate}, **WRIST},
+        )
+        for cell, rate, law in (
+            ("planar", 80.0, {"command": "velocity", "force_path": {"kind": "late"}}),
+            ("planar", 80.0, {"command": "position", "follows": "leader"}),
+            ("spatial", 250.0, {"command": "velocity"}),
+            ("spatial", 250.0, {"command": "position", "force_path": {"kind": "late"}}),
+            ("two-pandas-box", 500.0, {"command": "position"}),
+        )
+    ],
     "leader-follower": [
         (cell, of_kind("leader-follower") | WRIST) for cell in ("planar", "spatial", "two-pandas-box")
     ],

@@ -314,11 +314,37 @@ def test_names_of_arms_go_with_their_bases_and_do_not_overlap(name, moves, tmp_p
             page.wait_for_timeout(300)  # the labels are placed with the next frame
             names = [page.get_by_text(arm, exact=True).first for arm in result.scenario.cell.arms]
             boxes.append([[*each.bounding_box().values()] for each in names])
+        axial, wanted = (
+            result.data[name].values[-1] for name in ("internal_axial", "desired_internal_axial")
+        )
+        arm = int(np.abs(axial).argmax())  # a tile has the worst arm, and what is wanted of the same
+        tile = page.locator("#tiles div").first.inner_text().replace("−", "-").split("\n")
+        assert float(tile[1].split()[0]) == pytest.approx(axial[arm], rel=0.06)
+        assert float(tile[2].split()[1]) == pytest.approx(wanted[arm], rel=0.02)
         start, end = np.array(boxes)
         assert (np.abs(end - start)[:, :2].max(axis=1) > 5.0).tolist() == [moves] * len(start)
         for x, y, width, _ in end:
             others = [other for other in end if other[0] != x or other[1] != y]
             assert all(a + w <= x or x + width <= a or abs(b - y) >= 16.0 for a, b, w, _ in others)
+
+
+def test_a_name_stands_above_a_base_that_the_payload_hides_and_numbers_of_met_struts_are_short(tmp_path):
+    result = cp.run("four-ur5-plate", {"duration": 2.5}, warn=False)
+    save_replay(result, tmp_path / "replay.html")
+    with offline_page(tmp_path / "replay.html", 1400, 900) as page:
+        page.evaluate("coopPin.seek(2.5)")
+        page.wait_for_timeout(300)
+        raised, pane = [], page.locator("#pane").bounding_box()
+        for arm, description in result.scenario.cell.arms.items():
+            camera = "coopPin.viewer.camera"
+            up = page.evaluate(
+                f"{camera}.position.clone().fromArray({[*description.base.xyz]}).project({camera}).y"
+            )
+            name = page.get_by_text(arm, exact=True).first.bounding_box()
+            raised.append(pane["y"] + (1.0 - up) * pane["height"] / 2.0 - name["y"])
+        assert raised[0] > 30.0  # the first arm is behind the plate
+        assert max(np.abs(raised[1:3])) < 2.0
+        assert [text for *_, text in page.evaluate(STRUTS) if "\n" in text] == []
 
 
 CONTRASTS = """() => {
@@ -368,6 +394,7 @@ def test_the_replay_obeys_the_keyboard_and_speaks_to_screen_readers(tmp_path):
         assert page.evaluate("location.hash") == "#t=1"
         page.evaluate("location.hash = '#t=0.5'")
         page.wait_for_function(f"Math.abs({NOW} - 0.5) < 0.02")
+        page.locator("#speed").select_option("0.1")  # half a second may pass before the next look
         page.locator("#play").click()
         assert page.get_by_role("button", name="pause").count() == 1
         drawings = page.locator("canvas[role=img]").evaluate_all("all => all.map(one => one.ariaLabel)")
@@ -461,6 +488,8 @@ def test_runs_side_by_side_follow_one_clock_and_one_camera_and_fit_a_phone(tmp_p
         assert page.evaluate("document.documentElement.scrollWidth") <= 420
         page.set_viewport_size({"width": 900, "height": 600})
         assert page.evaluate("document.documentElement.scrollHeight") <= 600
+        tops = [one.locator("#view").bounding_box()["y"] for one in page.frames[1:]]
+        assert np.ptp(tops) < 1.0  # however long their sentences are
         assert_not_blank_anywhere(drawn(page))
 
 
@@ -493,6 +522,14 @@ def test_the_report_plays_fits_narrow_windows_and_prints_with_the_network_off(tm
         assert len(re.findall(rb"/Type\s*/Page\b", page.pdf(format="A4"))) <= 4
         assert page.locator("#picture").evaluate("one => one.width") > 300  # with the forces, on sheet 1
         assert not page.locator("figure.paper").is_visible()
+
+
+def test_a_report_with_events_has_at_most_four_sheets_of_a4(tmp_path):
+    save_report(cp.run("adept-anchored"), tmp_path / "report.html")  # every metric applies to it
+    with offline_page(tmp_path / "report.html") as page:
+        page.locator("#motion iframe").scroll_into_view_if_needed()
+        page.frame_locator("#motion iframe").locator("#pane canvas").wait_for()
+        assert len(re.findall(rb"/Type\s*/Page\b", page.pdf(format="A4"))) <= 4
 
 
 def shown_widths(page, images: str) -> list[float]:

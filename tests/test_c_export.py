@@ -11,6 +11,7 @@ import pytest
 from cells import ANCHORED, RIGID, SCENARIOS
 from numpy.testing import assert_array_equal
 from scipy.linalg import expm
+from test_servo import servo_cell
 
 import coop_pin as cp
 from coop_pin.build_controller import build_controller
@@ -56,6 +57,44 @@ def test_exported_laws_compile_without_warnings_and_pass_their_self_test(cell, t
     done = self_test(law, tmp_path, *SANITIZED)
     assert (done.returncode, done.stderr) == (0, "")
     assert re.match(r"12 ticks, largest difference \S+ N m: passed\n", done.stdout)
+
+
+@pytest.mark.parametrize(("cell", "kind"), [("planar", "position"), ("spatial", "velocity")])
+def test_laws_that_command_servos_are_exported_with_what_they_send(cell, kind, tmp_path):
+    """The header names velocities or positions with their unit, and the code is that of the Python law."""
+    scenario = servo_cell(
+        cell, kind, duration=0.1, **{"sensors.wrist": {}, "controller.force_path.kind": "late"}
+    )
+    law = cp.export_c(scenario, "right", tmp_path, ticks=12)
+    done = self_test(law, tmp_path, *SANITIZED)
+    assert (done.returncode, done.stderr) == (0, "")
+    unit = {"velocity": "rad/s", "position": "rad"}[kind]
+    assert re.match(rf"12 ticks, largest difference \S+ {unit}: passed\n", done.stdout)
+    header, drives = law.header.read_text(), len(scenario.cell.arms["right"].posture)
+    assert f"Set the {kind} of the {drives} drives, {unit}," in header
+    assert f"double *{kind});" in header
+    assert "torque" not in header.replace("holding_torque", "").split("typedef")[-1]
+
+
+@pytest.mark.parametrize(
+    ("cell", "law"),
+    [("planar", "all"), ("spatial", "consensus")],
+)
+def test_laws_that_hear_others_are_exported_with_what_they_say_and_hear(cell, law, tmp_path):
+    """The header names the numbers that cross; the messages are those of the Python law."""
+    fields = ANCHORED[cell].model_dump(exclude={"kind", "force_path"}) | {"averaging": law}
+    network = {"network": {"loss": 0.3, "delay": 1}, "duration": 0.2, "events": [], "sensors.wrist": {}}
+    fields |= {"force_path": {"kind": "messages"}}
+    scenario = SCENARIOS[cell]().override(network | {"controller": {"kind": "mean-pose"} | fields})
+    exported = cp.export_c(scenario, "left", tmp_path, ticks=12)
+    done = self_test(exported, tmp_path, *SANITIZED)
+    assert (done.returncode, done.stderr) == (0, "")
+    header, size = exported.header.read_text(), 6 + 2 * scenario.cell.task_rows.size + 1
+    assert f"double heard_1_right[{size}]; /* latest message of arm 'right' */" in header
+    assert f"tells the others {size} numbers" in header
+    off = exported.self_test.read_text().replace("message[index] == expected[index] ||", "1.0 +")
+    exported.self_test.write_text(off)
+    assert self_test(exported, tmp_path).returncode == 1
 
 
 @pytest.mark.slow

@@ -24,6 +24,8 @@ for other in [
     "adept-paper",
     "adept-compliant",
     "three-ur5-handover",
+    "human-partner",
+    "two-pandas-palms",
     *FAR_CELLS,
     *LARGE_CELLS,
 ]:  # it has the printed law; others have tests below

@@ -300,10 +300,11 @@ def test_fields_tells_the_kinds_there_are_and_what_a_pose_is_the_pose_of(capsys)
     said = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
     assert said["--controller.kind"].endswith(
         "one of sliding-mode, sliding-mode-redundant, payload-space, mean-pose, prescribed-performance,"
-        " leader-follower, computed-torque, adaptive, object-impedance, torque-qp, user."
+        " leader-follower, admittance, computed-torque, adaptive, object-impedance, torque-qp, user."
     )
     assert said["--events.1.kind"].endswith(
-        "one of payload-change, wrench-pulse, gravity-turn, lose-arm, release, hand-over, grasp."
+        "one of payload-change, wrench-pulse, gravity-turn, partner, lose-arm, release, hand-over, grasp,"
+        " user."
     )
     assert "root link in the world: x, y, z, m." in said["--cell.arms.left.base.xyz"]
 

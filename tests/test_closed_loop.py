@@ -1,15 +1,19 @@
 """Eigenvalues of the sampled closed loop: against runs at bounds, closed forms and sampled_motion."""
 
+import itertools
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cells import ANCHORED, SCENARIOS
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.analysis import sampled_motion
+from coop_pin.analysis import loop_stability, sampled_motion
 from coop_pin.build_controller import build_controller
+from coop_pin.cli import main
 from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
-from coop_pin.errors import ArgumentError, OutOfRangeError
+from coop_pin.errors import ArgumentError, FieldError, OutOfRangeError
 
 
 def held(name, changes, controller=None):
@@ -21,7 +25,7 @@ def held(name, changes, controller=None):
 
 
 def torques(scenario, ticks, disturbance):
-    """Torques of a run whose fifth command is disturbed."""
+    """Torques of a run whose sixth command is disturbed."""
     simulation = cp.Simulation(
         scenario.replace(duration=ticks * scenario.clock.period), build_controller(scenario)
     )
@@ -35,7 +39,7 @@ def torques(scenario, ticks, disturbance):
         )
         if tick == 5:
             moved = [torque + disturbance * rng.normal(size=torque.size) for torque in command.torques]
-            command = command._replace(torques=moved)
+            command = replace(command, torques=moved)
         simulation.step(command)
     return simulation.result().data.torque.values.reshape(ticks, -1)
 
@@ -60,16 +64,31 @@ def test_the_force_gain_crosses_the_unit_circle_where_runs_begin_to_grow(name):
     assert_allclose(growth(above, 120), loop.radius, atol=3e-3)
 
 
+def crosses(scenario, field, bound):
+    """Radius at 0.98 and at 1.02 of a bound."""
+    return [cp.eigenvalues(scenario.override({field: part * bound})).radius for part in (0.98, 1.02)]
+
+
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_the_anchor_gain_with_delay_crosses_the_unit_circle_at_its_closed_form(name):
-    bound, path = anchor_gain_bound(delay=2), {"controller.force_path": {"kind": "late", "delay": 2}}
-    radii = [
-        cp.eigenvalues(
-            held(name, path | {"controller.gains.anchor_gain": part * bound}, ANCHORED[name])
-        ).radius
-        for part in (0.98, 1.02)
-    ]
-    assert radii[0] < 1.0 < radii[1]
+@pytest.mark.parametrize(
+    "loop",
+    [
+        pytest.param({"delay": 2}, id="delay"),
+        pytest.param({"pole": 0.3, "force_gain": 0.4}, id="filter", marks=pytest.mark.slow),
+        pytest.param({"lag": 1.5}, id="lag", marks=pytest.mark.slow),
+    ],
+)
+def test_the_anchor_gain_crosses_the_unit_circle_at_its_bound(name, loop):
+    bound, delay, lag = anchor_gain_bound(**loop), loop.get("delay", 0), loop.get("lag", 0.0)
+    path = {"kind": "low-pass", "pole": loop["pole"]} if "pole" in loop else {"kind": "late", "delay": delay}
+    gains = {
+        "controller.gains.anchor_gain": bound,
+        "controller.gains.force_gain": loop.get("force_gain", 0.0),
+    }
+    scenario = held(name, {"controller.force_path": path, **gains}, ANCHORED[name])
+    scenario = scenario.override({"actuators.lag": lag * scenario.clock.period})
+    below, above = crosses(scenario, "controller.gains.anchor_gain", bound)
+    assert below < 1.0 < above
 
 
 def test_the_damping_crosses_the_unit_circle_where_runs_begin_to_grow():
@@ -85,8 +104,67 @@ def test_the_damping_crosses_the_unit_circle_where_runs_begin_to_grow():
     assert_allclose(growth(above, 150), loop.radius, atol=1e-3)
 
 
-def test_the_motion_is_that_of_sampled_motion_where_that_applies():
-    scenario = cp.Scenario.load("two-pandas-box")
+def frictionless(scenario):
+    bare = {
+        name: arm.replace(friction=cp.JointFriction(viscous=0.0)) for name, arm in scenario.cell.arms.items()
+    }
+    return scenario.replace(cell=scenario.cell.replace(arms=bare))
+
+
+@pytest.mark.parametrize(("name", "share"), [("planar", 0.75), ("spatial", 0.4)])
+def test_the_largest_lag_of_check_is_that_of_the_whole_loop_without_friction(name, share):
+    scenario = frictionless(held(name, {"actuators.lag": 0.1 * share}, ANCHORED[name]))
+    expected = loop_stability(cp.Simulation(scenario, build_controller(scenario))).largest_lag
+    below, above = crosses(scenario, "actuators.lag", expected)
+    assert below < 1.0 < above
+
+
+MEASURED = {
+    "damping": ("controller.gains.sliding_gain", {}, (1.2, 1.7, 2.4, 3.2), 200),
+    "pose gain": ("controller.gains.pose_gain", {"controller.gains.pose_gain": 50.0}, (1.5, 11.0), 2400),
+    "anchor gain": (
+        "controller.gains.anchor_gain",
+        {"controller.gains.anchor_gain": 0.6, "controller.force_path": {"kind": "late", "delay": 2}},
+        (0.95, 1.1),
+        200,
+    ),
+    "K_f": (
+        "controller.gains.force_gain",
+        {
+            "controller.gains.force_gain": 3.0,
+            "controller.gains.anchor_gain": 0.0,
+            "controller.force_path": {"kind": "low-pass", "pole": 0.5},
+        },
+        (0.95, 1.1),
+        150,
+    ),
+    "lag": ("actuators.lag", {"actuators.lag": 0.1}, (1.1, 1.6), 9000),
+}
+"""Gain, changes, factors around its bound, and ticks: the growing mode alone is left, and is small still."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "bound"), [pair for pair in itertools.product(SCENARIOS, MEASURED) if pair != ("spatial", "lag")]
+)
+def test_runs_begin_to_grow_where_the_eigenvalues_leave_the_unit_circle(name, bound):
+    """Runs grow at 1.02 of the bound by the rate of the eigenvalue, and do not at 0.98."""
+    field, changes, factors, ticks = MEASURED[bound]
+    scenario = held(name, changes, ANCHORED[name])
+    locus = cp.root_locus(scenario, field, factors)
+    for part in (0.98, 1.02):
+        value = (part * locus.bounds[-1] * locus.value).tolist()
+        changed = scenario.override({field: value})
+        loop, measured = cp.eigenvalues(changed), growth(changed, ticks)
+        print(f"{name} {bound} {part} of {locus.bounds[-1] * locus.value}: {loop.radius:.5f} {measured:.5f}")
+        assert (loop.radius > 1.0) == (measured > 1.0) == (part > 1.0)
+        if part > 1.0:
+            assert_allclose(np.log(measured), np.log(loop.radius), rtol=0.6)
+
+
+@pytest.mark.parametrize("name", ["two-pandas-box", "five-joint-pair", "adept-anchored"])
+def test_the_motion_is_that_of_sampled_motion_where_that_applies(name):
+    scenario = frictionless(cp.Scenario.load(name))
     simulation = cp.Simulation(scenario, build_controller(scenario))
     motion = sampled_motion(simulation, simulation.plant.q, 0.0)
     expected = np.linalg.eigvals(motion.matrix(scenario.actuator_lag * scenario.clock.period))
@@ -94,7 +172,8 @@ def test_the_motion_is_that_of_sampled_motion_where_that_applies():
     assert not loop.structural
     for z in expected[np.abs(expected) > 0.05]:
         assert np.abs(loop.z - z).min() < 3e-4
-    assert {"posture of left", "posture of right"} <= {mode.name for mode in loop.modes}
+    names = {mode.name for mode in loop.modes}
+    assert ({"posture of left", "posture of right"} <= names) == (name == "two-pandas-box")
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -111,3 +190,26 @@ def test_what_has_no_eigenvalues_is_refused():
         cp.eigenvalues(cp.Scenario.load("adept-paper"))
     with pytest.raises(OutOfRangeError):
         cp.eigenvalues(cp.Scenario.load("adept-anchored"), time=-1.0)
+    scenario = cp.Scenario.load("adept-anchored")
+    for field in ("controller.gains.nothing", "controller.kind", "controller.gains.force_gain"):
+        with pytest.raises(FieldError) as caught:
+            cp.root_locus(scenario, field, [1.0])
+        assert caught.value.path == field
+    for factors in ([], [0.0], [np.nan]):
+        with pytest.raises(ArgumentError):
+            cp.root_locus(scenario, "controller.gains.pose_gain", factors)
+
+
+def test_the_command_draws_a_root_locus(tmp_path, capsys):
+    words = ["--gain", "controller.gains.sliding-gain", "--low", "0.8", "--high", "1.2", "--count", "2"]
+    assert main(["root-locus", "adept-anchored", *words, "--out", str(tmp_path / "locus.png")]) == 0
+    assert (tmp_path / "locus.png").stat().st_size > 10_000
+    assert "stable at 0.8 to 1.2" in capsys.readouterr().out
+
+
+def test_the_figure_shows_every_eigenvalue_the_own_ones_and_the_bounds():
+    locus = cp.root_locus(cp.Scenario.load("adept-anchored"), "controller.gains.sliding_gain", [1.0, 3.0])
+    plane, radius, _ = cp.figures.root_locus_figure(locus).axes
+    assert len(plane.collections[0].get_offsets()) == sum(len(loop.z) for loop in locus.loops)
+    assert len(plane.lines[1].get_xdata()) == len(locus.loops[0].z)
+    assert locus.bounds[0] in [line.get_xdata()[0] for line in radius.lines]

@@ -98,14 +98,16 @@ def test_generalised_force_is_the_gradient_of_the_energy_and_the_damper_takes_po
         for row in np.eye(model.nv)
         for energy in [springs.energy(springs.at(pin.integrate(model, q, -h * row), rest))]
     ]
-    still = springs.at(q, rest)
-    assert_allclose(still.force, -np.array(slopes) / 2.0, rtol=0, atol=1e-6 * np.abs(still.force).max())
+    still, power = chain.elements.force(q, rest)
+    assert_allclose(still, -np.array(slopes) / 2.0, rtol=0, atol=1e-6 * np.abs(still).max())
+    assert power == 0.0
     springs.damp(q)
-    damped = springs.at(q, v)
-    assert_allclose(damped.power, (damped.force - still.force) @ v, rtol=1e-10)
-    assert damped.power < 0.0
+    force, power = chain.elements.force(q, v)
+    damped = springs.seen()
+    assert_allclose(power, (force - still) @ v, rtol=1e-10)
+    assert power < 0.0
     B = springs.jacobians(q)
-    assert_allclose(damped.force, np.einsum("nij,ni->j", B, damped.wrench), rtol=0, atol=1e-9)
+    assert_allclose(force, np.einsum("nij,ni->j", B, damped.wrench), rtol=0, atol=1e-9)
     mobility = B @ np.linalg.solve(mass_matrix(chain, q), B.transpose(0, 2, 1))
     ratio = springs.springs.damping / 2.0 / np.sqrt(UNEVEN / np.einsum("nii->ni", mobility))
     assert_allclose(ratio, 0.3, rtol=1e-12)
@@ -148,7 +150,7 @@ def test_payload_moves_by_the_wrenches_that_are_recorded(name):
     tau = np.concatenate((np.random.default_rng(5).normal(size=len(v) - 6), np.zeros(6)))  # of the arms
     J = chain.payload_jacobian(q)
     F = chain.interaction_wrenches(q, v, tau + J.T @ push, push)
-    a = chain.mechanism.solver.acceleration(q, v, tau + J.T @ push + chain.springs.at(q, v).force)
+    a = chain.mechanism.solver.acceleration(q, v, tau + J.T @ push + chain.elements.force(q, v)[0])
     R, w, h = chain.payload_pose(q)[:3, :3], (J @ v)[3:], 1e-6
     model, payload = chain.mechanism.model, scenario.cell.payload
     ahead, behind = (pin.integrate(model, q, s * h * v) for s in (1, -1))
@@ -407,3 +409,15 @@ def test_payload_at_rest_tends_to_that_of_rigid_grasps_as_the_inverse_of_the_sti
     slope = np.polyfit(np.log(sizes), np.log(found), 1)[0]
     print(f"\n{name}: {found} m or rad, slope {slope:.3f}")
     assert_allclose(slope, -1.0, atol=0.15)
+
+
+@pytest.mark.parametrize("stiffness", [UNEVEN, "soft"])
+def test_bias_at_the_start_is_what_the_run_records(stiffness):
+    """How far each arm sees P from the mean of all, by the check and by the first sample."""
+    scenario = with_grasps(anchored("spatial"), stiffness).override({"duration": 0.002})
+    found = grasp_stability(Simulation(scenario, build_controller(scenario)))
+    seen = cp.run(scenario, warn=False).data["seen_pose_error"].values[0, :, :3]
+    recorded = np.linalg.norm(seen - seen.mean(axis=0), axis=1).max()
+    assert_allclose(found.bias, recorded, rtol=1e-9)
+    assert found.bias > 1e-5
+    assert f"{1e3 * found.bias:.3g} mm from the mean" in found.summary()

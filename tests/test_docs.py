@@ -321,6 +321,7 @@ def test_the_line_for_conda_names_all_requirements_but_pinocchio():
     [
         "concepts/internal-force.md",
         "concepts/measurements.md",
+        "concepts/commands.md",
         "howto/arm.md",
         "howto/mechanism.md",
         "howto/scenario.md",

@@ -84,7 +84,7 @@ def test_the_plant_has_the_accelerations_of_pinocchio_at_random_states(name):
             plant.q, plant.v = q, v
             plant.hold(force)
             plant.surround(plant.surroundings._replace(push=push))
-            seen.append(plant.observe(*(np.array([part, part]) for part in (q, v, force))))
+            seen.append(plant.observe(*(np.array([part, part]) for part in (q, v, force)), np.zeros(2)))
             found = plant.interaction_wrenches()
             assert_allclose(seen[-1].interaction_wrench, [found, found], rtol=1e-12, atol=1e-12)
             plant.advance(0.0, 1e-6)

@@ -96,6 +96,17 @@ def test_a_video_shows_the_run_at_the_times_of_its_frames(result, ffmpeg, tmp_pa
 
 
 @pytest.mark.usefixtures("browser")
+def test_runs_side_by_side_are_one_sheet_of_pdf_with_text_as_text(result, tmp_path):
+    save_image(result, tmp_path / "both.pdf", result, names=["one", "other"], width=800, height=500)
+    content = (tmp_path / "both.pdf").read_bytes()
+    assert content.startswith(b"%PDF")
+    assert len(re.findall(rb"/Type\s*/Page\b", content)) == 1
+    assert re.search(rb"/MediaBox\s*\[0 0 (599|600)(\.\d+)? 37[45]", content)  # 800 x 500 pixels in points
+    assert b"/Type0" in content  # fonts, with the letters that a search finds
+    assert b"/ToUnicode" in content
+
+
+@pytest.mark.usefixtures("browser")
 def test_images_can_be_made_in_a_notebook_and_are_reproducible(result, tmp_path):
     async def cell() -> None:  # a notebook's cells run inside an event loop
         save_image(result, tmp_path / "loop.png", width=WIDTH, height=HEIGHT)
@@ -109,7 +120,7 @@ def test_view_writes_an_image_and_opens_nothing(result, tmp_path, monkeypatch, c
     """test_readme.py has the same command with a browser that draws."""
     drawn = []
 
-    def page_images(_page, times, width, height):
+    def page_images(_page, times, width, height, _take):
         drawn.append((list(times), width, height))
         yield b"\x89PNG"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import html
 import math
 
 import numpy as np
@@ -12,14 +13,20 @@ from numpy.testing import assert_allclose, assert_array_equal
 from test_compliant_grasps import anchored, with_grasps
 
 import coop_pin as cp
+from coop_pin.analysis.plausibility import implausible_numbers
 from coop_pin.batch import support
 from coop_pin.build_controller import build_controller
 from coop_pin.description.grasp_events import grasp_plan
 from coop_pin.errors import FieldError
+from coop_pin.model.visuals import CellVisuals
 from coop_pin.reference import PoseTarget, retreated
 from coop_pin.results.metrics import energy_balance
 from coop_pin.simulation import Simulation
 from coop_pin.spatial import exp3
+from coop_pin.spatial.internal_wrench import virtual_linkage
+from coop_pin.viz.frames import FREE, CellFrames, run_samples, strut_columns
+from coop_pin.viz.highlights import events_text
+from coop_pin.viz.replay import replay_html
 
 STEPS = {"planar": 40, "spatial": 4}
 CYCLE = (
@@ -333,11 +340,11 @@ def test_events_that_cannot_be_are_refused_by_their_field(events, path):
     assert caught.value.path == path
 
 
-def test_events_at_rigid_grasps_are_refused_by_name():
+def test_events_at_welded_grasps_are_refused_by_name():
     scenario = with_grasps(anchored("spatial"), arms=["right"])
     with pytest.raises(FieldError, match="rigid") as caught:
         scenario.replace(events=(cp.Release(time=0.01, arm="left"),))
-    assert caught.value.path == "events.0.arm"
+    assert caught.value.path == "plant.payload"
 
 
 @pytest.mark.parametrize("fields", [{"retreat": -1.0}, {"retreat_time": 0.0}, {"time": math.nan}, {"arm": 3}])
@@ -381,3 +388,94 @@ def test_losses_that_cannot_be_are_refused_by_their_field(events, path):
     assert caught.value.path == path
     with pytest.raises(FieldError, match="lose-arm"):
         simulation(anchored("spatial")).add_event(cp.LoseArm(time=0.05, arm="left"))
+
+
+# ------------------------------------------------------------ laws, and what is shown
+
+SOFT_GAINS = {
+    "pose_gain": (6.0, 6.0, 6.0, 4.0, 4.0, 4.0),
+    "sliding_gain": (2800.0, 2800.0, 2800.0, 28.0, 28.0, 28.0),
+    "sign_gain": (1.0, 1.0, 1.0, 0.15, 0.15, 0.15),
+    "transient_rate": 5.0,
+}
+LAWS = {
+    "anchored": ({"zero_at_grasp": True, "force_path": {"kind": "late"}}, {"anchor_gain": 0.03}, 0.7, 0.3),
+    "leaky": ({"zero_at_grasp": True}, {"anchor_gain": 0.0, "leak": 1.0}, 0.7, 0.4),
+    "payload-pi": ({}, {"anchor_gain": 0.0, "leak": 0.0}, 1.1, 0.8),
+    "payload-pd": ({}, {"anchor_gain": 0.0, "leak": 0.0, "sign_gain": 0.0}, 2.7, 2.7),
+}
+"""Fields and gains of laws, and the largest error after a release and that 0.8 s later, mm."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LAWS)
+def test_what_the_laws_that_read_the_plan_do_with_an_arm_that_holds_nothing(name):
+    """Payload and free arm after a sudden release of one of three UR5 that tells the plan."""
+    fields, gains, peak, end = LAWS[name]
+    law = {"kind": "payload-space", **fields, "gains": SOFT_GAINS | gains}
+    scenario = cp.Scenario.load(
+        "three-ur5-handover", {"controller": law, "events": [], "duration": 1.2, "beyond_bound": True}
+    )
+    data = cp.run(scenario.replace(events=(cp.Release(time=0.4, arm="third"),)), warn=False).data
+    error = 1e3 * np.linalg.norm(data["pose_error"].values[:, :3], axis=1)
+    tip = data["grasp_deflection"].values[400:, 2, :3]
+    moved = 1e3 * np.linalg.norm(tip - tip[0], axis=1)
+    print(f"\n{name}: {error[400:].max():.3f}, {error[-1]:.3f} mm; free {moved[400]:.3f}, {moved[-1]:.3f} mm")
+    assert error[400:].max() < peak
+    assert error[-1] < end
+
+
+@pytest.mark.parametrize("kind", ["mean-pose", "computed-torque", "sliding-mode-redundant"])
+def test_a_law_that_does_not_read_the_plan_is_told(kind):
+    gains = {"damping_gain": 20.0, "pose_gain": 2.0, "sign_gain": 0.1, "transient_rate": 5.0}
+    law = {"mean-pose": SOFT_GAINS, "sliding-mode-redundant": gains}
+    scenario = scenario_with("spatial", *CYCLE)
+    assert not any("plan of the grasps" in text for text in implausible_numbers(scenario))
+    other = scenario.override(
+        {"controller": {"kind": kind, "gains": law.get(kind, {})}, "beyond_bound": True}
+    )
+    assert any(f"{kind!r} does not read the plan" in text for text in implausible_numbers(other))
+    assert not any("plan" in text for text in implausible_numbers(other.replace(events=())))
+
+
+def test_the_page_tells_what_happened_and_shows_a_free_arm():
+    """The sentence on top, and the colour of an arm that holds nothing."""
+    result = cp.run(scenario_with("spatial", *CYCLE), warn=False)
+    assert events_text(result) == "Right hands over and lets go at 0.04 s; right takes hold at 0.06 s."
+    assert events_text(result) in html.unescape(replay_html(result))
+    samples, cell = run_samples(result), result.scenario.cell
+    frames = CellFrames(cell, CellVisuals(cell, result.scenario.plant.payload))
+    codes = frames.rows(samples)[:, -len(frames.visuals.bodies) :]
+    right = [body.name.startswith("right/") for body in frames.visuals.bodies]
+    free = (samples["time"] > 0.0399) & (samples["time"] < 0.0599)
+    assert (codes[free][:, right] == FREE).all()
+    assert not (codes[~free] == FREE).any()
+    assert not (codes[:, ~np.array(right)] == FREE).any()
+    near = cp.Regrasp(time=0.06, arm="right", duration=0.02, tolerance=1e-9)
+    missed = events_text(cp.run(scenario_with("spatial", CYCLE[0], near), warn=False))
+    assert missed.startswith("Right hands over and lets go at 0.04 s. Grasp by 'right' at 0.06 s did not")
+    lost = cp.run(scenario_with("spatial", cp.LoseArm(time=0.01, arm="left"), duration=0.02), warn=False)
+    assert events_text(lost) == "Left fails at 0.01 s (limp)."
+
+
+def test_a_free_arm_has_no_struts():
+    """Those of the others are as if it were not there; with all arms, the struts are those of all."""
+    rng, n = np.random.default_rng(7), 3
+    f, tips = rng.normal(size=(n, 3, 6)), rng.normal(size=(n, 3, 3))
+    samples = {
+        "interaction_wrench": f,
+        "desired_internal_wrench": f,
+        "payload_position": np.zeros((n, 3)),
+        "tip_position": tips,
+        "jacobian_condition": np.ones((n, 3)),
+        "load_share": np.array([[0.3, 0.3, 0.4], [0.5, 0.0, 0.5], [1.0, 0.0, 0.0]]),
+    }
+    struts, across = strut_columns(samples)
+    whole, pair = virtual_linkage(f[0], tips[0]), virtual_linkage(f[1, [0, 2]], tips[1, [0, 2]])
+    assert_allclose(struts[0, 0], whole.struts, atol=1e-12)
+    assert_allclose(across[0], whole.rest[:, :3], atol=1e-12)
+    assert_allclose(struts[1, 0, 1], pair.struts[0], atol=1e-12)
+    assert_allclose(across[1, [0, 2]], pair.rest[:, :3], atol=1e-12)
+    assert not struts[1, :, [0, 2]].any()
+    assert not across[1, 1].any()
+    assert not struts[2].any()

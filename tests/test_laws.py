@@ -29,13 +29,19 @@ UNSTABLE = {
     "sliding-mode-redundant": {"gains.force_gain": 1.5},
     "leader-follower": {"gains.admittance_damping": 0.5},
     "prescribed-performance": {"gains.velocity_floor": 0.0},
+    "admittance": {"gains.admittance_damping": 0.0},
 }
 """Changes that each kind refuses; the others have an anchor, which is unstable from 2 on."""
+WITHOUT_BOUND = ("prescribed-performance", "admittance")
+"""Kinds that refuse what is no gain at all."""
+ON_SERVOS = {"admittance": {"actuators.servo": {"command": "velocity", "rate_hz": 80.0}}}
 
 
 def scenario_of(kind, **changes):
     law = {"kind": kind, "gains": GAINS.get(kind, {}), "force_path": {"kind": "late"}}
-    return SCENARIOS["planar"]().override({"controller": law, "events": [], "sensors.wrist": {}} | changes)
+    return SCENARIOS["planar"]().override(
+        {"controller": law, "events": [], "sensors.wrist": {}, **ON_SERVOS.get(kind, {})} | changes
+    )
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -44,7 +50,7 @@ def test_every_kind_refuses_gains_and_says_where(kind):
         with pytest.raises(FieldError) as refused:
             scenario_of(kind, **{f"controller.{path}": value})
         assert refused.value.path == f"controller.{path}"
-        if kind != "prescribed-performance":
+        if kind not in WITHOUT_BOUND:
             assert scenario_of(kind, beyond_bound=True, **{f"controller.{path}": value})
     with pytest.raises(ScenarioError):
         scenario_of(kind, **{"controller.gains.no_such_gain": 1.0})
@@ -78,10 +84,14 @@ def test_a_users_class_has_no_sliders():
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_says_what_it_needs_and_what_it_leaves(kind):
     scenario = scenario_of(kind)
-    law, found = scenario.controller, steady_errors(scenario)
+    law = scenario.controller
     assert ("internal wrench" in law.needs) <= law.force_path.measures
     blind = law.replace(force_path={"kind": "none"})
     assert "internal wrench" not in blind.needs
+    if kind in ON_SERVOS:  # steady errors refuse it by name
+        assert build_controller(scenario)
+        return
+    found = steady_errors(scenario)
     assert found.wrenches == (2 if {"internal wrench", "wrenches of all arms"} & {*law.needs} else 0)
     assert ("no model" in found.summary()) == (not {"model", "regressor"} & {*law.needs})
     assert found.delay >= 0 or math.isinf(found.delay)

@@ -21,6 +21,7 @@ SHORT = {
     "04_sweeps": "gains, poles, force_gains, workers = 2, 2, 4, 0",
     "06_internal_force": "seconds = 4.5",
     "07_compare": "seconds = 1.0",
+    "08_grasps": "seconds = 0.8",
 }
 """Short mode: the source of the cell tagged "parameters"; notebooks not listed here are short already."""
 

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -128,6 +129,44 @@ def test_the_compiled_plant_is_restored_too():
     simulation.restore(state)
     assert finished(simulation).identical(expected)
     assert finished(pickle.loads(pickle.dumps(simulation))).identical(expected)
+
+
+@pytest.mark.parametrize("name", ["adept-compliant", "three-ur5-handover"])
+def test_a_restored_run_on_compliant_grasps_goes_on_with_the_same_bits(name):
+    """With noise, delay, missed ticks, lag and events; ended before and in the middle of a push."""
+    changes = EVERYTHING | {"clock.rate_hz": cp.Scenario.load(name).clock.rate_hz, "duration": 0.08}
+    del changes["controller.force_path"]
+    changes["sensors"] = {**changes["sensors"], "wrist": None}
+    changes["actuators"] = {"lag": 0.01, "missed_ticks": 0.2}
+    changes["events"] = [{**event, "time": 0.4 * event["time"]} for event in changes["events"]]
+    scenario = cp.Scenario.load(name).replace(beyond_bound=True).override(changes)
+    simulation = stepped(scenario, int(0.05 / scenario.clock.period))
+    state = pickle.loads(pickle.dumps(simulation.state()))
+    expected = finished(simulation)
+    simulation.restore(state)
+    assert finished(simulation).identical(expected)
+    simulation.reset()
+    assert finished(simulation).identical(expected)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_hundred_thousand_steps_take_no_more_memory_than_ten_thousand(name):
+    scenario = SCENARIOS[name]().replace(events=())
+    every = scenario.clock.replace(record_every=1000)
+    simulation = Simulation(scenario.replace(clock=every, duration=100_000 * scenario.clock.period))
+    law, state, sizes = build_controller(scenario), None, []
+    tracemalloc.start()
+    while not simulation.is_finished:
+        measured = simulation.observe()[:2]
+        command = law.step(*measured, law.init(*measured) if state is None else state)
+        simulation.step(command)
+        state = command.state
+        if simulation.ticks_done in (10_000, 100_000):
+            sizes.append(tracemalloc.get_traced_memory()[0])
+    tracemalloc.stop()
+    print(f"{name}: {sizes[0]} bytes after 10 000 steps, {sizes[1] - sizes[0]} more after 100 000")
+    assert sizes[1] - sizes[0] < 100_000
 
 
 def test_what_does_not_fit_is_refused():

@@ -120,6 +120,12 @@ def test_three_fields_make_a_map_for_each_value_of_the_shortest_on_one_scale(tmp
         map_figure(xr.Dataset({"value": (("a", "b", "c"), np.zeros((13, 13, 13)))}))
 
 
+def test_a_metric_without_a_value_is_refused_by_its_name(tmp_path):
+    empty = line(tmp_path, {GAIN: GAINS}, lambda _: {METRIC: np.nan})
+    with pytest.raises(FieldError, match=METRIC):
+        sweep_figure(empty, METRIC)
+
+
 def test_scales_are_logarithmic_where_the_numbers_ask_for_it(tmp_path):
     plan = {GAIN: GAINS, RATE: RATES}
     figure = sweep_figure(line(tmp_path, plan, lambda p: {METRIC: 10.0 ** (p[RATE] / 100.0)}), METRIC)

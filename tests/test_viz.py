@@ -214,7 +214,7 @@ def test_grasps_away_from_the_payload_have_rods_and_hanging_arms_a_plate() -> No
     assert [item.node for item in drawn if item.colour == "#7d858f"] == []
 
 
-def test_colours_of_arms_differ_for_every_eye_and_in_grey() -> None:
+def test_colours_differ_for_every_eye_and_those_of_arms_in_grey() -> None:
     """CIELAB distances of the colours, as seen with full and with deficient colour vision (Machado 2009)."""
     rows = {
         "full": (1, 0, 0, 0, 1, 0, 0, 0, 1),
@@ -235,8 +235,28 @@ def test_colours_of_arms_differ_for_every_eye_and_in_grey() -> None:
         assert min(np.linalg.norm(seen(one, eye) - seen(other, eye)) for eye in eyes) > 15.0
         assert abs(seen(one, "full")[0] - seen(other, "full")[0]) > 10.0
     payload = (palette.ACTUAL, "#06263d", "#f0883e")
-    for one, other in itertools.combinations(payload, 2):
-        assert min(np.linalg.norm(seen(one, eye) - seen(other, eye)) for eye in eyes) > 15.0
+    arrows = (
+        palette.INTERNAL,
+        palette.LOAD,
+        palette.EXTERNAL,
+        palette.DESIRED,
+    )  # in grey their shafts differ
+    runs = [palette.series(number) for number in range(4)]  # in grey their dashes differ
+    for meanings in (payload, arrows, runs):
+        for one, other in itertools.combinations(meanings, 2):
+            assert min(np.linalg.norm(seen(one, eye) - seen(other, eye)) for eye in eyes) > 15.0
+
+
+def test_the_sentence_names_the_arm_where_there_are_three() -> None:
+    result = run("three-ur5-plate", {"duration": 0.1}, warn=False)
+    for part, said in (
+        ("shear", "load the payload across with 50 N, most at second"),
+        ("axial", "pull the payload apart with 50 N, most at second, where"),
+    ):
+        data = result.data.copy(deep=True)
+        data[f"internal_{part}"][-1, 1] = 50.0
+        data[f"internal_{part}_error"][-1, 1] = 50.0
+        assert said in telling_instant(RunResult(result.scenario, data)).text
 
 
 def test_a_force_that_the_motion_hides_is_called_so(spatial: Replay) -> None:
@@ -631,7 +651,7 @@ def test_the_pieces_of_a_link_have_its_bounds_and_the_colours_of_its_file() -> N
     whole = [
         part for part in visuals._geometries(load_unreduced_arm(arm), arm) if part.name == "panda_link0_0"
     ]
-    pieces = visuals._coloured_meshes(whole[0])
+    pieces = visuals._coloured_meshes(whole[0].meshPath, *whole[0].meshScale.ravel())
     vertices, known = np.concatenate([mesh.vertices for mesh, _ in pieces]), whole[0].geometry.vertices()
     assert_allclose(vertices.min(axis=0), known.min(axis=0), atol=1e-6)
     assert_allclose(vertices.max(axis=0), known.max(axis=0), atol=1e-6)

@@ -7,11 +7,13 @@ from coop_pin.analysis.closed_loop import ClosedLoop, LoopMode, eigenvalues
 from coop_pin.analysis.feasibility import closure_problem
 from coop_pin.analysis.grasp_stability import GraspStability, grasp_stability
 from coop_pin.analysis.internal_moment import InternalMoment, internal_moment, positional_torques
+from coop_pin.analysis.least_squeeze import LeastSqueeze, least_squeeze
 from coop_pin.analysis.loop_stability import LoopStability, loop_stability
 from coop_pin.analysis.new_cell import new_cell
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
 from coop_pin.analysis.plausibility import implausible_numbers, run_warnings
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
+from coop_pin.analysis.root_locus import RootLocus, root_locus
 from coop_pin.analysis.sampled_motion import Mode, SampledMotion, sampled_motion
 from coop_pin.analysis.sampled_stability import (
     SampledStability,
@@ -48,12 +50,14 @@ __all__ = [
     "GraspStability",
     "InternalMoment",
     "JointLimitMargin",
+    "LeastSqueeze",
     "LoopMode",
     "LoopStability",
     "Mode",
     "MotionWrenches",
     "NearlySingular",
     "Reachability",
+    "RootLocus",
     "SampledMotion",
     "SampledStability",
     "StaticTorques",
@@ -74,6 +78,7 @@ __all__ = [
     "grasp_stability",
     "implausible_numbers",
     "internal_moment",
+    "least_squeeze",
     "loads_without_an_arm",
     "loop_stability",
     "maximum_reach",
@@ -82,6 +87,7 @@ __all__ = [
     "new_cell",
     "positional_torques",
     "reachability",
+    "root_locus",
     "run_warnings",
     "sampled_motion",
     "sampled_stability",

@@ -162,6 +162,10 @@ def eigenvalues(scenario: Scenario, *, time: float = 0.0) -> ClosedLoop:
 
 def _require_smooth(scenario: Scenario) -> None:
     """Raise ArgumentError if the law has no linear model near rest."""
+    if scenario.has_servos:
+        raise ArgumentError("the memory of servos is not in the map of a tick; choose arms that take torques")
+    if scenario.network is not None:
+        raise ArgumentError("messages on their way are not in the map of a tick; leave the network out")
     law: Any = scenario.controller
     switching = getattr(law, "switching", None)
     if switching is not None and not switching.is_smooth and np.any(law.gains.sign_gain):

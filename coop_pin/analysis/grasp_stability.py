@@ -31,6 +31,8 @@ class GraspStability(NamedTuple):
         stiffness: smallest translational stiffness of a grasp, N/m.
         distance: largest displacement of a tip from its grasp at the start, m.
         angle: largest rotation, rad.
+        bias: largest distance of P as an arm sees it there from the mean of all that have a compliant grasp,
+            m; a kinematic bias, which ``zero_at_grasp`` of the law removes.
     """
 
     radius: float
@@ -39,6 +41,7 @@ class GraspStability(NamedTuple):
     stiffness: float
     distance: float
     angle: float
+    bias: float
 
     @property
     def ok(self) -> bool:
@@ -55,7 +58,8 @@ class GraspStability(NamedTuple):
         verdict = "the motion is stable" if self.ok else f"the gains are too large: {remedy}"
         start = (
             f"at the start the grasps give by {1e3 * self.distance:.3g} mm and {1e3 * self.angle:.3g} mrad;"
-            " each arm sees its own tip, so that this acts like a kinematic bias"
+            f" each arm sees its own tip, and P up to {1e3 * self.bias:.3g} mm from the mean of all:"
+            " a kinematic bias, which zero_at_grasp removes"
         )
         return f"{'' if self.ok else '! '}{modes}: {verdict}\n{bound}\n{start}"
 
@@ -82,7 +86,9 @@ def grasp_stability(simulation: Simulation) -> GraspStability:
     loop = _GraspLoop(simulation)
     radius = loop.radius(1.0)
     holds_from = 1.0 if radius < 1.0 + NEUTRAL else loop.least_factor()
-    deflection = plant.chain.springs.at(plant.q, plant.v).deflection
+    springs = plant.chain.springs
+    deflection = springs.at(plant.q, plant.v).deflection
+    seen = np.array([X_WP.translation for X_WP in springs.seen_poses(plant.q)])
     return GraspStability(
         radius,
         holds_from,
@@ -90,6 +96,7 @@ def grasp_stability(simulation: Simulation) -> GraspStability:
         min(min(grasp.stiffness[:3]) for grasp in cell.compliant.values()),
         float(np.linalg.norm(deflection[:, :3], axis=1).max()),
         float(np.linalg.norm(deflection[:, 3:], axis=1).max()),
+        float(np.linalg.norm(seen - seen.mean(axis=0), axis=1).max()),
     )
 
 
@@ -102,7 +109,7 @@ def _wrench_errors(simulation: Simulation) -> Callable[[Array, Array], Array] | 
 
     def internal(q: Array, v: Array) -> Array:
         p_WP = plant.chain.payload_pose(q)[:3, 3]
-        about_P = springs.at(q, v).on_arms
+        about_P = springs.at(q, v).on_arm
         about_P[:, 3:] -= np.cross(p_WP, about_P[:, :3])
         return np.array([cell.task_rows.select(f) for f in internal_wrenches(about_P, cell.shares)])
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from coop_pin.analysis.grasp_stability import grasp_stability
+from coop_pin.analysis.least_squeeze import least_squeeze
 from coop_pin.analysis.loop_stability import loop_stability
 from coop_pin.analysis.reachability import reachability
 from coop_pin.analysis.sampled_stability import start_stability, step_stability
@@ -45,6 +46,9 @@ def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str
         controller: controller of the scenario.
     """
     yield from implausible_numbers(scenario)
+    with contextlib.suppress(Exception):  # a user's motion may fail: the run tells it
+        if (squeeze := least_squeeze(scenario)) is not None and not squeeze.ok:
+            yield squeeze.summary().removeprefix("! ")
     with contextlib.suppress(Exception):
         simulation = Simulation(scenario, controller)
         yield from map(str, start_torques(simulation).overloaded)
@@ -52,9 +56,11 @@ def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str
         yield from (f"arm {arm.arm!r} {problem}" for arm in path.arms for problem in arm.problems())
         reach = reachability(scenario, poses=_LOOP_POSES) if path.ok else None
         stable: list[Any] = [step_stability(simulation, reach)]
-        if not scenario.controller.user_code and scenario.cell.compliant:
+        law, cell = scenario.controller, scenario.cell
+        is_known = not (law.user_code or scenario.has_servos or cell.has_contacts)
+        if is_known and scenario.cell.compliant:
             stable.append(grasp_stability(simulation))
-        elif not scenario.controller.user_code:
+        elif is_known:
             stable += [start_stability(simulation), loop_stability(simulation, reach)]
         yield from (finding.summary().removeprefix("! ") for finding in stable if not finding.ok)
 
@@ -63,7 +69,8 @@ def implausible_numbers(scenario: Scenario) -> tuple[str, ...]:
     """Return numbers of a scenario that are likely mistakes, one sentence each with the likely unit.
 
     Angles that look like degrees, positions and sizes beyond 10 m, postures beyond joint limits, a start away
-    from the motion's start, grasps outside the payload's shape, and no squeeze.
+    from the motion's start, grasps outside the payload's shape, no squeeze, and a law that does not read the
+    plan of the grasps.
 
     Args:
         scenario: scenario that would be run.
@@ -76,6 +83,17 @@ def implausible_numbers(scenario: Scenario) -> tuple[str, ...]:
             *_start(scenario),
             *_grasps(scenario),
             *_squeeze(scenario),
+            *_plan(scenario),
+        )
+
+
+def _plan(scenario: Scenario) -> Iterator[str]:
+    """Yield a law whose arms do not read that one of them holds nothing."""
+    law = scenario.controller
+    if scenario.grasp_events and not (law.user_code or law.reads_plan):
+        yield (
+            f"the law {law.kind!r} does not read the plan of the grasps: an arm that lets go, or takes hold,"
+            " goes on with the load share of the cell; 'payload-space' reads it"
         )
 
 
@@ -85,8 +103,8 @@ def _units(value: Any, path: str) -> Iterator[str]:
         fields = {name: getattr(value, name) for name in type(value).model_fields}
         if isinstance(value, Pose):
             yield from _pose(value, path)
-        elif "size" in fields and max(value.size) > _LARGEST_M:  # type: ignore[attr-defined]
-            yield f"{path}.size is {_row(value.size)} m; is it in mm?"  # type: ignore[attr-defined]
+        if max(size := fields.get("size") or (0.0,)) > _LARGEST_M:
+            yield f"{path}.size is {_row(size)} m; is it in mm?"
     elif isinstance(value, Mapping):
         fields = dict(value)
     elif isinstance(value, tuple):

@@ -158,7 +158,8 @@ def sampled_motion(
 
     All gains are in it, per row and of spare joints, and the estimate of the speed, the slowest of an arm for
     all. At rest on the reference, internal wrenches as desired unless errors of them are given: their loop is
-    not in it. sgn has no linear integral: there H = 0. Friction, leak and rate limits are not considered.
+    not in it. sgn has no linear integral: there H = 0. Messages arrive at once. Friction, leak and rate
+    limits are not considered.
 
     Args:
         simulation: Simulation that has not begun.
@@ -171,7 +172,7 @@ def sampled_motion(
     """
     plant, law, scenario = simulation.plant, simulation.controller, simulation.scenario
     chain, rest = plant.chain.mechanism, np.zeros(len(plant.v))
-    ideal = scenario.replace(sensors=Sensors(), arm_sensors={}, beyond_bound=True)
+    ideal = scenario.with_ideal_sensors
     holding = simulation.actuation.holding_commands(q)
     sensing = Sensing(ideal, plant.chain.model.arms, holding_torques=lambda _q: holding)
     first = sensing.start(q, rest, simulation.references(time))
@@ -190,8 +191,9 @@ def sampled_motion(
                 arm._replace(internal_wrench=arm.internal_wrench + error, internal_wrench_age=0.0)
                 for arm, error in zip(seen, wrench_errors(q, v), strict=True)
             ]
+        seen = simulation.exchange.at_once(law, seen, references, state)
         command = law.step(seen, references, state)
-        torque = plant.transmission.torque(simulation.actuation.commanded(command))
+        torque = plant.transmission.torque(simulation.actuation.torques_of(command))
         return N.T @ chain.forward_dynamics(q, rest, torque).acceleration, command.state
 
     def response(moved: Array, v: Array) -> Array:
@@ -199,7 +201,7 @@ def sampled_motion(
         kept = step(q, rest, state)[0] if scenario.controller.has_linear_integral else 0.0 * now
         return np.concatenate((now, kept))
 
-    start = law.init(first, references)
+    start = law.init(simulation.exchange.at_once(law, first, references, None), references)
     moved = [
         [response(pin.integrate(chain.model, q, h * row), rest), response(q, h * row)]
         for row in N.T

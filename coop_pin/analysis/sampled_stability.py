@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,8 +11,9 @@ import numpy as np
 from coop_pin.analysis.reachability import Reachability
 from coop_pin.arrays import Array, frozen, require_type, typed
 from coop_pin.build_controller import build_controller
+from coop_pin.chain.partner import partner_matrices
+from coop_pin.description.events import Partner
 from coop_pin.description.scenario import Scenario
-from coop_pin.description.sensors import Sensors
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.sensing import Sensing
@@ -83,7 +84,7 @@ class StepStability(NamedTuple):
         steps_per_tick: plant steps in a tick.
         joints: the joints that move most in that mode, as arm/joint.
         time: time of the pose at which it is so, s.
-        cause: origin of the mode, "friction" or "compliant grasps".
+        cause: origin of the mode, "friction", "compliant grasps" or "partner".
     """
 
     value: float
@@ -105,7 +106,7 @@ class StepStability(NamedTuple):
         if self.ok:
             return f"{text} is within the stability limit {self.limit:.3g} of the plant's steps"
         steps = math.ceil(self.steps_per_tick * self.value / self.limit)
-        remedy = "lower the friction" if self.cause == "friction" else "use softer or less damped grasps"
+        remedy = "lower the friction" if self.cause == "friction" else "use a softer or less damped element"
         return (
             f"! {text} exceeds the stability limit {self.limit:.3g} of the plant's steps."
             f" Raise clock.steps_per_tick from {self.steps_per_tick} to {steps}, or {remedy}"
@@ -201,9 +202,9 @@ def step_stability(simulation: Simulation, cell_reach: Reachability | None = Non
     if cell_reach is not None:
         poses += configurations_along(simulation, cell_reach, _STEP_POSES)[1:]
     stabilities = [_steps_at(simulation, *pose) for pose in poses]
-    stabilities += [
-        _grasp_steps_at(simulation, *pose) for pose in poses if simulation.scenario.cell.compliant
-    ]
+    scenario = simulation.scenario
+    if scenario.cell.compliant or any(isinstance(event, Partner) for event in scenario.events):
+        stabilities += [_grasp_steps_at(simulation, *pose) for pose in poses]
     return max(stabilities, key=lambda stability: stability.value / stability.limit)
 
 
@@ -213,7 +214,7 @@ def _grasp_steps_at(simulation: Simulation, time: float, q: Array) -> StepStabil
     instants, stabilities = {0.0, *(event.time for event in scenario.events)}, list[StepStability]()
     for surroundings in map(scenario.surroundings_at, instants):
         chain.surround(surroundings)
-        A, N = plant_matrix(simulation, q)
+        A, N = plant_matrix(simulation, q, partners=surroundings.partners)
         s, vectors = np.linalg.eig(A)
         modes = N @ vectors[len(A) // 2 :]
         limits = np.array([_ray_limit(entry) for entry in s])
@@ -221,22 +222,24 @@ def _grasp_steps_at(simulation: Simulation, time: float, q: Array) -> StepStabil
         steps = scenario.clock.steps_per_tick
         value, joints = float(np.abs(s[worst])), fastest_joints(simulation, np.abs(modes[:, worst]))
         value *= scenario.clock.period / steps
-        stabilities.append(
-            StepStability(value, float(limits[worst]), steps, joints, time, "compliant grasps")
-        )
+        cause = "compliant grasps" if scenario.cell.compliant else "partner"
+        stabilities.append(StepStability(value, float(limits[worst]), steps, joints, time, cause))
     chain.surround(simulation.plant.surroundings)
     return max(stabilities, key=lambda stability: stability.value / stability.limit)
 
 
-def plant_matrix(simulation: Simulation, q: Array, stiffer: float = 1.0) -> tuple[Array, Array]:
-    """Return the matrix of [y, w] under grasps and friction alone, and the basis N of the n motions.
+def plant_matrix(
+    simulation: Simulation, q: Array, stiffer: float = 1.0, partners: Sequence[Partner] = ()
+) -> tuple[Array, Array]:
+    """Return the matrix of [y, w] under force elements and friction, and the basis N of the n motions.
 
     N has shape (nv, n), and v = N w.
 
     Args:
-        simulation: Simulation of a cell with compliant grasps.
+        simulation: Simulation of a cell.
         q: Configuration, with the payload at rest.
-        stiffer: Factor of all stiffnesses, at the same damping ratios.
+        stiffer: Factor of all stiffnesses of grasps, at the same damping ratios.
+        partners: Partners that hold the payload.
     """
     plant = simulation.plant
     chain, rest, friction = plant.chain.mechanism, np.zeros(len(plant.v)), plant.transmission.friction
@@ -245,9 +248,13 @@ def plant_matrix(simulation: Simulation, q: Array, stiffer: float = 1.0) -> tupl
     )
     N = basis[:, singular > _UNDAMPED]
     K, D = plant.chain.springs.matrices(q)
-    D = math.sqrt(stiffer) * D - np.column_stack([friction(_SLOW * row) / _SLOW for row in np.eye(len(rest))])
+    K, D = stiffer * K, math.sqrt(stiffer) * D
+    for partner in partners:
+        held = partner_matrices(partner, partner.time, plant.chain.payload_jacobian(q))
+        K, D = K + held[0], D + held[1]
+    D -= np.column_stack([friction(_SLOW * row) / _SLOW for row in np.eye(len(rest))])
     still = chain.forward_dynamics(q, rest, rest).acceleration
-    forces = np.hstack((stiffer * K @ N, D @ N)).T
+    forces = np.hstack((K @ N, D @ N)).T
     response = [chain.forward_dynamics(q, rest, force).acceleration - still for force in forces]
     n = N.shape[1]
     return np.vstack((np.eye(n, 2 * n, n), -N.T @ np.column_stack(response))), N
@@ -297,18 +304,17 @@ def _stability_value(entry: complex) -> float:
 def _torque_of(simulation: Simulation, q: Array, time: float) -> Callable[[Array], Array]:
     """Return the controller's generalised force at a pose and time as a function of the velocity.
 
-    Measured internal wrenches are as desired, joints are measured as they are. Torque limits play no part.
+    Measured internal wrenches are as desired, joints are measured as they are, and messages arrive at once.
+    Torque limits play no part.
     """
     plant, start, references = simulation.plant, simulation.references(0.0), simulation.references(time)
-    ideal = simulation.scenario.replace(sensors=Sensors(), arm_sensors={}, beyond_bound=True)
+    ideal = simulation.scenario.with_ideal_sensors
     sensing = Sensing(ideal, plant.chain.model.arms, holding_torques=simulation.actuation.holding_commands)
-    state = simulation.controller.init(sensing.start(plant.q, np.zeros(len(plant.v)), start), start)
+    law, at_once, rest = simulation.controller, simulation.exchange.at_once, np.zeros(len(plant.v))
+    state = law.init(at_once(law, sensing.start(plant.q, rest, start), start, None), start)
     # Laws are linear in small speeds but for bounded signs, which cancel between opposite large ones.
     speed, slots = simulation.scenario.controller.linear_speed, plant.chain.model.arms
-    at_rest = [
-        seen._replace(time=time, reported_torque=None)
-        for seen in sensing.start(q, np.zeros(len(plant.v)), references)
-    ]
+    at_rest = [seen._replace(time=time, reported_torque=None) for seen in sensing.start(q, rest, references)]
 
     def torque(v: Array) -> Array:
         rates = [frozen(slot.drive.dot(speed * v[slot.v_slice])) for slot in slots]
@@ -316,8 +322,8 @@ def _torque_of(simulation: Simulation, q: Array, time: float) -> Callable[[Array
             seen._replace(v=rate, payload_twist=frozen(seen.payload_jacobian.dot(rate)))
             for seen, rate in zip(at_rest, rates, strict=True)
         ]
-        command = simulation.controller.step(measurements, references, state)
-        return plant.transmission.torque(simulation.actuation.commanded(command)) / speed
+        command = law.step(at_once(law, measurements, references, state), references, state)
+        return plant.transmission.torque(simulation.actuation.torques_of(command)) / speed
 
     return torque
 

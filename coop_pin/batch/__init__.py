@@ -11,8 +11,8 @@ other:
 - checks of users' laws: hidden_state (attributes), support (random ticks), single_runs (whole runs);
 - runs: preparation (what runs must share), schedule (the order of the kernels), samples (what was recorded),
   simulate (families, blocks of runs);
-- other uses of the same code: lane (one run, interruptible), c_export (a law as C99), traced_plant (the
-  plant of a single run).
+- other uses of the same code: lane (one run, interruptible), c_messages and c_export (what a law tells and
+  hears, and the law, as C99), traced_plant (the plant of a single run).
 """
 
 from coop_pin.batch.c_export import CLaw, export_c

@@ -11,7 +11,7 @@ from coop_pin.arrays import Array, Mask
 from coop_pin.batch.cell_dynamics import CellNumbers
 from coop_pin.batch.constants import RunConstants, Start
 from coop_pin.batch.plant_code import observed
-from coop_pin.batch.signals import Desired, RunSignals
+from coop_pin.batch.signals import RunSignals
 from coop_pin.control import ArmReference
 from coop_pin.results.quantities import WORK, Quantity, shape_of
 from coop_pin.tracing.kernel import Kernel, Layout
@@ -105,11 +105,16 @@ class RunBlock:
         entries[split.is_loaded] = kernel.read("signals")
         return rebuilt(split.example, iter(entries))
 
-    def references(self, desired: Desired) -> list[ArmReference]:
+    def references(self, signals: RunSignals) -> list[ArmReference]:
         """Return the reference of each arm at a tick."""
-        rows = self.constants.sensors.rows
-        twist, acceleration = traced(rows.select(desired.twist)), traced(rows.select(desired.acceleration))
+        rows, exact = self.constants.sensors.rows, [signals.desired] * len(self.constants.arms)
+        desired = [clocked or each for clocked, each in zip(signals.clocked or exact, exact, strict=True)]
         return [
-            ArmReference(desired.pose, twist, acceleration, traced(rows.select(wrench)))
-            for wrench in desired.squeeze
+            ArmReference(
+                each.pose,
+                traced(rows.select(each.twist)),
+                traced(rows.select(each.acceleration)),
+                traced(rows.select(each.squeeze[index])),
+            )
+            for index, each in enumerate(desired)
         ]

@@ -1,6 +1,6 @@
 """Law of one arm as C99 for a real controller: kinematics, Jacobian and law from the traced code.
 
-A self-test is written beside it: ticks of a simulation of the scenario, with the torques of the Python law.
+A self-test is written beside it: ticks of a simulation of the scenario, with the commands of the Python law.
 """
 
 from __future__ import annotations
@@ -17,20 +17,21 @@ import numpy as np
 from coop_pin import __version__
 from coop_pin.arrays import as_count, typed
 from coop_pin.atomic_write import write_atomically
+from coop_pin.batch.c_messages import MessageTexts
 from coop_pin.batch.constants import arm_constants
 from coop_pin.batch.law_code import (
     LawCode,
-    LawTick,
     RecordedLaw,
     Values,
     fields,
     require_agreement,
     tolerance,
     trace_law,
+    trace_messages,
 )
 from coop_pin.build_controller import build_controller
 from coop_pin.control import DecentralisedController
-from coop_pin.control.interface import DESIRED, MEASURED
+from coop_pin.control.interface import COMMANDS, DESIRED, MEASURED
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, NameNotFoundError, TracingError
 from coop_pin.simulation import Simulation
@@ -95,14 +96,18 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     cell_ticks, alone = [[tick] for tick in recorded.ticks], {arm: controller.controllers[arm]}
     try:
         law, rows = DecentralisedController(alone), scenario.cell.task_rows
-        code = trace_law(law, constants, rows, cell_ticks[0], exact=bool(scenario.controller.user_code))
-        require_agreement(*code, cell_ticks)
+        exact, first = bool(scenario.controller.user_code), recorded.ticks[0]
+        start, step = trace_law(law, constants, rows, cell_ticks[0], exact=exact)
+        require_agreement(start, step, cell_ticks)
+        code: tuple[LawCode, ...] = start, step
+        if len(first.message):
+            code += trace_messages(alone[arm], constants[0], rows, first, exact=exact)
     except TracingError as error:
         raise TracingError(f"the law of arm {arm!r} cannot be exported: it {error}") from None
     name = _identifier(arm, list(scenario.cell.arms))
     header, source, test = (Path(folder) / f"{name}{ending}" for ending in (".h", ".c", "_self_test.c"))
     Path(folder).mkdir(parents=True, exist_ok=True)
-    texts = _texts(name, scenario, arm, recorded.ticks, code)
+    texts = _texts(name, scenario, arm, recorded, code)
     for file, text in zip((header, source, test), texts, strict=True):
         write_atomically(file, partial(Path.write_text, data=text, encoding="utf-8"))
     return CLaw(header, source, test, _flops(code[1]))
@@ -123,9 +128,9 @@ _HEADER = """/* Law of arm {arm!r} of the scenario {scenario!r}, exported by coo
 
    {joints} drives, {rows} task rows ({kind}), period {period} s.
    Call {name}_start at the first tick, and {name}_step at every tick, the first included. Both return 1, or 0
-   if the payload Jacobian is singular: the torque then means nothing. The torque is not limited.
+   if the payload Jacobian is singular: the {output} then means nothing. The {output} is not limited.
    A step takes {flops} floating-point operations.
-   Compile without contracted operations: -std=c99, or -ffp-contract=off. */
+{exchange}   Compile without contracted operations: -std=c99, or -ffp-contract=off. */
 #ifndef COOP_PIN_{upper}_H
 #define COOP_PIN_{upper}_H
 
@@ -141,14 +146,14 @@ typedef struct {{
     double value[{states}];
 }} {name}_state;
 
-/* Set the state at the first tick. */
+{messages}/* Set the state at the first tick. */
 int {name}_start(
     const {name}_measurement *measurement, const {name}_reference *reference, {name}_state *state);
 
-/* Set the {joints} torques, N m, and change the state to that of the next tick. */
+/* Set the {output} of the {joints} drives, {unit}, and change the state to that of the next tick. */
 int {name}_step(
     const {name}_measurement *measurement, const {name}_reference *reference, {name}_state *state,
-    double *torque);
+    double *{output});
 
 #endif
 """
@@ -168,31 +173,33 @@ static const {name}_reference desired[] = {{
 static const double expected[][{joints}] = {{
 {expected}
 }};
-
+{said}
 int main(void)
 {{
     {name}_state state;
-    double torque[{joints}], worst = 0.0;
-    int good = {name}_start(&measured[0], &desired[0], &state);
-    for (int tick = 0; tick < {ticks}; ++tick) {{
-        good &= {name}_step(&measured[tick], &desired[tick], &state, torque);
+    double {output}[{joints}], worst = 0.0;
+    int good = {name}_start(&measured[0], &desired[0], &state);{before}
+    for (int tick = 0; tick < {ticks}; ++tick) {{{at_tick}
+        good &= {name}_step(&measured[tick], &desired[tick], &state, {output});
         for (int joint = 0; joint < {joints}; ++joint) {{
-            const double error = fabs(torque[joint] - expected[tick][joint]);
+            const double error = fabs({output}[joint] - expected[tick][joint]);
             good &= error <= {tolerance}; /* also catches NaN */
             worst = fmax(worst, error);
         }}
     }}
-    printf("{ticks} ticks, largest difference %.3g N m: %s\\n", worst, good ? "passed" : "FAILED");
+    printf("{ticks} ticks, largest difference %.3g {unit}: %s\\n", worst, good ? "passed" : "FAILED");
     return !good;
 }}
 """
 
 
 def _texts(
-    name: str, scenario: Scenario, arm: str, ticks: Sequence[LawTick], code: tuple[LawCode, LawCode]
+    name: str, scenario: Scenario, arm: str, law: RecordedLaw, code: tuple[LawCode, ...]
 ) -> tuple[str, str, str]:
     """Return header, source and self-test."""
-    (_, step), (measured, desired), joints = code, fields(ticks[0]), len(ticks[0].torque)
+    ticks, output = law.ticks, law.command_kind
+    (_, step, *_), (measured, desired), joints = code, fields(ticks[0]), len(ticks[0].torque)
+    messages = MessageTexts.of_law(name, law)
     header = _HEADER.format(
         arm=arm,
         scenario=scenario.name,
@@ -200,11 +207,15 @@ def _texts(
         name=name,
         upper=name.upper(),
         joints=joints,
+        output=output,
+        unit=COMMANDS[output],
         rows=scenario.cell.task_rows.size,
         kind=scenario.cell.rows,
         period=scenario.clock.period,
         flops=sum(_flops(step).values()),
-        measurement=_struct(measured, MEASURED),
+        exchange=messages.exchange,
+        messages=messages.declared,
+        measurement=_struct(measured, MEASURED | messages.comments),
         reference=_struct(desired, DESIRED),
         states=max(len(step.state), 1),
     )
@@ -212,28 +223,40 @@ def _texts(
     test = _SELF_TEST.format(
         name=name,
         joints=joints,
+        output=output,
+        unit=COMMANDS[output],
         ticks=len(ticks),
         measured=",\n".join(table[0] for table in tables),
         desired=",\n".join(table[1] for table in tables),
         expected=",\n".join(_list(tick.torque) for tick in ticks),
         tolerance=c_number(tolerance([ticks])),
+        said=messages.said,
+        before=messages.before,
+        at_tick=messages.at_tick,
     )
-    return header, _source(name, measured, desired, code), test
+    return header, _source(name, measured, desired, code, output), test
 
 
-def _source(name: str, measured: Values, desired: Values, codes: tuple[LawCode, LawCode]) -> str:
-    """Return the file of start and step."""
+def _source(name: str, measured: Values, desired: Values, codes: tuple[LawCode, ...], output: str) -> str:
+    """Return the file of start, step and messages."""
     emitter, inputs = CEmitter(), f"const {name}_measurement *measurement, const {name}_reference *reference"
     read = [f"measurement->{entry}" for entry in _entries(measured)]
     read += [f"reference->{entry}" for entry in _entries(desired)]
     read += [f"state->value[{index}]" for index in range(len(codes[0].state))]
-    for what, code, argument in zip(("start", "step"), codes, ("", ", double *torque"), strict=True):
+    last = "return is_regular != 0.0;"
+    for what, code, argument in zip(("start", "step"), codes[:2], ("", f", double *{output}"), strict=True):
         stores = [(f"state->value[{index}]", number) for index, number in enumerate(code.state)]
-        stores += [(f"torque[{index}]", number) for index, number in enumerate(code.torque)]
+        stores += [(f"{output}[{index}]", number) for index, number in enumerate(code.torque)]
         stores.append(("const double is_regular", code.is_regular))
         head = f"int {name}_{what}({inputs}, {name}_state *state{argument})"
         unread = "(void)measurement, (void)reference, (void)state; /* a law need not read them */"
-        last = "return is_regular != 0.0;"
+        emitter.define(head, code.tape, stores, read.__getitem__, first=unread, last=last)
+    said = {"first_message": "", "message": f", const {name}_state *state"}
+    for (what, argument), code in zip(said.items(), codes[2:], strict=False):
+        stores = [(f"message[{index}]", number) for index, number in enumerate(code.torque)]
+        stores.append(("const double is_regular", code.is_regular))
+        head = f"int {name}_{what}({inputs}{argument}, double *message)"
+        unread = f"(void)measurement, (void)reference{', (void)state' if argument else ''};"
         emitter.define(head, code.tape, stores, read.__getitem__, first=unread, last=last)
     return f'#include "{name}.h"\n{emitter.text()}'
 

@@ -16,6 +16,7 @@ from coop_pin.model.arm_model import ArmKinematics, PayloadKinematics
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.drives import CellDrives, DriveState
+from coop_pin.simulation.network import CellNetwork
 from coop_pin.simulation.sensors import CellSensors
 from coop_pin.simulation.timeline import Timeline
 from coop_pin.spatial.task_rows import TaskRows
@@ -59,6 +60,7 @@ class RunConstants(NamedTuple):
         arms: Kinematics and transmission of each arm.
         sensors: Sensors of all arms.
         drives: Drives of all arms.
+        network: Network between the arms; None without one.
         changes: Those fields of the surroundings that events change: at the start, and from each instant on.
         controller: Controller of all arms.
     """
@@ -67,6 +69,7 @@ class RunConstants(NamedTuple):
     arms: tuple[ArmConstants, ...]
     sensors: CellSensors
     drives: CellDrives
+    network: CellNetwork | None
     changes: tuple[Mapping[str, Any], ...]
     controller: Any
 
@@ -112,6 +115,7 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
         arms=tuple(arm_constants(scenario, slot) for slot in run.plant.chain.model.arms),
         sensors=run.sensing.sensors,
         drives=run.actuation.drives,
+        network=run.exchange.network,
         changes=changes(scenario, run.timeline),
         controller=run.controller,
     )

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -12,7 +14,7 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.batch.constants import ArmConstants
 from coop_pin.control import ArmCommand, ArmController, ArmMeasurement, ArmReference, CellController
-from coop_pin.control.interface import DESIRED, MEASURED
+from coop_pin.control.interface import DESIRED, MEASURED, Message
 from coop_pin.errors import TracingError
 from coop_pin.simulation.sensors import measurement
 from coop_pin.spatial.task_rows import TaskRows
@@ -21,11 +23,14 @@ from coop_pin.tracing.tape import Number, Operand, Tape, operands
 from coop_pin.tracing.traced_array import inputs, masks, plain
 from coop_pin.tracing.tree import leaves, rebuilt, require_state, structure
 
-_AGREEMENT = 1e-12
+AGREEMENT = 1e-12
 """Largest difference of torques from those of the Python law, relative to the largest torque of the ticks."""
 
 Values: TypeAlias = Mapping[str, Any]
 """Values of fields of a measurement or a reference by name."""
+
+
+_NOTHING = np.zeros(0)
 
 
 class LawTick(NamedTuple):
@@ -34,12 +39,14 @@ class LawTick(NamedTuple):
     Attributes:
         measurement: Measurement of the arm, with the holding torques of the first tick.
         reference: Reference of the arm.
-        torque: Torque by the law, N m, shape (k,).
+        torque: Torque by the law, N m, shape (k,), or the velocity or position that it commands.
+        message: Message by the law, shape (w,); none of laws that say nothing.
     """
 
     measurement: ArmMeasurement
     reference: ArmReference
     torque: Array
+    message: Array = _NOTHING
 
 
 class RecordedLaw(ArmController):
@@ -47,11 +54,25 @@ class RecordedLaw(ArmController):
 
     Attributes:
         ticks: Ticks so far.
+        first_message: Message before the first tick.
     """
 
     def __init__(self, law: ArmController) -> None:
         self._law, self.ticks = law, list[LawTick]()
+        self.first_message = self._message = _NOTHING
         self._holding: Array | None = None
+
+    @property
+    def command_kind(self) -> str:
+        """What the law commands."""
+        return self._law.command_kind
+
+    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
+        """Return the law's message."""
+        self._message = self._law.message(measurement, reference, state)
+        if state is None:
+            self.first_message = self._message
+        return self._message
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> Any:
         """Return the law's state at the first tick."""
@@ -62,7 +83,7 @@ class RecordedLaw(ArmController):
         """Return the law's command."""
         command = self._law.step(measurement, reference, state)
         measurement = measurement._replace(holding_torque=self._holding)
-        self.ticks.append(LawTick(measurement, reference, command.torque))
+        self.ticks.append(LawTick(measurement, reference, command.values, self._message))
         return command
 
 
@@ -99,7 +120,20 @@ def fields(tick: LawTick) -> tuple[Values, Values]:
     absent = {name for name, value in measured.items() if value is None}
     absent |= {f"{name}_age" for name in absent}
     desired = {name: getattr(tick.reference, name) for name in DESIRED}
-    return {name: value for name, value in measured.items() if name not in absent}, desired
+    present = {name: value for name, value in measured.items() if name not in absent}
+    for name, message in zip(heard_fields(tick.measurement), _heard(tick.measurement), strict=True):
+        present |= {name: message.numbers, f"{name}_age": message.age}
+    return present, desired
+
+
+def heard_fields(measurement: ArmMeasurement) -> dict[str, str]:
+    """Return the names of the fields with messages, and from whom they come."""
+    heard = measurement.messages or {}
+    return {f"heard_{index}_{re.sub(r'[^A-Za-z0-9]', '_', name)}": name for index, name in enumerate(heard)}
+
+
+def _heard(measurement: ArmMeasurement) -> list[Message]:
+    return list((measurement.messages or {}).values())
 
 
 def trace_law(
@@ -122,20 +156,7 @@ def trace_law(
     Raises:
         TracingError: The controller cannot be traced.
     """
-
-    def record() -> tuple[Tape, list[ArmMeasurement], list[ArmReference]]:
-        tape, measurements, references = Tape(), list[ArmMeasurement](), list[ArmReference]()
-        for arm, tick in zip(arms, first, strict=True):
-            measured, desired = (
-                {name: inputs(tape, *np.shape(value)) for name, value in values.items()}
-                for values in fields(tick)
-            )
-            q, v = measured.pop("q"), measured.pop("v")
-            others = {"internal_wrench": None, **measured, "saturated": masks(measured["saturated"])}
-            measurements.append(measurement(arm.view(rows, arm.to_joints.dot(q)), q, v, **others))
-            references.append(ArmReference(**desired))
-        return tape, measurements, references
-
+    record = partial(_inputs_of, arms, rows, first)
     tape, measurements, references = record()
     with law_code(tape, exact=exact):
         first_state = controller.init(measurements, references)
@@ -145,12 +166,67 @@ def trace_law(
     state = rebuilt(first_state, iter([inputs(tape) for _ in start.state]))
     with law_code(tape, exact=exact):
         measurements = [measurement._replace(holding_torque=None) for measurement in measurements]
-        torques, state = controller.step(measurements, references, state)
+        command = controller.step(measurements, references, state)
+        state = command.state
         require_state(state)
-        torque = [entry for torque in torques for entry in plain(torque).flat]
+        torque = [entry for values in command.values for entry in plain(values).flat]
     if structure(state) != structure(first_state):
         raise TracingError("returns another kind of state from step than from init")
     return start, LawCode.of(tape, state, torque)
+
+
+def trace_messages(
+    law: ArmController, arm: ArmConstants, rows: TaskRows, first: LawTick, *, exact: bool
+) -> tuple[LawCode, LawCode]:
+    """Return the traced messages of an arm before its first tick and at a tick, which stand for the torque.
+
+    Args:
+        law: Law of the arm.
+        arm: Numbers of the arm.
+        rows: Task rows of the cell.
+        first: Tick of the arm, whose fields that are not None become inputs.
+        exact: Mode of tracing, as of law_code.
+
+    Raises:
+        TracingError: The law cannot be traced.
+    """
+
+    def code(tape: Tape, measured: list[ArmMeasurement], desired: list[ArmReference], state: Any) -> LawCode:
+        with law_code(tape, exact=exact):
+            (silent,) = [each._replace(messages=None, holding_torque=None) for each in measured]
+            return LawCode.of(tape, (), list(plain(law.message(silent, desired[0], state)).flat))
+
+    record = partial(_inputs_of, [arm], rows, [first])
+    tape, measured, desired = record()
+    before = code(tape, measured, desired, None)
+    tape, measured, desired = record()
+    with law_code(tape, exact=exact):
+        first_state = law.init(measured[0], desired[0])
+    tape, measured, desired = record()
+    state = rebuilt(first_state, iter([inputs(tape) for _ in leaves(first_state)]))
+    return before, code(tape, measured, desired, state)
+
+
+def _inputs_of(
+    arms: Sequence[ArmConstants], rows: TaskRows, first: Sequence[LawTick]
+) -> tuple[Tape, list[ArmMeasurement], list[ArmReference]]:
+    """Return a tape with the fields of ticks as inputs, and the measurements and references they make."""
+    tape, measurements, references = Tape(), list[ArmMeasurement](), list[ArmReference]()
+    for arm, tick in zip(arms, first, strict=True):
+        measured, desired = (
+            {name: inputs(tape, *np.shape(value)) for name, value in values.items()}
+            for values in fields(tick)
+        )
+        messages = {
+            name: Message(measured.pop(field), measured.pop(f"{field}_age"))
+            for field, name in heard_fields(tick.measurement).items()
+        }
+        q, v = measured.pop("q"), measured.pop("v")
+        others = {"internal_wrench": None, **measured, "saturated": masks(measured["saturated"])}
+        seen = measurement(arm.view(rows, arm.to_joints.dot(q)), q, v, **others, messages=messages or None)
+        measurements.append(seen)
+        references.append(ArmReference(**desired))
+    return tape, measurements, references
 
 
 @contextlib.contextmanager
@@ -183,7 +259,7 @@ def _flat(ticks: Sequence[LawTick]) -> list[float]:
 
 def tolerance(ticks: Sequence[Sequence[LawTick]]) -> float:
     """Return the allowed difference of torques, N m."""
-    return _AGREEMENT * max(float(np.abs(arm.torque).max()) for tick in ticks for arm in tick)
+    return AGREEMENT * max(float(np.abs(arm.torque).max()) for tick in ticks for arm in tick)
 
 
 def require_agreement(start: LawCode, step: LawCode, ticks: Sequence[Sequence[LawTick]]) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.batch.constants import RunConstants, run_constants, start
 from coop_pin.batch.hidden_state import digest, of_surroundings
-from coop_pin.batch.signals import columns, desired_of, first_of, run_signals
+from coop_pin.batch.signals import clocked_of, columns, desired_of, first_of, run_signals
 from coop_pin.batch.support import plant_reason
 from coop_pin.build_controller import build_controller, controlled_arm
 from coop_pin.control import CellController
@@ -51,7 +51,7 @@ class PreparedPlant:
             TracingError: it cannot be traced.
             CoopPinError: the run cannot start.
         """
-        if reason := plant_reason(scenario.plant, scenario.cell):
+        if reason := plant_reason(scenario.plant, scenario.cell, scenario.events):
             raise TracingError(f"{scenario.name!r} cannot run in a batch: {reason}")
         self.run = Simulation(scenario, build_controller(scenario))
         self.arms = [controlled_arm(scenario, name) for name in scenario.cell.arms]
@@ -62,8 +62,9 @@ class PreparedPlant:
         self.begins = {name: leaves(part) for name, part in self.start._asdict().items()}
         self.begins["surroundings"] = leaves(self.constants.changes[0])
         self.desired = desired_of(self.run)
+        self._clocked = clocked_of(self.run)
         self._joints = [len(arm.drive) for arm in self.run.plant.chain.model.arms]
-        drawn = run_signals(scenario, self.desired, self._joints)
+        drawn = run_signals(scenario, self.desired, self._joints, self._clocked)
         self.example, self._signals = first_of(drawn), {scenario.seed: columns(drawn)}
         recorder, self.table = self.run.recorder, quantities(scenario)
         self.read = [each for each in QUANTITIES if each in self.table or each.group == "kinematics"]
@@ -72,7 +73,7 @@ class PreparedPlant:
     def signals(self, scenario: Scenario) -> Array:
         """Return the signals of a run of this plant at all ticks, shape (ticks + 1, entries)."""
         if scenario.seed not in self._signals:
-            drawn = run_signals(scenario, self.desired, self._joints)
+            drawn = run_signals(scenario, self.desired, self._joints, self._clocked)
             self._signals = {scenario.seed: columns(drawn)}  # those of one seed are kept
         return self._signals[scenario.seed]
 
@@ -161,8 +162,10 @@ def plant_fields(scenario: Scenario) -> list[object]:
 
 
 def _times(scenario: Scenario) -> Hashable:
-    """Return ticks, and events and losses of torque by their times."""
+    """Return ticks and samples of servos, and events and losses of torque by their times."""
     times = [(event.time, event.end) for event in scenario.events]
     lost = [scenario.actuators_of(arm).lost_at for arm in scenario.cell.arms]
-    clock = scenario.clock
-    return clock.rate_hz, clock.steps_per_tick, clock.record_every, scenario.duration, str(times), str(lost)
+    servos = [scenario.actuators_of(arm).servo for arm in scenario.cell.arms]
+    rates, clock = [servo and servo.rate_hz for servo in servos], scenario.clock
+    ticks = clock.rate_hz, clock.steps_per_tick, clock.record_every, scenario.duration
+    return (*ticks, str(times), str(lost), str(rates))

@@ -10,7 +10,7 @@ import numpy as np
 from coop_pin.arrays import Array, Mask
 from coop_pin.batch.block import RunBlock, SignalSplit
 from coop_pin.batch.preparation import Prepared
-from coop_pin.batch.tick import TickCode
+from coop_pin.batch.tick import TickCode, sample_name
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.timeline import Timeline
 from coop_pin.tracing.kernel import LOAD, RECORD, Instruction, Kernel, Program
@@ -90,12 +90,13 @@ class Schedule:
         self._steps: dict[float, int] = {}
         self._index = {kernel.name: index for index, kernel in enumerate(kernels)}
         self._events, self._block, self._actuation = 0, block, run.actuation
-        timeline, before, every = run.timeline, 0.0, run.scenario.clock.record_every
+        timeline, every = run.timeline, run.scenario.clock.record_every
+        self._target = 0.0  # time of the last command, or sample of a servo
         for tick in range(timeline.ticks + 1):
             time = timeline.time(tick)
             self.ticks.append(len(self.instructions))
-            row = self._row(s=time - before, gives=run.actuation.gives(time), signals=signals[tick])
-            before = time
+            since, self._target = time - self._target, time
+            row = self._row(s=since, gives=run.actuation.gives(time), signals=signals[tick])
             if block.loaded:
                 self.instructions.append(Instruction(LOAD, tick))
             if not tick:
@@ -113,13 +114,17 @@ class Schedule:
     def _advance(self, timeline: Timeline, tick: int) -> None:
         """Add the plant steps of a tick."""
         time, varies, row = timeline.time(tick), not self._actuation.is_held, 0
+        drives = self._actuation.drives
         gives = self._actuation.gives(time)
         for index, (start, length) in enumerate(timeline.steps(tick)):
             if index > 0:
                 self._happen(timeline, start)
+                if due := drives.due((start - time) / timeline.period):
+                    since, self._target = start - self._target, start
+                    self._call(sample_name(due), self._row(s=since, gives=self._actuation.gives(start)))
             if varies:
                 gives = self._actuation.gives(start)
-                row = self._row(h=length, s=start - time, gives=gives)
+                row = self._row(h=length, s=start - self._target, gives=gives)
                 self._call("drive", row)
             elif length in self._steps:
                 row = self._steps[length]
@@ -129,7 +134,7 @@ class Schedule:
                 self._call("rates", row)
             self._call("step", row)
         if varies:
-            self._call("release", self._row(s=timeline.time(tick + 1) - time, gives=gives))
+            self._call("release", self._row(s=timeline.time(tick + 1) - self._target, gives=gives))
 
     def _row(self, **fields: Any) -> int:
         """Return the index of a new row of uniforms."""

@@ -8,8 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
+from coop_pin.description.network import ArmClock
 from coop_pin.description.scenario import Scenario
 from coop_pin.simulation import Simulation
+from coop_pin.simulation.network import MessageSignals, NetworkSignals
 from coop_pin.simulation.signals import CellSignals, MissedTicks, SensorSignals
 
 
@@ -38,31 +40,50 @@ class RunSignals(NamedTuple):
         desired: desired motion and squeeze.
         sensors: signals of the sensors.
         missed: whether each arm misses the command, masks, shape (n, m).
+        network: timing of the messages; empty without a network.
+        clocked: desired motion of each arm by its own clock, empty where that is exact; empty if all are.
     """
 
     desired: Desired
     sensors: CellSignals
     missed: Array
+    network: NetworkSignals | tuple[()] = ()
+    clocked: tuple[Desired | tuple[()], ...] = ()
 
 
-def desired_of(run: Simulation) -> Desired:
-    """Return desired motion and squeeze at all ticks of a run."""
+def desired_of(run: Simulation, clock: ArmClock | None = None) -> Desired:
+    """Return desired motion and squeeze at all ticks of a run, or at what a clock shows then."""
     grasps, times = run.scenario.cell.grasps, [run.timeline.time(k) for k in range(run.timeline.ticks + 1)]
+    times = times if clock is None else list(map(clock.reading, times))
     pose, twist, acceleration = map(np.array, zip(*map(run.motion.at, times), strict=True))
     squeeze = np.array([run.squeeze.at(time, grasps) for time in times])
     return Desired(np.array(times), pose, twist, acceleration, squeeze)
 
 
-def run_signals(scenario: Scenario, desired: Desired, joints: list[int]) -> RunSignals:
+def clocked_of(run: Simulation) -> tuple[Desired | tuple[()], ...]:
+    """Return what each arm of a run desires by its own clock, as in RunSignals."""
+    clocks = run.scenario.clocks
+    if not clocks:
+        return ()
+    arms = range(len(run.scenario.cell.arms))
+    return tuple(desired_of(run, clocks[index]) if index in clocks else () for index in arms)
+
+
+def run_signals(
+    scenario: Scenario, desired: Desired, joints: list[int], clocked: tuple[Desired | tuple[()], ...] = ()
+) -> RunSignals:
     """Return the signals of a run at all ticks.
 
     Args:
         scenario: Scenario with sensors, actuators and seed.
         desired: Desired motion and squeeze.
         joints: Number of each arm's drives.
+        clocked: Desired motion of each arm by its own clock, as in RunSignals.
     """
     ticks = len(desired.time)
-    return RunSignals(desired, SensorSignals(scenario, joints).draw(ticks), MissedTicks(scenario).draw(ticks))
+    network = () if scenario.network is None else MessageSignals(scenario).draw(ticks)
+    sensors, missed = SensorSignals(scenario, joints).draw(ticks), MissedTicks(scenario).draw(ticks)
+    return RunSignals(desired, sensors, missed, network, clocked)
 
 
 def columns(signals: RunSignals) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -14,6 +15,7 @@ from coop_pin.build_controller import build_controller
 from coop_pin.control import CellController
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller
+from coop_pin.description.events import LoseArm, Partner, PayloadEvent, UserEvent
 from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
@@ -41,7 +43,7 @@ def support(scenario: Scenario) -> str | None:
     Raises:
         CoopPinError: the run cannot start.
     """
-    if reason := plant_reason(scenario.plant, scenario.cell):
+    if reason := plant_reason(scenario.plant, scenario.cell, scenario.events):
         return reason
     try:
         run = Simulation(scenario, build_controller(scenario))
@@ -60,15 +62,27 @@ def law_reason(law: Controller) -> str | None:
 
 
 @typed
-def plant_reason(plant: PlantOptions, cell: Cell) -> str | None:
+def plant_reason(plant: PlantOptions, cell: Cell, events: Sequence[PayloadEvent] = ()) -> str | None:
     """Return None if a plant can be traced, otherwise the reason why it cannot.
 
     Args:
         plant: Options of the plant.
         cell: Cell, whose grasps must be rigid.
+        events: Events of the run.
     """
+    if any(isinstance(event, Partner) for event in events):
+        return "a partner holds its payload; the traced plant has no force elements"
+    if any(isinstance(event, UserEvent) for event in events):
+        return "an event of the user's own changes its plant; the traced plant is compiled before"
+    if any(isinstance(event, LoseArm) and event.form == "braked" for event in events):
+        return "brakes hold an arm of it; the traced plant has no closures that come and go"
     if cell.compliant:
         return f"the grasps of {list(cell.compliant)} are compliant; the traced plant has rigid ones"
+    if cell.has_contacts:
+        names = [*cell.patches, *cell.tables]
+        return f"the contacts {names} have friction; the traced plant has rigid grasps and no tables"
+    if cell.pads:
+        return f"its pads {list(cell.pads)} have margins of friction, which batches do not compute"
     if plant.payload != "welded":
         return "its plant has a free payload; the traced one has it welded to the first arm"
     if plant.integrator != "rk4" or plant.project != "start":
@@ -88,6 +102,8 @@ def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstan
         if reason := law_reason(law):
             raise TracingError(reason)
         return
+    if scenario.network is not None:
+        raise TracingError(f"its controller {law.user_code[0]!r} is a user's, whose messages are not traced")
     try:
         ticks = random_ticks(scenario, run, constants)
         controller, rows = build_controller(scenario), scenario.cell.task_rows

@@ -18,11 +18,12 @@ from coop_pin.batch.constants import RunConstants
 from coop_pin.batch.law_code import law_code
 from coop_pin.batch.plant_code import observed, write_step
 from coop_pin.batch.serial_arm import Numbers, frames
-from coop_pin.batch.signals import RunSignals
-from coop_pin.control import ArmMeasurement
+from coop_pin.batch.signals import Desired, RunSignals
+from coop_pin.control import ArmMeasurement, ArmReference
 from coop_pin.description.events import Surroundings
 from coop_pin.simulation.actuation import TORQUE_LIMIT
-from coop_pin.simulation.drives import Applied, DriveState, TorqueResponse
+from coop_pin.simulation.drives import Applied, DriveMotion, DriveState, TorqueResponse
+from coop_pin.simulation.network import NetworkSignals
 from coop_pin.simulation.sensors import Truth, View
 from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
 from coop_pin.spatial.generic_numbers import inverse
@@ -45,6 +46,7 @@ class TickCode:
         self._block, self._exact = block, exact
         self._functions = SharedFunctions()
         self._sensors: Any = None
+        self._network: Any = None
         self.law: Any = None
 
     def kernels(self) -> list[Kernel]:
@@ -52,6 +54,7 @@ class TickCode:
         start = self._start()  # it adds the slots of the states of sensors and law
         return [
             *(start, self._tick(), *self._in_motion(), self._step()),
+            *map(self._sample, self._block.constants.drives.samples()),
             self._varying("drive", lambda response, state, s, h: response.mean(state, s, h)),
             self._varying("release", lambda response, state, s, _: response.at(state, s)),
         ]
@@ -62,7 +65,7 @@ class TickCode:
         """Return the kernel before the first tick: states of sensors and law, and the wrenches at rest."""
         kernel, constants = self._block.kernel("start")
         signals, weight = self._block.signals_at(kernel), constants.cell.surroundings
-        references = self._block.references(signals.desired)
+        references = self._block.references(signals)
         truth, view = self._truth(kernel, constants, signals)
         if constants.sensors.wrists:
             load = np.concatenate((weight.mass * weight.gravity, np.zeros(3)))
@@ -75,6 +78,7 @@ class TickCode:
         measurements, _ = constants.sensors.step(self._sensors, truth, view)
         holding = constants.cell.by_arm(kernel.read("holding"))
         with law_code(kernel.tape, exact=self._exact):
+            measurements, _ = self._heard(constants, signals, measurements, references, None)
             self.law = constants.controller.init(
                 [
                     measurement._replace(holding_torque=torque)
@@ -82,7 +86,7 @@ class TickCode:
                 ],
                 references,
             )
-        for name, state in (("sensors", self._sensors), ("law", self.law)):
+        for name, state in (("sensors", self._sensors), ("network", self._network), ("law", self.law)):
             self._block.lanes.add(**{name: (len(leaves(state)),)})
             kernel.write(name, state)
         self._guard(kernel, [])
@@ -108,30 +112,68 @@ class TickCode:
         """Return the kernel of sensors, law and drives."""
         kernel, constants = self._block.kernel("tick")
         signals = self._block.signals_at(kernel)
-        sensors, law = (
+        sensors, network, law = (
             rebuilt(state, iter(kernel.read(name)))
-            for name, state in (("sensors", self._sensors), ("law", self.law))
+            for name, state in (("sensors", self._sensors), ("network", self._network), ("law", self.law))
         )
         measurements, sensors = constants.sensors.step(sensors, *self._truth(kernel, constants, signals))
+        references = self._block.references(signals)
         with law_code(kernel.tape, exact=self._exact):
-            command = constants.controller.step(measurements, self._block.references(signals.desired), law)
+            measurements, network = self._heard(constants, signals, measurements, references, network, law)
+            command = constants.controller.step(measurements, references, law)
             kernel.write("law", command.state)
-        commanded = [traced(torque) for torque in command.torques]
+        commanded = [traced(values) for values in command.values]
         applied, drives = constants.drives.step(
             self._drives(kernel),
             commanded,
             signals.missed,
-            partial(self._weight, kernel, constants),
+            self._sensed(kernel, constants),
             kernel.uniform("gives"),
             kernel.uniform("s"),
         )
         kernel.write("sensors", sensors)
+        kernel.write("network", network)
         kernel.write("drives", drives)
         kernel.write("reported", np.concatenate(applied.reported))
         self._hold(kernel, constants, applied.torques)
         self._record(kernel, measurements, applied)
         self._guard(kernel, [elementary.less(abs(u), TORQUE_LIMIT) for part in commanded for u in part])
         return kernel
+
+    def _heard(
+        self,
+        constants: RunConstants,
+        signals: RunSignals,
+        measurements: list[ArmMeasurement],
+        references: Sequence[ArmReference],
+        state: Any,
+        law: Any = None,
+    ) -> tuple[list[ArmMeasurement], Any]:
+        """Return the measurements with own clocks and messages, if there are any, and the network's state.
+
+        Args:
+            constants: Numbers of the run.
+            signals: Signals of the tick.
+            measurements: Measurements of the tick.
+            references: References of the tick.
+            state: State of the network; None before the first tick, whose messages are said again.
+            law: State of the law; None before the first tick.
+        """
+        network = constants.network
+        for index, clocked in enumerate(signals.clocked):
+            if isinstance(clocked, Desired):
+                shown: Any = clocked.time
+                measurements[index] = measurements[index]._replace(time=shown)
+        if network is None or not isinstance(signals.network, NetworkSignals):
+            return measurements, None
+        messages = list(map(traced, constants.controller.messages(measurements, references, law)))
+        if not any(map(len, messages)):
+            return measurements, None
+        if state is None:
+            self._network = state = network.start(messages)
+        heard, state = network.step(state, messages, signals.network)
+        pairs = zip(measurements, heard, strict=True)
+        return [seen._replace(messages=one) for seen, one in pairs], state
 
     def _record(self, kernel: Kernel, measurements: Sequence[ArmMeasurement], applied: Applied) -> None:
         """Write what is recorded of measurements and torques; NaN of what an arm does not measure."""
@@ -146,12 +188,37 @@ class TickCode:
             pairs = zip(absent, values, strict=True)
             kernel.write(name, [traced(none if value is None else value) for none, value in pairs])
 
-    def _weight(self, kernel: Kernel, constants: RunConstants, index: int) -> Numbers:
-        """Return T^-T g(q) of an arm, N m, shape (k,)."""
-        q, to_joints = constants.cell.by_arm(kernel.read("q"))[index], constants.arms[index].to_joints
-        rest = np.zeros(len(q))
-        tau, *_ = newton_euler(constants.cell.arms[index], constants.cell.surroundings.gravity, q, rest, rest)
-        return to_joints.T.dot(traced(tau))
+    def _sensed(self, kernel: Kernel, constants: RunConstants) -> DriveMotion:
+        """Return what the drives sense."""
+        arms, gravity = constants.arms, constants.cell.surroundings.gravity
+        q, v = (constants.cell.by_arm(kernel.read(name)) for name in "qv")
+
+        def torque(index: int, gravity: Numbers, rates: Numbers, accelerations: Numbers) -> Numbers:
+            tau, *_ = newton_euler(constants.cell.arms[index], gravity, q[index], rates, accelerations)
+            return arms[index].to_joints.T.dot(traced(tau))
+
+        def inertial(index: int, accelerations: Numbers) -> Numbers:
+            return torque(index, np.zeros(3), v[index], arms[index].to_joints.dot(accelerations))
+
+        return DriveMotion(
+            weight=lambda index: torque(index, gravity, *np.zeros((2, len(q[index])))),
+            motion=lambda index: (arms[index].drive.dot(q[index]), arms[index].drive.dot(v[index])),
+            inertial=inertial,
+        )
+
+    def _sample(self, due: Sequence[int]) -> Kernel:
+        """Return the kernel of samples of the servos of arms within a tick."""
+        kernel, constants = self._block.kernel(sample_name(due))
+        torques, drives = constants.drives.sample(
+            self._drives(kernel),
+            due,
+            self._sensed(kernel, constants),
+            kernel.uniform("gives"),
+            kernel.uniform("s"),
+        )
+        kernel.write("drives", drives)
+        self._hold(kernel, constants, torques)
+        return kernel
 
     def _drives(self, kernel: Kernel) -> DriveState:
         """Return the memory of the drives."""
@@ -214,6 +281,11 @@ class TickCode:
         for condition in (*conditions, *kernel.tape.guards):
             is_valid = is_valid * condition
         kernel.write("is_valid", is_valid)
+
+
+def sample_name(due: Sequence[int]) -> str:
+    """Return the name of the kernel of samples of the servos of arms."""
+    return "_".join(map(str, ("sample", *due)))
 
 
 def _happen(event: Kernel, before: Surroundings, changed: Mapping[str, Any], motion: CellMotion) -> None:

@@ -96,11 +96,25 @@ class TracedPlant(Plant):
         self._at["force"][:] = force
 
     def surround(self, surroundings: Surroundings) -> None:
-        """Replace the surroundings from now on; the energy that this adds counts as work."""
+        """Replace the surroundings from now on; the energy that this adds counts as work.
+
+        Raises:
+            TracingError: a partner holds the payload.
+        """
+        if surroundings.partners:
+            raise TracingError("the traced plant has no partners; choose the engine 'pinocchio'")
         self._settle()
         super().surround(surroundings)
         self._is_observed = False
         self._at["surroundings"][:] = leaves(surroundings)
+
+    def brake(self, arm: int) -> None:
+        """Refuse to brake an arm.
+
+        Raises:
+            TracingError: always.
+        """
+        raise TracingError("the traced plant has no brakes; choose the engine 'pinocchio'")
 
     def advance(self, t: float, h: float) -> None:
         """Integrate from time t over h seconds."""
@@ -108,7 +122,7 @@ class TracedPlant(Plant):
         if len(self._waiting) == STEPS_AT_ONCE:
             self._settle()
 
-    def observe(self, q: Array, v: Array, force: Array) -> Observation:
+    def observe(self, q: Array, v: Array, force: Array, time: Array) -> Observation:
         """Return poses, wrenches and energy at n states in the present surroundings."""
         blocks = np.tile(self._block, (len(q), 1))
         for name, values in (("q", self._angles(q)), ("v", v), ("force", force)):

@@ -12,12 +12,14 @@ from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, Mask, as_array, as_number, as_pose, require_finite, require_type, shaped
 from coop_pin.chain.closed_chain import ClosedChain
-from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import ClosureError
-from coop_pin.chain.grasp_springs import GraspSprings, GraspState
+from coop_pin.chain.contact_patches import ContactPatches, ContactState
+from coop_pin.chain.force_elements import ForceElements, Joints
+from coop_pin.chain.grasp_springs import GraspsHeld, GraspSprings, GraspState
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.chain.kkt_solver import constraint_svd
 from coop_pin.chain.linearisation import Linearisation, linearised
+from coop_pin.chain.rigid_grasps import ClosuresHeld, RigidGrasps
 from coop_pin.chain.trajectory import ChainState
 from coop_pin.description.cell import Cell
 from coop_pin.description.events import Surroundings
@@ -46,10 +48,14 @@ class Observation(NamedTuple):
             (..., m, 6).
         kinetic_energy: kinetic energy of arms and payload, J, shape (...).
         potential_energy: potential energy of arms and payload, J, shape (...).
-        grasp_deflection: deflection of each compliant grasp, m and rad, shape (..., m, 6), NaN for rigid
-            ones; None without any.
+        elastic_energy: energy in compliant grasps and contacts, J, shape (...); None without any.
+        grasp_deflection: deflection of each compliant grasp, m and rad, shape (..., m, 6), NaN for others;
+            None without any.
         grasp_wrench: wrench of each on its arm about the tip in grasp axes, N and N m, likewise.
-        elastic_energy: energy in the compliant grasps, J, shape (...); None without any.
+        patch_wrench: wrench of each of p patches and tables on the arm or the payload about the origin of its
+            plane in axes of the plane, N and N m, shape (..., p, 6); None without any.
+        patch_points: number of points of each that touch, shape (..., p); likewise.
+        patch_slip: distance that each has slid, m, shape (..., p); likewise.
     """
 
     payload_pose: Array
@@ -58,9 +64,12 @@ class Observation(NamedTuple):
     interaction_wrench: Array
     kinetic_energy: Array
     potential_energy: Array
+    elastic_energy: Array | None = None
     grasp_deflection: Array | None = None
     grasp_wrench: Array | None = None
-    elastic_energy: Array | None = None
+    patch_wrench: Array | None = None
+    patch_points: Array | None = None
+    patch_slip: Array | None = None
 
 
 class CellTorques(NamedTuple):
@@ -88,6 +97,9 @@ class CellChain:
         model: the tree, with the positions of arms and payload in it; ``surround`` changes it in place.
         mechanism: the tree with its closures; ``mechanism.model`` is the Pinocchio model of the tree.
         springs: the compliant grasps in it.
+        rigid: the rigid grasps in it that are closures.
+        patches: patches of arms and tables in it.
+        elements: all force elements, the springs among them.
     """
 
     def __init__(self, cell: Cell, options: PlantOptions | None = None) -> None:
@@ -106,16 +118,14 @@ class CellChain:
         require_type("options", options, PlantOptions)
         self.cell = cell
         self.model = CellModel(cell, options.payload)
-        held = [name for name in cell.arms if name not in (*self.model.closed_by_tree, *cell.compliant)]
-        self.mechanism = ClosedChain(
-            self.model.model,
-            [Closure(f"{name}/grasp", f"payload/{name}") for name in held],
-            stabilisation=options.stabilisation,
-            formulation=options.formulation,
-        )
-        self.springs = GraspSprings(cell, self.model)
+        self.rigid = RigidGrasps(cell, self.model, options)
+        self.mechanism: ClosedChain = self.rigid.mechanism
+        joints = Joints(self.model)
+        self.springs = GraspSprings(cell, self.model, joints)
+        self.patches = ContactPatches(cell, self.model, joints)
+        parts: tuple[GraspSprings | ContactPatches, ...] = (self.springs, self.patches)
+        self.elements = ForceElements(joints, [part for part in parts if len(part)])
         self._data = self.mechanism.model.createData()
-        self._held = [index for index, name in enumerate(cell.arms) if name in held]
         self._welded = [index for index, name in enumerate(cell.arms) if name in self.model.closed_by_tree]
         self._grasps = [frame_id(self.mechanism.model, f"payload/{name}") for name in cell.arms]
 
@@ -124,13 +134,54 @@ class CellChain:
         require_type("surroundings", surroundings, Surroundings)
         self.model.surround(surroundings)
 
-    def configuration(self, X_WP: ArrayLike) -> Array:
+    def release(self, arm: int) -> None:
+        """Open the grasp of an arm, by its index."""
+        grasps, number = self._grasp_of(arm)
+        grasps.release(number)
+        self.mechanism = self.rigid.mechanism
+
+    def grasp(self, arm: int, q: Array, is_nominal: bool = False) -> None:
+        """Close the grasp of an arm where its tip is found at a configuration, or at the nominal pose."""
+        grasps, number = self._grasp_of(arm)
+        grasps.grasp(number, None if is_nominal else q)
+        self.mechanism = self.rigid.mechanism
+
+    def gap(self, arm: int, q: Array) -> ClosureError:
+        """Return distance and angle of an arm's tip from its nominal grasp."""
+        grasps, number = self._grasp_of(arm)
+        return grasps.gap(number, q)
+
+    def brake(self, arm: int, q: Array) -> None:
+        """Hold the joints of an arm, by its index, at a configuration from now on."""
+        self.rigid.brake(arm, q)
+        self.mechanism = self.rigid.mechanism
+
+    def held(self) -> tuple[GraspsHeld, ClosuresHeld]:
+        """Return which compliant grasps hold, at which poses, and which closures."""
+        return self.springs.held(), self.rigid.held()
+
+    def hold(self, compliant: GraspsHeld, closures: ClosuresHeld) -> None:
+        """Return to grasps and closures that held."""
+        self.springs.restore(compliant)
+        if closures.grasps.holds is not self.rigid.holds or closures.brakes is not self.rigid.brakes:
+            self.rigid.restore(closures)
+            self.mechanism = self.rigid.mechanism
+
+    def _grasp_of(self, arm: int) -> tuple[GraspSprings | RigidGrasps, int]:
+        """Return the grasps to which that of an arm belongs, and its number among them."""
+        grasps = self.springs if arm in self.springs.arms else self.rigid
+        return grasps, grasps.arms.index(arm)
+
+    def configuration(self, X_WP: ArrayLike, squeeze: ArrayLike | None = None) -> Array:
         """Return the configuration that holds the payload at a pose, each arm near its posture.
 
-        Compliant grasps are deflected: each carries its arm's share of the payload's weight.
+        Compliant grasps are deflected: each carries its arm's share of the payload's weight. Patches are
+        pressed.
 
         Args:
             X_WP: payload pose, shape (4, 4).
+            squeeze: desired internal wrenches by which patches are pressed, in payload axes, N and N m, shape
+                (m, 6); zero when omitted.
 
         Raises:
             UnreachablePoseError: an arm cannot reach its grasp; with the gap.
@@ -140,20 +191,27 @@ class CellChain:
         configurations = [
             solve_ik(CellArm(self.cell, name), X, posture=arm.posture) for name, arm in self.cell.arms.items()
         ]
-        return self.settled(self.model.configuration(configurations, X))
+        return self.settled(self.model.configuration(configurations, X), squeeze)
 
-    def settled(self, q: ArrayLike) -> Array:
-        """Return a configuration on the rigid grasps near one, with compliant grasps deflected by the load.
+    def settled(self, q: ArrayLike, squeeze: ArrayLike | None = None) -> Array:
+        """Return a configuration on the rigid grasps near one, with the others deflected by the load.
 
         Args:
-            q: configuration with the tips of compliant grasps at them.
+            q: configuration with the tips of other grasps at them.
+            squeeze: Squeeze of ``configuration``.
 
         Raises:
             OpenClosureError: the rigid grasps cannot be closed.
             FieldError: a compliant grasp is too soft for its share of the load.
         """
         q = self.mechanism.project_configuration(q)
-        return self.springs.deflected(q) if self.springs.arms else q
+        q = self.springs.deflected(q) if self.springs.arms else q
+        if not len(self.patches):
+            return q
+        m = len(self.cell.arms)
+        return self.patches.started(
+            q, np.zeros((m, 6)) if squeeze is None else as_array("squeeze", squeeze, m, 6)
+        )
 
     def loads(self, q: ArrayLike) -> Array:
         """Return the wrench on each arm at rest about P as the arm's own kinematics see it, shape (m, 6).
@@ -161,7 +219,8 @@ class CellChain:
         Rigid grasps have their load shares, F_i = c_i [m_0 g, 0].
         """
         loads = self.cell.shares[:, None] * weight_wrench(self.cell.payload.mass, self.cell.gravity)
-        return self.springs.loads(self._q(q), loads) if self.springs.arms else loads
+        loads = self.springs.loads(self._q(q), loads) if self.springs.arms else loads
+        return self.patches.loads(self._q(q), loads) if self.patches.arms else loads
 
     def posed_configuration(self, angles: Mapping[str, ArrayLike], X_WP: ArrayLike) -> Array:
         """Return the configuration at stated joint angles of every arm, whether or not the grasps are closed.
@@ -219,6 +278,24 @@ class CellChain:
         """Return the closure error between tip and grasp of each arm."""
         return self._closure_errors(self._at(self._q(q)))
 
+    def acceleration(self, q: Array, v: Array, tau: Array) -> tuple[Array, float]:
+        """Return a, shape (nv,), and the power that the force elements dissipate, W.
+
+        Without closures the inertia of arms and payload is block-diagonal, and no constraint is solved.
+
+        Args:
+            q: configuration, shape (nq,).
+            v: velocity, shape (nv,).
+            tau: generalised force of everything but grasps and force elements, shape (nv,).
+        """
+        if not self.elements.elements:
+            return self.mechanism.solver.acceleration(q, v, tau), 0.0
+        if self.mechanism.closures.closures:
+            force, power = self.elements.force(q, v)
+            return self.mechanism.solver.acceleration(q, v, tau + force), power
+        power = self.elements.act(q, v)
+        return self.elements.joints.acceleration(q, v, tau), power
+
     def interaction_wrenches(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, push: ArrayLike = _NO_WRENCH
     ) -> Array:
@@ -239,8 +316,8 @@ class CellChain:
         Raises:
             OutOfRangeError: a wrench is not finite.
         """
-        frames, grasps = self._moving(q, v, tau)
-        wrenches = self._wrenches(frames, self.mechanism.solver.wrenches(), push, grasps)
+        frames, grasps, contacts = self._moving(q, v, tau)
+        wrenches = self._wrenches(frames, self.mechanism.solver.wrenches(), push, grasps, contacts)
         return require_finite("the interaction wrenches", wrenches)
 
     def observe(self, q: Array, v: Array, tau: Array, push: Array) -> Observation:
@@ -260,7 +337,9 @@ class CellChain:
         n = len(shaped("q", q, nq))
         arguments = (("q", q, nq), ("v", v, nv), ("tau", tau, nv), ("push", push, 6))
         states = (as_array(name, value, n, size) for name, value, size in arguments)
-        seen = Observation(*(np.array(part) for part in zip(*map(self._observed, *states), strict=True)))
+        parts = zip(*map(self._observed, *states), strict=True)
+        values: list[Any] = [None if part[0] is None else np.array(part) for part in parts]
+        seen = Observation(*values)
         require_finite("the interaction wrenches", seen.interaction_wrench)
         return seen
 
@@ -307,7 +386,7 @@ class CellChain:
             wrenches = np.array(
                 [
                     X_WP.actInv(frames[self.model.arms[index].tip]).actInv(pin.Force(W.T @ F[index])).vector
-                    for index in self._held
+                    for index in self.rigid.closed
                 ]
             ).reshape(-1, 6)
         solution = self.mechanism.inverse_dynamics(
@@ -363,22 +442,30 @@ class CellChain:
     def _observed(self, q: Array, v: Array, tau: Array, push: Array) -> tuple[Any, ...]:
         """Return the parts of an Observation at a state."""
         model, data, payload = self.mechanism.model, self._data, self.model.payload_frame
-        frames, grasps = self._moving(q, v, tau)
+        frames, grasps, contacts = self._moving(q, v, tau)
         return (
             frames[payload].homogeneous,
             pin.getFrameVelocity(model, data, payload, pin.LOCAL_WORLD_ALIGNED).vector,
             self._tips(frames),
-            self._wrenches(frames, self.mechanism.solver.wrenches(), push, grasps),
+            self._wrenches(frames, self.mechanism.solver.wrenches(), push, grasps, contacts),
             pin.computeKineticEnergy(model, data),
             pin.computePotentialEnergy(model, data),
-            *(() if grasps is None else self._of_grasps(grasps)),
+            *self._of_elements(grasps, contacts),
         )
 
-    def _of_grasps(self, grasps: GraspState) -> tuple[Any, ...]:
+    def _of_elements(self, grasps: GraspState | None, contacts: ContactState | None) -> tuple[Any, ...]:
         """Return the last parts of an Observation."""
-        table = np.full((2, len(self.model.arms), 6), np.nan)
-        table[:, self.springs.arms] = grasps.deflection, grasps.wrench
-        return (*table, self.springs.energy(grasps))
+        energy, parts = 0.0, list[Any]()
+        if grasps is not None:
+            table = np.full((2, len(self.model.arms), 6), np.nan)
+            table[:, self.springs.arms] = grasps.deflection, grasps.wrench
+            energy += self.springs.energy(grasps)
+            parts += [*table]
+        if contacts is not None:
+            energy += contacts.energy
+            parts += [None, None][len(parts) :]
+            parts += [contacts.wrench, contacts.touching, self.patches.state.slip]
+        return (energy, *parts) if parts else ()
 
     def _q(self, q: ArrayLike) -> Array:
         return as_array("q", q, self.mechanism.model.nq)
@@ -392,37 +479,49 @@ class CellChain:
         pin.updateFramePlacements(self.mechanism.model, self._data)
         return self._data.oMf
 
-    def _moving(self, q: Array, v: Array, tau: Array) -> tuple[Any, GraspState | None]:
-        """Return the frames under a generalised force, and the compliant grasps; None without any."""
-        grasps = self.springs.at(q, v) if self.springs.arms else None
-        force = tau if grasps is None else tau + grasps.force
-        return self._at(q, v, self.mechanism.solver.acceleration(q, v, force)), grasps
+    def _moving(self, q: Array, v: Array, tau: Array) -> tuple[Any, GraspState | None, ContactState | None]:
+        """Return the frames under a generalised force, compliant grasps and contacts; None without any."""
+        force = tau + self.elements.force(q, v)[0] if self.elements.elements else tau
+        grasps = self.springs.seen() if self.springs.arms else None
+        contacts = self.patches.seen() if len(self.patches) else None
+        return self._at(q, v, self.mechanism.solver.acceleration(q, v, force)), grasps, contacts
 
     def _tips(self, frames: Any) -> Array:
         return np.array([frames[arm.tip].translation for arm in self.model.arms])
 
     def _closure_errors(self, frames: Any) -> list[ClosureError]:
         closure_errors = [_CLOSED_BY_TREE] * len(self.model.arms)
-        for index in self._held:
-            error = pin.log6(
-                frames[self.model.arms[index].tip].actInv(frames[self._grasps[index]])
-            ).vector.tolist()
+        for index, X_GE in self.rigid.closed.items():
+            X_WG = frames[self._grasps[index]]
+            grasp = X_WG if X_GE is None else X_WG * X_GE
+            error = pin.log6(frames[self.model.arms[index].tip].actInv(grasp)).vector.tolist()
             closure_errors[index] = ClosureError(math.hypot(*error[:3]), math.hypot(*error[3:]))
         return closure_errors
 
     def _wrenches(
-        self, frames: Any, closure_wrenches: Array, push: Array, grasps: GraspState | None = None
+        self,
+        frames: Any,
+        closure_wrenches: Array,
+        push: Array,
+        grasps: GraspState | None = None,
+        contacts: ContactState | None = None,
     ) -> Array:
-        """Return the interaction wrenches, about P in world axes, of those of closures and springs."""
+        """Return the interaction wrenches, about P in world axes, of those of closures and elements."""
         X_WP, arms = frames[self.model.payload_frame], self.model.arms
         in_payload = np.zeros((len(arms), 6))
-        for index, F_E in zip(self._held, closure_wrenches, strict=True):
+        for index, F_E in zip(self.rigid.closed, closure_wrenches, strict=False):
             X_PE = X_WP.actInv(frames[arms[index].tip])
             in_payload[index] = X_PE.act(pin.Force(F_E)).vector
         if grasps is not None:
-            in_payload[self.springs.arms] = [X_WP.actInv(pin.Force(F)).vector for F in grasps.on_arms]
+            in_payload[self.springs.arms] = [X_WP.actInv(pin.Force(F)).vector for F in grasps.on_arm]
+        by_tables = np.zeros(6)
+        if contacts is not None:
+            about_P = np.array([X_WP.actInv(pin.Force(F)).vector for F in contacts.on_bodies])
+            arms_touch = len(self.patches.arms)
+            in_payload[self.patches.arms] = about_P[:arms_touch]
+            by_tables = about_P[arms_touch:].sum(axis=0)
         for index in self._welded:
-            in_payload[index] = -self._payload_balance(X_WP) - np.add.reduce(in_payload)
+            in_payload[index] = by_tables - self._payload_balance(X_WP) - np.add.reduce(in_payload)
         wrenches: Array = in_payload.reshape(-1, 3).dot(X_WP.rotation.T).reshape(-1, 6)
         for index in self._welded:
             wrenches[index] += push

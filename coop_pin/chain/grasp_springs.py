@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.chain.closure_set import ClosureError
+from coop_pin.chain.force_elements import Joints
 from coop_pin.description.cell import Cell
 from coop_pin.errors import FieldError
 from coop_pin.model.cell_model import CellModel
@@ -83,20 +84,18 @@ class GraspState(NamedTuple):
     """Compliant grasps of a cell at a state.
 
     Attributes:
-        force: generalised force of springs and dampers, shape (nv,).
-        power: power of the dampers, W; not positive.
         wrench: wrench on each arm about its tip in grasp axes, N and N m, shape (n, 6).
-        on_arms: the same about the world's origin in world axes, shape (n, 6).
+        on_arm: the same about the world's origin in world axes, shape (n, 6).
         position: position of each tip in its grasp frame, m, shape (n, 3).
         rotation: orientation of each tip in its grasp frame, shape (n, 3, 3).
+        power: power of each damper, W; not positive, shape (n,).
     """
 
-    force: Array
-    power: float
     wrench: Array
-    on_arms: Array
+    on_arm: Array
     position: Array
     rotation: Array
+    power: Array
 
     @property
     def deflection(self) -> Array:
@@ -104,7 +103,7 @@ class GraspState(NamedTuple):
         return np.hstack((self.position, np.array([pin.log3(R) for R in self.rotation])))
 
 
-class _Side(NamedTuple):
+class Side(NamedTuple):
     """Frame on a joint of the tree.
 
     Attributes:
@@ -169,12 +168,6 @@ def _compiled() -> tuple[Layout, LlvmMachine]:
     return lanes, LlvmMachine(Program([kernel], lanes, 0, 0, [Instruction(0, 0)]), width=1)
 
 
-def _rows(first: Array, count: int, *shape: int) -> Array:
-    """Return a view of count objects of Pinocchio in a row, from the numbers of the first on."""
-    strides = np.cumprod((8, *reversed(shape)))[::-1].tolist()
-    return np.lib.stride_tricks.as_strided(first, (count, *shape), strides)
-
-
 def _as_rows(X: Any) -> Array:
     """Return a pose of Pinocchio as [R^T; p^T], shape (4, 3)."""
     return np.vstack((X.rotation.T, X.translation))
@@ -192,7 +185,7 @@ class GraspsHeld(NamedTuple):
     poses: Array
 
 
-def _changed(values: Any, index: int, value: Any) -> Any:
+def changed(values: Any, index: int, value: Any) -> Any:
     """Return a copy of an array with another entry."""
     values = values.copy()
     values[index] = value
@@ -208,34 +201,30 @@ class GraspSprings:
         holds: grasps that hold, shape (n,); the others have no wrench.
     """
 
-    def __init__(self, cell: Cell, tree: CellModel) -> None:
+    def __init__(self, cell: Cell, tree: CellModel, bodies: Joints) -> None:
         """Find the frames of the compliant grasps.
 
         Args:
             cell: Description.
             tree: Tree of the cell, which is kept.
+            bodies: Joints of the tree, on which the springs act.
         """
         names, grasps, model = list(cell.arms), cell.compliant, tree.model
         self.arms = [names.index(name) for name in grasps]
         self._cell, self._tree, self._grasps = cell, tree, grasps
-        # Without gravity and motion, inverse dynamics is J^T of the wrenches on the bodies.
-        self._weightless, self._rest = model.copy(), np.zeros(model.nv)
-        self._weightless.gravity.setZero()
-        self._data = data = model.createData()
-        self._forces = pin.StdVec_Force([pin.Force.Zero()] * model.njoints)
+        self._bodies, self._data, self._rest = bodies, bodies.data, np.zeros(model.nv)
         self._sides = [
             (self._side(tree.arms[index].tip), self._side(frame_id(model, f"payload/{name}")))
             for index, name in zip(self.arms, grasps, strict=True)
         ]
         self._X_JP = model.frames[tree.payload_frame].placement.copy()
         self._poses = np.array([grasp.matrix for grasp in grasps.values()]).reshape(-1, 4, 4)
-        self._joints = np.array([[side.joint for side in sides] for sides in self._sides])
+        self._joints = np.array([[side.joint for side in sides] for sides in self._sides], dtype=int)
+        # Sums the wrenches on arms and payload by joint.
+        self._by_joint = np.zeros((model.njoints, 2 * len(grasps)))
+        self._by_joint[self._joints.ravel(), np.arange(2 * len(grasps))] = 1.0
         self._at = dict[str, Array]()
         if grasps:
-            # Looking up single objects takes longer than all the rest: these are Pinocchio's own memory.
-            self._X_WJ = _rows(data.oMi[0].rotation, model.njoints, 4, 3)
-            self._V_J = _rows(data.v[0].linear, model.njoints, 2, 3)
-            self._F_J = _rows(self._forces[0].linear, model.njoints, 6)
             lanes, machine = _compiled()
             block = np.zeros((len(grasps), lanes.size))
             self._call: Callable[[int, int], None] = machine.bound(block, np.zeros((1, 0)))
@@ -255,23 +244,24 @@ class GraspSprings:
         """Return the number of compliant grasps."""
         return len(self.arms)
 
-    def force(self, q: Array, v: Array) -> tuple[Array, float]:
-        """Return generalised force of springs and dampers, shape (nv,), and power of the dampers, W."""
-        pin.forwardKinematics(self._weightless, self._data, q, v)
-        at, joints = self._at, self._joints
-        at["joints"][:] = self._X_WJ.take(joints, 0)
-        at["twists"][:] = self._V_J.take(joints, 0)
+    def act(self) -> float:
+        """Add the wrenches at the state of the joints to theirs; return the power of the dampers, W."""
+        at, joints, bodies = self._at, self._joints, self._bodies
+        at["joints"][:] = bodies.X_WJ.take(joints, 0)
+        at["twists"][:] = bodies.V_J.take(joints, 0)
         self._call(0, 1)
-        self._F_J[joints[:, 0]] = at["on_joints"][:, 0]
-        np.add.reduce(at["on_joints"][:, 1], 0, out=self._F_J[joints[0, 1]])
-        force = -pin.rnea(self._weightless, self._data, q, self._rest, self._rest, self._forces)
-        return force, float(np.add.reduce(at["power"]))
+        bodies.F_J += self._by_joint.dot(at["on_joints"].reshape(-1, 6))
+        return sum(at["power"].tolist())
+
+    def seen(self) -> GraspState:
+        """Return the grasps at the state at which they acted last."""
+        return GraspState(*(self._at[name].copy() for name in GraspState._fields))
 
     def at(self, q: Array, v: Array) -> GraspState:
-        """Return wrenches and generalised force at a state."""
-        force, power = self.force(q, v)
-        names = ("wrench", "on_arm", "position", "rotation")
-        return GraspState(force, power, *(self._at[name].copy() for name in names))
+        """Return the grasps at a state."""
+        self._bodies.move(q, v)
+        self.act()
+        return self.seen()
 
     def energy(self, state: GraspState) -> float:
         """Return the energy in all springs at a state, J."""
@@ -279,7 +269,7 @@ class GraspSprings:
 
     def jacobians(self, q: Array) -> Array:
         """Return B with V = B v, the twists of SpringDamper, shape (n, 6, nv)."""
-        model, data = self._weightless, self._data
+        model, data = self._bodies.model, self._data
         pin.computeJointJacobians(model, data, q)
         return np.array(
             [
@@ -287,7 +277,7 @@ class GraspSprings:
                 @ (self._jacobian(arm) - self._jacobian(payload))
                 for arm, payload in self._sides
             ]
-        )
+        ).reshape(-1, 6, model.nv)
 
     def matrices(self, q: Array) -> tuple[Array, Array]:
         """Return stiffness B^T K B and damping B^T D B at undeflected grasps, shape (nv, nv) each."""
@@ -320,7 +310,7 @@ class GraspSprings:
 
     def release(self, number: int) -> None:
         """Open a grasp."""
-        self.restore(GraspsHeld(_changed(self.holds, number, False), self.held().poses))
+        self.restore(GraspsHeld(changed(self.holds, number, False), self.held().poses))
 
     def grasp(self, number: int, q: Array | None = None) -> None:
         """Close a grasp at its nominal pose, or as found at a configuration."""
@@ -329,12 +319,12 @@ class GraspSprings:
             state = self.at(q, self._rest)
             X_GE = pin.SE3(state.rotation[number], state.position[number])
             pose = (pin.SE3(self._poses[number]) * X_GE).homogeneous
-        self.restore(GraspsHeld(_changed(self.holds, number, True), _changed(self._poses, number, pose)))
+        self.restore(GraspsHeld(changed(self.holds, number, True), changed(self._poses, number, pose)))
 
     def gap(self, number: int, q: Array) -> ClosureError:
         """Return distance and angle of a tip from its nominal grasp."""
         tip, payload = self._sides[number]
-        pin.forwardKinematics(self._weightless, self._data, q)
+        pin.forwardKinematics(self._bodies.model, self._data, q)
         nominal = payload.X_WJ * self._X_JP * pin.SE3(list(self._grasps.values())[number].matrix)
         X = nominal.actInv(tip.pose)
         return ClosureError(float(np.linalg.norm(X.translation)), float(np.linalg.norm(pin.log3(X.rotation))))
@@ -371,9 +361,18 @@ class GraspSprings:
             slot, X_PG = tree.arms[index], pin.SE3(grasp.matrix)
             load = pin.Force(slot.share * (X_WP.rotation.T @ weight), np.zeros(3))
             target = payload.pose * _at_rest(np.array(grasp.stiffness), X_PG.actInv(load).vector, name)
-            q = self._reached(q, tip, slot.v_slice, target)
+            q = reached(model, data, q, tip, slot.v_slice, target)
             pin.forwardKinematics(model, data, q)
         return q if tree.closed_by_tree or len(self) < len(tree.arms) else self._balanced(q, weight)
+
+    def seen_poses(self, q: Array) -> list[pin.SE3]:
+        """Return X_WP as each arm sees it by its own kinematics at a configuration."""
+        self._bodies.move(q, self._rest)
+        grasps = self._grasps.values()
+        return [
+            tip.pose * pin.SE3(grasp.matrix).inverse()
+            for (tip, _), grasp in zip(self._sides, grasps, strict=True)
+        ]
 
     def loads(self, q: Array, loads: Array) -> Array:
         """Return the wrenches on the arms at rest about P as their own kinematics see it, shape (m, 6).
@@ -384,40 +383,21 @@ class GraspSprings:
             q: Configuration.
             loads: Wrenches of the arms with rigid grasps, about P in world axes, shape (m, 6).
         """
-        loads, on_arms = loads.copy(), self.at(q, self._rest).on_arms
-        for index, (tip, _), grasp, F in zip(
-            self.arms, self._sides, self._grasps.values(), on_arms, strict=True
-        ):
-            seen = tip.pose * pin.SE3(grasp.matrix).inverse()
-            loads[index] = pin.SE3(np.eye(3), seen.translation).actInv(pin.Force(F)).vector
+        loads, on_arm = loads.copy(), self.at(q, self._rest).on_arm
+        seen = self.seen_poses(q)
+        for index, X_WP, F in zip(self.arms, seen, on_arm, strict=True):
+            loads[index] = pin.SE3(np.eye(3), X_WP.translation).actInv(pin.Force(F)).vector
         return loads
 
-    def _side(self, frame: int) -> _Side:
+    def _side(self, frame: int) -> Side:
         named = self._tree.model.frames[frame]
         joint = int(named.parentJoint)
-        return _Side(joint, named.placement.copy(), self._data.oMi[joint])
+        return Side(joint, named.placement.copy(), self._data.oMi[joint])
 
-    def _jacobian(self, side: _Side) -> Array:
+    def _jacobian(self, side: Side) -> Array:
         """Return the Jacobian of a side's joint about the world's origin, shape (6, nv)."""
-        J = pin.getJointJacobian(self._weightless, self._data, side.joint, pin.WORLD)
+        J = pin.getJointJacobian(self._bodies.model, self._data, side.joint, pin.WORLD)
         return jacobian_matrix(J)
-
-    def _reached(self, q: Array, tip: _Side, joints: slice, target: Any) -> Array:
-        """Return q with the joints of an arm moved so that its tip is nearest to a target."""
-        model, data = self._tree.model, self._data
-        for _ in range(_STEPS):
-            pin.computeJointJacobians(model, data, q)
-            missing = tip.pose.actInv(target)
-            error = np.concatenate((missing.translation, pin.log3(missing.rotation)))
-            J = tip.X_JF.toActionMatrixInverse() @ jacobian_matrix(
-                pin.getJointJacobian(model, data, tip.joint, pin.LOCAL)
-            )
-            step = np.zeros(model.nv)
-            step[joints] = np.linalg.lstsq(J[:, joints], error, rcond=_SPREAD)[0]
-            q = pin.integrate(model, q, step)
-            if np.abs(step).max() < _SETTLED:
-                break
-        return q
 
     def _balanced(self, q: Array, weight: Array) -> Array:
         """Return q with the payload moved until springs and weight balance."""
@@ -426,7 +406,8 @@ class GraspSprings:
         for _ in range(_STEPS):
             state, B = self.at(q, self._rest), self.jacobians(q)[:, :, entries]
             R = self._data.oMi[joint].rotation
-            missing = state.force[entries] + np.concatenate((R.T @ weight, np.zeros(3)))
+            force = np.einsum("nij,ni->j", B, state.wrench)
+            missing = force + np.concatenate((R.T @ weight, np.zeros(3)))
             step = np.zeros(model.nv)
             step[entries] = np.linalg.solve(
                 np.einsum("nji,nj,njk->ik", B, self.springs.stiffness, B), missing
@@ -435,6 +416,23 @@ class GraspSprings:
             if np.abs(step).max() < _SETTLED:
                 break
         return q
+
+
+def reached(model: Any, data: Any, q: Array, tip: Side, joints: slice, target: Any) -> Array:
+    """Return q with the joints of an arm moved so that a frame on it is nearest to a target."""
+    for _ in range(_STEPS):
+        pin.computeJointJacobians(model, data, q)
+        missing = tip.pose.actInv(target)
+        error = np.concatenate((missing.translation, pin.log3(missing.rotation)))
+        J = tip.X_JF.toActionMatrixInverse() @ jacobian_matrix(
+            pin.getJointJacobian(model, data, tip.joint, pin.LOCAL)
+        )
+        step = np.zeros(model.nv)
+        step[joints] = np.linalg.lstsq(J[:, joints], error, rcond=_SPREAD)[0]
+        q = pin.integrate(model, q, step)
+        if np.abs(step).max() < _SETTLED:
+            break
+    return q
 
 
 def _at_rest(stiffness: Array, load: Array, name: str) -> Any:

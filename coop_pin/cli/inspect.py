@@ -14,7 +14,7 @@ import tyro
 from coop_pin.catalogue import scenario_names, scenario_tables
 from coop_pin.cli.exit_codes import FAILED, OK
 from coop_pin.cli.overrides import TypedFields, load_scenario, refuse_fields
-from coop_pin.errors import FieldError, NameNotFoundError
+from coop_pin.errors import ArgumentError, FieldError, NameNotFoundError
 
 _COLUMNS = 99
 """Longest line of a text."""
@@ -133,7 +133,8 @@ class Check:
     closed chain whose closures lose rank at the start is told.
     Numbers in a likely wrong unit, and starts, postures and grasps that do not fit, are told first.
     For the built-in controllers, also check that the damping gains are stable at the control rate, all gains
-    with the lag of the drives along the motion, and the joint friction in the plant's steps; say what the law
+    with the lag of the drives along the motion, the slowest and the least damped mode of the whole loop at
+    the start, and the joint friction in the plant's steps; say what the law
     measures and what a kinematic bias and an unknown load leave; the proposal of 'coop-pin suggest'
     for these postures follows; on compliant grasps it is the stiffness from which the gains hold.
     Every field of the scenario can be changed as in 'coop-pin run'.
@@ -159,11 +160,13 @@ class Check:
         from coop_pin.analysis import (
             anchor_biases,
             closure_problem,
+            eigenvalues,
             force_reserve,
             gain_proposal,
             grasp_stability,
             implausible_numbers,
             internal_moment,
+            least_squeeze,
             loads_without_an_arm,
             loop_stability,
             motion_stability,
@@ -184,7 +187,16 @@ class Check:
         if singular:
             _print(f"  ! {singular}")
         ok = reach.ok and torques.ok and not singular
-        if not reach.ok or scenario.controller.user_code:
+        if scenario.has_servos:
+            _print("  the arms have servos: gains, sampling and errors at rest of the law are not checked")
+        squeeze = least_squeeze(scenario)
+        if squeeze is not None:
+            _print(f"  {squeeze.summary()}")
+            ok = ok and squeeze.ok
+        if scenario.cell.has_contacts:
+            _print("  the payload is held by friction, or may lie on a table: gains are not checked")
+        is_checked = not (scenario.controller.user_code or scenario.has_servos or scenario.cell.has_contacts)
+        if not reach.ok or not is_checked:
             return OK if ok else FAILED
         for arm, (limp, carried) in loads_without_an_arm(scenario, reach).items():
             if limp > 1.0:
@@ -201,11 +213,17 @@ class Check:
         _print(textwrap.indent("\n".join(finding.summary() for finding in stable), "  "))
         if not scenario.cell.compliant:
             _print(f"  {gain_proposal(scenario, reach).summary()}")
+        try:
+            _print(f"  {eigenvalues(scenario).summary()}")
+        except ArgumentError as error:
+            _print(f"  closed loop: {error}")
         law: Any = scenario.controller
         if not scenario.cell.controls_turns and "holding torque" in law.needs:
             _print(f"  {internal_moment(scenario, reach, law.posture).summary()}")
         errors = steady_errors(scenario, bias=self.bias, load=self.load)
         _print(textwrap.indent(errors.summary(), "  "))
+        if scenario.network is not None:
+            _print(f"  {simulation.traffic().summary(scenario.clock.rate_hz)}")
         if errors.growth > 0.0:
             earliest = max(0.0, force_reserve(scenario, reach)) / errors.growth
             _print(f"  ! the force that grows is beyond the first drive {earliest:.3g} s later or after")

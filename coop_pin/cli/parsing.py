@@ -11,6 +11,7 @@ import tyro
 from coop_pin.cli.compare import Compare
 from coop_pin.cli.export import ExportC
 from coop_pin.cli.inspect import Check, CheckUrdf, Fields, List, New, Show, Suggest
+from coop_pin.cli.root_locus import Locus
 from coop_pin.cli.run import Run
 from coop_pin.cli.sweep import Sweep, SweepShow
 from coop_pin.cli.tune import Tune
@@ -25,6 +26,7 @@ COMMANDS: dict[str, type[Any]] = {
     "show": Show,
     "check": Check,
     "suggest": Suggest,
+    "root-locus": Locus,
     "new": New,
     "check-urdf": CheckUrdf,
     "sweep": Sweep,

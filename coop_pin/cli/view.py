@@ -40,7 +40,7 @@ class View:
         run: simulate the scenario, over and over; nothing is written.
         realtime_rate: simulated seconds in one second of wall time.
         port: port of a scenario's view, for example one that 'ssh -L' forwards; any free port when omitted.
-        image: PNG file to write, of a run.
+        image: PNG or PDF file to write, of a run.
         time: time that the image shows, s; the end of the run when omitted.
         video: MP4 file to write, of a run.
         fields: fields of the scenario, as typed.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from coop_pin.arrays import as_count, typed
+from coop_pin.arrays import Array, as_count, typed
 from coop_pin.batch import export_c
 from coop_pin.build_controller import build_controller
 from coop_pin.comparison.controllers import Controllers, controllers_for
@@ -24,7 +24,7 @@ from coop_pin.control import (
 )
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, TracingError
-from coop_pin.simulation import simulate
+from coop_pin.simulation import Simulation, simulate
 
 _TICKS = 100
 
@@ -36,8 +36,16 @@ class _Timed(CellController):
         self._law = law
         self.steps: list[float] = []
 
+    def commands_of(self, arm: str) -> str:
+        return self._law.commands_of(arm)
+
     def init(self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]) -> Any:
         return self._law.init(measurements, references)
+
+    def messages(
+        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
+    ) -> list[Array]:
+        return self._law.messages(measurements, references, state)
 
     def step(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
@@ -55,7 +63,7 @@ def tick_costs(scenario: Scenario, controllers: Controllers, *, rounds: int = 1)
     ``us`` is the least time of a hundred ticks in Python, of this machine, and ``ratio`` that to the first
     controller's. ``operations`` counts those of the law of the first arm with its kinematics, as exported to
     C; where they cannot be counted it is NaN, and ``not_counted`` says why. ``needs`` is what a controller
-    uses besides kinematics.
+    uses besides kinematics, ``sent`` how many numbers of 8 bytes cross between the arms in a tick.
 
     Args:
         scenario: the cell.
@@ -78,6 +86,9 @@ def tick_costs(scenario: Scenario, controllers: Controllers, *, rounds: int = 1)
     needs = [timed.controller.needs for timed in chosen.values()]
     counted = [_operations(timed, used) for timed, used in zip(chosen.values(), needs, strict=True)]
     table["operations"], table["not_counted"] = zip(*counted, strict=True)
+    table["sent"] = [
+        Simulation(timed, build_controller(timed)).traffic().numbers for timed in chosen.values()
+    ]
     table["needs"] = [", ".join(used) or "nothing" for used in needs]
     return table
 

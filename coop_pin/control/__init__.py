@@ -1,9 +1,17 @@
 """Controllers that see only measurements. Importing this package imports neither Pinocchio nor a model."""
 
+from coop_pin.control.admittance import (
+    Admittance,
+    AdmittanceController,
+    AdmittanceGains,
+    FollowingController,
+)
 from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
 from coop_pin.control.calibration import ZeroedController
-from coop_pin.control.force_path import LateForcePath, LowPassForcePath, NoForcePath
+from coop_pin.control.consensus import consensus_bound
+from coop_pin.control.exchanged_wrench import ExchangedWrench
+from coop_pin.control.force_path import LateForcePath, LowPassForcePath, MessageForcePath, NoForcePath
 from coop_pin.control.interface import (
     ArmCommand,
     ArmController,
@@ -14,10 +22,11 @@ from coop_pin.control.interface import (
     CellTiming,
     ControlledArm,
     DecentralisedController,
+    Message,
 )
 from coop_pin.control.law import DecentralisedLaw, Law, PostureGains
 from coop_pin.control.leader_follower import LeaderFollower, LeaderFollowerController, LeaderFollowerGains
-from coop_pin.control.mean_pose import MeanPose, MeanPoseController
+from coop_pin.control.mean_pose import ConsensusPose, MeanPose, MeanPoseByMessages, MeanPoseController
 from coop_pin.control.payload_space import (
     PayloadSpace,
     PayloadSpaceController,
@@ -41,6 +50,9 @@ from coop_pin.control.switching import Saturation, Sign, Switching, Tanh
 from coop_pin.control.terms import Posture
 
 __all__ = [
+    "Admittance",
+    "AdmittanceController",
+    "AdmittanceGains",
     "AnchorState",
     "ArmCommand",
     "ArmController",
@@ -50,9 +62,12 @@ __all__ = [
     "CellCommand",
     "CellController",
     "CellTiming",
+    "ConsensusPose",
     "ControlledArm",
     "DecentralisedController",
     "DecentralisedLaw",
+    "ExchangedWrench",
+    "FollowingController",
     "LateForcePath",
     "Law",
     "LeaderFollower",
@@ -60,7 +75,10 @@ __all__ = [
     "LeaderFollowerGains",
     "LowPassForcePath",
     "MeanPose",
+    "MeanPoseByMessages",
     "MeanPoseController",
+    "Message",
+    "MessageForcePath",
     "NoForcePath",
     "PayloadSpace",
     "PayloadSpaceController",
@@ -83,5 +101,6 @@ __all__ = [
     "Tanh",
     "ZeroedController",
     "anchor_gain_bound",
+    "consensus_bound",
     "force_gain_bound",
 ]

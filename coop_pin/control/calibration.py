@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from coop_pin.arrays import Array
@@ -51,10 +51,23 @@ class ZeroedController(ArmController):
         offset = inverse_pose(measurement.payload_pose) @ self.start_pose
         return ZeroedState(offset, self.law.init(self._zeroed(measurement, offset), reference))
 
+    def message(
+        self, measurement: ArmMeasurement, reference: ArmReference, state: ZeroedState | None
+    ) -> Array:
+        """Return what the law tells the others."""
+        offset = inverse_pose(measurement.payload_pose) @ self.start_pose if state is None else state.offset
+        law_state = None if state is None else state.law
+        return self.law.message(self._zeroed(measurement, offset), reference, law_state)
+
     def step(self, measurement: ArmMeasurement, reference: ArmReference, state: ZeroedState) -> ArmCommand:
         """Return the drive torque of this tick and the state of the next; raises as the law."""
-        torque, law_state = self.law.step(self._zeroed(measurement, state.offset), reference, state.law)
-        return ArmCommand(torque, ZeroedState(state.offset, law_state))
+        command = self.law.step(self._zeroed(measurement, state.offset), reference, state.law)
+        return replace(command, state=ZeroedState(state.offset, command.state))
+
+    @property
+    def command_kind(self) -> str:
+        """What the law commands."""
+        return self.law.command_kind
 
     def _zeroed(self, measurement: ArmMeasurement, offset: Array) -> ArmMeasurement:
         """Return the measurement about the corrected point: V' = A V, J' = A J, F' = A^-T F."""

@@ -9,18 +9,24 @@ from pydantic import Field
 
 from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound, force_loop_is_stable
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description
+from coop_pin.schema.base import Description, WithLaterFields
 
 INSIST = "or insist with beyond_bound = true"
 """Advice for those who know better than the bounds."""
+
+
+Split = Literal["shares", "virtual-linkage"]
+"""Load in the measured wrenches, which less it are internal: shares about P, or forces at the tips."""
 
 
 class NoForcePath(Description):
     """No measured internal wrench: K_f must be zero, and the law is truly decentralised."""
 
     measures: ClassVar[bool] = False
+    by_sensors: ClassVar[bool] = False
     pole: ClassVar[float] = 0.0
     delay: ClassVar[int] = 0
+    split: ClassVar[Split] = "shares"
 
     kind: Literal["none"] = "none"
 
@@ -28,21 +34,27 @@ class NoForcePath(Description):
 _Delay = Annotated[int, Field(ge=0)]
 
 
-class LateForcePath(Description):
+class LateForcePath(WithLaterFields):
     """Internal wrench of one tick before: f_m[k] = f(t_k^-), f_m[0] = f_d.
 
     Attributes:
         delay: D, ticks of transport: f_m[k] = f(t_{k-D}^-), and f_d until the first sample is there.
+        split: Load in the measured wrenches: the "shares" about P, or in the "virtual-linkage" tip
+            forces without moments, which patches can bear; then the payload's mass may be unknown.
     """
 
+    later_fields: ClassVar[tuple[str, ...]] = ("split",)
+
     measures: ClassVar[bool] = True
+    by_sensors: ClassVar[bool] = True
     pole: ClassVar[float] = 0.0
 
     kind: Literal["late"] = "late"
     delay: _Delay = 0
+    split: Split = "shares"
 
 
-class LowPassForcePath(Description):
+class LowPassForcePath(WithLaterFields):
     """Discrete low-pass filter: f_m[k] = p f_m[k-1] + (1 - p) f(t_k^-), f_m[0] = f_d.
 
     It takes every sample once, when it arrives; between samples of slow sensors it holds.
@@ -50,16 +62,35 @@ class LowPassForcePath(Description):
     Attributes:
         pole: p, in [0, 1).
         delay: D, ticks of transport before the filter, which then takes f(t_{k-D}^-).
+        split: Load in the measured wrenches, as of LateForcePath.
     """
 
+    later_fields: ClassVar[tuple[str, ...]] = ("split",)
+
     measures: ClassVar[bool] = True
+    by_sensors: ClassVar[bool] = True
 
     kind: Literal["low-pass"] = "low-pass"
     pole: float = Field(default=0.9, ge=0.0, lt=1.0)
     delay: _Delay = 0
+    split: Split = "shares"
 
 
-ForcePath = Annotated[NoForcePath | LateForcePath | LowPassForcePath, Field(discriminator="kind")]
+class MessageForcePath(Description):
+    """Internal wrench that each arm forms from the wrist wrenches of all, by messages: ExchangedWrench."""
+
+    measures: ClassVar[bool] = True
+    by_sensors: ClassVar[bool] = False
+    pole: ClassVar[float] = 0.0
+    delay: ClassVar[int] = 0
+
+    split: ClassVar[Split] = "shares"
+
+    kind: Literal["messages"] = "messages"
+
+
+_Paths = NoForcePath | LateForcePath | LowPassForcePath | MessageForcePath
+ForcePath = Annotated[_Paths, Field(discriminator="kind")]
 
 
 class SampledWrist(NamedTuple):

@@ -8,7 +8,8 @@ arms; DecentralisedController combines one ArmController for each arm into a Cel
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -17,6 +18,18 @@ from coop_pin.arrays import Array, Mask
 from coop_pin.control.force_path import SampledWrist
 from coop_pin.errors import SingularJacobianError
 from coop_pin.spatial.task_rows import TaskRows
+
+
+class Message(NamedTuple):
+    """Latest message that an arm has heard from a neighbour.
+
+    Attributes:
+        numbers: numbers that were said, rounded as they were sent, shape (w,); zero before the first.
+        age: ticks since it was said; inf before the first.
+    """
+
+    numbers: Array
+    age: float
 
 
 class ArmMeasurement(NamedTuple):
@@ -34,7 +47,7 @@ class ArmMeasurement(NamedTuple):
         internal_wrench: measured internal wrench on this arm about P in world axes, shape (k_0,); None
             when the scenario's force path provides none.
         saturated: mask of the drive torques that were cut at their limits over the last tick, shape (k,); all
-            false at the first.
+            false at the first. Of a servo, at the beginning of that tick.
         internal_wrench_age: ticks since ``internal_wrench`` was sampled; inf before the first sample.
         interaction_wrench: this arm's own wrist wrench F_i, on the arm by the payload, about P in world axes
             as its own kinematics see them, shape (k_0,); None without a wrist sensor.
@@ -46,6 +59,9 @@ class ArmMeasurement(NamedTuple):
             the command itself where nothing cut it, without the robot's own gravity compensation and before
             lag. A lost drive reports 0; a missed tick is no cut. Zero in the first measurement; None where
             drives report nothing.
+        slip: largest distance that a patch of the cell has slid since the start, m; None without patches.
+        messages: latest message of each arm that this one hears, by name in the order of the cell's arms, its
+            own among them as it was sent; None where the scenario has no network, or the law says nothing.
     """
 
     time: float
@@ -61,6 +77,8 @@ class ArmMeasurement(NamedTuple):
     interaction_wrench_age: float = np.inf
     holding_torque: Array | None = None
     reported_torque: Array | None = None
+    slip: float | None = None
+    messages: Mapping[str, Message] | None = None
 
 
 class ArmReference(NamedTuple):
@@ -102,29 +120,77 @@ DESIRED = {
 """Fields that exported laws are given, and their meaning; pose, twist and Jacobian follow from q and v."""
 
 
-class ArmCommand(NamedTuple):
-    """Controller output for one arm.
+COMMANDS = {"torque": "N m", "velocity": "rad/s", "position": "rad"}
+"""What an arm may take as commands, and the unit for revolute drives."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ArmCommand:
+    """Controller output for one arm: torque, velocity or position of its drives until the next tick.
+
+    A controller gives the one that its ``command_kind`` names; see coop_pin.description.servo for what the
+    robot makes of a velocity or a position. It unpacks into that one and the state.
 
     Attributes:
-        torque: drive torques to hold until the next tick, N m, shape (k,).
+        torque: drive torques to hold, N m, shape (k,).
         state: the controller's state for the next tick.
+        velocity: velocities of the drives to hold, rad/s, shape (k,).
+        position: positions of the drives to reach at the next tick, rad, shape (k,).
     """
 
-    torque: Array
-    state: Any
+    torque: Array | None = None
+    state: Any = None
+    velocity: Array | None = None
+    position: Array | None = None
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter((self.values, self.state))
+
+    @property
+    def values(self) -> Any:
+        """The one that is given, shape (k,)."""
+        return next(value for value in (self.torque, self.velocity, self.position) if value is not None)
 
 
-class CellCommand(NamedTuple):
-    """Controller output for a cell.
+@dataclass(frozen=True, eq=False, slots=True)
+class CellCommand:
+    """Controller output for a cell: for each arm, in their order, what ArmCommand has for one.
+
+    It unpacks into what is given for each arm and the state.
 
     Attributes:
-        torques: drive torques of each arm to hold until the next tick, in the order of the arms, N m, shape
-            (k,) each.
+        torques: drive torques of each arm to hold until the next tick, N m, shape (k,) each; None for an arm
+            that takes something else.
         state: the controller's state for the next tick.
+        velocities: velocities likewise, rad/s.
+        positions: positions likewise, rad.
     """
 
-    torques: Sequence[Array]
-    state: Any
+    torques: Sequence[Any] = ()
+    state: Any = None
+    velocities: Sequence[Any] = ()
+    positions: Sequence[Any] = ()
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter((self.values, self.state))
+
+    @classmethod
+    def of_arms(cls, commands: Sequence[ArmCommand]) -> CellCommand:
+        """Return the commands of all arms."""
+        torques, states = [each.torque for each in commands], tuple(each.state for each in commands)
+        if all(torque is not None for torque in torques):
+            return cls(torques, states)
+        return cls(torques, states, [one.velocity for one in commands], [one.position for one in commands])
+
+    def of(self, kind: str) -> Sequence[Any]:
+        """Return the values of all arms of a kind of COMMANDS."""
+        return {"torque": self.torques, "velocity": self.velocities, "position": self.positions}[kind]
+
+    @property
+    def values(self) -> list[Any]:
+        """What is given for each arm, shape (k,) each."""
+        kinds = [values for kind in COMMANDS if len(values := self.of(kind))]
+        return [next(value for value in each if value is not None) for each in zip(*kinds, strict=True)]
 
 
 class ControlledArm(NamedTuple):
@@ -142,6 +208,7 @@ class ControlledArm(NamedTuple):
         start_pose: X_WP at t_0, shape (4, 4).
         oldest_wrench: Age that measured wrenches reach without being lost, ticks.
         base_drives: Number of its first drives that move a mobile base.
+        pressed: Whether it holds the payload by friction: it starts with the squeeze on.
     """
 
     name: str
@@ -155,6 +222,7 @@ class ControlledArm(NamedTuple):
     start_pose: Array
     oldest_wrench: int
     base_drives: int = 0
+    pressed: bool = False
 
 
 class CellTiming(NamedTuple):
@@ -192,7 +260,22 @@ class ArmController(ABC):
 
     @abstractmethod
     def step(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> ArmCommand:
-        """Return the torque to hold until the next tick, and the state for it."""
+        """Return the command until the next tick, and the state for it."""
+
+    @property
+    def command_kind(self) -> str:
+        """What it commands: "torque", "velocity" or "position"; a class attribute replaces it."""
+        return "torque"
+
+    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
+        """Return what this arm tells the others at a tick, before any arm steps, shape (w,); nothing here.
+
+        Args:
+            measurement: Measurement of the tick, without messages.
+            reference: Reference of the tick.
+            state: State that ``step`` returned; None once more before ``init``, which hears messages, too.
+        """
+        return np.zeros(0)
 
     def remarks(self, pose: Array, state: Any) -> list[str]:
         """Return sentences on what a state says of a run; none by default.
@@ -213,6 +296,15 @@ class CellController(ABC):
 
     needs: ClassVar[tuple[str, ...]] = ()
 
+    @property
+    def command_kind(self) -> str:
+        """What it commands to every arm, as of an ArmController."""
+        return "torque"
+
+    def commands_of(self, arm: str) -> str:
+        """Return what it commands to an arm: "torque", "velocity" or "position"."""
+        return self.command_kind
+
     @abstractmethod
     def init(self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]) -> Any:
         """Return the state at the first tick."""
@@ -221,7 +313,13 @@ class CellController(ABC):
     def step(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
     ) -> CellCommand:
-        """Return each arm's torque to hold until the next tick, and the state for it."""
+        """Return each arm's command until the next tick, and the state for it."""
+
+    def messages(
+        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
+    ) -> list[Array]:
+        """Return what each arm tells the others at a tick; none of a law that sees all arms."""
+        return []
 
     def remarks(self, pose: Array, state: Any) -> list[str]:
         """Return sentences on what a state says of a run, as an ArmController; none by default."""
@@ -237,6 +335,10 @@ class DecentralisedController(CellController):
 
     def __init__(self, controllers: Mapping[str, ArmController]) -> None:
         self.controllers = dict(controllers)
+
+    def commands_of(self, arm: str) -> str:
+        """Return what the controller of an arm commands."""
+        return self.controllers[arm].command_kind
 
     def init(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
@@ -259,7 +361,7 @@ class DecentralisedController(CellController):
         references: Sequence[ArmReference],
         state: tuple[Any, ...],
     ) -> CellCommand:
-        """Return the torque and the next state of each arm.
+        """Return the command and the next state of each arm.
 
         Raises:
             SingularJacobianError: an arm's Jacobian is singular.
@@ -270,7 +372,17 @@ class DecentralisedController(CellController):
                 self.controllers.items(), measurements, references, state, strict=True
             )
         ]
-        return CellCommand([torque for torque, _ in commands], tuple(state for _, state in commands))
+        return CellCommand.of_arms(commands)
+
+    def messages(
+        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
+    ) -> list[Array]:
+        """Return what each arm tells the others at a tick; see ArmController."""
+        laws = self.controllers.values()
+        states = [None] * len(laws) if state is None else state
+        return [
+            law.message(*inputs) for law, *inputs in zip(laws, measurements, references, states, strict=True)
+        ]
 
     def remarks(self, pose: Array, state: tuple[Any, ...]) -> list[str]:
         """Return the sentences of all arms, with their names."""

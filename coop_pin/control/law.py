@@ -12,9 +12,11 @@ from pydantic import Field, PrivateAttr, SerializerFunctionWrapHandler, model_se
 
 from coop_pin.arrays import Array
 from coop_pin.control.calibration import ZeroedController
+from coop_pin.control.exchanged_wrench import ExchangedWrench
 from coop_pin.control.force_path import (
     INSIST,
     ForcePath,
+    MessageForcePath,
     NoForcePath,
     SampledLoop,
     anchor_gain_problems,
@@ -32,7 +34,7 @@ from coop_pin.control.interface import (
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.terms import Posture
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, NotNegative, Vector, unknown_arms
+from coop_pin.schema.base import Description, NotNegative, Vector, WithLaterFields, unknown_arms
 from coop_pin.spatial.task_rows import TaskRows, joint_shortage
 
 _WRITTEN_FIRST = ("kind", "target", "options", "gains", "arm_gains", "switching", "force_path")
@@ -93,7 +95,7 @@ INFORMATION: Mapping[str, set[str]] = {
 """Classes of what laws measure, the largest first, and the needs that make a law one of them."""
 
 
-class Law(Description):
+class Law(WithLaterFields):
     """A controller as a scenario states it, and what is asked of every one.
 
     Attributes:
@@ -104,6 +106,8 @@ class Law(Description):
     """What the law uses besides kinematics where it is measured."""
     spare_spring: ClassVar[str] = ""
     """Path of the field with the spring of spare joints; empty if the law has none."""
+    reads_plan: ClassVar[bool] = False
+    """Whether its arms read their load share from the plan of the grasps, as one that holds nothing must."""
     _stored_as: Any = PrivateAttr(default=None)
 
     kind: str
@@ -111,13 +115,18 @@ class Law(Description):
 
     @model_serializer(mode="wrap")
     def _written(self, fields_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        fields = fields_of(self)
+        fields = super()._written(fields_of)
         return {name: fields[name] for name in _WRITTEN_FIRST if name in fields} | fields
 
     @property
     def stored_as(self) -> Any:
         """The law as the data says from which it was read; keys of stored runs are made of it."""
         return self._stored_as or self
+
+    @property
+    def command_kind(self) -> str:
+        """What it commands: "torque", "velocity" or "position"; empty if only its controller can say."""
+        return "torque"
 
     @property
     def has_linear_integral(self) -> bool:
@@ -309,6 +318,8 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
             path = f"controller.arm_gains.{arm.name}" if arm.name in self.arm_gains else "controller.gains"
             gains = self.gains_of(arm.name).sized(arm.rows.size, arm.drives, path)
             law = self.controller_of(arm, gains, scenario)
+            if isinstance(self.force_path, MessageForcePath):
+                law = ExchangedWrench(law, arm)
             laws[arm.name] = ZeroedController(arm.rows, law, arm.start_pose) if self.zero_at_grasp else law
         return DecentralisedController(laws)
 

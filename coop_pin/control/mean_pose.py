@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from coop_pin.arrays import Array
+from coop_pin.control.consensus import disagreement, graph_problem
+from coop_pin.control.exchanged_wrench import heard
 from coop_pin.control.force_path import SampledLoop
 from coop_pin.control.interface import (
+    ArmCommand,
+    ArmController,
     ArmMeasurement,
     ArmReference,
     CellCommand,
     CellController,
     ControlledArm,
+    DecentralisedController,
 )
 from coop_pin.control.payload_space import PayloadSpace, PayloadSpaceGains
 from coop_pin.control.steady_state import SteadyDirection
+from coop_pin.errors import FieldError
+from coop_pin.schema.base import Positive
 from coop_pin.spatial import exp3, pose_error
 from coop_pin.spatial.task_rows import TaskRows
 
@@ -38,9 +45,7 @@ class MeanPoseController(CellController):
     a kinematic bias moves the payload by its mean and leaves no internal force that grows, and no integral
     needs a leak. What the arms do not see, such as friction in their joints, stays in the internal force.
 
-    All arms must average the same numbers, as sent: rounded and delayed alike. An arm that loses a message
-    while others have it sees another mean, and its integral drifts from theirs; all arms then go on with the
-    last set that all have. Here every set arrives.
+    Here every view arrives at once and exactly; MeanPoseByMessages has them from a network.
 
     Attributes:
         laws: Laws of the arms.
@@ -54,22 +59,159 @@ class MeanPoseController(CellController):
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
     ) -> tuple[Any, ...]:
         """Return the first state of each arm's law; raises as the law."""
-        return self.laws.init(_agreed(measurements, references[0].pose), references)
+        return self.laws.init(self._agreed(measurements, references), references)
 
     def step(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
     ) -> CellCommand:
         """Return the torque and the next state of each arm; raises as the law."""
-        return self.laws.step(_agreed(measurements, references[0].pose), references, state)
+        return self.laws.step(self._agreed(measurements, references), references, state)
+
+    @staticmethod
+    def _agreed(
+        measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
+    ) -> list[ArmMeasurement]:
+        """Return the measurements with the mean of all views."""
+        X_d = references[0].pose
+        mean = _mean([_view(seen, X_d) for seen in measurements])
+        return [_placed(seen, mean, X_d) for seen in measurements]
 
 
-def _agreed(measurements: Sequence[ArmMeasurement], X_d: Array) -> list[ArmMeasurement]:
-    """Return the measurements with the means of all pose errors, put to the desired pose, and twists."""
-    e = _mean([pose_error(seen.payload_pose, X_d) for seen in measurements])
-    V = _mean([seen.payload_twist for seen in measurements])
-    X = np.zeros_like(measurements[0].payload_pose)
-    X[:3, :3], X[:3, 3], X[3, 3] = exp3(e[3:]).dot(X_d[:3, :3]), X_d[:3, 3] + e[:3], 1.0
-    return [seen._replace(payload_pose=X, payload_twist=V) for seen in measurements]
+@dataclass(frozen=True, eq=False)
+class MeanPoseByMessages(ArmController):
+    """The mean-pose law of one arm, which hears the views of the others and its own.
+
+    Every arm says ``[p_i - p_d, log(R_i R_d^T), V_i]``, k_0 + 6 numbers, and averages the latest of all views
+    as they were sent. So it takes its own view rounded and delayed like the others: else the arms' means, and
+    with them their integrals, differ by a constant for ever.
+
+    A view that is lost is replaced by the last that arrived: the means then differ by what that view changed
+    since, which is no bias and averages out. ``skips`` leaves it out instead: the means differ by the bias,
+    and the integrals drift apart. It is for arms that fall silent; let the integral leak then.
+
+    Attributes:
+        law: Payload-space law of this arm.
+        name: Name of this arm.
+        skips: Whether a view that is older than this arm's own is left out.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ("messages", "poses of all arms")
+
+    law: ArmController
+    name: str
+    skips: bool = False
+
+    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
+        """Return this arm's view, pose error and twist, then what the law says, shape (6 + k_0 + w,)."""
+        view = _view(measurement, reference.pose)
+        return np.concatenate((view, self.law.message(measurement, reference, state)))
+
+    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> Any:
+        """Return the first state of the law; raises as the law."""
+        return self.law.init(self._agreed(measurement, reference), reference)
+
+    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> ArmCommand:
+        """Return the command of the law at the mean of the views; raises as the law."""
+        return self.law.step(self._agreed(measurement, reference), reference, state)
+
+    def _agreed(self, measurement: ArmMeasurement, reference: ArmReference) -> ArmMeasurement:
+        """Return the measurement with the mean of the views; its own before any arrived."""
+        views, view = heard(measurement), _view(measurement, reference.pose)
+        size = len(view)
+        oldest = views[self.name].age if self.skips else np.finfo(float).max
+        weights = [np.where(one.age <= oldest, 1.0, 0.0) for one in views.values()]
+        total = reduce(add, weights)
+        sums = reduce(add, [w * one.numbers[:size] for w, one in zip(weights, views.values(), strict=True)])
+        alone = total < 0.5
+        mean = np.where(alone, view, sums / np.where(alone, 1.0, total))
+        return _placed(_further(measurement), mean, reference.pose)
+
+    def remarks(self, pose: Array, state: Any) -> list[str]:
+        """Return the sentences of the law."""
+        return self.law.remarks(pose, state)
+
+
+class ConsensusState(NamedTuple):
+    """Memory of an arm in consensus.
+
+    Attributes:
+        correction: z, shape (6 + k_0,).
+        law: state of the law.
+    """
+
+    correction: Array
+    law: Any
+
+
+@dataclass(frozen=True, eq=False)
+class ConsensusPose(ArmController):
+    """The mean-pose law of one arm by consensus: it hears its neighbours only.
+
+    ::
+
+        x_i = u_i - z_i,   z_i <- z_i + g sum_j (x_i - x_j),   z_i(t_0) = 0
+
+    u_i is the view of the arm, and x_i takes the place of the mean. Every arm says x_i; its neighbours' and
+    its own enter the sum as they were sent, so that what one adds the other takes away: the x_i keep the mean
+    of the views, and come to it at the rates 1 - g lambda, lambda > 0 the eigenvalues of the graph's
+    Laplacian. A constant bias of a view leaves no disagreement. Of views that change, x_i is late by about
+    1 / (g lambda_2) ticks. Dynamic average consensus of first order: Zhu and Martinez, Automatica 46 (2010).
+
+    Attributes:
+        law: Payload-space law of this arm.
+        name: Name of this arm.
+        gain: g, less than ``consensus_bound``.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ("messages", "poses of all arms")
+
+    law: ArmController
+    name: str
+    gain: float
+
+    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
+        """Return x_i, then what the law says, shape (6 + k_0 + w,)."""
+        x, law = _view(measurement, reference.pose), None
+        if state is not None:
+            x, law = x - state.correction, state.law
+        return np.concatenate((x, self.law.message(measurement, reference, law)))
+
+    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> ConsensusState:
+        """Return z = 0 and the first state of the law at the arm's own view; raises as the law."""
+        view = _view(measurement, reference.pose)
+        placed = _placed(_further(measurement), view, reference.pose)
+        return ConsensusState(np.zeros(len(view)), self.law.init(placed, reference))
+
+    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: ConsensusState) -> ArmCommand:
+        """Return the command of the law at x_i, and the next state; raises as the law."""
+        x = _view(measurement, reference.pose) - state.correction
+        placed = _placed(_further(measurement), x, reference.pose)
+        command = self.law.step(placed, reference, state.law)
+        z = state.correction + self.gain * disagreement(self.name, heard(measurement))[: len(x)]
+        return replace(command, state=ConsensusState(z, command.state))
+
+    def remarks(self, pose: Array, state: ConsensusState) -> list[str]:
+        """Return the sentences of the law."""
+        return self.law.remarks(pose, state.law)
+
+
+def _further(measurement: ArmMeasurement) -> ArmMeasurement:
+    """Return a measurement with the messages that go to the law: what follows the views."""
+    size = 6 + len(measurement.payload_twist)
+    parts = {name: one._replace(numbers=one.numbers[size:]) for name, one in heard(measurement).items()}
+    return measurement._replace(messages=parts)
+
+
+def _view(seen: ArmMeasurement, X_d: Array) -> Array:
+    """Return the pose error and the twist that an arm sees, shape (6 + k_0,)."""
+    return np.concatenate((pose_error(seen.payload_pose, X_d), seen.payload_twist))
+
+
+def _placed(seen: ArmMeasurement, mean: Array, X_d: Array) -> ArmMeasurement:
+    """Return a measurement with a mean of views, put to the desired pose."""
+    X = np.zeros_like(seen.payload_pose)
+    X[:3, :3], X[:3, 3], X[3, 3] = exp3(mean[3:6]).dot(X_d[:3, :3]), X_d[:3, 3] + mean[:3], 1.0
+    return seen._replace(payload_pose=X, payload_twist=mean[6:])
 
 
 def _mean(vectors: Sequence[Array]) -> Array:
@@ -88,10 +230,23 @@ class AgreedDirection(SteadyDirection):
 class MeanPose(PayloadSpace):
     """The payload-space law on exchanged poses: MeanPoseController.
 
-    Its integral does not leak where no wrench is measured, unless ``gains.leak`` says so.
+    Where the scenario has a network, the arms hear each other through it, by MeanPoseByMessages; without one
+    they are one controller. Without a measured wrench nothing leaks unless ``gains.leak`` says so.
+
+    Attributes:
+        on_loss: substitute of a view that did not arrive: the "last" that did, or none, "skip".
+        averaging: way to the mean by messages: of "all" views, which each arm hears, or by "consensus" of
+            neighbours over any connected graph.
+        consensus_gain: g of the consensus.
     """
 
+    reads_plan: ClassVar[bool] = False
+    later_fields: ClassVar[tuple[str, ...]] = ("on_loss", "averaging", "consensus_gain")
+
     kind: Literal["mean-pose"] = "mean-pose"  # type: ignore[assignment]  # names the class, not its base
+    on_loss: Literal["last", "skip"] = "last"
+    averaging: Literal["all", "consensus"] = "all"
+    consensus_gain: Positive = 0.25
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -103,8 +258,30 @@ class MeanPose(PayloadSpace):
         return super()._leak(gains) if self.measures or gains.leak is not None else 0.0
 
     def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
-        """Return the controller of the cell; see Law."""
-        return MeanPoseController(super().build(scenario, arms))
+        """Return the controller of the cell, or those of the arms where messages cross; see Law."""
+        laws = super().build(scenario, arms)
+        network = scenario.network
+        if network is None or not isinstance(laws, DecentralisedController):
+            return MeanPoseController(laws)
+        if self.averaging == "consensus":
+            return self._by_consensus(network, laws.controllers)
+        names, edges = list(laws.controllers), network.edges_at(0.0, list(laws.controllers))
+        pairs = [(one, other) for one in names for other in names if one != other]
+        if missing := [f"{other} does not hear {one}" for one, other in pairs if (one, other) not in edges]:
+            detail = f"leaves arms unheard ({', '.join(missing)}); 'mean-pose' averages all views: take 'all'"
+            raise FieldError(detail, "network.graph")
+        skips = self.on_loss == "skip"
+        return DecentralisedController(
+            {name: MeanPoseByMessages(law, name, skips) for name, law in laws.controllers.items()}
+        )
+
+    def _by_consensus(self, network: Any, laws: Mapping[str, ArmController]) -> CellController:
+        """Return the controllers of arms that hear their neighbours only; see build."""
+        names, gain = list(laws), self.consensus_gain
+        edges = network.edges_at(0.0, names)
+        if problem := graph_problem(edges, names, gain, network.slowest_of(names)):
+            raise problem
+        return DecentralisedController({name: ConsensusPose(law, name, gain) for name, law in laws.items()})
 
     def steady_directions(self, rows: TaskRows, loop: SampledLoop, period: float) -> list[SteadyDirection]:
         """Return those of the payload-space law, on which all arms agree."""

@@ -35,7 +35,7 @@ from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.switching import Saturation, Sign, Switching
 from coop_pin.control.terms import Posture, is_new, jacobian_inverse, null_space_part, right_inverse
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import NotNegative, number_or_row
+from coop_pin.schema.base import NotNegative, Positive, number_or_row
 from coop_pin.spatial import weight_wrench
 from coop_pin.spatial.generic_numbers import identity, known, where
 from coop_pin.spatial.task_rows import TaskRows
@@ -56,6 +56,10 @@ def _bias_or_none(value: Any) -> Any:
     return value if isinstance(value, str) and value == "none" else _bias(value)
 
 
+SLIP_GUARD = 1e-2
+"""Slip from which on the arms give up, m."""
+
+
 class PayloadSpaceState(NamedTuple):
     """Memory of the law: a wrench, and what it started from.
 
@@ -70,6 +74,7 @@ class PayloadSpaceState(NamedTuple):
         start_pull: pull of the posture's spring at t_0, N m, shape (k,).
         command: torque of the last tick, N m, shape (k,).
         anchor: memory of the bounded anchor; None without a bound.
+        holds: 1, and 0 from when the arms have lost their grip.
     """
 
     integral: Array
@@ -82,6 +87,7 @@ class PayloadSpaceState(NamedTuple):
     start_pull: Array
     command: Array
     anchor: AnchorState | None
+    holds: float = 1.0
 
 
 class PayloadSpaceGains(SurfaceGains):
@@ -116,7 +122,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         e        = exp(-kappa (t - t_0))
         s        = xtildedot + gamma xtilde - s_x(t_0) e
         f_r      = R (f_d - f_d(t_0) e)
-        start    Z = Z_hold = -(J^+)^T tau_hold
+        start    Z = Z_hold = -(J^+)^T tau_hold              for a pressed patch less f_d, and f_r = R f_d
         anchor   Z <- Z - g (fhat - f_r),  Z_hold <- Z       before the torque, once for each new measurement
         torque   tau = -J^T [c K s + Z + f_r - K_f (fhat - f_r)] + N^T [tau_hold + pull - pull(t_0) e]
         leak     Z <- Z - lambda T (Z - Z_hold)              after it, while no measurement is recent
@@ -145,6 +151,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         posture: spring and damper of the spare joints; None for an arm without spare joints.
         bound: bound of the anchor; None without. With one, the integral takes over what drives cut: see the
             page "The bounded anchor".
+        most_slip: slip of a patch from which on f_r = 0 and the anchor rests, m.
     """
 
     switching: Switching
@@ -153,6 +160,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
     stale_after: float = 3.0
     posture: Posture | None = None
     bound: BoundedAnchor | None = None
+    most_slip: float = np.inf
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> PayloadSpaceState:
         """Return the state at t_0, with which the first torque is the holding torque.
@@ -168,6 +176,10 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         if tau_hold is not None:
             Z = -right_inverse(J, measurement.time).T.dot(tau_hold)
             pull = nothing if self.posture is None else self.posture.pull(measurement.q, measurement.v)
+        start_squeeze = reference.internal_wrench
+        if self.arm.pressed:  # the holding torque has the squeeze in it, which f_r keeps
+            Z = Z - self.arm.rows.turn(measurement.payload_pose, start_squeeze)
+            start_squeeze = np.zeros_like(start_squeeze)
         reported = measurement.reported_torque
         return PayloadSpaceState(
             integral=Z,
@@ -175,7 +187,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             wrench_age=np.inf,
             start_time=measurement.time,
             start_surface=self._surface(measurement, reference),
-            start_squeeze=reference.internal_wrench,
+            start_squeeze=start_squeeze,
             holding_torque=nothing if tau_hold is None else tau_hold,
             start_pull=pull,
             command=nothing if reported is None else reported,
@@ -201,6 +213,10 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         e = np.exp(-gains.transient_rate * (measurement.time - state.start_time))
         s = self._surface(measurement, reference) - state.start_surface * e
         f_r = arm.rows.turn(measurement.payload_pose, reference.internal_wrench - state.start_squeeze * e)
+        holds, grip = state.holds, 1.0
+        if measurement.slip is not None:
+            holds = grip = holds * float(measurement.slip <= self.most_slip)
+            f_r = grip * f_r
         share = arm.load_share if reference.load_share is None else reference.load_share
         fhat, age = self._measured_wrench(measurement, f_r, share)
         error = fhat - f_r
@@ -208,7 +224,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         fresh, stale = is_new(age, state.wrench_age), age > self.stale_after
         uncut, recent = 1.0 - measurement.saturated.any(), 1.0 - stale
         Z, Z_hold, anchor = state.integral, state.anchored, state.anchor
-        asked = fresh * -gains.anchor_gain * error
+        asked = fresh * (-grip * gains.anchor_gain) * error
         J_plus = None if self.posture is None else right_inverse(J, measurement.time)
         if self.bound is not None and anchor is not None:
             cut = self._cut(measurement, state, J_plus)
@@ -232,7 +248,9 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             anchor = self.bound.after(anchor, np.logical_not(stale), change)
         return ArmCommand(
             tau,
-            state._replace(integral=Z + change, anchored=Z_hold, wrench_age=age, command=tau, anchor=anchor),
+            state._replace(
+                integral=Z + change, anchored=Z_hold, wrench_age=age, command=tau, anchor=anchor, holds=holds
+            ),
         )
 
     def _cut(
@@ -282,6 +300,8 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             force path itself takes.
         anchor_bias: b_0, the bias of the kinematics for which measured internal wrenches may move the
             integral at any time, m and rad; "none" bounds nothing. At most half of the layer of the integral.
+        slip_guard: Slip of a patch, m, from which on the arms of the cell give up squeeze and anchor, which
+            would push them on; the largest slip crosses between the arms as measured wrenches do.
         anchor_bias_answered: b_max, how far they may while a bias shows at the start, m and rad; a bias near
             it need not come to rest. At most the norm of the edges of the layer. Equal to b_0: a fixed bound.
     """
@@ -292,6 +312,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     }
 
     spare_spring: ClassVar[str] = "controller.posture.stiffness"
+    reads_plan: ClassVar[bool] = True
 
     kind: Literal["payload-space"] = "payload-space"
     switching: Switching = Saturation(width=0.05)
@@ -300,12 +321,13 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     stale_after: int = Field(default=3, ge=1)
     anchor_bias: Annotated[Any, BeforeValidator(_bias_or_none)] = (2e-3, 1e-2)
     anchor_bias_answered: Annotated[Any, BeforeValidator(_bias)] = (2e-2, 1e-1)
+    slip_guard: Positive = SLIP_GUARD
 
     @model_validator(mode="before")
     @classmethod
     def _without_bound(cls, fields: Any) -> Any:
         """Return the fields of a record without ``anchor_bias``: of a law that bounds no anchor."""
-        omitted = {*_BOUND, "payload_mass"}
+        omitted = {*_BOUND, "payload_mass", "slip_guard", *cls.later_fields}
         is_record = isinstance(fields, Mapping) and {*cls.model_fields} - omitted <= {*fields} - {*_BOUND}
         return {"anchor_bias": "none"} | dict(fields) if is_record else fields
 
@@ -320,7 +342,8 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     @model_serializer(mode="wrap")
     def _written(self, fields_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
         fields = super()._written(fields_of)
-        without = _BOUND if self.anchor_bias == "none" else ()
+        without: tuple[str, ...] = _BOUND if self.anchor_bias == "none" else ()
+        without += ("slip_guard",) if self.slip_guard == SLIP_GUARD else ()
         return {name: value for name, value in fields.items() if name not in without}
 
     @property
@@ -357,6 +380,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             payload_weight=None if mass is None else arm.rows.select(weight_wrench(mass, arm.gravity)),
             stale_after=self.stale_after + arm.oldest_wrench,
             posture=self.posture.term(arm) if arm.drives > arm.rows.size else None,
+            most_slip=self.slip_guard,
             bound=self._bound(arm.rows, gains, arm.load_share, arm.period, 1 + arm.oldest_wrench),
         )
 

@@ -5,11 +5,20 @@ from coop_pin.description.actuators import Actuators, GravityCompensation
 from coop_pin.description.arm import Arm, JointFriction, Miscalibration
 from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.cell import Cell, grasps_from_configuration
+from coop_pin.description.contact import Pad, PatchGrasp, Table
 from coop_pin.description.controller import ModelFactors, UserController
-from coop_pin.description.events import GravityTurn, LoseArm, PayloadChange, WrenchPulse
+from coop_pin.description.events import (
+    GravityTurn,
+    LoseArm,
+    Partner,
+    PayloadChange,
+    UserEvent,
+    WrenchPulse,
+)
 from coop_pin.description.grasp import CompliantGrasp
 from coop_pin.description.grasp_events import HandOver, Regrasp, Release
 from coop_pin.description.mobile_base import MobileBase
+from coop_pin.description.network import ArmClock, Channel, EdgeChannel, GraphChange, Network
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.scenario import Scenario
@@ -22,17 +31,23 @@ from coop_pin.description.sensors import (
     WrenchParts,
     WristSensor,
 )
+from coop_pin.description.servo import SERVOS, Servo
 from coop_pin.description.trust import TrustThresholds
 from coop_pin.schema.pose import Pose
 
 __all__ = [
+    "SERVOS",
     "Actuators",
     "Arm",
+    "ArmClock",
     "Cell",
+    "Channel",
     "Clock",
     "CompliantGrasp",
     "DifferencedVelocity",
+    "EdgeChannel",
     "Encoder",
+    "GraphChange",
     "GravityCompensation",
     "GravityTurn",
     "HandOver",
@@ -42,7 +57,11 @@ __all__ = [
     "Miscalibration",
     "MobileBase",
     "ModelFactors",
+    "Network",
     "ObservedVelocity",
+    "Pad",
+    "Partner",
+    "PatchGrasp",
     "Payload",
     "PayloadChange",
     "PlantOptions",
@@ -51,9 +70,12 @@ __all__ = [
     "Release",
     "Scenario",
     "Sensors",
+    "Servo",
     "Stabilisation",
+    "Table",
     "TrustThresholds",
     "UserController",
+    "UserEvent",
     "WrenchParts",
     "WrenchPulse",
     "WristSensor",

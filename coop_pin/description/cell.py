@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,13 +12,21 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from coop_pin.arrays import Array, as_array, as_pose, require_type
 from coop_pin.description.arm import Arm
+from coop_pin.description.contact import Pad, PatchGrasp, Table
 from coop_pin.description.events import Surroundings
 from coop_pin.description.grasp import CompliantGrasp, Grasp
 from coop_pin.description.payload import Payload
 from coop_pin.description.urdf import load_checked
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import ArgumentError, FieldError, NameNotFoundError
-from coop_pin.schema.base import Description, Vector3, check_arm_names, plain_name
+from coop_pin.schema.base import (
+    Name,
+    Vector3,
+    WithLaterFields,
+    check_arm_names,
+    plain_name,
+    unknown_arms,
+)
 from coop_pin.schema.pose import Pose
 from coop_pin.spatial import inverse_pose
 from coop_pin.spatial.task_rows import RowsName, TaskRows, task_rows
@@ -56,21 +64,26 @@ def grasps_from_configuration(
     return grasps
 
 
-class Cell(Description):
-    """Arms that grasp one payload, rigidly or compliantly; a single arm is an arm with a load.
+class Cell(WithLaterFields):
+    """Arms that grasp one payload: rigidly, compliantly or by friction; a single arm is an arm with a load.
 
     Attributes:
         arms: the arms by name; arrays over arms have their order.
         payload: the held object.
         payload_pose: payload pose X_WP that belongs to the arms' postures; for "as-posed" grasps only.
         grasps: pose X_PE of each arm's tip in the payload frame, in the order of the arms; with ``kind =
-            "compliant"`` a spring and damper holds the tip there. "as-posed" computes rigid ones from
-            ``payload_pose`` and the postures, and the cell stores the result.
+            "compliant"`` a spring and damper holds the tip there, with ``kind = "patch"`` friction alone.
+            "as-posed" computes rigid ones from ``payload_pose`` and the postures, and the cell stores the
+            result.
         rows: task rows: "full" (6), "planar" (x, y and the rotation about z, for arms that move in the
             world's x-y plane) or "positional" (x, y, z).
         gravity: gravitational acceleration in world axes, m/s^2.
         load_shares: load share c_i of each arm, summing to one; equal when omitted.
+        tables: tables that the payload may lie on, by name.
+        pads: pads of arms with rigid or compliant grasps, by which results tell whether friction would hold.
     """
+
+    later_fields: ClassVar[tuple[str, ...]] = ("tables", "pads")
 
     arms: dict[str, Arm] = Field(min_length=1)
     payload: Payload
@@ -79,6 +92,8 @@ class Cell(Description):
     rows: RowsName = "full"
     gravity: Vector3 = (0.0, 0.0, -9.81)
     load_shares: dict[str, float] | None = None
+    tables: dict[Name, Table] = Field(default={})
+    pads: dict[str, Pad] = Field(default={})
 
     @field_validator("arms")
     @classmethod
@@ -120,6 +135,29 @@ class Cell(Description):
         check_arm_names(grasps, arms)
         return grasps if arms is None else {name: grasps[name] for name in arms}
 
+    @field_validator("grasps")
+    @classmethod
+    def _patches_on_faces(cls, grasps: dict[str, Grasp], earlier: ValidationInfo) -> dict[str, Grasp]:
+        payload = earlier.data.get("payload")
+        for name, grasp in grasps.items():
+            if payload is not None and isinstance(grasp, PatchGrasp):
+                try:
+                    grasp.bounds(payload)
+                except FieldError as error:
+                    raise error.below(name) from None
+        return grasps
+
+    @field_validator("pads")
+    @classmethod
+    def _pads_of_other_grasps(cls, pads: dict[str, Pad], earlier: ValidationInfo) -> dict[str, Pad]:
+        grasps = earlier.data.get("grasps", {})
+        if strangers := unknown_arms(pads, earlier.data.get("arms", pads)):
+            raise strangers[0]
+        for name in pads:
+            if isinstance(grasps.get(name), PatchGrasp):
+                raise FieldError("is of a grasp held by friction, which has a patch of its own", name)
+        return pads
+
     @field_validator("load_shares")
     @classmethod
     def _shares_sum_to_one(
@@ -152,24 +190,55 @@ class Cell(Description):
         return {name: grasp for name, grasp in self.grasps.items() if isinstance(grasp, CompliantGrasp)}
 
     @property
+    def patches(self) -> dict[str, PatchGrasp]:
+        """Grasps by friction by arm, in their order."""
+        return {name: grasp for name, grasp in self.grasps.items() if isinstance(grasp, PatchGrasp)}
+
+    @property
+    def padded(self) -> list[str]:
+        """Arms with a patch or a pad, in their order."""
+        return [name for name in self.arms if name in self.patches or name in self.pads]
+
+    @property
+    def unclosed(self) -> list[str]:
+        """Arms whose grasps are compliant or held by friction: those that close no loop."""
+        return [name for name in self.grasps if name in self.compliant or name in self.patches]
+
+    @property
+    def has_contacts(self) -> bool:
+        """Whether something touches with friction: a patch, or the payload and a table."""
+        return bool(self.patches or self.tables)
+
+    @property
+    def has_force_elements(self) -> bool:
+        """Whether forces of state hold the payload: compliant grasps, patches or tables."""
+        return bool(self.compliant or self.has_contacts)
+
+    @property
     def rigid(self) -> Self:
-        """The same cell with rigid grasps."""
-        return self.replace(grasps={name: Pose(xyz=g.xyz, rpy=g.rpy) for name, g in self.grasps.items()})
+        """The same cell with rigid grasps, without tables."""
+        grasps = {name: Pose(xyz=g.xyz, rpy=g.rpy) for name, g in self.grasps.items()}
+        return self.replace(grasps=grasps, tables={})
 
     def require_rigid(self, purpose: str) -> None:
-        """Refuse compliant grasps where the method is that of rigid ones.
+        """Refuse other grasps, and tables, where the method is that of rigid ones.
 
         Args:
             purpose: Subject that needs rigid grasps, as the beginning of a sentence.
 
         Raises:
-            ArgumentError: a grasp is compliant, with the arms.
+            ArgumentError: a grasp is compliant or held by friction, with the arms; or there is a table.
         """
-        if names := list(self.compliant):
-            raise ArgumentError(
-                f"{purpose} is for rigid grasps, and those of {names} are compliant; look at ``cell.rigid``,"
-                " with bare poses as grasps"
-            )
+        for names, are in (
+            (list(self.compliant), "those of {} are compliant"),
+            (list(self.patches), "those of {} are held by friction"),
+            (list(self.tables), "the cell has tables {}"),
+        ):
+            if names:
+                raise ArgumentError(
+                    f"{purpose} is for rigid grasps, and {are.format(names)}; look at ``cell.rigid``, with"
+                    " bare poses as grasps"
+                )
 
     @property
     def controls_turns(self) -> bool:

@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar, get_args
 
 from pydantic import BeforeValidator, Field
 
+from coop_pin.control.admittance import Admittance
 from coop_pin.control.gains import Gains, PositiveRow
 from coop_pin.control.interface import (
     ArmController,
@@ -229,6 +230,11 @@ class UserController(Law):
     options: dict[str, Any] = Field(default_factory=dict)
 
     @property
+    def command_kind(self) -> str:
+        """Empty: the class says what it commands once it is built."""
+        return ""
+
+    @property
     def user_code(self) -> tuple[str, ...]:
         """Name of the class."""
         return (self.target,)
@@ -275,6 +281,7 @@ PackageLaw = (
     | MeanPose
     | PrescribedPerformance
     | LeaderFollower
+    | Admittance
     | ComputedTorque
     | Adaptive
     | ObjectImpedance

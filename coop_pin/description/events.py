@@ -6,15 +6,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
-from typing import Any, ClassVar, Literal, NamedTuple
+from collections.abc import Collection, Mapping, Sequence
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
+from pydantic import AfterValidator, Field, field_validator
 
 from coop_pin.arrays import Array
 from coop_pin.description.actuators import Actuators
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, NotNegative, Positive, Vector3, Vector6, unknown_arms
+from coop_pin.reference.motions import Motion
+from coop_pin.schema.base import (
+    Description,
+    NotNegative,
+    Positive,
+    Vector3,
+    Vector6,
+    not_negative,
+    unknown_arms,
+)
+from coop_pin.schema.pose import Pose
+from coop_pin.schema.user_code import FunctionName, load_function
+
+MISSED = "did not happen"
+"""Words in the remark of a run on an event that did not happen."""
 
 
 class Surroundings(NamedTuple):
@@ -27,12 +42,14 @@ class Surroundings(NamedTuple):
         inertia: Inertia of the payload about P in the axes of P, kg m^2, shape (3, 3).
         gravity: Gravitational acceleration in world axes, m/s^2, shape (3,).
         push: Wrench on the payload about P in world axes, N and N m, shape (6,).
+        partners: Partners that hold the payload.
     """
 
     mass: float
     inertia: Array
     gravity: Array
     push: Array
+    partners: tuple[Partner, ...] = ()
 
 
 class PayloadEvent(Description):
@@ -55,6 +72,28 @@ class PayloadEvent(Description):
     def end(self) -> float:
         """Time at which the event is over, s; its own time if it is over at once."""
         return self.time
+
+    @property
+    def instant(self) -> float:
+        """Time at which the event acts on the plant, s."""
+        return self.time
+
+    @property
+    def told(self) -> str:
+        """Part of the sentence on what happened to arms and grasps; empty for other events."""
+        return ""
+
+    def is_named(self, remark: str) -> bool:
+        """Return whether a remark of a run says that the event did not happen."""
+        return False
+
+    def act(self, plant: Any, arms: Sequence[str]) -> None:
+        """Change the plant itself at the event's instant: grasps and brakes.
+
+        Args:
+            plant: Plant of the run (``coop_pin.simulation.plant.Plant``).
+            arms: Names of the arms, in the plant's order.
+        """
 
     def timing_problems(self, run: Mapping[str, Any]) -> list[FieldError]:
         """Return what is wrong with the event's time, given the fields of the run."""
@@ -148,13 +187,14 @@ class LoseArm(PayloadEvent):
     Attributes:
         time: time of the failure, s.
         arm: Name of the arm.
-        form: "limp": the joints turn freely; "own weight": the robot goes on with its gravity compensation,
-            which the arm's actuators must have, from the next tick on.
+        form: "limp": the joints turn freely; "braked": brakes hold the joints where they are, after an
+            impulse; "own weight": the robot goes on with its gravity compensation, which the arm's actuators
+            must have, from the next tick on.
     """
 
     kind: Literal["lose-arm"] = "lose-arm"
     arm: str
-    form: Literal["limp", "own weight"] = "limp"
+    form: Literal["limp", "braked", "own weight"] = "limp"
     title = heading = "loss of an arm"
 
     def text(self, surroundings: Surroundings) -> str:
@@ -163,8 +203,18 @@ class LoseArm(PayloadEvent):
 
     def lost(self, actuators: Actuators) -> Actuators:
         """Return the actuators of the arm with the failure."""
-        field = "torque_lost_at" if self.form == "limp" else "commands_lost_at"
+        field = "commands_lost_at" if self.form == "own weight" else "torque_lost_at"
         return actuators.replace(**{field: self.time})
+
+    @property
+    def told(self) -> str:
+        """The arm, and what is left of it."""
+        return f"{self.arm} fails at {self.time:g} s ({self.form})"
+
+    def act(self, plant: Any, arms: Sequence[str]) -> None:
+        """Close the brakes."""
+        if self.form == "braked":
+            plant.brake(arms.index(self.arm))
 
     def problem(self, arms: Collection[str], actuators: Actuators) -> FieldError | None:
         """Return what is wrong with the arm, given its actuators without the event."""
@@ -197,3 +247,84 @@ class GravityTurn(PayloadEvent):
     def apply(self, surroundings: Surroundings, time: float) -> Surroundings:
         """Return the surroundings with the new gravity."""
         return surroundings._replace(gravity=np.array(self.gravity))
+
+
+class Partner(PayloadEvent):
+    """Person or machine at a handle: spring and damper between the handle and a point that the partner moves.
+
+    In axes of the point's frame, with the handle's displacement p and rotation R from it and its relative
+    twist V, the wrench on the payload about the handle is F = -K [p, r] - D V, as of CompliantGrasp. The
+    point is where the handle would be if the payload moved as the partner wants it to. No law is told.
+
+    Attributes:
+        time: time at which the partner takes hold, s.
+        duration: time for which the partner holds, s.
+        motion: Motion of the payload that the partner wants.
+        handle: Pose of the handle in the payload frame.
+        stiffness: Diagonal of K, N/m and N m/rad; 0 where the partner does not hold against a motion.
+        damping: Diagonal of D, N s/m and N m s/rad.
+    """
+
+    kind: Literal["partner"] = "partner"
+    duration: Positive
+    motion: Motion
+    handle: Pose = Pose()
+    stiffness: Annotated[Vector6, AfterValidator(not_negative)]
+    damping: Annotated[Vector6, AfterValidator(not_negative)] = (0.0,) * 6
+    title = heading = "partner"
+
+    @field_validator("stiffness")
+    @classmethod
+    def _holds(cls, stiffness: tuple[float, ...]) -> tuple[float, ...]:
+        if not any(stiffness):
+            raise FieldError("is zero in every direction; a partner holds in at least one")
+        return stiffness
+
+    @property
+    def end(self) -> float:
+        """Time at which the partner lets go, s."""
+        return self.time + self.duration
+
+    def apply(self, surroundings: Surroundings, time: float) -> Surroundings:
+        """Return the surroundings, with the partner while it holds."""
+        holds = surroundings.partners + (self,) * (time < self.end)
+        return surroundings._replace(partners=holds)
+
+    @property
+    def told(self) -> str:
+        """Time of the hold."""
+        return f"a partner holds the payload from {self.time:g} to {self.end:g} s"
+
+    def text(self, surroundings: Surroundings) -> str:
+        """Return stiffness and duration."""
+        return f"{self.title} with {max(self.stiffness[:3]):g} N/m at the handle for {self.duration:g} s"
+
+
+class UserEvent(PayloadEvent):
+    """Event of the user's own: a function that changes the plant.
+
+    It is called as ``function(plant, arms, **options)``, with the plant of the run and the names of its arms,
+    and may call ``release``, ``brake`` and other methods of the plant, which book the energy. No law is told.
+
+    Attributes:
+        time: time of the event, s.
+        target: "module:function", or the function.
+        options: Keyword arguments handed to it.
+    """
+
+    kind: Literal["user"] = "user"
+    target: FunctionName
+    options: dict[str, Any] = Field(default_factory=dict)
+    title = heading = "own event"
+
+    def act(self, plant: Any, arms: Sequence[str]) -> None:
+        """Call the function.
+
+        Raises:
+            NameNotFoundError: there is no such module or function.
+        """
+        load_function(self.target, self.options)(plant, arms)
+
+    def text(self, surroundings: Surroundings) -> str:
+        """Return the function's name."""
+        return self.target

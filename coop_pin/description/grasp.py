@@ -1,4 +1,4 @@
-"""Grasp of an arm on the payload: rigid, or a spring and damper between tip and payload."""
+"""Grasp of an arm on the payload: rigid, a spring and damper between tip and payload, or a pressed patch."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Tag
 
 from coop_pin.arrays import Array, as_array
+from coop_pin.description.contact import PatchGrasp
 from coop_pin.errors import FieldError, OutOfRangeError
 from coop_pin.schema.base import Positive, Vector6
 from coop_pin.schema.pose import Pose
@@ -96,11 +97,15 @@ class CompliantGrasp(Pose):
 
 
 def _kind(value: Any) -> str:
-    has_kind = "kind" in value if isinstance(value, dict) else isinstance(value, CompliantGrasp)
-    return "compliant" if has_kind else "rigid"
+    if not isinstance(value, dict):
+        return str(getattr(value, "kind", "rigid"))
+    return "patch" if value.get("kind") == "patch" else "compliant" if "kind" in value else "rigid"
 
 
 Grasp = Annotated[
-    Annotated[Pose, Tag("rigid")] | Annotated[CompliantGrasp, Tag("compliant")], Discriminator(_kind)
+    Annotated[Pose, Tag("rigid")]
+    | Annotated[CompliantGrasp, Tag("compliant")]
+    | Annotated[PatchGrasp, Tag("patch")],
+    Discriminator(_kind),
 ]
-"""Pose X_PE of a rigid grasp, or a compliant one."""
+"""Pose X_PE of a rigid grasp, a compliant one, or a patch."""

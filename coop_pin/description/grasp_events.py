@@ -1,4 +1,4 @@
-"""Events at compliant grasps: release, hand-over and taking hold again; the plan that all arms know.
+"""Events at grasps: release, hand-over and taking hold again; the plan that all arms know.
 
 An event moves the part of its load share that an arm bears, and the distance of the arm's tip from its grasp.
 Both are functions of time alone: the agreed plan, whatever becomes of it.
@@ -16,11 +16,14 @@ from pydantic import Field
 from coop_pin.arrays import Array, Mask
 from coop_pin.description.cell import Cell
 from coop_pin.description.events import (
+    MISSED,
     GravityTurn,
     LoseArm,
+    Partner,
     PayloadChange,
     PayloadEvent,
     Surroundings,
+    UserEvent,
     WrenchPulse,
 )
 from coop_pin.errors import FieldError
@@ -30,7 +33,7 @@ from coop_pin.spatial import internal_wrenches
 
 
 class GraspEvent(PayloadEvent):
-    """Event at the compliant grasp of one arm.
+    """Event at the grasp of one arm.
 
     Attributes:
         time: time of the event, s.
@@ -42,11 +45,6 @@ class GraspEvent(PayloadEvent):
 
     arm: str
 
-    @property
-    def instant(self) -> float:
-        """Time at which the grasp opens or closes, s."""
-        return self.time
-
     def timing_problems(self, run: Mapping[str, Any]) -> list[FieldError]:
         """Return what is wrong with time and arm, given the fields of the run."""
         problems, cell = super().timing_problems(run), run.get("cell")
@@ -54,9 +52,9 @@ class GraspEvent(PayloadEvent):
             return problems
         if unknown := unknown_arms([self.arm], cell.arms):
             return [*problems, *(FieldError(one.detail, "arm") for one in unknown)]
-        if self.arm not in cell.compliant:
-            detail = f"is {self.arm!r}, whose grasp is rigid; give cell.grasps.{self.arm} kind 'compliant'"
-            problems.append(FieldError(f"{detail}: rigid grasps neither open nor close", "arm"))
+        if self.arm in cell.patches:
+            detail = f"is {self.arm!r}, which holds by friction: it lets go by less squeeze, or moves away"
+            problems.append(FieldError(detail, "arm"))
         return problems
 
     def load(self, time: float) -> float:
@@ -65,7 +63,7 @@ class GraspEvent(PayloadEvent):
 
 
 class Release(GraspEvent):
-    """Opening of a compliant grasp: from then on it has no wrench.
+    """Opening of a grasp: from then on it has no wrench.
 
     Load shares and squeeze change in the same instant for all arms. The arm may then retreat along the
     negative z axis of its grasp frame.
@@ -82,6 +80,16 @@ class Release(GraspEvent):
     retreat_time: Positive = 1.0
     holds = False
     title = heading = "release"
+
+    @property
+    def told(self) -> str:
+        """The arm, and when it lets go."""
+        over = "hands over and " * (self.instant > self.time)
+        return f"{self.arm} {over}lets go at {self.instant:g} s"
+
+    def act(self, plant: Any, arms: Sequence[str]) -> None:
+        """Open the grasp."""
+        plant.release(arms.index(self.arm))
 
     def text(self, surroundings: Surroundings) -> str:
         """Return the arm."""
@@ -119,15 +127,16 @@ class HandOver(Release):
 
 
 class Regrasp(GraspEvent):
-    """Closing of a compliant grasp that was released; it does not happen if the tip is too far away.
+    """Closing of a grasp that was released; it does not happen if the tip is too far away.
 
-    Before it, the arm returns from its retreat; after it, load share and squeeze move to it.
+    A rigid grasp holds the tip where it is found, and the velocities meet by an impulse. Before it, the arm
+    returns from its retreat; after it, load share and squeeze move to it.
 
     Attributes:
         time: time at which the grasp closes, s.
         arm: Name of the arm.
-        rest: Pose of the tip on the payload at which the spring rests: as "found", without any force; or
-            "nominal", that of the cell, which puts the energy of the deflection into the spring.
+        rest: Pose of the tip on the payload at which the grasp rests: as "found", without any force; or, if
+            compliant, "nominal", that of the cell, which puts the energy of the deflection into the spring.
         tolerance: Largest distance of the tip from its nominal grasp, m.
         angle_tolerance: Largest angle between them, rad.
         approach_time: Duration of the return, s.
@@ -145,6 +154,14 @@ class Regrasp(GraspEvent):
     holds = True
     title = heading = "grasp"
 
+    def timing_problems(self, run: Mapping[str, Any]) -> list[FieldError]:
+        """Return what is wrong with time, arm and rest pose, given the fields of the run."""
+        problems, cell = super().timing_problems(run), run.get("cell")
+        if self.rest == "nominal" and cell is not None and self.arm not in cell.unclosed:
+            detail = f"is {self.rest!r}, but the grasp of {self.arm!r} is rigid: its tip would jump"
+            problems.append(FieldError(f"{detail}; take 'found'", "rest"))
+        return problems
+
     @property
     def end(self) -> float:
         """Time at which the arm bears its share again, s."""
@@ -154,13 +171,31 @@ class Regrasp(GraspEvent):
         """Return the quintic of the time."""
         return quintic(time, self.time, self.duration).value
 
+    @property
+    def told(self) -> str:
+        """The arm, and when it takes hold."""
+        return f"{self.arm} takes hold at {self.time:g} s"
+
+    @property
+    def named(self) -> str:
+        """Name, arm and time."""
+        return f"{self.title} by {self.arm!r} at {self.time:g} s"
+
+    def is_named(self, remark: str) -> bool:
+        """Return whether a remark of a run says that the grasp did not happen."""
+        return remark.startswith(f"{self.named} {MISSED}")
+
+    def act(self, plant: Any, arms: Sequence[str]) -> None:
+        """Close the grasp, if the tip is there."""
+        plant.grasp(arms.index(self.arm), self)
+
     def text(self, surroundings: Surroundings) -> str:
         """Return the arm, and where its spring rests."""
         return f"{self.title} by {self.arm}, {self.rest} rest pose"
 
 
 Event = Annotated[
-    PayloadChange | WrenchPulse | GravityTurn | LoseArm | Release | HandOver | Regrasp,
+    PayloadChange | WrenchPulse | GravityTurn | Partner | LoseArm | Release | HandOver | Regrasp | UserEvent,
     Field(discriminator="kind"),
 ]
 
@@ -226,7 +261,7 @@ def _retreat(away: Any, back: Any, time: float) -> Array:
 
 def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
     """Return what is wrong with the order of grasp events among the events of a run."""
-    problems, holding, since = list[FieldError](), dict.fromkeys(cell.arms, True), dict[str, float]()
+    problems, holding, since = partner_problems(events), dict.fromkeys(cell.arms, True), dict[str, float]()
     numbered = [(event, str(index)) for index, event in enumerate(events) if isinstance(event, GraspEvent)]
     numbered.sort(key=lambda pair: pair[0].time)
     for (event, _), (other, path) in itertools.pairwise(numbered):
@@ -248,3 +283,15 @@ def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
             detail = f"is {event.arm!r}, the last arm that holds the payload"
             problems.append(FieldError(f"{detail}: one must hold it", f"{path}.arm"))
     return problems
+
+
+def partner_problems(events: Sequence[Any]) -> list[FieldError]:
+    """Return which partners among the events of a run take hold before the one before has let go."""
+    numbered = [(event, str(index)) for index, event in enumerate(events) if isinstance(event, Partner)]
+    numbered.sort(key=lambda pair: pair[0].time)
+    detail = "is {:g} s, but the partner before it holds until {:g} s"
+    return [
+        FieldError(detail.format(after.time, before.end), f"{path}.time")
+        for (before, _), (after, path) in itertools.pairwise(numbered)
+        if after.time < before.end
+    ]

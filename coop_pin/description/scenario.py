@@ -5,12 +5,12 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.arrays import Array, require_path, require_type
-from coop_pin.catalogue import scenario_file, scenario_names
+from coop_pin.catalogue import scenario_file, scenario_names, scenario_tables
 from coop_pin.control.force_path import SampledWrist
 from coop_pin.control.interface import CellTiming
 from coop_pin.description.actuators import Actuators
@@ -18,20 +18,21 @@ from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller
 from coop_pin.description.events import LoseArm, Surroundings
 from coop_pin.description.grasp_events import Event, GraspEvent, GraspPlan, grasp_plan, sequence_problems
+from coop_pin.description.network import ArmClock, Network
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.relative_paths import anchor_files
 from coop_pin.description.scenario_file import commented_toml, resolved_toml
-from coop_pin.description.sensors import Sensors, late_delay
+from coop_pin.description.sensors import Sensors, WristSensor, late_delay
 from coop_pin.description.trust import TrustThresholds
 from coop_pin.errors import FieldError, NameNotFoundError, one_or_all
 from coop_pin.reference.motions import Motion
 from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze
 from coop_pin.schema.base import (
-    Description,
     Name,
     Positive,
     Text,
     Vector,
+    WithLaterFields,
     check_arm_names,
     overridden,
     unknown_arms,
@@ -44,7 +45,7 @@ _MOST_CHANGES = 6
 """Most changes that a caption tells."""
 
 
-class Scenario(Description):
+class Scenario(WithLaterFields):
     """Everything that determines a run.
 
     Attributes:
@@ -72,7 +73,10 @@ class Scenario(Description):
         sensors: sensors of every arm.
         arm_sensors: sensors of single arms, in place of ``sensors``.
         seed: seed of the random sources; every source draws from a generator of its own.
+        network: messages between the arms; without one, none cross.
     """
+
+    later_fields: ClassVar[tuple[str, ...]] = ("network",)
 
     name: Name
     summary: Text = ""
@@ -94,6 +98,7 @@ class Scenario(Description):
     sensors: Sensors = Sensors()
     arm_sensors: dict[str, Sensors] = Field(default_factory=dict)
     seed: int = Field(default=0, ge=0, lt=2**63)
+    network: Network | None = None
 
     # Each validator needs only the fields that it reads, so that a mistake in one hides none in another.
 
@@ -122,7 +127,7 @@ class Scenario(Description):
             squeeze.check_arms(earlier.data["cell"].grasps)
         return squeeze
 
-    @field_validator("events", "actuators", "arm_actuators", "sensors", "arm_sensors")
+    @field_validator("events", "actuators", "arm_actuators", "sensors", "arm_sensors", "network")
     @classmethod
     def _fits_the_run(cls, value: Any, earlier: ValidationInfo) -> Any:
         problems = list[FieldError]()
@@ -144,6 +149,22 @@ class Scenario(Description):
                 actuators = event.lost(actuators)
         return actuators
 
+    def actuators_path(self, arm: str) -> str:
+        """Return the path of the actuators of one arm."""
+        return f"arm_actuators.{arm}" if arm in self.arm_actuators else "actuators"
+
+    @property
+    def has_servos(self) -> bool:
+        """Whether an arm takes velocities or positions."""
+        return any(self.actuators_of(arm).servo is not None for arm in self.cell.arms)
+
+    @model_validator(mode="after")
+    def _law_commands_what_arms_take(self) -> Self:
+        for arm in self.cell.arms if self.controller.command_kind else ():
+            if problem := self.actuators_of(arm).command_problem(self.controller.command_kind):
+                raise problem.below(self.actuators_path(arm))
+        return self
+
     @model_validator(mode="after")
     def _each_arm_fails_once(self) -> Self:
         for index, event in enumerate(self.events):
@@ -155,9 +176,14 @@ class Scenario(Description):
 
     @model_validator(mode="after")
     def _plant_fits_the_grasps(self) -> Self:
-        if self.cell.compliant and self.plant.integrator != "rk4":
-            detail = f"is {self.plant.integrator!r}; compliant grasps need 'rk4', whose stable step is known"
+        if self.cell.has_force_elements and self.plant.integrator != "rk4":
+            detail = f"is {self.plant.integrator!r}; compliant grasps, patches and tables need 'rk4', whose"
+            detail += " stable step is known"
             raise FieldError(detail, "plant.integrator")
+        rigid = [event.arm for event in self.grasp_events if event.arm not in self.cell.unclosed]
+        if rigid and self.plant.payload != "free":
+            detail = f"is {self.plant.payload!r}; the rigid grasp of {rigid[0]!r} opens or closes, and the"
+            raise FieldError(f"{detail} payload must be 'free' for it: a weld does not open", "plant.payload")
         return self
 
     @model_validator(mode="after")
@@ -165,16 +191,36 @@ class Scenario(Description):
         path = self.controller.force_path
         if path.measures and (late := late_delay(path.delay, self.clock, self.duration)):
             raise FieldError(late, "controller.force_path.delay")
+        if path.measures and not path.by_sensors and (missing := self._missing_messages()):
+            raise FieldError(f"is {path.kind!r}, but {missing}", "controller.force_path.kind")
         is_checked = (self.wrists or self.actuator_lag) and not self.beyond_bound
         if is_checked and (problems := self.controller.problems(self.timing)):
             raise one_or_all([problem.below("controller") for problem in problems], "the controller")
         return self
 
+    def _missing_messages(self) -> str:
+        """Return what is missing for internal wrenches by messages, or ""."""
+        arms = list(self.cell.arms)
+        if self.network is None:
+            return "the scenario has no network; give it one"
+        if without := [arm for arm in arms if self.sensors_of(arm).wrist is None]:
+            return f"the arms {without} have no wrist sensor; give every arm one: sensors.wrist"
+        if len(self.network.edges_at(0.0, arms)) < len(arms) * (len(arms) - 1):
+            return "some arms do not hear all others; network.graph must be 'all'"
+        return ""
+
     @property
     def wrists(self) -> list[SampledWrist]:
-        """Delay and sampling of the wrist sensors that the arms have, in ticks."""
+        """Delay and sampling of the wrist sensors that the arms have, in ticks, with that of messages."""
         sensors = [wrist for arm in self.cell.arms if (wrist := self.sensors_of(arm).wrist) is not None]
-        return [SampledWrist(wrist.delay, wrist.ticks_per_sample(self.clock)) for wrist in sensors]
+        path, network, late, every = self.controller.force_path, self.network, 0, 1
+        if path.measures and not path.by_sensors and network is not None:
+            late = network.slowest_of(list(self.cell.arms))
+            every = network.ticks_per_message(self.clock)
+        return [
+            SampledWrist(wrist.delay + late, max(every, wrist.ticks_per_sample(self.clock)))
+            for wrist in sensors
+        ]
 
     @property
     def timing(self) -> CellTiming:
@@ -190,6 +236,20 @@ class Scenario(Description):
     def sensors_of(self, arm: str) -> Sensors:
         """Return the sensors of one arm."""
         return self.arm_sensors.get(arm, self.sensors)
+
+    @property
+    def with_ideal_sensors(self) -> Self:
+        """The scenario with sensors without errors, for analyses; gains may be beyond bounds."""
+        path = self.controller.force_path
+        by_messages = path.measures and not path.by_sensors
+        sensors = Sensors(wrist=WristSensor() if by_messages else None)
+        return self.replace(sensors=sensors, arm_sensors={}, beyond_bound=True)
+
+    @property
+    def clocks(self) -> dict[int, ArmClock]:
+        """Clocks that are not exact, by the arm's number."""
+        clocks = {} if self.network is None else self.network.clocks
+        return {index: clocks[name] for index, name in enumerate(self.cell.arms) if name in clocks}
 
     def surroundings_at(self, time: float) -> Surroundings:
         """Return the payload, and what acts on it from outside, from a time on, s."""
@@ -227,7 +287,7 @@ class Scenario(Description):
     @property
     def caption(self) -> str:
         """The summary; of a scenario of the catalogue that was changed, what was changed, in its place."""
-        base = next((one for one in _catalogue() if self.summary.startswith(one.summary)), None)
+        base = _original(self.summary)
         if base is None or not (changed := list(differences(self, base))):
             return self.summary
         texts = (
@@ -324,6 +384,8 @@ class Scenario(Description):
 
 def _parts(value: Any) -> dict[str, Any]:
     """Return the values of a field by their path within it."""
+    if value is None:
+        return {}
     if isinstance(value, tuple):
         return {str(index): part for index, part in enumerate(value)}
     return value if isinstance(value, dict) else {"": value}
@@ -338,7 +400,9 @@ def _missing(path: Path) -> NameNotFoundError:
     )
 
 
-@functools.cache
-def _catalogue() -> tuple[Scenario, ...]:
-    """Return the scenarios of the catalogue."""
-    return tuple(map(Scenario.load, scenario_names()))
+@functools.lru_cache(maxsize=64)
+def _original(summary: str) -> Scenario | None:
+    """Return the scenario of the catalogue with whose summary a summary begins."""
+    tables = zip(scenario_names(), scenario_tables(), strict=True)
+    names = (name for name, table in tables if summary.startswith(table["summary"]))
+    return next(map(Scenario.load, names), None)

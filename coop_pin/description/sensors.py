@@ -189,17 +189,8 @@ class Sensors(Description):
         clock, duration = run["clock"], run["duration"]
         if late := late_delay(wrist.delay, clock, duration):
             problems.append(FieldError(late, "wrist.delay"))
-        ratio = clock.rate_hz / (wrist.rate_hz or clock.rate_hz)
-        if round(ratio) < 1 or abs(ratio - round(ratio)) > _SLACK * ratio:
-            near = sorted({max(1, math.floor(ratio)), max(1, math.ceil(ratio))})
-            examples = " or ".join(f"{clock.rate_hz / whole:.12g}" for whole in near)
-            problems.append(
-                FieldError(
-                    f"is {wrist.rate_hz:g} Hz, but the control rate is {clock.rate_hz:g} Hz; it must be the"
-                    f" control rate over a whole number, for example {examples}",
-                    "wrist.rate_hz",
-                )
-            )
+        if rate := rate_problem(wrist.rate_hz, clock):
+            problems.append(FieldError(rate, "wrist.rate_hz"))
         for index, (_, end) in enumerate(wrist.lost):
             if end > duration:
                 detail = (
@@ -213,3 +204,16 @@ def late_delay(delay: int, clock: Clock, duration: float) -> str:
     """Return the mistake of a delay, ticks, that no measurement of a run survives, or ""."""
     ticks = clock.ticks(duration)
     return f"is {delay} ticks, but the run has {ticks}; it must be less" if delay >= ticks else ""
+
+
+def rate_problem(rate_hz: float | None, clock: Clock) -> str:
+    """Return the mistake of a rate that is not the control rate over a whole number, or ""."""
+    ratio = clock.rate_hz / (rate_hz or clock.rate_hz)
+    if round(ratio) >= 1 and abs(ratio - round(ratio)) <= _SLACK * ratio:
+        return ""
+    near = sorted({max(1, math.floor(ratio)), max(1, math.ceil(ratio))})
+    examples = " or ".join(f"{clock.rate_hz / whole:.12g}" for whole in near)
+    return (
+        f"is {rate_hz:g} Hz, but the control rate is {clock.rate_hz:g} Hz; it must be the control rate over a"
+        f" whole number, for example {examples}"
+    )

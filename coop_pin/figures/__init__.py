@@ -11,6 +11,7 @@ _PUBLIC = {
     "internal_force_figure": "coop_pin.figures.run_figures",
     "motion_figure": "coop_pin.figures.run_figures",
     "pareto_figure": "coop_pin.figures.sweep_figures",
+    "root_locus_figure": "coop_pin.figures.locus_figure",
     "save_figure": "coop_pin.figures.style",
     "singularity_figure": "coop_pin.figures.run_figures",
     "sweep_figure": "coop_pin.figures.sweep_figures",

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from coop_pin.arrays import Array, typed
 from coop_pin.atomic_write import write_atomically
 from coop_pin.description.events import PayloadEvent
+from coop_pin.errors import NameNotFoundError
 from coop_pin.figures import palette
 from coop_pin.figures.layout import CAPTION_LINE, PanelLayout, write_decades
 from coop_pin.results import RunResult
@@ -263,10 +264,16 @@ def save_figure(
 
     Returns:
         The paths.
+
+    Raises:
+        NameNotFoundError: there is no such format.
     """
     stem, suffix = Path(stem), Path(stem).suffix[1:]
     named = [kind for kind in get_args(Format) if kind == suffix]
     formats = formats or named or (("pdf",) if paper else ("png", "svg"))
+    for kind in formats:
+        if kind not in get_args(Format):
+            raise NameNotFoundError("format", str(kind), get_args(Format), "save_figure")
     stem = stem.with_suffix("") if named else stem
     paths = tuple(stem.with_name(f"{stem.name}.{kind}") for kind in formats)
     if paper:

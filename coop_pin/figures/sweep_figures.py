@@ -240,10 +240,12 @@ def sweep_figure(result: SweepResult, metric: str, over: str | None = None) -> F
 
     Raises:
         NameNotFoundError: no run has the metric, or no dimension has the name ``over``.
-        FieldError: no numeric field varies, or there are more lines than distinguishable colours or more
-            maps than there is room for.
+        FieldError: no finished run has a number, no numeric field varies, or there are more lines than
+            distinguishable colours or more maps than there is room for.
     """
     table = metric_table(result, metric)
+    if not (np.isfinite(table["value"]) | table["failed"]).any():
+        raise FieldError("has no finite value in any finished run; choose another metric", metric)
     fields = _numeric_dimensions(table)
     if over is None and len(fields) == table["value"].ndim in (2, 3):
         return map_figure(table)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import warnings
-from collections.abc import Collection, Hashable, Iterable
+from collections.abc import Collection, Hashable, Iterable, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -134,9 +135,11 @@ def _visuals_by_joint(arm: Arm, without: Collection[str]) -> dict[str, tuple[Vis
     return visuals
 
 
-def _pieces(part: Any, arm: Arm) -> list[tuple[Shape, Colour]]:
+def _pieces(part: Any, arm: Arm) -> Sequence[tuple[Shape, Colour]]:
     """Return the shapes of a geometry object with their colours; none, with a warning, if it is not drawn."""
-    if arm.file.origin != "user" and (pieces := _coloured_meshes(part)):
+    if not (arm.file.origin == "user" or part.overrideMaterial) and (
+        pieces := _coloured_meshes(part.meshPath, *part.meshScale.ravel().tolist())
+    ):
         return pieces
     shape = shape_of(part.geometry)
     if shape is None:
@@ -148,23 +151,24 @@ def _pieces(part: Any, arm: Arm) -> list[tuple[Shape, Colour]]:
     return []
 
 
-def _coloured_meshes(part: Any) -> list[tuple[Shape, Colour]]:
+@lru_cache(maxsize=256)
+def _coloured_meshes(path: str, *scale: float) -> Sequence[tuple[Shape, Colour]]:
     """Return the pieces of a mesh file by their colours, which Pinocchio does not read; none if it has none.
 
     Files of users are not read this way: the process that tries them tries Pinocchio's reader only.
     """
-    if part.overrideMaterial or Path(part.meshPath).suffix.lower() != ".dae":
+    if Path(path).suffix.lower() != ".dae":
         return []
     import trimesh  # a third of a second, only for arms with such meshes
 
     pieces: dict[Colour, list[Any]] = {}
-    dumped: Any = trimesh.load_scene(part.meshPath, process=False).dump()
+    dumped: Any = trimesh.load_scene(path, process=False).dump()
     for piece in dumped:
         pieces.setdefault(_colour(piece.visual.material.main_color / 255.0), []).append(piece)
     meshes: list[tuple[Shape, Colour]] = []
     for colour, parts in pieces.items():
         whole: Any = trimesh.util.concatenate(parts)
-        vertices = part.meshScale.ravel() * np.array(whole.vertices)
+        vertices = np.array(scale) * np.array(whole.vertices)
         meshes.append((Mesh(vertices, np.array(whole.faces, dtype=np.int64)), colour))
     return meshes
 

@@ -57,7 +57,7 @@ def labelled(scenario: Scenario, values: Samples) -> xr.Dataset:
     """Return the arrays of a run with dimensions, units and texts.
 
     Dimensions: time, arm, joint, axis (x, y, z, rx, ry, rz in world axes), position (x, y, z), quaternion
-    (x, y, z, w).
+    (x, y, z, w), patch (arms with patches, then tables).
 
     Args:
         scenario: Scenario that was run.
@@ -90,6 +90,8 @@ def labelled(scenario: Scenario, values: Samples) -> xr.Dataset:
         "position": np.array(AXES[:3]),
         "quaternion": np.array(("x", "y", "z", "w")),
     }
+    if scenario.cell.has_contacts:
+        labels["patch"] = np.array([*scenario.cell.patches, *scenario.cell.tables])
     coordinates = _coordinates(labels)
     coordinates["time"].attrs["units"] = "s"
     return xr.Dataset(variables, coordinates, {"title": scenario.caption or scenario.name})

@@ -15,6 +15,7 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.description.arm import Miscalibration
+from coop_pin.description.events import Partner
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import Sensors
 from coop_pin.spatial import internal_wrenches, log3, quaternions, rotate_vector6
@@ -194,10 +195,22 @@ QUANTITIES = (
              group="grasps"),
     Quantity("grasp_wrench", "arm axis", "N, N m", "of each compliant grasp on the arm, about the tip in"
              " grasp axes", group="grasps"),
-    Quantity("load_share", "arm", "1", "c_i of the agreed plan", group="grasps"),
-    Quantity("elastic_energy", "", "J", "in the compliant grasps", group="grasps"),
-    Quantity("work_grasps", "", "J", "done by the dampers of compliant grasps since the start",
-             group="grasps"),
+    Quantity("patch_wrench", "patch axis", "N, N m", "of each patch on the arm, of each table on the payload,"
+             " about the middle of its plane in axes of the plane", group="patches"),
+    Quantity("patch_points", "patch", "1", "number of points that touch", group="patches"),
+    Quantity("patch_slip", "patch", "m", "distance that the points have slid since the start, mean",
+             group="patches"),
+    Quantity("load_share", "arm", "1", "c_i of the agreed plan", group="plan"),
+    Quantity("elastic_energy", "", "J", "in compliant grasps, patches and tables", group="elements"),
+    Quantity("work_grasps", "", "J", "done by dampers of compliant grasps, by friction of patches and tables,"
+             " since the start", group="elements"),
+    Quantity("servo_command", "arm joint", "rad/s or rad", "velocities or positions that the controller asked"
+             " servos for", read=lambda _, applied: applied.servo_commands, group="servo"),
+    Quantity("partner_wrench", "axis", "N, N m", "of the partner that holds the payload, about P",
+             group="partner"),
+    Quantity("partner_deflection", "axis", "m, rad", "of the partner's handle from its point, in axes of the"
+             " point", group="partner"),
+    Quantity("partner_energy", "", "J", "in the partner's spring", group="partner"),
     Quantity("requested_torque", "arm joint", "N m", "drive torques before their limits: the commands that"
              " arrived, and gravity compensation",
              read=lambda _, applied: applied.requested, group="compensation"),
@@ -227,7 +240,7 @@ QUANTITIES = (
 WORK = ("work_actuation", "work_friction", "work_external", "work_payload_change")
 """Work done since the start: by the three forces besides gravity; last by changes of payload and gravity."""
 WORK_OF_GRASPS = ("work_grasps",)
-"""Work after that of WORK, in cells with compliant grasps."""
+"""Work after that of WORK, in cells with compliant grasps, patches or tables."""
 
 
 def energies(data: Arrays) -> tuple[Array, list[Array]]:
@@ -243,16 +256,21 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     "compensation": lambda scenario: any(
         scenario.actuators_of(arm).gravity_compensation is not None for arm in scenario.cell.arms
     ),
+    "servo": lambda scenario: scenario.has_servos,
     "grasps": lambda scenario: bool(scenario.cell.compliant),
+    "plan": lambda scenario: bool(scenario.cell.compliant or scenario.grasp_events),
+    "partner": lambda scenario: any(isinstance(event, Partner) for event in scenario.events),
+    "patches": lambda scenario: scenario.cell.has_contacts,
+    "elements": lambda scenario: scenario.cell.has_force_elements,
     "encoder": lambda scenario: not all(s.joints_are_ideal for s in _sensors(scenario)),
     "kinematics": lambda scenario: (
         not all(s.joints_are_ideal for s in _sensors(scenario))
         or any(arm.calibration_error != Miscalibration() for arm in scenario.cell.arms.values())
-        or bool(scenario.cell.compliant)  # each arm sees its own tip
+        or bool(scenario.cell.unclosed or scenario.grasp_events)  # each arm sees its own tip
     ),
     "wrist": lambda scenario: any(s.wrist is not None for s in _sensors(scenario)),
     "force path": lambda scenario: (
-        (path := scenario.controller.force_path).measures
+        (path := scenario.controller.force_path).by_sensors
         and (path.delay > 0 or any(s.wrist is not None for s in _sensors(scenario)))
     ),
 }
@@ -276,7 +294,7 @@ def bytes_per_sample(table: Sequence[Quantity], sizes: Mapping[str, int]) -> int
 
     Args:
         table: Quantities of the run.
-        sizes: Sizes of the dimensions q, v, arm and joint.
+        sizes: Sizes of the dimensions q, v, arm, joint and patch.
     """
     sizes = {**_FIXED_SIZES, **sizes}
     return sum(
@@ -291,7 +309,7 @@ def allocate(table: Sequence[Quantity], count: int, sizes: Mapping[str, int]) ->
     Args:
         table: Quantities of the run.
         count: Number of samples.
-        sizes: Sizes of the dimensions q, v, arm and joint.
+        sizes: Sizes of the dimensions q, v, arm, joint and patch.
     """
     sizes = {**_FIXED_SIZES, **sizes}
     return {

@@ -15,6 +15,7 @@ from coop_pin.atomic_write import write_atomically
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
+from coop_pin.results.friction import FrictionUse, dropped_at, friction_text, friction_use
 from coop_pin.results.limits import LimitViolation, limit_violations
 from coop_pin.results.metrics import (
     DRIFT_S,
@@ -135,9 +136,28 @@ class RunResult:
     def verdict(self) -> str:
         """Return "trustworthy", or the first breach in time with the number of the others, as one line."""
         first, *others = self.breaches() or (None,)
+        said = self.friction_text
         if first is None:
-            return "trustworthy"
-        return f"NOT TRUSTWORTHY: {first}" + (f"; {len(others)} more" if others else "")
+            return f"trustworthy; {said}" if said else "trustworthy"
+        more = f"; {len(others)} more" if others else ""
+        return f"NOT TRUSTWORTHY: {first}{more}" + (f"; {said}" if said else "")
+
+    # ------------------------------------------------------------ friction
+
+    def friction_use(self) -> FrictionUse:
+        """Return the friction that every patch or pad uses of what it bears, over time."""
+        return friction_use(self.arrays, self.scenario.cell)
+
+    @property
+    def friction_text(self) -> str:
+        """When and why the payload slipped or dropped, or would by its pads; "" if it did not."""
+        cell = self.scenario.cell
+        return friction_text(self.arrays, cell) if cell.padded else ""
+
+    @property
+    def dropped_at(self) -> float:
+        """Time at which the payload dropped from patches, s; NaN if it did not."""
+        return dropped_at(self.arrays, self.scenario.cell)
 
     # ------------------------------------------------------------ metrics
 
@@ -195,9 +215,13 @@ class RunResult:
 
         ``trustworthy`` is 1 or 0. ``window_start_s`` and ``window_end_s`` bound the steady window,
         ``after_event_window_start_s`` and ``after_event_window_end_s`` that of the same metrics after the
-        last event; a run that does not reach a window has NaN there.
+        last event; a run that does not reach a window has NaN there. ``squeeze_reserve_min_N`` and
+        ``dropped_at_s`` are those of cells with patches or pads.
         """
         values = metrics.all_metrics(self.arrays, self.windows, turns=self.scenario.cell.controls_turns)
+        if self.scenario.cell.padded:
+            reserve = self.friction_use().reserve
+            values |= {"squeeze_reserve_min_N": reserve.min(), "dropped_at_s": self.dropped_at}
         return {"trustworthy": float(self.trustworthy)} | {name: float(each) for name, each in values.items()}
 
     def summary(self) -> str:

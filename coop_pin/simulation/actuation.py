@@ -9,17 +9,18 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array, frozen
-from coop_pin.control.interface import CellCommand
+from coop_pin.control.interface import COMMANDS, CellCommand, CellController
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import DivergedError, ShapeError
+from coop_pin.errors import ArgumentError, DivergedError, FieldError, ShapeError
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.joint_limits import JointLimits
-from coop_pin.simulation.drives import SAME, Applied, DriveState, cell_drives
+from coop_pin.simulation.drives import SAME, Applied, DriveMotion, DriveState, cell_drives
 from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.servo import ServoState
 from coop_pin.simulation.signals import MissedTicks
 
 TORQUE_LIMIT = 1e7
-"""A larger command counts as diverged, N m."""
+"""A larger command counts as diverged, N m, rad/s or rad."""
 
 
 class ActuationState(NamedTuple):
@@ -27,7 +28,7 @@ class ActuationState(NamedTuple):
 
     Attributes:
         drives: memory of the drives.
-        start: time of the last command, s.
+        start: time of the last command, or sample of a servo, s.
         gives: 1.0 for each arm that gives torque, 0.0 for one that does not.
     """
 
@@ -43,6 +44,7 @@ class Actuation:
         drives: the drives.
         state: memory of the drives.
         lost_at: time at which each arm loses its torque or its commands, s; inf for never.
+        has_servos: whether an arm takes velocities or positions.
     """
 
     def __init__(self, scenario: Scenario, plant: Plant, limits: Sequence[JointLimits]) -> None:
@@ -56,16 +58,20 @@ class Actuation:
         Raises:
             FieldError: the number of rate limits differs from the number of an arm's joints.
         """
-        self._slots, self._start, cell = plant.chain.model.arms, 0.0, scenario.cell
+        self._plant, self._slots, self._start, cell = plant, plant.chain.model.arms, 0.0, scenario.cell
         self._names = [slot.name for slot in self._slots]
         self._models = [CellArm(cell, name) for name in self._names]
         self._loads = plant.chain.loads(plant.q)
         lost = [scenario.actuators_of(name).lost_at for name in self._names]
         self.lost_at = [np.inf if time is None else time for time in lost]
         self._has_losses = min(self.lost_at) < np.inf
-        self.drives = cell_drives(scenario, self._slots, limits)
+        self.drives = cell_drives(scenario, self._slots, limits, self._inertia)
+        self.has_servos = any(arm.servo is not None for arm in self.drives.arms)
+        self._paths = [f"{scenario.actuators_path(name)}.servo" for name in self._names]
         self._missed, self._gives = MissedTicks(scenario), self.gives(0.0)
         self.state = DriveState(tuple(self.holding_commands(plant.q)), None)
+        if self.has_servos:
+            self._start_servos()
         if self.drives.response is not None:
             holding = [
                 np.clip(self._holding_torque(index, plant.q), -arm.limit, arm.limit)
@@ -107,27 +113,55 @@ class Actuation:
             q: Configuration of the cell, for gravity compensation.
 
         Raises:
-            ShapeError: not one torque for each drive of each arm.
-            DivergedError: a torque is not finite, or beyond 1e7 N m.
+            ArgumentError: an arm is not commanded what it takes.
+            ShapeError: not one value for each drive of each arm.
+            DivergedError: a value is not finite, or beyond 1e7 N m, rad/s or rad.
         """
         commanded = self.commanded(command)
-        for name, torque in zip(self._names, commanded, strict=True):
+        for index, torque in enumerate(commanded):
             # "not <" also catches NaN; the squares cost a quarter of the largest.
             if (
                 not torque.dot(torque) < TORQUE_LIMIT**2
                 and not (largest := float(np.abs(torque).max())) < TORQUE_LIMIT
             ):
-                raise DivergedError(time, f"torque of arm {name!r}, N m,", largest, TORQUE_LIMIT)
+                takes = self.drives.arms[index].takes
+                what = f"{takes} of arm {self._names[index]!r}, {COMMANDS[takes]},"
+                raise DivergedError(time, what, largest, TORQUE_LIMIT)
         since, self._start = time - self._start, time
         applied, self.state = self.drives.step(
             self.state,
             commanded,
             self._missed.draw(1)[0],
-            partial(self._weight, q),
+            self._sensed(q),
             self.gives(time) if self._has_losses or not self.is_held else (),
             since,
         )
         return applied
+
+    def sample(self, share: float, time: float) -> list[Array] | None:
+        """Return the torques of each arm after samples of servos within a tick, N m; None if there are none.
+
+        Args:
+            share: Share of the tick that has passed.
+            time: Time, s.
+        """
+        if not (due := self.drives.due(share)):
+            return None
+        self._gives, since, self._start = self.gives(time), time - self._start, time
+        sensed = self._sensed(self._plant.q)
+        torques, self.state = self.drives.sample(self.state, due, sensed, self._gives, since)
+        return torques
+
+    def require_taken(self, controller: CellController) -> None:
+        """Refuse a controller that does not command what the arms take.
+
+        Raises:
+            FieldError: It does not.
+        """
+        for name, path, arm in zip(self._names, self._paths, self.drives.arms, strict=True):
+            if (commands := controller.commands_of(name)) != arm.takes:
+                detail = f"makes arm {name!r} take {arm.takes!r}, but the controller commands {commands!r}"
+                raise FieldError(f"{detail}; change one of them", path)
 
     @property
     def is_held(self) -> bool:
@@ -165,18 +199,77 @@ class Actuation:
         g = model.nonlinear_effects(q[slot.q_slice], np.zeros(model.nv))
         return np.asarray(np.linalg.solve(slot.drive.T, g), dtype=np.float64)
 
-    def commanded(self, command: CellCommand) -> list[Array]:
-        """Return the torques of a command as arrays.
+    def _inertia(self, index: int) -> Array:
+        """Return the diagonal of T^-T M T^-1 of an arm alone at the start, kg m^2, shape (k,)."""
+        slot = self._slots[index]
+        M = self._models[index].mass_matrix(self._plant.q[slot.q_slice])
+        return np.diag(slot.from_drive.T @ M @ slot.from_drive).copy()
+
+    def _start_servos(self) -> None:
+        """Start the servos at rest."""
+        q, holding, servos = self._plant.q, self.state.last, list[ServoState | None]()
+        for slot, arm, torque in zip(self._slots, self.drives.arms, holding, strict=True):
+            positions = slot.drive @ slot.angles.near(q[slot.q_slice], slot.posture)
+            servos.append(None if arm.servo is None else arm.servo.start(positions, torque))
+        self.state = self.state._replace(servos=tuple(servos), held=holding)
+
+    def _sensed(self, q: Array) -> DriveMotion:
+        """Return what the drives sense at a configuration and the plant's velocity."""
+        return DriveMotion(partial(self._weight, q), partial(self._motion, q), partial(self._inertial, q))
+
+    def _motion(self, q: Array, index: int) -> tuple[Array, Array]:
+        """Return positions and velocities of the drives, rad and rad/s; near the reference of the servo."""
+        slot, servo = self._slots[index], self.state.servos[index]
+        assert servo is not None
+        angles = slot.angles.near(q[slot.q_slice], slot.from_drive @ servo.reference)
+        return slot.drive.dot(angles), slot.drive.dot(self._plant.v[slot.v_slice])
+
+    def _inertial(self, q: Array, index: int, acceleration: Array) -> Array:
+        """Return T^-T (M qddot + C qdot) of an arm alone at accelerations of its drives, N m, shape (k,)."""
+        slot, model = self._slots[index], self._models[index]
+        qddot, v = slot.from_drive @ acceleration, self._plant.v[slot.v_slice]
+        tau = model.inverse_dynamics(q[slot.q_slice], v, qddot)
+        return np.asarray(slot.from_drive.T @ tau) - self._weight(q, index)
+
+    def torques_of(self, command: CellCommand) -> list[Array]:
+        """Return the torques of a command, of which the analyses of a law's damping are made.
 
         Raises:
-            ShapeError: not one torque for each drive of each arm.
+            ArgumentError: an arm takes velocities or positions.
+            ShapeError: as ``commanded``.
         """
-        torques = [np.asarray(torque, dtype=np.float64) for torque in command.torques]
+        if self.has_servos:
+            servos = {name: arm.takes for name, arm in zip(self._names, self.drives.arms, strict=True)}
+            raise ArgumentError(f"this analysis is for laws that command torques, but arms take {servos}")
+        return self.commanded(command)
+
+    def commanded(self, command: CellCommand) -> list[Array]:
+        """Return the values of a command as arrays.
+
+        Raises:
+            ArgumentError: an arm is not commanded what it takes.
+            ShapeError: not one value for each drive of each arm.
+        """
+        outputs = command.torques if not self.has_servos else self._outputs(command)
+        torques = [np.asarray(torque, dtype=np.float64) for torque in outputs]
         if len(torques) != len(self._names):
             raise ShapeError(
                 "the list of torques, one entry for each arm,", (len(torques),), (len(self._names),)
             )
         for name, torque, arm in zip(self._names, torques, self.drives.arms, strict=True):
             if torque.shape != arm.limit.shape:
-                raise ShapeError(f"torque of arm {name!r}", torque.shape, arm.limit.shape)
+                raise ShapeError(f"{arm.takes} of arm {name!r}", torque.shape, arm.limit.shape)
         return torques
+
+    def _outputs(self, command: CellCommand) -> list[Array]:
+        """Return what each arm takes of a command; raises as ``commanded``."""
+        outputs, m = list[Array](), len(self._names)
+        for index, arm in enumerate(self.drives.arms):
+            values = command.of(arm.takes)
+            if len(values) != m:
+                raise ShapeError(f"the list of {arm.takes} commands, one for each arm,", (len(values),), (m,))
+            if values[index] is None:
+                name = self._names[index]
+                raise ArgumentError(f"the command has no {arm.takes} for arm {name!r}, which takes one")
+            outputs.append(values[index])
+        return outputs

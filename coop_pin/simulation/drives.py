@@ -12,24 +12,29 @@ from coop_pin.arrays import Array, Mask, frozen
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import JointLimits, per_joint
+from coop_pin.simulation.servo import JointServo, ServoState, ServoTorque
 
 _NO_LAG, _NO_RATE_LIMIT = 1e-30, 1e300
 """Stand for none in the equations of TorqueResponse: their product is large, too."""
 
 SAME = 1e-9
 """Two times closer than this part of a tick are the same instant."""
+_CLOSE = 1e-6
+"""The time of a sample is known to this part of the servo's period."""
 
 
 class Applied(NamedTuple):
     """Torques at a tick, for each arm, N m, shape (k,); read-only.
 
     Attributes:
-        commanded: torques by the controller.
+        commanded: torques by the controller, or by the arm's servo.
         requested: torques asked of the drives: the last command that arrived and the robot's gravity
             compensation.
         torques: torques that act at the tick.
         saturated: mask of those that the torque limits cut, or their rate limits over the whole tick.
         reported: parts of the commands that act, see ArmMeasurement.
+        servo_commands: velocities or positions by the controller, None for arms without a servo; empty
+            without any.
     """
 
     commanded: Sequence[Array]
@@ -37,6 +42,21 @@ class Applied(NamedTuple):
     torques: Sequence[Array]
     saturated: Sequence[Mask]
     reported: Sequence[Array]
+    servo_commands: Sequence[Array | None] = ()
+
+
+class DriveMotion(NamedTuple):
+    """What drives sense of their arms, by the index of an arm.
+
+    Attributes:
+        weight: T^-T g(q), N m, shape (k,).
+        motion: positions and velocities of the drives, rad and rad/s, shape (k,) each.
+        inertial: T^-T (M qddot + C qdot) at accelerations of the drives, N m, shape (k,).
+    """
+
+    weight: Callable[[int], Array]
+    motion: Callable[[int], tuple[Array, Array]]
+    inertial: Callable[[int, Array], Array]
 
 
 class ResponseState(NamedTuple):
@@ -126,6 +146,7 @@ class ArmDrives(NamedTuple):
         misses: whether ticks may be missed.
         keeps_weight: whether a loss takes the commands alone, not what the robot adds to them.
         entries: entries of the values of all drives that are its own.
+        servo: the robot's inner loop; None where it takes torques.
     """
 
     limit: Array
@@ -133,6 +154,12 @@ class ArmDrives(NamedTuple):
     misses: bool
     keeps_weight: bool
     entries: slice
+    servo: JointServo | None = None
+
+    @property
+    def takes(self) -> str:
+        """What it takes as commands: "torque", "velocity" or "position"."""
+        return "torque" if self.servo is None else self.servo.command
 
     def step(
         self, last: Array, command: Array, missed: Array, weight: Array | None
@@ -158,10 +185,14 @@ class DriveState(NamedTuple):
     Attributes:
         last: last command of each arm that arrived, N m, shape (k,) each.
         response: torques in lag; None if torques are held between ticks.
+        servos: memory of each arm's servo, None without one; empty without any.
+        held: torques of each arm after its last sample or command, N m; empty without servos.
     """
 
     last: tuple[Array, ...]
     response: ResponseState | None
+    servos: tuple[ServoState | None, ...] = ()
+    held: tuple[Array, ...] = ()
 
 
 class CellDrives(NamedTuple):
@@ -182,7 +213,7 @@ class CellDrives(NamedTuple):
         state: DriveState,
         commanded: Sequence[Array],
         missed: Array,
-        weight: Callable[[int], Array],
+        sensed: DriveMotion,
         gives: Sequence[float],
         s: float,
     ) -> tuple[Applied, DriveState]:
@@ -190,25 +221,34 @@ class CellDrives(NamedTuple):
 
         Args:
             state: State after the tick before.
-            commanded: Torques by the controller, N m, shape (k,) each.
+            commanded: Commands by the controller, shape (k,) each; torques in N m.
             missed: Masks, whether each arm misses the tick, shape (m,).
-            weight: Function that returns T^-T g(q) of an arm by its index, N m, shape (k,).
+            sensed: Functions of the drives' arms.
             gives: 1.0 for each arm that gives torque, 0.0 for one that has lost it, or its commands.
-            s: Time since the tick before, s.
+            s: Time since the tick before, or the last sample of a servo, s.
         """
+        if state.servos:
+            return self._step_with_servos(state, commanded, missed, sensed, gives, s)
         entries = [
             arm.step(
                 state.last[index],
                 gives[index] * commanded[index] if arm.keeps_weight else commanded[index],
                 missed[index],
-                None if arm.carried is None else arm.carried * weight(index),
+                None if arm.carried is None else arm.carried * sensed.weight(index),
             )
             for index, arm in enumerate(self.arms)
         ]
         requested, torques, saturated, reported, last = zip(*entries, strict=True)
         applied = Applied(commanded, requested, torques, saturated, reported)
+        return self._responded(applied, DriveState(last, state.response), gives, s)
+
+    def _responded(
+        self, applied: Applied, state: DriveState, gives: Sequence[float], s: float
+    ) -> tuple[Applied, DriveState]:
+        """Return torques with lag and rate limit, and the state."""
         if self.response is None or state.response is None:
-            return applied, DriveState(last, None)
+            return applied, state
+        torques, saturated, reported = applied.torques, applied.saturated, applied.reported
         response = self.response.step(state.response, s, np.concatenate(torques))
         limited = self.split(self.response.is_limited(response, self.period))
         left_out = self.response.cut(response, self.period)
@@ -217,7 +257,93 @@ class CellDrives(NamedTuple):
             saturated=[frozen(np.logical_or(*masks)) for masks in zip(saturated, limited, strict=True)],
             reported=[*map(frozen, self.acting(np.concatenate(reported) - left_out, gives))],
         )
-        return applied, DriveState(last, response)
+        return applied, state._replace(response=response)
+
+    # ------------------------------------------------------------ servos
+
+    def _step_with_servos(
+        self,
+        state: DriveState,
+        commanded: Sequence[Array],
+        missed: Array,
+        sensed: DriveMotion,
+        gives: Sequence[float],
+        s: float,
+    ) -> tuple[Applied, DriveState]:
+        """Return what the drives make of commands where some arms have servos, and the state; as ``step``."""
+        servos: list[ServoState | None] = list(state.servos)
+        entries, asked = [], list[Array]()
+        for index, (arm, servo, command) in enumerate(zip(self.arms, servos, commanded, strict=True)):
+            weight = None if arm.carried is None else arm.carried * sensed.weight(index)
+            if arm.servo is None or servo is None:
+                command = gives[index] * command if arm.keeps_weight else command
+                entries.append(arm.step(state.last[index], command, missed[index], weight))
+                asked.append(commanded[index])
+                continue
+            arrives = (1.0 - missed[index]) * (gives[index] if arm.keeps_weight else 1.0)
+            servo = arm.servo.received(servo, command, 1.0 - arrives)
+            now, servos[index] = self._sampled(index, servo, sensed)
+            acts = frozen(now.commanded + (now.torque - now.requested))
+            entries.append((now.requested, now.torque, now.is_cut, acts, state.last[index]))
+            asked.append(now.commanded)
+        requested, torques, saturated, reported, last = zip(*entries, strict=True)
+        servo_commands = tuple(
+            None if arm.servo is None else command for arm, command in zip(self.arms, commanded, strict=True)
+        )
+        applied = Applied(asked, requested, torques, saturated, reported, servo_commands)
+        return self._responded(applied, DriveState(last, state.response, tuple(servos), torques), gives, s)
+
+    def _sampled(self, index: int, servo: ServoState, sensed: DriveMotion) -> tuple[ServoTorque, ServoState]:
+        """Return the torques of an arm at a sample of its servo, and the servo's state."""
+        arm = self.arms[index]
+        assert arm.servo is not None
+        weight = None if arm.carried is None else arm.carried * sensed.weight(index)
+        return arm.servo.sample(
+            servo, sensed.motion(index), partial(sensed.inertial, index), weight, arm.limit
+        )
+
+    def due(self, share: float) -> tuple[int, ...]:
+        """Return the arms whose servos sample within a tick after a share of it, by index."""
+        counts = [
+            0.0 if arm.servo is None else share * arm.servo.tick / arm.servo.period for arm in self.arms
+        ]
+        return tuple(
+            index for index, count in enumerate(counts) if count > SAME and abs(count - round(count)) < _CLOSE
+        )
+
+    def samples(self) -> list[tuple[int, ...]]:
+        """Return the sets of arms whose servos sample together within ticks, each once."""
+        counts = {round(arm.servo.tick / arm.servo.period) for arm in self.arms if arm.servo is not None}
+        return list(dict.fromkeys(self.due(j / n) for n in sorted(counts) for j in range(1, n)))
+
+    def sample(
+        self,
+        state: DriveState,
+        due: Sequence[int],
+        sensed: DriveMotion,
+        gives: Sequence[float],
+        s: float,
+    ) -> tuple[list[Array], DriveState]:
+        """Return the torques of each arm after samples of servos within a tick, and the state.
+
+        Args:
+            state: State after the last sample or command.
+            due: Arms whose servos sample, by index.
+            sensed: Functions of the drives' arms.
+            gives: Factors of the arms, as of ``step``.
+            s: Time since the last sample or command, s.
+        """
+        held, servos = list(state.held), list(state.servos)
+        for index in due:
+            servo = servos[index]
+            assert servo is not None
+            now, servos[index] = self._sampled(index, servo, sensed)
+            held[index] = now.torque
+        state = state._replace(servos=tuple(servos), held=tuple(held))
+        if self.response is None or state.response is None:
+            return held, state
+        response = self.response.step(state.response, s, np.concatenate(held))
+        return self.acting(self.response.at(response, 0.0), gives), state._replace(response=response)
 
     def acting(self, torques: Array, gives: Sequence[float]) -> list[Array]:
         """Return the torques of each arm, zero where they are lost, of those of all drives."""
@@ -231,38 +357,52 @@ class CellDrives(NamedTuple):
         return [values[arm.entries] for arm in self.arms]
 
 
-def cell_drives(scenario: Scenario, slots: Sequence[ArmPlace], limits: Sequence[JointLimits]) -> CellDrives:
+def cell_drives(
+    scenario: Scenario,
+    slots: Sequence[ArmPlace],
+    limits: Sequence[JointLimits],
+    inertia: Callable[[int], Array],
+) -> CellDrives:
     """Return the drives of a cell.
 
     Args:
         scenario: Cell, actuators and clock.
         slots: Positions of the arms in the cell's model.
         limits: Limits of each arm.
+        inertia: Inertia of the drives of an arm by its index, kg m^2, shape (k,); asked for servos only.
 
     Raises:
-        FieldError: the number of rate limits differs from the number of an arm's joints.
+        FieldError: the number of rate limits, or of values of a servo, is not that of an arm's joints.
     """
-    arms = tuple(map(partial(_arm_drives, scenario), slots, limits))
+    arms = tuple(
+        _arm_drives(scenario, slot, limit, partial(inertia, index))
+        for index, (slot, limit) in enumerate(zip(slots, limits, strict=True))
+    )
     return CellDrives(arms, _response(scenario, [slot.name for slot in slots], arms), scenario.clock.period)
 
 
-def _arm_drives(scenario: Scenario, slot: ArmPlace, limits: JointLimits) -> ArmDrives:
+def _arm_drives(
+    scenario: Scenario, slot: ArmPlace, limits: JointLimits, inertia: Callable[[], Array]
+) -> ArmDrives:
     """Return the drives of an arm before lag."""
     options = scenario.actuators_of(slot.name)
     robot = options.gravity_compensation
     carried = None if robot is None else 1.0 + robot.mass_error
     keeps_weight = options.commands_lost_at is not None
-    return ArmDrives(limits.torque, carried or None, options.missed_ticks > 0.0, keeps_weight, slot.v_slice)
+    servo = None
+    if options.servo is not None:
+        path = f"{scenario.actuators_path(slot.name)}.servo"
+        servo = JointServo.of(options.servo, scenario.clock.period, inertia(), path)
+    misses = options.missed_ticks > 0.0
+    return ArmDrives(limits.torque, carried or None, misses, keeps_weight, slot.v_slice, servo)
 
 
 def _response(scenario: Scenario, names: Sequence[str], arms: Sequence[ArmDrives]) -> TorqueResponse | None:
     """Return the response of all drives; None if each delivers and holds."""
     options, rates = [scenario.actuators_of(name) for name in names], []
     for name, arm, each in zip(names, arms, options, strict=True):
-        path = (
-            f"arm_actuators.{name}.rate_limit" if name in scenario.arm_actuators else "actuators.rate_limit"
-        )
         limit = np.inf if each.rate_limit is None else each.rate_limit
+        path = f"{scenario.actuators_path(name)}.rate_limit"
         rates.append(per_joint(np.array(limit), len(arm.limit), path))
     rate = np.concatenate(rates)
     lag = np.repeat([each.lag for each in options], [len(arm.limit) for arm in arms])

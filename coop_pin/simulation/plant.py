@@ -16,9 +16,12 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.chain.cell_chain import CellChain, Observation
 from coop_pin.chain.closure_set import ClosureError
+from coop_pin.chain.contact_patches import PatchesState
 from coop_pin.chain.grasp_springs import GraspsHeld
 from coop_pin.chain.integrators import INTEGRATORS, configuration_space
-from coop_pin.description.events import Surroundings
+from coop_pin.chain.partner import PartnerState, partner_state
+from coop_pin.chain.rigid_grasps import ClosuresHeld
+from coop_pin.description.events import MISSED, Surroundings
 from coop_pin.description.grasp_events import Regrasp
 from coop_pin.description.plant import PlantOptions
 from coop_pin.results.quantities import WORK, WORK_OF_GRASPS
@@ -43,9 +46,8 @@ class MissedGrasp(NamedTuple):
         """Return it as one sentence."""
         event, (distance, angle) = self.event, self.gap
         return (
-            f"{event.title} by {event.arm!r} at {event.time:g} s did not happen: its tip was"
-            f" {1e3 * distance:.3g} mm and {angle:.3g} rad from the grasp, allowed are"
-            f" {1e3 * event.tolerance:g} mm and {event.angle_tolerance:g} rad"
+            f"{event.named} {MISSED}: its tip was {1e3 * distance:.3g} mm and {angle:.3g} rad from the grasp,"
+            f" allowed are {1e3 * event.tolerance:g} mm and {event.angle_tolerance:g} rad"
         )
 
 
@@ -58,8 +60,10 @@ class PlantState(NamedTuple):
         work: work done so far, J.
         surroundings: payload, and what acts on it from outside.
         force: held generalised force of the actuators, N m, shape (nv,).
-        grasps: compliant grasps that hold.
+        grasps: compliant grasps and closures that hold.
+        patches: memory of patches and tables.
         missed: grasps that did not happen.
+        time: time, s.
     """
 
     q: Array
@@ -67,8 +71,10 @@ class PlantState(NamedTuple):
     work: Array
     surroundings: Surroundings
     force: Array
-    grasps: GraspsHeld
+    grasps: tuple[GraspsHeld, ClosuresHeld]
+    patches: PatchesState
     missed: tuple[MissedGrasp, ...]
+    time: float
 
 
 class Plant:
@@ -82,7 +88,8 @@ class Plant:
         v: velocity, shape (nv,).
         surroundings: payload, and what acts on it from outside.
         missed: grasps that did not happen.
-        work: done so far, in the order of WORK and, in cells with compliant grasps, WORK_OF_GRASPS, J.
+        time: time, s.
+        work: done so far, in the order of WORK and, in cells with force elements, WORK_OF_GRASPS, J.
     """
 
     engine = "pinocchio"
@@ -97,16 +104,18 @@ class Plant:
         """
         model = chain.mechanism.model
         self.chain, self.transmission = chain, Transmission(chain.cell, chain.model.arms, model.nv)
-        works = (*WORK, *WORK_OF_GRASPS) if chain.springs.arms else WORK
-        self.q, self.v, self.work = q, np.zeros(model.nv), np.zeros(len(works))
+        self._is_elastic = bool(chain.elements.elements)
+        works = (*WORK, *WORK_OF_GRASPS) if self._is_elastic else WORK
+        self.q, self.v, self.work, self.time = q, np.zeros(model.nv), np.zeros(len(works)), 0.0
         self.missed: tuple[MissedGrasp, ...] = ()
         if chain.springs.arms:
             chain.springs.damp(q)
+        if len(chain.patches):
+            chain.patches.damp(q)
         self._forces = np.zeros((len(_ALL), model.nv))
         self._integrator = INTEGRATORS[options.integrator](configuration_space(model))
         self._project = options.project == "step"
         self._errors: tuple[Array | None, list[ClosureError]] = None, []
-        self._solve = chain.mechanism.solver.acceleration
         self.surround(chain.cell.surroundings)
 
     def hold(self, force: Array) -> None:
@@ -119,56 +128,69 @@ class Plant:
 
     def surround(self, surroundings: Surroundings) -> None:
         """Replace the surroundings from now on; the energy that this adds counts as work."""
-        before = self._energy()
-        self.surroundings, self._pushed = surroundings, bool(surroundings.push.any())
+        before = self.energy()
+        self.surroundings = surroundings
+        self._pushed = bool(surroundings.push.any() or surroundings.partners)
         self.chain.surround(surroundings)
         self._forces[2] = 0.0
         self._book(before)
 
     def release(self, arm: int) -> None:
-        """Open the compliant grasp of an arm; the energy that its spring loses counts as work."""
-        before = self._energy()
-        self.chain.springs.release(self.chain.springs.arms.index(arm))
+        """Open the grasp of an arm; the energy that its spring loses counts as work."""
+        before = self.energy()
+        self.chain.release(arm)
         self._book(before)
 
     def grasp(self, arm: int, event: Regrasp) -> None:
-        """Close the compliant grasp of an arm whose tip is there; the energy that it adds counts as work."""
-        springs, before = self.chain.springs, self._energy()
-        number = springs.arms.index(arm)
-        gap = springs.gap(number, self.q)
+        """Close the grasp of an arm whose tip is there; the energy that it adds or takes counts as work.
+
+        At a rigid grasp the velocities meet by an impulse.
+        """
+        before, gap = self.energy(), self.chain.gap(arm, self.q)
         if gap.distance > event.tolerance or gap.angle > event.angle_tolerance:
             self.missed += (MissedGrasp(event, gap),)
             return
-        springs.grasp(number, self.q if event.rest == "found" else None)
+        self.chain.grasp(arm, self.q, event.rest == "nominal")
+        if arm in self.chain.rigid.closed:
+            self.v = self.chain.mechanism.project_velocity(self.q, self.v)
         self._book(before)
 
-    def _energy(self) -> float:
-        """Return the energy of chain and springs, J."""
+    def brake(self, arm: int) -> None:
+        """Hold the joints of an arm from now on; the energy that the impulse takes counts as work."""
+        before = self.energy()
+        self.chain.brake(arm, self.q)
+        self.v = self.chain.mechanism.project_velocity(self.q, self.v)
+        self._book(before)
+
+    def energy(self) -> float:
+        """Return the energy of chain and force elements, J."""
         total, springs = self.chain.mechanism.energy(self.q, self.v).total, self.chain.springs
+        if len(patches := self.chain.patches):
+            total += patches.at(self.q, self.v).energy
         return total + springs.energy(springs.at(self.q, self.v)) if springs.arms else total
 
     def _book(self, before: float) -> None:
         """Count the energy since before an event as work."""
         added = np.zeros(len(self.work))
-        added[len(WORK) - 1] = self._energy() - before
+        added[len(WORK) - 1] = self.energy() - before
         self.work = self.work + added
 
     def state(self) -> PlantState:
         """Return the state."""
-        held = self.chain.springs.held()
-        return PlantState(
-            self.q, self.v, self.work.copy(), self.surroundings, self.force.copy(), held, self.missed
-        )
+        held, patches = self.chain.held(), self.chain.patches.state
+        work, force, missed = self.work.copy(), self.force.copy(), self.missed
+        return PlantState(self.q, self.v, work, self.surroundings, force, held, patches, missed, self.time)
 
     def restore(self, state: PlantState) -> None:
         """Return to a state."""
-        self.q, self.v, self.missed = state.q, state.v, state.missed
-        self.chain.springs.restore(state.grasps)
+        self.q, self.v, self.missed, self.time = state.q, state.v, state.missed, state.time
+        self.chain.hold(*state.grasps)
+        self.chain.patches.state = state.patches
         self.surround(state.surroundings)
         self.hold(state.force)
         self.work = state.work.copy()
 
-    def payload_wrench(self, q: Array, v: Array) -> Array:
+    def payload_wrench(self, q: Array, v: Array, time: float) -> Array:
         """Return the whole wrench on the payload besides gravity about P in world axes, shape (6,).
 
         It is read only if ``surround`` has found that there is one. A force that depends on the state belongs
@@ -177,8 +199,16 @@ class Plant:
         Args:
             q: Configuration, shape (nq,).
             v: Velocity, shape (nv,).
+            time: Time, s.
         """
-        return self.surroundings.push
+        if not self.surroundings.partners:
+            return self.surroundings.push
+        return np.add.reduce([self.surroundings.push, *(each.wrench for each in self.partners(q, v, time))])
+
+    def partners(self, q: Array, v: Array, time: float) -> list[PartnerState]:
+        """Return the partners that hold the payload; arguments as of payload_wrench."""
+        X_WP, V_WP = self.chain.payload_pose(q), self.chain.payload_twist(q, v)
+        return [partner_state(partner, time, X_WP, V_WP) for partner in self.surroundings.partners]
 
     @property
     def force(self) -> Array:
@@ -187,29 +217,33 @@ class Plant:
 
     def generalised_force(self) -> Array:
         """Return the generalised force of torques, friction and push at the present state, shape (nv,)."""
-        return _ALL.dot(self._apply(self.q, self.v))
+        return _ALL.dot(self._apply(self.q, self.v, self.time))
 
-    def observe(self, q: Array, v: Array, force: Array) -> Observation:
+    def observe(self, q: Array, v: Array, force: Array, time: Array) -> Observation:
         """Return poses, wrenches and energy at n states in the present surroundings.
 
         Args:
             q: Configurations, shape (n, nq).
             v: Velocities, shape (n, nv).
             force: Generalised forces of the actuators, N m, shape (n, nv).
+            time: Times, s, shape (n,).
 
         Raises:
             OutOfRangeError: a wrench is not finite.
         """
         tau = force + np.array([self.transmission.friction(rates) for rates in v])
+        states = [*zip(q, v, time.tolist(), strict=True)]
+        wrenches = np.array([self.payload_wrench(*state) for state in states])
         if self._pushed:
-            tau += np.array([self._payload_force(*state) for state in zip(q, v, strict=True)])
-        wrenches = np.array([self.payload_wrench(*state) for state in zip(q, v, strict=True)])
+            jacobians = map(self.chain.payload_jacobian, q)
+            tau += np.array([J.T.dot(F) for J, F in zip(jacobians, wrenches, strict=True)])
         return self.chain.observe(q, v, tau, wrenches)
 
     def interaction_wrenches(self) -> Array:
         """Return the wrench on each arm by the payload, about P in world axes, shape (m, 6)."""
         q, v = self.q, self.v
-        return self.chain.unchecked_wrenches(q, v, self.generalised_force(), self.payload_wrench(q, v))
+        push = self.payload_wrench(q, v, self.time)
+        return self.chain.unchecked_wrenches(q, v, self.generalised_force(), push)
 
     def closure_errors(self) -> list[ClosureError]:
         """Return the closure error between tip and grasp of each arm at the present state."""
@@ -224,28 +258,26 @@ class Plant:
     def advance(self, t: float, h: float) -> None:
         """Integrate from time t over h seconds."""
         step = self._integrator.step(self._rate, t, self.q, self.v, h)
-        self.q, self.v = step.q, step.v
+        self.q, self.v, self.time = step.q, step.v, t + h
         self.work[: len(step.work)] += step.work
         if self._project:
             self.q = self.chain.mechanism.project_configuration(self.q)
             self.v = self.chain.mechanism.project_velocity(self.q, self.v)
+        if len(self.chain.patches):
+            self.work[-1] -= self.chain.patches.settle(self.q)
 
-    def _rate(self, _t: float, q: Array, v: Array) -> tuple[Array, Array]:
+    def _rate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the acceleration, shape (nv,), and powers in the order of ``work``, the first of them."""
-        forces = self._apply(q, v)
-        if not self.chain.springs.arms:
-            return self._solve(q, v, _ALL.dot(forces)), forces.dot(v)
-        grasps, power = self.chain.springs.force(q, v)
-        return self._solve(q, v, _ALL.dot(forces) + grasps), np.array([*forces.dot(v), 0.0, power])
+        forces = self._apply(q, v, t)
+        if not self._is_elastic:
+            return self.chain.mechanism.solver.acceleration(q, v, _ALL.dot(forces)), forces.dot(v)
+        a, power = self.chain.acceleration(q, v, _ALL.dot(forces))
+        return a, np.array([*forces.dot(v), 0.0, power])
 
-    def _apply(self, q: Array, v: Array) -> Array:
-        """Return the generalised force of drives, friction and push, shape (3, nv)."""
+    def _apply(self, q: Array, v: Array, time: float) -> Array:
+        """Return the generalised force of drives, friction and payload wrench, shape (3, nv)."""
         forces = self._forces
         forces[1] = self.transmission.friction(v)
         if self._pushed:
-            forces[2] = self._payload_force(q, v)
+            forces[2] = self.chain.payload_jacobian(q).T.dot(self.payload_wrench(q, v, time))
         return forces
-
-    def _payload_force(self, q: Array, v: Array) -> Array:
-        """Return the generalised force of the payload wrench, shape (nv,)."""
-        return self.chain.payload_jacobian(q).T.dot(self.payload_wrench(q, v))

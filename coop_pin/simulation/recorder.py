@@ -79,7 +79,9 @@ class Recorder:
         arms, model, rows = plant.chain.model.arms, plant.chain.mechanism.model, scenario.cell.task_rows.size
         joints = max(len(arm.drive) for arm in arms)
         self._length = self._sample(timeline.ticks) + 1
-        self._sizes = {"q": model.nq, "v": model.nv, "arm": len(arms), "joint": joints}
+        patches = len(plant.chain.patches)
+        self._sizes = {"q": model.nq, "v": model.nv, "arm": len(arms), "joint": joints, "patch": patches}
+        self._block = 1 if patches else _BLOCK  # the plant remembers no bristles of earlier samples
         require_memory(
             f"{self._length} samples of {scenario.name!r}",
             self._length * (bytes_per_sample(self._table, self._sizes) + 8 * (rows + 1) * model.nv),
@@ -125,11 +127,16 @@ class Recorder:
             "desired_pose": target.X_WP_d,
             "desired_twist": target.V_WP_d,
             "desired_squeeze": squeeze,
-            "external_wrench": plant.payload_wrench(plant.q, plant.v),
+            "external_wrench": plant.payload_wrench(plant.q, plant.v, time),
             "closure_distance": distances,
             "closure_angle": angles,
         }.items():
             samples[name][sample] = value
+        if plant.surroundings.partners:
+            partner = plant.partners(plant.q, plant.v, time)[-1]
+            samples["partner_wrench"][sample] = partner.wrench
+            samples["partner_deflection"][sample] = partner.deflection
+            samples["partner_energy"][sample] = partner.energy
         if "load_share" in samples:
             samples["load_share"][sample] = shares
         for read, columns, entries in self._read:
@@ -146,7 +153,7 @@ class Recorder:
             turned[sample] = self._angles[index] = along[0]
         self._work[sample], self._forces[sample] = plant.work, plant.force
         self._observed, self.count = min(self._observed, sample), sample + 1
-        if self.count - self._observed == _BLOCK:
+        if self.count - self._observed == self._block:
             self.observe()
 
     def state(self) -> RecordState:
@@ -179,9 +186,9 @@ class Recorder:
         if new.start == new.stop:
             return
         self.count -= 1
-        state = samples["configuration"][new], samples["velocity"][new], self._forces[new]
+        q, v, time = samples["configuration"][new], samples["velocity"][new], samples["time"][new]
         with np.errstate(over="ignore", invalid="ignore"):
-            observation = self._plant.observe(*state)
+            observation = self._plant.observe(q, v, self._forces[new], time)
         for name, values in observation._asdict().items():
             if values is not None:
                 samples[name][new] = values
@@ -198,6 +205,11 @@ class Recorder:
             case [_, "axis"]:
                 return [*samples.swapaxes(0, 1)], list(self._cell.task_rows.indices)
         return [*samples.swapaxes(0, 1)], None
+
+    def sample(self) -> Samples:
+        """Return what is recorded of the last tick, with an axis of one sample; it changes at the next."""
+        self.observe()
+        return self._kept(slice(self.count - 1, self.count))
 
     def snapshot(self) -> Snapshot:
         """Return the sample of the last recorded tick."""

@@ -11,6 +11,7 @@ from coop_pin.errors import ArgumentError
 from coop_pin.reference import PoseReference, PoseTarget, SqueezeReference
 from coop_pin.simulation.actuation import ActuationState
 from coop_pin.simulation.drives import Applied
+from coop_pin.simulation.network import NetworkState
 from coop_pin.simulation.plant import PlantState
 from coop_pin.simulation.recorder import RecordState
 from coop_pin.simulation.sensing import SensingState
@@ -52,6 +53,7 @@ class RunState(NamedTuple):
         sensing: memory of the sensors; None before the first tick.
         actuation: memory of the drives.
         record: samples so far.
+        network: memory of the network; None before the first messages.
     """
 
     scenario: Scenario
@@ -67,6 +69,7 @@ class RunState(NamedTuple):
     sensing: SensingState | None
     actuation: ActuationState
     record: RecordState
+    network: NetworkState | None
 
     def require_of(self, scenario: Scenario) -> None:
         """Raise ArgumentError unless its run differs from a scenario in events, seed and laws only."""
@@ -77,6 +80,7 @@ class RunState(NamedTuple):
             ("clock", (mine.clock, mine.duration), (scenario.clock, scenario.duration)),
             ("actuators", (mine.actuators, mine.arm_actuators), (scenario.actuators, scenario.arm_actuators)),
             ("sensors", (mine.sensors, mine.arm_sensors), (scenario.sensors, scenario.arm_sensors)),
+            ("network", mine.network, scenario.network),
             ("force path", mine.controller.force_path, scenario.controller.force_path),
         ):
             if has != needed:

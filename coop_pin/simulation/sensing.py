@@ -127,7 +127,11 @@ class Sensing:
         R_WP = plant.chain.payload_pose(q)[:3, :3] if self.sensors.wrists else _NONE
         assert self.state is not None  # start() came first
         truth = self._truth(time, q, plant.v, saturated, reported, wrenches, R_WP)
-        return self._step(self.state.sensors, truth, partial(self._view, q))
+        measured = self._step(self.state.sensors, truth, partial(self._view, q))
+        if not plant.chain.patches.arms:
+            return measured
+        slip = float(plant.chain.patches.slips.max())
+        return [reading._replace(slip=slip) for reading in measured]
 
     def _step(self, state: SensorState, truth: Truth, view: View) -> list[ArmMeasurement]:
         measured, state = self.sensors.step(state, truth, view)

@@ -16,6 +16,7 @@ from coop_pin.simulation.encoder import Encoders, EncoderState
 from coop_pin.simulation.signals import CellSignals
 from coop_pin.simulation.wrist import ForcePath, ForcePathState, Wrist
 from coop_pin.spatial import rotate_vector6
+from coop_pin.spatial.internal_wrench import linkage_loads
 from coop_pin.spatial.task_rows import TaskRows
 
 View = Callable[[int, Array | None], PayloadKinematics]
@@ -107,7 +108,8 @@ class SensorState(NamedTuple):
 class CellSensors(NamedTuple):
     """Sensors of all arms, and the force path f_m[k] = p f_m[k-1] + (1 - p) f(t_{k-D}^-), f_m[0] = f_d.
 
-    f(t_k^-) is the internal wrench just before tick k: it still carries the torque of tick k - 1. It is
+    f(t_k^-) is the internal wrench just before tick k: it still carries the torque of tick k - 1. Its load
+    part is c_i of the resultant, or that of the virtual linkage as the first arm sees the payload. It is
     assembled from what the wrist sensors report, where an arm without one has an ideal one. Its age is that
     of the oldest of these readings, and it has no new sample until every one of them is new.
 
@@ -117,6 +119,7 @@ class CellSensors(NamedTuple):
         rows: task rows of the cell.
         shares: c_i, shape (m,).
         path: force path; None if the controllers get no internal wrenches.
+        loads: L_i of ``linkage_loads`` in payload axes, shape (m, 6, 6); None for load shares.
     """
 
     arms: tuple[ArmSensors, ...]
@@ -124,6 +127,7 @@ class CellSensors(NamedTuple):
     rows: TaskRows
     shares: Array
     path: ForcePath | None
+    loads: Array | None = None
 
     @property
     def needs_wrenches(self) -> bool:
@@ -160,7 +164,7 @@ class CellSensors(NamedTuple):
             wrists = self._wrists(state, truth, [payload.pose for payload, _, _ in joints])
             wrenches = frozen(np.stack([wrist.wrench for wrist in wrists]))
         if self.path is not None and path is not None:
-            internal = wrenches - self.shares[:, None] * wrenches.sum(axis=0)
+            internal = self._internal(wrenches, joints[0][0].pose)
             path = self.path.step(path, self.rows.select(internal.T).T, signals.arrived)
             frozen(path.measured)
         measured = [
@@ -180,6 +184,14 @@ class CellSensors(NamedTuple):
             for index, (arm, (payload, q, v)) in enumerate(zip(self.arms, joints, strict=True))
         ]
         return measured, SensorState(encoders, wrists, path)
+
+    def _internal(self, wrenches: Array, X_WP: Array) -> Array:
+        """Return the internal wrenches, shape (m, 6), with the payload where the first arm sees it."""
+        resultant = wrenches.sum(axis=0)
+        if self.loads is None:
+            return wrenches - self.shares[:, None] * resultant
+        in_payload = self.loads.dot(rotate_vector6(X_WP[:3, :3].T, resultant))
+        return wrenches - rotate_vector6(X_WP[:3, :3], in_payload)
 
     def _joints(
         self, state: SensorState, truth: Truth, view: View
@@ -227,9 +239,11 @@ def cell_sensors(scenario: Scenario, slots: Sequence[ArmPlace]) -> CellSensors:
         arms.append(ArmSensors(slot.drive, slot.from_drive, encoders, options.wrist is not None))
     at_rest = tuple(Wrist.at_rest(wrist.delay if wrist else 0) for wrist in wrists) if any(wrists) else ()
     rows, shares, transport = scenario.cell.task_rows, scenario.cell.shares, None
-    if path.measures:
+    if path.by_sensors:
         transport = ForcePath(path.pole, np.zeros((path.delay, len(arms), rows.size)))
-    return CellSensors(tuple(arms), at_rest, rows, shares, transport)
+    tips = np.array([grasp.matrix[:3, 3] for grasp in scenario.cell.grasps.values()])
+    loads = linkage_loads(tips) if path.split == "virtual-linkage" else None
+    return CellSensors(tuple(arms), at_rest, rows, shares, transport, loads)
 
 
 def sensors_path(scenario: Scenario, arm: str) -> str:

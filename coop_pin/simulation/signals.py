@@ -20,9 +20,9 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import WristSensor
 from coop_pin.spatial import rotate_vector6, shift_wrench
 
-_LARGEST_BLOCK = 1024
+LARGEST_BLOCK = 1024
 """Ticks whose signals a run draws at once, at most."""
-_EARLY = 1e-9
+EARLY = 1e-9
 """A tick this part of a period before an instant is at the instant."""
 
 
@@ -94,7 +94,7 @@ class Sampling(NamedTuple):
     def of_sensor(cls, sensor: WristSensor, clock: Clock) -> Sampling:
         """Return the sampling of a sensor."""
         first, end = (
-            [math.ceil(interval[side] / clock.period - _EARLY) for interval in sensor.lost] for side in (0, 1)
+            [math.ceil(interval[side] / clock.period - EARLY) for interval in sensor.lost] for side in (0, 1)
         )
         lost = sorted(zip(first, end, strict=True), reverse=True)
         return cls(sensor.ticks_per_sample(clock), sensor.delay, tuple(lost))
@@ -125,7 +125,7 @@ class SensorSignals:
         self._sampling = [Sampling.of_sensor(wrist, scenario.clock) for wrist in self._wrists]
         self._grasps = [scenario.cell.grasps[name].matrix for name in arms]
         path = scenario.controller.force_path
-        self._path_delay = path.delay if path.measures else None
+        self._path_delay = path.delay if path.by_sensors else None
         self._encoder_noise = [
             self._normal(scenario, f"{name}/encoder", np.array(scenario.sensors_of(name).encoder.noise), size)
             for name, size in zip(arms, joints, strict=True)
@@ -160,7 +160,7 @@ class SensorSignals:
         count = 1
         while True:
             yield from self.draw(count).ticks()
-            count = min(2 * count, _LARGEST_BLOCK)
+            count = min(2 * count, LARGEST_BLOCK)
 
     def _arm(self, index: int, ticks: Array) -> ArmSignals:
         sensor, sampling, X_PE = self._wrists[index], self._sampling[index], self._grasps[index]
@@ -168,7 +168,7 @@ class SensorSignals:
         noise = np.zeros((len(ticks), 6))
         noise[is_due] = self._wrist_noise[index](int(is_due.sum()))  # drawn while lost, too: then none shifts
         time = ticks * self._clock.period
-        stuck = np.inf if sensor.stuck_at is None else sensor.stuck_at - _EARLY * self._clock.period
+        stuck = np.inf if sensor.stuck_at is None else sensor.stuck_at - EARLY * self._clock.period
         arrives = (newest > sampling.newest(ticks - 1.0)) & (newest * self._clock.period < stuck)
         error_E = noise + sensor.offset.vector6 + time[:, None] * sensor.drift.vector6
         error_P = error_E

@@ -7,16 +7,16 @@ torques held (zero-order hold). ``observe`` and ``step`` are its two halves, for
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from coop_pin.arrays import Array, as_number, frozen, require_type
 from coop_pin.chain.cell_chain import CellChain
-from coop_pin.control.interface import ArmMeasurement, ArmReference, CellCommand, CellController
+from coop_pin.control.interface import ArmMeasurement, ArmReference, CellCommand, CellController, Message
 from coop_pin.description.events import LoseArm, PayloadEvent
-from coop_pin.description.grasp_events import Event, GraspPlan, Regrasp
+from coop_pin.description.grasp_events import Event, GraspPlan
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import DivergedError, FieldError, InvalidStateError, OutOfRangeError
 from coop_pin.model.joint_limits import JointLimits
@@ -24,6 +24,7 @@ from coop_pin.reference import PoseReference, PoseTarget, SqueezeReference, retr
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.simulation.actuation import Actuation
 from coop_pin.simulation.drives import Applied
+from coop_pin.simulation.network import Exchange, Traffic
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.recorder import Recorder
 from coop_pin.simulation.run_state import RunState, TickInputs
@@ -46,11 +47,11 @@ def _start(chain: CellChain, scenario: Scenario) -> Array:
     """
     X_WP = scenario.start.matrix
     if not scenario.start_angles:
-        return chain.configuration(X_WP)
+        return chain.configuration(X_WP, scenario.squeeze_wrenches)
     q = chain.posed_configuration(scenario.start_angles, X_WP)
     if not scenario.project_start:
         chain.require_held(q, X_WP, _OPEN_START)
-    return chain.settled(q)
+    return chain.settled(q, scenario.squeeze_wrenches)
 
 
 class _NoController(CellController):
@@ -77,6 +78,7 @@ class Simulation:
         plant: the closed chain in motion; mutable, see its module.
         sensing: sensors of the arms.
         actuation: drives of the arms.
+        exchange: messages between the arms.
         motion: the desired motion.
         squeeze: the desired internal wrenches.
         recorder: samples recorded so far.
@@ -96,6 +98,7 @@ class Simulation:
         Raises:
             UnreachablePoseError: the start is out of an arm's reach.
             OpenClosureError: the stated starting angles leave a grasp open, with the closure error.
+            FieldError: an arm does not take what the controller commands.
         """
         require_type("scenario", scenario, Scenario)
         require_type("controller", controller, CellController, type(None))
@@ -107,7 +110,10 @@ class Simulation:
         self.plant = plant(chain, scenario.plant, _start(chain, scenario))
         limits = [JointLimits(arm, name) for name, arm in scenario.cell.arms.items()]
         self.actuation = Actuation(scenario, self.plant, limits)
+        if controller is not None:
+            self.actuation.require_taken(controller)
         self.sensing = Sensing(scenario, chain.model.arms, holding_torques=self.actuation.holding_commands)
+        self.exchange = Exchange(scenario)
         self.motion: PoseReference = scenario.motion.replace()  # reads a CSV table again
         self.squeeze: SqueezeReference = scenario.squeeze
         self.recorder = Recorder(scenario, self.plant, self.timeline, limits)
@@ -142,9 +148,12 @@ class Simulation:
         """
         # A diverging run is refused with its time, not warned of.
         with np.errstate(over="ignore", invalid="ignore"):
-            measurements, references, *_ = inputs = self._observe()
+            inputs = self._observe()
             if self.ticks_done == 0:
+                measurements, references, *_ = self._heard(inputs, self.exchange.first, None)
                 self.controller_state = self.controller.init(measurements, references)
+            self._inputs = inputs = self._heard(inputs, self.exchange.step, self.controller_state)
+            measurements, references, *_ = inputs
             self._step(inputs, self.controller.step(measurements, references, self.controller_state))
 
     def observe(self) -> TickInputs:
@@ -160,12 +169,13 @@ class Simulation:
         """Do the next tick with a command from outside, in place of the controller's.
 
         Args:
-            command: Torques of the drives until the next tick; ``controller_state`` becomes its state.
+            command: Values for all arms until the next tick; ``controller_state`` becomes its state.
 
         Raises:
             InvalidStateError: the last tick is done.
-            ShapeError: not one torque for each drive of each arm.
-            DivergedError: a torque or the motion left the range of finite, closed motion.
+            ArgumentError: an arm is not commanded what it takes.
+            ShapeError: not one value for each drive of each arm.
+            DivergedError: a command or the motion left the range of finite, closed motion.
         """
         require_type("command", command, CellCommand)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -190,6 +200,7 @@ class Simulation:
             self.sensing.state,
             self.actuation.memory(),
             self.recorder.state(),
+            self.exchange.state,
         )
 
     def restore(self, state: RunState) -> None:
@@ -206,6 +217,8 @@ class Simulation:
         self.plant.restore(state.plant)
         self.sensing.restore(state.sensing, self.scenario, self.ticks_done + (self._inputs is not None))
         self.actuation.restore(state.actuation, self.scenario, self.ticks_done)
+        is_heard = self._inputs is not None and self._inputs.measurements[0].messages is not None
+        self.exchange.restore(state.network, self.scenario, self.ticks_done + is_heard)
         self.recorder.restore(state.record)
 
     def reset(self, seed: int | None = None) -> TickInputs:
@@ -219,6 +232,12 @@ class Simulation:
             state = state._replace(scenario=state.scenario.replace(seed=seed))
         self.restore(state)
         return self.observe()
+
+    def traffic(self) -> Traffic:
+        """Return what the controller's arms tell each other in a tick, as counted at the next one."""
+        inputs = self.observe()
+        messages = self.controller.messages(inputs.measurements, inputs.references, self.controller_state)
+        return self.exchange.traffic(messages)
 
     def snapshot(self) -> Snapshot:
         """Return the state of the run at its last recorded tick; there must be one."""
@@ -262,8 +281,12 @@ class Simulation:
         """Replace the controller by one with the same kind of state, for example with other gains.
 
         It takes over the state.
+
+        Raises:
+            FieldError: an arm does not take what it commands.
         """
         require_type("controller", controller, CellController)
+        self.actuation.require_taken(controller)
         self.controller = controller
         self._replaced += (f"controller replaced at t = {self.time:g} s",)
 
@@ -287,7 +310,7 @@ class Simulation:
             target = self.motion.at(time)
         if not all(np.isfinite(part).all() for part in target):
             raise OutOfRangeError("time", time, "a time at which the motion is finite")
-        return self._references(target, *self._planned(time))
+        return self._by_clocks(time, self._references(target, *self._planned(time)))
 
     def _observe(self) -> TickInputs:
         """Measure and apply the events of the next tick, once."""
@@ -299,7 +322,7 @@ class Simulation:
         if self._inputs is None:
             time = self.time
             target, (squeeze, plan) = self.motion.at(time), self._planned(time)
-            references = self._references(target, squeeze, plan)
+            references = self._by_clocks(time, self._references(target, squeeze, plan))
             if plan is not None:
                 self.sensing.share(plan.shares)
             if self._applied is None:
@@ -307,9 +330,29 @@ class Simulation:
             else:
                 saturated, reported = self._applied.saturated, self._applied.reported
                 measurements = self.sensing.measure(time, self.plant, saturated, reported)
+            for index, clock in self.scenario.clocks.items():
+                measurements[index] = measurements[index]._replace(time=clock.reading(time))
             self._apply_events(time)
             self._inputs = TickInputs(measurements, references, target, squeeze)
         return self._inputs
+
+    def _heard(
+        self, inputs: TickInputs, exchange: Callable[[Sequence[Array]], list[dict[str, Message]]], state: Any
+    ) -> TickInputs:
+        """Return the inputs with the messages that the controllers exchange at this tick, once.
+
+        Args:
+            inputs: Inputs of the tick.
+            exchange: Function that returns what arms hear of their messages.
+            state: State of the controllers.
+        """
+        if self.exchange.network is None or inputs.measurements[0].messages is not None:
+            return inputs
+        messages = self.controller.messages(inputs.measurements, inputs.references, state)
+        if not any(map(len, messages)):
+            return inputs
+        pairs = zip(inputs.measurements, exchange(messages), strict=True)
+        return inputs._replace(measurements=[seen._replace(messages=heard) for seen, heard in pairs])
 
     def _step(self, inputs: TickInputs, command: CellCommand) -> None:
         """Apply a command, record the tick and integrate to the next."""
@@ -359,6 +402,13 @@ class Simulation:
             for wrench in squeeze
         ]
 
+    def _by_clocks(self, time: float, references: list[ArmReference]) -> list[ArmReference]:
+        """Return references with those of arms whose clocks are off at what these show."""
+        for index, clock in self.scenario.clocks.items():
+            shown = clock.reading(time)
+            references[index] = self._references(self.motion.at(shown), *self._planned(shown))[index]
+        return references
+
     def _planned_references(self, target: PoseTarget, squeeze: Array, plan: GraspPlan) -> list[ArmReference]:
         """Return the references of arms that bear other shares, or retreat from their grasps."""
         rows, references = self._rows, list[ArmReference]()
@@ -376,13 +426,9 @@ class Simulation:
             self.recorder.observe()  # in the surroundings until now
             after = self.timeline.just_after(time)
             self.plant.surround(self.scenario.surroundings_at(after))
-            for event in self.scenario.grasp_events:
+            for event in self.scenario.events:
                 if abs(event.instant - time) <= after - time:
-                    arm = list(self.scenario.cell.arms).index(event.arm)
-                    if isinstance(event, Regrasp):
-                        self.plant.grasp(arm, event)
-                    else:
-                        self.plant.release(arm)
+                    event.act(self.plant, list(self.scenario.cell.arms))
 
     def _advance(self, tick: int) -> None:
         """Integrate the plant to the next tick, event times included."""
@@ -390,12 +436,20 @@ class Simulation:
         for index, step in enumerate(self.timeline.steps(tick)):
             if index > 0:
                 self._apply_events(step.start)
+                if actuation.has_servos:
+                    self._sample(tick, step.start)
             if not is_held:
                 self.plant.drive(actuation.torques(step.start, step.length))
             self.plant.advance(step.start, step.length)
         if not is_held:
             self.plant.drive(actuation.torques(self.timeline.time(tick + 1)))
         self._require_closed(self.timeline.time(tick))
+
+    def _sample(self, tick: int, time: float) -> None:
+        """Let the servos sample that are due at a time within a tick."""
+        share = (time - self.timeline.time(tick)) / self.timeline.period
+        if (torques := self.actuation.sample(share, time)) is not None:
+            self.plant.drive(torques)
 
     def _require_closed(self, time: float) -> None:
         """Refuse a state that diverged; ``not <`` also catches NaN."""

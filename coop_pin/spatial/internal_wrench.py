@@ -116,6 +116,22 @@ def virtual_linkage_internal_wrenches(interaction: Array, tips: Array) -> Array:
     return _split(interaction - by_moments[..., None, :], B, regular)
 
 
+def linkage_loads(tips: Array) -> Array:
+    """Return L_i with the load L_i sum_j F_j of each arm in the virtual linkage, shape (m, 6, 6).
+
+    The split is linear in the resultant, and turns with the tips: f_i = F_i - L_i sum_j F_j.
+
+    Args:
+        tips: r_i, position of each tip relative to P, m, shape (m, 3).
+    """
+    m = len(tips)
+    if m == 1:
+        return np.eye(6)[None]
+    each = np.tile(np.eye(6)[:, None, :] / m, (1, m, 1))  # resultants, one after the other
+    loads = each - virtual_linkage_internal_wrenches(each, np.broadcast_to(tips, (6, m, 3)))
+    return np.moveaxis(loads, 0, -1)
+
+
 class VirtualLinkage(NamedTuple):
     """Internal wrenches of the virtual linkage by struts, one between every two tips; p = m (m - 1) / 2.
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, as_array, shaped
+from coop_pin.errors import WrongTypeError
 from coop_pin.spatial.generic_numbers import atan2, sqrt, where
 
 _SMALL = 1e-9
@@ -189,8 +190,13 @@ def weight_wrench(mass: float, gravity: ArrayLike) -> Array:
 
     Raises:
         ShapeError: the shape differs.
+        WrongTypeError: the mass is no number, traced or not.
     """
-    return np.concatenate((mass * as_array("gravity", gravity, 3), np.zeros(3)))
+    g = as_array("gravity", gravity, 3)
+    try:
+        return np.concatenate((mass * g, np.zeros(3)))
+    except TypeError:
+        raise WrongTypeError("mass", type(mass).__name__, "float") from None
 
 
 def spatial_inertia(mass: float, inertia: Array, R_WP: Array) -> Array:

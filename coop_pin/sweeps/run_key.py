@@ -92,7 +92,7 @@ def source_files(name: str) -> tuple[Path, ...]:
 
 def code_of(scenario: Scenario, metrics: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names of the user's code that a run needs, each once."""
-    parts = (scenario.controller.stored_as, scenario.motion, scenario.squeeze)
+    parts = (scenario.controller.stored_as, scenario.motion, scenario.squeeze, *scenario.events)
     users = [part for part in parts if part.kind in ("user", "function")]
     named = [getattr(part, field, None) for part in users for field in ("target", "twist", "acceleration")]
     return tuple(dict.fromkeys([*filter(None, named), *metrics]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import textwrap
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
@@ -105,8 +106,12 @@ def describe(table: pd.DataFrame, metrics: list[str]) -> list[str]:
         f"without steady metrics: {NO_STEADY_METRICS}": checks["window_end_s"] <= checks["window_start_s"],
     }
     lines += [f"  {runs.sum()} {text}" for text, runs in doubts.items() if runs.any()]
-    if named := [f"{name} ({count})" for name, count in ok.isna().sum().items() if count]:
-        lines.append(f"  not a number, by the number of finished runs: {', '.join(named)}")
+    empty = ok.isna().sum()
+    if none := int((empty == len(ok)).sum()) * bool(len(ok)):
+        lines.append(f"  metrics without a value in any finished run: {none}")
+    if named := [f"{name} ({count})" for name, count in empty.items() if 0 < count < len(ok)]:
+        text = f"not a number, by the number of finished runs: {', '.join(named)}"
+        lines += textwrap.wrap(text, 98, initial_indent="  ", subsequent_indent="    ")
     finite = ok.where(np.isfinite(ok)).dropna(axis="columns", how="all")
     for name, column in finite.items():
         span = f"{column.min():>11.4g} .. {column.max():<11.4g}"

@@ -72,21 +72,26 @@ class LlvmMachine(Machine):
         block[:] = slots.swapaxes(0, 1).reshape(len(block), -1)[:, :lanes]
         return record[:, :, :lanes]
 
-    def bound(self, block: Array, uniforms: Array, record: Array | None = None) -> Callable[[int, int], None]:
+    def bound(
+        self, block: Array, uniforms: Array, record: Array | None = None, loads: Array | None = None
+    ) -> Callable[[int, int], None]:
         """Return a function that runs some instructions of the program, by first and count, on runs.
 
         Args:
-            block: Slots of the runs, changed in place, shape (..., slots); the width must be 1.
+            block: Slots of the runs, changed in place, shape (groups, slots, width); the last axis may be
+                missing where it is 1.
             uniforms: Numbers that all runs share, read at every call, shape (rows, uniforms).
             record: Memory that RECORD writes, as of new_record; for programs that record.
+            loads: Numbers that LOAD fills in, shape (groups, rows, loaded, width); for programs that load.
         """
         run, instructions = self._run, self._instructions
         start, size = instructions.ctypes.data, instructions.itemsize * instructions.shape[1]
-        groups = block.size // block.shape[-1]
-        inputs = block.ctypes.data, uniforms.ctypes.data, 8 * uniforms.shape[1], None, 0
-        memory = *inputs, None if record is None else record.ctypes.data, 8 * groups
+        groups = block.size // (self.program.lanes.size * self.width)
+        loaded = (None, 0) if loads is None else (loads.ctypes.data, loads.shape[1])
+        inputs = block.ctypes.data, uniforms.ctypes.data, 8 * uniforms.shape[1], *loaded
+        memory = *inputs, None if record is None else record.ctypes.data, 8 * groups * self.width
 
-        def call(first: int, count: int, _kept: object = (self, block, uniforms, record)) -> None:
+        def call(first: int, count: int, _kept: object = (self, block, uniforms, record, loads)) -> None:
             run(groups, count, start + first * size, *memory)
 
         return call

@@ -66,11 +66,11 @@ def save_image(
     width: int = WIDTH,
     height: int = HEIGHT,
 ) -> None:
-    """Write an image of a run at one time, as PNG.
+    """Write an image of a run at one time: PNG, or PDF with text that can be searched, by the file's suffix.
 
     Args:
         result: the run.
-        path: the file.
+        path: the file; ".pdf" for a paper, with all controls left out.
         *others: up to three runs beside it.
         names: headings of several runs.
         time: s; the end of the run when omitted.
@@ -86,7 +86,8 @@ def save_image(
     if not 0.0 <= time <= result.end:
         raise OutOfRangeError("time", time, f"from 0 to {result.end:.6g} s, the end of the run")
     page = replay_html(result, *others, names=names, times=[time])
-    (image,) = run_in_thread(lambda _: list(page_images(page, [time], width, height)))
+    take = _print if Path(path).suffix.lower() == ".pdf" else _photograph
+    (image,) = run_in_thread(lambda _: list(page_images(page, [time], width, height, take)))
     write_atomically(Path(path), lambda part: part.write_bytes(image))
 
 
@@ -153,14 +154,36 @@ def frame_times(end: float, frames_per_second: float) -> Array:
     return np.arange(int(end * frames_per_second + _ROUNDING) + 1) / frames_per_second
 
 
-def page_images(page: str, times: Iterable[float], width: int, height: int) -> Generator[bytes, None, None]:
-    """Yield images of a replay page at several times, as PNG; not in a thread with an event loop.
+def _photograph(browser_page: Any) -> Any:
+    """Return what playwright's page shows as PNG."""
+    return browser_page.screenshot(type="png")
+
+
+def _print(browser_page: Any) -> Any:
+    """Return what playwright's page shows as PDF of one sheet; only the 3-D views are pixels."""
+    browser_page.add_style_tag(content="@page { margin: 0 !important; } nav { display: none !important; }")
+    browser_page.emulate_media(media="screen")
+    browser_page.evaluate("() => dispatchEvent(new Event('resize'))")
+    browser_page.evaluate(_NEXT_FRAME)
+    width, height = browser_page.evaluate("[innerWidth, document.documentElement.scrollHeight]")
+    return browser_page.pdf(width=f"{width}px", height=f"{height}px", print_background=True)
+
+
+def page_images(
+    page: str,
+    times: Iterable[float],
+    width: int,
+    height: int,
+    take: Callable[[Any], bytes] = _photograph,
+) -> Generator[bytes, None, None]:
+    """Yield images of a replay page at several times; not in a thread with an event loop.
 
     Args:
         page: HTML of the page.
         times: times of the run, s.
         width: pixels.
         height: pixels.
+        take: function that returns an image of playwright's page; PNG when omitted.
 
     Raises:
         OutOfRangeError: width or height is too small; and the errors of ``offline_page``.
@@ -175,7 +198,7 @@ def page_images(page: str, times: Iterable[float], width: int, height: int) -> G
         for time in times:
             browser_page.evaluate("time => window.coopPin.goTo(time)", float(time))
             browser_page.evaluate(_NEXT_FRAME)
-            yield browser_page.screenshot(type="png")
+            yield take(browser_page)
 
 
 @contextmanager

@@ -7,6 +7,7 @@ linkage and those wanted (N and N m), the forces on the arms that no strut carri
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -24,10 +25,10 @@ FRAMES_PER_SECOND = 30.0
 NEAR_SINGULAR = 100.0
 """Condition number of the payload Jacobian from which an arm counts as near singular; 5 to 20 is usual."""
 
-PLAIN, SINGULAR, SATURATED = 0, 1, 2
+PLAIN, SINGULAR, SATURATED, FREE = 0, 1, 2, 3
 """Codes of warning colours."""
 
-WARNING_COLOURS = (None, palette.SINGULAR, palette.SATURATED)
+WARNING_COLOURS = (None, palette.SINGULAR, palette.SATURATED, palette.FREE)
 """Warning colours by code; None is the body's own colour."""
 
 
@@ -74,7 +75,7 @@ class CellFrames:
             samples["tip_position"],
             *(np.nan_to_num(samples[name]) for name in wrenches),
             *strut_columns(samples),
-            warning_codes(names, self.visuals.joints, saturated, condition),
+            warning_codes(names, self.visuals.joints, saturated, condition, free_arms(samples)),
         )
         return np.concatenate([part.reshape(n, -1) for part in parts], axis=1)
 
@@ -87,6 +88,8 @@ def run_samples(result: RunResult) -> Samples:
 def strut_columns(samples: Samples) -> tuple[Array, Array]:
     """Return tension and twist of the struts, and those wanted, shape (n, 2, p, 2), and the forces across.
 
+    Arms that hold nothing have no struts.
+
     Args:
         samples: quantities by name, n samples along the first axis.
 
@@ -96,8 +99,18 @@ def strut_columns(samples: Samples) -> tuple[Array, Array]:
     F, p_WP = samples["interaction_wrench"], samples["payload_position"][:, None]
     wrenches = np.stack((F, np.where(np.isnan(F), F, samples["desired_internal_wrench"])), axis=1)
     tips = np.broadcast_to((samples["tip_position"] - p_WP)[:, None], (*wrenches.shape[:-1], 3))
-    struts, rest = virtual_linkage(*determinate_grasp(wrenches, tips))
-    return struts, rest[:, 0, :, :3]
+    wrenches, tips = determinate_grasp(wrenches, tips)
+    pairs = list(itertools.combinations(range(wrenches.shape[2]), 2))
+    struts, across = np.zeros((len(F), 2, len(pairs), 2)), np.zeros((*F.shape[:2], 3))
+    free = np.broadcast_to(free_arms(samples), F.shape[:2])
+    for pattern in np.unique(free, axis=0):
+        rows, holds = np.flatnonzero((free == pattern).all(axis=1))[:, None], np.flatnonzero(~pattern)
+        held = [number for number, pair in enumerate(pairs) if not pattern[list(pair)].any()]
+        if len(holds) > 1 or len(pattern) == 1:
+            part = virtual_linkage(wrenches[rows[:, 0]][:, :, holds], tips[rows[:, 0]][:, :, holds])
+            struts[rows, :, held] = part.struts.swapaxes(1, 2)
+            across[rows, holds] = part.rest[:, 0, :, :3]
+    return struts, across
 
 
 def snapshot_samples(snapshot: Snapshot, cell: Cell) -> Samples:
@@ -124,18 +137,30 @@ def frame_samples(time: Array, frames_per_second: float, instants: Sequence[floa
     return np.unique(np.maximum(np.searchsorted(time, times + 1e-9, side="right") - 1, 0))
 
 
+def free_arms(samples: Samples) -> Mask:
+    """Return which arms hold nothing by the plan, shape (n, m); none in a run without a plan.
+
+    Args:
+        samples: quantities by name, n samples along the first axis.
+    """
+    condition = samples["jacobian_condition"]
+    return np.equal(samples.get("load_share", np.ones_like(condition)), np.zeros_like(condition))
+
+
 def warning_codes(
-    bodies: Sequence[str], joints: Mapping[str, Sequence[str]], saturated: Mask, condition: Array
+    bodies: Sequence[str], joints: Mapping[str, Sequence[str]], saturated: Mask, condition: Array, free: Mask
 ) -> NDArray[np.int8]:
     """Return the codes of the bodies' warning colours.
 
-    The whole arm has a warning colour near a singularity, the driven link at a torque limit.
+    The whole arm has a warning colour near a singularity and while it holds nothing, the driven link at a
+    torque limit.
 
     Args:
         bodies: ``<arm>/<joint>`` or ``<arm>/base``.
         joints: driven joints of each arm, in the order of the arrays.
         saturated: mask of the torques at their limits, shape (n, m, k).
         condition: condition numbers of the payload Jacobians, shape (n, m).
+        free: mask of the arms that hold nothing, shape (n, m).
 
     Returns:
         Codes, shape (n, bodies).
@@ -145,6 +170,7 @@ def warning_codes(
     for index, body in enumerate(bodies):
         name, _, joint = body.partition("/")
         arm = arms.index(name)
+        codes[free[:, arm], index] = FREE
         codes[condition[:, arm] >= NEAR_SINGULAR, index] = SINGULAR
         if joint in joints[name]:
             codes[saturated[:, arm, joints[name].index(joint)], index] = SATURATED

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Mask
+from coop_pin.description.events import MISSED
 from coop_pin.description.scenario import Scenario
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M
@@ -46,6 +47,9 @@ def telling_instant(result: RunResult) -> Instant:
     Args:
         result: the run.
     """
+    if math.isfinite(result.dropped_at):
+        said = result.friction_text
+        return Instant(f"{said[0].upper()}{said[1:]}.", result.dropped_at)
     data = result.data
     errors = (data[f"internal_{part}_error"].values for part in ("axial", "shear"))
     error = np.nan_to_num(np.hypot(*errors)).max(axis=1)
@@ -57,7 +61,8 @@ def telling_instant(result: RunResult) -> Instant:
         for name in ("internal_axial", "internal_shear", "desired_internal_axial")
     )
     arm, t = int(np.argmax(np.hypot(axial - desired, shear))), float(time[worst])
-    when = _when(result.scenario, t)
+    when, arms = _when(result.scenario, t), list(result.scenario.cell.arms)
+    most = f", most at {arms[arm]}" if len(arms) > 2 else ""
     if error[worst] < _SMALL_N:
         text = f"the internal force stays within {error[worst]:.2g} N of what is wanted"
         start = SETTLING_S if time[is_late.argmax()] else 0.0
@@ -65,10 +70,25 @@ def telling_instant(result: RunResult) -> Instant:
         return Instant(f"From {start:g} s on, {text}{moment_text}.", t)
     if abs(axial[arm] - desired[arm]) >= shear[arm]:
         verb = "pull the payload apart with" if axial[arm] > 0.0 else "squeeze the payload with"
-        said = f"the arms {verb} {read_number(abs(axial[arm]))} N, where {_wanted(desired[arm])} is wanted"
+        force = read_number(abs(axial[arm]))
+        said = f"the arms {verb} {force} N{most}, where {_wanted(desired[arm])} is wanted"
     else:
-        said = f"the arms load the payload across with {read_number(shear[arm])} N"
+        said = f"the arms load the payload across with {read_number(shear[arm])} N{most}"
     return Instant(f"{when} {said}; {_motion(result, worst)}{moment_text}.", t)
+
+
+def events_text(result: RunResult) -> str:
+    """Return what happened to arms and grasps of a run, as sentences; empty without such an event."""
+    remarks = result.data.attrs.get(RunResult.REMARKS, "").splitlines()
+    missed = [remark for remark in remarks if MISSED in remark]
+    told = [
+        event.told
+        for event in sorted(result.scenario.events, key=lambda event: event.time)
+        if event.told and event.time <= result.end
+        if not any(event.is_named(remark) for remark in missed)
+    ]
+    sentences = [*["; ".join(told)][: len(told)], *missed]
+    return " ".join(f"{sentence[:1].upper()}{sentence[1:]}." for sentence in sentences)
 
 
 def _is_late(result: RunResult) -> Mask:
@@ -95,6 +115,7 @@ def trust_text(result: RunResult) -> str:
     """Return the verdict on a run as one line, with what was judged and the thresholds."""
     if not result.trustworthy:
         return result.verdict()
+    said = f"; {result.friction_text}" if result.friction_text else ""
     allowed, data = result.scenario.trust, result.data
     limits = {"joints within their stops": "position_upper", "torque limits kept": "torque_limit"}
     kept = [text for text, name in limits.items() if np.isfinite(data[name].values).any()]
@@ -103,7 +124,7 @@ def trust_text(result: RunResult) -> str:
         f"energy to {result.energy_balance_max():.1g} J ({allowed.energy_share:g} of the work)",
         f"condition number {data['jacobian_condition'].values.max():.2g} ({allowed.jacobian_condition:g})",
     )
-    return f"simulation sound: {', '.join((*numbers, *kept))}"
+    return f"simulation sound: {', '.join((*numbers, *kept))}{said}"
 
 
 def instants(result: RunResult) -> list[Instant]:

@@ -19,7 +19,6 @@ from coop_pin.figures import palette
 from coop_pin.viz.arrows import LINEAR_M, LOGARITHMIC, LONGEST_M, ArrowScales
 from coop_pin.viz.curves import Curve, plot_table
 from coop_pin.viz.frames import WARNING_COLOURS, CellFrames
-from coop_pin.viz.highlights import read_number
 from coop_pin.viz.scene import Scene, base64_floats, packed_scene
 
 _PATH_POINTS = 240
@@ -35,6 +34,7 @@ _COLOURS = {
     "external": palette.EXTERNAL,
     "saturated": palette.SATURATED,
     "singular": palette.SINGULAR,
+    "free": palette.FREE,
     "floor": palette.FLOOR,
     "floor_lines": palette.FLOOR_LINES,
 }
@@ -116,6 +116,7 @@ def page_parts(
         },
         **data,
     }
+    thickest = float(f"{LINEAR_M * forces * math.exp((LONGEST_M / LINEAR_M - 1.0) / LOGARITHMIC):.2g}")
     layout = Template(web_file("page.html")).substitute(
         kind=kind,
         style=web_file("uplot/uPlot.min.css") + web_file("page.css"),
@@ -128,7 +129,7 @@ def page_parts(
         **_COLOURS,
         scale=f"0.1 m of arrow: {0.1 * forces:g} N" + ("" if moments is None else f", {0.1 * moments:g} N m"),
         linear=f"{LINEAR_M * forces:g}",
-        thickest=read_number(LINEAR_M * forces * math.exp((LONGEST_M / LINEAR_M - 1.0) / LOGARITHMIC)),
+        thickest=f"{thickest:g} N" if thickest < 1e3 else f"{thickest / 1e3:g} kN",
         data=DATA,
     )
     return layout, page

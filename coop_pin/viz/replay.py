@@ -19,7 +19,7 @@ from coop_pin.viz.arrows import ArrowScales, recorded_scales
 from coop_pin.viz.cell_scene import cell_scene
 from coop_pin.viz.curves import Curve, cell_curves, curve_rows, thinned_rows
 from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, frame_samples, run_samples
-from coop_pin.viz.highlights import instants, spans, telling_instant, trust_text
+from coop_pin.viz.highlights import events_text, instants, spans, telling_instant, trust_text
 from coop_pin.viz.page import (
     DATA,
     SCRIPTS,
@@ -36,6 +36,8 @@ from coop_pin.viz.page import (
 from coop_pin.viz.scene import base64_floats
 
 _MOST_RUNS = 4
+_FALLS_S = 0.2
+"""Time over which the camera shows a payload that falls, s."""
 _MOST_NUMBERS = 450_000
 """Numbers of the frames of a run, which are 2.4 MB of its page: frames of long runs are further apart."""
 
@@ -119,6 +121,8 @@ def _packed(result: RunResult, curves: tuple[Curve, ...], instants: list[float])
     moving = {name: value[kept] for name, value in samples.items() if len(value) == len(samples["time"])}
     tips, path = samples["tip_position"], samples["payload_position"]
     k = int(np.abs(samples["time"] - instants[0]).argmin())
+    if np.isfinite(result.dropped_at):  # the camera stays where the payload was held
+        path = path[samples["time"] <= result.dropped_at + _FALLS_S]
     scene = cell_scene(
         cell, frames.visuals.bodies, tips=tips[k], points=np.concatenate((path, *np.moveaxis(tips, 1, 0)))
     )
@@ -159,8 +163,11 @@ def _replay(result: RunResult, times: Iterable[float], scales: ArrowScales) -> t
 def _told(result: RunResult) -> str:
     """Return sentence and verdict of a run, as HTML; the sentence leads to its instant."""
     kind, instant = "verdict" if result.trustworthy else "verdict broken", telling_instant(result)
+    happened = events_text(result)
     return (
-        f'<button class="told" data-time="{instant.time:g}"><small>largest error of the internal force '
+        f'<p class="happened">{html.escape(happened)}</p>\n'
+        * bool(happened)
+        + f'<button class="told" data-time="{instant.time:g}"><small>largest error of the internal force '
         f"(click to go there)</small>{html.escape(instant.text)}</button>\n"
         f'<p class="{kind}">{html.escape(trust_text(result))}</p>'
     )

@@ -28,7 +28,7 @@ from coop_pin.figures.run_figures import (
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import METRIC_TEXTS, metric_text
 from coop_pin.schema.changes import stated, table_text, value_text
-from coop_pin.viz.highlights import telling_instant, trust_text
+from coop_pin.viz.highlights import events_text, telling_instant, trust_text
 from coop_pin.viz.page import save_page, web_file
 from coop_pin.viz.replay import replay_html
 
@@ -63,7 +63,7 @@ def metrics_table(result: RunResult) -> list[MetricRow]:
     return [
         MetricRow(name, text, _value_text(metrics[name] * scale, unit), str(result.window_of(name)))
         for name, (text, unit, scale) in METRIC_TEXTS.items()
-        if not math.isnan(metrics[name])
+        if not math.isnan(metrics.get(name, math.nan))
     ]
 
 
@@ -112,7 +112,7 @@ def _controller(result: RunResult) -> str:
 
 
 def _row(values: Iterable[float]) -> str:
-    return ", ".join(f"{value:.4g}" for value in values)
+    return ", ".join(f"{round(value, 9) + 0.0:.4g}" for value in values)
 
 
 @typed
@@ -133,7 +133,7 @@ def report_html(result: RunResult) -> str:
         version=html.escape(__version__),
         broken_off=_broken_off(result),
         verdict=_verdict(result),
-        told=html.escape(telling_instant(result).text),
+        told=html.escape(f"{events_text(result)} {telling_instant(result).text}".strip()),
         tiles=_tiles(result),
         facts=_facts(result),
         metrics=_metrics(metrics_table(result)),
@@ -221,7 +221,7 @@ def _metrics(rows: list[MetricRow]) -> str:
 def _left_out(result: RunResult) -> str:
     """Return the metrics that the table leaves out, as a sentence."""
     metrics = result.metrics()
-    texts = "; ".join(text for name, (text, *_) in METRIC_TEXTS.items() if math.isnan(metrics[name]))
+    texts = "; ".join(text for name, (text, *_) in METRIC_TEXTS.items() if math.isnan(metrics.get(name, 0.0)))
     return f"Left out, because it does not apply to this run: {html.escape(texts)}." if texts else ""
 
 

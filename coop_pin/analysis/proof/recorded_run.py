@@ -98,7 +98,7 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Record
     recorded = {name: np.nan_to_num(data[name].values) for name in _RECORDED}
     applied: Any = None
     for k, t in enumerate(data["time"].values.tolist()):
-        plant.q, plant.v = recorded["configuration"][k], recorded["velocity"][k]
+        plant.q, plant.v, plant.time = recorded["configuration"][k], recorded["velocity"][k], t
         references = simulation.references(t)
         if k == 0:
             measured = sensing.start(plant.q, plant.v, references)
@@ -114,7 +114,8 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Record
         plant.hold(plant.transmission.torque(torques))
         friction, pushed = plant.transmission.friction(plant.v), plant.generalised_force()
         a = np.array(chain.mechanism.solver.acceleration(plant.q, plant.v, pushed))
-        forces = pushed - chain.payload_jacobian(plant.q).T @ plant.surroundings.push
+        push = plant.payload_wrench(plant.q, plant.v, t)
+        forces = pushed - chain.payload_jacobian(plant.q).T @ push
         arms = tuple(
             ArmTick(
                 q=plant.q[slot.q_slice],

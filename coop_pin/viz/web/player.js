@@ -22,7 +22,7 @@
     const box = document.createElement("div");
     box.innerHTML = `${tile}<b>&nbsp;</b>&nbsp;`;
     element("tiles").append(box);
-    return { key, tile, unit, box, actual: curves.filter(({ role, label }) => role === "actual" && label !== "mrad turned"), wanted: curves.find(({ role }) => role === "desired") };
+    return { key, tile, unit, box, actual: curves.filter(({ role, label }) => role === "actual" && label !== "mrad turned"), wanted: curves.filter(({ role }) => role === "desired") };
   });
   const plots = coopPinPlots(element("plots"), page, runs, (to) => seek(to));
   const axial = page.plots.find(({ key }) => key === "axial") ?? page.plots[0];
@@ -30,10 +30,10 @@
 
   function showTiles() {
     for (const { key, tile, unit, box, actual, wanted } of tiles) {
-      const values = actual.map(({ column }) => plots.value(runs[0], column)), worst = values.reduce((a, b) => (Math.abs(b) > Math.abs(a) ? b : a));
-      const name = key !== "axial" ? tile : worst < 0 ? "squeeze" : "pull apart";
-      box.innerHTML = `${name}<b>${coopPinNumber(worst)}<small> ${unit}</small></b>${wanted ? `wanted ${coopPinNumber(plots.value(runs[0], wanted.column))}` : "&nbsp;"}`;
-      if (key === "axial") { spoken = `${coopPinNumber(Math.abs(worst))} N ${worst < 0 ? "squeeze" : "pull apart"}`; }
+      const values = actual.map(({ column }) => plots.value(runs[0], column)), worst = values.reduce((a, b) => (Math.abs(b) > Math.abs(a) ? b : a)), goal = wanted[values.indexOf(worst)]; // of the same arm
+      const sense = Math.abs(worst) < 0.05 ? "along" : worst < 0 ? "squeeze" : "pull apart";
+      box.innerHTML = `${key === "axial" ? sense : tile}<b>${coopPinNumber(worst)}<small> ${unit}</small></b>${goal ? `wanted ${coopPinNumber(plots.value(runs[0], goal.column))}` : "&nbsp;"}`;
+      if (key === "axial") { spoken = `${coopPinNumber(Math.abs(worst))} N ${sense}`; }
     }
   }
 

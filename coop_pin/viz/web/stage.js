@@ -21,8 +21,7 @@ function coopPinScene(pane, labels, page) {
   viewer.gui.domElement.remove(); // a person needs none of meshcat's controls
   viewer.scene.rotation.set(0, 0, 0);
   for (const name of ["Lights", "Grid", "Axes"]) { viewer.scene_tree.find([name]).object.visible = false; }
-  viewer.set_property(["Background"], "top_color", [1, 1, 1]);
-  viewer.set_property(["Background"], "bottom_color", [0.87, 0.9, 0.94]);
+  for (const end of ["top_color", "bottom_color"]) { viewer.set_property(["Background"], end, [0.914, 0.929, 0.949]); } // as the fog: no edge of the floor
 
   // ---------------------------------------------------------------- drawables
   const floats = coopPinFloats;
@@ -75,7 +74,7 @@ function coopPinScene(pane, labels, page) {
   // The floor: a slab below a grid of 0.25 m, and the grid in step with the world's axes.
   const GRID = 0.25, EDGE = 6, [x, y] = first.scene.camera.target.map((value) => GRID * Math.round(value / GRID)), { colours } = page;
   const slab = new three.Matrix4().makeTranslation(x, y, first.scene.floor - 0.006).elements;
-  draw({ node: "floor", drawable: { kind: "box", size: [4 * EDGE, 4 * EDGE, 0.01] }, colour: colours.floor, pose: slab, opacity: 1, lit: true });
+  draw({ node: "floor", drawable: { kind: "box", size: [8 * EDGE, 8 * EDGE, 0.01] }, colour: colours.floor, pose: slab, opacity: 1, lit: true });
   const grid = new three.GridHelper(EDGE, EDGE / GRID, colours.floor_lines, colours.floor_lines).rotateX(Math.PI / 2);
   grid.position.set(x, y, first.scene.floor);
   viewer.scene.add(grid);
@@ -193,7 +192,8 @@ function coopPinScene(pane, labels, page) {
       ring.scale.x *= Math.sign(twist);
       text.style.borderColor = squeezed ? page.colours.squeezed : page.colours.torn;
       const said = (newtons) => (Math.abs(newtons) < 0.05 ? "0 N" : `${newtons < 0 ? "squeezed" : "pulled apart"} ${coopPinNumber(Math.abs(newtons))} N`);
-      text.textContent = said(tension) + (Math.abs(wanted) < 0.05 ? "" : `\nwanted ${wanted < 0 === squeezed && Math.abs(tension) >= 0.05 ? coopPinNumber(Math.abs(wanted)) : said(wanted)}`)
+      const isMet = struts.length > 1 && Math.abs(tension - wanted) < 0.05 * Math.abs(wanted); // the outline tells: numbers of many struts are short
+      text.textContent = said(tension) + (isMet || Math.abs(wanted) < 0.05 ? "" : `\nwanted ${wanted < 0 === squeezed && Math.abs(tension) >= 0.05 ? coopPinNumber(Math.abs(wanted)) : said(wanted)}`)
         + (ring.visible ? `\ntwisted ${coopPinNumber(Math.abs(twist))} N m` + (Math.abs(wantedTwist) < 0.005 ? "" : `, wanted ${coopPinNumber(Math.abs(wantedTwist))}`) : "");
     };
     return strut;
@@ -209,11 +209,22 @@ function coopPinScene(pane, labels, page) {
     return { text, base: first.nodes.includes(platform) ? node(platform).position : vector(...first.bases[k]) };
   });
 
+  const ray = new three.Raycaster();
+  ray.params.Line.threshold = 0;
+  function unhidden(base) { // above a base that the payload hides
+    const at = base.clone(), isHidden = () => {
+      ray.set(camera.position, at.clone().sub(camera.position).normalize());
+      return ray.intersectObject(node("payload"), true).some(({ distance }) => distance < at.distanceTo(camera.position));
+    };
+    for (let k = 0; k < 12 && isHidden(); k += 1) { at.z += 0.1; }
+    return at;
+  }
+
   // Numbers stand beyond the outer ends, and below each other where they would overlap.
   function placeLabels() {
-    const { clientWidth: width, clientHeight: height } = pane, placed = [];
+    const { clientWidth: width, clientHeight: height } = pane, placed = [], isCrowded = width < 500 && struts.length > 1;
     for (const { text, base } of names) {
-      const at = base.clone().project(viewer.camera), long = text.offsetWidth;
+      const at = unhidden(base).project(viewer.camera), long = text.offsetWidth;
       const x = Math.max(0, Math.min((1 + at.x) * width / 2 - long / 2, width - long));
       let y = Math.max(0, Math.min((1 - at.y) * height / 2, height - 18));
       while (placed.some(([a, b, other]) => a < x + long && x < a + other && Math.abs(b - y) < 17)) { y -= 17; } // two arms of one robot
@@ -237,7 +248,7 @@ function coopPinScene(pane, labels, page) {
     }
     for (const { outer, inner, text, object, length, part } of Object.values(arrows)) {
       const [end, start] = [outer, inner].map((point) => point.clone().project(viewer.camera));
-      text.hidden = !object.visible || length < 0.03 || Math.abs(end.z) > 1 || (["wanted", "across"].includes(part) && width < 500);
+      text.hidden = !object.visible || length < 0.03 || Math.abs(end.z) > 1 || (["wanted", "across"].includes(part) && width < 500) || isCrowded;
       if (text.hidden) { continue; }
       const long = 13 + 7.2 * text.textContent.length;
       let [x, y] = [(1 + end.x) * width / 2 + (end.x < start.x ? -8 - long : 8), (1 - end.y) * height / 2 - 9];
@@ -357,8 +368,8 @@ function coopPinScene(pane, labels, page) {
     if (!width || !height || shownSize === `${width} ${height}`) { return; }
     shownSize = `${width} ${height}`;
     camera.aspect = width / height;
-    const half = Math.tan(field * Math.PI / 360) / Math.min(camera.aspect, 1);
-    camera.fov = 360 / Math.PI * Math.atan(half); // a narrow window shows as much as a square one
+    const half = Math.tan(field * Math.PI / 360) / Math.min(camera.aspect / 1.2, 1);
+    camera.fov = 360 / Math.PI * Math.atan(half); // a narrow window shows as much as one of 6 to 5
     viewer.renderer.setSize(width, height);
     viewer.set_dirty();
   };

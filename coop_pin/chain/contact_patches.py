@@ -1,0 +1,465 @@
+"""Contacts with dry friction: patches pressed on faces of the payload, and tables under it.
+
+Both are one element, points of a body A on a bounded plane of a body B. Its wrench is a pure function of
+relative pose and velocity (``ContactPoints``); ``ContactPatches`` has its places in the tree of a cell.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from coop_pin.arrays import Array, Mask
+from coop_pin.chain.force_elements import Joints
+from coop_pin.chain.grasp_springs import Side, reached
+from coop_pin.description.cell import Cell
+from coop_pin.description.contact import DryContact, corners
+from coop_pin.model.cell_model import CellModel
+from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, symmetric
+from coop_pin.spatial import weight_wrench
+from coop_pin.spatial.internal_wrench import linkage_loads
+
+_DEEPEST = 1e-2
+"""Depth up to which a point that comes from beyond an edge lands on a plane, m; deeper ones pass below."""
+_RESTS = 1e-3
+"""Height above a table up to which a payload starts on it, m."""
+_STEPS = 60
+_SETTLED = 1e-13
+
+
+class ContactPoints(NamedTuple):
+    """Points of body A on planes of body B, with a spring and damper along and a bristle across each normal.
+
+    Of a point at x in the plane's frame, whose z axis points out of B, with the bristle's root a in the plane
+
+    ::
+
+        d = -x_z,    N = max(0, k d + c d')  where d > 0 within the bounds, else 0
+        z = (x_x, x_y) - a,    f = -(sigma_0 z + sigma_1 z'), cut to |f| <= mu N
+
+    is the force (f, N) on A. Within a step a rests. After each step the bristle returns radially to the cone
+    of the elastic normal force, |z| <= mu k d / sigma_0, and a point without contact keeps none: ``settled``.
+    So a stuck point never creeps, a sliding one has exactly mu N, and no state is stiff.
+
+    Attributes:
+        stiffness: k, N/m, shape (n,).
+        damping: c, N s/m, shape (n,).
+        shear_stiffness: sigma_0, N/m, shape (n,).
+        shear_damping: sigma_1, N s/m, shape (n,).
+        mu: coefficients of friction, shape (n,).
+        lower: lower corners of the planes, m, shape (n, 2).
+        upper: upper corners, likewise.
+    """
+
+    stiffness: Array
+    damping: Array
+    shear_stiffness: Array
+    shear_damping: Array
+    mu: Array
+    lower: Array
+    upper: Array
+
+    def forces(self, x: Array, v: Array, roots: Array, within: Mask) -> tuple[Array, float]:
+        """Return the forces on A in axes of the planes, N, shape (n, 3), and the power stored, W.
+
+        Args:
+            x: Positions of the points in the planes' frames, m, shape (n, 3).
+            v: Their rates, m/s, shape (n, 3).
+            roots: Roots a of the bristles, m, shape (n, 2).
+            within: Points within the bounds, shape (n,).
+        """
+        touches = within & (x[:, 2] < 0.0)
+        normal = touches * np.maximum(0.0, -self.stiffness * x[:, 2] - self.damping * v[:, 2])
+        elastic = self.shear_stiffness[:, None] * (x[:, :2] - roots)
+        friction = -elastic - self.shear_damping[:, None] * v[:, :2]
+        size, most = np.sqrt((friction * friction).sum(axis=1)), self.mu * normal
+        friction *= _kept(size, most)[:, None]
+        stored = self.stiffness * x[:, 2] * v[:, 2] + (elastic * v[:, :2]).sum(axis=1)
+        return np.column_stack((friction, normal)), float(stored[touches].sum())
+
+    def energy(self, x: Array, roots: Array, within: Mask) -> float:
+        """Return the energy in springs and bristles, J; arguments as of ``forces``."""
+        touches = within & (x[:, 2] < 0.0)
+        bristles = ((x[:, :2] - roots) ** 2).sum(axis=1)
+        return float(0.5 * (self.stiffness * x[:, 2] ** 2 + self.shear_stiffness * bristles)[touches].sum())
+
+    def settled(self, x: Array, roots: Array, within: Mask) -> tuple[Array, Mask, Array]:
+        """Return roots and bounded points after a step, and how far each touching point slid, m, shape (n,).
+
+        Arguments are as of ``forces``.
+        """
+        flat, depth = x[:, :2], -x[:, 2]
+        bounded = ((flat >= self.lower) & (flat <= self.upper)).all(axis=1)
+        within = bounded & (within | (depth < _DEEPEST))
+        z = flat - roots
+        most = self.mu * self.stiffness * np.where(within, np.maximum(depth, 0.0), 0.0) / self.shear_stiffness
+        size = np.sqrt((z * z).sum(axis=1))
+        kept = _kept(size, most)
+        return flat - kept[:, None] * z, within, np.where(most > 0.0, (1.0 - kept) * size, 0.0)
+
+
+def _kept(size: Array, most: Array) -> Array:
+    """Return the factors that shorten sizes to at most these, shape (n,)."""
+    beyond = size > most
+    return np.where(beyond, most / np.where(beyond, size, 1.0), 1.0)
+
+
+_TINY = float(np.finfo(float).tiny)
+
+
+class PatchesState(NamedTuple):
+    """Memory of contacts; the arrays are not written to.
+
+    Attributes:
+        roots: roots of the bristles in the planes, m, shape (n, 2).
+        within: points within the bounds of their planes, shape (n,).
+        slip: distance that each patch has slid since the start, the mean of its points that touch, m, shape
+            (p,).
+    """
+
+    roots: Array
+    within: Mask
+    slip: Array
+
+
+class ContactState(NamedTuple):
+    """Contacts of a cell at a state; p patches on arms and tables.
+
+    Attributes:
+        wrench: wrench on body A of each about the plane's origin in its axes, N and N m, shape (p, 6).
+        on_bodies: the same about the world's origin in world axes, shape (p, 6).
+        poses: pose of body A in the plane of each, shape (p, 4, 4).
+        touching: number of points that bear a force, shape (p,).
+        energy: energy in springs and bristles, J.
+        power: power that neither moves bodies nor is stored, W: negative where the contacts dissipate.
+    """
+
+    wrench: Array
+    on_bodies: Array
+    poses: Array
+    touching: Array
+    energy: float
+    power: float
+
+
+class _Now(NamedTuple):
+    """Contacts at the state of the joints.
+
+    Attributes:
+        poses: pose of body A in the plane of each.
+        x: points in their planes, m, shape (n, 3).
+        F: forces on them, N, shape (n, 3).
+        wrenches: wrench on body A of each about the plane's origin in its axes.
+        on_bodies: the same about the world's origin in world axes.
+        power: Power of ContactState, W.
+    """
+
+    poses: list[Any]
+    x: Array
+    F: Array
+    wrenches: Array
+    on_bodies: list[Any]
+    power: float
+
+
+class ContactPatches:
+    """Contacts with friction in the tree of a cell: first the patches of arms, then the tables.
+
+    Attributes:
+        names: their names: of arms, then of tables.
+        arms: indices of the arms with patches.
+        points: their points. They have no damping before ``damp`` is called.
+        state: memory, replaced by ``settle``.
+    """
+
+    def __init__(self, cell: Cell, tree: CellModel, bodies: Joints) -> None:
+        """Find the frames of the contacts.
+
+        Args:
+            cell: Description.
+            tree: Tree of the cell, which is kept.
+            bodies: Joints of the tree, on which the contacts act.
+        """
+        self._cell, self._tree, self._bodies, model = cell, tree, bodies, tree.model
+        self.names = [*cell.patches, *cell.tables]
+        self.arms = [list(cell.arms).index(name) for name in cell.patches]
+        self._rest = np.zeros(model.nv)
+        frames = [(frame_id(model, f"payload/{name}"), grasp.plane) for name, grasp in cell.patches.items()]
+        self._sides = [
+            (self._side(tree.arms[index].tip, plane), self._side(face, plane))
+            for index, (face, plane) in zip(self.arms, frames, strict=True)
+        ] + [
+            (self._side(tree.payload_frame, np.eye(4)), self._side(0, table.matrix))
+            for table in cell.tables.values()
+        ]
+        contacts: list[DryContact] = [*cell.patches.values(), *cell.tables.values()]
+        points = [grasp.points for grasp in cell.patches.values()] + [corners(cell.payload)] * len(
+            cell.tables
+        )
+        bounds = [grasp.bounds(cell.payload) for grasp in cell.patches.values()]
+        bounds += [table.bounds for table in cell.tables.values()]
+        counts = [len(part) for part in points]
+        self._contacts, self._counts = contacts, np.array(counts, dtype=int)
+        self._of = np.repeat(np.arange(len(counts)), counts)
+        self._starts = np.cumsum([0, *counts])[:-1]
+        self._slices = [slice(a, a + n) for a, n in zip(self._starts.tolist(), counts, strict=True)]
+        self._r = np.concatenate([np.zeros((0, 3)), *points])
+        stiffness, shear_stiffness, mu = (
+            np.array([getattr(contact, name) for contact in contacts])[self._of]
+            for name in ("stiffness", "shear_stiffness", "mu")
+        )
+        # The corners of a payload have a second face, which is not on the table at the same time.
+        share = np.where(np.arange(len(counts)) < len(self.arms), self._counts, self._counts / 2.0)
+        self._shared = shared = share[self._of]
+        n = len(self._r)
+        none, (lower, upper) = np.zeros(n), np.swapaxes(np.reshape(bounds, (-1, 2, 2))[self._of], 0, 1)
+        self.points = ContactPoints(
+            stiffness / shared, none, shear_stiffness / shared, none, mu, lower, upper
+        )
+        self.state = PatchesState(np.zeros((n, 2)), np.ones(n, dtype=bool), np.zeros(len(counts)))
+
+    def __len__(self) -> int:
+        """Return the number of contacts."""
+        return len(self.names)
+
+    @property
+    def slips(self) -> Array:
+        """Distance that the patch of each arm has slid, m, shape (n,)."""
+        return self.state.slip[: len(self.arms)]
+
+    def act(self) -> float:
+        """Add the wrenches at the state of the joints to theirs; return the power of ContactState, W."""
+        now, forces = self._now(), self._bodies.F_J
+        for wrench, (A, B) in zip(now.on_bodies, self._sides, strict=True):
+            forces[A.joint] += A.X_WJ.actInv(wrench).vector
+            forces[B.joint] -= B.X_WJ.actInv(wrench).vector
+        return now.power
+
+    def at(self, q: Array, v: Array) -> ContactState:
+        """Return the contacts at a state."""
+        self._bodies.move(q, v)
+        return self.seen()
+
+    def seen(self) -> ContactState:
+        """Return the contacts at the state of the joints."""
+        now = self._now()
+        return ContactState(
+            now.wrenches,
+            np.array([wrench.vector for wrench in now.on_bodies]),
+            np.array([X.homogeneous for X in now.poses]),
+            np.add.reduceat(now.F[:, 2] > 0.0, self._starts, dtype=float),
+            self.points.energy(now.x, self.state.roots, self.state.within),
+            now.power,
+        )
+
+    def settle(self, q: Array) -> float:
+        """Return the bristles to the friction cone after a step; the energy lost, J."""
+        x, before = self._positions(q), self.state
+        roots, within, slid = self.points.settled(x, before.roots, before.within)
+        touching = np.add.reduceat(within & (x[:, 2] < 0.0), self._starts, dtype=float)
+        slip = before.slip + np.add.reduceat(slid, self._starts) / np.maximum(touching, 1.0)
+        lost = self.points.energy(x, before.roots, before.within)
+        self.state = PatchesState(roots, within, slip)
+        return lost - self.points.energy(x, roots, within)
+
+    def damp(self, q: Array) -> None:
+        """Set the damping, by the mobilities at a configuration."""
+        model = self._tree.model
+        M, bodies = symmetric(pin.crba(model, model.createData(), q)), self._bodies
+        pin.computeJointJacobians(bodies.model, bodies.data, q)
+        damping = np.zeros((2, len(self)))
+        for number, ((A, B), contact) in enumerate(zip(self._sides, self._contacts, strict=True)):
+            axes = pin.SE3(B.pose.rotation, A.pose.translation).toActionMatrixInverse()[:3]
+            J = axes @ (self._jacobian(A) - self._jacobian(B))
+            mobility = np.diagonal(J @ np.linalg.solve(M, J.T))
+            k = np.array((contact.stiffness, contact.shear_stiffness))
+            W = np.array((mobility[2], mobility[:2].mean()))
+            damping[:, number] = 2.0 * contact.damping_ratio * np.sqrt(k / np.maximum(W, _TINY))
+        normal, shear = damping[:, self._of] / self._shared
+        self.points = self.points._replace(damping=normal, shear_damping=shear)
+
+    def started(self, q: Array, squeeze: Array) -> Array:
+        """Return the configuration at rest, near one with the tips at their grasps, that bears the load.
+
+        A payload at the height of a table lies on it, and the arms bear their squeeze alone; else the patches
+        bear the load as tip forces, by the split of the virtual linkage. The bristles are loaded.
+
+        Args:
+            q: Configuration.
+            squeeze: Desired internal wrenches about P in payload axes, N and N m, shape (m, 6).
+        """
+        lies = self.lies(q)
+        q = self.laid(q) if lies else q
+        X_WP, cell = self._payload_pose(q), self._cell
+        W = np.kron(np.eye(2), X_WP.rotation)
+        loads = squeeze @ W.T
+        if not lies:
+            tips = np.array([grasp.matrix[:3, 3] for grasp in cell.grasps.values()]) @ X_WP.rotation.T
+            loads += linkage_loads(tips) @ weight_wrench(cell.payload.mass, cell.gravity)
+        for number, index in enumerate(self.arms):
+            q = self._pressed(q, number, index, pin.Force(W.T @ loads[index]))
+        return q
+
+    def loads(self, q: Array, loads: Array) -> Array:
+        """Return the wrenches on the arms at rest about P as their own kinematics see it, shape (m, 6).
+
+        Args:
+            q: Configuration.
+            loads: Wrenches of the arms with other grasps, about P in world axes, shape (m, 6).
+        """
+        loads, on_bodies = loads.copy(), self.at(q, self._rest).on_bodies
+        for index, (name, grasp), (A, _), F in zip(
+            self.arms, self._cell.patches.items(), self._sides, on_bodies, strict=False
+        ):
+            assert name == self._tree.arms[index].name
+            seen = A.pose * pin.SE3(grasp.matrix @ grasp.plane).inverse()
+            loads[index] = pin.SE3(np.eye(3), seen.translation).actInv(pin.Force(F)).vector
+        return loads
+
+    def _side(self, frame: int, X: Array) -> Side:
+        """Return the side of a frame's joint, at a pose in the frame."""
+        named, data = self._tree.model.frames[frame], self._bodies.data
+        joint = int(named.parentJoint)
+        return Side(joint, named.placement * pin.SE3(X), data.oMi[joint])
+
+    def _now(self) -> _Now:
+        """Return the contacts at the state of the joints."""
+        poses = [B.pose.actInv(A.pose) for A, B in self._sides]
+        x, V, rates = self._placed(poses), self._bodies.data.v, list[Array]()
+        for part, X, (A, B) in zip(self._slices, poses, self._sides, strict=True):
+            V_A, V_B = (side.X_JF.actInv(V[side.joint]) for side in (A, B))
+            R = X.rotation
+            v = R.dot(V_A.linear) - V_B.linear + _cross(R.dot(V_A.angular), x[part] - X.translation)
+            rates.append(v - _cross(V_B.angular, x[part]))
+        v_x = np.concatenate(rates)
+        F, stored = self.points.forces(x, v_x, self.state.roots, self.state.within)
+        about = np.concatenate((F, np.cross(x, F)), axis=1)
+        wrenches = np.add.reduceat(about, self._starts, axis=0)
+        on_bodies = [
+            B.pose.act(pin.Force(wrench)) for wrench, (_, B) in zip(wrenches, self._sides, strict=True)
+        ]
+        return _Now(poses, x, F, wrenches, on_bodies, float((F * v_x).sum()) + stored)
+
+    def _positions(self, q: Array) -> Array:
+        """Return the points in their planes, m, shape (n, 3)."""
+        self._bodies.move(q, self._rest)
+        return self._placed([B.pose.actInv(A.pose) for A, B in self._sides])
+
+    def _placed(self, poses: list[Any]) -> Array:
+        parts = zip(self._slices, poses, strict=True)
+        return np.concatenate([self._r[part] @ X.rotation.T + X.translation for part, X in parts])
+
+    def _jacobian(self, side: Side) -> Array:
+        """Return the Jacobian of a side's joint about the world's origin, shape (6, nv)."""
+        J = pin.getJointJacobian(self._bodies.model, self._bodies.data, side.joint, pin.WORLD)
+        return jacobian_matrix(J)
+
+    def _payload_pose(self, q: Array) -> Any:
+        self._bodies.move(q, self._rest)
+        return self._side(self._tree.payload_frame, np.eye(4)).pose
+
+    def lies(self, q: Array) -> bool:
+        """Return whether a free payload is at the height of a table."""
+        if self._tree.closed_by_tree or len(self.names) == len(self.arms):
+            return False
+        x = self._positions(q)
+        within = self.points.settled(x, x[:, :2], np.ones(len(x), dtype=bool))[1]
+        on_tables = self._of >= len(self.arms)
+        return bool((within & on_tables & (x[:, 2] < _RESTS)).any())
+
+    def laid(self, q: Array) -> Array:
+        """Return q with the payload moved until tables and weight balance, its bristles loaded."""
+        model, joint, cell = self._tree.model, self._tree.payload_joint, self._cell
+        entries = slice(int(model.idx_vs[joint]), int(model.idx_vs[joint]) + 6)
+        weight = weight_wrench(cell.payload.mass, cell.gravity)[:3]
+        on_tables = self._of >= len(self.arms)
+        self._anchor(q)
+        q = self._lowered(q, on_tables, entries, float(np.linalg.norm(weight)))
+        for _ in range(_STEPS):
+            x = self._positions(q)
+            self._bodies.F_J[:] = 0.0
+            self.act()
+            R = self._bodies.data.oMi[joint].rotation
+            missing = self._bodies.force(q)[entries] + np.concatenate((R.T @ weight, np.zeros(3)))
+            touches, K = on_tables & self.state.within & (x[:, 2] < 0.0), np.zeros((6, 6))
+            for point in np.flatnonzero(touches):
+                A, B = self._sides[self._of[point]]
+                r, R_BA = self._r[point], B.pose.rotation.T @ A.pose.rotation
+                G = R_BA @ np.hstack((np.eye(3), -pin.skew(r)))
+                shear = self.points.shear_stiffness[point]
+                K += G.T @ (np.array((shear, shear, self.points.stiffness[point]))[:, None] * G)
+            step = np.zeros(model.nv)
+            step[entries] = np.linalg.lstsq(K, missing, rcond=1e-9)[0]
+            q = pin.integrate(model, q, step)
+            if np.abs(step).max() < _SETTLED:
+                break
+        return q
+
+    def _lowered(self, q: Array, on_tables: Mask, entries: slice, weight: float) -> Array:
+        """Return q with the payload moved along the normal of a table into it, as its weight would press."""
+        x, model = self._positions(q), self._tree.model
+        near = np.flatnonzero(on_tables & (x[:, 2] < _RESTS))
+        table = self._sides[self._of[near[0]]][1]
+        depth = weight / self.points.stiffness[near].sum() + float(x[near, 2].min())
+        step = np.zeros(model.nv)
+        R_WJ = self._bodies.data.oMi[self._tree.payload_joint].rotation
+        step[entries.start : entries.start + 3] = -R_WJ.T @ table.pose.rotation[:, 2] * depth
+        return pin.integrate(model, q, step)
+
+    def _anchor(self, q: Array) -> None:
+        """Put the roots of all bristles below their points."""
+        x = self._positions(q)
+        roots, within, _ = self.points.settled(x, x[:, :2], np.ones(len(x), dtype=bool))
+        self.state = self.state._replace(roots=roots, within=within)
+
+    def _pressed(self, q: Array, number: int, index: int, load: Any) -> Array:
+        """Return q with an arm moved until its patch has a wrench about P in payload axes on the arm."""
+        name, (A, B), part = self.names[number], self._sides[number], self._slices[number]
+        grasp = self._cell.patches[name]
+        X_PF = pin.SE3(grasp.matrix @ grasp.plane)
+        r, k = self._r[part], self.points.stiffness[part]
+        expected, pose, bristles = X_PF.actInv(load).vector, np.zeros(3), np.zeros(3)
+        points = ContactPoints(*(values[part] for values in self.points))
+        shear, still, inside = (
+            self.points.shear_stiffness[part],
+            np.zeros((len(r), 3)),
+            np.ones(len(r), dtype=bool),
+        )
+        spread = np.array(
+            [
+                k.sum(),
+                *(k[:, None] * r[:, 1::-1] ** 2).sum(axis=0),
+                shear.sum(),
+                (shear * (r * r).sum(axis=1)).sum(),
+            ]
+        )
+        pressed = expected[2] > 0.0
+        for _ in range(_STEPS if pressed else 0):
+            X = pin.SE3(pin.exp3(np.array((pose[1], pose[2], 0.0))), np.array((0.0, 0.0, -pose[0])))
+            x = r @ X.rotation.T + X.translation
+            z = bristles[:2] + bristles[2] * np.column_stack((-r[:, 1], r[:, 0]))
+            F, _ = points.forces(x, still, x[:, :2] - z, inside)
+            missing = expected - np.concatenate((F.sum(axis=0), np.cross(x, F).sum(axis=0)))
+            change = np.array([missing[2], -missing[3], -missing[4]]) / spread[:3]
+            pose = pose + change
+            turn = np.array([*missing[:2] / spread[3], missing[5] / spread[4]])
+            bristles = bristles - turn
+            if max(np.abs(change).max(), np.abs(turn).max()) < _SETTLED:
+                break
+        X = pin.SE3(pin.exp3(np.array((pose[1], pose[2], 0.0))), np.array((0.0, 0.0, -pose[0])))
+        self._bodies.move(q, self._rest)
+        joints = self._tree.arms[index].v_slice
+        q = reached(self._tree.model, self._bodies.data, q, A, joints, B.pose * X)
+        x = self._positions(q)[part]
+        z = bristles[:2] + bristles[2] * np.column_stack((-r[:, 1], r[:, 0]))
+        roots, within = self.state.roots.copy(), self.state.within.copy()
+        roots[part], within[part], _ = points.settled(x, x[:, :2] - z, inside)
+        self.state = self.state._replace(roots=roots, within=within)
+        return q
+
+
+def _cross(w: Array, x: Array) -> Array:
+    """Return w x x of each row, shape (n, 3)."""
+    return x.dot(np.array([[0.0, w[2], -w[1]], [-w[2], 0.0, w[0]], [w[1], -w[0], 0.0]]))

@@ -1,0 +1,71 @@
+"""Consensus over a graph: how arms that hear their neighbours only come to the mean of all."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from functools import reduce
+from operator import add
+from typing import Any
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.control.interface import Message
+from coop_pin.errors import FieldError
+
+Edges = Collection[tuple[str, str]]
+"""Pairs of sender and receiver."""
+
+
+def laplacian(edges: Edges, names: Sequence[str]) -> Array:
+    """Return L of a graph: the number of those that an arm hears, and -1 for each of them, shape (m, m)."""
+    heard = np.array([[float((one, other) in edges) for one in names] for other in names])
+    return np.asarray(np.diag(heard.sum(axis=1)) - heard)
+
+
+def consensus_bound(largest: float, delay: int = 0) -> float:
+    """Return the gain at which consensus goes unstable: 2 sin(pi / (4 D + 2)) / lambda_m.
+
+    Each mode of the disagreement obeys x[k+1] = x[k] - g lambda x[k-D]. Levin and May (1976).
+
+    Args:
+        largest: lambda_m, largest eigenvalue of L.
+        delay: D, ticks by which messages are late.
+    """
+    return float(2.0 * np.sin(np.pi / (4 * delay + 2)) / largest)
+
+
+def graph_problem(edges: Edges, names: Sequence[str], gain: float, delay: int) -> FieldError | None:
+    """Return what is wrong with a graph, or with a gain on it, for consensus on the mean; None for nothing.
+
+    Args:
+        edges: Edges.
+        names: Names of the arms.
+        gain: g.
+        delay: Ticks by which messages are late.
+    """
+    L = laplacian(edges, names)
+    eigenvalues = np.linalg.eigvalsh((L + L.T) / 2.0)
+    if not np.array_equal(L, L.T):
+        return FieldError("has an edge that goes one way; consensus on the mean needs both", "network.graph")
+    if eigenvalues[1] < 0.5 / len(names) ** 2:  # of a connected graph at least 4 / m^2
+        return FieldError("does not connect all arms; then they come to no common mean", "network.graph")
+    bound = consensus_bound(float(eigenvalues[-1]), delay)
+    if gain < bound:
+        return None
+    detail = f"is {gain:g}; with this graph and messages {delay} ticks late it must be less than {bound:.4g}"
+    return FieldError(detail, "controller.consensus_gain")
+
+
+def disagreement(name: str, heard: Mapping[str, Message]) -> Any:
+    """Return sum_j (x_i - x_j) over the neighbours that were heard, all as they were sent.
+
+    Args:
+        name: Name of the arm, whose own message is among those heard.
+        heard: Messages by name.
+    """
+    mine, others = heard[name], [message for one, message in heard.items() if one != name]
+    terms: Iterable[Any] = [
+        np.where(mine.age + other.age < np.inf, mine.numbers - other.numbers, 0.0) for other in others
+    ]
+    return reduce(add, terms)

@@ -1,0 +1,93 @@
+"""Internal wrench of an arm, formed from the wrist wrenches that all arms tell each other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import reduce
+from operator import add
+from typing import Any, ClassVar
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.control.interface import (
+    ArmCommand,
+    ArmController,
+    ArmMeasurement,
+    ArmReference,
+    ControlledArm,
+    Message,
+)
+from coop_pin.errors import InvalidStateError
+
+
+@dataclass(frozen=True, eq=False)
+class ExchangedWrench(ArmController):
+    """A law that measures the internal wrench by messages: ``f_i = F_i - c_i sum_j F_j``.
+
+    Every arm says its wrist wrench about P in world axes and the age of that sample, k_0 + 1 numbers, then
+    what its law says. All F_j, its own among them, are those that were sent: equal sets at all arms make f_i
+    that sum to zero and do not move the payload. f_i is as old as the oldest of them, and f_d before all are
+    there. Where one is lost, sets differ by what the wrenches changed since.
+
+    The network's delay adds to that of the wrists: the anchor gain is stable below ``anchor_gain_bound`` of
+    both, 2 sin(pi / (4 D + 2)) without a filter.
+
+    Attributes:
+        law: Law of this arm.
+        arm: Numbers of the arm; c_i is its load share where references name none.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ("messages", "wrenches of all arms")
+
+    law: ArmController
+    arm: ControlledArm
+
+    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
+        """Return F_i, the age of its sample, and what the law says."""
+        F, age = measurement.interaction_wrench, measurement.interaction_wrench_age
+        if F is None:
+            raise InvalidStateError(f"arm {self.arm.name!r} has no wrist sensor; give it one: sensors.wrist")
+        return np.concatenate((F, np.array([age]), self.law.message(measurement, reference, state)))
+
+    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> Any:
+        """Return the first state of the law; raises as the law."""
+        return self.law.init(self._with_wrench(measurement, reference), reference)
+
+    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> ArmCommand:
+        """Return the command of the law; raises as the law."""
+        return self.law.step(self._with_wrench(measurement, reference), reference, state)
+
+    def remarks(self, pose: Array, state: Any) -> list[str]:
+        """Return the sentences of the law."""
+        return self.law.remarks(pose, state)
+
+    def _with_wrench(self, measurement: ArmMeasurement, reference: ArmReference) -> ArmMeasurement:
+        """Return the measurement with the internal wrench, and the messages of the law."""
+        k_0, messages = len(measurement.payload_twist), heard(measurement)
+        wrenches = [message.numbers[:k_0] for message in messages.values()]
+        ages = [message.age + message.numbers[k_0] for message in messages.values()]
+        share = self.arm.load_share if reference.load_share is None else reference.load_share
+        f = messages[self.arm.name].numbers[:k_0] - share * reduce(add, wrenches)
+        f_d = self.arm.rows.turn(measurement.payload_pose, reference.internal_wrench)
+        age = reduce(np.maximum, ages)
+        return measurement._replace(
+            internal_wrench=np.where(age < np.inf, f, f_d),
+            internal_wrench_age=age,
+            messages={
+                name: message._replace(numbers=message.numbers[k_0 + 1 :])
+                for name, message in messages.items()
+            },
+        )
+
+
+def heard(measurement: ArmMeasurement) -> Mapping[str, Message]:
+    """Return the messages of a measurement.
+
+    Raises:
+        InvalidStateError: there are none.
+    """
+    if measurement.messages is None:
+        raise InvalidStateError("the law hears no messages; give the scenario a network")
+    return measurement.messages

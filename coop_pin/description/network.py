@@ -1,0 +1,209 @@
+"""Network between the arms: who hears whom, and when and how exactly a message arrives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from coop_pin.description.plant import Clock
+from coop_pin.description.sensors import late_delay, rate_problem
+from coop_pin.errors import FieldError
+from coop_pin.schema.base import Description, NotNegative, Positive, unknown_arms
+
+Edge = tuple[str, str]
+"""Names of the sender and of the receiver."""
+Graph = Literal["all", "ring", "star"] | tuple[Edge, ...]
+Probability = Annotated[float, Field(ge=0.0, lt=1.0)]
+Ticks = Annotated[int, Field(ge=0)]
+
+
+class Channel(Description):
+    """Way of a message: ``resolution * round(message / resolution)``, ``delay`` ticks later, or lost.
+
+    Attributes:
+        delay: ticks from a message to its arrival; 0 arrives before any arm steps, in a round of its own, 1
+            is sent with the command.
+        jitter: largest further delay of a message, ticks; each from 0 to it is as likely. A message that
+            a newer one overtakes is not heard.
+        loss: probability that a message is lost.
+        rate_hz: rate of the messages, Hz: the control rate, which is the default, divided by a whole number.
+        resolution: step of every number of a message, in its own unit; 0 rounds nothing.
+    """
+
+    delay: Ticks = 0
+    jitter: Ticks = 0
+    loss: Probability = 0.0
+    rate_hz: Positive | None = None
+    resolution: NotNegative = 0.0
+
+    def ticks_per_message(self, clock: Clock) -> int:
+        """Return the number of ticks from one message to the next."""
+        return 1 if self.rate_hz is None else round(clock.rate_hz / self.rate_hz)
+
+    @property
+    def slowest(self) -> int:
+        """Largest delay of a message, ticks."""
+        return self.delay + self.jitter
+
+    def channel_problems(self, clock: Clock, duration: float) -> list[FieldError]:
+        """Return what is wrong with delay and rate for a run of a duration, s."""
+        problems = [FieldError(late, "delay")] if (late := late_delay(self.slowest, clock, duration)) else []
+        return problems + (
+            [FieldError(rate, "rate_hz")] if (rate := rate_problem(self.rate_hz, clock)) else []
+        )
+
+
+class EdgeChannel(Description):
+    """Channel of one edge, where it differs from that of the network.
+
+    Attributes:
+        sender: arm that sends.
+        receiver: arm that hears.
+        delay: ticks from a message to its arrival; that of the network when omitted, as for those below.
+        jitter: largest further delay, ticks.
+        loss: probability that a message is lost.
+        rate_hz: rate of the messages, Hz.
+        resolution: step of every number of a message.
+    """
+
+    sender: str
+    receiver: str
+    delay: Ticks | None = None
+    jitter: Ticks | None = None
+    loss: Probability | None = None
+    rate_hz: Positive | None = None
+    resolution: NotNegative | None = None
+
+
+class GraphChange(Description):
+    """Graph from a time on.
+
+    Attributes:
+        time: time of the first messages along the new graph, s.
+        graph: graph, as that of the network.
+    """
+
+    time: NotNegative
+    graph: Graph
+
+
+class ArmClock(Description):
+    """Clock of an arm: ``t_i = t + offset + drift t``, by which it reads its own desired motion.
+
+    Attributes:
+        offset: error at t = 0, s.
+        drift: growth of the error, s/s; crystals have 1e-5 to 1e-4.
+    """
+
+    offset: float = 0.0
+    drift: float = 0.0
+
+    def reading(self, time: float) -> float:
+        """Return what the clock shows at a time, s, and 0 before the run."""
+        return max(0.0, time + self.offset + self.drift * time)
+
+
+class Network(Channel):
+    """Messages between the arms; every edge is a channel of its own, drawn from the scenario's seed.
+
+    An arm also hears its own messages, rounded and delayed like those of the network but never lost: so all
+    can compute with the same numbers.
+
+    Attributes:
+        graph: who hears whom: "all", "ring" and "star" about the first arm, both ways, in the order of the
+            cell's arms, or pairs [sender, receiver].
+        changes: graphs from later times on.
+        links: edges with channels of their own.
+        clocks: clocks of single arms; exact when omitted.
+    """
+
+    graph: Graph = "all"
+    changes: tuple[GraphChange, ...] = ()
+    links: tuple[EdgeChannel, ...] = ()
+    clocks: dict[str, ArmClock] = Field(default_factory=dict)
+
+    def edges_at(self, time: float, arms: Sequence[str]) -> tuple[Edge, ...]:
+        """Return the edges from a time on, s."""
+        later = sorted(self.changes, key=lambda change: change.time)
+        graph = next((change.graph for change in reversed(later) if change.time <= time), self.graph)
+        return edges_of(graph, arms)
+
+    def edges(self, arms: Sequence[str]) -> tuple[Edge, ...]:
+        """Return the edges that there are at some time, by sender and receiver in the order of the arms."""
+        graphs = [self.graph, *(change.graph for change in self.changes)]
+        present = {edge for graph in graphs for edge in edges_of(graph, arms)}
+        return tuple((one, other) for one in arms for other in arms if (one, other) in present)
+
+    def channel(self, edge: Edge) -> Channel:
+        """Return the channel of an edge; an arm hears itself without loss and jitter."""
+        values: dict[str, Any] = {name: getattr(self, name) for name in Channel.model_fields}
+        if edge[0] == edge[1]:
+            return Channel(**values | {"loss": 0.0, "jitter": 0})
+        for link in self.links:
+            if (link.sender, link.receiver) == edge:
+                stated = {name: getattr(link, name) for name in values}
+                values |= {name: value for name, value in stated.items() if value is not None}
+        return Channel(**values)
+
+    def slowest_of(self, arms: Sequence[str]) -> int:
+        """Return the largest age of a message that is not lost, ticks without those between messages."""
+        return max((self.channel(edge).slowest for edge in self.edges(arms)), default=self.slowest)
+
+    def timing_problems(self, run: Mapping[str, Any]) -> list[FieldError]:
+        """Return unknown arms, and what is wrong with delays, rates and times.
+
+        Args:
+            run: fields of the run; what has mistakes itself is not there, and nothing is checked by it.
+        """
+        problems = list[FieldError]()
+        if "cell" in run:
+            problems += self._strangers(run["cell"].arms)
+        if problems or not {"clock", "duration"} <= set(run):
+            return problems
+        clock, duration = run["clock"], run["duration"]
+        problems += self.channel_problems(clock, duration)
+        for index, link in enumerate(self.links):
+            channel = self.channel((link.sender, link.receiver))
+            late = [] if problems else channel.channel_problems(clock, duration)
+            problems += [problem.below(f"links.{index}") for problem in late]
+        for index, change in enumerate(self.changes):
+            if change.time > duration:
+                detail = (
+                    f"is {change.time:g} s, but the run ends at {duration:g} s; it must be within the run"
+                )
+                problems.append(FieldError(detail, f"changes.{index}.time"))
+        return problems
+
+    def _strangers(self, arms: Mapping[str, Any]) -> list[FieldError]:
+        """Return the names of graphs, links and clocks that are no arms, and links that are no edges."""
+        graphs = {"graph": self.graph} | {
+            f"changes.{i}.graph": each.graph for i, each in enumerate(self.changes)
+        }
+        problems = [problem.below("clocks") for problem in unknown_arms(self.clocks, arms)]
+        for path, graph in graphs.items():
+            names = [] if isinstance(graph, str) else [name for edge in graph for name in edge]
+            problems += [problem.below(path) for problem in unknown_arms(dict.fromkeys(names), arms)]
+        if problems:
+            return problems
+        edges = self.edges(list(arms))
+        for index, link in enumerate(self.links):
+            if (link.sender, link.receiver) not in edges:
+                stated = ", ".join(f"{one} to {other}" for one, other in edges)
+                detail = f"is from {link.sender!r} to {link.receiver!r}, which is no edge; there are {stated}"
+                problems.append(FieldError(detail, f"links.{index}"))
+        return problems
+
+
+def edges_of(graph: Graph, arms: Sequence[str]) -> tuple[Edge, ...]:
+    """Return the edges of a graph among arms."""
+    if not isinstance(graph, str):
+        return tuple(edge for edge in graph if edge[0] != edge[1])
+    m = len(arms)
+    numbers = [(i, j) for i in range(m) for j in range(m) if i != j]
+    if graph == "ring":
+        numbers = [(i, j) for i, j in numbers if (i - j) % m in (1, m - 1)]
+    if graph == "star":
+        numbers = [(i, j) for i, j in numbers if 0 in (i, j)]
+    return tuple((arms[i], arms[j]) for i, j in numbers)

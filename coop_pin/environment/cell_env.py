@@ -1,0 +1,91 @@
+"""Environment of Gymnasium: one cell, stepped by Pinocchio."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from coop_pin.arrays import Array, require_type
+from coop_pin.build_controller import build_controller
+from coop_pin.description.scenario import Scenario
+from coop_pin.environment.acted_law import ActedLaw
+from coop_pin.environment.task import Observed, Task, drives_of
+from coop_pin.errors import DivergedError, SingularJacobianError, needs_extra
+from coop_pin.simulation import Simulation
+
+with needs_extra("gymnasium", "gym", "for environments of agents"):
+    from gymnasium import Env
+    from gymnasium.spaces import Box
+
+
+class CellEnv(Env[Array, Array]):
+    """A scenario for an agent; ``Task`` says what it does, observes and is paid.
+
+    ``reset`` does the first tick with the action 0, so that there are wrenches to observe. The episode is
+    truncated at the scenario's duration and terminated if the run diverges. The seed is that of the
+    scenario's sensors and drives.
+
+    Attributes:
+        simulation: the run.
+        task: the task.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
+
+    def __init__(self, scenario: Scenario, task: Task | None = None) -> None:
+        """Start at t = 0.
+
+        Args:
+            scenario: Scenario; its law acts unless the task says otherwise.
+            task: Task; the default one when omitted.
+
+        Raises:
+            ArgumentError: the task does not fit the scenario.
+            CoopPinError: the run cannot start.
+        """
+        require_type("scenario", scenario, Scenario)
+        self.task, law = task or Task(), build_controller(scenario)
+        self.simulation = Simulation(scenario, law)
+        self._law: ActedLaw = self.task.acted(scenario, law, drives_of(self.simulation))
+        self.simulation = Simulation(scenario, self._law)
+        actions, size = self.task.sizes(self._law)
+        self.action_space = Box(-1.0, 1.0, (actions,), np.float64)
+        self.observation_space = Box(-np.inf, np.inf, (size,), np.float64)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Return to the start, do its first tick, and return the observation; see Env."""
+        super().reset(seed=seed)
+        self.simulation.reset(seed)
+        self.simulation.tick()
+        return self._outcome()[0], {}
+
+    def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Act for the ticks of an action; see Env.
+
+        Raises:
+            InvalidStateError: the episode is over.
+        """
+        run = self.simulation
+        run.controller = self._law.with_additions(*self.task.additions(np.asarray(action), self._law))
+        try:
+            for _ in range(min(self.task.ticks, run.timeline.ticks + 1 - run.ticks_done) or 1):
+                run.tick()
+            observation, reward = self._outcome()
+        except (DivergedError, SingularJacobianError) as error:
+            empty = np.zeros(self.observation_space.shape or ())
+            return empty, -self.task.failure, True, False, {"error": str(error)}
+        return observation, reward, False, run.is_finished, {}
+
+    def _outcome(self) -> tuple[Array, float]:
+        """Return observation and reward."""
+        run = self.simulation
+        last, plant = run.recorder.sample(), run.plant
+        q = np.concatenate([arm.angles.of(plant.q[None, arm.q_slice])[0] for arm in plant.chain.model.arms])
+        v = np.concatenate([plant.v[arm.v_slice] for arm in plant.chain.model.arms])
+        error = last["payload_twist"] - last["desired_twist"]
+        observed = Observed(q[None], v[None], last, error)
+        observation, reward = self.task.outcome(observed, run.scenario.cell.shares)
+        return observation[0], float(reward[0])

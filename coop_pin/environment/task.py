@@ -1,0 +1,165 @@
+"""Task of an agent in a cell: what its actions do, what it observes, and its reward."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from coop_pin.arrays import Array, as_count, as_number, as_positive
+from coop_pin.description.scenario import Scenario
+from coop_pin.environment.acted_law import ActedLaw
+from coop_pin.errors import ArgumentError, NameNotFoundError
+from coop_pin.results.quantities import QUANTITIES, computed
+from coop_pin.simulation import Simulation
+
+_OBSERVED = ("pose_error", "internal_wrench", "desired_internal_wrench", "axial_direction")
+
+
+def _largest(name: str) -> Callable[[Any], Array]:
+    return lambda samples: np.abs(samples[name]).max(axis=-1)
+
+
+REWARDS: Mapping[str, Callable[[Any], Array]] = {
+    "position_error_m": lambda samples: np.linalg.norm(samples["pose_error"][..., :3], axis=-1),
+    "orientation_error_rad": lambda samples: np.linalg.norm(samples["pose_error"][..., 3:], axis=-1),
+    "internal_axial_error_N": _largest("internal_axial_error"),
+    "internal_shear_error_N": _largest("internal_shear_error"),
+    "internal_moment_error_Nm": _largest("internal_moment_error"),
+}
+"""Metrics of a tick by name; of arms the largest."""
+_SOURCES = (*_OBSERVED, *(f"internal_{part}_error" for part in ("axial", "shear", "moment")))
+
+
+class Observed(NamedTuple):
+    """What observation and reward are made of, of one or more runs.
+
+    Attributes:
+        q: drive or joint angles now, rad or m, shape (..., N).
+        v: their rates now, shape (..., N).
+        samples: samples of the last tick, as of Quantity.
+        twist_error: V_WP - V_WP_d at the last tick, shape (..., 6).
+    """
+
+    q: Array
+    v: Array
+    samples: Mapping[str, Any]
+    twist_error: Array
+
+
+@dataclass(frozen=True)
+class Task:
+    """What an agent does in a cell.
+
+    An action a in [-1, 1]^n acts for some ticks. With "torque" or "velocity" it adds ``scale`` a to the
+    commands of the law, or without the law to the torques that hold the start or to rest: n is the number of
+    drives. With "squeeze" it adds ``scale`` a to the desired internal wrenches of all arms but the last,
+    which gets what makes their sum 0, in payload axes: n = (m - 1) k_0.
+
+    The observation is, in this order: joint angles and rates of all arms now; of the last tick the payload's
+    pose error (m, rad) and twist error (m/s, rad/s), 6 each, in world axes; and each arm's error of the
+    internal wrench (N, N m), 6 for each arm, in payload axes. Rows that rigid bodies do not determine are 0.
+
+    The reward of an action is minus the weighted metrics at its last tick. A run that diverges ends, with
+    ``-failure`` as its last reward.
+
+    Attributes:
+        action: name of what an action changes.
+        scale: largest change, N m or rad/s of each drive, or N and N m of each row.
+        rewards: weight of each metric, by its name in REWARDS.
+        ticks: ticks of an action.
+        law: whether the law of the scenario acts.
+        failure: cost of a run that diverges.
+    """
+
+    action: Literal["torque", "velocity", "squeeze"] = "squeeze"
+    scale: float = 1.0
+    rewards: Mapping[str, float] = field(
+        default_factory=lambda: {"internal_axial_error_N": 1.0, "position_error_m": 1e3}
+    )
+    ticks: int = 4
+    law: bool = True
+    failure: float = 1e3
+
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            NameNotFoundError: there is no such metric.
+            ArgumentError: a value is out of range, or a squeeze is asked of no law.
+        """
+        as_positive("scale", self.scale)
+        as_count("ticks", self.ticks, 1)
+        as_number("failure", self.failure)
+        if self.action not in ("torque", "velocity", "squeeze"):
+            raise NameNotFoundError("action", self.action, ["torque", "velocity", "squeeze"], "Task")
+        for name, weight in self.rewards.items():
+            if name not in REWARDS:
+                raise NameNotFoundError("metric", name, [*REWARDS], "REWARDS")
+            as_number(f"rewards[{name!r}]", weight)
+        if self.action == "squeeze" and not self.law:
+            raise ArgumentError("action 'squeeze' is a change of what a law is asked for; set law=True")
+
+    def acted(self, scenario: Scenario, law: Any, drives: list[int]) -> ActedLaw:
+        """Return the law of a scenario without additions yet.
+
+        Args:
+            scenario: Scenario.
+            law: Controller that it names.
+            drives: Number of each arm's drives.
+
+        Raises:
+            ArgumentError: the arms take other commands than the actions are.
+        """
+        if self.action != "squeeze" and law.command_kind != self.action:
+            raise ArgumentError(
+                f"action {self.action!r} does not fit: the scenario's law commands a {law.command_kind};"
+                f" take action {law.command_kind!r}, or a law and servos that take a {self.action}"
+            )
+        squeeze = np.zeros((len(drives), scenario.cell.task_rows.size))
+        return ActedLaw(squeeze, [np.zeros(k) for k in drives], law if self.law else None, law.command_kind)
+
+    def sizes(self, law: ActedLaw) -> tuple[int, int]:
+        """Return the number n of actions and of what is observed."""
+        drives, arms = sum(map(len, law.commands)), len(law.commands)
+        actions = law.squeeze[:-1].size if self.action == "squeeze" else drives
+        return actions, 2 * drives + 12 + 6 * arms
+
+    def additions(self, action: Array, law: ActedLaw) -> tuple[Array, list[Array]]:
+        """Return what actions add, of one or more runs: squeeze (..., m, k_0) and commands, (..., k) each.
+
+        Args:
+            action: Actions, cut to [-1, 1], shape (..., n).
+            law: Law without additions.
+        """
+        change, lead = self.scale * np.clip(action, -1.0, 1.0), action.shape[:-1]
+        squeeze = np.zeros((*lead, *law.squeeze.shape))
+        commands = [np.zeros((*lead, len(base))) for base in law.commands]
+        if self.action == "squeeze":
+            squeeze[..., :-1, :] = change.reshape(*lead, -1, squeeze.shape[-1])
+            squeeze[..., -1, :] = -squeeze[..., :-1, :].sum(axis=-2)
+        else:
+            ends = np.cumsum([len(base) for base in law.commands])[:-1]
+            commands = np.split(change, ends, axis=-1)
+        return squeeze, commands
+
+    def outcome(self, observed: Observed, shares: Array) -> tuple[Array, Array]:
+        """Return observations, shape (..., size), and rewards, shape (...)."""
+        samples = computed(QUANTITIES, dict(observed.samples), shares, _SOURCES)
+        R_WP = observed.samples["payload_pose"][..., None, :3, :3]
+        error = np.nan_to_num(samples["internal_wrench"] - samples["desired_internal_wrench"])
+        turned = np.einsum("...ji,...kj->...ki", R_WP, error.reshape(*error.shape[:-1], 2, 3))
+        parts = (observed.q, observed.v, samples["pose_error"], observed.twist_error)
+        lead = error.shape[:-2]
+        observation = np.concatenate((*parts, turned.reshape(*lead, -1)), axis=-1)
+        reward = -sum(
+            (weight * REWARDS[name](samples) for name, weight in self.rewards.items()), 0.0 * error[..., 0, 0]
+        )
+        return observation, reward
+
+
+def drives_of(run: Simulation) -> list[int]:
+    """Return the number of each arm's drives."""
+    return [len(arm.drive) for arm in run.plant.chain.model.arms]

@@ -1,0 +1,233 @@
+"""Vector environment of Gymnasium: cells as lanes of a batch, in compiled code."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, cast
+
+import numpy as np
+
+from coop_pin.arrays import Array, Mask, as_count, require_type
+from coop_pin.batch.preparation import Prepared
+from coop_pin.batch.schedule import RunProgram
+from coop_pin.batch.simulate import BatchSimulator
+from coop_pin.batch.support import law_reason
+from coop_pin.chain.cell_chain import determinate_rows
+from coop_pin.description.scenario import Scenario
+from coop_pin.environment.acted_law import ActedLaw
+from coop_pin.environment.task import Observed, Task, drives_of
+from coop_pin.errors import ArgumentError, InvalidStateError, TracingError, needs_extra
+from coop_pin.tracing.kernel import RECORD
+from coop_pin.tracing.llvm_machine import LlvmMachine
+from coop_pin.tracing.tree import flattened
+
+with needs_extra("gymnasium", "gym", "for environments of agents"):
+    from gymnasium.spaces import Box
+    from gymnasium.vector import AutoresetMode, VectorEnv
+    from gymnasium.vector.utils import batch_space
+
+
+class VectorCellEnv(VectorEnv[Array, Array, Array]):
+    """Lanes of one scenario, or scenarios that differ in numbers; observations and rewards as of CellEnv.
+
+    All lanes are at the same tick: none is reset before the others (``AutoresetMode.DISABLED``). A lane that
+    diverged stays terminated, with observation and reward 0, until ``reset``.
+
+    Attributes:
+        scenarios: scenario of each lane.
+        task: the task.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"autoreset_mode": AutoresetMode.DISABLED, "render_modes": []}
+
+    def __init__(
+        self,
+        scenarios: Scenario | Sequence[Scenario],
+        task: Task | None = None,
+        *,
+        num_envs: int | None = None,
+    ) -> None:
+        """Compile the code and start at t = 0.
+
+        Args:
+            scenarios: Scenario of all lanes, or one for each, which differ in numbers only.
+            task: Task; the default one when omitted.
+            num_envs: Number of lanes; of one scenario 1 when omitted.
+
+        Raises:
+            ArgumentError: there is no scenario, or their number is another than ``num_envs``; or the task
+                does not fit.
+            TracingError: a scenario cannot run as compiled code, or they differ in more than numbers.
+            CoopPinError: a run cannot start.
+        """
+        runs = [scenarios] if isinstance(scenarios, Scenario) else list(scenarios)
+        for index, scenario in enumerate(runs):
+            require_type(f"scenarios[{index}]", scenario, Scenario)
+        if len(runs) == 1:
+            runs *= 1 if num_envs is None else as_count("num_envs", num_envs, 1)
+        if not runs or (num_envs or len(runs)) != len(runs):
+            raise ArgumentError(
+                f"there are {len(runs)} scenarios for num_envs = {num_envs}; give one, or one each"
+            )
+        if reason := law_reason(runs[0].controller):
+            raise TracingError(f"{reason}; take CellEnv")
+        self.scenarios, self.task, self.num_envs = runs, task or Task(), len(runs)
+        self._simulator, self._tick = BatchSimulator(), 0
+        prepared = self._prepared(None)
+        self._compile(prepared)
+        actions, size = self.task.sizes(self._law)
+        self.single_action_space = Box(-1.0, 1.0, (actions,), np.float64)
+        self.single_observation_space = Box(-np.inf, np.inf, (size,), np.float64)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self._begin(prepared)
+
+    # ------------------------------------------------------------ Gymnasium
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Return all lanes to the start, do the first tick, and return the observations; see VectorEnv.
+
+        Args:
+            seed: Seed of the first lane, the next ones have the next; or one for each; None for those of the
+                last reset.
+            options: Not used.
+        """
+        if seed is not None:
+            seeds = [seed + lane for lane in range(self.num_envs)] if isinstance(seed, int) else seed
+            if len(seeds) != self.num_envs:
+                raise ArgumentError(f"there are {len(seeds)} seeds for {self.num_envs} lanes; give one each")
+            if self._is_random:
+                self._begin(self._prepared(seeds))
+        self._block[:] = self._first
+        self._is_over = np.zeros(self.num_envs, dtype=bool)
+        self._act(np.zeros(self.action_space.shape or ()))
+        self._tick = 0
+        self._advance(1)
+        return self._outcome()[0], {}
+
+    def step(self, actions: Array) -> tuple[Array, Array, Mask, Mask, dict[str, Any]]:
+        """Act in all lanes for the ticks of an action; see VectorEnv.
+
+        Raises:
+            InvalidStateError: the episode is over, or has not begun.
+        """
+        if not 0 < self._tick <= self._run.timeline.ticks:
+            raise InvalidStateError("the episode is over or has not begun; call reset()")
+        self._act(np.asarray(actions))
+        self._advance(min(self.task.ticks, self._run.timeline.ticks + 1 - self._tick))
+        observations, rewards = self._outcome()
+        is_valid = self._slots("is_valid") == 1.0
+        rewards = np.where(is_valid, rewards, np.where(self._is_over, 0.0, -self.task.failure))
+        observations[~is_valid] = 0.0
+        self._is_over = ~is_valid
+        is_last = np.full(self.num_envs, self._tick > self._run.timeline.ticks)
+        return observations, rewards, self._is_over.copy(), is_last & is_valid, {}
+
+    # ------------------------------------------------------------ lanes
+
+    def _prepared(self, seeds: Sequence[int | None] | None) -> Prepared:
+        """Return the runs with the law acted on, with other seeds if given."""
+        runs, made = list[Prepared](), dict[tuple[int, int | None], Prepared]()
+        for lane, scenario in enumerate(self.scenarios):
+            seed = None if seeds is None else seeds[lane]
+            key = id(scenario), seed
+            if key not in made:
+                made[key] = self._acted(scenario if seed is None else scenario.replace(seed=seed))
+            runs.append(made[key])
+        return Prepared.joined(runs)
+
+    def _acted(self, scenario: Scenario) -> Prepared:
+        """Return a run with the law acted on."""
+        run = self._simulator.prepare(scenario)
+        plant = run.plants[0]
+        law = self.task.acted(scenario, run.controller, drives_of(plant.run))
+        numbers, structure = flattened(law)
+        values = np.array([[*plant.values, *numbers]], dtype=np.float64)
+        return run._replace(controller=law, values=values, kind=(plant.kind, structure))
+
+    def _compile(self, prepared: Prepared) -> None:
+        """Trace and compile the code; what actions add, and what differs between lanes or seeds, is input."""
+        plant = prepared.plants[0]
+        self._run, law = plant.run, cast(ActedLaw, prepared.controller)
+        self._law = law
+        first = len(plant.values)
+        added = slice(first, first + len(flattened((law.squeeze, law.commands))[0]))
+        differs = ~((prepared.values == prepared.values[0]) | np.isnan(prepared.values)).all(axis=0)
+        differs[added] = True
+        other = plant.signals(self.scenarios[0].replace(seed=self.scenarios[0].seed + 1))
+        is_loaded = (other != plant.signals(self.scenarios[0])).any(axis=0)
+        self._is_random = bool(is_loaded.any())
+        for signals in {id(one): one for one in prepared.signals}.values():
+            is_loaded |= (signals != prepared.signals[0]).any(axis=0)
+        alone = prepared._replace(
+            scenarios=prepared.scenarios[:1],
+            plants=prepared.plants[:1],
+            signals=prepared.signals[:1],
+            values=prepared.values[:1],
+        )
+        self._code = RunProgram(alone, differs, is_loaded)
+        instructions = self._code.program.instructions
+        kept = np.array([each.code != RECORD for each in instructions])
+        counts = np.concatenate(([0], np.cumsum(kept)))
+        self._starts = [*counts[self._code.ticks].tolist(), int(counts[-1])]
+        left = [each for each in instructions if each.code != RECORD]
+        self._machine = LlvmMachine(self._code.program._replace(instructions=left))
+        inputs = self._code.program.lanes.slots("constants")
+        self._additions = inputs[np.cumsum(differs)[added] - 1]
+        self._determined = determinate_rows(plant.run.plant.chain, plant.run.plant.q)
+
+    def _begin(self, prepared: Prepared) -> None:
+        """Lay out the lanes at the start: groups of registers, shape (groups, slots, width)."""
+        width, lanes = self._machine.width, self.num_envs
+        groups = -(-lanes // width)
+        lane = np.minimum(np.arange(groups * width), lanes - 1)
+        block, loads = self._code.begin(prepared)
+        self._first = np.ascontiguousarray(block[:, lane].reshape(-1, groups, width).swapaxes(0, 1))
+        loads = loads[:, :, lane].reshape(*loads.shape[:2], groups, width)
+        self._loads = np.ascontiguousarray(np.moveaxis(loads, 2, 0))
+        self._block, self._desired = self._first.copy(), [plant.desired for plant in prepared.plants]
+        self._shares = np.array([one.cell.shares for one in prepared.scenarios])
+        self._call: Callable[[int, int], None] = self._machine.bound(
+            self._block, self._code.uniforms, None, self._loads
+        )
+
+    def _act(self, actions: Array) -> None:
+        """Write what actions add into the lanes."""
+        squeeze, commands = self.task.additions(actions, self._law)
+        values = np.concatenate((squeeze.reshape(self.num_envs, -1), *commands), axis=1)
+        self._write(self._additions, values)
+
+    def _advance(self, ticks: int) -> None:
+        first, last = self._starts[self._tick], self._starts[self._tick + ticks]
+        self._call(first, last - first)
+        self._tick += ticks
+
+    def _write(self, slots: Array, values: Array) -> None:
+        groups, _, width = self._block.shape
+        lane = np.minimum(np.arange(groups * width), self.num_envs - 1)
+        self._block[:, slots] = values[lane].reshape(groups, width, -1).swapaxes(1, 2)
+
+    def _slots(self, name: str) -> Array:
+        """Return a field of the lanes, shape (lanes, ...)."""
+        slots = self._code.program.lanes.slots(name)
+        values = self._block[:, slots.ravel()].swapaxes(1, 2).reshape(-1, slots.size)
+        return values[: self.num_envs].reshape(self.num_envs, *slots.shape)
+
+    def _outcome(self) -> tuple[Array, Array]:
+        """Return observations and rewards."""
+        pose, last = np.zeros((self.num_envs, 4, 4)), self._tick - 1
+        pose[:, :3, :3], pose[:, :3, 3], pose[:, 3, 3] = self._slots("R_WP"), self._slots("p_WP"), 1.0
+        desired = self._desired if len({*map(id, self._desired)}) > 1 else self._desired[:1]
+        samples = {
+            "payload_pose": pose,
+            "desired_pose": np.array([one.pose[last] for one in desired]),
+            "desired_squeeze": np.array([one.squeeze[last] for one in self._desired]),
+            "tip_position": self._slots("tips"),
+            "interaction_wrench": np.where(self._determined, self._slots("wrenches"), np.nan),
+        }
+        twist = self._slots("V_WP") - np.array([one.twist[last] for one in desired])
+        with np.errstate(all="ignore"):  # of lanes that diverged
+            observed = Observed(self._slots("q"), self._slots("v"), samples, twist)
+            return self.task.outcome(observed, self._shares if len(desired) > 1 else self._shares[0])

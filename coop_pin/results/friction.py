@@ -1,0 +1,120 @@
+"""Friction that grasps use of what their patches bear, over a run: margins, and when a payload dropped."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.description.cell import Cell
+from coop_pin.description.contact import Pad
+from coop_pin.results.quantities import Arrays
+from coop_pin.spatial import shift_wrench
+
+_SLID = 1e-5
+"""Slip from which a patch has slid, m; stuck bristles give less."""
+
+
+class FrictionUse(NamedTuple):
+    """Friction that g grasps use at n samples, as parts of what their pads or patches bear.
+
+    With the tangential force f, the normal force N and the moment m about the normal, the ellipsoid
+
+        u^2 = (|f| / (mu N))^2 + (m / (mu N r))^2,    slip from u = 1 on
+
+    stands for the limit surface of a patch of torsion radius r: 2/3 of the radius of a disc. The surface of a
+    disc lies up to 7 % inside the ellipsoid, and that of the eight points of a patch up to 11 %.
+
+    Attributes:
+        arms: names of the arms.
+        normal: N, shape (n, g).
+        force: |f| / (mu N), shape (n, g); inf where nothing presses.
+        torsion: |m| / (mu N r), likewise.
+        reserve: normal force beyond what friction needs, N (1 - u), N, shape (n, g); negative from slip on.
+    """
+
+    arms: tuple[str, ...]
+    normal: Array
+    force: Array
+    torsion: Array
+    reserve: Array
+
+    @property
+    def used(self) -> Array:
+        """Part u of the friction, shape (n, g); the margin is 1 - u."""
+        return np.hypot(self.force, self.torsion)
+
+
+def friction_use(data: Arrays, cell: Cell) -> FrictionUse:
+    """Return the friction that patches use, and rigid and compliant grasps with a pad.
+
+    Args:
+        data: Arrays of a run.
+        cell: Cell of the run.
+    """
+    pads: dict[str, Pad] = {name: cell.patches.get(name) or cell.pads[name] for name in cell.padded}
+    wrenches = [_on_pad(data, cell, name, pad) for name, pad in pads.items()]
+    F = np.stack(wrenches, axis=1) if wrenches else np.zeros((len(np.asarray(data["time"])), 0, 6))
+    mu = np.array([pad.mu for pad in pads.values()])
+    radius = np.array([pad.torsion_radius for pad in pads.values()])
+    bears = mu * np.maximum(F[..., 2], 0.0)
+    across, turning = np.linalg.norm(F[..., :2], axis=-1), np.abs(F[..., 5]) / radius
+    with np.errstate(divide="ignore", invalid="ignore"):
+        force, torsion = across / bears, turning / bears
+    holds = bears > 0.0
+    lost = np.where(np.isnan(F).any(axis=-1), np.nan, np.inf)
+    parts = F[..., 2], np.where(holds, force, lost), np.where(holds, torsion, lost)
+    return FrictionUse(tuple(pads), *parts, F[..., 2] - np.hypot(across, turning) / mu)
+
+
+def _on_pad(data: Arrays, cell: Cell, name: str, pad: Pad) -> Array:
+    """Return the wrench on an arm about the middle of its pad in axes of the plane, shape (n, 6)."""
+    if name in cell.patches:
+        return np.asarray(data["patch_wrench"])[:, list(cell.patches).index(name)]
+    F = np.asarray(data["interaction_wrench"])[:, list(cell.arms).index(name)]
+    quaternion, X = np.asarray(data["payload_quaternion"]), cell.grasps[name].matrix
+    parts = (_turned_back(quaternion, part) for part in (F[:, :3], F[:, 3:]))
+    about_G = shift_wrench(np.concatenate(list(parts), axis=1), -X[:3, 3])
+    turned: Array = about_G.reshape(-1, 2, 3) @ (X[:3, :3] @ pad.plane[:3, :3])
+    return turned.reshape(-1, 6)
+
+
+def _turned_back(quaternion: Array, vector: Array) -> Array:
+    """Return vectors of world axes in those that the quaternions x, y, z, w turn, shape (n, 3)."""
+    u, w = -quaternion[:, :3], quaternion[:, 3:]
+    turn = 2.0 * np.cross(u, vector)
+    return vector + w * turn + np.cross(u, turn)
+
+
+def dropped_at(data: Arrays, cell: Cell) -> float:
+    """Return the time from which a payload that patches held touches nothing, s; NaN if it never does."""
+    if "patch_points" not in data or len(cell.patches) < len(cell.arms):
+        return float("nan")
+    falls = np.asarray(data["patch_points"]).sum(axis=-1) == 0.0
+    return float(np.asarray(data["time"])[falls.argmax()]) if falls.any() else float("nan")
+
+
+def friction_text(data: Arrays, cell: Cell) -> str:
+    """Return when and why the payload dropped or would have, as a part of a sentence; "" if it did not."""
+    use, time, drop = friction_use(data, cell), np.asarray(data["time"]), dropped_at(data, cell)
+    slip = np.asarray(data["patch_slip"]) if "patch_slip" in data else np.zeros((len(time), 0))
+    slides = [(int((slip[:, i] > _SLID).argmax()), arm) for i, arm in enumerate(cell.patches)]
+    slides = [(k, arm) for k, arm in slides if slip[k, list(cell.patches).index(arm)] > _SLID]
+    first = ""
+    if slides:
+        k, arm = min(slides)
+        N = use.normal[k, use.arms.index(arm)]
+        first = (
+            f"the patch of {arm!r} slides from {time[k]:.3g} s on, pressed by {N:.3g} N, which bear"
+            f" {cell.patches[arm].mu * N:.3g} N of friction"
+        )
+    if np.isfinite(drop):
+        return f"the payload drops at {drop:.3g} s: {first or 'no arm presses it'}"
+    beyond = [
+        f"{arm!r} from {time[(use.used[:, i] > 1.0).argmax()]:.3g} s on"
+        for i, arm in enumerate(use.arms)
+        if arm in cell.pads and (use.used[:, i] > 1.0).any()
+    ]
+    would = f"by friction alone the payload would slip from {' and '.join(beyond)}" if beyond else ""
+    return "; ".join(part for part in (first, would) if part)

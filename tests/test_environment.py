@@ -1,0 +1,134 @@
+"""Environments of Gymnasium: its own checks, lanes against single runs, refusals."""
+
+import warnings
+
+import numpy as np
+import pytest
+from cells import ANCHORED, SCENARIOS
+
+import coop_pin as cp
+from coop_pin.build_controller import build_controller
+from coop_pin.errors import ArgumentError, CoopPinError, InvalidStateError, NameNotFoundError
+
+pytest.importorskip("gymnasium")
+
+from gymnasium.utils.env_checker import check_env
+
+from coop_pin.environment import CellEnv, Task, VectorCellEnv
+
+TASKS = {
+    "squeeze": Task("squeeze", scale=5.0, ticks=2),
+    "torque": Task("torque", scale=2.0),
+    "torque alone": Task("torque", scale=2.0, law=False, rewards={"orientation_error_rad": 1.0}),
+}
+
+
+def cell(name, changes=None):
+    scenario = SCENARIOS[name]().replace(events=(), controller=ANCHORED[name])
+    duration = 16 * scenario.clock.period
+    return scenario.replace(duration=duration).override(changes or {})
+
+
+def with_noise(name):
+    return cell(name, {"sensors.encoder": {"noise": 1e-5}})
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("task", TASKS)
+def test_gymnasium_finds_nothing_wrong(name, task):
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*infinity", category=UserWarning)
+        check_env(CellEnv(cell(name), TASKS[task]), skip_render_check=True)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("task", TASKS)
+def test_lanes_are_single_runs(name, task):
+    scenarios = [with_noise(name), with_noise(name).override({"cell.payload.mass": 2.2})]
+    lanes = VectorCellEnv(scenarios, TASKS[task])
+    actions = np.random.default_rng(1).uniform(-1.2, 1.2, (20, 2, lanes.single_action_space.shape[0]))
+    seen = [lanes.reset(seed=[5, 6])[0]]
+    rewards = []
+    for action in actions:
+        observation, reward, terminated, truncated, _ = lanes.step(action)
+        seen.append(observation)
+        rewards.append(reward)
+        if truncated.any():
+            break
+    assert truncated.all()
+    assert not terminated.any()
+    for lane, scenario in enumerate(scenarios):
+        env = CellEnv(scenario, TASKS[task])
+        np.testing.assert_allclose(env.reset(seed=5 + lane)[0], seen[0][lane], rtol=0, atol=1e-9)
+        for index, action in enumerate(actions[: len(rewards), lane]):
+            observation, reward, _, is_last, _ = env.step(action)
+            np.testing.assert_allclose(observation, seen[index + 1][lane], rtol=0, atol=1e-9)
+            np.testing.assert_allclose(reward, rewards[index][lane], rtol=0, atol=1e-8)
+        assert is_last
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_without_an_action_it_is_the_run_of_the_scenario(name):
+    scenario, task = cell(name), Task(rewards={"internal_axial_error_N": 1.0}, ticks=1)
+    env, result = CellEnv(scenario, task), cp.simulate(scenario, build_controller(scenario))
+    env.reset()
+    rewards = [env.step(np.zeros(env.action_space.shape))[1] for _ in range(len(result.data.time) - 1)]
+    expected = -np.abs(result.data.internal_axial_error.values).max(axis=1)[1:]
+    np.testing.assert_allclose(rewards, expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_seed_alone_draws_the_numbers(name):
+    lanes = VectorCellEnv(with_noise(name), TASKS["torque"], num_envs=3)
+    action = np.zeros(lanes.action_space.shape)
+
+    def observed(seed):
+        lanes.reset(seed=seed)
+        lanes.step(action)
+        return lanes.step(action)[0]
+
+    first = observed(3)
+    assert not np.array_equal(first[0], first[1])
+    assert not np.array_equal(observed(9), first)
+    assert np.array_equal(observed(3), first)
+    assert np.array_equal(observed(4)[0], first[1])
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_lane_that_diverges_ends_alone(name):
+    task = Task("torque", scale=1e9, law=False, failure=7.0)
+    lanes, env = VectorCellEnv(cell(name), task, num_envs=2), CellEnv(cell(name), task)
+    lanes.reset()
+    env.reset()
+    action = np.zeros(lanes.action_space.shape)
+    action[1, 0] = 1.0
+    _, reward, terminated, _, _ = lanes.step(action)
+    assert terminated.tolist() == [False, True]
+    assert reward[1] == -7.0
+    assert env.step(action[1])[1:3] == (-7.0, True)
+    observation, reward, terminated, _, _ = lanes.step(0.0 * action)
+    assert terminated.tolist() == [False, True]
+    assert reward[1] == 0.0
+    assert not observation[1].any()
+    assert np.isfinite(observation).all()
+
+
+def test_what_does_not_fit_is_refused():
+    scenario = cell("planar")
+    for wrong in ({"rewards": {"speed": 1.0}}, {"action": "jump"}):
+        with pytest.raises(NameNotFoundError):
+            Task(**wrong)
+    for wrong in ({"scale": -1.0}, {"ticks": 0}, {"action": "squeeze", "law": False}):
+        with pytest.raises(ArgumentError):
+            Task(**wrong)
+    with pytest.raises(ArgumentError, match="velocity"):
+        CellEnv(scenario, Task("velocity"))
+    with pytest.raises(ArgumentError):
+        VectorCellEnv([scenario, scenario], num_envs=3)
+    with pytest.raises(CoopPinError):
+        VectorCellEnv(scenario.override({"controller": {"kind": "computed-torque"}}))
+    lanes = VectorCellEnv(scenario, num_envs=2)
+    with pytest.raises(InvalidStateError):
+        lanes.step(np.zeros(lanes.action_space.shape))
+    with pytest.raises(ArgumentError):
+        lanes.reset(seed=[1])

@@ -1,0 +1,202 @@
+"""Runs whose payload is held by friction: carried, at the limit of slip, dropped; planar and in space."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import coop_pin as cp
+from coop_pin.analysis import run_warnings
+from coop_pin.batch import support
+from coop_pin.build_controller import build_controller
+from coop_pin.results.metrics import energy_balance
+from coop_pin.simulation import Simulation
+from coop_pin.spatial import weight_wrench
+from coop_pin.spatial.internal_wrench import linkage_loads, virtual_linkage_internal_wrenches
+from coop_pin.viz.highlights import telling_instant
+
+BAR = {"kind": "bar", "mass": 1.5, "length": 0.24}
+
+
+def palms(mu: float = 0.6, **changes) -> cp.Scenario:
+    """Two Pandas with a crate between their palms, at rest."""
+    friction = {f"cell.grasps.{arm}.mu": mu for arm in ("left", "right")}
+    hold = {"motion": {"kind": "hold", "pose": {"xyz": (0.0, 0.0, 0.5)}}}
+    return cp.Scenario.load("two-pandas-palms", friction | hold | changes)
+
+
+def adepts(mu: float = 0.6, **changes) -> cp.Scenario:
+    """Two planar arms that press a light bar between them; gravity is across their plane."""
+    patch = {"kind": "patch", "mu": mu, "radius": 0.014}
+    grasps = {
+        "left": patch | {"xyz": (-0.12, 0.0, 0.0), "press": "x"},
+        "right": patch | {"xyz": (0.12, 0.0, 0.0), "press": "-x"},
+    }
+    scenario = cp.Scenario.load("adept-compliant", {"cell.grasps": grasps, "cell.payload": BAR, "events": ()})
+    hold = {"motion": {"kind": "hold", "pose": scenario.start}}
+    law = {"controller.force_path.split": "virtual-linkage", "controller.zero_at_grasp": True}
+    return scenario.override({"squeeze": squeeze(30.0)} | hold | law | changes)
+
+
+CELLS = {"planar": adepts, "spatial": palms}
+
+
+def squeeze(force: float) -> dict[str, tuple[float, ...]]:
+    """Forces along the line between two patches, N."""
+    return {"left": (-force, 0.0, 0.0, 0.0, 0.0, 0.0), "right": (force, 0.0, 0.0, 0.0, 0.0, 0.0)}
+
+
+def least(scenario: cp.Scenario) -> float:
+    """Squeeze m g / (2 mu) at which two patches bear the weight, N."""
+    mu = scenario.cell.patches["left"].mu
+    return scenario.cell.payload.mass * 9.81 / (2.0 * mu)
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_a_run_starts_at_rest_with_the_squeeze_on_and_the_load_as_tip_forces(name):
+    scenario = CELLS[name]().override({"actuators.gravity_compensation": None})
+    simulation = Simulation(scenario, build_controller(scenario))
+    plant, cell = simulation.plant, scenario.cell
+    plant.drive(simulation.actuation.holding_commands(plant.q))
+    a, _ = plant._rate(0.0, plant.q, plant.v)
+    assert np.abs(a).max() < 1e-8
+    wrenches = plant.interaction_wrenches()
+    assert_allclose(wrenches.sum(axis=0), weight_wrench(cell.payload.mass, cell.gravity), rtol=0, atol=1e-8)
+    state = plant.chain.patches.at(plant.q, plant.v)
+    pressed = abs(scenario.squeeze_wrenches[0, 0])
+    assert_allclose(state.wrench[:, 2], pressed, rtol=1e-9)
+    assert_allclose(state.wrench[:, 3:], 0.0, atol=5e-3)  # no moment on a patch but that of its depth
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_the_first_torque_holds_the_cell(name):
+    scenario = CELLS[name](duration=0.01)
+    data = cp.run(scenario).data
+    still = 1e-5 * np.abs(data.torque.values[0]).max()
+    assert np.nanmax(np.abs(data.joint_velocity.values)) < 1e-3
+    assert_allclose(data.torque.values[1], data.torque.values[0], atol=max(still, 1e-2))
+
+
+def test_loads_of_the_linkage_are_what_its_split_leaves():
+    rng = np.random.default_rng(1)
+    for m in (2, 3, 4):
+        tips, F = rng.normal(size=(m, 3)), rng.normal(size=(m, 6))
+        L = linkage_loads(tips)
+        assert_allclose(L.sum(axis=0), np.eye(6), atol=1e-12)
+        assert_allclose(F - L @ F.sum(axis=0), virtual_linkage_internal_wrenches(F, tips), atol=1e-12)
+
+
+def test_a_crate_is_carried_by_friction_alone():
+    line = {"kind": "line", "start_time": 0.1, "duration": 0.6, "start": {"xyz": (0.0, 0.0, 0.5)}}
+    line["goal"] = {"xyz": (0.005, 0.01, 0.51), "rpy": (0.0, 0.0, 0.015)}
+    result = cp.run(palms(duration=0.8, motion=line))
+    data = result.data
+    assert np.linalg.norm(data.pose_error.values[:, :3], axis=1).max() < 2e-3
+    assert float(data.patch_slip.max()) < 1e-9
+    assert (data.patch_points.values == 8.0).all()
+    assert_allclose(data.patch_wrench.values[:, :, 2], 60.0, atol=0.5)
+    assert result.friction_use().used.max() < 0.5
+    exchanged = float(np.abs(np.diff(data.work_actuation.values)).sum())
+    assert np.abs(energy_balance(data)).max() < 1e-3 * exchanged
+    assert result.verdict() == "trustworthy"
+
+
+@pytest.mark.parametrize(
+    ("name", "mu"),
+    [
+        ("planar", 0.5),
+        ("planar", 0.8),
+        pytest.param("spatial", 0.5, marks=pytest.mark.slow),
+        ("spatial", 0.8),
+    ],
+)
+def test_patches_slip_at_the_least_squeeze(name, mu):
+    scenario = CELLS[name](mu)
+    force = least(scenario)
+    ramp = {"kind": "ramp", "start": squeeze(1.04 * force), "goal": squeeze(0.97 * force), "start_time": 0.05}
+    ramp["duration"] = 0.07 * force / 3.5  # at most 6.6 N/s
+    result = cp.run(scenario.override({"squeeze": ramp, "duration": ramp["duration"] + 0.1}))
+    data = result.data
+    F = data.patch_wrench.values
+    N, f = F[..., 2].mean(axis=1), np.linalg.norm(F[..., :2], axis=-1).mean(axis=1)
+    at_limit = f > 0.9999 * mu * N
+    assert at_limit.any()
+    assert_allclose(N[at_limit.argmax()], force, rtol=5e-3)
+    assert N.min() > 0.0
+    used = result.friction_use().used
+    assert_allclose(used[at_limit.argmax()], 1.0, rtol=1e-2)
+    assert np.isnan(result.dropped_at)
+    assert "slides" in result.verdict()
+
+
+def test_a_squeeze_that_is_too_small_drops_the_crate_and_the_arms_stay():
+    scenario = palms(duration=0.4)
+    scenario = scenario.override({"squeeze": squeeze(0.7 * least(scenario))})
+    result = cp.run(scenario)
+    data = result.data
+    assert float(data.payload_position[-1, 2]) < 0.2
+    assert result.trustworthy
+    assert 0.05 < result.dropped_at < 0.2
+    assert result.metrics()["dropped_at_s"] == result.dropped_at
+    assert f"drops at {result.dropped_at:.3g} s" in result.verdict()
+    assert f"drops at {result.dropped_at:.3g} s" in telling_instant(result).text
+    assert any("least squeeze" in warning for warning in run_warnings(scenario, build_controller(scenario)))
+    assert float(data.patch_points[-1].sum()) == 0.0
+    assert float(data.patch_slip[-1].max()) < 0.05
+    assert np.nanmax(np.abs(data.joint_velocity.values)) < 1.0
+    assert np.abs(energy_balance(data)).max() < 5e-2
+
+
+def on_table(top: float, start: float, goal: float, **changes) -> cp.Scenario:
+    """A crate above or on a table, which is lifted or put down in 1 s."""
+    table = {"xyz": (0.0, 0.0, top), "size": (1.0, 0.8), "mu": 0.4, "stiffness": 2e5, "shear_stiffness": 2e5}
+    line = {"kind": "line", "start_time": 0.1, "duration": 1.0}
+    line |= {"start": {"xyz": (0.0, 0.0, start)}, "goal": {"xyz": (0.0, 0.0, goal)}}
+    pose = {"cell.tables": {"bench": table}, "motion": line, "start": {"xyz": (0.0, 0.0, start)}}
+    return cp.Scenario.load("two-pandas-palms", pose | changes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mass", [2.0, 3.0])
+def test_an_unknown_weight_is_picked_up_from_a_table(mass):
+    box = {"kind": "box", "mass": mass, "size": (0.4, 0.3, 0.2)}
+    result = cp.run(on_table(0.4, 0.5, 0.55, **{"cell.payload": box, "duration": 2.5}))
+    data = result.data
+    table = data.patch_wrench.sel(patch="bench", axis="z").values
+    assert_allclose(table[0], mass * 9.81, rtol=1e-6)  # it lies, and the arms only squeeze
+    assert (table[data.time.values > 0.6] == 0.0).all()
+    assert table.min() == 0.0
+    error = np.linalg.norm(data.pose_error.values[:, :3], axis=1)
+    assert error.max() < 1e-2  # the integral takes the weight over
+    assert error[-1] < 2e-3
+    assert float(data.patch_slip.sel(patch=["left", "right"]).max()) < 1e-5
+    assert result.trustworthy
+
+
+@pytest.mark.slow
+def test_a_table_that_is_higher_than_planned_is_pressed_by_the_integral():
+    data = cp.run(on_table(0.402, 0.53, 0.5, duration=2.1)).data
+    force = data.patch_wrench.sel(patch="bench", axis="z").values
+    assert (np.diff(force[data.time.values > 1.5]) > 0.0).all()  # it winds up
+    assert 29.43 < force[-1] < 40.0  # a second after contact
+    assert float(data.patch_slip.max()) < 1e-5
+
+
+def test_a_restored_run_goes_on_with_the_same_bits():
+    scenario = palms(duration=0.06)
+    simulation = Simulation(scenario, build_controller(scenario))
+    for _ in range(50):
+        simulation.tick()
+    state = simulation.state()
+    results = []
+    for _ in range(2):
+        while not simulation.is_finished:
+            simulation.tick()
+        results.append(simulation.result().data.patch_wrench.values.copy())
+        simulation.restore(state)
+    assert_array_equal(*results)
+
+
+def test_batches_refuse_patches_in_words():
+    assert "friction" in (support(palms()) or "")

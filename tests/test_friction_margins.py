@@ -1,0 +1,108 @@
+"""Margins of friction: the ellipsoid against points, pads of rigid grasps, and the least squeeze."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import coop_pin as cp
+from coop_pin.analysis import least_squeeze
+from coop_pin.batch import support
+from coop_pin.errors import CoopPinError, FieldError
+
+MU, N = 0.5, 40.0
+
+
+def palms(**changes) -> cp.Scenario:
+    """Two Pandas with a crate between their palms, at rest."""
+    return cp.Scenario.load(
+        "two-pandas-palms", {"motion": {"kind": "hold", "pose": {"xyz": (0, 0, 0.5)}}} | changes
+    )
+
+
+def sliding_loads(points: np.ndarray) -> np.ndarray:
+    """Force and moment of evenly pressed points that turn about many centres, N and N m, shape (n, 3)."""
+    rng, loads = np.random.default_rng(1), []
+    for distance in np.geomspace(1e-3, 10.0, 60):
+        angle = rng.uniform(0.0, 2.0 * np.pi)
+        arm = points[:, :2] - distance * np.array((np.cos(angle), np.sin(angle)))
+        v = np.stack((-arm[:, 1], arm[:, 0]), axis=1)
+        f = -MU * N / len(points) * v / np.linalg.norm(v, axis=1, keepdims=True)
+        moment = (points[:, 0] * f[:, 1] - points[:, 1] * f[:, 0]).sum()
+        loads.append((*f.sum(axis=0), moment))
+    return np.array(loads)
+
+
+@pytest.mark.parametrize(("outline", "inside"), [({"radius": 0.03}, 0.12), ({"size": (0.04, 0.04)}, 0.16)])
+def test_points_slide_within_the_ellipsoid_and_not_far_from_it(outline, inside):
+    patch = cp.PatchGrasp(kind="patch", mu=MU, **outline)
+    loads = sliding_loads(patch.points)
+    used = np.hypot(
+        np.linalg.norm(loads[:, :2], axis=1) / (MU * N), loads[:, 2] / (MU * N * patch.torsion_radius)
+    )
+    assert used.max() < 1.0 + 1e-12
+    assert 1.0 - used.min() < inside
+    assert_allclose(used[-1], 1.0, rtol=1e-4)  # pure force
+
+
+def test_a_disc_lies_within_seven_percent_of_the_ellipsoid():
+    radii, angles = np.sqrt((np.arange(60) + 0.5) / 60) * 0.03, np.arange(90) * 2.0 * np.pi / 90
+    points = np.stack([np.outer(radii, f(angles)).ravel() for f in (np.cos, np.sin)], axis=1)
+    loads = sliding_loads(points)
+    used = np.hypot(np.linalg.norm(loads[:, :2], axis=1) / (MU * N), loads[:, 2] / (MU * N * 0.02))
+    assert used.max() < 1.0 + 1e-3
+    assert 0.05 < 1.0 - used.min() < 0.075
+
+
+def test_pads_of_rigid_grasps_use_what_patches_use():
+    scenario = palms(**{"duration": 0.02, "controller.gains.transient_rate": 20.0})
+    patches = cp.run(scenario).friction_use()
+    pads = {
+        name: {"mu": grasp.mu, "radius": grasp.radius, "press": grasp.press}
+        for name, grasp in scenario.cell.patches.items()
+    }
+    cell = scenario.cell.rigid.replace(pads=pads)
+    rigid = cp.run(scenario.replace(cell=cell, duration=0.35))
+    use = rigid.friction_use()
+    assert use.arms == patches.arms == ("left", "right")
+    assert_allclose(use.normal[-1], 60.0, rtol=1e-2)  # the squeeze has come on
+    assert_allclose(use.used[-1], patches.used[0], rtol=2e-2)
+    assert np.isinf(use.used[0]).all() or use.used[0].min() > 1.0
+    assert "would slip" in rigid.verdict()
+    assert_allclose(use.reserve[-1], (use.normal * (1.0 - use.used))[-1], rtol=1e-9)
+    assert rigid.metrics()["squeeze_reserve_min_N"] < 0.0
+    assert np.isnan(rigid.dropped_at)
+    assert "pads" in (support(rigid.scenario.override({"plant.payload": "welded"})) or "")
+
+
+def test_least_squeeze_of_a_crate_at_rest():
+    found = least_squeeze(palms())
+    assert_allclose(found.force, 3.0 * 9.81 / (2.0 * 0.6), rtol=1e-9)
+    assert found.ok
+    assert found.stated == 60.0
+    equal = least_squeeze(palms(**{"controller.force_path.split": "shares"}))
+    assert_allclose(equal.force, 3.0 * 9.81 / 2.0 * 0.2 / 0.02, rtol=1e-9)  # r c W on a ring of 20 mm
+    assert equal.by_moment
+    assert not equal.ok
+    assert least_squeeze(cp.Scenario.load("two-pandas-box")) is None
+
+
+def test_least_squeeze_of_a_crate_that_is_lifted():
+    scenario = cp.Scenario.load("two-pandas-palms")
+    times = np.linspace(0.0, scenario.duration, 401)
+    A = np.array([scenario.motion.at(time).A_WP_d for time in times.tolist()])
+    force = np.hypot(A[:, 1], 9.81 + A[:, 2]) * 3.0 / (2.0 * 0.6)
+    found = least_squeeze(scenario)
+    assert_allclose(found.force, force.max(), rtol=2e-2)  # its turn asks for the rest
+
+
+def test_pads_that_cannot_be_are_refused():
+    cell = palms().cell
+    with pytest.raises(FieldError, match="patch"):
+        cell.replace(pads={"left": {"mu": 0.5, "radius": 0.01}})
+    for pad in ({"mu": 0.0, "radius": 0.01}, {"mu": 0.5}, {"mu": 0.5, "radius": 0.01, "press": "w"}):
+        with pytest.raises(CoopPinError):
+            cell.rigid.replace(pads={"left": pad})
+    with pytest.raises(FieldError, match="does not have"):
+        cell.rigid.replace(pads={"middle": {"mu": 0.5, "radius": 0.01}})

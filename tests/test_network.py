@@ -1,0 +1,577 @@
+"""Messages between arms: what arrives when, and laws that live on it."""
+
+import copy
+
+import numpy as np
+import pytest
+from batches import require_same_samples
+from cells import ANCHORED, SCENARIOS, planar_three_arms
+from numpy.testing import assert_allclose, assert_array_equal
+
+import coop_pin as cp
+from coop_pin.batch import support
+from coop_pin.build_controller import build_controller
+from coop_pin.cli import main
+from coop_pin.control import (
+    ArmMeasurement,
+    ConsensusPose,
+    DecentralisedController,
+    MeanPoseByMessages,
+    MeanPoseController,
+    Message,
+    consensus_bound,
+)
+from coop_pin.control.consensus import laplacian
+from coop_pin.control.mean_pose import ConsensusState
+from coop_pin.description.network import edges_of
+from coop_pin.errors import ArgumentError, FieldError, InvalidStateError, ScenarioError, ShapeError
+from coop_pin.simulation.network import CellNetwork, MessageSignals, NetworkSignals, cell_network
+from coop_pin.spatial import make_pose, pose_error
+
+ALL = {"all arms": {}, "far": {"delay": 1, "jitter": 2, "loss": 0.2, "resolution": 1e-5}}
+SHARES = (0.2, 0.3, 0.5)
+BIASED = "cell.arms.{}.calibration_error.tip.xyz"
+
+
+def two_arms(cell):
+    return SCENARIOS[cell]().override({"events": [], "duration": 0.4}), ANCHORED[cell]
+
+
+def three_arms(cell):
+    """The planar cell with a third arm, or three UR5 at a plate; shares are unequal."""
+    if cell == "planar":
+        return planar_three_arms("adept-anchored").replace(duration=0.4), ANCHORED[cell]
+    plate = cp.Scenario.load("three-ur5-plate", {"events": [], "duration": 0.2})
+    shares = dict(zip(plate.cell.arms, SHARES, strict=True))
+    return plate.override({"cell.load_shares": shares}), plate.controller
+
+
+CELLS = {
+    f"{count} {cell}": (of, cell)
+    for cell in SCENARIOS
+    for count, of in (("two", two_arms), ("three", three_arms))
+}
+
+
+def biased(name, **fields):
+    """A cell under mean pose without leak and wrenches, the first arm's tip 1 mm off."""
+    of, cell = CELLS[name]
+    scenario, law = of(cell)
+    stated = law.model_dump(exclude={"kind", "force_path", "stale_after"})
+    stated["gains"]["anchor_gain"] = 0.0
+    arm = next(iter(scenario.cell.arms))
+    law = {"controller": {"kind": "mean-pose"} | stated, BIASED.format(arm): [1e-3, 0.0, 0.0]}
+    return scenario.override(law | fields)
+
+
+def samples(scenario, controller=None):
+    return cp.simulate(scenario, build_controller(scenario) if controller is None else controller).data
+
+
+# ---------------------------------------------------------------- the same law, by messages
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_by_messages_before_the_step_it_is_the_law_of_the_cell_bit_for_bit(cell):
+    alone, by_messages = biased(cell), biased(cell, network={})
+    assert isinstance(build_controller(alone), MeanPoseController)
+    assert isinstance(build_controller(by_messages), DecentralisedController)
+    assert samples(alone).equals(samples(by_messages))
+
+
+class LateMean(MeanPoseController):
+    """Mean pose of the views of the tick before; at the first, each arm has its own only."""
+
+    def init(self, measurements, references):
+        own = [self._agreed([seen], [one])[0] for seen, one in zip(measurements, references, strict=True)]
+        return self.laws.init(own, references), None
+
+    def step(self, measurements, references, state):
+        law, views = state
+        seen = [
+            np.concatenate((pose_error(one.payload_pose, references[0].pose), one.payload_twist))
+            for one in measurements
+        ]
+        means = seen if views is None else [sum(views) / len(views)] * len(seen)
+        said = [Message(mean, 0.0) for mean in means]
+        heard = [one._replace(messages={"": mean}) for one, mean in zip(measurements, said, strict=True)]
+        placed = [MeanPoseByMessages(None, "")._agreed(*pair) for pair in zip(heard, references, strict=True)]
+        command = self.laws.step(placed, references, law)
+        return cp.CellCommand(command.torques, (command.state, seen))
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_sent_with_the_command_it_is_the_law_fed_the_last_tick(cell):
+    late = biased(cell, network={"delay": 1})
+    oracle = LateMean(build_controller(biased(cell)).laws)
+    assert samples(late).equals(samples(late, oracle))
+
+
+def test_the_order_of_neighbours_and_of_edges_does_not_matter():
+    base = biased("three planar", network={"loss": 0.2})
+    arms = list(base.cell.arms)
+    edges = [(one, other) for one in arms for other in arms if one != other]
+    links = [{"sender": one, "receiver": other, "loss": 0.3} for one, other in edges[:2]]
+    one, other = (
+        base.override({"network.graph": order, "network.links": stated})
+        for order, stated in ((edges, links), (edges[::-1], links[::-1]))
+    )
+    assert samples(one).equals(samples(other))
+    assert not samples(one).equals(samples(base))
+
+
+# ---------------------------------------------------------------- what arrives when
+
+MANY = 100_000
+
+
+def timing(**network):
+    scenario = biased("two planar", duration=5e3, network=network)
+    names = cell_network(scenario).edges
+    signals = MessageSignals(scenario).draw(MANY)
+    return {edge: (signals.arrived[:, i], signals.age[:, i]) for i, edge in enumerate(names)}
+
+
+def test_loss_is_that_of_each_edge_and_none_to_itself():
+    links = [{"sender": "left", "receiver": "right", "loss": 0.2}]
+    arrived = {edge: 1.0 - came.mean() for edge, (came, _) in timing(loss=0.05, links=links).items()}
+    assert_allclose([arrived["left", "right"], arrived["right", "left"]], [0.2, 0.05], rtol=0.05)
+    assert arrived["left", "left"] == 0.0
+
+
+def test_delays_are_equally_likely_from_the_stated_one_on():
+    rate = cp.Scenario.load("adept-paper").clock.rate_hz / 4  # none overtakes another
+    came, age = timing(delay=2, jitter=3, rate_hz=rate)["left", "right"]
+    ages, counts = np.unique(age[came == 1.0], return_counts=True)
+    assert_array_equal(ages, [2, 3, 4, 5])
+    assert_allclose(counts / counts.sum(), 0.25, rtol=0.05)
+    assert_allclose(came.mean(), 0.25, rtol=1e-3)
+
+
+def test_ages_grow_by_a_tick_until_the_next_message():
+    for came, age in timing(delay=1, jitter=2, loss=0.3).values():
+        heard = np.flatnonzero(np.isfinite(age))[0]
+        assert_array_equal(
+            age[heard + 1 :][came[heard + 1 :] == 0.0], age[heard:-1][came[heard + 1 :] == 0.0] + 1
+        )
+        assert np.all(age[came == 1.0] <= 3.0)
+
+
+@pytest.mark.parametrize("part", [1, 7, 1000])
+def test_blocks_of_ticks_do_not_matter(part):
+    scenario = biased("two planar", duration=50.0, network={"delay": 1, "jitter": 2, "loss": 0.3})
+    at_once, source = MessageSignals(scenario).draw(2000), MessageSignals(scenario)
+    blocks = [source.draw(min(part, 2000 - first)) for first in range(0, 2000, part)]
+    for name in at_once._fields:
+        assert_array_equal(np.concatenate([getattr(one, name) for one in blocks]), getattr(at_once, name))
+
+
+def test_a_changing_graph_has_its_edges_from_the_stated_times_on():
+    period = cp.Scenario.load("adept-paper").clock.period
+    gone = {"time": 100 * period, "graph": [["left", "right"]]}
+    back = {"time": 200 * period, "graph": "ring"}
+    edges = timing(changes=[back, gone])
+    came, age = edges["right", "left"]
+    assert_array_equal(np.flatnonzero(came[:300] == 0.0), np.arange(100, 200))
+    assert age[199] == 100.0
+    assert edges["left", "right"][0].all()
+
+
+def test_messages_are_rounded_and_late_as_the_edge_says():
+    scenario = biased(
+        "two spatial",
+        network={"links": [{"sender": "left", "receiver": "right", "delay": 2, "resolution": 0.5}]},
+    )
+    network, rng = cell_network(scenario), np.random.default_rng(1)
+    said = [[rng.normal(size=3), rng.normal(size=2)] for _ in range(6)]
+    state, signals = network.start(said[0]), MessageSignals(scenario).rows()
+    for tick, messages in enumerate(said):
+        (left, right), state = network.step(state, messages, next(signals))
+        assert_array_equal(left["right"].numbers, messages[1])
+        assert_array_equal(right["right"].numbers, messages[1])
+        if tick >= 2:
+            assert_array_equal(right["left"].numbers, np.round(2.0 * said[tick - 2][0]) / 2.0)
+        else:
+            assert_array_equal(right["left"].numbers, 0.0)
+        assert right["left"].age == (2.0 if tick >= 2 else np.inf)
+
+
+def test_graphs():
+    arms = ("a", "b", "c", "d")
+    edges = {graph: set(cp.Network(graph=graph).edges_at(0.0, arms)) for graph in ("all", "ring", "star")}
+    assert {graph: len(each) for graph, each in edges.items()} == {"all": 12, "ring": 8, "star": 6}
+    assert ("a", "c") not in edges["ring"]
+    assert {edge for edge in edges["star"] if "a" not in edge} == set()
+    assert set(cp.Network(graph="ring").edges_at(0.0, arms[:2])) == {("a", "b"), ("b", "a")}
+
+
+# ---------------------------------------------------------------- runs
+
+
+@pytest.mark.parametrize(
+    ("cell", "network"), [("two planar", "all arms"), ("two planar", "far"), ("two spatial", "far")]
+)
+def test_a_batch_has_the_same_network(cell, network):
+    scenario = biased(cell, network=ALL[network], duration=0.2)
+    assert support(scenario) is None
+    other = scenario.replace(seed=7)
+    batch = cp.simulate_batch([scenario, other])
+    for index, single in enumerate((scenario, other)):
+        require_same_samples(samples(single), batch.result(index).data)
+    assert samples(scenario).equals(samples(scenario))
+    assert samples(scenario).equals(samples(other)) == (network == "all arms")
+
+
+def test_a_run_goes_on_from_its_state_with_the_same_bits():
+    scenario = biased("two planar", network=ALL["far"])
+    run = cp.Simulation(scenario, build_controller(scenario))
+    for _ in range(10):
+        run.tick()
+    other = copy.deepcopy(run)
+    for each in (run, other):
+        while not each.is_finished:
+            each.tick()
+    assert run.result().data.equals(other.result().data)
+    assert run.result().data.equals(samples(scenario))
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_an_arm_reads_its_motion_by_its_own_clock(cell):
+    scenario, law = two_arms(cell)
+    clocks = {"clocks": {"right": {"offset": 0.1, "drift": 0.01}}}
+    late = scenario.override({"controller": law.model_dump(), "network": clocks})
+    left, right = cp.Simulation(late).references(0.2)
+    exact = cp.Simulation(scenario).references
+    assert_array_equal(left.pose, exact(0.2)[0].pose)
+    assert_array_equal(right.pose, exact(0.2 + 0.1 + 0.002)[1].pose)
+    assert cp.Simulation(late).observe().measurements[1].time == 0.1
+    require_same_samples(samples(late), cp.simulate_batch([late]).result(0).data)
+
+
+# ---------------------------------------------------------------- mean pose over a bad network
+
+
+def worst_force(law, network, duration):
+    """Largest error of the internal force late in the run, N."""
+    moved = {"network": network, "duration": duration, "clock.record_every": 40}
+    base = cp.Scenario.load("adept-anchored").override({"controller": law, "events": []} | moved)
+    first = next(iter(base.cell.arms))
+    result = cp.run(base.override({BIASED.format(first): [1e-3, 0.0, 0.0]}), engine="batch")
+    error = np.abs(result.data.internal_axial_error)
+    return float(error.sel(time=slice(0.9 * duration, None)).max())
+
+
+def mean_pose(**fields):
+    K = list(cp.Scenario.load("adept-anchored").controller.gains.sliding_gain)
+    gains = {"pose_gain": 7.19894, "sign_gain": 115.522, "anchor_gain": 0.0, "transient_rate": 5.0}
+    law = {
+        "kind": "mean-pose",
+        "switching": {"kind": "saturation", "width": 10.0},
+        "gains": gains | {"sliding_gain": K},
+    }
+    return law | fields
+
+
+LOSSY, COARSE = {"loss": 0.05}, {"resolution": 1e-5}
+
+
+def test_the_last_view_of_a_lost_one_does_not_drift_and_none_does():
+    """1 mm of bias, a minute: 0.37 N from the first seconds, against 0.83 N/s."""
+    assert worst_force(mean_pose(), LOSSY, 60.0) < 0.5
+    assert worst_force(mean_pose(on_loss="skip"), LOSSY, 60.0) > 40.0
+    assert worst_force(mean_pose(), COARSE, 60.0) < 0.01
+
+
+@pytest.mark.slow
+def test_no_drift_in_ten_minutes():
+    """At 5 % loss and 1 mm of bias: 0.370 N after one and after ten minutes; 495 N without the last views."""
+    assert_allclose(
+        [worst_force(mean_pose(), LOSSY, minutes * 60.0) for minutes in (1, 10)], 0.370, rtol=0.01
+    )
+    assert_allclose(worst_force(mean_pose(on_loss="skip"), LOSSY, 600.0), 495.0, rtol=0.01)
+    assert worst_force(mean_pose(), COARSE, 600.0) < 0.005
+
+
+class ExactOwn(MeanPoseByMessages):
+    """Averages its own view as it is, and those of the others as they were sent."""
+
+    def _agreed(self, measurement, reference):
+        own = Message(self.message(measurement, reference, None), 0.0)
+        heard = dict(measurement.messages) | {self.name: own}
+        return super()._agreed(measurement._replace(messages=heard), reference)
+
+
+@pytest.mark.slow
+def test_its_own_view_must_be_rounded_like_those_of_the_others():
+    """10 um: the means of the arms differ for ever, and their integrals drift."""
+    base = cp.Scenario.load("adept-anchored").override(
+        {
+            "controller": mean_pose(),
+            "events": [],
+            "network": COARSE,
+            "duration": 60.0,
+            "clock.record_every": 40,
+        }
+    )
+    first = next(iter(base.cell.arms))
+    base = base.override({BIASED.format(first): [1e-3, 0.0, 0.0]})
+    laws = build_controller(base).controllers
+    exact = DecentralisedController({name: ExactOwn(law.law, name) for name, law in laws.items()})
+    error = np.abs(samples(base, exact).internal_axial_error)
+    early, late = (float(error.sel(time=slice(*span)).max()) for span in ((15.0, 20.0), (55.0, 60.0)))
+    assert late > 0.1
+    assert late > 2.0 * early
+
+
+# ---------------------------------------------------------------- refusals
+
+
+@pytest.mark.parametrize(
+    ("network", "path"),
+    [
+        ({"graph": [["left", "middle"]]}, "network.graph.middle"),
+        ({"graph": "circle"}, "network.graph"),
+        ({"delay": -1}, "network.delay"),
+        ({"delay": 10_000}, "network.delay"),
+        ({"loss": 1.0}, "network.loss"),
+        ({"rate_hz": 33.0}, "network.rate_hz"),
+        ({"clocks": {"middle": {}}}, "network.clocks.middle"),
+        ({"links": [{"sender": "left", "receiver": "left"}]}, "network.links.0"),
+        ({"links": [{"sender": "left", "receiver": "right", "rate_hz": 33.0}]}, "network.links.0.rate_hz"),
+        ({"changes": [{"time": 1e4, "graph": "all"}]}, "network.changes.0.time"),
+    ],
+)
+def test_mistakes_are_told_by_path(network, path):
+    with pytest.raises(ScenarioError) as caught:
+        biased("two planar", network=network)
+    assert path in str(caught.value)
+
+
+def test_what_a_law_hears_must_be_there():
+    scenario = biased("three planar", network={"graph": "star"})
+    with pytest.raises(FieldError, match="'all'"):
+        build_controller(scenario)
+    law = build_controller(biased("two planar", network={}))
+    with pytest.raises(InvalidStateError, match="network"):
+        cp.simulate(biased("two planar"), law)
+
+
+class Growing(cp.ArmController):
+    """Says one number more at every tick."""
+
+    def __init__(self, scenario, arm):
+        self.name = arm
+
+    def init(self, measurement, reference):
+        return 0
+
+    def message(self, measurement, reference, state):
+        return np.zeros(1 + (state or 0))
+
+    def step(self, measurement, reference, state):
+        assert len(measurement.messages) == 2
+        return cp.ArmCommand(0.0 * measurement.q, state + 1)
+
+
+def test_messages_keep_their_size_and_users_are_refused_in_batches():
+    target = {"kind": "user", "target": f"{__name__}:Growing"}
+    changed = {"controller": target, "network": {}, "duration": 0.1, "events": []}
+    scenario = SCENARIOS["planar"]().override(changed)
+    with pytest.raises(ShapeError, match="left"):
+        cp.simulate(scenario, build_controller(scenario))
+    assert "messages" in support(scenario)
+
+
+def test_what_crosses_is_counted():
+    scenario = biased("three planar", network={"rate_hz": 40.0})
+    crossing = cp.Simulation(scenario, build_controller(scenario)).traffic()
+    assert crossing == (6 * 9 / 2, 6 / 2)
+    assert crossing.bytes == 8 * 27
+    assert "216 bytes" in crossing.summary(80.0)
+    silent = scenario.override({"controller": ANCHORED["planar"].model_dump()})
+    assert cp.Simulation(silent, build_controller(silent)).traffic() == (0.0, 0.0)
+
+
+# ---------------------------------------------------------------- consensus
+
+
+class Silent(cp.ArmController):
+    """Says nothing, does nothing."""
+
+    def init(self, measurement, reference):
+        return None
+
+    def step(self, measurement, reference, state):
+        return cp.ArmCommand(np.zeros(0), state)
+
+
+def disagreements(arms, gain, *, rows=3, delay=0, ticks=60):
+    """Largest distance from the mean over the ticks, of arms on a ring whose views do not change."""
+    names, rng = tuple(f"arm {index}" for index in range(arms)), np.random.default_rng(arms)
+    edges = [*edges_of("ring", names), *((name, name) for name in names)]
+    network = CellNetwork(names, tuple(edges), np.zeros(len(edges)), tuple(map(float, range(delay + 1))))
+    seen = [
+        ArmMeasurement(
+            0.0, None, None, make_pose(rng.normal(size=3)), rng.normal(size=rows), None, None, None
+        )
+        for _ in names
+    ]
+    reference = cp.ArmReference(np.eye(4), None, None, None)
+    laws = [ConsensusPose(Silent(), name, gain) for name in names]
+    said = [law.message(one, reference, None) for law, one in zip(laws, seen, strict=True)]
+    mean, network_state = np.mean(said, axis=0), network.start(said)
+    states = [ConsensusState(np.zeros(6 + rows), None) for _ in names]
+    distances = []
+    for tick in range(ticks):
+        said = [
+            law.message(one, reference, state) for law, one, state in zip(laws, seen, states, strict=True)
+        ]
+        assert_allclose(np.mean(said, axis=0), mean, atol=1e-9 * np.abs(said).max())
+        distances.append(float(np.abs(said - mean).max()))
+        arrives = NetworkSignals(
+            np.full(len(edges), float(tick >= delay)),
+            np.full(len(edges), float(delay) if tick >= delay else np.inf),
+        )
+        heard, network_state = network.step(network_state, said, arrives)
+        states = [
+            law.step(one._replace(messages=messages), reference, state).state
+            for law, one, messages, state in zip(laws, seen, heard, states, strict=True)
+        ]
+    return np.array(distances)
+
+
+@pytest.mark.parametrize("rows", [3, 6])
+@pytest.mark.parametrize("arms", [4, 5, 6, 8])
+def test_consensus_over_a_ring_converges_at_the_rate_of_its_laplacian(arms, rows):
+    lowest, gain = 2.0 - 2.0 * np.cos(2.0 * np.pi / arms), 0.2  # lambda_2 of a ring
+    distances = disagreements(arms, gain, rows=rows)
+    tail = distances[(distances > 1e-9) & (np.arange(len(distances)) > 5)]
+    assert_allclose((tail[-1] / tail[0]) ** (1.0 / (len(tail) - 1)), 1.0 - gain * lowest, rtol=0.05)
+
+
+@pytest.mark.parametrize("delay", [0, 1, 2])
+@pytest.mark.parametrize("arms", [3, 4])
+def test_consensus_is_stable_below_its_bound_and_not_above(arms, delay):
+    names = [f"arm {index}" for index in range(arms)]
+    bound = consensus_bound(float(np.linalg.eigvalsh(laplacian(edges_of("ring", names), names))[-1]), delay)
+    below, above = (disagreements(arms, part * bound, delay=delay, ticks=400) for part in (0.97, 1.03))
+    assert below[-20:].max() < 0.2 * below[:20].max()
+    assert above[-20:].max() > 5.0 * above[:20].max()
+
+
+@pytest.mark.parametrize("cell", ["three planar", "three spatial"])
+def test_three_unequal_arms_on_a_ring_agree(cell):
+    """The corrections sum to zero and come to rest."""
+    ring = {
+        "network": {"graph": "ring"},
+        "controller.averaging": "consensus",
+        "controller.consensus_gain": 0.1,
+    }
+    scenario = biased(cell, duration=1.0 if cell == "three planar" else 0.4, **ring)
+    run = cp.Simulation(scenario, build_controller(scenario))
+    views = []
+    while not run.is_finished:
+        run.tick()
+        views.append([state.correction for state in run.controller_state])
+    corrections = np.array(views)[:, :, 0]
+    assert_allclose(corrections.sum(axis=1), 0.0, atol=1e-12)
+    assert_allclose(np.abs(np.diff(corrections[-3:], axis=0)).max(), 0.0, atol=2e-5)
+    batch = cp.simulate_batch([scenario]).result(0).data
+    assert_allclose(batch.joint_position, run.result().data.joint_position, atol=1e-10)
+
+
+@pytest.mark.slow
+def test_consensus_leaves_the_force_of_its_first_ticks_for_good():
+    """1 mm of bias, 5 % loss, ten minutes: of the disagreement at the start the integrals keep their part."""
+    law = mean_pose(averaging="consensus")
+    early, late = (worst_force(law, LOSSY, minutes * 60.0) for minutes in (1, 10))
+    assert_allclose(late, early, rtol=0.02)
+    assert_allclose(worst_force(law, {"delay": 1}, 60.0), worst_force(law, {}, 60.0), rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("network", "gain", "path"),
+    [
+        ({"graph": [["left", "right"]]}, 0.1, "network.graph"),
+        ({"graph": [["left", "right"], ["right", "left"]]}, 0.1, "network.graph"),
+        ({"graph": "ring"}, 0.7, "controller.consensus_gain"),
+        ({"graph": "ring", "delay": 1}, 0.4, "controller.consensus_gain"),
+    ],
+)
+def test_consensus_needs_a_connected_graph_and_a_small_gain(network, gain, path):
+    law = {"controller.averaging": "consensus", "controller.consensus_gain": gain}
+    with pytest.raises(FieldError) as caught:
+        build_controller(biased("three planar", network=network, **law))
+    assert path in str(caught.value)
+
+
+# ---------------------------------------------------------------- internal wrenches by messages
+
+
+def anchored(name, **fields):
+    """A cell under its anchored law with a wrist sensor at every arm, the first arm's tip 1 mm off."""
+    of, cell = CELLS[name]
+    scenario, law = of(cell)
+    stated = {"controller": law.model_dump(), "sensors.wrist": {}, "beyond_bound": True}
+    return scenario.override(
+        stated | {BIASED.format(next(iter(scenario.cell.arms))): [1e-3, 0.0, 0.0]}
+    ).override(fields)
+
+
+BY_MESSAGES = {"controller.force_path": {"kind": "messages"}}
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_internal_wrenches_by_messages_are_those_of_the_late_force_path(cell):
+    """Bits for two arms; three sum the wrenches of another first tick."""
+    late, by_messages = samples(anchored(cell)), samples(anchored(cell, network={}, **BY_MESSAGES))
+    if cell.startswith("two"):
+        assert_array_equal(by_messages.joint_position, late.joint_position)
+    scale = float(np.abs(late.internal_wrench).max())
+    assert_allclose(by_messages.internal_wrench, late.internal_wrench, atol=1e-3 * scale)
+
+
+@pytest.mark.parametrize("cell", ["two planar", "two spatial"])
+def test_the_delay_of_messages_bounds_the_anchor(cell):
+    D = 3
+    bound = 2.0 * np.sin(np.pi / (4 * D + 2))
+    stated = {"network": {"delay": D}, "duration": 0.9, **BY_MESSAGES}
+    growth = {}
+    for part in (0.9, 1.1):
+        gains = {"controller.gains.anchor_gain": part * bound, "controller.gains.force_gain": 0.0}
+        scenario = anchored(cell, **stated).override(gains | {"controller.anchor_bias": "none"})
+        error = np.abs(samples(scenario).internal_axial_error).max("arm").values
+        growth[part] = error[-30:].max() / error[5:35].max()
+    assert growth[0.9] < 0.7
+    assert growth[1.1] > 1.5
+    with pytest.raises(ScenarioError, match=f"{bound:.4g}"):
+        scenario.replace(beyond_bound=False)
+
+
+def test_internal_wrenches_by_messages_need_sensors_and_a_network():
+    for changes, text in (
+        ({"network": None}, "no network"),
+        ({"network": {}, "sensors.wrist": None}, "wrist"),
+        ({"network": {"graph": "star"}}, "'all'"),
+    ):
+        with pytest.raises(ScenarioError, match=text):
+            anchored("three planar", **BY_MESSAGES | changes)
+
+
+@pytest.mark.parametrize("law", [{}, BY_MESSAGES])
+def test_check_counts_what_crosses_and_eigenvalues_refuse_messages(law, capsys, tmp_path):
+    fields = {"sensors.wrist": {}, "network": {"delay": 1}, "events": []} | law
+    scenario = cp.Scenario.load("adept-anchored", fields)
+    scenario.save(tmp_path / "cell.toml")
+    main(["check", str(tmp_path / "cell.toml"), "--poses", "3"])
+    told = " ".join(capsys.readouterr().out.split())
+    assert ("cross 2 messages, 8 numbers and 64 bytes a tick" if law else "nothing crosses") in told
+    with pytest.raises(ArgumentError, match="network"):
+        cp.eigenvalues(scenario)
+
+
+def test_mean_pose_and_wrenches_share_a_message():
+    scenario = biased("two spatial", network={}, **{"sensors.wrist": {}}, **BY_MESSAGES)
+    late = scenario.override({"controller.force_path": {"kind": "late"}, "network": None})
+    assert_array_equal(samples(scenario).joint_position, samples(late).joint_position)
+    assert cp.Simulation(scenario, build_controller(scenario)).traffic() == (2 * (6 + 6 + 6 + 1), 2)
