@@ -14,7 +14,7 @@ import tyro
 from coop_pin.catalogue import scenario_names, scenario_tables
 from coop_pin.cli.exit_codes import FAILED, OK
 from coop_pin.cli.overrides import TypedFields, load_scenario, refuse_fields
-from coop_pin.errors import ArgumentError, FieldError, NameNotFoundError
+from coop_pin.errors import ArgumentError, DivergedError, FieldError, NameNotFoundError
 
 _COLUMNS = 99
 """Longest line of a text."""
@@ -215,7 +215,7 @@ class Check:
             _print(f"  {gain_proposal(scenario, reach).summary()}")
         try:
             _print(f"  {eigenvalues(scenario).summary()}")
-        except ArgumentError as error:
+        except (ArgumentError, DivergedError) as error:  # the steps or gains named above
             _print(f"  closed loop: {error}")
         law: Any = scenario.controller
         if not scenario.cell.controls_turns and "holding torque" in law.needs:
