@@ -1,7 +1,8 @@
 """Traced code: batches of runs, compiled once for many scenarios, and the law of one arm as C99.
 
-Laws are those of coop_pin.control, run on traced numbers; the plant is written once as scalar code with the
-numbers of the cell's Pinocchio tree. llvmlite compiles batches. In the order in which they build on each
+Laws are those of coop_pin.control, sensors and drives those of coop_pin.simulation, run on traced numbers.
+The plant alone is written anew, as scalar code with the numbers of the cell's Pinocchio tree; tests hold the
+two together. llvmlite compiles batches. In the order in which they build on each
 other:
 
 - physics: serial_arm (kinematics), arm_dynamics, cell_dynamics (closures, forces on the payload);

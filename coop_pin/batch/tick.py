@@ -247,7 +247,8 @@ class TickCode:
         """Return the kernels that need the motion under the held torques, which is traced once.
 
         "observe" writes what is recorded of the state and the forces on it, and the rates; "rates" the rates
-        after another step of a tick; "weigh" what wrist sensors and force path sense before a later tick.
+        after another step of a tick; "weigh" what wrist sensors and force path sense before a later tick. The
+        slots of the wrenches serve both: a tick reads what "weigh" wrote, the record what "observe" wrote.
         """
         observe, constants = self._block.kernel("observe")
         cell = self._block.cell(observe, constants)
