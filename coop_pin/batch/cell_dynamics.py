@@ -185,8 +185,8 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
     first = terms[0]
     R, p = first.R_WP, first.p_WP
     V_WP = join(first.V[:3] + cross(first.V[3:], p), first.V[3:])
-    # F_P is the whole wrench about the payload's centre of mass besides gravity, as Plant.payload_wrench has it:
-    # one that depends on R, p and V_WP is added here. Its power and its record are those of F_P, below.
+    # F_P is the whole wrench about the payload's centre of mass besides gravity, as Plant.payload_wrench: one
+    # that depends on R, p and V_WP is added here. Its power and its record are those of F_P, below.
     W = join(F_P[:3], F_P[3:] + cross(p, F_P[:3]))
     errors = [closure_error(R, p, arm.R_WP, arm.p_WP) for arm in terms[1:]]
     forces = _closure_forces(cell, terms, W, errors, rows)
