@@ -52,8 +52,8 @@ def least_squeeze(scenario: Scenario) -> LeastSqueeze | None:
     """Return the least squeeze of the cell's patches and pads along the motion; None without any.
 
     With the load (f, N_0, m) that the motion puts on a patch of torsion radius r, by the split of the law,
-    slip asks for N >= sqrt(|f|^2 + (m / r)^2) / mu (the ellipsoid), and a moment m_t in the plane for N >=
-    |m_t| / r; N_0 counts. Friction of arms, errors of the law and events are not in it.
+    slip asks for N >= sqrt(f . f + (m / r)^2) / mu (the ellipsoid), and the size m_t of the moment in the
+    plane for N >= m_t / r; N_0 counts. Friction of arms, errors of the law and events are not in it.
 
     Args:
         scenario: Scenario with motion and squeeze.
