@@ -16,7 +16,6 @@ from coop_pin.build_controller import build_controller, controlled_arm
 from coop_pin.control import CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
-from coop_pin.results.dataset import without_time
 from coop_pin.results.quantities import QUANTITIES, quantities
 from coop_pin.simulation import Simulation
 from coop_pin.tracing.tree import flattened, leaves
@@ -66,9 +65,9 @@ class PreparedPlant:
         self._joints = [len(arm.drive) for arm in self.run.plant.chain.model.arms]
         drawn = run_signals(scenario, self.desired, self._joints, self._clocked)
         self.example, self._signals = first_of(drawn), {scenario.seed: columns(drawn)}
-        recorder, self.table = self.run.recorder, quantities(scenario)
+        self.table = quantities(scenario)
         self.read = [each for each in QUANTITIES if each in self.table or each.group == "kinematics"]
-        self.labels = without_time(scenario, [names for _, names in recorder.joints], recorder.limit_table())
+        self.labels = self.run.recorder.labels()
 
     def signals(self, scenario: Scenario) -> Array:
         """Return the signals of a run of this plant at all ticks, shape (ticks + 1, entries)."""

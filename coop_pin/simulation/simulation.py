@@ -219,7 +219,7 @@ class Simulation:
         self.actuation.restore(state.actuation, self.scenario, self.ticks_done)
         is_heard = self._inputs is not None and self._inputs.measurements[0].messages is not None
         self.exchange.restore(state.network, self.scenario, self.ticks_done + is_heard)
-        self.recorder.restore(state.record)
+        self.recorder.restore(state.record, self.scenario)
 
     def reset(self, seed: int | None = None) -> TickInputs:
         """Return to the start and observe the first tick.
@@ -274,7 +274,7 @@ class Simulation:
             raise FieldError(
                 f"starts at t = {event.time:g} s, but the run has reached {earliest:g} s", "event.time"
             )
-        self.scenario = self.scenario.replace(events=(*self.scenario.events, event))
+        self.scenario = self.recorder.scenario = self.scenario.replace(events=(*self.scenario.events, event))
         self.timeline = self._timeline()
 
     def replace_controller(self, controller: CellController) -> None:
