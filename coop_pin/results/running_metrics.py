@@ -12,14 +12,14 @@ import json
 import math
 from collections import ChainMap
 from collections.abc import Hashable, Mapping
-from typing import NamedTuple, Self
+from typing import NamedTuple, Self, get_args
 
 import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.friction import friction_metrics
-from coop_pin.results.limits import LimitViolation, limit_violations
+from coop_pin.results.limits import LimitKind, LimitViolation, limit_violations
 from coop_pin.results.metrics import STEADY_METRICS, all_metrics, joint_drift
 from coop_pin.results.quantities import Arrays, Samples, energies
 from coop_pin.results.trust import Breach, TrustMonitor, drift_breaches, in_time, joint_names
@@ -63,11 +63,13 @@ class EveryTick(NamedTuple):
     def of_text(cls, text: str) -> Self:
         """Return what ``to_text`` wrote."""
         values, breaches, limits = json.loads(text).values()
-        return cls(values, tuple(Breach(*each) for each in breaches), tuple(LimitViolation(*each) for each in limits))
+        return cls(
+            values, tuple(Breach(*each) for each in breaches), tuple(LimitViolation(*each) for each in limits)
+        )
 
 
 class RunningMetrics:
-    """Metrics of a run whose samples come in blocks; of the samples it keeps those of the last four seconds."""
+    """Metrics of a run whose samples come in blocks; it keeps those of the last four seconds."""
 
     def __init__(self, scenario: Scenario, labels: Samples) -> None:
         """Begin before the first sample.
@@ -101,8 +103,9 @@ class RunningMetrics:
         drift = joint_drift(whole._end, windows)
         values = whole._values | {"joint_drift_rad": float(np.fmax.reduce(drift, axis=(-2, -1)))}
         breaches = *whole._breaches.values(), *drift_breaches(drift, scenario.trust, whole._joints, end)
-        order = [(arm, joint) for arm, joints in whole._joints for joint in joints]
-        limits = sorted(whole._limits.values(), key=lambda limit: order.index(limit[:2]))
+        joints = [(arm, joint) for arm, names in whole._joints for joint in names]
+        order = [(*joint, kind) for joint in joints for kind in get_args(LimitKind)]
+        limits = sorted(whole._limits.values(), key=lambda limit: order.index(limit[:3]))
         return EveryTick(values, in_time(breaches), tuple(limits))
 
     def _include(self, samples: Arrays, scenario: Scenario, windows: Windows) -> None:
@@ -118,7 +121,9 @@ class RunningMetrics:
         new["energy_balance_max_J"] = float(np.abs(energy - self._start_energy - sum(works)).max())
         for prefix, window in (("", windows.steady), ("after_event_", windows.after_event)):
             count = 0 if window.is_empty else int(samples_of(data, window).sum())
-            new |= {f"{prefix}{name}": self._mean(prefix, name, window, count, new) for name in STEADY_METRICS}
+            new |= {
+                f"{prefix}{name}": self._mean(prefix, name, window, count, new) for name in STEADY_METRICS
+            }
         spans = Window(0.0, windows.event.start), windows.event
         for name, span in zip(_SETTLING, spans, strict=True):
             new[name] = _settled(self._values[name], new[name], data, span)

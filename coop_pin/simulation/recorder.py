@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -15,7 +16,7 @@ from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.control.interface import ArmMeasurement
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError
-from coop_pin.memory import require_memory
+from coop_pin.memory import free_memory, require_memory
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult, Snapshot
@@ -37,6 +38,8 @@ from coop_pin.simulation.timeline import Timeline
 
 _BLOCK = 1024
 """Samples that are observed together, and ticks of a thinned run that are held together, at most."""
+_FREE_PART = 0.8
+"""Part of the free memory that a run which does not fit is told to take."""
 _WATCHED = ("joint_position", "jacobian_condition")
 """Computed quantities that a TrustMonitor reads."""
 
@@ -45,7 +48,7 @@ class RecordState(NamedTuple):
     """Samples of a run so far.
 
     Attributes:
-        count: number of samples.
+        size: number of samples.
         thinned: number of the first ones that are every n-th; the others are of all ticks after them.
         held_from: tick of the first of these.
         observed: samples of which the observation is worked out.
@@ -55,7 +58,7 @@ class RecordState(NamedTuple):
         running: metrics of the ticks that were thinned.
     """
 
-    count: int
+    size: int
     thinned: int
     held_from: int
     observed: int
@@ -68,13 +71,13 @@ class RecordState(NamedTuple):
 class Recorder:
     """Samples of a run at its ticks: the state at t_k, and torques and wrenches from t_k on.
 
-    Of a run with ``Clock.record_every`` n above 1 the newest ticks are held, at most 1024; before others come,
-    they are added to the running metrics, and of those whose number n divides the samples stay. The last tick
-    of a run stays, too.
+    If ``Clock.record_every``, n, is above 1, the newest ticks are held, at most 1024 of them. Before others
+    come, they are added to the running metrics, and those whose number n divides stay, as does the last tick.
 
     Attributes:
         scenario: scenario with the events added so far.
         count: number of samples, the newest tick's included.
+        memory: memory that a finished run and its file take, bytes.
     """
 
     def __init__(
@@ -92,12 +95,15 @@ class Recorder:
         self._sizes = {"q": model.nq, "v": model.nv, "arm": len(arms), "joint": joints, "patch": patches}
         self._block = 1 if patches else _BLOCK  # the plant remembers no bristles of earlier samples
         size = bytes_per_sample(self._table, self._sizes) + 8 * (rows + 1) * model.nv
+        self.memory = float(self._length * size)
+        fits = math.ceil(self._every * self.memory / max(1.0, _FREE_PART * free_memory()))
         require_memory(
             f"{self._length} samples of {scenario.name!r}",
-            self._length * size,
-            "raise clock.record_every, or lower duration or clock.rate_hz",
+            self.memory,
+            f"raise clock.record_every to {fits:.3g} or more, or lower duration or clock.rate_hz",
         )
-        self._allocate()
+        self._samples: Samples = {}  # allocated for the first tick: a run as one lane of a batch has none
+        self._is_shared = False
         self._running = RunningMetrics(scenario, self.labels()) if self._every > 1 else None
         self._angles = [arm.posture for arm in arms]
         self._monitor = TrustMonitor(scenario.trust, self.joints, *self.limit_table()[:2])
@@ -131,6 +137,8 @@ class Recorder:
         """Record one tick; the plant already holds its torques."""
         if self._running is not None and self.count - self._thinned == _BLOCK:
             self._thin(self._running)
+        if not self._samples:
+            self._allocate()
         samples, plant, sample = self._samples, self._plant, self.count
         distances, angles = zip(*plant.closure_errors(), strict=True)
         for name, value in {
@@ -171,21 +179,21 @@ class Recorder:
 
     def state(self) -> RecordState:
         """Return the samples so far."""
-        samples = [table[: self.count].copy() for table in self._tables()]
+        samples = [table[: self.count].copy() for table in (self._tables() if self.count else ())]
         counts = self.count, self._thinned, self._held_from, self._observed
         return RecordState(
             *counts, samples, list(self._angles), *copy.deepcopy((self._monitor, self._running))
         )
 
     def restore(self, state: RecordState, scenario: Scenario) -> None:
-        """Return to earlier samples of a scenario; results and snapshots that were handed out stay as they are."""
+        """Return to earlier samples of a scenario; what was handed out stays as it is."""
         self.scenario = scenario
-        if self._is_shared:
+        if self._is_shared or not self._samples:
             self._allocate()
         self.count, self._thinned, self._held_from, self._observed = state[:4]
         self._angles = list(state.angles)
         self._monitor, self._running = copy.deepcopy((state.monitor, state.running))
-        for table, samples in zip(self._tables(), state.samples, strict=True):
+        for table, samples in zip(self._tables(), state.samples, strict=False):  # none before the first tick
             table[: self.count] = samples
 
     def _tables(self) -> list[NDArray[Any]]:
@@ -227,7 +235,9 @@ class Recorder:
             return slice(0, self.count)
         rows = np.arange(self.count)
         ticks = self._held_from + rows - self._thinned
-        return rows[(rows < self._thinned) | (ticks % self._every == 0) | (is_last & (rows == self.count - 1))]
+        return rows[
+            (rows < self._thinned) | (ticks % self._every == 0) | (is_last & (rows == self.count - 1))
+        ]
 
     def _columns(self, quantity: Quantity) -> tuple[list[Array], list[int] | None]:
         """Return the samples of each arm, or of a quantity of no arm, and their entries; None for all."""
@@ -310,7 +320,7 @@ class Recorder:
 
     def limit_table(self) -> Array:
         """Return the four limits of each arm's joints, shape (4, m, k); NaN where there is none."""
-        table = np.full((4, *self._samples["torque"].shape[1:]), np.nan)
+        table = np.full((4, self._sizes["arm"], self._sizes["joint"]), np.nan)
         for index, limits in enumerate(self._limits):
             columns = (limits.lower, limits.upper, limits.velocity, limits.torque)
             for row, values in zip(table, columns, strict=True):
