@@ -185,14 +185,14 @@ def _stability_at(simulation: Simulation, q: Array, time: float) -> SampledStabi
     clock, network = simulation.scenario.clock, simulation.scenario.network
     values = np.array([_stability_value(clock.period * entry) for entry in eigenvalues])
     worst = int(np.argmax(values))
-    found = SampledStability(
+    stability = SampledStability(
         float(values[worst]), clock.rate_hz, fastest_joints(simulation, np.abs(modes[:, worst])), time
     )
     if network is None or not (late := network.oldest_of(list(simulation.scenario.cell.arms), clock)):
-        return found
+        return stability
     D_now = _damping(simulation, q, _torque_of(simulation, q, time, hears_rest=True))
     factor = _delayed_factor(clock.period * D_now, clock.period * (D - D_now), late)
-    return found._replace(limit=factor * found.value, delay=late) if factor < np.inf else found
+    return stability._replace(limit=factor * stability.value, delay=late) if factor < np.inf else stability
 
 
 def _delayed_factor(now: Array, late: Array, delay: int) -> float:
