@@ -44,8 +44,8 @@ EVERYWHERE = {"errors", "engines", "arrays", "memory", "spatial", "atomic_write"
 # - batch traces the laws and the plant of runs, and chain the wrenches of compliant grasps;
 # - limited_process runs readers that have no limits;
 # - laws stand in control, beside their controllers; a law of model_based stands in description, and names its
-#   controller, which loads when it is built: model_based controllers know the friction of simulation's
-#   transmission, and nothing imports them but by name;
+#   controller, which loads when it is built: model_based controllers know the friction of an arm, and nothing
+#   imports them but by name;
 # - build_controller builds controllers, and asks an ArmModel for the number of joints that gains must fit;
 # - engine_choice tells what simulates runs, on Pinocchio, on batch's compiled plant or in a batch;
 # - run_scenario warns of what analysis finds, and runs one, which may be a lane of a batch.
@@ -73,7 +73,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "chain": ({"description", "model", "tracing"}, {"pinocchio", "scipy"}),
     "results": ({"description", "user_files"}, {"h5netcdf", "h5py", "pandas", "xarray"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
-    "model_based": ({"control", "description", "model", "simulation"}, {"pinocchio", "proxsuite"}),
+    "model_based": ({"control", "description", "model"}, {"pinocchio", "proxsuite"}),
     "build_controller": ({"control", "description", "model"}, set()),
     "engine_choice": ({"batch", "description", "model", "simulation"}, set()),
     "run_scenario": (
