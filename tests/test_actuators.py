@@ -12,8 +12,8 @@ from coop_pin.analysis import static_torques
 from coop_pin.build_controller import build_controller
 from coop_pin.control import CellCommand, CellController
 from coop_pin.errors import FieldError, ScenarioError
+from coop_pin.model.transmission import friction
 from coop_pin.simulation.drives import TorqueResponse
-from coop_pin.simulation.transmission import friction
 
 ACCELERATION = (0.0, -3.0, -9.81)
 """A gravity that loads the planar arms, too."""
