@@ -438,6 +438,35 @@ for law in (SlidingMode(gains=printed), RedundantSlidingMode(gains=printed), Pre
         torques, _ = blind.step([seen] * 2, [reference] * 2, blind.init([seen] * 2, [reference] * 2))
         for torque in torques:
             assert torque.shape == seen.q.shape and np.isfinite(torque).all()
+from coop_pin.control import MeanPose, Message
+
+class Ring:  # all that a law by messages reads of its scenario
+    edges_at = staticmethod(lambda time, arms: {(arms[0], arms[1]), (arms[1], arms[0])})
+    slowest_of = staticmethod(lambda arms: 0)
+
+class Told:
+    network = Ring
+
+def by_messages(law):
+    arms = [ControlledArm(name, name == "left", rows, 0.0125, 0.5, 3, np.zeros(3), np.zeros(3), np.eye(4), 0)
+            for name in ("left", "right")]
+    telling = law.build(Told, arms)
+    said = dict(zip(("left", "right"), telling.messages([wrist] * 2, [reference] * 2, None)))
+    assert all(len(numbers) > 2 for numbers in said.values())
+    heard = [wrist._replace(messages={one: Message(numbers, 0.0) for one, numbers in said.items()})] * 2
+    state = telling.init(heard, [reference] * 2)
+    torques, state = telling.step(heard, [reference] * 2, state)
+    again = telling.messages([wrist] * 2, [reference] * 2, state)
+    assert list(map(len, again)) == list(map(len, said.values()))
+    assert all(np.isfinite(torque).all() for torque in torques)
+
+wrist = measurement._replace(interaction_wrench=f, interaction_wrench_age=0.0, internal_wrench=None)
+BY_MESSAGES = [
+    MeanPose(gains=space), MeanPose(gains=space, averaging="consensus"),
+    PayloadSpace(gains=space, force_path={"kind": "messages"}), Admittance(),
+]
+for law in BY_MESSAGES:
+    by_messages(law)
 seen = sorted({name.split(".")[1] for name in sys.modules if name.startswith("coop_pin.")})
 print(" ".join(seen))
 """
