@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Hashable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, Mask
 from coop_pin.batch.constants import RunConstants, run_constants, start
 from coop_pin.batch.hidden_state import digest, of_surroundings
 from coop_pin.batch.signals import clocked_of, columns, desired_of, first_of, run_signals
 from coop_pin.batch.support import plant_reason
 from coop_pin.build_controller import build_controller, controlled_arm
+from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.control import CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
@@ -70,6 +72,11 @@ class PreparedPlant:
         self.read = [each for each in QUANTITIES if each in self.table or each.group == "kinematics"]
         self.labels = without_time(scenario, [names for _, names in recorder.joints], recorder.limit_table())
 
+    @functools.cached_property
+    def determined(self) -> Mask:
+        """Rows of the interaction wrenches that are determinate; see determinate_rows."""
+        return determinate_rows(self.run.plant.chain, self.run.plant.q)
+
     def signals(self, scenario: Scenario) -> Array:
         """Return the signals of a run of this plant at all ticks, shape (ticks + 1, entries)."""
         if scenario.seed not in self._signals:
@@ -101,6 +108,11 @@ class Prepared(NamedTuple):
     def constants(self) -> RunConstants:
         """Numbers of the first run."""
         return self.plants[0].constants._replace(controller=self.controller)
+
+    def part(self, runs: slice) -> Prepared:
+        """Return the batch of some of the runs."""
+        values = (self.scenarios[runs], self.plants[runs], self.signals[runs])
+        return Prepared(*values, self.controller, self.values[runs], self.kind)
 
     @property
     def is_foreign(self) -> bool:
