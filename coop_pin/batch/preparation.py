@@ -34,7 +34,7 @@ class PreparedPlant:
         run: simulation of the first run, at its start.
         arms: numbers of the arms that controllers know.
         constants: numbers of the runs, without a controller.
-        values: leaves of the constants.
+        values: leaves of the constants, shape (leaves,).
         start: initial state of the runs.
         begins: numbers of the fields of a block that the plant begins with, by name.
         desired: desired motion and squeeze at all ticks.
@@ -59,8 +59,11 @@ class PreparedPlant:
         self.arms = [controlled_arm(scenario, name) for name in scenario.cell.arms]
         self.constants = run_constants(scenario, self.run)._replace(controller=None)
         self.start = start(self.run)
-        self.values, structure = flattened(self.constants)
+        numbers, structure = flattened(self.constants)
+        self.values = np.array(numbers, dtype=np.float64)
         self.kind = structure, tuple(scenario.cell.arms), _times(scenario)
+        self._known = {id(arm): flattened(arm) for arm in self.arms}
+        self._last: tuple[Hashable, ...] = ()
         self.begins = {name: leaves(part) for name, part in self.start._asdict().items()}
         self.begins["surroundings"] = leaves(self.constants.changes[0])
         self.desired = desired_of(self.run)
@@ -76,6 +79,19 @@ class PreparedPlant:
     def determined(self) -> Mask:
         """Rows of the interaction wrenches that are determinate; see determinate_rows."""
         return determinate_rows(self.run.plant.chain, self.run.plant.q)
+
+    def with_controller(self, scenario: Scenario) -> tuple[CellController, Array, tuple[Hashable, ...]]:
+        """Return the controller of a run of this plant, the numbers of both, and the family of the run.
+
+        Raises:
+            TracingError: The controller cannot be traced.
+            CoopPinError: It cannot be built.
+        """
+        controller = scenario.controller.build(scenario, self.arms)
+        numbers, structure = flattened(controller, self._known)
+        kind = self.kind, structure, _surroundings(scenario)
+        self._last = self._last if kind == self._last else kind  # the same object: no more to compare
+        return controller, np.concatenate((self.values, np.array(numbers, dtype=np.float64))), self._last
 
     def signals(self, scenario: Scenario) -> Array:
         """Return the signals of a run of this plant at all ticks, shape (ticks + 1, entries)."""
@@ -140,11 +156,8 @@ class Prepared(NamedTuple):
             TracingError: the run cannot be in a batch.
             CoopPinError: the run cannot start.
         """
-        controller = scenario.controller.build(scenario, plant.arms)
-        numbers, structure = flattened(controller)
-        values = np.array([[*plant.values, *numbers]], dtype=np.float64)
-        kind = plant.kind, structure, _surroundings(scenario)
-        return cls([scenario], [plant], [plant.signals(scenario)], controller, values, kind)
+        controller, values, kind = plant.with_controller(scenario)
+        return cls([scenario], [plant], [plant.signals(scenario)], controller, values[None], kind)
 
     @classmethod
     def joined(cls, runs: Sequence[Prepared]) -> Prepared:

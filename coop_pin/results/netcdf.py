@@ -33,11 +33,11 @@ def to_netcdf(data: xr.Dataset, scenario: str) -> bytes:
     """
     data = data.assign_attrs(coop_pin_scenario=scenario)
     data.attrs["coop_pin_sha256"] = content_digest(data)
-    content = _written(data)
+    content = netcdf_bytes(data)
     return content + _seal(content)
 
 
-def _written(data: xr.Dataset) -> bytes:
+def netcdf_bytes(data: xr.Dataset) -> bytes:
     """Return a dataset as Dataset.to_netcdf writes it, without its import of dask.distributed."""
     order = (*data.coords, *data.data_vars)
     variables, attributes = cf_encoder({name: data.variables[name] for name in order}, data.attrs)
