@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
 from coop_pin.batch.preparation import Prepared
@@ -23,24 +24,35 @@ _LINE, _AT_ONCE = CACHE_LINE // 8, 20_000
 """Runs in a cache line of a record; samples of all runs of a part: more leave the caches."""
 
 
+def kept_of(ticks: int, every: int, first: int = 0) -> NDArray[np.int64]:
+    """Return which of some ticks are kept: those whose number ``every`` divides, and the last.
+
+    Args:
+        ticks: Number of ticks.
+        every: Number of ticks from one kept one to the next.
+        first: Number of the first tick.
+    """
+    index = np.arange(ticks)
+    return index[((first + index) % every == 0) | (index == ticks - 1)]
+
+
 class RunSamples(Mapping[str, Any]):
     """Quantities that some runs of a batch have, by name, shape (runs, samples, ...); made when asked for."""
 
-    def __init__(self, prepared: Prepared, layout: Layout, records: Sequence[Array]) -> None:
+    def __init__(self, prepared: Prepared, layout: Layout, records: Sequence[Array], every: int = 1) -> None:
         """Make nothing yet.
 
         Args:
             prepared: Batch.
             layout: Layout of the records' slots.
             records: Records of blocks of its runs, as a Machine returns them.
+            every: Number of ticks from one sample to the next; the last tick is one, too.
         """
         self._prepared, self._layout = prepared, layout
+        self._kept, self._every = kept_of(len(records[0]), every), every
         self._records: Sequence[Array] | None = records
         self._plant, scenario = prepared.plants[0], prepared.scenarios[0]
         self._arms, self._rows = self._plant.run.plant.chain.model.arms, scenario.cell.task_rows
-        last, every = self._plant.run.timeline.ticks, scenario.clock.record_every
-        kept = [tick for tick in range(last + 1) if tick % every == 0 or tick == last]
-        self._kept = kept[: len(records[0])]  # records may end early
         self._recorded, self._made = self._state(), dict[str, Any]()
         self._table = {each.name: each for plant in dict.fromkeys(prepared.plants) for each in plant.table}
 
@@ -116,7 +128,8 @@ class RunSamples(Mapping[str, Any]):
             InvalidStateError: as of BatchResult.release.
         """
         slots = self._layout.slots(name)[entry]
-        return [record[:, slots.min() : slots.max() + 1] for record in self._blocks(name)], slots.shape
+        blocks = [record[:, slots.min() : slots.max() + 1] for record in self._blocks(name)]
+        return blocks if self._every == 1 else [block[self._kept] for block in blocks], slots.shape
 
     def _blocks(self, name: str = "a part") -> Sequence[Array]:
         """Return the records; raises as _recorded_of."""
