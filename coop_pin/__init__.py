@@ -51,6 +51,7 @@ _PUBLIC = {
     "GravityCompensation": "coop_pin.description",
     "GravityTurn": "coop_pin.description",
     "HandOver": "coop_pin.description",
+    "PutDown": "coop_pin.description",
     "Regrasp": "coop_pin.description",
     "Release": "coop_pin.description",
     "HoldMotion": "coop_pin.reference",

@@ -90,7 +90,7 @@ def implausible_numbers(scenario: Scenario) -> tuple[str, ...]:
 def _plan(scenario: Scenario) -> Iterator[str]:
     """Yield a law whose arms do not read that one of them holds nothing."""
     law = scenario.controller
-    if scenario.grasp_events and not (law.user_code or law.reads_plan):
+    if scenario.has_grasp_plan and not (law.user_code or law.reads_plan):
         yield (
             f"the law {law.kind!r} does not read the plan of the grasps: an arm that lets go, or takes hold,"
             " goes on with the load share of the cell; 'payload-space' reads it"

@@ -178,7 +178,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             pull = nothing if self.posture is None else self.posture.pull(measurement.q, measurement.v)
         start_squeeze = reference.internal_wrench
         if self.arm.pressed:  # the holding torque has the squeeze in it, which f_r keeps
-            Z = Z - self.arm.rows.turn(measurement.payload_pose, start_squeeze)
+            Z = Z - self.arm.rows.turn(self._squeeze_axes(measurement, reference), start_squeeze)
             start_squeeze = np.zeros_like(start_squeeze)
         reported = measurement.reported_torque
         return PayloadSpaceState(
@@ -212,7 +212,9 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         T, c, K = arm.period, arm.load_share, gains.sliding_gain
         e = np.exp(-gains.transient_rate * (measurement.time - state.start_time))
         s = self._surface(measurement, reference) - state.start_surface * e
-        f_r = arm.rows.turn(measurement.payload_pose, reference.internal_wrench - state.start_squeeze * e)
+        f_r = arm.rows.turn(
+            self._squeeze_axes(measurement, reference), reference.internal_wrench - state.start_squeeze * e
+        )
         holds, grip = state.holds, 1.0
         if measurement.slip is not None:
             holds = grip = holds * float(measurement.slip <= self.most_slip)
@@ -268,6 +270,10 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             J = measurement.payload_jacobian
             J_plus = jacobian_inverse(where(is_uncut, identity(len(J)), J), measurement.time)
         return J_plus.T.dot(change)
+
+    def _squeeze_axes(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
+        """Return the pose whose axes the squeeze turns with: as seen, or as desired by pressed arms."""
+        return reference.pose if self.arm.pressed else measurement.payload_pose
 
     def _surface(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
         """Return s_x = xtildedot + gamma xtilde, shape (k_0,)."""

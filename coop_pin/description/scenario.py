@@ -17,7 +17,8 @@ from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller
 from coop_pin.description.events import LoseArm, Surroundings
-from coop_pin.description.grasp_events import Event, GraspEvent, GraspPlan, grasp_plan, sequence_problems
+from coop_pin.description.grasp_events import Event, GraspEvent, PutDown, sequence_problems
+from coop_pin.description.grasp_plan import GraspPlan, grasp_plan
 from coop_pin.description.network import ArmClock, Network
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.relative_paths import anchor_files
@@ -266,7 +267,12 @@ class Scenario(WithLaterFields):
 
     def grasp_plan_at(self, time: float, missed: Sequence[GraspEvent] = ()) -> GraspPlan:
         """Return the plan of the grasps from a time on, s, without the events that did not happen."""
-        return grasp_plan(self.cell, self.grasp_events, time, missed)
+        return grasp_plan(self.cell, self.events, time, missed, self.controller.force_path.split)
+
+    @property
+    def has_grasp_plan(self) -> bool:
+        """Whether grasps open or close, or a table takes the load."""
+        return any(isinstance(event, GraspEvent | PutDown) for event in self.events)
 
     @property
     def squeeze_wrenches(self) -> Array:
