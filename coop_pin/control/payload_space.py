@@ -128,7 +128,8 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         leak     Z <- Z - lambda T (Z - Z_hold)              after it, while no measurement is recent
         integral Z <- Z + T c K alpha phi(s)                 after it, while no torque of the arm is saturated
 
-    s_x = xtildedot + gamma xtilde, R turns payload axes as this arm sees them, N = I - J^+ J, and pull is the
+    s_x = xtildedot + gamma xtilde, R turns payload axes as this arm sees them (of a pressed patch as desired,
+    so that f_r of all arms sum to zero although their patches tilt), N = I - J^+ J, and pull is the
     spring and damper of the spare joints. Inside a saturation layer of half width w the integral is that of a
     PI controller, k_I = alpha / w.
 
@@ -356,6 +357,11 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     def measures(self) -> bool:
         """Whether the law measures a wrench."""
         return self.payload_mass is not None or self.force_path.measures
+
+    @property
+    def puts_down(self) -> bool:
+        """Whether it anchors the integral without a bound, which would keep the load that a table gets."""
+        return self.measures and self.gains.anchor_gain > 0.0 and self.anchor_bias == "none"
 
     @property
     def needs(self) -> tuple[str, ...]:

@@ -114,14 +114,16 @@ def _linkage(cell: Cell, loads: Array) -> Array:
 
         L = sum over sets S of arms  prod_{i in S} l_i  prod_{i not in S} (1 - l_i)  L^S
 
-    with the L^S of the virtual linkage of S alone: the L_i sum to one, change smoothly with the loads, and are
-    those of the arms that hold where each l_i is 0 or 1. Without any load they are zero.
+    with the L^S of the virtual linkage of S alone: the L_i sum to one, change smoothly with the loads, and
+    are those of the arms that hold where each l_i is 0 or 1. Without any load they are zero.
     """
     tips = tuple(grasp.xyz for grasp in cell.grasps.values())
     moving, whole = np.flatnonzero((loads > 0.0) & (loads < 1.0)).tolist(), np.flatnonzero(loads == 1.0)
     L, total = np.zeros((len(tips), 6, 6)), 0.0
     for chosen in itertools.product((False, True), repeat=len(moving)):
-        part = np.prod([loads[i] if bears else 1.0 - loads[i] for i, bears in zip(moving, chosen, strict=True)])
+        part = np.prod(
+            [loads[i] if bears else 1.0 - loads[i] for i, bears in zip(moving, chosen, strict=True)]
+        )
         bearing = sorted([*whole.tolist(), *itertools.compress(moving, chosen)])
         if bearing:
             L[bearing] += part * _linkage_of(tuple(tips[i] for i in bearing))

@@ -27,7 +27,7 @@ class FrictionUse(NamedTuple):
 
     stands for the limit surface of a patch of torsion radius r: 2/3 of the radius of a disc. The surface of a
     disc lies up to 7 % inside the ellipsoid, and that of the eight points of a patch up to 11 %. NaN where an
-    arm does not bear its whole load share: while it is free, takes hold or lets go, or a table takes the load.
+    arm does not bear its whole load share: it is free, takes hold or lets go, or a table takes the load.
 
     Attributes:
         arms: names of the arms.
@@ -115,7 +115,9 @@ def _slides(data: Arrays, cell: Cell) -> list[tuple[int, str]]:
     bearing, slides = _bearing(data, cell), list[tuple[int, str]]()
     for number, arm in enumerate(cell.patches):
         steps = np.diff(np.asarray(data["patch_slip"])[:, number], prepend=0.0)
-        slid = np.cumsum(np.where(bearing[:, list(cell.arms).index(arm)], np.maximum(steps, 0.0), 0.0)) > _SLID
+        slid = (
+            np.cumsum(np.where(bearing[:, list(cell.arms).index(arm)], np.maximum(steps, 0.0), 0.0)) > _SLID
+        )
         if slid.any():
             slides.append((int(slid.argmax()), arm))
     return slides
