@@ -123,6 +123,13 @@ def _slides(data: Arrays, cell: Cell) -> list[tuple[int, str]]:
     return slides
 
 
+def friction_metrics(data: Arrays, cell: Cell) -> dict[str, float]:
+    """Return the metrics of cells with patches or pads."""
+    least = float(np.fmin.reduce(friction_use(data, cell).reserve, axis=None, initial=np.inf))
+    least = least if np.isfinite(least) else float("nan")
+    return {"squeeze_reserve_min_N": least, "dropped_at_s": dropped_at(data, cell)}
+
+
 def friction_text(data: Arrays, cell: Cell) -> str:
     """Return when and why the payload dropped or would have, as a part of a sentence; "" if it did not."""
     use, time, drop = friction_use(data, cell), np.asarray(data["time"]), dropped_at(data, cell)
