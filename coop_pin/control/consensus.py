@@ -51,12 +51,12 @@ def estimator_radius(
         integral_gain: k_I.
         delay: D, ticks by which messages are late.
     """
-    own = np.polymul([1.0, input_gain - 1.0], [1.0, -1.0])
+    alone = np.polymul([1.0, input_gain - 1.0], [1.0, -1.0])
     late = np.append(1.0, np.zeros(delay))
     sizes = [abs(1.0 - input_gain)]
     for eigenvalue in eigenvalues[1:]:
         told = proportional_gain * eigenvalue * np.polymul([1.0, -1.0], late)
-        modes = np.polyadd(np.polymul(own, np.polymul(late, late)), told)
+        modes = np.polyadd(np.polymul(alone, np.polymul(late, late)), told)
         sizes += np.abs(np.roots(np.polyadd(modes, [(integral_gain * eigenvalue) ** 2]))).tolist()
     return float(max(sizes))
 

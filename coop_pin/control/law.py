@@ -157,8 +157,8 @@ class Law(WithLaterFields):
 
     def measured(self, needs: Iterable[str]) -> tuple[str, ...]:
         """Return needs without an internal wrench that no path measures; the own if a load is learned."""
-        own = "internal wrench" if self.force_path.tells_wrenches else "own wrench"
-        named = {"internal wrench": own if self.force_path.measures else ""}
+        wrench = "internal wrench" if self.force_path.tells_wrenches else "own wrench"
+        named = {"internal wrench": wrench if self.force_path.measures else ""}
         return tuple(name for need in needs if (name := named.get(need, need)))
 
     @property

@@ -119,7 +119,7 @@ class LearnedState(NamedTuple):
     """Memory of an arm that learns the load.
 
     Attributes:
-        belief: what its own wrist says of the mass: mean times precision, and precision, shape (2,).
+        belief: mass by its own wrist, as mean times precision, and precision, shape (2,).
         correction: z, of the consensus on both, shape (2,).
         twist: V_WP at the last tick, m/s and rad/s, shape (k_0,).
         law: state of the law.
@@ -154,7 +154,7 @@ class LearnedLoad(ArmController):
     Attributes:
         law: Law of this arm.
         arm: Numbers of the arm; c_i is its load share where references name none.
-        path: What is expected, and the gain.
+        path: Prior of the mass, and the gain.
         arms: m.
     """
 
@@ -260,7 +260,7 @@ def _measured(
 
     Args:
         measurement: Measurement of the arm.
-        reference: Its reference.
+        reference: Reference of the arm.
         arm: Numbers of the arm.
         load: Wrench of the payload on all arms, shape (k_0,).
         size: Number of numbers of a message that are not the law's.
