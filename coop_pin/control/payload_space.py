@@ -426,7 +426,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
 
     def steady_directions(self, rows: TaskRows, loop: SampledLoop, period: float) -> list[SteadyDirection]:
         """Return K gamma and the integral K alpha phi(gamma x) in each linear task row."""
-        gains, internal, phi = self.gains.sized(rows.size, 0), self.force_path.measures, self.switching
+        gains, internal, phi = self.gains.sized(rows.size, 0), self.force_path.tells_wrenches, self.switching
         beta, leak = gains.anchor_gain / (loop.every * period), self._leak(gains)
         anchored = self.measures and beta > 0.0
         linear = [row for row, index in enumerate(rows.indices) if index < 3]

@@ -206,7 +206,8 @@ class Scenario(WithLaterFields):
             return "the scenario has no network; give it one"
         if without := [arm for arm in arms if self.sensors_of(arm).wrist is None]:
             return f"the arms {without} have no wrist sensor; give every arm one: sensors.wrist"
-        if len(self.network.edges_at(0.0, arms)) < len(arms) * (len(arms) - 1):
+        edges = self.network.edges_at(0.0, arms)
+        if self.controller.force_path.hears_all and len(edges) < len(arms) * (len(arms) - 1):
             return "some arms do not hear all others; network.graph must be 'all'"
         return ""
 
@@ -215,7 +216,7 @@ class Scenario(WithLaterFields):
         """Delay and sampling of the wrist sensors that the arms have, in ticks, with that of messages."""
         sensors = [wrist for arm in self.cell.arms if (wrist := self.sensors_of(arm).wrist) is not None]
         path, network, late, every = self.controller.force_path, self.network, 0, 1
-        if path.measures and not path.by_sensors and network is not None:
+        if path.hears_all and network is not None:
             late = network.slowest_of(list(self.cell.arms))
             every = network.ticks_per_message(self.clock)
         return [
