@@ -216,7 +216,7 @@ def _beyond_the_law(plan: CarryPlan, scenario: Scenario, start_time: float) -> F
 
     def missing(time: float, commanded: Sequence[Array]) -> Sequence[Array]:
         planned = plan.torques_at(time - start_time + _LATER * period)
-        return [torque - own for torque, own in zip(planned, commanded, strict=True)]
+        return [torque - command for torque, command in zip(planned, commanded, strict=True)]
 
     simulation.controller = FeedForwardController(simulation.controller, missing)
     simulation.controller_state = FeedForwardState(simulation.controller_state, nothing)
