@@ -226,6 +226,10 @@ class AgreedDirection(SteadyDirection):
         """Return the internal force of a bias: none."""
         return 0.0
 
+    def growth(self, share: float, bias: float) -> float:
+        """Return the rate at which that force grows: it does not."""
+        return 0.0
+
 
 class MeanPose(PayloadSpace):
     """The payload-space law on exchanged poses: MeanPoseController.
