@@ -17,9 +17,10 @@ from coop_pin.description.cell import Cell
 from coop_pin.description.plant import PlantOptions
 from coop_pin.errors import InfeasibleMotionError
 from coop_pin.model.cell_arm import CellArm
+from coop_pin.model.transmission import Transmission
 from coop_pin.reference import TimedLineMotion
 from coop_pin.reference.quintic import TimeScaling
-from coop_pin.simulation.transmission import Transmission
+from coop_pin.spatial import rotate_vector6
 
 _NODES = 33
 """Places between which a spline of the joint angles starts the inverse kinematics."""
@@ -144,28 +145,19 @@ class CarriedLine:
         for slot, rows in zip(slots, drives, strict=True):
             rows[:, slot.v_slice] = slot.from_drive.T
         from_drive = np.concatenate(drives)
-        rates, torque, wrench = zip(*(self._parts(s, squeeze) for s in places.tolist()), strict=True)
-        return CarriedPath(
-            places,
-            np.array(rates),
-            np.stack(torque, axis=1) @ from_drive.T,
-            np.stack(wrench, axis=1),
-            Transmission(self._chain.cell, slots, nv),
-            from_drive,
-        )
-
-    def _parts(self, s: float, squeeze: Array) -> tuple[Array, Array, Array]:
-        """Return rates, and torques and wrenches by u, by x and at rest, shapes (nv,), (3, nv), (3, m, 6)."""
-        q, v, a = self.derivatives(s)
-        R, rest = _pose_at(self._line, s)[:3, :3], np.zeros_like(v)
-        internal = (squeeze.reshape(-1, 2, 3) @ R.T).reshape(-1, 6)
-        motions = (rest, v), (v, a), (rest, rest)
-        parts = [self._chain.inverse_dynamics(q, *motion, internal=internal) for motion in motions]
+        q, v, a = map(np.array, zip(*map(self.derivatives, places.tolist()), strict=True))
+        R = np.array([_pose_at(self._line, s)[:3, :3] for s in places.tolist()])
+        rest, internal = np.zeros_like(v), rotate_vector6(R[:, None], np.tile(squeeze, (len(R), 1, 1)))
+        parts = [
+            self._chain.inverse_dynamics(q, *motion, internal=internal)
+            for motion in ((rest, v), (v, a), (rest, rest))
+        ]
         tau = np.array([part.torque for part in parts])
-        F = np.array([(part.interaction_wrench.reshape(-1, 2, 3) @ R).reshape(-1, 6) for part in parts])
+        F = np.array([part.interaction_wrench for part in parts])
+        F = rotate_vector6(np.swapaxes(R, 1, 2)[:, None], F)
         tau[:2] -= tau[2]
         F[:2] -= F[2]
-        return v, tau, F
+        return CarriedPath(places, v, tau @ from_drive.T, F, self._chain.transmission, from_drive)
 
 
 def _pose_at(line: TimedLineMotion, s: float) -> Array:

@@ -16,7 +16,7 @@ from coop_pin.errors import InfeasibleMotionError
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import TimedLineMotion
 from coop_pin.reference.splines import powers, quintic_coefficients
-from coop_pin.spatial import shift_wrench
+from coop_pin.spatial import rotate_vector6, shift_wrench
 
 KNOTS = 201
 """Entries of the table s(t) of a motion."""
@@ -34,8 +34,8 @@ _PENALTY = 1e3
 """Weight of the square of what exceeds a limit, or runs backwards, beside the relative effort."""
 _BACKWARD = 1e-9
 """Speed backwards that is rounding, 1/s."""
-_DIRECTIONS = 64
-"""Planes that stand for the friction ellipsoid of a pad."""
+_DIRECTIONS, _SIDES = 64, 16
+"""Planes that stand for the friction ellipsoid of a pad, and for the circle of the moment that tips it."""
 
 
 class CarryTiming(NamedTuple):
@@ -101,7 +101,7 @@ class CarryLimits(NamedTuple):
             raise InfeasibleMotionError("torque", f"{detail}; carry or squeeze less, or take another line")
         slips = np.einsum("rmi,nmi->nr", self.pads, self.path.wrench[2]) > 0.0
         for i, row in np.argwhere(slips).tolist():
-            detail = f"the pad of {cell.padded[row // _DIRECTIONS]!r} would slip at rest"
+            detail = f"the pad of {cell.padded[row // (_DIRECTIONS + _SIDES)]!r} would slip or tip at rest"
             detail += f" at s = {places[i]:.3g} of the line"
             raise InfeasibleMotionError("torque", f"{detail}; squeeze more, or carry less")
 
@@ -228,20 +228,23 @@ def _moving_average(places: Array, x: Array, width: float) -> tuple[Array, Array
 
 
 def _pad_rows(cell: Cell, name: str, reserve: float) -> Array:
-    """Return rows of an arm's pad: planes inside the ellipsoid of ``results.friction``, shape (r, m, 6).
+    """Return rows of an arm's pad: planes inside the cones of ``chain.friction_cones``, shape (r, m, 6).
 
-    d . (f_x, f_y, m / R) <= (1 - reserve) mu N r for unit vectors d, with the radius r of the ball inside of
-    which all corners between neighbouring planes are.
+    d . (f_x, f_y, m / R) <= (1 - reserve) mu N r and d . (b_x, b_y) <= (1 - reserve) R N r for unit vectors
+    d, with the radius r of the ball inside of which all corners between neighbouring planes are.
     """
     pad, X = cell.pads[name], cell.grasps[name].matrix
-    turn = np.kron(np.eye(2), (X[:3, :3] @ pad.plane[:3, :3]).T)
-    on_pad = turn @ shift_wrench(np.eye(6), -X[:3, 3]).T
-    k = np.arange(_DIRECTIONS) + 0.5
+    on_pad = rotate_vector6((X[:3, :3] @ pad.plane[:3, :3]).T, shift_wrench(np.eye(6), -X[:3, 3])).T
+    k, R = np.arange(_DIRECTIONS) + 0.5, pad.torsion_radius
     z, azimuth = 1.0 - 2.0 * k / _DIRECTIONS, k * np.pi * (1.0 + np.sqrt(5.0))
-    d = np.stack((np.sqrt(1.0 - z**2) * np.cos(azimuth), np.sqrt(1.0 - z**2) * np.sin(azimuth), z), axis=1)
+    circle = np.sqrt(1.0 - z**2)
+    d = np.stack((circle * np.cos(azimuth), circle * np.sin(azimuth), z), axis=1)
     corners = np.linalg.solve(d[ConvexHull(d).simplices], np.ones((1, 3, 1)))
-    bears = (1.0 - reserve) * pad.mu / np.linalg.norm(corners, axis=1).max()
-    rows = np.zeros((_DIRECTIONS, len(cell.arms), 6))
-    across = on_pad[[0, 1, 5]] / np.array([[1.0], [1.0], [pad.torsion_radius]])
-    rows[:, list(cell.arms).index(name)] = d @ across - bears * on_pad[2]
+    slip = d @ (on_pad[[0, 1, 5]] / np.array([[1.0], [1.0], [R]]))
+    slip -= (1.0 - reserve) * pad.mu / np.linalg.norm(corners, axis=1).max() * on_pad[2]
+    turn = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
+    tip = np.stack((np.cos(turn), np.sin(turn)), axis=1) @ on_pad[3:5]
+    tip -= (1.0 - reserve) * R * np.cos(np.pi / _SIDES) * on_pad[2]
+    rows = np.zeros((len(slip) + len(tip), len(cell.arms), 6))
+    rows[:, list(cell.arms).index(name)] = np.concatenate((slip, tip))
     return rows
