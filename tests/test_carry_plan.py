@@ -212,7 +212,7 @@ def test_least_effort_is_below_that_of_the_quintic(name):
 
 
 def palms(more):
-    """Two Pandas whose rigid grasps have the patches of two-pandas-palms as pads; they press more than least."""
+    """Two Pandas with the patches of two-pandas-palms as pads; they press more than the least squeeze."""
     scenario = cp.Scenario.load("two-pandas-palms")
     pads = {
         name: cp.Pad(**{field: getattr(patch, field) for field in cp.Pad.model_fields})
