@@ -648,11 +648,11 @@ def test_the_pieces_of_a_link_have_its_bounds_and_the_colours_of_its_file() -> N
     """Pinocchio reads the same file without its materials: an independent check of axes and scale."""
     locked = {"panda_finger_joint1": 0.03}
     arm = Arm(urdf="panda", tip="panda_hand_tcp", locked=locked)
-    whole = [
-        part for part in visuals._geometries(load_unreduced_arm(arm), arm) if part.name == "panda_link0_0"
-    ]
-    pieces = visuals._coloured_meshes(whole[0].meshPath, *whole[0].meshScale.ravel())
-    vertices, known = np.concatenate([mesh.vertices for mesh, _ in pieces]), whole[0].geometry.vertices()
+    whole = load_unreduced_arm(arm)
+    objects, _ = geometry.visual_geometry(whole.model, whole.text, list(map(str, arm.file.package_dirs)))
+    (link,) = (part for part in objects if part.name == "panda_link0_0")
+    pieces = visuals.coloured_meshes(Path(link.meshPath), tuple(link.meshScale.ravel()))
+    vertices, known = np.concatenate([mesh.vertices for mesh, _ in pieces]), link.geometry.vertices()
     assert_allclose(vertices.min(axis=0), known.min(axis=0), atol=1e-6)
     assert_allclose(vertices.max(axis=0), known.max(axis=0), atol=1e-6)
     assert len({colour for _, colour in pieces}) == len(pieces) >= 3
