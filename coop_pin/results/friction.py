@@ -95,6 +95,12 @@ def dropped_at(data: Arrays, cell: Cell) -> float:
     return float(np.asarray(data["time"])[falls.argmax()]) if falls.any() else float("nan")
 
 
+def friction_metrics(data: Arrays, cell: Cell) -> dict[str, float]:
+    """Return the metrics of cells with patches or pads."""
+    least = float(friction_use(data, cell).reserve.min())
+    return {"squeeze_reserve_min_N": least, "dropped_at_s": dropped_at(data, cell)}
+
+
 def friction_text(data: Arrays, cell: Cell) -> str:
     """Return when and why the payload dropped or would have, as a part of a sentence; "" if it did not."""
     use, time, drop = friction_use(data, cell), np.asarray(data["time"]), dropped_at(data, cell)

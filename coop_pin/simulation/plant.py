@@ -258,11 +258,12 @@ class Plant:
         """Integrate from time t over h seconds."""
         step = self._integrator.step(self._rate, t, self.q, self.v, h)
         self.q, self.v, self.time = step.q, step.v, t + h
-        self.work[: len(step.work)] += step.work
+        work = self.work[: len(step.work)]
+        work += step.work
         if self._project:
             self.q = self.chain.mechanism.project_configuration(self.q)
             self.v = self.chain.mechanism.project_velocity(self.q, self.v)
-        if len(self.chain.patches):
+        if self._is_elastic and len(self.chain.patches):
             self.work[-1] -= self.chain.patches.settle(self.q)
 
     def _rate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:

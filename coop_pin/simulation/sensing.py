@@ -32,7 +32,7 @@ class SensingState(NamedTuple):
         sensors: memory of the sensors.
     """
 
-    angles: tuple[Array, ...]
+    angles: Sequence[Array]
     sensors: SensorState
 
 
@@ -63,6 +63,7 @@ class Sensing:
             FieldError: a row of values for each joint has another size.
         """
         self._slots, self._holding_torques = slots, holding_torques
+        self._turning = [(i, slot) for i, slot in enumerate(slots) if not slot.angles.is_vector]
         self._kinematics, self._holding_factors = [], []
         for slot in slots:
             arm, grasp, k = scenario.cell.arms[slot.name], scenario.cell.grasps[slot.name], len(slot.drive)
@@ -83,7 +84,6 @@ class Sensing:
             ticks: Ticks that were measured.
         """
         self._scenario, self.state = scenario, state
-        self._angles = [slot.posture for slot in self._slots] if state is None else list(state.angles)
         self._signals = self._signals_after(ticks)
 
     def share(self, shares: Array) -> None:
@@ -135,7 +135,7 @@ class Sensing:
 
     def _step(self, state: SensorState, truth: Truth, view: View) -> list[ArmMeasurement]:
         measured, state = self.sensors.step(state, truth, view)
-        self.state = SensingState(tuple(self._angles), state)
+        self.state = SensingState(truth.angles, state)
         return measured
 
     def _truth(self, time: float, q: Array, v: Array, *others: Any) -> Truth:
@@ -150,13 +150,11 @@ class Sensing:
             v: Velocity of the cell, shape (nv,).
             others: Fields of Truth after the signals.
         """
-        for index, slot in enumerate(self._slots):
-            angles = q[slot.q_slice]
-            if not slot.angles.is_vector:
-                angles = slot.angles.near(angles, self._angles[index])
-            self._angles[index] = angles
-        rates = [v[slot.v_slice] for slot in self._slots]
-        return Truth(time, tuple(self._angles), rates, next(self._signals), *others)
+        angles, rates = [q[slot.q_slice] for slot in self._slots], [v[slot.v_slice] for slot in self._slots]
+        for index, slot in self._turning:
+            last = slot.posture if self.state is None else self.state.angles[index]
+            angles[index] = slot.angles.near(angles[index], last)
+        return Truth(time, angles, rates, next(self._signals), *others)
 
     def _view(self, q: Array, index: int, angles: Array | None) -> PayloadKinematics:
         slot = self._slots[index]

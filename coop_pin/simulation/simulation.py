@@ -105,7 +105,7 @@ class Simulation:
         self.scenario, self.controller = scenario, controller or _NoController()
         self.controller_state: Any = None
         self.ticks_done = 0
-        self.timeline = self._timeline()
+        self._schedule()
         chain = CellChain(scenario.cell, scenario.plant)
         self.plant = plant(chain, scenario.plant, _start(chain, scenario))
         limits = [JointLimits(arm, name) for name, arm in scenario.cell.arms.items()]
@@ -213,13 +213,13 @@ class Simulation:
         state.require_of(self._start.scenario)
         self.scenario, self.ticks_done, self.controller, self.controller_state = state[:4]
         self.motion, self.squeeze, self._replaced, self._inputs, self._applied = state[4:9]
-        self.timeline = self._timeline()
+        self._schedule()
         self.plant.restore(state.plant)
         self.sensing.restore(state.sensing, self.scenario, self.ticks_done + (self._inputs is not None))
         self.actuation.restore(state.actuation, self.scenario, self.ticks_done)
         is_heard = self._inputs is not None and self._inputs.measurements[0].messages is not None
         self.exchange.restore(state.network, self.scenario, self.ticks_done + is_heard)
-        self.recorder.restore(state.record)
+        self.recorder.restore(state.record, self.scenario)
 
     def reset(self, seed: int | None = None) -> TickInputs:
         """Return to the start and observe the first tick.
@@ -274,8 +274,8 @@ class Simulation:
             raise FieldError(
                 f"starts at t = {event.time:g} s, but the run has reached {earliest:g} s", "event.time"
             )
-        self.scenario = self.scenario.replace(events=(*self.scenario.events, event))
-        self.timeline = self._timeline()
+        self.scenario = self.recorder.scenario = self.scenario.replace(events=(*self.scenario.events, event))
+        self._schedule()
 
     def replace_controller(self, controller: CellController) -> None:
         """Replace the controller by one with the same kind of state, for example with other gains.
@@ -330,7 +330,7 @@ class Simulation:
             else:
                 saturated, reported = self._applied.saturated, self._applied.reported
                 measurements = self.sensing.measure(time, self.plant, saturated, reported)
-            for index, clock in self.scenario.clocks.items():
+            for index, clock in self._clocks.items():
                 measurements[index] = measurements[index]._replace(time=clock.reading(time))
             self._apply_events(time)
             self._inputs = TickInputs(measurements, references, target, squeeze)
@@ -358,7 +358,7 @@ class Simulation:
         """Apply a command, record the tick and integrate to the next."""
         tick, time = self.ticks_done, self.time
         self.controller_state = command.state
-        self._applied = self.actuation.apply(time, command, self.plant.q)
+        self._applied = self.actuation.apply(time, command)
         self.plant.drive(self._applied.torques)
         self.recorder.record(
             tick,
@@ -375,16 +375,18 @@ class Simulation:
         else:
             self.recorder.observe()
 
-    def _timeline(self) -> Timeline:
+    def _schedule(self) -> None:
+        """Lay out the times of the run, and what of them a tick asks for."""
         scenario = self.scenario
         lost = [scenario.actuators_of(name).lost_at for name in scenario.cell.arms]
         instants = [time for time in lost if time is not None]
-        return Timeline(scenario.clock, scenario.duration, scenario.events, instants)
+        self.timeline = Timeline(scenario.clock, scenario.duration, scenario.events, instants)
+        self._clocks, self._has_plan = scenario.clocks, bool(scenario.grasp_events)
 
     def _planned(self, time: float) -> tuple[Array, GraspPlan | None]:
         """Return desired internal wrenches and the plan of the grasps at a time, if grasps have events."""
         squeeze = self.squeeze.at(time, self._grasps)
-        if not self.scenario.grasp_events:
+        if not self._has_plan:
             return squeeze, None
         missed = [missed.event for missed in self.plant.missed]
         plan = self.scenario.grasp_plan_at(self.timeline.just_after(time), missed)
@@ -404,7 +406,7 @@ class Simulation:
 
     def _by_clocks(self, time: float, references: list[ArmReference]) -> list[ArmReference]:
         """Return references with those of arms whose clocks are off at what these show."""
-        for index, clock in self.scenario.clocks.items():
+        for index, clock in self._clocks.items():
             shown = clock.reading(time)
             references[index] = self._references(self.motion.at(shown), *self._planned(shown))[index]
         return references
