@@ -43,7 +43,7 @@ from coop_pin.viz.frames import frame_samples
 from coop_pin.viz.highlights import instants, telling_instant, trust_text
 from coop_pin.viz.live_scene import LiveScene, initial_scene
 from coop_pin.viz.page import page_scripts
-from coop_pin.viz.replay import run_names
+from coop_pin.viz.replay import run_names, shared_caption
 
 SCRIPTS = ("stage.js", "plots.js", "player.js")
 FLOAT32 = 3e-7
@@ -548,6 +548,12 @@ def test_undetermined_moments_have_neither_arrow_nor_legend(spatial: Replay) -> 
     assert bare.data["scales"]["moments"] is None
     assert spatial.data["scales"]["moments"] is not None
     assert np.isfinite(bare.frames).all()
+
+
+def test_what_all_captions_say_stands_over_the_panes_once() -> None:
+    captions = ["changed: no events; tip off; alpha 0", "changed: no events; tip off"]
+    assert shared_caption(captions).endswith(": no events; tip off")
+    assert shared_caption([*captions, "A bar"]) == ""
 
 
 def test_a_run_without_a_push_has_no_line_for_it_in_the_legend(planar: Replay, spatial: Replay) -> None:
