@@ -27,6 +27,7 @@ for other in [
     "human-partner",
     "two-pandas-palms",
     "two-ur5-admittance",
+    "pick-carry-place",
     *FAR_CELLS,
     *LARGE_CELLS,
 ]:  # it has the printed law; others have tests below

@@ -128,6 +128,11 @@ class Law(WithLaterFields):
         return "torque"
 
     @property
+    def puts_down(self) -> bool:
+        """Whether measured wrenches take the load out of its integral when a table gets it."""
+        return False
+
+    @property
     def has_linear_integral(self) -> bool:
         """Whether the law keeps an integral that is linear near rest."""
         return False
