@@ -11,7 +11,7 @@ from coop_pin.analysis.least_squeeze import LeastSqueeze, least_squeeze
 from coop_pin.analysis.loop_stability import LoopStability, loop_stability
 from coop_pin.analysis.new_cell import new_cell
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
-from coop_pin.analysis.plausibility import implausible_numbers, run_warnings
+from coop_pin.analysis.plausibility import implausible_numbers, large_record, run_warnings
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
 from coop_pin.analysis.root_locus import RootLocus, root_locus
 from coop_pin.analysis.sampled_motion import Mode, SampledMotion, sampled_motion
@@ -78,6 +78,7 @@ __all__ = [
     "grasp_stability",
     "implausible_numbers",
     "internal_moment",
+    "large_record",
     "least_squeeze",
     "loads_without_an_arm",
     "loop_stability",

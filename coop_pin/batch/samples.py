@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
 from coop_pin.batch.preparation import Prepared
@@ -22,24 +23,35 @@ _TURNED = 32
 """Samples whose axes are exchanged at once: more leave the processor's caches."""
 
 
+def kept_of(ticks: int, every: int, first: int = 0) -> NDArray[np.int64]:
+    """Return which of some ticks are kept: those whose number ``every`` divides, and the last.
+
+    Args:
+        ticks: Number of ticks.
+        every: Number of ticks from one kept one to the next.
+        first: Number of the first tick.
+    """
+    index = np.arange(ticks)
+    return index[((first + index) % every == 0) | (index == ticks - 1)]
+
+
 class RunSamples(Mapping[str, Any]):
     """Quantities that some runs of a batch have, by name, shape (runs, samples, ...); made when asked for."""
 
-    def __init__(self, prepared: Prepared, layout: Layout, records: Sequence[Array]) -> None:
+    def __init__(self, prepared: Prepared, layout: Layout, records: Sequence[Array], every: int = 1) -> None:
         """Make nothing yet.
 
         Args:
             prepared: Batch.
             layout: Layout of the records' slots.
             records: Records of blocks of its runs, as a Machine returns them.
+            every: Number of ticks from one sample to the next; the last tick is one, too.
         """
         self._prepared, self._layout = prepared, layout
+        self._kept, self._every = kept_of(len(records[0]), every), every
         self._records: Sequence[Array] | None = records
         self._plant, scenario = prepared.plants[0], prepared.scenarios[0]
         self._arms, self._rows = self._plant.run.plant.chain.model.arms, scenario.cell.task_rows
-        last, every = self._plant.run.timeline.ticks, scenario.clock.record_every
-        kept = [tick for tick in range(last + 1) if tick % every == 0 or tick == last]
-        self._kept = kept[: len(records[0])]  # records may end early
         tables = {id(plant): plant.table for plant in prepared.plants}.values()
         self._recorded, self._made = self._state(), dict[str, Any]()
         self._table = {each.name: each for table in tables for each in table}
@@ -105,7 +117,8 @@ class RunSamples(Mapping[str, Any]):
         if self._records is None:
             raise InvalidStateError(f"the batch was released before {name!r} was read; read samples before")
         slots = self._layout.slots(name)
-        return [record[:, slots.min() : slots.max() + 1] for record in self._records], slots.shape
+        blocks = [record[:, slots.min() : slots.max() + 1] for record in self._records]
+        return blocks if self._every == 1 else [block[self._kept] for block in blocks], slots.shape
 
     def _field(self, name: str) -> Array:
         """Return a copy of what was recorded of a field, (runs, samples, ...); raises as _recorded_of.

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound, force_loop_is_stable
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, WithLaterFields
+from coop_pin.schema.base import Description, NotNegative, Positive, WithLaterFields
 
 INSIST = "or insist with beyond_bound = true"
 """Advice for those who know better than the bounds."""
@@ -19,11 +19,24 @@ Split = Literal["shares", "virtual-linkage"]
 """Load in the measured wrenches, which less it are internal: shares about P, or forces at the tips."""
 
 
-class NoForcePath(Description):
+class _Traits:
+    """What is asked of every force path."""
+
+    measures: ClassVar[bool] = True
+    """Whether a wrench is measured."""
+    by_sensors: ClassVar[bool] = False
+    """Whether the internal wrench comes with the measurement, from the wrists of all arms."""
+    hears_all: ClassVar[bool] = False
+    """Whether every arm hears all others, and its wrench is as late as their messages."""
+    tells_wrenches: ClassVar[bool] = True
+    """Whether wrenches cross between the arms."""
+
+
+class NoForcePath(_Traits, Description):
     """No measured internal wrench: K_f must be zero, and the law is truly decentralised."""
 
     measures: ClassVar[bool] = False
-    by_sensors: ClassVar[bool] = False
+    tells_wrenches: ClassVar[bool] = False
     pole: ClassVar[float] = 0.0
     delay: ClassVar[int] = 0
     split: ClassVar[Split] = "shares"
@@ -34,7 +47,7 @@ class NoForcePath(Description):
 _Delay = Annotated[int, Field(ge=0)]
 
 
-class LateForcePath(WithLaterFields):
+class LateForcePath(_Traits, WithLaterFields):
     """Internal wrench of one tick before: f_m[k] = f(t_k^-), f_m[0] = f_d.
 
     Attributes:
@@ -45,7 +58,6 @@ class LateForcePath(WithLaterFields):
 
     later_fields: ClassVar[tuple[str, ...]] = ("split",)
 
-    measures: ClassVar[bool] = True
     by_sensors: ClassVar[bool] = True
     pole: ClassVar[float] = 0.0
 
@@ -54,7 +66,7 @@ class LateForcePath(WithLaterFields):
     split: Split = "shares"
 
 
-class LowPassForcePath(WithLaterFields):
+class LowPassForcePath(_Traits, WithLaterFields):
     """Discrete low-pass filter: f_m[k] = p f_m[k-1] + (1 - p) f(t_k^-), f_m[0] = f_d.
 
     It takes every sample once, when it arrives; between samples of slow sensors it holds.
@@ -67,7 +79,6 @@ class LowPassForcePath(WithLaterFields):
 
     later_fields: ClassVar[tuple[str, ...]] = ("split",)
 
-    measures: ClassVar[bool] = True
     by_sensors: ClassVar[bool] = True
 
     kind: Literal["low-pass"] = "low-pass"
@@ -76,20 +87,59 @@ class LowPassForcePath(WithLaterFields):
     split: Split = "shares"
 
 
-class MessageForcePath(Description):
-    """Internal wrench that each arm forms from the wrist wrenches of all, by messages: ExchangedWrench."""
+class _TellingForcePath(_Traits, Description):
+    """Internal wrench that each arm forms from its wrist wrench and what the arms tell each other."""
 
-    measures: ClassVar[bool] = True
-    by_sensors: ClassVar[bool] = False
     pole: ClassVar[float] = 0.0
     delay: ClassVar[int] = 0
-
     split: ClassVar[Split] = "shares"
+
+
+class MessageForcePath(_TellingForcePath):
+    """Internal wrench that each arm forms from the wrist wrenches of all, by messages: ExchangedWrench."""
+
+    hears_all: ClassVar[bool] = True
 
     kind: Literal["messages"] = "messages"
 
 
-_Paths = NoForcePath | LateForcePath | LowPassForcePath | MessageForcePath
+class ConsensusForcePath(_TellingForcePath):
+    """Internal wrench over any connected graph, by consensus on the mean of the wrenches: AveragedWrench.
+
+    Attributes:
+        input_gain: gamma, part of its own wrench that an arm's mean takes up in a tick.
+        proportional_gain: k_P, on the disagreement with the arms that are heard.
+        integral_gain: k_I, likewise.
+    """
+
+    kind: Literal["consensus"] = "consensus"
+    input_gain: float = Field(default=0.2, gt=0.0, lt=2.0)
+    proportional_gain: NotNegative = 0.25
+    integral_gain: Positive = 0.2
+
+
+class LearnedForcePath(_TellingForcePath):
+    """Wrist wrench less the share of a load that the arms learn together: LearnedLoad.
+
+    Attributes:
+        payload_mass: Mean of the mass that is expected, kg.
+        mass_deviation: Standard deviation of that mass, kg.
+        force_deviation: Standard deviation of a wrist's force, N.
+        consensus_gain: g of the consensus on what is learned.
+    """
+
+    tells_wrenches: ClassVar[bool] = False
+
+    kind: Literal["learned-load"] = "learned-load"
+    payload_mass: NotNegative = 0.0
+    mass_deviation: Positive = 10.0
+    force_deviation: Positive = 1.0
+    consensus_gain: Positive = 0.25
+
+
+_Paths = (
+    NoForcePath | LateForcePath | LowPassForcePath | MessageForcePath | ConsensusForcePath | LearnedForcePath
+)
 ForcePath = Annotated[_Paths, Field(discriminator="kind")]
 
 

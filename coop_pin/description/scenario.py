@@ -17,7 +17,8 @@ from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller
 from coop_pin.description.events import LoseArm, Surroundings
-from coop_pin.description.grasp_events import Event, GraspEvent, GraspPlan, grasp_plan, sequence_problems
+from coop_pin.description.grasp_events import Event, GraspEvent, PutDown, sequence_problems
+from coop_pin.description.grasp_plan import GraspPlan, grasp_plan
 from coop_pin.description.network import ArmClock, Network
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.relative_paths import anchor_files
@@ -205,7 +206,8 @@ class Scenario(WithLaterFields):
             return "the scenario has no network; give it one"
         if without := [arm for arm in arms if self.sensors_of(arm).wrist is None]:
             return f"the arms {without} have no wrist sensor; give every arm one: sensors.wrist"
-        if len(self.network.edges_at(0.0, arms)) < len(arms) * (len(arms) - 1):
+        edges = self.network.edges_at(0.0, arms)
+        if self.controller.force_path.hears_all and len(edges) < len(arms) * (len(arms) - 1):
             return "some arms do not hear all others; network.graph must be 'all'"
         return ""
 
@@ -214,7 +216,7 @@ class Scenario(WithLaterFields):
         """Delay and sampling of the wrist sensors that the arms have, in ticks, with that of messages."""
         sensors = [wrist for arm in self.cell.arms if (wrist := self.sensors_of(arm).wrist) is not None]
         path, network, late, every = self.controller.force_path, self.network, 0, 1
-        if path.measures and not path.by_sensors and network is not None:
+        if path.hears_all and network is not None:
             late = network.slowest_of(list(self.cell.arms))
             every = network.ticks_per_message(self.clock)
         return [
@@ -266,7 +268,12 @@ class Scenario(WithLaterFields):
 
     def grasp_plan_at(self, time: float, missed: Sequence[GraspEvent] = ()) -> GraspPlan:
         """Return the plan of the grasps from a time on, s, without the events that did not happen."""
-        return grasp_plan(self.cell, self.grasp_events, time, missed)
+        return grasp_plan(self.cell, self.events, time, missed, self.controller.force_path.split)
+
+    @property
+    def has_grasp_plan(self) -> bool:
+        """Whether grasps open or close, or a table takes the load."""
+        return any(isinstance(event, GraspEvent | PutDown) for event in self.events)
 
     @property
     def squeeze_wrenches(self) -> Array:

@@ -187,8 +187,13 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         self._first = np.ascontiguousarray(block[:, lane].reshape(-1, groups, width).swapaxes(0, 1))
         loads = loads[:, :, lane].reshape(*loads.shape[:2], groups, width)
         self._loads = np.ascontiguousarray(np.moveaxis(loads, 2, 0))
-        self._block, self._desired = self._first.copy(), [plant.desired for plant in prepared.plants]
-        self._shares = np.array([one.cell.shares for one in prepared.scenarios])
+        self._block = self._first.copy()
+        plants = [*{id(plant): plant for plant in prepared.plants}.values()]
+        number = {id(plant): index for index, plant in enumerate(plants)}
+        self._desired = [plant.desired for plant in plants]
+        # Of one plant, what all lanes share is read once.
+        self._plant = np.array([number[id(plant)] for plant in prepared.plants])[: None if plants[1:] else 1]
+        self._shares = np.array([one.cell.shares for one in prepared.scenarios])[self._plant]
         self._call: Callable[[int, int], None] = self._machine.bound(
             self._block, self._code.uniforms, None, self._loads
         )
@@ -219,15 +224,21 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         """Return observations and rewards."""
         pose, last = np.zeros((self.num_envs, 4, 4)), self._tick - 1
         pose[:, :3, :3], pose[:, :3, 3], pose[:, 3, 3] = self._slots("R_WP"), self._slots("p_WP"), 1.0
-        desired = self._desired if len({*map(id, self._desired)}) > 1 else self._desired[:1]
+        wrenches = np.where(self._determined, self._slots("wrenches"), np.nan)
         samples = {
             "payload_pose": pose,
-            "desired_pose": np.array([one.pose[last] for one in desired]),
-            "desired_squeeze": np.array([one.squeeze[last] for one in self._desired]),
+            "desired_pose": self._wanted([one.pose[last] for one in self._desired]),
+            "desired_squeeze": np.broadcast_to(
+                self._wanted([one.squeeze[last] for one in self._desired]), wrenches.shape
+            ),
             "tip_position": self._slots("tips"),
-            "interaction_wrench": np.where(self._determined, self._slots("wrenches"), np.nan),
+            "interaction_wrench": wrenches,
         }
-        twist = self._slots("V_WP") - np.array([one.twist[last] for one in desired])
+        twist = self._slots("V_WP") - self._wanted([one.twist[last] for one in self._desired])
         with np.errstate(all="ignore"):  # of lanes that diverged
             observed = Observed(self._slots("q"), self._slots("v"), samples, twist)
-            return self.task.outcome(observed, self._shares if len(desired) > 1 else self._shares[0])
+            return self.task.outcome(observed, self._shares)
+
+    def _wanted(self, of_plants: list[Array]) -> Array:
+        """Return numbers of each plant as those of each lane, or of all lanes, shape (lanes or 1, ...)."""
+        return np.array(of_plants)[self._plant]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from functools import cached_property
-from typing import Literal, NamedTuple, Self
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -18,6 +18,7 @@ from coop_pin.errors import (
     OutOfRangeError,
 )
 from coop_pin.reference.pose_reference import PoseReference, PoseTarget, make_target
+from coop_pin.schema.base import WithLaterFields
 from coop_pin.schema.pose import Pose
 from coop_pin.spatial import quaternions
 
@@ -52,13 +53,14 @@ class PoseSpline(NamedTuple):
     last: PoseTarget
 
     @classmethod
-    def through(cls, times: Array, positions: Array, quaternions: Array) -> Self:
+    def through(cls, times: Array, positions: Array, quaternions: Array, stops: bool = False) -> Self:
         """Return the spline through poses.
 
         Args:
             times: s, strictly increasing, shape (n,), n >= 2.
             positions: m, shape (n, 3).
             quaternions: (x, y, z, w), either sign, any length but zero, shape (n, 4).
+            stops: Whether it rests at every pose.
 
         Raises:
             OutOfRangeError: the times do not increase strictly; ``index`` is that of the first such time.
@@ -70,7 +72,8 @@ class PoseSpline(NamedTuple):
             allowed = f"a nanosecond after {times[index - 1]:.6g}: times increase strictly; sort them"
             raise OutOfRangeError("times", float(times[index]), allowed, (index,))
         unit = _same_sign(quaternions)
-        coefficients = _quintic_coefficients(times, np.hstack((positions, unit)))
+        through = _stopping_coefficients if stops else _quintic_coefficients
+        coefficients = through(times, np.hstack((positions, unit)))
         _check_length(times, coefficients, unit)
         first, last = _resting(positions[0], unit[0]), _resting(positions[-1], unit[-1])
         return cls(tuple(times.tolist()), coefficients, first, last)
@@ -147,6 +150,14 @@ def _quintic_coefficients(times: Array, points: Array) -> Array:
     return coefficients
 
 
+def _stopping_coefficients(times: Array, points: Array) -> Array:
+    """Return the coefficients of the quintics from rest to rest, as of ``_quintic_coefficients``."""
+    powers = np.array((0.0, 0.0, 0.0, 10.0, -15.0, 6.0)) / np.diff(times)[:, None] ** np.arange(6)
+    coefficients: Array = powers[..., None] * np.diff(points, axis=0)[:, None]
+    coefficients[:, 0] = points[:-1]
+    return coefficients
+
+
 def _check_length(times: Array, coefficients: Array, quaternions: Array) -> None:
     """Refuse a spline whose quaternion nearly vanishes between two knots."""
     fractions = np.linspace(0.0, 1.0, 17)
@@ -174,17 +185,21 @@ class Waypoint(Pose):
     time: float
 
 
-class WaypointsMotion(PoseReference):
+class WaypointsMotion(WithLaterFields, PoseReference):
     """Spline through poses at their times, at rest before the first and after the last.
 
     To stop at a pose between, give it twice. Times that are spaced very unevenly make the path swing out.
 
     Attributes:
         points: two or more, their times increasing.
+        stops: whether it rests at every point: straight lines by quintics, which do not swing out.
     """
+
+    later_fields: ClassVar[tuple[str, ...]] = ("stops",)
 
     kind: Literal["waypoints"] = "waypoints"
     points: tuple[Waypoint, ...]
+    stops: bool = False
 
     @model_validator(mode="after")
     def _one_path(self) -> Self:
@@ -202,7 +217,7 @@ class WaypointsMotion(PoseReference):
     def _spline(self) -> PoseSpline:
         poses = np.stack([point.matrix for point in self.points])
         times = np.array([point.time for point in self.points])
-        return PoseSpline.through(times, poses[:, :3, 3], quaternions(poses[:, :3, :3]))
+        return PoseSpline.through(times, poses[:, :3, 3], quaternions(poses[:, :3, :3]), self.stops)
 
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s."""

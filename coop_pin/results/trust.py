@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.description.trust import TrustThresholds
+from coop_pin.results.metrics import DRIFT_S
 from coop_pin.results.quantities import energies
 
 Cause = Literal[
@@ -58,6 +59,30 @@ class Breach(NamedTuple):
 def in_time(breaches: Sequence[Breach]) -> tuple[Breach, ...]:
     """Return breaches in the order of their first times."""
     return tuple(sorted(breaches, key=lambda breach: (breach.time, get_args(Cause).index(breach.cause))))
+
+
+def joint_names(labels: Mapping[Any, Any]) -> list[tuple[str, list[str]]]:
+    """Return the name of each arm and the names of its joints, of arrays of a run."""
+    names = [[name for name in row if name] for row in np.asarray(labels["joint_name"]).tolist()]
+    return list(zip(map(str, np.asarray(labels["arm"])), names, strict=True))
+
+
+def drift_breaches(
+    drift: Array, thresholds: TrustThresholds, joints: Sequence[tuple[str, Sequence[str]]], end: float
+) -> tuple[Breach, ...]:
+    """Return the joints that drift in the last second of a run.
+
+    Args:
+        drift: drift of all joints, rad or m, shape (m, k); see metrics.joint_drift.
+        thresholds: thresholds of the scenario.
+        joints: name of each arm, and names of its joints.
+        end: time of the last sample, s.
+    """
+    allowed = thresholds.joint_drift
+    return tuple(
+        Breach("joint drift", joints[a][0], joints[a][1][j], end - DRIFT_S, float(drift[a, j]), allowed)
+        for a, j in np.argwhere(drift > allowed).tolist()
+    )
 
 
 class _Series(NamedTuple):
