@@ -232,8 +232,8 @@ class CellDrives(NamedTuple):
             servo = servos[index] if servos else None
             if arm.servo is None or servo is None:
                 weight = None if arm.carried is None else arm.carried * sensed.weight(index)
-                given = gives[index] * command if arm.keeps_weight else command
-                entries.append((command, *arm.step(state.last[index], given, missed[index], weight)))
+                sent = gives[index] * command if arm.keeps_weight else command
+                entries.append((command, *arm.step(state.last[index], sent, missed[index], weight)))
             else:
                 arrives = (1.0 - missed[index]) * (gives[index] if arm.keeps_weight else 1.0)
                 servo = arm.servo.received(servo, command, 1.0 - arrives)
