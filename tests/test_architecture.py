@@ -134,8 +134,8 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "figures",
         },
         {
-            "imageio_ffmpeg",
             "fast_simplification",
+            "imageio_ffmpeg",
             "ipywidgets",
             "matplotlib",
             "playwright",
@@ -206,7 +206,13 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
 }
 
 # Distributions by the names they are imported under, and what another distribution brings along.
-IMPORTED_AS = {"pin": "pinocchio", "tomli-w": "tomli_w", "imageio-ffmpeg": "imageio_ffmpeg"}
+IMPORTED_AS = {
+    "pin": "pinocchio",
+    "tomli-w": "tomli_w",
+    "imageio-ffmpeg": "imageio_ffmpeg",
+    "fast-simplification": "fast_simplification",
+    "pycollada": "collada",
+}
 COMES_WITH = {
     "h5py": "h5netcdf",
     "pandas": "xarray",
