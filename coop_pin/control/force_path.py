@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Collection
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -177,7 +178,7 @@ class SampledLoop(NamedTuple):
     @property
     def anchor_bound(self) -> float:
         """The anchor gain at which the loop is unstable, with these other numbers."""
-        return anchor_gain_bound(**self.numbers())
+        return _anchor_bound(self._replace(anchor_gain=0.0))
 
     def is_stable(self, further: int = 0) -> bool:
         """Return whether the loop decays, with a further delay, ticks."""
@@ -186,6 +187,16 @@ class SampledLoop(NamedTuple):
     def numbers(self) -> dict[str, Any]:
         """Return everything but the anchor gain, by name."""
         return {name: value for name, value in self._asdict().items() if name != "anchor_gain"}
+
+
+@functools.lru_cache(maxsize=256)
+def _force_bound(pole: float, delay: int, lag: float) -> float:
+    return force_gain_bound(pole, delay, lag=lag)
+
+
+@functools.lru_cache(maxsize=256)
+def _anchor_bound(loop: SampledLoop) -> float:
+    return anchor_gain_bound(**loop.numbers())
 
 
 def sampled_loop(path: ForcePath, wrists: Collection[SampledWrist], lag: float) -> SampledLoop:
@@ -215,7 +226,7 @@ def force_gain_problems(
         # A sample that arrives before the next is taken is in time: the loop closes once for each sample.
         delay = max(((path.delay + w.delay) // w.every for w in wrists), default=path.delay)
         every = max((wrist.every for wrist in wrists), default=1)
-        bound = min(force_gain_bound(path.pole, delay, lag=each / every) for each in (0.0, lag))
+        bound = min(_force_bound(path.pole, delay, each / every) for each in {0.0, lag})
         loop, allowed = f"{path.kind!r}{_late(delay, lag)}", largest < bound
         reason = f"but feedback over {loop} is unstable from {bound:g} on; lower it, {INSIST}"
     return [] if allowed else [FieldError(f"is {largest:g}, {reason}", "gains.force_gain")]
@@ -223,9 +234,11 @@ def force_gain_problems(
 
 def anchor_gain_problems(path: ForcePath, loop: SampledLoop) -> list[FieldError]:
     """Return the problem of an anchor gain with which the sampled internal loop is unstable."""
+    if loop.anchor_gain == 0.0:
+        return []
     # Drives of different lags lie between those of none and of the largest.
-    bound = min(loop._replace(lag=lag).anchor_bound for lag in (0.0, loop.lag))
-    if loop.anchor_gain == 0.0 or loop.anchor_gain < bound:
+    bound = min(loop._replace(lag=lag).anchor_bound for lag in {0.0, loop.lag})
+    if loop.anchor_gain < bound:
         return []
     detail = (
         f"is {loop.anchor_gain:g}, but the anchored integral over {path.kind!r}{_late(loop.delay, loop.lag)}"

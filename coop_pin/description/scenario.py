@@ -131,15 +131,19 @@ class Scenario(WithLaterFields):
     @field_validator("events", "actuators", "arm_actuators", "sensors", "arm_sensors", "network")
     @classmethod
     def _fits_the_run(cls, value: Any, earlier: ValidationInfo) -> Any:
-        problems = list[FieldError]()
-        if isinstance(value, dict) and "cell" in earlier.data:
-            problems += unknown_arms(value, earlier.data["cell"].arms)
+        name, problems = str(earlier.field_name), list[FieldError]()
+        run = {field: earlier.data[field] for field in _OF_THE_RUN if field in earlier.data}
+        if _fitted.get(name) == (value, run):
+            return value
+        if isinstance(value, dict) and "cell" in run:
+            problems += unknown_arms(value, run["cell"].arms)
         for path, part in _parts(value).items():
-            problems += [problem.below(path) for problem in part.timing_problems(earlier.data)]
-        if earlier.field_name == "events" and "cell" in earlier.data and not problems:
-            problems += sequence_problems(earlier.data["cell"], value)
+            problems += [problem.below(path) for problem in part.timing_problems(run)]
+        if name == "events" and "cell" in run and not problems:
+            problems += sequence_problems(run["cell"], value)
         if problems:
-            raise one_or_all(problems, f"the {earlier.field_name}")
+            raise one_or_all(problems, f"the {name}")
+        _fitted[name] = value, run
         return value
 
     def actuators_of(self, arm: str) -> Actuators:
@@ -387,6 +391,12 @@ class Scenario(WithLaterFields):
         """Write the scenario to a TOML file, as ``to_toml`` returns it."""
         require_path("path", path)
         Path(path).write_text(self.to_toml(commented=commented), encoding="utf-8")
+
+
+_OF_THE_RUN = ("duration", "cell", "clock")
+"""Fields against which others are checked."""
+_fitted: dict[str, tuple[Any, Mapping[str, Any]]] = {}
+"""Last value of a field that fitted its run, with what it was checked against: those of a sweep are alike."""
 
 
 def _parts(value: Any) -> dict[str, Any]:
