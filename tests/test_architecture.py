@@ -89,7 +89,17 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         set(),
     ),
     "analysis": (
-        {"chain", "control", "build_controller", "description", "model", "results", "schema", "simulation"},
+        {
+            "chain",
+            "control",
+            "build_controller",
+            "description",
+            "model",
+            "reference",
+            "results",
+            "schema",
+            "simulation",
+        },
         {"pinocchio", "scipy", "xarray"},
     ),
     "batch": (
