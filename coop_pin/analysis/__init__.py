@@ -10,6 +10,7 @@ from coop_pin.analysis.internal_moment import InternalMoment, internal_moment, p
 from coop_pin.analysis.least_squeeze import LeastSqueeze, least_squeeze
 from coop_pin.analysis.loop_stability import LoopStability, loop_stability
 from coop_pin.analysis.new_cell import new_cell
+from coop_pin.analysis.own_inertia import OwnInertia, deflection_bias, own_inertia, own_inertia_proposal
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
 from coop_pin.analysis.plausibility import implausible_numbers, run_warnings
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
@@ -56,6 +57,7 @@ __all__ = [
     "Mode",
     "MotionWrenches",
     "NearlySingular",
+    "OwnInertia",
     "Reachability",
     "RootLocus",
     "SampledMotion",
@@ -71,6 +73,7 @@ __all__ = [
     "anchor_bounded_time",
     "cell_summary",
     "closure_problem",
+    "deflection_bias",
     "eigenvalues",
     "fewest_steps",
     "force_reserve",
@@ -85,6 +88,8 @@ __all__ = [
     "motion_stability",
     "motion_wrenches",
     "new_cell",
+    "own_inertia",
+    "own_inertia_proposal",
     "positional_torques",
     "reachability",
     "root_locus",
