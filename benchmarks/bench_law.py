@@ -28,8 +28,8 @@ from coop_pin.build_controller import build_controller
 from coop_pin.control import ArmCommand, ArmController, DecentralisedController
 from coop_pin.control.terms import right_inverse
 from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.transmission import friction
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.transmission import friction
 from coop_pin.tracing.traced_array import traced
 
 CELLS = {3: "adept-anchored", 6: "three-ur5-plate", 7: "two-pandas-box"}

@@ -13,14 +13,12 @@ from coop_pin.errors import NameNotFoundError, ScenarioError
 from coop_pin.model.pinocchio_model import load_arm_model
 from coop_pin.simulation.plant import Plant
 
-Obstacle: TypeAlias = Literal["few runs", "plant", "scenario", "law", "live", "long"]
+Obstacle: TypeAlias = Literal["few runs", "plant", "scenario", "law", "live"]
 """What keeps a run from a batch."""
 _TICKS_PER_JOINT = 250
 """Ticks of single runs that take as long as tracing and compiling does for each joint of a cell.
 
 A tick on Pinocchio costs nearly the same in all cells; code grows with the joints (benchmarks/README.md)."""
-_LONGEST_LANE = 100_000
-"""Ticks of a single run whose tables, as one lane of a batch, take at most about 1 GB."""
 _LANE_COST = 0.1
 """Cost of a tick of compiled code, in ticks on Pinocchio (benchmarks/README.md)."""
 _TIMES = {"time", "duration", "torque_lost_at", "lost", "rate_hz"}
@@ -149,8 +147,6 @@ def choose_engine(scenario: Scenario, *, is_live: bool = False) -> EngineChoice:
         return EngineChoice("traced", "law", text)
     if is_live:
         return EngineChoice("traced", "live", "a view, pacing or a stop at a breach needs every tick")
-    if ticks > _LONGEST_LANE:
-        return EngineChoice("traced", "long", f"{ticks} ticks; compiled code takes {_LONGEST_LANE} at most")
     return EngineChoice("batch", None, reason)
 
 

@@ -12,8 +12,8 @@ from coop_pin.analysis import static_torques
 from coop_pin.build_controller import build_controller
 from coop_pin.control import CellCommand, CellController
 from coop_pin.errors import FieldError, ScenarioError
+from coop_pin.model.transmission import friction
 from coop_pin.simulation.drives import TorqueResponse
-from coop_pin.simulation.transmission import friction
 
 ACCELERATION = (0.0, -3.0, -9.81)
 """A gravity that loads the planar arms, too."""
@@ -167,7 +167,7 @@ def missed(name, seed, ticks, probability=0.3):
     for tick in range(1, ticks + 1):
         for torque in command.torques:
             torque.fill(tick)  # as a controller may that computes in place
-        acting = [torques[0] for torques in run.actuation.apply(tick * 0.005, command, run.plant.q).torques]
+        acting = [torques[0] for torques in run.actuation.apply(tick * 0.005, command).torques]
         found.append([torque != tick for torque in acting])
         last = [old if lost else tick for old, lost in zip(last, found[-1], strict=True)]
         assert acting == last

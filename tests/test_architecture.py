@@ -44,8 +44,8 @@ EVERYWHERE = {"errors", "engines", "arrays", "memory", "spatial", "atomic_write"
 # - batch traces the laws and the plant of runs, and chain the wrenches of compliant grasps;
 # - limited_process runs readers that have no limits;
 # - laws stand in control, beside their controllers; a law of model_based stands in description, and names its
-#   controller, which loads when it is built: model_based controllers know the friction of simulation's
-#   transmission, and nothing imports them but by name;
+#   controller, which loads when it is built: model_based controllers know the friction of an arm, and nothing
+#   imports them but by name;
 # - build_controller builds controllers, and asks an ArmModel for the number of joints that gains must fit;
 # - engine_choice tells what simulates runs, on Pinocchio, on batch's compiled plant or in a batch;
 # - run_scenario warns of what analysis finds, and runs one, which may be a lane of a batch.
@@ -73,7 +73,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "chain": ({"description", "model", "tracing"}, {"pinocchio", "scipy"}),
     "results": ({"description", "user_files"}, {"h5netcdf", "h5py", "pandas", "xarray"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
-    "model_based": ({"control", "description", "model", "simulation"}, {"pinocchio", "proxsuite"}),
+    "model_based": ({"control", "description", "model"}, {"pinocchio", "proxsuite"}),
     "build_controller": ({"control", "description", "model"}, set()),
     "engine_choice": ({"batch", "description", "model", "simulation"}, set()),
     "run_scenario": (
@@ -89,7 +89,17 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         set(),
     ),
     "analysis": (
-        {"chain", "control", "build_controller", "description", "model", "results", "schema", "simulation"},
+        {
+            "chain",
+            "control",
+            "build_controller",
+            "description",
+            "model",
+            "reference",
+            "results",
+            "schema",
+            "simulation",
+        },
         {"pinocchio", "scipy", "xarray"},
     ),
     "batch": (
@@ -438,6 +448,39 @@ for law in (SlidingMode(gains=printed), RedundantSlidingMode(gains=printed), Pre
         torques, _ = blind.step([seen] * 2, [reference] * 2, blind.init([seen] * 2, [reference] * 2))
         for torque in torques:
             assert torque.shape == seen.q.shape and np.isfinite(torque).all()
+from coop_pin.control import MeanPose, Message
+
+class Ring:  # all that a law by messages reads of its scenario
+    edges_at = staticmethod(lambda time, arms: {(arms[0], arms[1]), (arms[1], arms[0])})
+    slowest_of = staticmethod(lambda arms: 0)
+
+class Told:
+    network = Ring
+    class cell:
+        arms = ("left", "right")
+
+def by_messages(law):
+    arms = [ControlledArm(name, name == "left", rows, 0.0125, 0.5, 3, np.zeros(3), np.zeros(3), np.eye(4), 0)
+            for name in ("left", "right")]
+    telling = law.build(Told, arms)
+    said = dict(zip(("left", "right"), telling.messages([wrist] * 2, [reference] * 2, None)))
+    assert all(len(numbers) > 1 for numbers in said.values())
+    heard = [wrist._replace(messages={one: Message(numbers, 0.0) for one, numbers in said.items()})] * 2
+    state = telling.init(heard, [reference] * 2)
+    torques, state = telling.step(heard, [reference] * 2, state)
+    again = telling.messages([wrist] * 2, [reference] * 2, state)
+    assert list(map(len, again)) == list(map(len, said.values()))
+    assert all(np.isfinite(torque).all() for torque in torques)
+
+wrist = measurement._replace(interaction_wrench=f, interaction_wrench_age=0.0, internal_wrench=None)
+BY_MESSAGES = [
+    MeanPose(gains=space), MeanPose(gains=space, averaging="consensus"),
+    Admittance(),
+]
+for told in ("messages", "consensus", "learned-load"):
+    BY_MESSAGES.append(PayloadSpace(gains=space, force_path={"kind": told}))
+for law in BY_MESSAGES:
+    by_messages(law)
 seen = sorted({name.split(".")[1] for name in sys.modules if name.startswith("coop_pin.")})
 print(" ".join(seen))
 """

@@ -16,9 +16,9 @@ from coop_pin.batch.serial_arm import SerialArm
 from coop_pin.batch.simulate import BatchSimulator
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.errors import ArgumentError, InvalidStateError, NotEnoughMemoryError
+from coop_pin.model.transmission import Transmission
 from coop_pin.results.metrics import STEADY_METRICS
 from coop_pin.results.quantities import WORK
-from coop_pin.simulation.transmission import Transmission
 from coop_pin.tracing.numpy_machine import NumpyMachine, evaluate
 from coop_pin.tracing.tape import Tape, operands
 from coop_pin.tracing.traced_array import inputs

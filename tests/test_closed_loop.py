@@ -138,28 +138,33 @@ MEASURED = {
         (0.95, 1.1),
         150,
     ),
-    "lag": ("actuators.lag", {"actuators.lag": 0.1}, (1.1, 1.6), 9000),
+    "lag": ("actuators.lag", {"actuators.lag": 0.1}, (1.1, 1.6), 3600),
 }
-"""Gain, changes, factors around its bound, and ticks: the growing mode alone is left, and is small still."""
+"""Gain, changes, factors around its bound, and ticks: the growing mode alone is left, and is small still.
+
+A slow growth is measured against its own linear model: that at rest, once the squeeze is there. It ends where
+the bound of the anchor acts at every swing, in space after some 4500 ticks at 1.02 of the largest lag.
+"""
+AT_REST = 2.0
+"""Time from which the runs are at rest, s."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "bound"), [pair for pair in itertools.product(SCENARIOS, MEASURED) if pair != ("spatial", "lag")]
-)
+@pytest.mark.parametrize(("name", "bound"), [*itertools.product(SCENARIOS, MEASURED)])
 def test_runs_begin_to_grow_where_the_eigenvalues_leave_the_unit_circle(name, bound):
     """Runs grow at 1.02 of the bound by the rate of the eigenvalue, and do not at 0.98."""
     field, changes, factors, ticks = MEASURED[bound]
     scenario = held(name, changes, ANCHORED[name])
-    locus = cp.root_locus(scenario, field, factors)
+    time = AT_REST if bound == "lag" else 0.0
+    locus = cp.root_locus(scenario, field, factors, time=time)
     for part in (0.98, 1.02):
         value = (part * locus.bounds[-1] * locus.value).tolist()
         changed = scenario.override({field: value})
-        loop, measured = cp.eigenvalues(changed), growth(changed, ticks)
+        loop, measured = cp.eigenvalues(changed, time=time), growth(changed, ticks)
         print(f"{name} {bound} {part} of {locus.bounds[-1] * locus.value}: {loop.radius:.5f} {measured:.5f}")
         assert (loop.radius > 1.0) == (measured > 1.0) == (part > 1.0)
         if part > 1.0:
-            assert_allclose(np.log(measured), np.log(loop.radius), rtol=0.6)
+            assert_allclose(np.log(measured), np.log(loop.radius), rtol=0.1 if bound == "lag" else 0.6)
 
 
 @pytest.mark.parametrize("name", ["two-pandas-box", "five-joint-pair", "adept-anchored"])

@@ -11,13 +11,18 @@ from cells import (
     planar_three_arms,
     random_velocity,
 )
-from linkages import bennett, robot, sarrus
+from linkages import bennett, four_bar, robot, sarrus
 from numpy.testing import assert_allclose
 
+from coop_pin.batch.cell_dynamics import CellNumbers
+from coop_pin.batch.plant_code import PlantCode
 from coop_pin.chain import CellChain, ClosedChain, Closure
 from coop_pin.description import PlantOptions
 from coop_pin.errors import ArgumentError, NameNotFoundError, ShapeError
+from coop_pin.simulation.plant import Plant
 from coop_pin.spatial import internal_wrenches
+from coop_pin.tracing import elementary, numpy_machine
+from coop_pin.tracing.tree import leaves
 
 CELLS = ["planar", "spatial", "planar-three", *CATALOGUE_CELLS, "three-ur5-far"]
 LINKAGES = {"bennett-point": ("point",), "bennett-full": ("full",), "sarrus": ()}
@@ -76,6 +81,67 @@ def test_least_torques_cause_the_same_motion_and_no_others_are_smaller(name):
     J = chain.constraint_jacobian(q)
     # Every other torque of the motion differs by J^T lambda; the least is orthogonal to all of them.
     assert_allclose(J @ least, 0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["planar", "three-ur5-plate", "bennett-point", "sarrus"])
+def test_arrays_of_states_have_the_torques_of_each(name):
+    chain, q, v = any_chain(name)
+    v = np.array([v, 0.0 * v, -0.5 * v])
+    q = np.array([q, q, chain.project_configuration(pin.integrate(chain.model, q, 0.05 * v[0]))])
+    v[2] = chain.project_velocity(q[2], v[2])
+    a = np.array(
+        [chain.forward_dynamics(*state, random_tau(chain)).acceleration for state in zip(q, v, strict=True)]
+    )
+    applied = np.linspace(0.0, 1.0, chain.model.nv)
+    together = chain.inverse_dynamics(q, v, a, applied=applied)
+    for k, state in enumerate(zip(q, v, a, strict=True)):
+        for part, whole in zip(chain.inverse_dynamics(*state, applied=applied), together, strict=True):
+            assert np.array_equal(part, whole[k])
+
+
+@pytest.mark.parametrize("name", ["planar", "spatial", "kinova-pair"])
+def test_torques_of_a_cell_overcome_friction_push_and_squeeze_at_many_states(name):
+    plant, q, v = plant_of(name)
+    rng, chain, m = np.random.default_rng(8), plant.mechanism, len(plant.model.arms)
+    v = np.array([v, 0.3 * v])
+    q = np.array([q, q])
+    a = np.array(
+        [chain.forward_dynamics(*state, random_tau(chain)).acceleration for state in zip(q, v, strict=True)]
+    )
+    rows = np.zeros(6)
+    rows[list(plant.cell.task_rows.indices)] = 1.0
+    internal = internal_wrenches(10.0 * rows * rng.normal(size=(2, m, 6)), plant.cell.shares)
+    push = rows * rng.normal(size=6)
+    both = plant.inverse_dynamics(q, v, a, internal=internal, push=push, friction=plant.friction(v))
+    one = plant.inverse_dynamics(q[0], v[0], a[0], internal=internal[0], push=push)
+    assert_allclose(one.torque - plant.friction(v[0]), both.torque[0], rtol=0, atol=1e-12)
+    for k in range(2):
+        body = Plant(plant, PlantOptions(), q[k])
+        body.v = v[k]
+        body.surround(plant.cell.surroundings._replace(push=push))
+        body.hold(both.torque[k])
+        again = chain.forward_dynamics(q[k], v[k], body.generalised_force()).acceleration
+        assert_allclose(again, a[k], rtol=0, atol=1e-10 * (1.0 + np.abs(a).max()))
+        F = body.interaction_wrenches()
+        assert_allclose(
+            internal_wrenches(F, plant.cell.shares) * rows, internal[k], rtol=0, atol=1e-9 * np.abs(F).max()
+        )
+
+
+def test_states_of_less_rank_are_told_and_have_finite_torques():
+    """Two parallelograms, upright and flat: there they may also fold, and a row is lost for each."""
+    chain, ranks = four_bar.four_bars(2), []
+    for angle in (np.pi / 2, 0.0):
+        q, v = four_bar.start(chain, 2, angle)
+        for rate in (v, 0.0 * v):
+            forward = chain.forward_dynamics(q, rate, random_tau(chain))
+            inverse = chain.inverse_dynamics(q, rate, forward.acceleration)
+            again = chain.forward_dynamics(q, rate, inverse.torque).acceleration
+            scale = np.abs(forward.acceleration).max()
+            assert_allclose(again, forward.acceleration, rtol=0, atol=1e-9 * scale)
+            assert inverse.rank == forward.rank
+        ranks.append(inverse.rank)
+    assert ranks == [4, 2]
 
 
 @pytest.mark.parametrize("payload", ["welded", "free"])
@@ -179,6 +245,63 @@ def test_derivatives_equal_central_differences_of_the_kkt_solver(name, off):
         assert_allclose(wrench, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
 
 
+def _of_complex(monkeypatch):
+    """Let numpy evaluate traced code at complex numbers: real parts decide, whole numbers are real."""
+
+    def rounding(operation):
+        return lambda a, b: (
+            np.real(operation(a, b)) if elementary._ROUNDER in (abs(a), abs(b)) else operation(a, b)
+        )
+
+    def comparing(operation):
+        return lambda a, b: 1.0 * operation(np.real(a), np.real(b))
+
+    operations = {
+        "add": rounding(np.add),
+        "sub": rounding(np.subtract),
+        "less": comparing(np.less),
+        "less_equal": comparing(np.less_equal),
+        "abs": lambda x: x * np.sign(np.real(x)),
+    }
+    for name, operation in operations.items():
+        monkeypatch.setitem(numpy_machine._OPERATIONS, name, operation)
+
+
+@pytest.mark.parametrize("name", ["planar", "spatial", "two-pandas-box", "three-ur5-plate"])
+def test_derivatives_are_those_of_complex_steps_through_the_dynamics_of_batches(name, monkeypatch):
+    """Im f(x + i h) / h of the compiled plant's formulas, along a random direction on the closures."""
+    cell, start = cell_of(name)
+    cell = cell.replace(arms={arm: each.replace(friction="none") for arm, each in cell.arms.items()})
+    plant = CellChain(cell)
+    chain, q = plant.mechanism, plant.configuration(start)
+    v, tau, nv = random_velocity(chain, q, 3), random_tau(chain), chain.model.nv
+    code = PlantCode(CellNumbers.from_chain(plant))
+    kernel, slots = code.program.kernels[1], code.lanes.slots
+    _of_complex(monkeypatch)
+
+    def acceleration(q, v, tau):
+        block = np.zeros(code.lanes.size, dtype=complex)
+        arguments = {"q": q, "v": v, "force": tau, "surroundings": leaves(cell.surroundings)}
+        for argument, value in arguments.items():
+            block[slots(argument).ravel()] = value
+        written, outputs = zip(*kernel.writes, strict=True)
+        block[[*written]] = numpy_machine.evaluate(
+            kernel.tape, outputs, [block[slot] for _, slot in kernel.reads]
+        )
+        return block[slots("rates")][:nv]
+
+    rng, J = np.random.default_rng(7), chain.constraint_jacobian
+    N = chain.minimal_coordinates(q).null_space
+    dq, dtau = N @ rng.normal(size=N.shape[1]), rng.normal(size=nv)
+    dJ = central_differences(lambda s: J(pin.integrate(chain.model, q, s[0] * dq)), 1)[..., 0]
+    dv = N @ rng.normal(size=N.shape[1]) - np.linalg.pinv(J(q)) @ (dJ @ v)
+    h = 1e-30
+    expected = acceleration(q + 1j * h * dq, v + 1j * h * dv, tau + 1j * h * dtau).imag / h
+    found = chain.derivatives(q, v, tau)
+    change = found.acceleration_q @ dq + found.acceleration_v @ dv + found.acceleration_tau @ dtau
+    assert_allclose(change, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+
+
 @pytest.mark.parametrize("name", LINKAGES)
 def test_derivatives_are_refused_where_pinocchios_are_wrong(name):
     chain, q, v = linkage(name)
@@ -221,6 +344,14 @@ def test_bad_arguments_are_told():
         plant.inverse_dynamics(q, v, a, internal=np.ones((2, 6)))
     with pytest.raises(ShapeError):
         plant.inverse_dynamics(q, v, a, internal=np.ones((3, 6)))
+    with pytest.raises(ShapeError):
+        plant.inverse_dynamics([q, q], [v, v], [a, a, a])
+    with pytest.raises(ShapeError):
+        plant.inverse_dynamics(q, v, [a, a])
+    with pytest.raises(ArgumentError, match="no states"):
+        plant.inverse_dynamics(np.zeros((0, len(q))), v, a)
+    with pytest.raises(ArgumentError, match="no pad"):
+        plant.least_squeeze(q, v, a)
 
 
 def test_motors_that_cannot_cause_a_motion_are_told():

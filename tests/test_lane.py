@@ -100,25 +100,42 @@ def test_an_interrupted_lane_keeps_its_first_chunks(every):
         cp.run(scenario, engine="batch", progress=watch, warn=False)
     kept, whole = caught.value.result.data, cp.run(scenario, engine="batch", warn=False).data
     assert 0 < done[0] < done[1] < 1200
-    assert kept.sizes["time"] == done[1] // every + 1
-    assert np.isclose(kept.time[-1], every * (done[1] // every) / scenario.clock.rate_hz, rtol=1e-12)
+    ticks = np.round(kept.time.values * scenario.clock.rate_hz).astype(int)
+    assert ticks.tolist() == [tick for tick in range(done[1] + 1) if tick % every == 0 or tick == done[1]]
+    common = np.flatnonzero(ticks % every == 0)
     for name, values in kept.data_vars.items():
-        expected = (
-            whole[name].isel(time=slice(0, kept.sizes["time"])) if "time" in values.dims else whole[name]
-        )
-        np.testing.assert_array_equal(values, expected, err_msg=name)
+        is_timed = "time" in values.dims
+        expected = whole[name].isel(time=ticks[common] // every) if is_timed else whole[name]
+        found = values.isel(time=common) if is_timed else values
+        np.testing.assert_array_equal(found, expected, err_msg=name)
 
 
-def test_nothing_is_kept_of_a_long_run_but_its_code_while_it_runs(monkeypatch):
+@pytest.mark.parametrize(("case", "every"), [("planar", 1), ("spatial", 7)])
+def test_a_lane_in_parts_is_the_run_on_pinocchio(case, every, monkeypatch):
+    """With squeeze, payload and torque that change in later parts than the first."""
     from coop_pin.batch import lane
 
-    monkeypatch.setattr(lane, "_KEPT_TICKS", 10)
-    scenario = cp.Scenario.load("adept-paper", {"duration": 3.0, "events": [], "clock.rate_hz": 81.0})
-    run = lane.Lane(scenario)
+    monkeypatch.setattr(lane, "_LONG", 10)
+    monkeypatch.setattr(lane, "_PART", 20)
+    scenario = in_setting(case, "everything at once", "anchored")
+    period, squeeze = scenario.clock.period, scenario.squeeze_wrenches
+    late = {"kind": "payload-change", "time": 31.4 * period, "mass": 2.0}
+    scenario = scenario.override({"duration": 50 * period, "clock.record_every": every, "events": [late]})
+    arms = list(scenario.cell.arms)
+    tables = [dict(zip(arms, (k * squeeze).tolist(), strict=True)) for k in (1.0, 1.5)]
+    ramp = {"kind": "ramp", "start": tables[0], "goal": tables[1], "duration": 0.1, "start_time": 25 * period}
+    scenario = scenario.override({"squeeze": ramp})
+    run, whole = lane.Lane(scenario), finished(scenario, "pinocchio")
     kinds = [family.first.kind for family in lane._simulator._families]
     assert run._prepared.kind not in kinds
     gc.collect()  # the machine's memory with it, if nothing else held it
-    require_same_samples(run.run().data, cp.run(scenario, warn=False).data)
+    result = run.run()
+    require_same_samples(result.data, whole.data)
+    assert (result.every_tick is None) == (every == 1)
+    assert list(result.metrics()) == list(whole.metrics())
+    assert result.metrics() == pytest.approx(whole.metrics(), rel=1e-9, abs=1e-9, nan_ok=True)
+    assert [breach[:3] for breach in result.breaches()] == [breach[:3] for breach in whole.breaches()]
+    assert [limit[:3] for limit in result.limit_violations()] == [v[:3] for v in whole.limit_violations()]
 
 
 def test_a_run_says_what_auto_would_have_saved(monkeypatch, caplog):
@@ -167,12 +184,11 @@ def test_auto_chooses_by_length_law_and_what_happens_at_ticks():
         {"controller": {"kind": "computed-torque", "gains": {"position_gain": 9.0, "velocity_gain": 6.0}}}
     )
     cases = {
-        ("batch", None): (long, False),
+        ("batch", None): (long.replace(duration=2000.0), False),
         ("pinocchio", "few runs"): (short, False),
         ("traced", "live"): (long, True),
         ("traced", "law"): (based, False),
         ("pinocchio", "plant"): (long.override({"plant.payload": "free"}), False),
-        ("traced", "long"): (long.replace(duration=2000.0), False),
     }
     for expected, (scenario, is_live) in cases.items():
         assert choose_engine(scenario, is_live=is_live)[:2] == expected

@@ -14,8 +14,8 @@ from coop_pin.errors import DivergedError, FieldError, ShapeError
 from coop_pin.model import ArmModel
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.model.pinocchio_model import load_arm_model
+from coop_pin.model.transmission import Transmission, friction
 from coop_pin.simulation.simulation import Simulation
-from coop_pin.simulation.transmission import Transmission, friction
 
 XARM = Arm.from_urdf("xarm7", "link_eef")
 XARM_DAMPING, XARM_COULOMB = np.array((10.0, 10.0, 5.0, 5.0, 5.0, 2.0, 2.0)), np.ones(7)

@@ -5,11 +5,11 @@ import pinocchio as pin
 import pytest
 import scipy.linalg
 from cells import kkt_of
-from linkages import four_bar
+from linkages import bar, four_bar, robot
 from numpy.testing import assert_allclose
 from test_inverse_dynamics import CELLS, any_chain, linkage, plant_of, random_tau
 
-from coop_pin.chain import ClosedChain
+from coop_pin.chain import ClosedChain, Closure
 from coop_pin.errors import ArgumentError, OutOfRangeError
 
 PENDULUM = """<robot name="pendulum"><link name="ground"/><link name="bob"><inertial>
@@ -51,10 +51,34 @@ def test_the_linear_model_follows_pinocchios_derivatives(name):
     assert_allclose(C, scipy.linalg.block_diag(J, J), rtol=0, atol=1e-8)
 
 
-@pytest.mark.parametrize("name", [*CELLS, "bennett-point", "sarrus"])
+ROWS = [
+    "full",
+    "point",
+    "planar",
+    "axis",
+    (True, False, False, False, False, False),
+    (False, True, True, False, True, False),
+]
+"""Rows of a closure: all names, and two of six booleans."""
+
+
+def closed_arm(rows):
+    """An arm of seven skew hinges whose end is held to the world where it is."""
+    rng, bars, parent = np.random.default_rng(2), [], "ground"
+    for k in range(7):
+        turn = rng.uniform(-1.5, 1.5, size=3)
+        bars.append(bar(f"link{k}", parent, (0.4 if k else 0.0, 0.0, 0.0), turn, length=0.4))
+        parent = f"link{k}"
+    open_chain = ClosedChain.from_urdf(robot(*bars))
+    q = rng.uniform(-1.0, 1.0, size=7)
+    end = open_chain.frame_pose(q, parent)
+    return ClosedChain.from_urdf(robot(*bars), [Closure(parent, "world", rows, X_BC=end)]), q
+
+
+@pytest.mark.parametrize("name", [*CELLS, "bennett-point", "sarrus", *ROWS], ids=str)
 def test_small_motions_end_where_the_linear_model_says(name):
     """The deviation of two neighbouring motions over 20 ms, by Runge-Kutta 4, at rest under held torques."""
-    chain, q, _ = any_chain(name)
+    chain, q = closed_arm(name) if name in ROWS else any_chain(name)[:2]
     still = np.zeros(chain.model.nv)
     tau = chain.inverse_dynamics(q, still, still).torque
     model = chain.linearise(q, still, tau)

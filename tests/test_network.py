@@ -12,6 +12,7 @@ import coop_pin as cp
 from coop_pin.batch import support
 from coop_pin.build_controller import build_controller
 from coop_pin.cli import main
+from coop_pin.comparison.controllers import t_lambda
 from coop_pin.control import (
     ArmMeasurement,
     ConsensusPose,
@@ -248,6 +249,35 @@ def test_an_arm_reads_its_motion_by_its_own_clock(cell):
     require_same_samples(samples(late), cp.simulate_batch([late]).result(0).data)
 
 
+def at_constant_speed(time, start):
+    """The start pose, moved by 0.1 m/s along x."""
+    X = np.array(start)
+    X[0, 3] += 0.1 * time
+    return X
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_clocks_that_differ_pull_as_a_bias_of_speed_times_error(cell):
+    """b = V_d dt: 10 ms at 0.1 m/s are 1 mm. f' = c (1 - c) K gamma (b' + k_I b) - beta f under a drift."""
+    base, law = two_arms(cell)
+    motion = cp.FunctionMotion(target=at_constant_speed, options={"start": base.start.matrix.tolist()})
+    base = base.override({"controller": law.model_dump(), "network": {}, "motion": motion, "duration": 1.2})
+    clocks = [{"right": {"offset": 0.01}}, {"right": {"drift": 0.01}}]
+    exact, off, drifting = (
+        samples(base.override({"network.clocks": each})).internal_wrench.values[:, 1, 0]
+        for each in ({}, *clocks)
+    )
+    loop, period, share = law.loop(base.timing), base.clock.period, base.cell.shares[1]
+    direction = law.steady_directions(base.cell.task_rows, loop, period)[0]
+    beta, K = direction.internal_rate, law.gains.sized(base.cell.task_rows.size, 3).sliding_gain[0, 0]
+    assert_allclose(exact[-1] - off[-1], direction.force(share, 1e-3), rtol=0.01)
+    grown, spring = direction.force(share, 1e-3 * (1.2 - 1.0 / beta)), K * law.gains.pose_gain / beta
+    spring *= share * (1.0 - share) * 1e-3
+    assert_allclose(exact[-1] - drifting[-1], grown + spring, rtol=0.02)
+    if cell == "planar":
+        assert_allclose([exact[-1] - off[-1], exact[-1] - drifting[-1]], [0.250, 0.319], atol=0.001)
+
+
 # ---------------------------------------------------------------- mean pose over a bad network
 
 
@@ -292,6 +322,27 @@ def test_no_drift_in_ten_minutes():
     assert worst_force(mean_pose(), COARSE, 600.0) < 0.005
 
 
+def spatial_force_errors(network, **law):
+    """Error of the internal force of two UR5 every two seconds of ten minutes, N; they move for 4 s."""
+    base = biased("two spatial", network=network)
+    xyz, rpy = np.add(base.start.xyz, (0.05, -0.03, 0.04)), np.add(base.start.rpy, (0.1, 0.0, 0.1))
+    motion = cp.LineMotion(start=base.start, goal=base.start.replace(xyz=xyz, rpy=rpy), duration=4.0)
+    changes = {"duration": 600.0, "clock.record_every": 500, "motion": motion}
+    law = {f"controller.{field}": value for field, value in law.items()}
+    data = cp.run(base.override(changes | law), engine="batch").data
+    error = data.internal_wrench.values - data.desired_internal_wrench.values
+    return np.abs(error[:, 0, :3]).max(axis=1)
+
+
+@pytest.mark.slow
+def test_no_drift_in_ten_minutes_in_space():
+    """4.241 N by the friction of the joints from 50 s on; without the last views 78.8 N, 0.13 N/s."""
+    lossy, coarse = spatial_force_errors(LOSSY), spatial_force_errors(COARSE)
+    assert_allclose(lossy[25:], 4.2413, atol=1e-3)
+    assert_allclose(coarse[25:], 4.241, atol=0.01)
+    assert_allclose(spatial_force_errors(LOSSY, on_loss="skip")[-1], 78.8, rtol=0.01)
+
+
 class ExactOwn(MeanPoseByMessages):
     """Averages its own view as it is, and those of the others as they were sent."""
 
@@ -321,6 +372,53 @@ def test_its_own_view_must_be_rounded_like_those_of_the_others():
     early, late = (float(error.sel(time=slice(*span)).max()) for span in ((15.0, 20.0), (55.0, 60.0)))
     assert late > 0.1
     assert late > 2.0 * early
+
+
+# ---------------------------------------------------------------- late views and the damping
+
+
+@pytest.mark.parametrize("delay", [1, 2, 3])
+@pytest.mark.parametrize("cell", ["two planar", "three planar", "two spatial"])
+def test_damping_by_late_views_has_the_limit_of_a_delay(cell, delay):
+    late = cp.sampled_stability(biased(cell, network={"delay": delay}))
+    assert_allclose(late.limit, 2.0 * np.sin(np.pi / (4 * delay + 2)), rtol=1e-6)
+    jittering = cp.sampled_stability(biased(cell, network={"jitter": delay - 1, "rate_hz": None, "delay": 1}))
+    assert_allclose([jittering.limit, jittering.delay], [late.limit, delay], rtol=1e-6)
+
+
+@pytest.mark.parametrize("cell", ["two planar", "two spatial"])
+def test_runs_below_the_limit_of_late_views_decay_and_those_above_do_not(cell):
+    base = biased(cell, network={"delay": 2}, duration=3.0, beyond_bound=True)
+    slow = {"controller.gains.pose_gain": 0.5, "controller.gains.sign_gain": 0.0, "squeeze": {}}
+    slow |= {f"cell.arms.{arm}.friction": "none" for arm in base.cell.arms}
+    base = base.override(slow | {"motion": cp.HoldMotion(pose=base.start), "cell.gravity": [0.0, 0.0, 0.0]})
+    found, K = cp.sampled_stability(base), base.controller.gains.sliding_gain
+    speeds = []
+    for part in (0.95, 1.05):
+        gain = (part * found.limit / found.value * np.array(K)).tolist()
+        rates = samples(base.override({"controller.gains.sliding_gain": gain})).drive_velocity.values
+        speeds.append([np.nanmax(np.abs(part)) for part in np.array_split(rates, 10)])
+    assert speeds[0][-1] < 0.5 * speeds[0][2]
+    assert speeds[1][-1] > 1.5 * speeds[1][2]
+
+
+def test_check_sees_that_late_views_diverge(tmp_path, capsys):
+    """Two ticks at 80 Hz: T lambda 0.811 of at most 0.618. A bias leaves no force that grows."""
+    scenario = biased("two planar", network={"delay": 2}, controller=mean_pose())
+    scenario.save(path := tmp_path / "late.toml")
+    assert main(["check", str(path)]) == 1
+    told = capsys.readouterr().out
+    assert "0.618 of messages 2 ticks late" in told
+    assert "s later" not in told
+    scenario.override({"network.delay": 1}).save(path)
+    assert main(["check", str(path)]) == 0
+    assert "the stability limit 1 of messages 1 ticks late" in capsys.readouterr().out
+
+
+def test_tuning_reads_t_lambda_of_wrenches_by_messages():
+    told = {"controller.force_path": {"kind": "messages"}, "sensors.wrist": {}, "network": {"delay": 1}}
+    values = [t_lambda(cp.Scenario.load("adept-anchored", changes)) for changes in (told, {})]
+    assert_allclose(values[0], values[1], rtol=1e-12)
 
 
 # ---------------------------------------------------------------- refusals

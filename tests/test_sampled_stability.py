@@ -496,7 +496,8 @@ def test_the_joints_are_those_of_the_worst_mode_the_fastest_first(monkeypatch):
     module = importlib.import_module("coop_pin.analysis.sampled_stability")
     simulation, modes = Simulation(paper(), build_controller(paper())), np.eye(6)
     modes[:, 1] = (0.0, 0.4, 0.0, -1.0, 0.5, 0.2)
-    monkeypatch.setattr(module, "_decay", lambda *_: (np.array([1.0, 90.0, 2.0, 0.0, 0.0, 0.0]), modes))
+    D = modes @ np.diag([1.0, 90.0, 2.0, 0.0, 0.0, 0.0]) @ np.linalg.inv(modes)
+    monkeypatch.setattr(module, "_damping", lambda *_: D)
     names = [name for place in simulation.plant.chain.model.arms for name in place.angles.names]
     for found in (module.start_stability(simulation), module.step_stability(simulation)):
         assert found.joints == (names[3], names[4], names[1])

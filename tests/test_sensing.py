@@ -546,7 +546,7 @@ def test_holding_torques_keep_the_cell_at_rest_without_internal_wrench(name, rob
     first = simulation.sensing.start(plant.q, plant.v, simulation.references(0.0))
     torques = [measurement.holding_torque for measurement in first]
     assert max(np.abs(torque).max() for torque in torques) > 1.0
-    plant.drive(simulation.actuation.apply(0.0, CellCommand(torques, None), plant.q).torques)
+    plant.drive(simulation.actuation.apply(0.0, CellCommand(torques, None)).torques)
     acceleration = plant.chain.mechanism.solver.acceleration(plant.q, plant.v, plant.generalised_force())
     assert np.abs(acceleration).max() < 1e-10
     internal = internal_wrenches(plant.interaction_wrenches(), scenario.cell.shares)

@@ -15,11 +15,11 @@ from coop_pin.chain import CellChain
 from coop_pin.control import CellCommand, CellController
 from coop_pin.description import Clock, PayloadChange, WrenchPulse
 from coop_pin.errors import OpenClosureError, OutOfRangeError, UserCodeError
+from coop_pin.model.transmission import Transmission
 from coop_pin.results.metrics import energy_balance
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.recorder import Recorder
 from coop_pin.simulation.timeline import Timeline
-from coop_pin.simulation.transmission import Transmission
 from coop_pin.spatial import internal_wrenches
 
 

@@ -12,11 +12,13 @@ from cells import SCENARIOS
 from linkages import bennett
 
 from coop_pin import errors, memory
+from coop_pin.analysis import large_record, run_warnings
 from coop_pin.build_controller import build_controller
 from coop_pin.chain.trajectory import time_grid
-from coop_pin.description import Clock, Scenario
+from coop_pin.description import Clock, PayloadChange, Scenario
 from coop_pin.memory import free_memory
-from coop_pin.simulation import Simulation, simulate
+from coop_pin.results import RunResult
+from coop_pin.simulation import Simulation, recorder, simulate
 from coop_pin.simulation.timeline import Timeline
 
 
@@ -165,15 +167,89 @@ def test_a_thinned_run_holds_samples_of_the_whole_one_and_its_last(cell, every):
         )
 
 
+@pytest.mark.parametrize(("name", "hours"), [("adept-paper", 10.0), ("two-pandas-box", 1.0)])
+def test_a_record_that_is_large_is_told_with_what_makes_it_small(name, hours):
+    scenario = Scenario.load(name, {"duration": 3600.0 * hours})
+    every = int(large_record(scenario).split("clock.record_every ")[1].split()[0])
+    assert every > 1
+    assert large_record(scenario.override({"clock.record_every": every})) == ""
+    assert any("GB" in text for text in run_warnings(scenario, build_controller(scenario)))
+
+
+def test_a_record_that_does_not_fit_names_what_fits(monkeypatch):
+    monkeypatch.setattr(recorder, "free_memory", lambda: 1 << 26)
+    monkeypatch.setattr(memory, "free_memory", lambda: 1 << 26)
+    scenario = Scenario.load("two-pandas-box", {"duration": 600.0, "events": ()})
+    with pytest.raises(errors.NotEnoughMemoryError) as caught:
+        Simulation(scenario)
+    every = int(str(caught.value).split("clock.record_every to ")[1].split()[0])
+    Simulation(scenario.override({"clock.record_every": every}))
+
+
+def limited(cell, duration):
+    """A run with a late heavier payload, weak drives and a low limit of the condition number."""
+    late = {"kind": "payload-change", "time": 0.75 * duration, "mass": 8.0}
+    scenario = SCENARIOS[cell]().override({"duration": duration, "events": [late], "beyond_bound": True})
+    peak = finished(scenario.override({"duration": 0.1, "events": ()})).data
+    condition = float(peak["jacobian_condition"].max())
+    torques = peak["torque"].isel(arm=0, time=0).values.tolist()
+    limits = [0.9 * max(map(abs, torques)) for _ in torques]
+    name = next(iter(scenario.cell.arms))
+    changes = {f"cell.arms.{name}.torque_limits": limits, "trust.jacobian_condition": condition}
+    return scenario.override(changes | {"trust.energy_floor": 1e-12, "trust.energy_share": 1e-15})
+
+
+@pytest.mark.parametrize(("cell", "duration", "every"), [("planar", 10.0, 4), ("spatial", 1.0, 10**6)])
+def test_metrics_verdict_and_limits_of_a_thinned_run_are_those_of_all_ticks(
+    cell, duration, every, monkeypatch, tmp_path
+):
+    monkeypatch.setattr(recorder, "_BLOCK", 23)
+    scenario = limited(cell, duration)
+    whole, thinned = finished(scenario), finished(scenario.override({"clock.record_every": every}))
+    thinned.save(tmp_path / "result.nc")
+    assert whole.breaches()
+    assert whole.limit_violations()
+    for result in (thinned, RunResult.load(tmp_path / "result.nc")):
+        assert list(result.metrics()) == list(whole.metrics())
+        assert result.metrics() == pytest.approx(whole.metrics(), rel=1e-13, nan_ok=True)
+        assert result.verdict() == whole.verdict()
+        for found, expected in zip(result.breaches(), whole.breaches(), strict=True):
+            assert found[:3] == expected[:3]
+            assert found[3:] == pytest.approx(expected[3:], rel=1e-12)
+        assert result.limit_violations() == whole.limit_violations()
+        assert result.internal_force() == pytest.approx(whole.internal_force(), rel=1e-13, nan_ok=True)
+        assert (result.end, result.windows) == (whole.end, whole.windows)
+    assert len(thinned.data["time"]) < len(whole.data["time"]) / 3
+
+
 @pytest.mark.parametrize("cell", SCENARIOS)
-def test_the_energy_audit_and_the_metrics_of_a_thinned_run_are_those_of_its_samples(cell):
-    scenario = SCENARIOS[cell]().override({"events": (), "duration": 5.0 if cell == "planar" else 1.0})
-    whole, thinned = finished(scenario), finished(scenario.override({"clock.record_every": 4}))
-    assert thinned.energy_balance_max() <= whole.energy_balance_max()
-    assert thinned.energy_balance_max() > 0.0
-    assert thinned.settling_time() == pytest.approx(whole.settling_time(), abs=4 * scenario.clock.period)
-    assert thinned.end == whole.end
-    assert thinned.windows.steady == whole.windows.steady
+def test_a_thinned_run_that_is_stepped_restored_and_disturbed_has_the_metrics_of_the_whole_one(
+    cell, monkeypatch
+):
+    """Restored into the middle of a block, with an event added after the last one."""
+    monkeypatch.setattr(recorder, "_BLOCK", 7)
+    results = []
+    for every in (1, 5):
+        scenario = SCENARIOS[cell]().override(
+            {"duration": 40 / 80.0, "events": (), "clock.record_every": every}
+        )
+        run = Simulation(scenario, build_controller(scenario))
+        while run.ticks_done < 17:
+            run.tick()
+        state, early = run.state(), run.result()
+        for _ in range(9):
+            run.tick()
+        run.restore(state)
+        run.add_event(PayloadChange(time=run.time + 3.5 / 80.0, mass=3.0))
+        while not run.is_finished:
+            run.tick()
+        results.append((early, run.result()))
+    for whole, thinned in zip(*results, strict=True):
+        assert thinned.metrics() == pytest.approx(whole.metrics(), rel=1e-13, nan_ok=True)
+        assert thinned.breaches() == whole.breaches()
+        ticks = np.round(whole.data["time"].values / scenario.clock.period)
+        kept = np.flatnonzero((ticks % 5 == 0) | (ticks == ticks[-1]))
+        np.testing.assert_array_equal(thinned.data["torque"], whole.data["torque"].values[kept])
 
 
 def test_an_interrupted_thinned_run_has_its_last_tick_and_snapshots_are_of_every_tick():

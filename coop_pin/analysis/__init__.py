@@ -2,6 +2,7 @@
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin import lazy_names
+from coop_pin.analysis.carry_plan import CarryPlan, plan_carry
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
 from coop_pin.analysis.closed_loop import ClosedLoop, LoopMode, eigenvalues
 from coop_pin.analysis.feasibility import closure_problem
@@ -12,7 +13,8 @@ from coop_pin.analysis.loop_stability import LoopStability, loop_stability
 from coop_pin.analysis.new_cell import new_cell
 from coop_pin.analysis.own_inertia import OwnInertia, deflection_bias, own_inertia, own_inertia_proposal
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
-from coop_pin.analysis.plausibility import implausible_numbers, run_warnings
+from coop_pin.analysis.path_parameterization import PathLimits, fastest
+from coop_pin.analysis.plausibility import implausible_numbers, large_record, run_warnings
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
 from coop_pin.analysis.root_locus import RootLocus, root_locus
 from coop_pin.analysis.sampled_motion import Mode, SampledMotion, sampled_motion
@@ -43,6 +45,7 @@ from coop_pin.analysis.tuning_rule import GainProposal, gain_proposal
 __all__ = [
     "ArmReach",
     "ArmStatics",
+    "CarryPlan",
     "CellSummary",
     "ClosedLoop",
     "DriveTorque",
@@ -58,6 +61,7 @@ __all__ = [
     "MotionWrenches",
     "NearlySingular",
     "OwnInertia",
+    "PathLimits",
     "Reachability",
     "RootLocus",
     "SampledMotion",
@@ -75,12 +79,14 @@ __all__ = [
     "closure_problem",
     "deflection_bias",
     "eigenvalues",
+    "fastest",
     "fewest_steps",
     "force_reserve",
     "gain_proposal",
     "grasp_stability",
     "implausible_numbers",
     "internal_moment",
+    "large_record",
     "least_squeeze",
     "loads_without_an_arm",
     "loop_stability",
@@ -90,6 +96,7 @@ __all__ = [
     "new_cell",
     "own_inertia",
     "own_inertia_proposal",
+    "plan_carry",
     "positional_torques",
     "reachability",
     "root_locus",

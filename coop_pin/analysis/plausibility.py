@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -16,7 +17,10 @@ from coop_pin.analysis.sampled_stability import start_stability, step_stability
 from coop_pin.analysis.statics import start_torques
 from coop_pin.arrays import Array, require_type
 from coop_pin.control import CellController
+from coop_pin.description.grasp_events import PutDown
 from coop_pin.description.scenario import Scenario
+from coop_pin.errors import CoopPinError
+from coop_pin.memory import free_memory
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.schema.base import Description
 from coop_pin.schema.pose import Pose
@@ -30,6 +34,8 @@ _OFF_START = 0.02
 """Distance and angle between the start and the motion's start that are told, m and rad."""
 _OUTSIDE_M = 0.01
 """Distance of a tip from the payload's shape that is told: pads and flanges have some, m."""
+_MANY_TICKS, _LARGE_RECORD = 1e5, 1e9
+"""Samples that may take as much memory as is told, bytes."""
 _PATH_POSES, _LOOP_POSES = 41, 3
 """Poses at which a run looks for reach, and for stability."""
 
@@ -46,6 +52,8 @@ def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str
         controller: controller of the scenario.
     """
     yield from implausible_numbers(scenario)
+    with contextlib.suppress(CoopPinError):  # the run ends with it
+        yield from filter(None, [large_record(scenario)])
     with contextlib.suppress(Exception):  # a user's motion may fail: the run tells it
         if (squeeze := least_squeeze(scenario)) is not None and not squeeze.ok:
             yield squeeze.summary().removeprefix("! ")
@@ -63,6 +71,26 @@ def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str
         elif is_known:
             stable += [start_stability(simulation), loop_stability(simulation, reach)]
         yield from (finding.summary().removeprefix("! ") for finding in stable if not finding.ok)
+
+
+def large_record(scenario: Scenario) -> str:
+    """Return what memory the record of a long run takes; "" below 1 GB.
+
+    Raises:
+        NotEnoughMemoryError: it does not fit.
+        CoopPinError: the run cannot start.
+    """
+    clock = scenario.clock
+    if clock.ticks(scenario.duration) < _MANY_TICKS * clock.record_every:
+        return ""
+    memory = Simulation(scenario).recorder.memory
+    if memory < _LARGE_RECORD:
+        return ""
+    every = clock.record_every * math.ceil(memory / _LARGE_RECORD)
+    return (
+        f"its record takes {1e-9 * memory:.2g} GB of memory of {1e-9 * free_memory():.3g} GB that are free;"
+        f" with clock.record_every {every} below 1 GB, and metrics and verdict remain those of all ticks"
+    )
 
 
 def implausible_numbers(scenario: Scenario) -> tuple[str, ...]:
@@ -90,10 +118,16 @@ def implausible_numbers(scenario: Scenario) -> tuple[str, ...]:
 def _plan(scenario: Scenario) -> Iterator[str]:
     """Yield a law whose arms do not read that one of them holds nothing."""
     law = scenario.controller
-    if scenario.grasp_events and not (law.user_code or law.reads_plan):
+    if scenario.has_grasp_plan and not (law.user_code or law.reads_plan):
         yield (
             f"the law {law.kind!r} does not read the plan of the grasps: an arm that lets go, or takes hold,"
             " goes on with the load share of the cell; 'payload-space' reads it"
+        )
+    lays = any(isinstance(event, PutDown) for event in scenario.events)
+    if lays and not (law.user_code or law.puts_down):
+        yield (
+            f"the law {law.kind!r} does not let go of the load at a put-down, so that its integral presses on"
+            " the table: 'payload-space' does with a force_path, gains.anchor_gain and anchor_bias = 'none'"
         )
 
 

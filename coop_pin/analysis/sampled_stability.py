@@ -32,6 +32,7 @@ _SLOW = 1e-6
 _SHARE_OF_MODE = 0.3
 _NEUTRAL_POLE = 1.0
 """Size of a pole that only rounding and slow friction have, 1/s."""
+_FACTOR_BISECTIONS = 40
 _LONGEST, _LIMIT_ERROR = 4.0, 1e-4
 """Beyond the stability region of RK4; accuracy of its border."""
 
@@ -40,33 +41,36 @@ class SampledStability(NamedTuple):
     """Stability of sampled damping, with the critical mode.
 
     Attributes:
-        value: ``T |lambda|^2 / Re lambda``, the largest of all modes; T lambda for a real lambda. The motion
-            decays if it is below 2.
+        value: ``T |lambda|^2 / Re lambda``, the largest of all modes; T lambda for a real lambda.
         rate_hz: the control rate, Hz.
         joints: the joints that move most in that mode, as arm/joint.
         time: time of the pose at which it is so, s.
+        limit: value from which on the motion grows: 2, or less where the damping hears late messages.
+        delay: age of the messages that the damping hears, ticks.
     """
 
     value: float
     rate_hz: float
     joints: tuple[str, ...]
     time: float = 0.0
+    limit: float = STABILITY_LIMIT
+    delay: int = 0
 
     @property
     def ok(self) -> bool:
         """Whether the motion decays from tick to tick."""
-        return self.value < STABILITY_LIMIT
+        return self.value < self.limit
 
     def summary(self) -> str:
         """Return the finding as text, in one line."""
-        limit, joints = f"the stability limit {STABILITY_LIMIT:g}", ", ".join(self.joints)
+        limit, joints = f"the stability limit {self.limit:.4g}", ", ".join(self.joints)
+        if self.delay:
+            limit += f" of messages {self.delay} ticks late"
         at = f", t = {self.time:.3g} s" if self.time else ""
         hold = f"with zero-order hold at {self.rate_hz:g} Hz{at}"
         if self.ok:
             return f"T*lambda = {self.value:.3g} is below {limit} {hold}; largest in {joints}"
-        rate = (
-            f" above {self.rate_hz * self.value / STABILITY_LIMIT:.4g} Hz" if np.isfinite(self.value) else ""
-        )
+        rate = f" above {self.rate_hz * self.value / self.limit:.4g} Hz" if np.isfinite(self.value) else ""
         subject = f"joint {joints} is" if len(self.joints) == 1 else f"joints {joints} are"
         return (
             f"! T*lambda = {self.value:.3g} exceeds {limit}: {hold}, {subject} unstable."
@@ -150,7 +154,7 @@ def motion_stability(simulation: Simulation, cell_reach: Reachability) -> Sample
     """
     along = configurations_along(simulation, cell_reach, _POSES)
     stabilities = [_stability_at(simulation, q, time) for time, q in along]
-    return max(stabilities, key=lambda stability: stability.value)
+    return max(stabilities, key=lambda stability: stability.value / stability.limit)
 
 
 def configurations_along(
@@ -176,12 +180,44 @@ def configurations_along(
 
 def _stability_at(simulation: Simulation, q: Array, time: float) -> SampledStability:
     """Return the sampled stability at a configuration and a time."""
-    eigenvalues, modes = _decay(simulation, q, _torque_of(simulation, q, time))
-    clock = simulation.scenario.clock
+    D = _damping(simulation, q, _torque_of(simulation, q, time))
+    eigenvalues, modes = np.linalg.eig(D)
+    clock, network = simulation.scenario.clock, simulation.scenario.network
     values = np.array([_stability_value(clock.period * entry) for entry in eigenvalues])
     worst = int(np.argmax(values))
-    joints = fastest_joints(simulation, np.abs(modes[:, worst]))
-    return SampledStability(float(values[worst]), clock.rate_hz, joints, time)
+    stability = SampledStability(
+        float(values[worst]), clock.rate_hz, fastest_joints(simulation, np.abs(modes[:, worst])), time
+    )
+    if network is None or not (late := network.oldest_of(list(simulation.scenario.cell.arms), clock)):
+        return stability
+    D_now = _damping(simulation, q, _torque_of(simulation, q, time, hears_rest=True))
+    factor = _delayed_factor(clock.period * D_now, clock.period * (D - D_now), late)
+    return stability._replace(limit=factor * stability.value, delay=late) if factor < np.inf else stability
+
+
+def _delayed_factor(now: Array, late: Array, delay: int) -> float:
+    """Return the factor of both at which v[k+1] = v[k] - now v[k] - late v[k-D] stops to decay.
+
+    For one late mode alone that is 2 sin(pi / (4 D + 2)) / late (Levin and May, 1976); inf where nothing is
+    late, for which the limit of sampled damping stands.
+    """
+    if np.abs(late).max() < _UNDAMPED:
+        return np.inf
+    basis, singular, _ = np.linalg.svd(np.hstack((now, late)))  # the motions that are damped at all
+    N = basis[:, singular > _UNDAMPED * singular[0]]
+    now, late, m = N.T @ now @ N, N.T @ late @ N, N.shape[1]
+
+    def radius(factor: float) -> float:
+        matrix = np.eye(m * (delay + 1), k=-m)
+        matrix[:m, :m] = np.eye(m) - factor * now
+        matrix[:m, -m:] -= factor * late
+        return float(np.abs(np.linalg.eigvals(matrix)).max())
+
+    low, high = 0.0, STABILITY_LIMIT / max(np.abs(np.linalg.eigvals(now + late)).max(), _UNDAMPED)
+    for _ in range(_FACTOR_BISECTIONS):
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if radius(middle) < 1.0 else (low, middle)
+    return low
 
 
 @typed
@@ -275,7 +311,7 @@ def _ray_limit(pole: complex) -> float:
 def _steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:
     """Return the stability of the plant's steps at a configuration and its time."""
     friction, scenario = simulation.plant.transmission.friction, simulation.scenario
-    eigenvalues, modes = _decay(simulation, q, lambda v: friction(_SLOW * v) / _SLOW)
+    eigenvalues, modes = np.linalg.eig(_damping(simulation, q, lambda v: friction(_SLOW * v) / _SLOW))
     worst = int(np.argmax(np.abs(eigenvalues)))
     steps = scenario.clock.steps_per_tick
     value = float(np.abs(eigenvalues[worst])) * scenario.clock.period / steps
@@ -283,15 +319,15 @@ def _steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:
     return StepStability(value, REAL_STABILITY[scenario.plant.integrator], steps, joints, time)
 
 
-def _decay(simulation: Simulation, q: Array, torque: Callable[[Array], Array]) -> tuple[Array, Array]:
-    """Return eigenvalues and modes of D = -d(acceleration)/dv through a torque, with the closures closed."""
+def _damping(simulation: Simulation, q: Array, torque: Callable[[Array], Array]) -> Array:
+    """Return D = -d(acceleration)/dv through a torque, with the closures closed."""
     chain, rest = simulation.plant.chain.mechanism, np.zeros(len(simulation.plant.v))
 
     def acceleration(v: Array) -> Array:
         return chain.forward_dynamics(q, rest, torque(v)).acceleration
 
     speeds = [chain.project_velocity(q, row) for row in np.eye(len(rest))]
-    return np.linalg.eig(np.column_stack([(acceleration(-v) - acceleration(v)) / 2.0 for v in speeds]))
+    return np.column_stack([(acceleration(-v) - acceleration(v)) / 2.0 for v in speeds])
 
 
 def _stability_value(entry: complex) -> float:
@@ -301,11 +337,18 @@ def _stability_value(entry: complex) -> float:
     return abs(entry) ** 2 / entry.real if entry.real > 0.0 else float("inf")
 
 
-def _torque_of(simulation: Simulation, q: Array, time: float) -> Callable[[Array], Array]:
+def _torque_of(
+    simulation: Simulation, q: Array, time: float, *, hears_rest: bool = False
+) -> Callable[[Array], Array]:
     """Return the controller's generalised force at a pose and time as a function of the velocity.
 
-    Measured internal wrenches are as desired, joints are measured as they are, and messages arrive at once.
-    Torque limits play no part.
+    Measured internal wrenches are as desired, joints are measured as they are. Torque limits play no part.
+
+    Args:
+        simulation: Simulation that has not begun.
+        q: Configuration of the chain.
+        time: Time of the pose, s.
+        hears_rest: Whether messages are those of arms at rest; else they arrive at once.
     """
     plant, start, references = simulation.plant, simulation.references(0.0), simulation.references(time)
     ideal = simulation.scenario.with_ideal_sensors
@@ -322,7 +365,9 @@ def _torque_of(simulation: Simulation, q: Array, time: float) -> Callable[[Array
             seen._replace(v=rate, payload_twist=frozen(seen.payload_jacobian.dot(rate)))
             for seen, rate in zip(at_rest, rates, strict=True)
         ]
-        command = law.step(at_once(law, measurements, references, state), references, state)
+        told = at_once(law, at_rest if hears_rest else measurements, references, state)
+        heard = [one._replace(messages=each.messages) for one, each in zip(measurements, told, strict=True)]
+        command = law.step(heard, references, state)
         return plant.transmission.torque(simulation.actuation.torques_of(command)) / speed
 
     return torque

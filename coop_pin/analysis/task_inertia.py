@@ -16,7 +16,7 @@ from coop_pin.arrays import Array, typed
 from coop_pin.control.law import PostureGains
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
-from coop_pin.simulation.transmission import friction
+from coop_pin.model.transmission import friction
 from coop_pin.spatial import spatial_inertia, weight_wrench
 
 _RIGID = 1e-9

@@ -33,7 +33,7 @@ from coop_pin.batch.serial_arm import (
 )
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.description.events import Surroundings
-from coop_pin.simulation.transmission import Friction, friction
+from coop_pin.model.transmission import Friction, friction
 from coop_pin.tracing.kernel import Kernel
 from coop_pin.tracing.tape import Number, Traced
 from coop_pin.tracing.traced_array import parts, plain, traced

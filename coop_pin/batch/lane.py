@@ -1,29 +1,37 @@
-"""One run as one lane of a batch, in chunks of ticks between which it can be interrupted."""
+"""One run as one lane of a batch, in chunks of ticks between which it can be interrupted.
+
+Of a long run, signals, schedule and record are made for some thousand ticks at a time, so that its memory is
+that of the samples which it keeps.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 from functools import partial
 from typing import cast
 
 import numpy as np
 
-from coop_pin.arrays import Mask
-from coop_pin.batch.preparation import Prepared
-from coop_pin.batch.simulate import BatchResult, BatchSimulator, Family, require_sample_memory
+from coop_pin.arrays import Array, Mask
+from coop_pin.batch.preparation import Prepared, PreparedPlant
+from coop_pin.batch.samples import RunSamples, kept_of
+from coop_pin.batch.schedule import Scheduled
+from coop_pin.batch.simulate import BatchSimulator, Family, require_sample_memory
 from coop_pin.batch.single_runs import require_agreement_at_first
 from coop_pin.batch.support import law_reason
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
 from coop_pin.results import RunResult
+from coop_pin.results.quantities import Samples
+from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.simulation.simulate import Progress, errors_with_results
 from coop_pin.tracing.llvm_machine import LlvmMachine
 
 _CHUNK = 4096
 """Calls of kernels between two looks at Ctrl-C; one takes at most some 50 us."""
-_KEPT_TICKS = 20_000
-"""Of longer runs nothing is kept for later ones: their tables take 100 MB and more."""
+_LONG, _PART = 20_000, 4_096
+"""Ticks of a run from which on signals, schedule and record are made in parts, and ticks of a part: of 20 000
+they take some 200 MB."""
 
 
 class LaneSimulator(BatchSimulator):
@@ -41,15 +49,15 @@ class LaneSimulator(BatchSimulator):
         """
         if reason := law_reason(scenario.controller):
             raise TracingError(reason)
-        run = self.prepare(scenario)
+        is_long = scenario.clock.ticks(scenario.duration) > _LONG
+        run = Prepared.of_run(scenario, PreparedPlant(scenario, _PART if is_long else None))
         signals = hashlib.sha256(run.signals[0].tobytes()).digest()
         run = run._replace(kind=(signals, *run.kind))
         try:
             family = self.family(run, run)
         except TracingError:  # a law that needs its own numbers while it is traced: they fold
             family = self._folding.family(run, run)
-        self._plants.clear()  # files and functions of the user may change between runs
-        if run.plants[0].run.timeline.ticks > _KEPT_TICKS:
+        if is_long:  # its order of kernels goes on
             self.forget(family)
             self._folding.forget(family)
         return run, family
@@ -64,7 +72,7 @@ _simulator = LaneSimulator()
 
 
 class Lane:
-    """A run as one lane of a batch, with the record of a single run: every sample of every quantity."""
+    """A run as one lane of a batch, with the record of a single run: every quantity at the ticks it keeps."""
 
     def __init__(self, scenario: Scenario) -> None:
         """Prepare the run, and compile its code unless that is known.
@@ -77,15 +85,20 @@ class Lane:
             NotEnoughMemoryError: the samples do not fit.
             CoopPinError: it cannot start.
         """
+        self._scenario, self._every = scenario, scenario.clock.record_every
         self._prepared, (*_, self._code, machine) = _simulator.lane(scenario)
+        self._machine, plant = cast(LlvmMachine, machine), self._prepared.plants[0]
         require_sample_memory(self._code.program, 1)
         block, _ = self._code.begin(self._prepared)
-        self._block = np.ascontiguousarray(block.T)
-        self._record = machine.new_record(1)
-        self._call: Callable[[int, int], None] = cast(LlvmMachine, machine).bound(
-            self._block, self._code.uniforms, self._record
-        )
-        self._timeline, self._done = self._prepared.plants[0].run.timeline, 0
+        self._block, self._record = np.ascontiguousarray(block.T), machine.new_record(1)
+        self._timeline, self._done, self._first = plant.run.timeline, 0, 0
+        self._kept, self._count, self._running = dict[str, Array](), 0, RunningMetrics(scenario, plant.labels)
+        self._bind(Scheduled(self._code.program.instructions, self._code.uniforms, self._code.ticks))
+
+    def _bind(self, part: Scheduled) -> None:
+        """Make the calls of a part of the run from now on."""
+        self._call = self._machine.bound(self._block, part.uniforms, self._record, order=part.instructions)
+        self._starts = [*part.ticks, len(part.instructions)]
 
     def run(self, progress: Progress | None = None) -> RunResult | None:
         """Return the result; None where the run breaks a guard, so that a single run must tell its error.
@@ -98,21 +111,40 @@ class Lane:
             TracingError: the law is a user's, and differs from that of the first ticks of a single run.
             CoopPinError: of ``progress``, with the result up to then.
         """
-        starts, ticks = [*self._code.ticks, len(self._code.program.instructions)], self._timeline.ticks
+        ticks = self._timeline.ticks
         with errors_with_results(self._so_far, lambda: self._timeline.time(self._done)):
             while self._done <= ticks:
-                first = starts[self._done]
-                end = max(self._done + 1, int(np.searchsorted(starts, first + _CHUNK)) - 1)
-                self._call(first, starts[end] - first)
-                self._done = end
+                self._advance()
                 if not self._is_valid():
                     return None
                 if progress is not None:
-                    progress(end - 1, ticks)
+                    progress(self._done - 1, ticks)
         result = self._result()
         if self._prepared.is_foreign:
             require_agreement_at_first(result)
         return result
+
+    def _advance(self) -> None:
+        """Run the next chunk of ticks."""
+        if self._done - self._first == len(self._starts) - 1:
+            self._begin_part()
+        starts, tick = self._starts, self._done - self._first
+        first = starts[tick]
+        end = max(tick + 1, int(np.searchsorted(starts, first + _CHUNK)) - 1)
+        self._call(first, starts[end] - first)
+        self._done = self._first + end
+
+    def _begin_part(self) -> None:
+        """Keep what the finished part of the run leaves, and begin the next one."""
+        samples = self._samples()
+        if self._every > 1:
+            self._running.add(samples, self._scenario)
+        self._count = self._keep(samples, is_last=False)
+        self._first = self._done
+        ticks = range(self._first, min(self._first + _PART, self._timeline.ticks + 1))
+        plant, signals = self._prepared.plants[0].later(ticks)
+        self._prepared = self._prepared._replace(plants=[plant], signals=[signals])
+        self._bind(self._code.next_ticks(signals))
 
     def _is_valid(self) -> bool:
         return bool(self._block[0, self._code.program.lanes.slots("is_valid")] == 1.0)
@@ -120,14 +152,35 @@ class Lane:
     def _so_far(self) -> RunResult | None:
         return self._result() if self._done else None
 
+    def _samples(self) -> Samples:
+        """Return the samples of the ticks of the present part that are done."""
+        records = [self._record[: self._done - self._first]]
+        samples = RunSamples(self._prepared, self._code.program.lanes, records)
+        table = self._prepared.plants[0].table
+        return {each.name: samples[each.name][0] for each in table if each.stored or each.name == "time"}
+
+    def _keep(self, samples: Samples, *, is_last: bool = True) -> int:
+        """Keep every n-th sample of the present part, and the last one of the run; return how many."""
+        kept = kept_of(len(samples["time"]), self._every, self._first)
+        if not is_last and (self._done - 1) % self._every:
+            kept = kept[:-1]
+        count = self._count + len(kept)
+        for name, values in samples.items():
+            if name not in self._kept:
+                most = self._timeline.ticks // self._every + 2
+                self._kept[name] = np.empty((most, *values.shape[1:]), values.dtype)
+            self._kept[name][self._count : count] = values[kept]
+        return count
+
     def _result(self) -> RunResult:
         """Return the result of the ticks that are done."""
-        every = self._prepared.scenarios[0].clock.record_every
-        is_finished = self._done > self._timeline.ticks
-        kept = len(self._record) if is_finished else (self._done - 1) // every + 1
-        layout, valid = self._code.program.lanes, np.array([True])
-        result = BatchResult(self._prepared, layout, [self._record[:kept]], valid, lambda: None).result(0)
-        pose = self._prepared.plants[0].run.motion.at(result.end).X_WP_d
+        plant, samples, attributes = self._prepared.plants[0], self._samples(), {RunResult.ENGINE: "batch"}
+        if self._every > 1:
+            attributes[RunResult.EVERY_TICK] = self._running.finished(samples, self._scenario).to_text()
+        count = self._keep(samples)
+        kept = {name: values[:count] for name, values in self._kept.items()}
+        result = RunResult(self._scenario, kept | plant.labels, attributes)
+        pose = plant.run.motion.at(result.end).X_WP_d
         if remarks := self._prepared.controller.remarks(pose, self._code.law_state(self._block[0])):
-            result.data.attrs[RunResult.REMARKS] = "\n".join(remarks)
+            attributes[RunResult.REMARKS] = "\n".join(remarks)
         return result

@@ -16,7 +16,7 @@ from coop_pin.batch.constants import ArmConstants
 from coop_pin.control import ArmCommand, ArmController, ArmMeasurement, ArmReference, CellController
 from coop_pin.control.interface import DESIRED, MEASURED, Message
 from coop_pin.errors import TracingError
-from coop_pin.simulation.sensors import measurement
+from coop_pin.simulation.sensors import measured_motion
 from coop_pin.spatial.task_rows import TaskRows
 from coop_pin.tracing.numpy_machine import evaluate
 from coop_pin.tracing.tape import Number, Operand, Tape, operands
@@ -222,9 +222,10 @@ def _inputs_of(
             for field, name in heard_fields(tick.measurement).items()
         }
         q, v = measured.pop("q"), measured.pop("v")
+        motion = measured_motion(arm.view(rows, arm.to_joints.dot(q)), q, v)
         others = {"internal_wrench": None, **measured, "saturated": masks(measured["saturated"])}
-        seen = measurement(arm.view(rows, arm.to_joints.dot(q)), q, v, **others, messages=messages or None)
-        measurements.append(seen)
+        time = others.pop("time")
+        measurements.append(ArmMeasurement(time, *motion, **others, messages=messages or None))
         references.append(ArmReference(**desired))
     return tape, measurements, references
 

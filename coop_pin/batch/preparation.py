@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import copy
+import functools
 from collections.abc import Hashable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, Mask
 from coop_pin.batch.constants import RunConstants, run_constants, start
 from coop_pin.batch.hidden_state import digest, of_surroundings
-from coop_pin.batch.signals import clocked_of, columns, desired_of, first_of, run_signals
+from coop_pin.batch.signals import SignalSource, clocked_of, columns, desired_of, first_of
 from coop_pin.batch.support import plant_reason
 from coop_pin.build_controller import build_controller, controlled_arm
+from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.control import CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
-from coop_pin.results.dataset import without_time
 from coop_pin.results.quantities import QUANTITIES, quantities
 from coop_pin.simulation import Simulation
 from coop_pin.tracing.tree import flattened, leaves
@@ -32,10 +34,10 @@ class PreparedPlant:
         run: simulation of the first run, at its start.
         arms: numbers of the arms that controllers know.
         constants: numbers of the runs, without a controller.
-        values: leaves of the constants.
+        values: leaves of the constants, shape (leaves,).
         start: initial state of the runs.
         begins: numbers of the fields of a block that the plant begins with, by name.
-        desired: desired motion and squeeze at all ticks.
+        desired: desired motion and squeeze at all ticks, of a long run at its first ones.
         example: signals of a tick.
         table: quantities of the runs.
         read: quantities that are recorded at ticks; runs with and without an error of the kinematics share a
@@ -44,8 +46,12 @@ class PreparedPlant:
         kind: structure that the runs of a batch share besides numbers, the controller apart.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, most_ticks: int | None = None) -> None:
         """Build the plant.
+
+        Args:
+            scenario: scenario of the first run.
+            most_ticks: number of ticks of which desired motion and signals are made at first; None for all.
 
         Raises:
             TracingError: it cannot be traced.
@@ -57,25 +63,54 @@ class PreparedPlant:
         self.arms = [controlled_arm(scenario, name) for name in scenario.cell.arms]
         self.constants = run_constants(scenario, self.run)._replace(controller=None)
         self.start = start(self.run)
-        self.values, structure = flattened(self.constants)
+        numbers, structure = flattened(self.constants)
+        self.values = np.array(numbers, dtype=np.float64)
         self.kind = structure, tuple(scenario.cell.arms), _times(scenario)
+        self._known = {id(arm): flattened(arm) for arm in self.arms}
+        self._last: tuple[Hashable, ...] = ()
         self.begins = {name: leaves(part) for name, part in self.start._asdict().items()}
         self.begins["surroundings"] = leaves(self.constants.changes[0])
-        self.desired = desired_of(self.run)
-        self._clocked = clocked_of(self.run)
+        ticks = range(self.run.timeline.ticks + 1)[:most_ticks]
+        self.desired = desired_of(self.run, ticks)
+        self._clocked = clocked_of(self.run, ticks)
         self._joints = [len(arm.drive) for arm in self.run.plant.chain.model.arms]
-        drawn = run_signals(scenario, self.desired, self._joints, self._clocked)
+        self._source = SignalSource(scenario, self._joints)
+        drawn = self._source.draw(self.desired, self._clocked)
         self.example, self._signals = first_of(drawn), {scenario.seed: columns(drawn)}
-        recorder, self.table = self.run.recorder, quantities(scenario)
+        self.table = quantities(scenario)
         self.read = [each for each in QUANTITIES if each in self.table or each.group == "kinematics"]
-        self.labels = without_time(scenario, [names for _, names in recorder.joints], recorder.limit_table())
+        self.labels = self.run.recorder.labels()
+
+    @functools.cached_property
+    def determined(self) -> Mask:
+        """Rows of the interaction wrenches that are determinate; see determinate_rows."""
+        return determinate_rows(self.run.plant.chain, self.run.plant.q)
+
+    def with_controller(self, scenario: Scenario) -> tuple[CellController, Array, tuple[Hashable, ...]]:
+        """Return the controller of a run of this plant, the numbers of both, and the family of the run.
+
+        Raises:
+            TracingError: The controller cannot be traced.
+            CoopPinError: It cannot be built.
+        """
+        controller = scenario.controller.build(scenario, self.arms)
+        numbers, structure = flattened(controller, self._known)
+        kind = self.kind, structure, _surroundings(scenario)
+        self._last = self._last if kind == self._last else kind  # the same object: no more to compare
+        return controller, np.concatenate((self.values, np.array(numbers, dtype=np.float64))), self._last
 
     def signals(self, scenario: Scenario) -> Array:
-        """Return the signals of a run of this plant at all ticks, shape (ticks + 1, entries)."""
+        """Return the signals of a run of this plant at the ticks of ``desired``, shape (n, entries)."""
         if scenario.seed not in self._signals:
-            drawn = run_signals(scenario, self.desired, self._joints, self._clocked)
+            drawn = SignalSource(scenario, self._joints).draw(self.desired, self._clocked)
             self._signals = {scenario.seed: columns(drawn)}  # those of one seed are kept
         return self._signals[scenario.seed]
+
+    def later(self, ticks: range) -> tuple[PreparedPlant, Array]:
+        """Return the plant with the desired motion of the ticks that come next, and their signals."""
+        plant = copy.copy(self)
+        plant.desired = desired_of(self.run, ticks)
+        return plant, columns(self._source.draw(plant.desired, clocked_of(self.run, ticks)))
 
 
 class Prepared(NamedTuple):
@@ -84,7 +119,7 @@ class Prepared(NamedTuple):
     Attributes:
         scenarios: scenarios to run.
         plants: plant of each; runs with equal plants share one.
-        signals: signals of each at all ticks, shape (ticks + 1, entries).
+        signals: signals of each at the ticks of its plant's desired motion, shape (n, entries).
         controller: controller of the first run.
         values: leaves of the constants, the controller's last, shape (runs, leaves).
         kind: family of the runs: what they share besides numbers.
@@ -101,6 +136,11 @@ class Prepared(NamedTuple):
     def constants(self) -> RunConstants:
         """Numbers of the first run."""
         return self.plants[0].constants._replace(controller=self.controller)
+
+    def part(self, runs: slice) -> Prepared:
+        """Return the batch of some of the runs."""
+        values = (self.scenarios[runs], self.plants[runs], self.signals[runs])
+        return Prepared(*values, self.controller, self.values[runs], self.kind)
 
     @property
     def is_foreign(self) -> bool:
@@ -128,11 +168,8 @@ class Prepared(NamedTuple):
             TracingError: the run cannot be in a batch.
             CoopPinError: the run cannot start.
         """
-        controller = scenario.controller.build(scenario, plant.arms)
-        numbers, structure = flattened(controller)
-        values = np.array([[*plant.values, *numbers]], dtype=np.float64)
-        kind = plant.kind, structure, _surroundings(scenario)
-        return cls([scenario], [plant], [plant.signals(scenario)], controller, values, kind)
+        controller, values, kind = plant.with_controller(scenario)
+        return cls([scenario], [plant], [plant.signals(scenario)], controller, values[None], kind)
 
     @classmethod
     def joined(cls, runs: Sequence[Prepared]) -> Prepared:

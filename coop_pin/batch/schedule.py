@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,11 +17,26 @@ from coop_pin.tracing.kernel import LOAD, RECORD, Instruction, Kernel, Program
 from coop_pin.tracing.tree import valued
 
 
+class Scheduled(NamedTuple):
+    """Order of the kernels at some ticks of a run; rows of loads and of the record begin with the first.
+
+    Attributes:
+        instructions: instructions in order.
+        uniforms: numbers that all runs share, to which they refer, shape (rows, uniforms).
+        ticks: index of the first instruction of each tick.
+    """
+
+    instructions: Sequence[Instruction]
+    uniforms: Array
+    ticks: list[int]
+
+
 class RunProgram:
     """Program of runs that differ from a first one in chosen numbers.
 
     Attributes:
-        program: program for a machine.
+        block: slots of the runs.
+        program: program for a machine, of the first ticks of which ``first`` has the signals.
         uniforms: numbers that all runs share, shape (rows, uniforms).
         ticks: index of the first instruction of each tick.
     """
@@ -35,19 +50,27 @@ class RunProgram:
             is_loaded: Entries of the signals that are inputs.
         """
         plant, signals = first.plants[0], first.signals[0]
-        is_uniform = ~is_loaded & (signals != signals[:1]).any(axis=0)
+        is_whole = len(signals) > plant.run.timeline.ticks  # else any may change later
+        is_uniform = ~is_loaded & ((signals != signals[:1]).any(axis=0) | (not is_whole))
         split = SignalSplit(plant.example, signals[0], is_uniform, is_loaded)
-        self._block = RunBlock(first.constants, plant.start, differs, split, plant.read)
-        code = TickCode(self._block, exact=first.is_foreign)
-        self._differs, kernels = differs, code.kernels()
-        self._law = code.law
-        schedule = Schedule(plant.run, self._block, kernels, signals[:, is_uniform])
-        self.uniforms, self.ticks, block = np.array(schedule.rows), schedule.ticks, self._block
-        self.program = Program(kernels, block.lanes, block.recorded, block.loaded, schedule.instructions)
+        self.block = RunBlock(first.constants, plant.start, differs, split, plant.read)
+        code = TickCode(self.block, exact=first.is_foreign)
+        self._differs, kernels, block = differs, code.kernels(), self.block
+        self._law, self._schedule = code.law, Schedule(plant.run, block, kernels)
+        instructions, self.uniforms, self.ticks = self.next_ticks(signals)
+        self.program = Program(kernels, block.lanes, block.recorded, block.loaded, instructions)
+
+    def next_ticks(self, signals: Array) -> Scheduled:
+        """Return the order of the kernels at the ticks that come next.
+
+        Args:
+            signals: Signals at them, shape (n, entries).
+        """
+        return self._schedule.next_ticks(signals[:, self.block.signals.is_uniform])
 
     def begin(self, prepared: Prepared) -> tuple[Array, Array]:
         """Return the initial block, shape (slots, runs), and the loads, shape (ticks + 1, loaded, runs)."""
-        lanes, is_loaded = self.program.lanes, self._block.signals.is_loaded
+        lanes, is_loaded = self.program.lanes, self.block.signals.is_loaded
         plants, count = prepared.plants, len(prepared.plants)
         block = np.zeros((lanes.size, count))
         for name, values in (
@@ -67,38 +90,38 @@ class RunProgram:
 
 
 class Schedule:
-    """Order of the kernels of a run.
+    """Order of the kernels of a run, for some of its ticks after the other."""
 
-    Attributes:
-        instructions: instructions in order.
-        rows: uniforms that they refer to.
-        ticks: index of the first instruction of each tick.
-    """
-
-    def __init__(self, run: Simulation, block: RunBlock, kernels: Sequence[Kernel], signals: Array) -> None:
-        """Order the kernels.
+    def __init__(self, run: Simulation, block: RunBlock, kernels: Sequence[Kernel]) -> None:
+        """Begin before the first tick.
 
         Args:
             run: Simulation of one of the runs, for its timeline.
             block: Block of the runs.
             kernels: Kernels of the block.
-            signals: Signals that are uniform, shape (ticks + 1, ...).
         """
-        self.instructions: list[Instruction] = []
-        self.rows: list[Array] = []
-        self.ticks: list[int] = []
-        self._steps: dict[float, int] = {}
         self._index = {kernel.name: index for index, kernel in enumerate(kernels)}
-        self._events, self._block, self._actuation = 0, block, run.actuation
-        timeline, every = run.timeline, run.scenario.clock.record_every
+        self._tick, self._events, self._block = 0, 0, block
+        self._timeline, self._actuation = run.timeline, run.actuation
         self._target = 0.0  # time of the last command, or sample of a servo
-        for tick in range(timeline.ticks + 1):
+
+    def next_ticks(self, signals: Array) -> Scheduled:
+        """Return the order of the kernels at the ticks that come next.
+
+        Args:
+            signals: Signals at them that are uniform, shape (n, ...).
+        """
+        self._instructions, self._rows = list[Instruction](), list[Array]()
+        self._steps, ticks = dict[float, int](), list[int]()
+        timeline, block = self._timeline, self._block
+        for index, uniform in enumerate(signals):
+            tick, self._tick = self._tick, self._tick + 1
             time = timeline.time(tick)
-            self.ticks.append(len(self.instructions))
+            ticks.append(len(self._instructions))
             since, self._target = time - self._target, time
-            row = self._row(s=since, gives=run.actuation.gives(time), signals=signals[tick])
+            row = self._row(s=since, gives=self._actuation.gives(time), signals=uniform)
             if block.loaded:
-                self.instructions.append(Instruction(LOAD, tick))
+                self._instructions.append(Instruction(LOAD, index))
             if not tick:
                 self._call("start", row)
             elif block.constants.sensors.needs_wrenches:
@@ -106,10 +129,10 @@ class Schedule:
             self._call("tick", row)
             self._happen(timeline, time)  # measured and computed before: the law sees it a tick later
             self._call("observe", row)
-            if tick % every == 0 or tick == timeline.ticks:
-                self.instructions.append(Instruction(RECORD, -(-tick // every)))
+            self._instructions.append(Instruction(RECORD, index))
             if tick < timeline.ticks:
                 self._advance(timeline, tick)
+        return Scheduled(self._instructions, np.array(self._rows), ticks)
 
     def _advance(self, timeline: Timeline, tick: int) -> None:
         """Add the plant steps of a tick."""
@@ -141,11 +164,11 @@ class Schedule:
         values = np.zeros(self._block.uniforms.size)
         for name, value in fields.items():
             values[self._block.uniforms.slots(name)] = value
-        self.rows.append(values)
-        return len(self.rows) - 1
+        self._rows.append(values)
+        return len(self._rows) - 1
 
     def _call(self, kernel: str, row: int) -> None:
-        self.instructions.append(Instruction(self._index[kernel], row))
+        self._instructions.append(Instruction(self._index[kernel], row))
 
     def _happen(self, timeline: Timeline, time: float) -> None:
         """Add the kernel of the events at a time, if there are any."""

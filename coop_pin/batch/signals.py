@@ -51,39 +51,47 @@ class RunSignals(NamedTuple):
     clocked: tuple[Desired | tuple[()], ...] = ()
 
 
-def desired_of(run: Simulation, clock: ArmClock | None = None) -> Desired:
-    """Return desired motion and squeeze at all ticks of a run, or at what a clock shows then."""
-    grasps, times = run.scenario.cell.grasps, [run.timeline.time(k) for k in range(run.timeline.ticks + 1)]
+def desired_of(run: Simulation, ticks: range, clock: ArmClock | None = None) -> Desired:
+    """Return desired motion and squeeze at ticks of a run, or at what a clock shows then."""
+    grasps, times = run.scenario.cell.grasps, list(map(run.timeline.time, ticks))
     times = times if clock is None else list(map(clock.reading, times))
     pose, twist, acceleration = map(np.array, zip(*map(run.motion.at, times), strict=True))
     squeeze = np.array([run.squeeze.at(time, grasps) for time in times])
     return Desired(np.array(times), pose, twist, acceleration, squeeze)
 
 
-def clocked_of(run: Simulation) -> tuple[Desired | tuple[()], ...]:
-    """Return what each arm of a run desires by its own clock, as in RunSignals."""
+def clocked_of(run: Simulation, ticks: range) -> tuple[Desired | tuple[()], ...]:
+    """Return what each arm of a run desires by its own clock at ticks, as in RunSignals."""
     clocks = run.scenario.clocks
     if not clocks:
         return ()
     arms = range(len(run.scenario.cell.arms))
-    return tuple(desired_of(run, clocks[index]) if index in clocks else () for index in arms)
+    return tuple(desired_of(run, ticks, clocks[index]) if index in clocks else () for index in arms)
 
 
-def run_signals(
-    scenario: Scenario, desired: Desired, joints: list[int], clocked: tuple[Desired | tuple[()], ...] = ()
-) -> RunSignals:
-    """Return the signals of a run at all ticks.
+class SignalSource:
+    """Source of the signals of a run, in blocks of ticks that follow each other."""
 
-    Args:
-        scenario: Scenario with sensors, actuators and seed.
-        desired: Desired motion and squeeze.
-        joints: Number of each arm's drives.
-        clocked: Desired motion of each arm by its own clock, as in RunSignals.
-    """
-    ticks = len(desired.time)
-    network = () if scenario.network is None else MessageSignals(scenario).draw(ticks)
-    sensors, missed = SensorSignals(scenario, joints).draw(ticks), MissedTicks(scenario).draw(ticks)
-    return RunSignals(desired, sensors, missed, network, clocked)
+    def __init__(self, scenario: Scenario, joints: list[int]) -> None:
+        """Begin before the first tick.
+
+        Args:
+            scenario: Scenario with sensors, actuators and seed.
+            joints: Number of each arm's drives.
+        """
+        self._sensors, self._missed = SensorSignals(scenario, joints), MissedTicks(scenario)
+        self._network = None if scenario.network is None else MessageSignals(scenario)
+
+    def draw(self, desired: Desired, clocked: tuple[Desired | tuple[()], ...]) -> RunSignals:
+        """Return the signals of the next ticks.
+
+        Args:
+            desired: Desired motion and squeeze at them.
+            clocked: Desired motion of each arm by its own clock, as in RunSignals.
+        """
+        ticks = len(desired.time)
+        network = () if self._network is None else self._network.draw(ticks)
+        return RunSignals(desired, self._sensors.draw(ticks), self._missed.draw(ticks), network, clocked)
 
 
 def columns(signals: RunSignals) -> Array:

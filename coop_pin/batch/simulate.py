@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import ChainMap
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -20,6 +21,8 @@ from coop_pin.errors import ArgumentError
 from coop_pin.memory import require_memory
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import all_metrics
+from coop_pin.results.quantities import Samples
+from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.results.trust import TrustMonitor
 from coop_pin.results.window import Windows
 from coop_pin.tracing.kernel import RECORD, Layout, Machine, Program
@@ -41,7 +44,8 @@ class BatchResult:
         scenarios: scenarios that were run.
         is_valid: mask of the runs that kept to the guards of a single run (finite and closed motion, regular
             Jacobians); the samples of the others mean nothing, shape (runs,).
-        samples: quantities as a single run has them, with a leading axis of runs.
+        samples: quantities as a single run has them, at the ticks that it keeps, with a leading axis of runs.
+        every_tick: the same at all ticks.
     """
 
     def __init__(
@@ -62,8 +66,14 @@ class BatchResult:
             give_back: Function that gives the memory of the records back.
         """
         self.scenarios, self.is_valid = prepared.scenarios, is_valid
-        self._plants, self.samples = prepared.plants, RunSamples(prepared, layout, records)
-        self._give_back = give_back
+        self._plants, self._give_back = prepared.plants, give_back
+        self._every, self.every_tick = (
+            self.scenarios[0].clock.record_every,
+            RunSamples(prepared, layout, records),
+        )
+        self.samples = self.every_tick
+        if self._every > 1:
+            self.samples = RunSamples(prepared, layout, records, self._every)
 
     def release(self) -> None:
         """Give the memory of the records to later batches.
@@ -71,28 +81,43 @@ class BatchResult:
         Samples, results and metrics that were returned before are copies and stay as they are. From now on,
         asking for others raises InvalidStateError.
         """
+        self.every_tick.release()
         self.samples.release()
         self._give_back()
 
     def result(self, index: int) -> RunResult:
         """Return the result of one run, as coop_pin.run returns it."""
-        plant = self._plants[index]
-        samples = {each.name: self.samples[each.name][index].copy() for each in plant.table}
-        return RunResult(self.scenarios[index], samples | plant.labels, {RunResult.ENGINE: "batch"})
+        plant, scenario = self._plants[index], self.scenarios[index]
+        samples = {each.name: self.every_tick[each.name][index].copy() for each in plant.table}
+        attributes = {RunResult.ENGINE: "batch"}
+        if self._every > 1:
+            known = RunningMetrics(scenario, plant.labels).finished(samples, scenario)
+            attributes[RunResult.EVERY_TICK] = known.to_text()
+            samples = {name: self.samples[name][index].copy() for name in samples}
+        return RunResult(scenario, samples | plant.labels, attributes)
 
     def metrics(self) -> list[dict[str, float]]:
         """Return the metrics of every run, as those of its result, without making the results."""
-        first, labels = self.scenarios[0], [plant.labels for plant in self._plants]
+        extremes = self.every_tick.extremes(self.scenarios[0].trust.jacobian_condition)
+        parts = (self._metrics(part, runs, extremes) for runs, part in self.every_tick.parts())
+        metrics = list(itertools.chain.from_iterable(parts))
+        for index, scenario in enumerate(self.scenarios):
+            if scenario.trust != self.scenarios[0].trust:
+                metrics[index]["trustworthy"] = float(self.result(index).trustworthy)
+        return metrics
+
+    def _metrics(self, part: RunSamples, runs: slice, extremes: Samples) -> list[dict[str, float]]:
+        """Return the metrics of some of the runs, with the trust thresholds of the first of all."""
+        first, labels = self.scenarios[0], [plant.labels for plant in self._plants[runs]]
         lower, upper = (np.stack([run[f"position_{side}"] for run in labels]) for side in ("lower", "upper"))
-        time, extremes = self.samples["time"][0], self.samples.extremes(first.trust.jacobian_condition)
-        data = ChainMap({"time": time, "arm": labels[0]["arm"], **extremes}, cast(Any, self.samples))
+        known = {name: values[runs] for name, values in extremes.items()}
+        known |= {"time": part["time"][0], "arm": labels[0]["arm"]}
+        data = ChainMap(known, cast(Any, part))
         with np.errstate(all="ignore"):  # of runs that are not valid
             trustworthy = ~TrustMonitor(first.trust, (), lower, upper).exceeded(data)
-            metrics = all_metrics(data, Windows.of(first, float(time[-1])), turns=first.cell.controls_turns)
+            windows = Windows.of(first, float(data["time"][-1]))
+            metrics = all_metrics(data, windows, turns=first.cell.controls_turns)
             trustworthy &= ~(metrics["joint_drift_rad"] > first.trust.joint_drift)
-        for index, scenario in enumerate(self.scenarios):
-            if scenario.trust != first.trust:
-                trustworthy[index] = self.result(index).trustworthy
         columns = {"trustworthy": trustworthy} | metrics
         rows = np.stack(np.broadcast_arrays(*columns.values(), subok=False)).astype(float).T.tolist()
         return [dict(zip(columns, row, strict=True)) for row in rows]
@@ -226,7 +251,7 @@ class BatchSimulator:
 def require_sample_memory(program: Program, runs: int) -> None:
     """Refuse samples that do not fit; raises NotEnoughMemoryError."""
     size = _COPIES * 8 * program.rows(RECORD) * program.recorded * runs
-    require_memory(f"samples of {runs} runs", size, "give fewer at once, or raise clock.record_every")
+    require_memory(f"samples of {runs} runs", size, "give fewer at once")
 
 
 @typed

@@ -15,7 +15,9 @@ from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.contact_patches import ContactPatches, ContactState
 from coop_pin.chain.force_elements import ForceElements, Joints
+from coop_pin.chain.friction_cones import Squeeze, friction_squeeze
 from coop_pin.chain.grasp_springs import GraspsHeld, GraspSprings, GraspState
+from coop_pin.chain.inverse_dynamics import Count, over_states
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.chain.kkt_solver import constraint_svd
 from coop_pin.chain.linearisation import Linearisation, linearised
@@ -28,6 +30,7 @@ from coop_pin.errors import ArgumentError, NameNotFoundError, OpenClosureError
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.cell_model import CellModel
 from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, symmetric
+from coop_pin.model.transmission import Transmission
 from coop_pin.spatial import rotate_vector6, shift_wrench, weight_wrench
 
 _NO_WRENCH = np.zeros(6)
@@ -73,16 +76,18 @@ class Observation(NamedTuple):
 
 
 class CellTorques(NamedTuple):
-    """Torques and wrenches of a motion of a cell.
+    """Torques and wrenches of a motion of a cell, of one state or of n states.
 
     Attributes:
-        torque: joint torques in the coordinates of the tree, N m, shape (nv,); zero at a free payload. The
-            torque of an arm's drives is T^-T times its part.
-        interaction_wrench: wrench on each arm by the payload, about P in world axes, shape (m, 6).
+        torque: joint torques in the coordinates of the tree, N m, shape (..., nv); zero at a free payload.
+            The torque of an arm's drives is T^-T times its part.
+        interaction_wrench: wrench on each arm by the payload, about P in world axes, shape (..., m, 6).
+        rank: number of independent closure rows, as of InverseDynamics.
     """
 
     torque: Array
     interaction_wrench: Array
+    rank: Count
 
 
 class CellChain:
@@ -95,6 +100,7 @@ class CellChain:
     Attributes:
         cell: the description.
         model: the tree, with the positions of arms and payload in it; ``surround`` changes it in place.
+        transmission: transmission between drives and joints, with their friction.
         mechanism: the tree with its closures; ``mechanism.model`` is the Pinocchio model of the tree.
         springs: the compliant grasps in it.
         rigid: the rigid grasps in it that are closures.
@@ -118,6 +124,7 @@ class CellChain:
         require_type("options", options, PlantOptions)
         self.cell = cell
         self.model = CellModel(cell, options.payload)
+        self.transmission = Transmission(cell, self.model.arms, self.model.model.nv)
         self.rigid = RigidGrasps(cell, self.model, options)
         self.mechanism: ClosedChain = self.rigid.mechanism
         joints = Joints(self.model)
@@ -167,9 +174,10 @@ class CellChain:
             self.rigid.restore(closures)
             self.mechanism = self.rigid.mechanism
 
-    def _grasp_of(self, arm: int) -> tuple[GraspSprings | RigidGrasps, int]:
+    def _grasp_of(self, arm: int) -> tuple[GraspSprings | ContactPatches | RigidGrasps, int]:
         """Return the grasps to which that of an arm belongs, and its number among them."""
-        grasps = self.springs if arm in self.springs.arms else self.rigid
+        kinds = self.springs, self.patches, self.rigid
+        grasps = next(grasps for grasps in kinds if arm in grasps.arms)
         return grasps, grasps.arms.index(arm)
 
     def configuration(self, X_WP: ArrayLike, squeeze: ArrayLike | None = None) -> Array:
@@ -351,13 +359,16 @@ class CellChain:
         *,
         internal: ArrayLike | None = None,
         push: ArrayLike = _NO_WRENCH,
+        friction: ArrayLike | None = None,
     ) -> CellTorques:
         """Return the joint torques of a motion and an internal wrench.
 
-        F_i = c_i (push - M_0 xddot - Q_0 xdot - W_0) + f_i,    tau = M a + h - J^T lambda - J_WP^T push
+        F_i = c_i (push - M_0 xddot - Q_0 xdot - W_0) + f_i
+        tau = M a + h - J^T lambda - J_WP^T push - friction
 
-        with the load shares c_i and the internal wrenches f_i; without f_i the torques are those of least
-        tau^T tau. Joint friction is not in them.
+        with the load shares c_i and the internal wrenches f_i, for example those of ``least_squeeze``;
+        without f_i the torques are those of least tau^T tau. At rest they are equilibrium torques. All arrays
+        are of one state, or of n states with n as their first size.
 
         Args:
             q: configuration on the closures, shape (nq,).
@@ -366,23 +377,38 @@ class CellChain:
             internal: f_i on each arm by the payload, about P in world axes, N and N m, shape (m, 6); their
                 sum is zero.
             push: wrench on the payload about P in world axes, shape (6,).
+            friction: generalised force that the torques overcome, ``chain.friction(v)`` or another, N m,
+                shape (nv,); zero when omitted.
 
         Raises:
             ArgumentError: the internal wrenches do not add up to zero, a opens the closures, or a grasp is
                 compliant.
         """
         self.cell.require_rigid("inverse dynamics")
-        q, v, a, push = self._q(q), self._v("v", v), self._v("a", a), as_array("push", push, 6)
+        (nq, nv), m = (self.mechanism.model.nq, self.mechanism.model.nv), len(self.model.arms)
+        return over_states(
+            self._inverse_dynamics,
+            ("q", q, (nq,)),
+            ("v", v, (nv,)),
+            ("a", a, (nv,)),
+            ("internal", internal, (m, 6)),
+            ("push", push, (6,)),
+            ("friction", friction, (nv,)),
+        )
+
+    def _inverse_dynamics(
+        self, q: Array, v: Array, a: Array, internal: Array | None, push: Array, friction: Array | None
+    ) -> CellTorques:
+        """Return the torques at one state."""
         motors = [f"{arm.name}/{joint}" for arm in self.model.arms for joint in arm.joint_names]
         applied, wrenches = self.payload_jacobian(q).T @ push, None
+        applied += 0.0 if friction is None else friction
         frames = self._at(q, v, a)
         X_WP = frames[self.model.payload_frame]
         W = np.kron(np.eye(2), X_WP.rotation)
         if internal is not None:
-            f = as_array("internal", internal, len(self.model.arms), 6)
-            _require_internal(f)
-            shares = np.array([arm.share for arm in self.model.arms])
-            F = np.outer(shares, push - W @ self._payload_balance(X_WP)) + f
+            _require_internal(internal)
+            F = np.outer(self.cell.shares, push - W @ self._payload_balance(X_WP)) + internal
             wrenches = np.array(
                 [
                     X_WP.actInv(frames[self.model.arms[index].tip]).actInv(pin.Force(W.T @ F[index])).vector
@@ -392,7 +418,50 @@ class CellChain:
         solution = self.mechanism.inverse_dynamics(
             q, v, a, closure_wrenches=wrenches, motors=motors, applied=applied
         )
-        return CellTorques(solution.torque, self._wrenches(frames, solution.closure_wrenches, push))
+        F = self._wrenches(frames, solution.closure_wrenches, push)
+        return CellTorques(solution.torque, F, solution.rank)
+
+    def friction(self, v: ArrayLike) -> Array:
+        """Return the generalised force of joint friction at velocities, N m, shape (..., nv).
+
+        Args:
+            v: velocities, shape (..., nv).
+        """
+        velocities = shaped("v", v, self.mechanism.model.nv)
+        return np.apply_along_axis(self.transmission.friction, -1, velocities)
+
+    def least_squeeze(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, push: ArrayLike = _NO_WRENCH
+    ) -> Squeeze:
+        """Return the internal wrenches of least normal force with which friction at the pads holds a motion.
+
+        The pads are those of ``cell.pads``, the cones those of ``friction_cones``, and the load is shared by
+        c_i. Where rigid bodies do not determine a row of the wrenches, f_i has none. All arrays are of one
+        state, or of n states with n as their first size.
+
+        Args:
+            q: configuration on the closures, shape (nq,).
+            v: velocity that keeps them closed, shape (nv,).
+            a: acceleration that keeps them closed, shape (nv,).
+            push: wrench on the payload about P in world axes, shape (6,).
+
+        Raises:
+            ArgumentError: an arm has no pad, a grasp is compliant, or friction holds no such motion.
+        """
+        self.cell.require_rigid("the least squeeze of pads")
+        if without := [name for name in self.cell.arms if name not in self.cell.pads]:
+            raise ArgumentError(f"arm {without[0]!r} has no pad; state it in cell.pads")
+        (nq, nv) = (self.mechanism.model.nq, self.mechanism.model.nv)
+        return over_states(
+            self._least_squeeze, ("q", q, (nq,)), ("v", v, (nv,)), ("a", a, (nv,)), ("push", push, (6,))
+        )
+
+    def _least_squeeze(self, q: Array, v: Array, a: Array, push: Array) -> Squeeze:
+        """Return the least squeeze at one state."""
+        rows = determinate_rows(self, q)
+        X_WP = self._at(q, v, a)[self.model.payload_frame]
+        load = push - np.kron(np.eye(2), X_WP.rotation) @ self._payload_balance(X_WP)
+        return friction_squeeze(self.cell, X_WP.homogeneous, np.outer(self.cell.shares, load), rows)
 
     def effective_inertia(self, q: ArrayLike) -> Array:
         """Return the inertia of the whole cell at P, as a wrench on the payload feels it, on the task rows.

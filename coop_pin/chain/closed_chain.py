@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from coop_pin.arrays import Array, Mask, as_array, as_number, require_type
 from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import ClosureError, ClosureSet
-from coop_pin.chain.inverse_dynamics import InverseDynamics, least_torque, multipliers_of
+from coop_pin.chain.inverse_dynamics import InverseDynamics, least_torque, multipliers_of, over_states
 from coop_pin.chain.kkt_solver import ConstraintSVD, KKTSolver
 from coop_pin.chain.linearisation import Linearisation, equilibrium, linearised
 from coop_pin.chain.minimal_coordinates import MinimalCoordinates, MinimalForm, ReducedDynamics
@@ -224,7 +224,8 @@ class ClosedChain:
         """Return torques of the motors that cause a motion, ``tau + applied + J^T lambda = M a + h``.
 
         With stated closure wrenches they are the torques of this motion and these wrenches; otherwise those
-        of least tau^T tau, with the wrenches that follow.
+        of least tau^T tau, with the wrenches that follow. At rest they are equilibrium torques. All arrays
+        are of one state, or of n states with n as their first size.
 
         Args:
             q: configuration, shape (nq,).
@@ -233,14 +234,28 @@ class ClosedChain:
             closure_wrenches: wrench on body a of each closure at frame a, in axes of a, N and N m, shape
                 (closures, 6).
             motors: names of the joints with motors, for the least torque; all when omitted.
-            applied: generalised force of everything but motors and closures, shape (nv,); zero when omitted.
+            applied: generalised force of everything but motors and closures, such as friction, shape (nv,);
+                zero when omitted.
 
         Raises:
             ArgumentError: the acceleration opens the closures, the closures do not transmit such a wrench,
                 or the motors cannot cause the motion.
             NameNotFoundError: a joint does not exist.
         """
-        q, v, a = self._q(q), self._v("v", v), self._v("a", a)
+        (nq, nv), powered = (self.model.nq, self.model.nv), self._motors(motors)
+        return over_states(
+            lambda *state: self._inverse_dynamics(*state, motors=powered),
+            ("q", q, (nq,)),
+            ("v", v, (nv,)),
+            ("a", a, (nv,)),
+            ("closure_wrenches", closure_wrenches, (len(self.closures.closures), 6)),
+            ("applied", applied, (nv,)),
+        )
+
+    def _inverse_dynamics(
+        self, q: Array, v: Array, a: Array, wrenches: Array | None, applied: Array | None, *, motors: Mask
+    ) -> InverseDynamics:
+        """Return the torques at one state."""
         state = self.closures.state(q, v)
         opening = float(np.abs(state.jacobian @ a + state.drift).max(initial=0.0))
         allowed = _RESIDUAL_ALLOWED * (1.0 + float(np.abs(a).max(initial=0.0)))
@@ -250,14 +265,13 @@ class ClosedChain:
                 f" {allowed:.3g}); take one that forward_dynamics returns"
             )
         force = np.array(pin.rnea(self.model, self._data, q, v, a))
-        force -= 0.0 if applied is None else self._v("applied", applied)
-        if closure_wrenches is None:
-            tau, multipliers = least_torque(state, force, self._motors(motors))
+        force -= 0.0 if applied is None else applied
+        if wrenches is None:
+            tau, multipliers = least_torque(state, force, motors)
         else:
-            wrenches = as_array("closure_wrenches", closure_wrenches, len(self.closures.closures), 6)
             multipliers = multipliers_of(state, wrenches)
             tau = force - state.jacobian.T @ multipliers
-        return InverseDynamics(tau, state.wrench_map @ multipliers)
+        return InverseDynamics(tau, state.wrench_map @ multipliers, self._projection.svd(q, state).rank)
 
     def derivatives(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> DynamicsDerivatives:
         """Return the derivatives of accelerations and closure wrenches by q, v and tau.

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from coop_pin.arrays import Array, Mask
+from coop_pin.arrays import Array, Mask, as_array
 from coop_pin.chain.closure_set import ClosureState
 from coop_pin.errors import ArgumentError
 
@@ -16,16 +18,55 @@ _RANK = 1e-10
 """Singular values below this part of the largest are zero in the least-squares problems."""
 
 
+Count: TypeAlias = int | NDArray[np.intp]
+Result = TypeVar("Result", bound=tuple[Any, ...])
+
+
 class InverseDynamics(NamedTuple):
-    """Torques of a motion of a closed chain.
+    """Torques of a motion of a closed chain, of one state or of n states.
 
     Attributes:
-        torque: generalised force tau, shape (nv,); zero at joints without a motor.
-        closure_wrenches: wrench on body a of each closure at frame a, in axes of a, shape (closures, 6).
+        torque: generalised force tau, shape (..., nv); zero at joints without a motor.
+        closure_wrenches: wrench on body a of each closure at frame a, in axes of a, shape (..., closures, 6).
+        rank: number of independent closure rows, of n states shape (n,). Where it is less than the rows of
+            ``constraint_jacobian``, other wrenches have the same torques.
     """
 
     torque: Array
     closure_wrenches: Array
+    rank: Count
+
+
+def over_states(
+    function: Callable[..., Result], *arguments: tuple[str, ArrayLike | None, tuple[int, ...]]
+) -> Result:
+    """Return a named tuple of arrays and numbers at one state, or those of n states, stacked.
+
+    Args:
+        function: function of one state.
+        arguments: name, value and shape at one state of each argument. The first one is of one state or of n,
+            then with n as its first size; each other value is of all states, of each, or None.
+
+    Raises:
+        ArgumentError: n is 0.
+        ShapeError: a shape differs.
+        OutOfRangeError: an entry is not finite.
+    """
+    (name, first, shape), *others = arguments
+    assert first is not None
+    is_single = np.ndim(first) <= len(shape)
+    states = [as_array(name, first, *shape)] if is_single else as_array(name, first, "n", *shape)
+    if not len(states):
+        raise ArgumentError(f"{name} has no states; give at least one")
+
+    def of_each(name: str, value: ArrayLike | None, size: tuple[int, ...]) -> Any:
+        if value is not None and np.ndim(value) > len(size) and not is_single:
+            return as_array(name, value, len(states), *size)
+        return [None if value is None else as_array(name, value, *size)] * len(states)
+
+    results = [function(*state) for state in zip(states, *(of_each(*other) for other in others), strict=True)]
+    stacked = type(results[0])(*map(np.array, zip(*results, strict=True)))
+    return results[0] if is_single else stacked
 
 
 def multipliers_of(state: ClosureState, wrenches: Array) -> Array:

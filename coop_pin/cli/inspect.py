@@ -166,6 +166,7 @@ class Check:
             grasp_stability,
             implausible_numbers,
             internal_moment,
+            large_record,
             least_squeeze,
             loads_without_an_arm,
             loop_stability,
@@ -190,6 +191,8 @@ class Check:
         ok = reach.ok and torques.ok and not singular
         if scenario.has_servos:
             _print("  the arms have servos: gains, sampling and errors at rest of the law are not checked")
+        if size := large_record(scenario):
+            _print(f"  {size}")
         squeeze = least_squeeze(scenario)
         if squeeze is not None:
             _print(f"  {squeeze.summary()}")

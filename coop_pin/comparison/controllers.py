@@ -17,7 +17,6 @@ from coop_pin.chain.cell_chain import CellChain
 from coop_pin.comparison.trials import benchmark_scenario
 from coop_pin.control.gains import gain_vector
 from coop_pin.description.scenario import Scenario
-from coop_pin.description.sensors import Sensors
 from coop_pin.errors import FieldError, FileReadError, NameNotFoundError
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.schema.base import Description
@@ -208,7 +207,7 @@ def _damping(text: str, printed: str, K: tuple[float, ...]) -> list[float] | flo
 
 def t_lambda(scenario: Scenario) -> float:
     """Return T lambda of a scenario's law without noise, the largest of nine poses along the motion."""
-    ideal = scenario.replace(sensors=Sensors(), arm_sensors={}, events=(), seed=0)
+    ideal = scenario.with_ideal_sensors.replace(events=(), seed=0)
     return _t_lambda(ideal.model_dump_json())
 
 

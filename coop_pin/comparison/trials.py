@@ -9,7 +9,7 @@ import numpy as np
 
 from coop_pin.arrays import typed
 from coop_pin.description.scenario import Scenario
-from coop_pin.simulation.transmission import friction
+from coop_pin.model.transmission import friction
 
 _NO_FRICTION = 1e-9
 """Friction is scaled by it rather than by 0, so that a model with the nominal friction is a factor away."""

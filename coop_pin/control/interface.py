@@ -177,10 +177,12 @@ class CellCommand:
     @classmethod
     def of_arms(cls, commands: Sequence[ArmCommand]) -> CellCommand:
         """Return the commands of all arms."""
-        torques, states = [each.torque for each in commands], tuple(each.state for each in commands)
-        if all(torque is not None for torque in torques):
-            return cls(torques, states)
-        return cls(torques, states, [one.velocity for one in commands], [one.position for one in commands])
+        torques, states = [one.torque for one in commands], tuple([one.state for one in commands])
+        for torque in torques:
+            if torque is None:
+                velocities = [one.velocity for one in commands]
+                return cls(torques, states, velocities, [one.position for one in commands])
+        return cls(torques, states)
 
     def of(self, kind: str) -> Sequence[Any]:
         """Return the values of all arms of a kind of COMMANDS."""

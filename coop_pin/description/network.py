@@ -151,6 +151,11 @@ class Network(Channel):
         """Return the largest age of a message that is not lost, ticks without those between messages."""
         return max((self.channel(edge).slowest for edge in self.edges(arms)), default=self.slowest)
 
+    def oldest_of(self, arms: Sequence[str], clock: Clock) -> int:
+        """Return the largest age of the latest message, ticks, where none is lost."""
+        every = [self.channel(edge).ticks_per_message(clock) for edge in self.edges(arms)]
+        return self.slowest_of(arms) + max(every, default=1) - 1
+
     def timing_problems(self, run: Mapping[str, Any]) -> list[FieldError]:
         """Return unknown arms, and what is wrong with delays, rates and times.
 

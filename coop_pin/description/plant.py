@@ -17,7 +17,8 @@ class Clock(Description):
         rate_hz: control rate, Hz; torques are held over a period T = 1 / rate_hz (zero-order hold).
         steps_per_tick: integration steps of the plant in one control period.
         record_every: ticks from one kept sample to the next; n divides the memory of a long run by n. The
-            last tick is always kept. Largest and smallest values of a run are those of the kept samples.
+            last tick is always kept. Metrics, verdict and exceeded limits are of all ticks; figures, and
+            metrics over other windows, are of the kept ones.
     """
 
     rate_hz: Positive = Field(default=80.0, le=1e6)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
@@ -14,23 +15,23 @@ from coop_pin.environment.acted_law import ActedLaw
 from coop_pin.errors import ArgumentError, NameNotFoundError
 from coop_pin.results.quantities import QUANTITIES, computed
 from coop_pin.simulation import Simulation
+from coop_pin.spatial import rotate_vector6
 
 _OBSERVED = ("pose_error", "internal_wrench", "desired_internal_wrench", "axial_direction")
 
 
-def _largest(name: str) -> Callable[[Any], Array]:
-    return lambda samples: np.abs(samples[name]).max(axis=-1)
+def _largest(errors: Array) -> Array:
+    return functools.reduce(np.maximum, [np.abs(errors[..., arm]) for arm in range(errors.shape[-1])])
 
 
-REWARDS: Mapping[str, Callable[[Any], Array]] = {
-    "position_error_m": lambda samples: np.linalg.norm(samples["pose_error"][..., :3], axis=-1),
-    "orientation_error_rad": lambda samples: np.linalg.norm(samples["pose_error"][..., 3:], axis=-1),
-    "internal_axial_error_N": _largest("internal_axial_error"),
-    "internal_shear_error_N": _largest("internal_shear_error"),
-    "internal_moment_error_Nm": _largest("internal_moment_error"),
+REWARDS: Mapping[str, tuple[str, Callable[[Array], Array]]] = {
+    "position_error_m": ("pose_error", lambda error: np.linalg.norm(error[..., :3], axis=-1)),
+    "orientation_error_rad": ("pose_error", lambda error: np.linalg.norm(error[..., 3:], axis=-1)),
+    "internal_axial_error_N": ("internal_axial_error", _largest),
+    "internal_shear_error_N": ("internal_shear_error", _largest),
+    "internal_moment_error_Nm": ("internal_moment_error", _largest),
 }
-"""Metrics of a tick by name; of arms the largest."""
-_SOURCES = (*_OBSERVED, *(f"internal_{part}_error" for part in ("axial", "shear", "moment")))
+"""Metrics of a tick by name, each a function of a quantity; of arms the largest."""
 
 
 class Observed(NamedTuple):
@@ -147,16 +148,15 @@ class Task:
 
     def outcome(self, observed: Observed, shares: Array) -> tuple[Array, Array]:
         """Return observations, shape (..., size), and rewards, shape (...)."""
-        samples = computed(QUANTITIES, dict(observed.samples), shares, _SOURCES)
-        R_WP = observed.samples["payload_pose"][..., None, :3, :3]
+        metrics = [(weight, *REWARDS[name]) for name, weight in self.rewards.items()]
+        names = {*_OBSERVED, *(quantity for _, quantity, _ in metrics)}
+        samples = computed(QUANTITIES, dict(observed.samples), shares, names)
+        R_PW = np.swapaxes(observed.samples["payload_pose"][..., None, :3, :3], -1, -2)
         error = np.nan_to_num(samples["internal_wrench"] - samples["desired_internal_wrench"])
-        turned = np.einsum("...ji,...kj->...ki", R_WP, error.reshape(*error.shape[:-1], 2, 3))
+        turned, lead = rotate_vector6(R_PW, error), error.shape[:-2]
         parts = (observed.q, observed.v, samples["pose_error"], observed.twist_error)
-        lead = error.shape[:-2]
         observation = np.concatenate((*parts, turned.reshape(*lead, -1)), axis=-1)
-        reward = -sum(
-            (weight * REWARDS[name](samples) for name, weight in self.rewards.items()), 0.0 * error[..., 0, 0]
-        )
+        reward = -sum((w * metric(samples[quantity]) for w, quantity, metric in metrics), np.zeros(lead))
         return observation, reward
 
 

@@ -14,7 +14,7 @@ from coop_pin.description.controller import ModelFactors
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.pinocchio_model import frame_id
-from coop_pin.simulation.transmission import friction
+from coop_pin.model.transmission import friction
 from coop_pin.spatial import spatial_inertia
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from coop_pin.results.quantities import Arrays
 
 _SLACK = 1e-9
 """Differences below it beyond a limit are rounding."""
+
+
+LimitKind: TypeAlias = Literal["position", "velocity", "torque"]
 
 
 class LimitViolation(NamedTuple):
@@ -28,7 +31,7 @@ class LimitViolation(NamedTuple):
 
     arm: str
     joint: str
-    kind: Literal["position", "velocity", "torque"]
+    kind: LimitKind
     worst: float
     limit: float
     first_time: float
@@ -57,9 +60,7 @@ def limit_violations(data: Arrays) -> tuple[LimitViolation, ...]:
     return tuple(violations)
 
 
-def _limited(
-    data: Arrays, a: int, j: int
-) -> list[tuple[Literal["position", "velocity", "torque"], Array, float, float]]:
+def _limited(data: Arrays, a: int, j: int) -> list[tuple[LimitKind, Array, float, float]]:
     """Return kind, values over time, lower and upper limit of one joint."""
     lower, upper, speed, torque = (
         float(np.asarray(data[name])[a, j])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,17 +16,23 @@ from coop_pin.atomic_write import write_atomically
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
-from coop_pin.results.friction import FrictionUse, dropped_at, friction_text, friction_use
+from coop_pin.results.friction import (
+    FrictionUse,
+    dropped_at,
+    friction_metrics,
+    friction_text,
+    friction_use,
+)
 from coop_pin.results.limits import LimitViolation, limit_violations
 from coop_pin.results.metrics import (
-    DRIFT_S,
     NO_STEADY_METRICS,
     STEADY_METRICS,
     InternalForceMetrics,
     metric_text,
 )
 from coop_pin.results.quantities import Arrays, Samples, quantities
-from coop_pin.results.trust import Breach, TrustMonitor, in_time
+from coop_pin.results.running_metrics import EveryTick
+from coop_pin.results.trust import Breach, TrustMonitor, drift_breaches, in_time, joint_names
 from coop_pin.results.window import SETTLING_S, Window, Windows, checked_window
 
 if TYPE_CHECKING:  # slow to load
@@ -48,6 +55,8 @@ class RunResult:
     """Attribute of ``data``: class of the error that ended the run, if one did."""
     ENGINE = "engine"
     """Attribute of ``data``: what computed the motion, unless it was Pinocchio."""
+    EVERY_TICK = "every_tick"
+    """Attribute of ``data`` of runs that keep every n-th tick: what is known of all ticks, as JSON."""
     REMARKS = "remarks"
     """Attribute of ``data``: what the law's last state says of the run, a sentence a line, if anything."""
 
@@ -78,6 +87,13 @@ class RunResult:
     def arrays(self) -> Arrays:
         """The arrays by name, without their labels."""
         return self._data if isinstance(self._data, dict) else self._data.variables
+
+    @functools.cached_property
+    def every_tick(self) -> EveryTick | None:
+        """Metrics, breaches and exceeded limits of all ticks of a run that keeps every n-th."""
+        attributes = self._attributes if isinstance(self._data, dict) else self._data.attrs
+        text = attributes.get(self.EVERY_TICK)
+        return None if text is None else EveryTick.of_text(text)
 
     @property
     def engine(self) -> str:
@@ -113,20 +129,17 @@ class RunResult:
 
         The last one is the error that ended the run, if one did.
         """
-        arrays = {str(name): np.asarray(values) for name, values in self.arrays.items()}
-        names = [[name for name in row if name] for row in arrays["joint_name"].tolist()]
-        joints = list(zip(map(str, arrays["arm"]), names, strict=True))
-        limits = arrays["position_lower"], arrays["position_upper"]
-        breaches = TrustMonitor(self.scenario.trust, joints, *limits).breaches(arrays)
-        allowed, drift = self.scenario.trust.joint_drift, metrics.joint_drift(self.arrays, self.windows)
-        breaches += tuple(
-            Breach("joint drift", joints[a][0], joints[a][1][j], self.end - DRIFT_S, drift[a, j], allowed)
-            for a, j in np.argwhere(drift > allowed).tolist()
-        )
-        breaches = in_time(breaches)
+        breaches = self._breaches_of_samples() if self.every_tick is None else self.every_tick.breaches
         if self.ENDED_BY in getattr(self._data, "attrs", ()):
             breaches += (Breach("error", "", "", self.end, self.end, self.scenario.duration),)
         return breaches
+
+    def _breaches_of_samples(self) -> tuple[Breach, ...]:
+        arrays = {str(name): np.asarray(values) for name, values in self.arrays.items()}
+        joints, limits = joint_names(arrays), (arrays["position_lower"], arrays["position_upper"])
+        breaches = TrustMonitor(self.scenario.trust, joints, *limits).breaches(arrays)
+        drift = metrics.joint_drift(self.arrays, self.windows)
+        return in_time((*breaches, *drift_breaches(drift, self.scenario.trust, joints, self.end)))
 
     @property
     def trustworthy(self) -> bool:
@@ -166,8 +179,7 @@ class RunResult:
 
         On positional rows nothing controls the orientation, and the position alone counts.
         """
-        window = Window(0.0, self.windows.event.start)
-        return float(metrics.settling_time(self.arrays, window, turns=self.scenario.cell.controls_turns))
+        return self._metrics()["settling_time_s"]
 
     def position_rms(self, *, window: tuple[float, float] | None = None) -> float:
         """Return the rms of the position error over the steady window or another one, m.
@@ -199,16 +211,16 @@ class RunResult:
 
     def closure_error_max(self) -> tuple[float, float]:
         """Return the largest distance (m) and angle (rad) between a tip and its grasp over the whole run."""
-        distance, angle = metrics.closure_error_max(self.arrays)
-        return float(distance), float(angle)
+        values = self._metrics()
+        return values["closure_error_max_m"], values["closure_error_max_rad"]
 
     def energy_balance_max(self) -> float:
         """Return the largest difference between energy and work over the whole run, J."""
-        return float(np.abs(metrics.energy_balance(self.arrays)).max())
+        return self._metrics()["energy_balance_max_J"]
 
     def limit_violations(self) -> tuple[LimitViolation, ...]:
         """Return every joint or drive limit that was exceeded, with the worst value and the first time."""
-        return limit_violations(self.arrays)
+        return limit_violations(self.arrays) if self.every_tick is None else self.every_tick.limits
 
     def metrics(self) -> dict[str, float]:
         """Return all metrics by name; the names carry the units, ``window_of`` gives their windows.
@@ -216,20 +228,26 @@ class RunResult:
         ``trustworthy`` is 1 or 0. ``window_start_s`` and ``window_end_s`` bound the steady window,
         ``after_event_window_start_s`` and ``after_event_window_end_s`` that of the same metrics after the
         last event; a run that does not reach a window has NaN there. ``squeeze_reserve_min_N`` and
-        ``dropped_at_s`` are those of cells with patches or pads.
+        ``dropped_at_s`` are those of cells with patches or pads. Of a run that keeps every n-th tick they are
+        those of all ticks, as are breaches and limits; other windows are of the kept ones.
         """
-        values = metrics.all_metrics(self.arrays, self.windows, turns=self.scenario.cell.controls_turns)
-        if self.scenario.cell.padded:
-            reserve = self.friction_use().reserve
-            values |= {"squeeze_reserve_min_N": reserve.min(), "dropped_at_s": self.dropped_at}
-        return {"trustworthy": float(self.trustworthy)} | {name: float(each) for name, each in values.items()}
+        return {"trustworthy": float(self.trustworthy)} | self._metrics()
+
+    def _metrics(self) -> dict[str, float]:
+        if self.every_tick is not None:
+            return dict(self.every_tick.metrics)
+        cell = self.scenario.cell
+        values = metrics.all_metrics(self.arrays, self.windows, turns=cell.controls_turns)
+        values |= friction_metrics(self.arrays, cell) if cell.padded else {}
+        return {name: float(value) for name, value in values.items()}
 
     def summary(self) -> str:
         """Return the verdict, every metric with its window, and the limits exceeded, one to a line."""
         scenario, end = self.scenario, self.end
         ended = f"; ended before its {scenario.duration:g} s" if end < scenario.duration - 1e-9 else ""
         engine = f"; engine {self.engine}" if self.ENGINE in self.data.attrs else ""
-        span = f"  {end:g} s at {scenario.clock.rate_hz:g} Hz{ended}{engine}"
+        every = f"; 1 of {scenario.clock.record_every} ticks kept, numbers of all" if self.every_tick else ""
+        span = f"  {end:g} s at {scenario.clock.rate_hz:g} Hz{ended}{engine}{every}"
         lines = [f"{scenario.name}: {self.verdict()}", span]
         values = self.metrics()
         absent = [name for name, value in values.items() if math.isnan(value)]
@@ -260,6 +278,8 @@ class RunResult:
         return f"did not settle: errors of {np.linalg.norm(last[:3]):.3g} m{turn} at the end; {advice}"
 
     def _steady_metrics(self, interval: tuple[float, float] | None) -> dict[str, float]:
+        if interval is None and self.every_tick is not None:
+            return {name: self.every_tick.metrics[name] for name in metrics.STEADY_METRICS}
         window = self.windows.steady if interval is None else checked_window(interval, self.end)
         values = metrics.steady_metrics(self.arrays, window)
         return {name: float(value) for name, value in values.items()}

@@ -13,6 +13,8 @@ from coop_pin.results.quantities import Arrays
 
 SETTLING_S = 4.0
 """Time that a run has to settle after its start and after its last event before it is called steady, s."""
+RUN_END = "run_end"
+"""Name of the time at which a run ends, s, in arrays of a part of it that is not the last."""
 _SLACK = 1e-9
 """Differences of times below it are rounding, s."""
 
@@ -62,9 +64,10 @@ def samples_of(data: Arrays, window: Window) -> Mask:
     The last sample of a run is in a window that reaches the end of the run.
     """
     time = np.asarray(data["time"])
+    end = data[RUN_END] if RUN_END in data else time[-1]
     return np.asarray(
         (time >= window.start - _SLACK)
-        & ((time < window.end - _SLACK) | (time == time[-1]) & (window.end >= time[-1] - _SLACK))
+        & ((time < window.end - _SLACK) | (time == end) & (window.end >= end - _SLACK))
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -69,6 +68,11 @@ class Actuation:
         self.has_servos = any(arm.servo is not None for arm in self.drives.arms)
         self._paths = [f"{scenario.actuators_path(name)}.servo" for name in self._names]
         self._missed, self._gives = MissedTicks(scenario), self.gives(0.0)
+        self._sensed = DriveMotion(
+            lambda index: self._weight(plant.q, index),
+            lambda index: self._motion(plant.q, index),
+            lambda *inputs: self._inertial(plant.q, *inputs),
+        )
         self.state = DriveState(tuple(self.holding_commands(plant.q)), None)
         if self.has_servos:
             self._start_servos()
@@ -104,13 +108,12 @@ class Actuation:
         ]
         return [frozen(self._holding_torque(index, q) - weight) for index, weight in enumerate(carried)]
 
-    def apply(self, time: float, command: CellCommand, q: Array) -> Applied:
+    def apply(self, time: float, command: CellCommand) -> Applied:
         """Return what the actuators make of a command.
 
         Args:
             time: Time of the tick, s.
             command: Output of the controller.
-            q: Configuration of the cell, for gravity compensation.
 
         Raises:
             ArgumentError: an arm is not commanded what it takes.
@@ -132,7 +135,7 @@ class Actuation:
             self.state,
             commanded,
             self._missed.draw(1)[0],
-            self._sensed(q),
+            self._sensed,
             self.gives(time) if self._has_losses or not self.is_held else (),
             since,
         )
@@ -148,8 +151,7 @@ class Actuation:
         if not (due := self.drives.due(share)):
             return None
         self._gives, since, self._start = self.gives(time), time - self._start, time
-        sensed = self._sensed(self._plant.q)
-        torques, self.state = self.drives.sample(self.state, due, sensed, self._gives, since)
+        torques, self.state = self.drives.sample(self.state, due, self._sensed, self._gives, since)
         return torques
 
     def require_taken(self, controller: CellController) -> None:
@@ -212,10 +214,6 @@ class Actuation:
             positions = slot.drive @ slot.angles.near(q[slot.q_slice], slot.posture)
             servos.append(None if arm.servo is None else arm.servo.start(positions, torque))
         self.state = self.state._replace(servos=tuple(servos), held=holding)
-
-    def _sensed(self, q: Array) -> DriveMotion:
-        """Return what the drives sense at a configuration and the plant's velocity."""
-        return DriveMotion(partial(self._weight, q), partial(self._motion, q), partial(self._inertial, q))
 
     def _motion(self, q: Array, index: int) -> tuple[Array, Array]:
         """Return positions and velocities of the drives, rad and rad/s; near the reference of the servo."""

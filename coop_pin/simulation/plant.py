@@ -25,7 +25,6 @@ from coop_pin.description.events import MISSED, Surroundings
 from coop_pin.description.grasp_events import Regrasp
 from coop_pin.description.plant import PlantOptions
 from coop_pin.results.quantities import WORK, WORK_OF_GRASPS
-from coop_pin.simulation.transmission import Transmission
 
 _ALL = np.ones(len(WORK) - 1)
 """Sums the forces that do work on the chain besides gravity, in the order of WORK."""
@@ -103,7 +102,7 @@ class Plant:
             q: Configuration on the closures, shape (nq,).
         """
         model = chain.mechanism.model
-        self.chain, self.transmission = chain, Transmission(chain.cell, chain.model.arms, model.nv)
+        self.chain, self.transmission = chain, chain.transmission
         self._is_elastic = bool(chain.elements.elements)
         works = (*WORK, *WORK_OF_GRASPS) if self._is_elastic else WORK
         self.q, self.v, self.work, self.time = q, np.zeros(model.nv), np.zeros(len(works)), 0.0
@@ -259,11 +258,12 @@ class Plant:
         """Integrate from time t over h seconds."""
         step = self._integrator.step(self._rate, t, self.q, self.v, h)
         self.q, self.v, self.time = step.q, step.v, t + h
-        self.work[: len(step.work)] += step.work
+        work = self.work[: len(step.work)]
+        work += step.work
         if self._project:
             self.q = self.chain.mechanism.project_configuration(self.q)
             self.v = self.chain.mechanism.project_velocity(self.q, self.v)
-        if len(self.chain.patches):
+        if self._is_elastic and len(self.chain.patches):
             self.work[-1] -= self.chain.patches.settle(self.q)
 
     def _rate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:

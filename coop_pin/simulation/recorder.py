@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -15,7 +16,7 @@ from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.control.interface import ArmMeasurement
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError
-from coop_pin.memory import require_memory
+from coop_pin.memory import free_memory, require_memory
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult, Snapshot
@@ -29,13 +30,16 @@ from coop_pin.results.quantities import (
     computed,
     quantities,
 )
+from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.results.trust import Breach, TrustMonitor
 from coop_pin.simulation.drives import Applied
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.timeline import Timeline
 
 _BLOCK = 1024
-"""Samples that are observed together, at most."""
+"""Samples that are observed together, and ticks of a thinned run that are held together, at most."""
+_FREE_PART = 0.8
+"""Part of the free memory that a run which does not fit is told to take."""
 _WATCHED = ("joint_position", "jacobian_condition")
 """Computed quantities that a TrustMonitor reads."""
 
@@ -44,50 +48,63 @@ class RecordState(NamedTuple):
     """Samples of a run so far.
 
     Attributes:
-        kept: number of samples kept.
+        size: number of samples.
+        thinned: number of the first ones that are every n-th; the others are of all ticks after them.
+        held_from: tick of the first of these.
         observed: samples of which the observation is worked out.
         samples: copies of the samples of every quantity.
         angles: angles of each arm at the last sample, full turns counted, rad, shape (k,) each.
         monitor: search for breaches.
+        running: metrics of the ticks that were thinned.
     """
 
-    kept: int
+    size: int
+    thinned: int
+    held_from: int
     observed: int
     samples: list[NDArray[Any]]
     angles: list[Array]
     monitor: TrustMonitor
+    running: RunningMetrics | None
 
 
 class Recorder:
     """Samples of a run at its ticks: the state at t_k, and torques and wrenches from t_k on.
 
-    Of every ``Clock.record_every`` ticks the last is kept, and the first and the last of the run: the newest
-    sample replaces the one before it until that one is due.
+    If ``Clock.record_every``, n, is above 1, the newest ticks are held, at most 1024 of them. Before others
+    come, they are added to the running metrics, and those whose number n divides stay, as does the last tick.
 
     Attributes:
-        count: samples kept so far, the newest tick's included.
+        scenario: scenario with the events added so far.
+        count: number of samples, the newest tick's included.
+        memory: memory that a finished run and its file take, bytes.
     """
 
     def __init__(
         self, scenario: Scenario, plant: Plant, timeline: Timeline, limits: Sequence[JointLimits]
     ) -> None:
-        self._cell, self._plant, self._limits = scenario.cell, plant, limits
-        self.count, self._observed = 0, 0
+        self.scenario, self._cell, self._plant, self._limits = scenario, scenario.cell, plant, limits
+        self.count, self._thinned, self._held_from, self._observed = 0, 0, 0, 0
         self._table = quantities(scenario)
         self._determined = determinate_rows(plant.chain, plant.q)
         self._every = scenario.clock.record_every
         arms, model, rows = plant.chain.model.arms, plant.chain.mechanism.model, scenario.cell.task_rows.size
         joints = max(len(arm.drive) for arm in arms)
-        self._length = self._sample(timeline.ticks) + 1
+        self._length = timeline.ticks // self._every + 1 + (_BLOCK if self._every > 1 else 0)
         patches = len(plant.chain.patches)
         self._sizes = {"q": model.nq, "v": model.nv, "arm": len(arms), "joint": joints, "patch": patches}
         self._block = 1 if patches else _BLOCK  # the plant remembers no bristles of earlier samples
+        size = bytes_per_sample(self._table, self._sizes) + 8 * (rows + 1) * model.nv
+        self.memory = float(self._length * size)
+        fits = math.ceil(self._every * self.memory / max(1.0, _FREE_PART * free_memory()))
         require_memory(
             f"{self._length} samples of {scenario.name!r}",
-            self._length * (bytes_per_sample(self._table, self._sizes) + 8 * (rows + 1) * model.nv),
-            "raise clock.record_every, or lower duration or clock.rate_hz",
+            self.memory,
+            f"raise clock.record_every to {fits:.3g} or more, or lower duration or clock.rate_hz",
         )
-        self._allocate()
+        self._samples: Samples = {}  # allocated for the first tick: a run as one lane of a batch has none
+        self._is_shared = False
+        self._running = RunningMetrics(scenario, self.labels()) if self._every > 1 else None
         self._angles = [arm.posture for arm in arms]
         self._monitor = TrustMonitor(scenario.trust, self.joints, *self.limit_table()[:2])
 
@@ -118,7 +135,11 @@ class Recorder:
         shares: Array,
     ) -> None:
         """Record one tick; the plant already holds its torques."""
-        samples, plant, sample = self._samples, self._plant, self._sample(tick)
+        if self._running is not None and self.count - self._thinned == _BLOCK:
+            self._thin(self._running)
+        if not self._samples:
+            self._allocate()
+        samples, plant, sample = self._samples, self._plant, self.count
         distances, angles = zip(*plant.closure_errors(), strict=True)
         for name, value in {
             "time": time,
@@ -152,24 +173,27 @@ class Recorder:
             along = arm.angles.along(plant.q[None, arm.q_slice], self._angles[index])
             turned[sample] = self._angles[index] = along[0]
         self._work[sample], self._forces[sample] = plant.work, plant.force
-        self._observed, self.count = min(self._observed, sample), sample + 1
+        self.count = sample + 1
         if self.count - self._observed == self._block:
             self.observe()
 
     def state(self) -> RecordState:
         """Return the samples so far."""
-        samples = [table[: self.count].copy() for table in self._tables()]
+        samples = [table[: self.count].copy() for table in (self._tables() if self.count else ())]
+        counts = self.count, self._thinned, self._held_from, self._observed
         return RecordState(
-            self.count, self._observed, samples, list(self._angles), copy.deepcopy(self._monitor)
+            *counts, samples, list(self._angles), *copy.deepcopy((self._monitor, self._running))
         )
 
-    def restore(self, state: RecordState) -> None:
-        """Return to earlier samples; results and snapshots that were handed out stay as they are."""
-        if self._is_shared:
+    def restore(self, state: RecordState, scenario: Scenario) -> None:
+        """Return to earlier samples of a scenario; what was handed out stays as it is."""
+        self.scenario = scenario
+        if self._is_shared or not self._samples:
             self._allocate()
-        self.count, self._observed = state.kept, state.observed
-        self._angles, self._monitor = list(state.angles), copy.deepcopy(state.monitor)
-        for table, samples in zip(self._tables(), state.samples, strict=True):
+        self.count, self._thinned, self._held_from, self._observed = state[:4]
+        self._angles = list(state.angles)
+        self._monitor, self._running = copy.deepcopy((state.monitor, state.running))
+        for table, samples in zip(self._tables(), state.samples, strict=False):  # none before the first tick
             table[: self.count] = samples
 
     def _tables(self) -> list[NDArray[Any]]:
@@ -193,6 +217,27 @@ class Recorder:
             if values is not None:
                 samples[name][new] = values
         self._observed = self.count = new.stop
+
+    def _thin(self, running: RunningMetrics) -> None:
+        """Add the ticks that are held to the running metrics, and keep every n-th of them."""
+        self.observe()
+        held = slice(self._thinned, self.count)
+        running.add(computed(self._table, self._kept(held), self._cell.shares), self.scenario)
+        kept = self._rows()
+        for table in self._tables():
+            table[: len(kept)] = table[kept]
+        self._held_from += self.count - self._thinned
+        self.count = self._thinned = self._observed = len(kept)
+
+    def _rows(self, *, is_last: bool = False) -> Any:
+        """Return the indices of the samples that stay; with the last one if it is that of the run."""
+        if self._running is None:
+            return slice(0, self.count)
+        rows = np.arange(self.count)
+        ticks = self._held_from + rows - self._thinned
+        return rows[
+            (rows < self._thinned) | (ticks % self._every == 0) | (is_last & (rows == self.count - 1))
+        ]
 
     def _columns(self, quantity: Quantity) -> tuple[list[Array], list[int] | None]:
         """Return the samples of each arm, or of a quantity of no arm, and their entries; None for all."""
@@ -232,8 +277,11 @@ class Recorder:
         while self._observed < self.count:
             with contextlib.suppress(CoopPinError):  # which drops the last sample
                 self.observe()
-        samples, names = self._kept(slice(0, self.count)), [joints for _, joints in self.joints]
-        data = dataset(scenario, samples, names, self.limit_table())
+        names = [joints for _, joints in self.joints]
+        data = dataset(scenario, self._kept(self._rows(is_last=True)), names, self.limit_table())
+        if self._running is not None:
+            held = computed(self._table, self._kept(slice(self._thinned, self.count)), self._cell.shares)
+            data.attrs[RunResult.EVERY_TICK] = self._running.finished(held, scenario).to_text()
         if self._plant.engine != Plant.engine:
             data.attrs[RunResult.ENGINE] = self._plant.engine
         return RunResult(scenario, data)
@@ -264,13 +312,15 @@ class Recorder:
             "jacobian": [J[ticks] for J in self._jacobians],
         }
 
-    def _sample(self, tick: int) -> int:
-        """Return the index of the sample that a tick is written to."""
-        return -(-tick // self._every)
+    def labels(self) -> Samples:
+        """Return names and limits of arms and joints by name."""
+        from coop_pin.results.dataset import without_time  # slow to load
+
+        return without_time(self.scenario, [joints for _, joints in self.joints], self.limit_table())
 
     def limit_table(self) -> Array:
         """Return the four limits of each arm's joints, shape (4, m, k); NaN where there is none."""
-        table = np.full((4, *self._samples["torque"].shape[1:]), np.nan)
+        table = np.full((4, self._sizes["arm"], self._sizes["joint"]), np.nan)
         for index, limits in enumerate(self._limits):
             columns = (limits.lower, limits.upper, limits.velocity, limits.torque)
             for row, values in zip(table, columns, strict=True):

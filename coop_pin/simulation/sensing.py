@@ -10,6 +10,7 @@ import numpy as np
 
 from coop_pin.arrays import Array, Mask, frozen
 from coop_pin.control.interface import ArmMeasurement, ArmReference
+from coop_pin.description.grasp_plan import GraspPlan
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmKinematics, PayloadKinematics
 from coop_pin.model.cell_arm import CellArm
@@ -32,7 +33,7 @@ class SensingState(NamedTuple):
         sensors: memory of the sensors.
     """
 
-    angles: tuple[Array, ...]
+    angles: Sequence[Array]
     sensors: SensorState
 
 
@@ -63,6 +64,7 @@ class Sensing:
             FieldError: a row of values for each joint has another size.
         """
         self._slots, self._holding_torques = slots, holding_torques
+        self._turning = [(i, slot) for i, slot in enumerate(slots) if not slot.angles.is_vector]
         self._kinematics, self._holding_factors = [], []
         for slot in slots:
             arm, grasp, k = scenario.cell.arms[slot.name], scenario.cell.grasps[slot.name], len(slot.drive)
@@ -72,6 +74,7 @@ class Sensing:
             self._holding_factors.append(1.0 + per_joint(error, k, path))
         self.sensors = cell_sensors(scenario, slots)
         self._needs_wrenches = self.sensors.needs_wrenches
+        self._holds = np.ones(len(slots), dtype=bool)
         self.restore(None, scenario, 0)
 
     def restore(self, state: SensingState | None, scenario: Scenario, ticks: int) -> None:
@@ -83,12 +86,12 @@ class Sensing:
             ticks: Ticks that were measured.
         """
         self._scenario, self.state = scenario, state
-        self._angles = [slot.posture for slot in self._slots] if state is None else list(state.angles)
         self._signals = self._signals_after(ticks)
 
-    def share(self, shares: Array) -> None:
-        """Split the wrenches by other load shares from now on, shape (m,)."""
-        self.sensors = self.sensors._replace(shares=shares)
+    def follow(self, plan: GraspPlan) -> None:
+        """Split the wrenches by a plan from now on, and heed the slip of the arms that hold."""
+        self.sensors = self.sensors._replace(shares=plan.carried, loads=plan.carried_linkage)
+        self._holds = plan.holds
 
     def _signals_after(self, ticks: int) -> Iterator[CellSignals]:
         """Return the signals of one tick after the other, from that with a number on."""
@@ -130,12 +133,13 @@ class Sensing:
         measured = self._step(self.state.sensors, truth, partial(self._view, q))
         if not plant.chain.patches.arms:
             return measured
-        slip = float(plant.chain.patches.slips.max())
+        slips = plant.chain.patches.slips[self._holds[plant.chain.patches.arms]]
+        slip = float(slips.max(initial=0.0))
         return [reading._replace(slip=slip) for reading in measured]
 
     def _step(self, state: SensorState, truth: Truth, view: View) -> list[ArmMeasurement]:
         measured, state = self.sensors.step(state, truth, view)
-        self.state = SensingState(tuple(self._angles), state)
+        self.state = SensingState(truth.angles, state)
         return measured
 
     def _truth(self, time: float, q: Array, v: Array, *others: Any) -> Truth:
@@ -150,13 +154,11 @@ class Sensing:
             v: Velocity of the cell, shape (nv,).
             others: Fields of Truth after the signals.
         """
-        for index, slot in enumerate(self._slots):
-            angles = q[slot.q_slice]
-            if not slot.angles.is_vector:
-                angles = slot.angles.near(angles, self._angles[index])
-            self._angles[index] = angles
-        rates = [v[slot.v_slice] for slot in self._slots]
-        return Truth(time, tuple(self._angles), rates, next(self._signals), *others)
+        angles, rates = [q[slot.q_slice] for slot in self._slots], [v[slot.v_slice] for slot in self._slots]
+        for index, slot in self._turning:
+            last = slot.posture if self.state is None else self.state.angles[index]
+            angles[index] = slot.angles.near(angles[index], last)
+        return Truth(time, angles, rates, next(self._signals), *others)
 
     def _view(self, q: Array, index: int, angles: Array | None) -> PayloadKinematics:
         slot = self._slots[index]

@@ -23,31 +23,16 @@ View = Callable[[int, Array | None], PayloadKinematics]
 """Payload pose and Jacobian by an arm's own kinematics, at its measured joint angles; None: the true ones."""
 
 
-def measurement(
-    view: PayloadKinematics,
-    q: Array,
-    v: Array,
-    time: Any,
-    internal_wrench: Array | None,
-    saturated: Mask,
-    *others: Any,
-    **named: Any,
-) -> ArmMeasurement:
-    """Return the measurement of an arm.
+def measured_motion(view: PayloadKinematics, q: Array, v: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """Return the fields of a measurement from ``q`` to ``payload_jacobian``.
 
     Args:
-        view: Payload pose and Jacobian by its own kinematics.
+        view: Payload pose and Jacobian by the arm's own kinematics.
         q: Measured drive coordinates, rad, shape (k,).
         v: Measured drive velocities, rad/s, shape (k,).
-        time: t_k, s.
-        internal_wrench: Measured internal wrench, shape (k_0,); None without a force path.
-        saturated: Mask of the drive torques that were cut, shape (k,).
-        others: Remaining fields of the measurement, in order.
-        named: Remaining fields of the measurement, by name.
     """
     pose, J = view
-    joints = frozen(q), frozen(v), frozen(pose), frozen(J.dot(v)), frozen(J)
-    return ArmMeasurement(time, *joints, internal_wrench, saturated, *others, **named)
+    return frozen(q), frozen(v), frozen(pose), frozen(J.dot(v)), frozen(J)
 
 
 class Truth(NamedTuple):
@@ -168,11 +153,9 @@ class CellSensors(NamedTuple):
             path = self.path.step(path, self.rows.select(internal.T).T, signals.arrived)
             frozen(path.measured)
         measured = [
-            measurement(
-                payload,
-                q,
-                v,
+            ArmMeasurement(
                 truth.time,
+                *measured_motion(*joint),
                 None if path is None else path.measured[index],
                 truth.saturated[index],
                 signals.age,
@@ -181,7 +164,7 @@ class CellSensors(NamedTuple):
                 None,
                 truth.reported[index],
             )
-            for index, (arm, (payload, q, v)) in enumerate(zip(self.arms, joints, strict=True))
+            for index, (arm, joint) in enumerate(zip(self.arms, joints, strict=True))
         ]
         return measured, SensorState(encoders, wrists, path)
 

@@ -7,6 +7,7 @@ generator of its own, derived from the scenario's seed by the name of the source
 from __future__ import annotations
 
 import hashlib
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import reduce
@@ -134,6 +135,8 @@ class SensorSignals:
             self._normal(scenario, f"{name}/wrist", wrist.noise.vector6, 6)
             for name, wrist in zip(arms, self._wrists, strict=True)
         ]
+        noisy = [scenario.sensors_of(name).encoder.noise for name in arms]
+        self._vary = any(self._has_wrist) or path.by_sensors or any(np.any(noise) for noise in noisy)
         self._tick = 0
 
     @staticmethod
@@ -157,6 +160,8 @@ class SensorSignals:
 
     def rows(self) -> Iterator[CellSignals]:
         """Yield the signals of one tick after the other."""
+        if not self._vary:
+            yield from itertools.repeat(next(self.draw(1).ticks()))
         count = 1
         while True:
             yield from self.draw(count).ticks()

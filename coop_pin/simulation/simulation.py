@@ -16,7 +16,8 @@ from coop_pin.arrays import Array, as_number, frozen, require_type
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.control.interface import ArmMeasurement, ArmReference, CellCommand, CellController, Message
 from coop_pin.description.events import LoseArm, PayloadEvent
-from coop_pin.description.grasp_events import Event, GraspPlan
+from coop_pin.description.grasp_events import Event
+from coop_pin.description.grasp_plan import GraspPlan
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import DivergedError, FieldError, InvalidStateError, OutOfRangeError
 from coop_pin.model.joint_limits import JointLimits
@@ -105,7 +106,7 @@ class Simulation:
         self.scenario, self.controller = scenario, controller or _NoController()
         self.controller_state: Any = None
         self.ticks_done = 0
-        self.timeline = self._timeline()
+        self._schedule()
         chain = CellChain(scenario.cell, scenario.plant)
         self.plant = plant(chain, scenario.plant, _start(chain, scenario))
         limits = [JointLimits(arm, name) for name, arm in scenario.cell.arms.items()]
@@ -213,13 +214,13 @@ class Simulation:
         state.require_of(self._start.scenario)
         self.scenario, self.ticks_done, self.controller, self.controller_state = state[:4]
         self.motion, self.squeeze, self._replaced, self._inputs, self._applied = state[4:9]
-        self.timeline = self._timeline()
+        self._schedule()
         self.plant.restore(state.plant)
         self.sensing.restore(state.sensing, self.scenario, self.ticks_done + (self._inputs is not None))
         self.actuation.restore(state.actuation, self.scenario, self.ticks_done)
         is_heard = self._inputs is not None and self._inputs.measurements[0].messages is not None
         self.exchange.restore(state.network, self.scenario, self.ticks_done + is_heard)
-        self.recorder.restore(state.record)
+        self.recorder.restore(state.record, self.scenario)
 
     def reset(self, seed: int | None = None) -> TickInputs:
         """Return to the start and observe the first tick.
@@ -274,8 +275,8 @@ class Simulation:
             raise FieldError(
                 f"starts at t = {event.time:g} s, but the run has reached {earliest:g} s", "event.time"
             )
-        self.scenario = self.scenario.replace(events=(*self.scenario.events, event))
-        self.timeline = self._timeline()
+        self.scenario = self.recorder.scenario = self.scenario.replace(events=(*self.scenario.events, event))
+        self._schedule()
 
     def replace_controller(self, controller: CellController) -> None:
         """Replace the controller by one with the same kind of state, for example with other gains.
@@ -324,13 +325,13 @@ class Simulation:
             target, (squeeze, plan) = self.motion.at(time), self._planned(time)
             references = self._by_clocks(time, self._references(target, squeeze, plan))
             if plan is not None:
-                self.sensing.share(plan.shares)
+                self.sensing.follow(plan)
             if self._applied is None:
                 measurements = self.sensing.start(self.plant.q, self.plant.v, references)
             else:
                 saturated, reported = self._applied.saturated, self._applied.reported
                 measurements = self.sensing.measure(time, self.plant, saturated, reported)
-            for index, clock in self.scenario.clocks.items():
+            for index, clock in self._clocks.items():
                 measurements[index] = measurements[index]._replace(time=clock.reading(time))
             self._apply_events(time)
             self._inputs = TickInputs(measurements, references, target, squeeze)
@@ -358,7 +359,7 @@ class Simulation:
         """Apply a command, record the tick and integrate to the next."""
         tick, time = self.ticks_done, self.time
         self.controller_state = command.state
-        self._applied = self.actuation.apply(time, command, self.plant.q)
+        self._applied = self.actuation.apply(time, command)
         self.plant.drive(self._applied.torques)
         self.recorder.record(
             tick,
@@ -375,16 +376,18 @@ class Simulation:
         else:
             self.recorder.observe()
 
-    def _timeline(self) -> Timeline:
+    def _schedule(self) -> None:
+        """Lay out the times of the run, and what of them a tick asks for."""
         scenario = self.scenario
         lost = [scenario.actuators_of(name).lost_at for name in scenario.cell.arms]
         instants = [time for time in lost if time is not None]
-        return Timeline(scenario.clock, scenario.duration, scenario.events, instants)
+        self.timeline = Timeline(scenario.clock, scenario.duration, scenario.events, instants)
+        self._clocks, self._has_plan = scenario.clocks, scenario.has_grasp_plan
 
     def _planned(self, time: float) -> tuple[Array, GraspPlan | None]:
         """Return desired internal wrenches and the plan of the grasps at a time, if grasps have events."""
         squeeze = self.squeeze.at(time, self._grasps)
-        if not self.scenario.grasp_events:
+        if not self._has_plan:
             return squeeze, None
         missed = [missed.event for missed in self.plant.missed]
         plan = self.scenario.grasp_plan_at(self.timeline.just_after(time), missed)
@@ -404,7 +407,7 @@ class Simulation:
 
     def _by_clocks(self, time: float, references: list[ArmReference]) -> list[ArmReference]:
         """Return references with those of arms whose clocks are off at what these show."""
-        for index, clock in self.scenario.clocks.items():
+        for index, clock in self._clocks.items():
             shown = clock.reading(time)
             references[index] = self._references(self.motion.at(shown), *self._planned(shown))[index]
         return references
@@ -412,10 +415,10 @@ class Simulation:
     def _planned_references(self, target: PoseTarget, squeeze: Array, plan: GraspPlan) -> list[ArmReference]:
         """Return the references of arms that bear other shares, or retreat from their grasps."""
         rows, references = self._rows, list[ArmReference]()
-        for grasp, wrench, share, retreat in zip(
-            self._grasps.values(), squeeze, plan.shares.tolist(), plan.retreats, strict=True
+        for name, wrench, share, retreat in zip(
+            self._grasps, squeeze, plan.carried.tolist(), plan.retreats, strict=True
         ):
-            X, V, A = retreated(target, -grasp.matrix[:3, 2], retreat)
+            X, V, A = retreated(target, self.scenario.cell.way_out(name), retreat)
             motion = (frozen(X), frozen(rows.select(V)), frozen(rows.select(A)))
             references.append(ArmReference(*motion, frozen(rows.select(wrench)), share))
         return references

@@ -224,7 +224,7 @@ def outcome_of(job: Job, compute: Callable[[], RunResult]) -> Outcome:
         record = Record.of_failure(job.key, job.changes, error)
     wall_s, cpu_s = (times() - start).tolist()
     if job.keep and not record.failure:
-        content = to_netcdf(result.data, result.scenario.to_toml())
+        content = bytes(to_netcdf(result.data, result.scenario.to_toml()))
     return Outcome(dataclasses.replace(record, wall_s=wall_s, cpu_s=cpu_s), content)
 
 

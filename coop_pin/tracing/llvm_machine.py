@@ -12,15 +12,16 @@ import hashlib
 import os
 import stat
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
 from coop_pin.atomic_write import write_atomically
-from coop_pin.tracing.kernel import Machine, Program
+from coop_pin.tracing.kernel import Instruction, Machine, Program
 from coop_pin.tracing.llvm_emitter import llvm_text
 
 _DIGEST = 32
@@ -46,7 +47,7 @@ class LlvmMachine(Machine):
         pointer, whole = ctypes.c_void_p, ctypes.c_int64
         kinds = (whole, whole, pointer, pointer, pointer, whole, pointer, whole, pointer, whole)
         self._run = ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address("run"))
-        self._instructions = np.array(program.instructions, dtype=np.int64).reshape(-1, 2)
+        self._instructions = _table(program.instructions)
 
     def run(self, block: Array, uniforms: Array, loads: Array, out: Array | None = None) -> Array:
         """Run the program; see Machine."""
@@ -73,7 +74,13 @@ class LlvmMachine(Machine):
         return record[:, :, :lanes]
 
     def bound(
-        self, block: Array, uniforms: Array, record: Array | None = None, loads: Array | None = None
+        self,
+        block: Array,
+        uniforms: Array,
+        record: Array | None = None,
+        loads: Array | None = None,
+        *,
+        order: Sequence[Instruction] | None = None,
     ) -> Callable[[int, int], None]:
         """Return a function that runs some instructions of the program, by first and count, on runs.
 
@@ -83,18 +90,26 @@ class LlvmMachine(Machine):
             uniforms: Numbers that all runs share, read at every call, shape (rows, uniforms).
             record: Memory that RECORD writes, as of new_record; for programs that record.
             loads: Numbers that LOAD fills in, shape (groups, rows, loaded, width); for programs that load.
+            order: Instructions in place of the program's.
         """
-        run, instructions = self._run, self._instructions
+        run, instructions = self._run, self._instructions if order is None else _table(order)
         start, size = instructions.ctypes.data, instructions.itemsize * instructions.shape[1]
         groups = block.size // (self.program.lanes.size * self.width)
         loaded = (None, 0) if loads is None else (loads.ctypes.data, loads.shape[1])
         inputs = block.ctypes.data, uniforms.ctypes.data, 8 * uniforms.shape[1], *loaded
         memory = *inputs, None if record is None else record.ctypes.data, 8 * groups * self.width
 
-        def call(first: int, count: int, _kept: object = (self, block, uniforms, record, loads)) -> None:
+        kept = self, instructions, block, uniforms, record, loads
+
+        def call(first: int, count: int, _kept: object = kept) -> None:
             run(groups, count, start + first * size, *memory)
 
         return call
+
+
+def _table(instructions: Sequence[Instruction]) -> NDArray[np.int64]:
+    """Return instructions as compiled code reads them, shape (n, 2)."""
+    return np.array(instructions, dtype=np.int64).reshape(-1, 2)
 
 
 def _llvm() -> Any:

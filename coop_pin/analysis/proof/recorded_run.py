@@ -110,7 +110,7 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Record
             [tau[: len(slot.drive)] for tau, slot in zip(recorded[name][k], slots, strict=True)]
             for name in ("torque", "commanded_torque")
         )
-        applied = simulation.actuation.apply(t, CellCommand(commanded, None), plant.q)
+        applied = simulation.actuation.apply(t, CellCommand(commanded, None))
         plant.hold(plant.transmission.torque(torques))
         friction, pushed = plant.transmission.friction(plant.v), plant.generalised_force()
         a = np.array(chain.mechanism.solver.acceleration(plant.q, plant.v, pushed))

@@ -17,7 +17,7 @@ from coop_pin.control.sliding_mode import SlidingModeController
 from coop_pin.description.events import Surroundings
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
-from coop_pin.simulation.transmission import friction
+from coop_pin.model.transmission import friction
 from coop_pin.spatial import spatial_inertia, weight_wrench
 
 _STEP = 1e-5

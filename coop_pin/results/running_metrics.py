@@ -1,0 +1,179 @@
+"""Metrics, breaches and exceeded limits of all ticks of a run that keeps every n-th, from block to block.
+
+With n_k samples of block k in a window, rms_k over them, mean_k, and so on,
+
+    rms^2 = sum_k n_k rms_k^2 / sum_k n_k,    mean = sum_k n_k mean_k / sum_k n_k,    max = max_k max_k
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+from collections import ChainMap
+from collections.abc import Hashable, Mapping
+from typing import NamedTuple, Self, get_args
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.description.scenario import Scenario
+from coop_pin.results.friction import friction_metrics
+from coop_pin.results.limits import LimitKind, LimitViolation, limit_violations
+from coop_pin.results.metrics import STEADY_METRICS, all_metrics, joint_drift
+from coop_pin.results.quantities import Arrays, Samples, energies
+from coop_pin.results.trust import Breach, TrustMonitor, drift_breaches, in_time, joint_names
+from coop_pin.results.window import RUN_END, SETTLING_S, Window, Windows, samples_of
+
+_SETTLING = ("settling_time_s", "resettling_time_s")
+_LARGEST = (
+    "event_peak_position_error_m",
+    "closure_error_max_m",
+    "closure_error_max_rad",
+    "torque_peak_Nm",
+    "energy_balance_max_J",
+)
+_LEAST = ("squeeze_reserve_min_N", "dropped_at_s")
+_ROUNDING = 1e-9
+"""Rounding of times, s."""
+_MEAN = "internal_axial_mean_N"
+"""The one of STEADY_METRICS that is a mean; the others are rms values."""
+_AT_THE_END = ("time", "joint_position", "joint_velocity", "desired_twist", "payload_twist")
+"""Quantities of whose last seconds the drift of the joints is taken."""
+
+
+class EveryTick(NamedTuple):
+    """What is known of all ticks of a run that keeps some of them.
+
+    Attributes:
+        metrics: metrics by name, without ``trustworthy``.
+        breaches: breaches of the trust thresholds, in time, without the error that ended the run.
+        limits: limits that were exceeded.
+    """
+
+    metrics: Mapping[str, float]
+    breaches: tuple[Breach, ...]
+    limits: tuple[LimitViolation, ...]
+
+    def to_text(self) -> str:
+        """Return it as JSON with NaN and Infinity."""
+        return json.dumps(self._asdict())
+
+    @classmethod
+    def of_text(cls, text: str) -> Self:
+        """Return what ``to_text`` wrote."""
+        values, breaches, limits = json.loads(text).values()
+        return cls(
+            values, tuple(Breach(*each) for each in breaches), tuple(LimitViolation(*each) for each in limits)
+        )
+
+
+class RunningMetrics:
+    """Metrics of a run whose samples come in blocks; it keeps those of the last four seconds."""
+
+    def __init__(self, scenario: Scenario, labels: Samples) -> None:
+        """Begin before the first sample.
+
+        Args:
+            scenario: scenario of the run.
+            labels: names and limits of arms and joints, as ``without_time`` returns them.
+        """
+        self._labels, self._joints = labels, joint_names(labels)
+        limits = labels["position_lower"], labels["position_upper"]
+        self._monitor = TrustMonitor(scenario.trust, self._joints, *limits)
+        self._breaches, self._limits = dict[Hashable, Breach](), dict[Hashable, LimitViolation]()
+        self._values, self._means = dict[str, float](), dict[Hashable, tuple[int, float]]()
+        self._end = dict[str, Array]()
+        self._start_energy = math.nan
+
+    def add(self, samples: Arrays, scenario: Scenario) -> None:
+        """Take the next block, which others follow.
+
+        Args:
+            samples: quantities of successive ticks, by name.
+            scenario: scenario with the events added so far.
+        """
+        self._include(ChainMap({RUN_END: math.inf}, dict(samples)), scenario, Windows.of(scenario, math.inf))
+
+    def finished(self, samples: Arrays, scenario: Scenario) -> EveryTick:
+        """Return what is known if a block is the last; arguments as of add, which may follow nevertheless."""
+        whole, end = copy.deepcopy(self), float(np.asarray(samples["time"])[-1])
+        windows = Windows.of(scenario, end)
+        whole._include(samples, scenario, windows)
+        drift = joint_drift(whole._end, windows)
+        values = whole._values | {"joint_drift_rad": float(np.fmax.reduce(drift, axis=(-2, -1)))}
+        breaches = *whole._breaches.values(), *drift_breaches(drift, scenario.trust, whole._joints, end)
+        joints = [(arm, joint) for arm, names in whole._joints for joint in names]
+        order = [(*joint, kind) for joint in joints for kind in get_args(LimitKind)]
+        limits = sorted(whole._limits.values(), key=lambda limit: order.index(limit[:3]))
+        return EveryTick(values, in_time(breaches), tuple(limits))
+
+    def _include(self, samples: Arrays, scenario: Scenario, windows: Windows) -> None:
+        """Include a block; the windows are those of the run, as far as its end is known."""
+        data, cell = ChainMap(dict(samples), self._labels), scenario.cell
+        values = all_metrics(data, windows, turns=cell.controls_turns)
+        if cell.padded:
+            values |= friction_metrics(data, cell)
+        new = {name: float(value) for name, value in values.items()}
+        energy, works = energies(data)
+        if not self._values:
+            self._start_energy, self._values = float(energy[0]), new
+        new["energy_balance_max_J"] = float(np.abs(energy - self._start_energy - sum(works)).max())
+        for prefix, window in (("", windows.steady), ("after_event_", windows.after_event)):
+            count = 0 if window.is_empty else int(samples_of(data, window).sum())
+            new |= {
+                f"{prefix}{name}": self._mean(prefix, name, window, count, new) for name in STEADY_METRICS
+            }
+        spans = Window(0.0, windows.event.start), windows.event
+        for name, span in zip(_SETTLING, spans, strict=True):
+            new[name] = _settled(self._values[name], new[name], data, span)
+        for names, extreme in ((_LARGEST, np.fmax), (_LEAST, np.fmin)):
+            new |= {name: float(extreme(self._values[name], new[name])) for name in names if name in new}
+        self._values = new
+        for breach in self._monitor.breaches(data):
+            first = self._breaches.get(breach[:3], breach)
+            is_worse = not abs(breach.value - breach.allowed) <= abs(first.value - first.allowed)
+            self._breaches[breach[:3]] = (breach if is_worse else first)._replace(time=first.time)
+        for limit in limit_violations(data):
+            earliest = self._limits.get(limit[:3], limit)
+            is_worse = abs(limit.worst - limit.limit) > abs(earliest.worst - earliest.limit)
+            worst = limit if is_worse else earliest
+            self._limits[limit[:3]] = worst._replace(first_time=earliest.first_time)
+        self._keep_end(data)
+
+    def _mean(self, prefix: str, name: str, window: Window, count: int, new: Mapping[str, float]) -> float:
+        """Return a mean or rms value of all blocks over a window, of which the newest has ``count`` samples.
+
+        An event that is added moves the start of the window after the last one: what was before is left out.
+        """
+        key, value = (prefix, name, window.start), new[f"{prefix}{name}"]
+        n, mean = self._means.get(key, (0, math.nan))
+        if count:
+            power = 1 if name == _MEAN else 2
+            both = (n * mean**power + count * value**power) / (n + count) if n else math.nan
+            n, mean = n + count, both ** (1.0 / power) if n else value
+            self._means[key] = n, mean
+        return mean
+
+    def _keep_end(self, data: Arrays) -> None:
+        """Keep the last seconds of what the drift of the joints is taken of."""
+        new = {name: np.asarray(data[name]) for name in _AT_THE_END}
+        if self._end:
+            new = {name: np.concatenate((self._end[name], values)) for name, values in new.items()}
+        late = new["time"] >= new["time"][-1] - SETTLING_S - _ROUNDING
+        self._end = {name: values[late] for name, values in new.items()}
+
+
+def _settled(before: float, new: float, data: Arrays, window: Window) -> float:
+    """Return the settling time of all blocks, s.
+
+    Args:
+        before: that of the earlier blocks: inf if the last sample in the window was out of the band.
+        new: that of the newest block; 0 or NaN if none of its samples in the window is out of the band.
+        data: arrays of the newest block.
+        window: window of the settling time.
+    """
+    inside = samples_of(data, window)
+    if new > 0.0 or not inside.any():
+        return new if new > 0.0 else before
+    return float(np.asarray(data["time"])[inside][0] - window.start) if math.isinf(before) else before
