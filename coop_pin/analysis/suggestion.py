@@ -178,12 +178,14 @@ def _stable_on_springs(proposal: GainProposal, scenario: Scenario) -> tuple[Gain
         InfeasibleMotionError: cause "stability": it is not.
     """
     while scenario.cell.compliant:
-        found = grasp_stability(Simulation(scenario, build_controller(scenario)))
+        stability = grasp_stability(Simulation(scenario, build_controller(scenario)))
         g = proposal.gains.anchor_gain
-        if found.ok:
+        if stability.ok:
             break
         if proposal.law is None or g < _LEAST_ANCHOR:
-            raise InfeasibleMotionError("stability", found.summary().partition("\n")[0].removeprefix("! "))
+            raise InfeasibleMotionError(
+                "stability", stability.summary().partition("\n")[0].removeprefix("! ")
+            )
         proposal = proposal.with_anchor_gain(g / 2.0)
         scenario = _with_gains(scenario, proposal)
     return proposal, scenario
