@@ -2,6 +2,7 @@
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin import lazy_names
+from coop_pin.analysis.admittance_stability import AdmittanceStability, admittance_stability
 from coop_pin.analysis.carry_plan import CarryPlan, plan_carry
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
 from coop_pin.analysis.closed_loop import ClosedLoop, LoopMode, eigenvalues
@@ -43,6 +44,7 @@ from coop_pin.analysis.task_inertia import MotionWrenches, TaskInertia, motion_w
 from coop_pin.analysis.tuning_rule import GainProposal, gain_proposal
 
 __all__ = [
+    "AdmittanceStability",
     "ArmReach",
     "ArmStatics",
     "CarryPlan",
@@ -73,6 +75,7 @@ __all__ = [
     "Suggestion",
     "TaskInertia",
     "Unreachable",
+    "admittance_stability",
     "anchor_biases",
     "anchor_bounded_time",
     "cell_summary",
