@@ -152,16 +152,16 @@ class Task:
             NameNotFoundError: the law has no such gain.
         """
         law: Any = scenario.controller
-        own = {name: value for name, value in law.gains if value is not None}
+        gains = {name: value for name, value in law.gains if value is not None}
         for name in self.gains:
-            if name not in own:
-                raise NameNotFoundError("gain", name, [*own], "controller.gains")
+            if name not in gains:
+                raise NameNotFoundError("gain", name, [*gains], "controller.gains")
         factors = 1.0 + self.scale * np.clip(action, -1.0, 1.0)
-        gains = {
-            f"controller.gains.{name}": (factor * np.array(own[name])).tolist()
+        changes = {
+            f"controller.gains.{name}": (factor * np.array(gains[name])).tolist()
             for name, factor in zip(self.gains, factors, strict=True)
         }
-        return scenario.override(gains)
+        return scenario.override(changes)
 
     def additions(self, action: Array, law: ActedLaw) -> tuple[Array, list[Array]]:
         """Return what actions add, of one or more runs: squeeze (..., m, k_0) and commands, (..., k) each.
