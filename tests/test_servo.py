@@ -452,6 +452,44 @@ def test_an_admittance_lets_a_bias_go_at_its_rate(name):
     assert np.abs(f[200]).max() < 0.9 * np.abs(f[100]).max()
 
 
+def changes_of_force(scenario, part):
+    """Largest change of an internal wrench in a tick, early and late in a run, at a part of the least."""
+    damping = np.array(scenario.controller.gains.admittance_damping)
+    damping = part * cp.analysis.admittance_stability(scenario).least * damping
+    run = scenario.override({"controller.gains.admittance_damping": damping.tolist()})
+    f = run.cell.task_rows.select(cp.run(run).data.internal_wrench.values[:, 1].T)
+    early, *_, late = np.array_split(np.abs(np.diff(f)), 5, axis=1)
+    return early.max(), late.max()
+
+
+ADMITTANCES = {
+    "two": lambda name: yielding_pair(name, np.ones(len(rows_of(name))).tolist(), duration=0.8),
+    "three": lambda name: three_arms(name).override({"controller.force_path.kind": "late", "duration": 0.6}),
+    "a line": lambda name: three_arms(name).override({"network": {"delay": 1, "graph": line_of(name)}}),
+}
+
+
+def rows_of(name):
+    return SCENARIOS[name]().cell.task_rows.indices
+
+
+def line_of(name):
+    one, two, three = three_arms(name).cell.arms
+    return [[one, two], [two, one], [two, three], [three, two]]
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize(
+    "arms", [pytest.param(arms, marks=[pytest.mark.slow] * (arms != "two")) for arms in ADMITTANCES]
+)
+def test_an_admittance_grows_below_its_least_damping_and_decays_above(name, arms):
+    """Of arms that are not alike; by the rule of equal ones the pairs could have a third and a half of it."""
+    scenario = ADMITTANCES[arms](name)
+    below, above = (changes_of_force(scenario, part) for part in (0.97, 1.03))
+    assert above[1] < 0.2 * above[0]
+    assert below[1] > 3.0 * below[0]
+
+
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_exact_feed_forward_takes_the_inertia_off_the_servo(name):
     """Without payload to speak of, what P on velocity leaves is the arms' inertia: M a / (I k_v)."""
@@ -582,3 +620,20 @@ def test_arms_of_one_cell_take_different_commands(name):
     assert np.nanmax(np.abs(single.drive_velocity.values)) > 0.01
     with pytest.raises(FieldError, match="'torque'"):
         cp.run(scenario.override({f"arm_actuators.{second}.servo": None}))
+
+
+def test_two_ur5_that_take_velocities_stand_in_the_catalogue():
+    """Under 0.5 mm: 0.30 N while moving with wrists; without 19.6 N/s from the start pose on, as by B_s."""
+    scenario = cp.Scenario.load("two-ur5-admittance")
+    data = cp.run(scenario, engine="batch").data
+    error, time = force_error(data), data.time.values
+    assert error[(time > 1.0) & (time < 5.0)].max() < 0.35
+    assert error[time > 7.0].mean() < 0.1
+    assert np.linalg.norm(data.pose_error.values[-1, :3]) < 3e-4  # half of the bias
+    blind = {"controller.force_path.kind": "none", "sensors.wrist": None, "duration": 0.9}
+    blind = scenario.override({**blind, "motion": cp.HoldMotion(pose=scenario.start)})
+    f = cp.run(blind).data.internal_wrench.values[:, 1, :3]
+    stiffness = 100.0 * scenario.actuators.servo.integral_rate
+    expected = series_stiffness(blind, stiffness) @ (5.0 * view_error(blind))
+    assert_allclose((f[-1] - f[200]) / ((len(f) - 201) * 0.002), expected[:3], atol=0.02 * 19.6)
+    assert_allclose(np.linalg.norm(expected[:3]), 19.6, atol=0.1)

@@ -158,6 +158,7 @@ class Check:
     def execute(self) -> int:
         """Print the results; the exit code is OK if the motion is feasible."""
         from coop_pin.analysis import (
+            admittance_stability,
             anchor_biases,
             closure_problem,
             eigenvalues,
@@ -189,7 +190,12 @@ class Check:
             _print(f"  ! {singular}")
         ok = reach.ok and torques.ok and not singular
         if scenario.has_servos:
-            _print("  the arms have servos: gains, sampling and errors at rest of the law are not checked")
+            try:
+                loop = admittance_stability(scenario)
+                ok = ok and loop.ok
+                _print(f"  {loop.summary()}; errors at rest on servos are not checked")
+            except ArgumentError as error:
+                _print(f"  the arms have servos, and gains and errors at rest are not checked: {error}")
         if size := large_record(scenario):
             _print(f"  {size}")
         squeeze = least_squeeze(scenario)

@@ -11,6 +11,7 @@ from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
 from coop_pin.control.calibration import ZeroedController
 from coop_pin.control.consensus import consensus_bound, estimator_radius
 from coop_pin.control.exchanged_wrench import ExchangedWrench
+from coop_pin.control.feed_forward import FeedForward, FeedForwardController
 from coop_pin.control.force_path import (
     ConsensusForcePath,
     LateForcePath,
@@ -77,6 +78,8 @@ __all__ = [
     "DecentralisedController",
     "DecentralisedLaw",
     "ExchangedWrench",
+    "FeedForward",
+    "FeedForwardController",
     "FollowingController",
     "LateForcePath",
     "Law",

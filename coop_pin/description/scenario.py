@@ -11,6 +11,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.arrays import Array, require_path, require_type
 from coop_pin.catalogue import scenario_file, scenario_names, scenario_tables
+from coop_pin.control.feed_forward import FeedForward
 from coop_pin.control.force_path import SampledWrist
 from coop_pin.control.interface import CellTiming
 from coop_pin.description.actuators import Actuators
@@ -75,9 +76,10 @@ class Scenario(WithLaterFields):
         arm_sensors: sensors of single arms, in place of ``sensors``.
         seed: seed of the random sources; every source draws from a generator of its own.
         network: messages between the arms; without one, none cross.
+        feed_forward: torques that are added to those of the law.
     """
 
-    later_fields: ClassVar[tuple[str, ...]] = ("network",)
+    later_fields: ClassVar[tuple[str, ...]] = ("network", "feed_forward")
 
     name: Name
     summary: Text = ""
@@ -100,6 +102,7 @@ class Scenario(WithLaterFields):
     arm_sensors: dict[str, Sensors] = Field(default_factory=dict)
     seed: int = Field(default=0, ge=0, lt=2**63)
     network: Network | None = None
+    feed_forward: FeedForward | None = None
 
     # Each validator needs only the fields that it reads, so that a mistake in one hides none in another.
 
@@ -127,6 +130,11 @@ class Scenario(WithLaterFields):
         if "cell" in earlier.data:
             squeeze.check_arms(earlier.data["cell"].grasps)
         return squeeze
+
+    @field_validator("feed_forward")
+    @classmethod
+    def _in_the_order_of_arms(cls, added: FeedForward | None, earlier: ValidationInfo) -> FeedForward | None:
+        return added if added is None or "cell" not in earlier.data else added.of(earlier.data["cell"].arms)
 
     @field_validator("events", "actuators", "arm_actuators", "sensors", "arm_sensors", "network")
     @classmethod

@@ -72,7 +72,7 @@ class PoseSpline(NamedTuple):
             allowed = f"a nanosecond after {times[index - 1]:.6g}: times increase strictly; sort them"
             raise OutOfRangeError("times", float(times[index]), allowed, (index,))
         unit = _same_sign(quaternions)
-        through = _stopping_coefficients if stops else _quintic_coefficients
+        through = _stopping_coefficients if stops else quintic_coefficients
         coefficients = through(times, np.hstack((positions, unit)))
         _check_length(times, coefficients, unit)
         first, last = _resting(positions[0], unit[0]), _resting(positions[-1], unit[-1])
@@ -85,7 +85,7 @@ class PoseSpline(NamedTuple):
         if time >= self.knots[-1]:
             return self.last
         segment = bisect_right(self.knots, time) - 1
-        motion = _powers(time - self.knots[segment]) @ self.coefficients[segment]
+        motion = powers(time - self.knots[segment]) @ self.coefficients[segment]
         R, omega, alpha = _rotation_of(motion[:, 3:])
         return make_target(R, motion[0, :3], motion[1, :3], omega, motion[2, :3], alpha)
 
@@ -109,7 +109,7 @@ def _rotation_of(motion: Array) -> tuple[Array, Array, Array]:
     return E @ G.T / square, omega, alpha - 2.0 * w_0 * omega
 
 
-def _powers(u: float) -> Array:
+def powers(u: float) -> Array:
     """Return the powers 0 to 5 of u, their first and their second derivatives, shape (3, 6)."""
     u2, u3 = u * u, u * u * u
     return np.array(
@@ -134,7 +134,7 @@ def _same_sign(quaternions: Array) -> Array:
     return unit
 
 
-def _quintic_coefficients(times: Array, points: Array) -> Array:
+def quintic_coefficients(times: Array, points: Array) -> Array:
     """Return the coefficients of powers 0 to 5 of (t - times[i]) on each segment, shape (n - 1, 6, 7)."""
     still = np.zeros(points.shape[1])
     at_rest = [(1, still), (2, still)]
@@ -151,7 +151,7 @@ def _quintic_coefficients(times: Array, points: Array) -> Array:
 
 
 def _stopping_coefficients(times: Array, points: Array) -> Array:
-    """Return the coefficients of the quintics from rest to rest, as of ``_quintic_coefficients``."""
+    """Return the coefficients of the quintics from rest to rest, as of ``quintic_coefficients``."""
     powers = np.array((0.0, 0.0, 0.0, 10.0, -15.0, 6.0)) / np.diff(times)[:, None] ** np.arange(6)
     coefficients: Array = powers[..., None] * np.diff(points, axis=0)[:, None]
     coefficients[:, 0] = points[:-1]

@@ -72,11 +72,11 @@ def _pose_errors(X: Array, X_d: Array) -> Array:
 def _axial_directions(tips: Array) -> Array:
     """Return unit vectors from each tip to the middle of the other tips, shape (..., m, 3); NaN for one."""
     if tips.shape[-2] == 1:
-        return np.full_like(tips, np.nan)
+        return np.full(tips.shape, np.nan)
     others = (tips.sum(axis=-2, keepdims=True) - tips) / (tips.shape[-2] - 1)
     line = others - tips
     length = np.linalg.norm(line, axis=-1, keepdims=True)
-    return np.divide(line, length, out=np.full_like(line, np.nan), where=length > 0.0)
+    return np.where(length > 0.0, line / np.where(length > 0.0, length, 1.0), np.nan)
 
 
 def padded(arms: Sequence[Array]) -> Array:
