@@ -12,6 +12,7 @@ from coop_pin.analysis.internal_moment import InternalMoment, internal_moment, p
 from coop_pin.analysis.least_squeeze import LeastSqueeze, least_squeeze
 from coop_pin.analysis.loop_stability import LoopStability, loop_stability
 from coop_pin.analysis.new_cell import new_cell
+from coop_pin.analysis.own_inertia import OwnInertia, deflection_bias, own_inertia, own_inertia_proposal
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
 from coop_pin.analysis.path_parameterization import PathLimits, fastest
 from coop_pin.analysis.plausibility import implausible_numbers, large_record, run_warnings
@@ -61,6 +62,7 @@ __all__ = [
     "Mode",
     "MotionWrenches",
     "NearlySingular",
+    "OwnInertia",
     "PathLimits",
     "Reachability",
     "RootLocus",
@@ -78,6 +80,7 @@ __all__ = [
     "anchor_bounded_time",
     "cell_summary",
     "closure_problem",
+    "deflection_bias",
     "eigenvalues",
     "fastest",
     "fewest_steps",
@@ -94,6 +97,8 @@ __all__ = [
     "motion_stability",
     "motion_wrenches",
     "new_cell",
+    "own_inertia",
+    "own_inertia_proposal",
     "plan_carry",
     "positional_torques",
     "reachability",

@@ -136,7 +136,7 @@ class Check:
     with the lag of the drives along the motion, the slowest and the least damped mode of the whole loop at
     the start, and the joint friction in the plant's steps; say what the law
     measures and what a kinematic bias and an unknown load leave; the proposal of 'coop-pin suggest'
-    for these postures follows; on compliant grasps it is the stiffness from which the gains hold.
+    for these postures follows; on compliant grasps also the stiffness from which the gains hold.
     Every field of the scenario can be changed as in 'coop-pin run'.
 
     Attributes:
@@ -172,6 +172,7 @@ class Check:
             loads_without_an_arm,
             loop_stability,
             motion_stability,
+            own_inertia_proposal,
             reachability,
             statics_along,
             steady_errors,
@@ -220,8 +221,8 @@ class Check:
         else:
             stable[:0] = motion_stability(simulation, reach), loop_stability(simulation, reach)
         _print(textwrap.indent("\n".join(finding.summary() for finding in stable), "  "))
-        if not scenario.cell.compliant:
-            _print(f"  {gain_proposal(scenario, reach).summary()}")
+        propose = own_inertia_proposal if scenario.cell.compliant else gain_proposal
+        _print(f"  {propose(scenario, reach).summary()}")
         try:
             _print(f"  {eigenvalues(scenario).summary()}")
         except (ArgumentError, DivergedError) as error:  # the steps or gains named above
