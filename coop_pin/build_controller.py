@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from coop_pin.control import CellController
+from coop_pin.control.feed_forward import FeedForwardController
 from coop_pin.control.interface import ControlledArm
 from coop_pin.description.scenario import Scenario
+from coop_pin.errors import FieldError
 from coop_pin.model.arm_model import ArmModel
 
 
@@ -14,11 +16,22 @@ def build_controller(scenario: Scenario) -> CellController:
     """Return the controller that a scenario names.
 
     Raises:
-        FieldError: the law does not fit an arm's number of joints; a gain does not fit its arm.
+        FieldError: the law does not fit an arm's number of joints; a gain or a feed-forward does not fit its
+            arm.
         NameNotFoundError: a user's module or class does not exist.
     """
-    arms = (controlled_arm(scenario, name) for name in scenario.cell.arms)
-    return scenario.controller.build(scenario, arms)
+    arms = [controlled_arm(scenario, name) for name in scenario.cell.arms]
+    law, added = scenario.controller.build(scenario, arms), scenario.feed_forward
+    if added is None:
+        return law
+    for arm, torque in zip(arms, added.at(added.times[-1]), strict=True):
+        if len(torque) != arm.drives:
+            detail = f"has {len(torque)} torques in a row; the arm has {arm.drives} drives"
+            raise FieldError(detail, f"feed_forward.torques.{arm.name}")
+        if law.commands_of(arm.name) != "torque":
+            detail = f"adds torques, but the law commands {law.commands_of(arm.name)!r} to arm {arm.name!r}"
+            raise FieldError(detail, "feed_forward")
+    return FeedForwardController(law, lambda time, _: added.at(time))
 
 
 def controlled_arm(scenario: Scenario, name: str) -> ControlledArm:

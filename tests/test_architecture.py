@@ -89,7 +89,17 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         set(),
     ),
     "analysis": (
-        {"chain", "control", "build_controller", "description", "model", "results", "schema", "simulation"},
+        {
+            "chain",
+            "control",
+            "build_controller",
+            "description",
+            "model",
+            "reference",
+            "results",
+            "schema",
+            "simulation",
+        },
         {"pinocchio", "scipy", "xarray"},
     ),
     "batch": (
@@ -446,13 +456,15 @@ class Ring:  # all that a law by messages reads of its scenario
 
 class Told:
     network = Ring
+    class cell:
+        arms = ("left", "right")
 
 def by_messages(law):
     arms = [ControlledArm(name, name == "left", rows, 0.0125, 0.5, 3, np.zeros(3), np.zeros(3), np.eye(4), 0)
             for name in ("left", "right")]
     telling = law.build(Told, arms)
     said = dict(zip(("left", "right"), telling.messages([wrist] * 2, [reference] * 2, None)))
-    assert all(len(numbers) > 2 for numbers in said.values())
+    assert all(len(numbers) > 1 for numbers in said.values())
     heard = [wrist._replace(messages={one: Message(numbers, 0.0) for one, numbers in said.items()})] * 2
     state = telling.init(heard, [reference] * 2)
     torques, state = telling.step(heard, [reference] * 2, state)
@@ -463,8 +475,10 @@ def by_messages(law):
 wrist = measurement._replace(interaction_wrench=f, interaction_wrench_age=0.0, internal_wrench=None)
 BY_MESSAGES = [
     MeanPose(gains=space), MeanPose(gains=space, averaging="consensus"),
-    PayloadSpace(gains=space, force_path={"kind": "messages"}), Admittance(),
+    Admittance(),
 ]
+for told in ("messages", "consensus", "learned-load"):
+    BY_MESSAGES.append(PayloadSpace(gains=space, force_path={"kind": told}))
 for law in BY_MESSAGES:
     by_messages(law)
 seen = sorted({name.split(".")[1] for name in sys.modules if name.startswith("coop_pin.")})

@@ -77,19 +77,25 @@ def test_laws_that_command_servos_are_exported_with_what_they_send(cell, kind, t
 
 
 @pytest.mark.parametrize(
-    ("cell", "law"),
-    [("planar", "all"), ("spatial", "consensus")],
+    ("cell", "law", "path"),
+    [
+        ("planar", "all", "messages"),
+        ("spatial", "consensus", "messages"),
+        pytest.param("planar", "all", "learned-load", marks=pytest.mark.slow),
+        pytest.param("spatial", "all", "consensus", marks=pytest.mark.slow),
+    ],
 )
-def test_laws_that_hear_others_are_exported_with_what_they_say_and_hear(cell, law, tmp_path):
+def test_laws_that_hear_others_are_exported_with_what_they_say_and_hear(cell, law, path, tmp_path):
     """The header names the numbers that cross; the messages are those of the Python law."""
     fields = ANCHORED[cell].model_dump(exclude={"kind", "force_path"}) | {"averaging": law}
     network = {"network": {"loss": 0.3, "delay": 1}, "duration": 0.2, "events": [], "sensors.wrist": {}}
-    fields |= {"force_path": {"kind": "messages"}}
+    fields |= {"force_path": {"kind": path}}
     scenario = SCENARIOS[cell]().override(network | {"controller": {"kind": "mean-pose"} | fields})
     exported = cp.export_c(scenario, "left", tmp_path, ticks=12)
     done = self_test(exported, tmp_path, *SANITIZED)
     assert (done.returncode, done.stderr) == (0, "")
-    header, size = exported.header.read_text(), 6 + 2 * scenario.cell.task_rows.size + 1
+    header, k_0 = exported.header.read_text(), scenario.cell.task_rows.size
+    size = 6 + k_0 + {"messages": k_0 + 1, "consensus": 2 * k_0, "learned-load": 2}[path]
     assert f"double heard_1_right[{size}]; /* latest message of arm 'right' */" in header
     assert f"tells the others {size} numbers" in header
     off = exported.self_test.read_text().replace("message[index] == expected[index] ||", "1.0 +")

@@ -26,6 +26,7 @@ for other in [
     "three-ur5-handover",
     "human-partner",
     "two-pandas-palms",
+    "pick-carry-place",
     *FAR_CELLS,
     *LARGE_CELLS,
 ]:  # it has the printed law; others have tests below

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import coop_pin as cp
 from coop_pin.batch import support
 from coop_pin.chain import CellChain
-from coop_pin.chain.contact_patches import ContactPoints
+from coop_pin.chain.contact_points import ContactPoints
 from coop_pin.description.plant import PlantOptions
 from coop_pin.errors import ArgumentError, CoopPinError, FieldError
 from coop_pin.simulation.plant import Plant

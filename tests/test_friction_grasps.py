@@ -178,8 +178,9 @@ def test_an_unknown_weight_is_picked_up_from_a_table(mass):
 def test_a_table_that_is_higher_than_planned_is_pressed_by_the_integral():
     data = cp.run(on_table(0.402, 0.53, 0.5, duration=2.1)).data
     force = data.patch_wrench.sel(patch="bench", axis="z").values
-    assert (np.diff(force[data.time.values > 1.5]) > 0.0).all()  # it winds up
-    assert 29.43 < force[-1] < 40.0  # a second after contact
+    late = data.time.values > 1.6
+    rate = np.polyfit(data.time.values[late], force[late], 1)[0]
+    assert_allclose(rate, 600.0 * 2.5 * 5.0 * 1.5e-3, rtol=0.15)  # K gamma k_I of the error that arms see
     assert float(data.patch_slip.max()) < 1e-5
 
 

@@ -16,7 +16,7 @@ import coop_pin as cp
 from coop_pin.analysis.plausibility import implausible_numbers
 from coop_pin.batch import support
 from coop_pin.build_controller import build_controller
-from coop_pin.description.grasp_events import grasp_plan
+from coop_pin.description.grasp_plan import grasp_plan
 from coop_pin.errors import FieldError
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.reference import PoseTarget, retreated

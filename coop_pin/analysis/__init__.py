@@ -2,6 +2,7 @@
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin import lazy_names
+from coop_pin.analysis.carry_plan import CarryPlan, plan_carry
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
 from coop_pin.analysis.closed_loop import ClosedLoop, LoopMode, eigenvalues
 from coop_pin.analysis.feasibility import closure_problem
@@ -11,6 +12,7 @@ from coop_pin.analysis.least_squeeze import LeastSqueeze, least_squeeze
 from coop_pin.analysis.loop_stability import LoopStability, loop_stability
 from coop_pin.analysis.new_cell import new_cell
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
+from coop_pin.analysis.path_parameterization import PathLimits, fastest
 from coop_pin.analysis.plausibility import implausible_numbers, large_record, run_warnings
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
 from coop_pin.analysis.root_locus import RootLocus, root_locus
@@ -42,6 +44,7 @@ from coop_pin.analysis.tuning_rule import GainProposal, gain_proposal
 __all__ = [
     "ArmReach",
     "ArmStatics",
+    "CarryPlan",
     "CellSummary",
     "ClosedLoop",
     "DriveTorque",
@@ -56,6 +59,7 @@ __all__ = [
     "Mode",
     "MotionWrenches",
     "NearlySingular",
+    "PathLimits",
     "Reachability",
     "RootLocus",
     "SampledMotion",
@@ -72,6 +76,7 @@ __all__ = [
     "cell_summary",
     "closure_problem",
     "eigenvalues",
+    "fastest",
     "fewest_steps",
     "force_reserve",
     "gain_proposal",
@@ -86,6 +91,7 @@ __all__ = [
     "motion_stability",
     "motion_wrenches",
     "new_cell",
+    "plan_carry",
     "positional_torques",
     "reachability",
     "root_locus",

@@ -17,6 +17,7 @@ from coop_pin.analysis.sampled_stability import start_stability, step_stability
 from coop_pin.analysis.statics import start_torques
 from coop_pin.arrays import Array, require_type
 from coop_pin.control import CellController
+from coop_pin.description.grasp_events import PutDown
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError
 from coop_pin.memory import free_memory
@@ -117,10 +118,16 @@ def implausible_numbers(scenario: Scenario) -> tuple[str, ...]:
 def _plan(scenario: Scenario) -> Iterator[str]:
     """Yield a law whose arms do not read that one of them holds nothing."""
     law = scenario.controller
-    if scenario.grasp_events and not (law.user_code or law.reads_plan):
+    if scenario.has_grasp_plan and not (law.user_code or law.reads_plan):
         yield (
             f"the law {law.kind!r} does not read the plan of the grasps: an arm that lets go, or takes hold,"
             " goes on with the load share of the cell; 'payload-space' reads it"
+        )
+    lays = any(isinstance(event, PutDown) for event in scenario.events)
+    if lays and not (law.user_code or law.puts_down):
+        yield (
+            f"the law {law.kind!r} does not let go of the load at a put-down, so that its integral presses on"
+            " the table: 'payload-space' does with a force_path, gains.anchor_gain and anchor_bias = 'none'"
         )
 
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import copy
+import functools
 from collections.abc import Hashable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, Mask
 from coop_pin.batch.constants import RunConstants, run_constants, start
 from coop_pin.batch.hidden_state import digest, of_surroundings
 from coop_pin.batch.signals import SignalSource, clocked_of, columns, desired_of, first_of
 from coop_pin.batch.support import plant_reason
 from coop_pin.build_controller import build_controller, controlled_arm
+from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.control import CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
@@ -32,7 +34,7 @@ class PreparedPlant:
         run: simulation of the first run, at its start.
         arms: numbers of the arms that controllers know.
         constants: numbers of the runs, without a controller.
-        values: leaves of the constants.
+        values: leaves of the constants, shape (leaves,).
         start: initial state of the runs.
         begins: numbers of the fields of a block that the plant begins with, by name.
         desired: desired motion and squeeze at all ticks, of a long run at its first ones.
@@ -61,8 +63,11 @@ class PreparedPlant:
         self.arms = [controlled_arm(scenario, name) for name in scenario.cell.arms]
         self.constants = run_constants(scenario, self.run)._replace(controller=None)
         self.start = start(self.run)
-        self.values, structure = flattened(self.constants)
+        numbers, structure = flattened(self.constants)
+        self.values = np.array(numbers, dtype=np.float64)
         self.kind = structure, tuple(scenario.cell.arms), _times(scenario)
+        self._known = {id(arm): flattened(arm) for arm in self.arms}
+        self._last: tuple[Hashable, ...] = ()
         self.begins = {name: leaves(part) for name, part in self.start._asdict().items()}
         self.begins["surroundings"] = leaves(self.constants.changes[0])
         ticks = range(self.run.timeline.ticks + 1)[:most_ticks]
@@ -75,6 +80,24 @@ class PreparedPlant:
         self.table = quantities(scenario)
         self.read = [each for each in QUANTITIES if each in self.table or each.group == "kinematics"]
         self.labels = self.run.recorder.labels()
+
+    @functools.cached_property
+    def determined(self) -> Mask:
+        """Rows of the interaction wrenches that are determinate; see determinate_rows."""
+        return determinate_rows(self.run.plant.chain, self.run.plant.q)
+
+    def with_controller(self, scenario: Scenario) -> tuple[CellController, Array, tuple[Hashable, ...]]:
+        """Return the controller of a run of this plant, the numbers of both, and the family of the run.
+
+        Raises:
+            TracingError: The controller cannot be traced.
+            CoopPinError: It cannot be built.
+        """
+        controller = scenario.controller.build(scenario, self.arms)
+        numbers, structure = flattened(controller, self._known)
+        kind = self.kind, structure, _surroundings(scenario)
+        self._last = self._last if kind == self._last else kind  # the same object: no more to compare
+        return controller, np.concatenate((self.values, np.array(numbers, dtype=np.float64))), self._last
 
     def signals(self, scenario: Scenario) -> Array:
         """Return the signals of a run of this plant at the ticks of ``desired``, shape (n, entries)."""
@@ -114,6 +137,11 @@ class Prepared(NamedTuple):
         """Numbers of the first run."""
         return self.plants[0].constants._replace(controller=self.controller)
 
+    def part(self, runs: slice) -> Prepared:
+        """Return the batch of some of the runs."""
+        values = (self.scenarios[runs], self.plants[runs], self.signals[runs])
+        return Prepared(*values, self.controller, self.values[runs], self.kind)
+
     @property
     def is_foreign(self) -> bool:
         """Whether the law of the runs is a user's."""
@@ -140,11 +168,8 @@ class Prepared(NamedTuple):
             TracingError: the run cannot be in a batch.
             CoopPinError: the run cannot start.
         """
-        controller = scenario.controller.build(scenario, plant.arms)
-        numbers, structure = flattened(controller)
-        values = np.array([[*plant.values, *numbers]], dtype=np.float64)
-        kind = plant.kind, structure, _surroundings(scenario)
-        return cls([scenario], [plant], [plant.signals(scenario)], controller, values, kind)
+        controller, values, kind = plant.with_controller(scenario)
+        return cls([scenario], [plant], [plant.signals(scenario)], controller, values[None], kind)
 
     @classmethod
     def joined(cls, runs: Sequence[Prepared]) -> Prepared:

@@ -11,16 +11,17 @@ from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
 from coop_pin.batch.preparation import Prepared
-from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.errors import InvalidStateError
 from coop_pin.results.quantities import WORK, Samples, condition_numbers, padded
 from coop_pin.spatial import internal_wrenches
-from coop_pin.tracing.kernel import Layout
+from coop_pin.tracing.kernel import CACHE_LINE, Layout
 
 _MARGIN, _LARGEST_BOUND = 1e-6, 1e3
 """Of bounds of condition numbers: for rounding, and up to which they are that accurate."""
-_TURNED = 32
-"""Samples whose axes are exchanged at once: more leave the processor's caches."""
+_TURNED = 2048
+"""Samples of all runs whose axes are exchanged at once: more leave the processor's caches."""
+_LINE, _AT_ONCE = CACHE_LINE // 8, 20_000
+"""Runs in a cache line of a record; samples of all runs of a part: more leave the caches."""
 
 
 def kept_of(ticks: int, every: int, first: int = 0) -> NDArray[np.int64]:
@@ -52,9 +53,8 @@ class RunSamples(Mapping[str, Any]):
         self._records: Sequence[Array] | None = records
         self._plant, scenario = prepared.plants[0], prepared.scenarios[0]
         self._arms, self._rows = self._plant.run.plant.chain.model.arms, scenario.cell.task_rows
-        tables = {id(plant): plant.table for plant in prepared.plants}.values()
         self._recorded, self._made = self._state(), dict[str, Any]()
-        self._table = {each.name: each for table in tables for each in table}
+        self._table = {each.name: each for plant in dict.fromkeys(prepared.plants) for each in plant.table}
 
     def __iter__(self) -> Iterator[str]:
         """Yield the names."""
@@ -96,7 +96,9 @@ class RunSamples(Mapping[str, Any]):
         is_beyond = ~(bounds <= (1.0 - _MARGIN) * min(allowed, _LARGEST_BOUND)).all(axis=1)
         if is_beyond.any():
             bounds[is_beyond] = condition_numbers([J[is_beyond] for J in self["jacobian"]]).max(axis=1)
-        return {
+        cut = self._extremes("saturated")[:, 1:]
+        cuts = {"saturated": padded(self._by_arm(cut)) > 0.0} if (cut <= 0.0).all() else {}
+        return cuts | {
             "joint_position": padded(self._by_arm(self._extremes("q"))),
             "torque": self._extremes("torque")[:, :, None],
             "jacobian_condition": bounds[:, None],
@@ -104,40 +106,62 @@ class RunSamples(Mapping[str, Any]):
             "closure_angle": errors[:, None, :, 1],
         }
 
+    def parts(self) -> Iterator[tuple[slice, RunSamples]]:
+        """Yield the samples of a few runs after the other, which stay in the caches: slices and samples."""
+        first = 0
+        for record in self._blocks():
+            size = _LINE * max(1, _AT_ONCE // (_LINE * len(record)))
+            for start in range(0, record.shape[2], size):
+                block = record[:, :, start : start + size]
+                runs = slice(first, first + block.shape[2])
+                yield runs, RunSamples(self._prepared.part(runs), self._layout, [block])
+                first = runs.stop
+
     def release(self) -> None:
         """Drop the records; samples that were not asked for until now cannot be made any more."""
         self._records = None
 
-    def _recorded_of(self, name: str) -> tuple[list[Array], tuple[int, ...]]:
+    def _recorded_of(self, name: str, entry: Any) -> tuple[list[Array], tuple[int, ...]]:
         """Return what was recorded of a field, blocks (samples, entries, runs), and its shape in a sample.
 
         Raises:
             InvalidStateError: as of BatchResult.release.
         """
-        if self._records is None:
-            raise InvalidStateError(f"the batch was released before {name!r} was read; read samples before")
-        slots = self._layout.slots(name)
-        blocks = [record[:, slots.min() : slots.max() + 1] for record in self._records]
+        slots = self._layout.slots(name)[entry]
+        blocks = [record[:, slots.min() : slots.max() + 1] for record in self._blocks(name)]
         return blocks if self._every == 1 else [block[self._kept] for block in blocks], slots.shape
 
-    def _field(self, name: str) -> Array:
+    def _blocks(self, name: str = "a part") -> Sequence[Array]:
+        """Return the records; raises as _recorded_of."""
+        if self._records is None:
+            raise InvalidStateError(f"the batch was released before {name!r} was read; read samples before")
+        return self._records
+
+    def _field(self, name: str, entry: Any = ..., out: Array | None = None) -> Array:
         """Return a copy of what was recorded of a field, (runs, samples, ...); raises as _recorded_of.
 
         It has one layout for any number of runs: numpy's functions choose their order of operations by it.
+
+        Args:
+            name: Name of the field.
+            entry: Index of a single entry in a sample; all of them when omitted.
+            out: Array that takes it; a new one when omitted.
         """
-        blocks, shape = self._recorded_of(name)
-        values, first = np.empty((sum(block.shape[2] for block in blocks), *blocks[0].shape[:2])), 0
+        blocks, shape = self._recorded_of(name, entry)
+        if out is None:
+            out = np.empty((sum(block.shape[2] for block in blocks), len(self._kept), *shape))
+        first = 0
         for block in blocks:
-            runs = values[first : first + block.shape[2]]
-            for index in range(0, len(block), _TURNED):
-                part = slice(index, index + _TURNED)
-                runs[:, part] = np.moveaxis(block[part], 2, 0)
+            runs, size = out[first : first + block.shape[2]], max(1, _TURNED // block.shape[2])
+            for start in range(0, len(block), size):
+                part = block[start : start + size]
+                runs[:, start : start + size] = np.moveaxis(part.reshape(len(part), *shape, -1), -1, 0)
             first += len(runs)
-        return values.reshape(len(values), len(self._kept), *shape)
+        return out
 
     def _extremes(self, name: str) -> Array:
         """Return the least and the largest values of a field, (runs, 2, ...); raises as _recorded_of."""
-        blocks, shape = self._recorded_of(name)
+        blocks, shape = self._recorded_of(name, ...)
         ends = [np.stack((block.min(axis=0), block.max(axis=0))) for block in blocks]
         values = np.moveaxis(np.concatenate(ends, axis=2), 2, 0)
         return np.array(values, order="C").reshape(len(values), 2, *shape)
@@ -145,8 +169,10 @@ class RunSamples(Mapping[str, Any]):
     def _desired(self, field: str) -> Array:
         """Return a field of Desired."""
         plants = self._prepared.plants
-        by_plant = {id(plant): getattr(plant.desired, field)[self._kept] for plant in plants}
-        return np.stack([by_plant[id(plant)] for plant in plants])
+        by_plant = {plant: getattr(plant.desired, field)[self._kept] for plant in {*plants}}
+        if len(by_plant) > 1:
+            return np.stack([by_plant[plant] for plant in plants])
+        return np.broadcast_to(values := by_plant[plants[0]], (len(plants), *values.shape))
 
     def _by_arm(self, values: Array) -> list[Array]:
         """Return the part of each arm of values of all joints or drives."""
@@ -162,15 +188,15 @@ class RunSamples(Mapping[str, Any]):
         return np.concatenate([arm.angles.configuration(q) for q, arm in pairs], axis=2)
 
     def _pose(self) -> Array:
-        positions = self._field("p_WP")
-        pose = np.zeros((*positions.shape[:2], 4, 4))
-        pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = self._field("R_WP"), positions, 1.0
+        pose = np.zeros((len(self._prepared.plants), len(self._kept), 4, 4))
+        self._field("R_WP", out=pose[..., :3, :3])
+        self._field("p_WP", out=pose[..., :3, 3])
+        pose[..., 3, 3] = 1.0
         return pose
 
     def _state(self) -> dict[str, Callable[[], Any]]:
         """Return what gives the quantities that are read neither from measurements nor from others."""
-        field, plant = self._field, self._plant.run.plant
-        determined = determinate_rows(plant.chain, plant.q)
+        field, determined = self._field, self._plant.determined
         shares = [scenario.cell.shares for scenario in self._prepared.scenarios]
         return {
             "time": lambda: self._desired("time"),
@@ -193,8 +219,5 @@ class RunSamples(Mapping[str, Any]):
             "closure_angle": lambda: field("closure_errors")[..., 1],
             "kinetic_energy": lambda: field("kinetic"),
             "potential_energy": lambda: field("potential"),
-            **{
-                name: partial(lambda index: field("work")[..., index], index)
-                for index, name in enumerate(WORK)
-            },
+            **{name: partial(field, "work", index) for index, name in enumerate(WORK)},
         }

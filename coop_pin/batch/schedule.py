@@ -35,6 +35,7 @@ class RunProgram:
     """Program of runs that differ from a first one in chosen numbers.
 
     Attributes:
+        block: slots of the runs.
         program: program for a machine, of the first ticks of which ``first`` has the signals.
         uniforms: numbers that all runs share, shape (rows, uniforms).
         ticks: index of the first instruction of each tick.
@@ -52,9 +53,9 @@ class RunProgram:
         is_whole = len(signals) > plant.run.timeline.ticks  # else any may change later
         is_uniform = ~is_loaded & ((signals != signals[:1]).any(axis=0) | (not is_whole))
         split = SignalSplit(plant.example, signals[0], is_uniform, is_loaded)
-        self._block = RunBlock(first.constants, plant.start, differs, split, plant.read)
-        code = TickCode(self._block, exact=first.is_foreign)
-        self._differs, kernels, block = differs, code.kernels(), self._block
+        self.block = RunBlock(first.constants, plant.start, differs, split, plant.read)
+        code = TickCode(self.block, exact=first.is_foreign)
+        self._differs, kernels, block = differs, code.kernels(), self.block
         self._law, self._schedule = code.law, Schedule(plant.run, block, kernels)
         instructions, self.uniforms, self.ticks = self.next_ticks(signals)
         self.program = Program(kernels, block.lanes, block.recorded, block.loaded, instructions)
@@ -65,11 +66,11 @@ class RunProgram:
         Args:
             signals: Signals at them, shape (n, entries).
         """
-        return self._schedule.next_ticks(signals[:, self._block.signals.is_uniform])
+        return self._schedule.next_ticks(signals[:, self.block.signals.is_uniform])
 
     def begin(self, prepared: Prepared) -> tuple[Array, Array]:
         """Return the initial block, shape (slots, runs), and the loads, shape (ticks + 1, loaded, runs)."""
-        lanes, is_loaded = self.program.lanes, self._block.signals.is_loaded
+        lanes, is_loaded = self.program.lanes, self.block.signals.is_loaded
         plants, count = prepared.plants, len(prepared.plants)
         block = np.zeros((lanes.size, count))
         for name, values in (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import ChainMap
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -20,6 +21,7 @@ from coop_pin.errors import ArgumentError
 from coop_pin.memory import require_memory
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import all_metrics
+from coop_pin.results.quantities import Samples
 from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.results.trust import TrustMonitor
 from coop_pin.results.window import Windows
@@ -96,18 +98,26 @@ class BatchResult:
 
     def metrics(self) -> list[dict[str, float]]:
         """Return the metrics of every run, as those of its result, without making the results."""
-        first, labels = self.scenarios[0], [plant.labels for plant in self._plants]
+        extremes = self.every_tick.extremes(self.scenarios[0].trust.jacobian_condition)
+        parts = (self._metrics(part, runs, extremes) for runs, part in self.every_tick.parts())
+        metrics = list(itertools.chain.from_iterable(parts))
+        for index, scenario in enumerate(self.scenarios):
+            if scenario.trust != self.scenarios[0].trust:
+                metrics[index]["trustworthy"] = float(self.result(index).trustworthy)
+        return metrics
+
+    def _metrics(self, part: RunSamples, runs: slice, extremes: Samples) -> list[dict[str, float]]:
+        """Return the metrics of some of the runs, with the trust thresholds of the first of all."""
+        first, labels = self.scenarios[0], [plant.labels for plant in self._plants[runs]]
         lower, upper = (np.stack([run[f"position_{side}"] for run in labels]) for side in ("lower", "upper"))
-        samples = self.every_tick
-        time, extremes = samples["time"][0], samples.extremes(first.trust.jacobian_condition)
-        data = ChainMap({"time": time, "arm": labels[0]["arm"], **extremes}, cast(Any, samples))
+        known = {name: values[runs] for name, values in extremes.items()}
+        known |= {"time": part["time"][0], "arm": labels[0]["arm"]}
+        data = ChainMap(known, cast(Any, part))
         with np.errstate(all="ignore"):  # of runs that are not valid
             trustworthy = ~TrustMonitor(first.trust, (), lower, upper).exceeded(data)
-            metrics = all_metrics(data, Windows.of(first, float(time[-1])), turns=first.cell.controls_turns)
+            windows = Windows.of(first, float(data["time"][-1]))
+            metrics = all_metrics(data, windows, turns=first.cell.controls_turns)
             trustworthy &= ~(metrics["joint_drift_rad"] > first.trust.joint_drift)
-        for index, scenario in enumerate(self.scenarios):
-            if scenario.trust != first.trust:
-                trustworthy[index] = self.result(index).trustworthy
         columns = {"trustworthy": trustworthy} | metrics
         rows = np.stack(np.broadcast_arrays(*columns.values(), subok=False)).astype(float).T.tolist()
         return [dict(zip(columns, row, strict=True)) for row in rows]

@@ -98,6 +98,8 @@ def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstan
         TracingError: The controller cannot be traced, keeps state, or holds what cannot differ between runs.
     """
     law = scenario.controller
+    if scenario.feed_forward is not None:
+        raise TracingError("it has feed-forward torques, which traced laws do not add")
     if not law.user_code:
         if reason := law_reason(law):
             raise TracingError(reason)

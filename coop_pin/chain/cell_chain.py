@@ -174,9 +174,10 @@ class CellChain:
             self.rigid.restore(closures)
             self.mechanism = self.rigid.mechanism
 
-    def _grasp_of(self, arm: int) -> tuple[GraspSprings | RigidGrasps, int]:
+    def _grasp_of(self, arm: int) -> tuple[GraspSprings | ContactPatches | RigidGrasps, int]:
         """Return the grasps to which that of an arm belongs, and its number among them."""
-        grasps = self.springs if arm in self.springs.arms else self.rigid
+        kinds = self.springs, self.patches, self.rigid
+        grasps = next(grasps for grasps in kinds if arm in grasps.arms)
         return grasps, grasps.arms.index(arm)
 
     def configuration(self, X_WP: ArrayLike, squeeze: ArrayLike | None = None) -> Array:

@@ -12,8 +12,10 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.arrays import Array, Mask
+from coop_pin.chain.closure_set import ClosureError
+from coop_pin.chain.contact_points import ContactPoints
 from coop_pin.chain.force_elements import Joints
-from coop_pin.chain.grasp_springs import Side, reached
+from coop_pin.chain.grasp_springs import Side, changed, reached
 from coop_pin.description.cell import Cell
 from coop_pin.description.contact import DryContact, corners
 from coop_pin.model.cell_model import CellModel
@@ -21,89 +23,10 @@ from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, symmetric
 from coop_pin.spatial import weight_wrench
 from coop_pin.spatial.internal_wrench import linkage_loads
 
-_DEEPEST = 1e-2
-"""Depth up to which a point that comes from beyond an edge lands on a plane, m; deeper ones pass below."""
 _RESTS = 1e-3
 """Height above a table up to which a payload starts on it, m."""
 _STEPS = 60
 _SETTLED = 1e-13
-
-
-class ContactPoints(NamedTuple):
-    """Points of body A on planes of body B, with a spring and damper along and a bristle across each normal.
-
-    Of a point at x in the plane's frame, whose z axis points out of B, with the bristle's root a in the plane
-
-    ::
-
-        d = -x_z,    N = max(0, k d + c d')  where d > 0 within the bounds, else 0
-        z = (x_x, x_y) - a,    f = -(sigma_0 z + sigma_1 z'), cut to |f| <= mu N
-
-    is the force (f, N) on A. Within a step a rests. After each step the bristle returns radially to the cone
-    of the elastic normal force, |z| <= mu k d / sigma_0, and a point without contact keeps none: ``settled``.
-    So a stuck point never creeps, a sliding one has exactly mu N, and no state is stiff.
-
-    Attributes:
-        stiffness: k, N/m, shape (n,).
-        damping: c, N s/m, shape (n,).
-        shear_stiffness: sigma_0, N/m, shape (n,).
-        shear_damping: sigma_1, N s/m, shape (n,).
-        mu: coefficients of friction, shape (n,).
-        lower: lower corners of the planes, m, shape (n, 2).
-        upper: upper corners, likewise.
-    """
-
-    stiffness: Array
-    damping: Array
-    shear_stiffness: Array
-    shear_damping: Array
-    mu: Array
-    lower: Array
-    upper: Array
-
-    def forces(self, x: Array, v: Array, roots: Array, within: Mask) -> tuple[Array, float]:
-        """Return the forces on A in axes of the planes, N, shape (n, 3), and the power stored, W.
-
-        Args:
-            x: Positions of the points in the planes' frames, m, shape (n, 3).
-            v: Their rates, m/s, shape (n, 3).
-            roots: Roots a of the bristles, m, shape (n, 2).
-            within: Points within the bounds, shape (n,).
-        """
-        touches = within & (x[:, 2] < 0.0)
-        normal = touches * np.maximum(0.0, -self.stiffness * x[:, 2] - self.damping * v[:, 2])
-        elastic = self.shear_stiffness[:, None] * (x[:, :2] - roots)
-        friction = -elastic - self.shear_damping[:, None] * v[:, :2]
-        size, most = np.sqrt((friction * friction).sum(axis=1)), self.mu * normal
-        friction *= _kept(size, most)[:, None]
-        stored = self.stiffness * x[:, 2] * v[:, 2] + (elastic * v[:, :2]).sum(axis=1)
-        return np.column_stack((friction, normal)), float(stored[touches].sum())
-
-    def energy(self, x: Array, roots: Array, within: Mask) -> float:
-        """Return the energy in springs and bristles, J; arguments as of ``forces``."""
-        touches = within & (x[:, 2] < 0.0)
-        bristles = ((x[:, :2] - roots) ** 2).sum(axis=1)
-        return float(0.5 * (self.stiffness * x[:, 2] ** 2 + self.shear_stiffness * bristles)[touches].sum())
-
-    def settled(self, x: Array, roots: Array, within: Mask) -> tuple[Array, Mask, Array]:
-        """Return roots and bounded points after a step, and how far each touching point slid, m, shape (n,).
-
-        Arguments are as of ``forces``.
-        """
-        flat, depth = x[:, :2], -x[:, 2]
-        bounded = ((flat >= self.lower) & (flat <= self.upper)).all(axis=1)
-        within = bounded & (within | (depth < _DEEPEST))
-        z = flat - roots
-        most = self.mu * self.stiffness * np.where(within, np.maximum(depth, 0.0), 0.0) / self.shear_stiffness
-        size = np.sqrt((z * z).sum(axis=1))
-        kept = _kept(size, most)
-        return flat - kept[:, None] * z, within, np.where(most > 0.0, (1.0 - kept) * size, 0.0)
-
-
-def _kept(size: Array, most: Array) -> Array:
-    """Return the factors that shorten sizes to at most these, shape (n,)."""
-    beyond = size > most
-    return np.where(beyond, most / np.where(beyond, size, 1.0), 1.0)
 
 
 _TINY = float(np.finfo(float).tiny)
@@ -115,8 +38,8 @@ class PatchesState(NamedTuple):
     Attributes:
         roots: roots of the bristles in the planes, m, shape (n, 2).
         within: points within the bounds of their planes, shape (n,).
-        slip: distance that each patch has slid since the start, the mean of its points that touch, m, shape
-            (p,).
+        slip: distance that each patch has slid since it took hold, the mean of its points that touch, m,
+            shape (p,).
     """
 
     roots: Array
@@ -228,6 +151,20 @@ class ContactPatches:
     def slips(self) -> Array:
         """Distance that the patch of each arm has slid, m, shape (n,)."""
         return self.state.slip[: len(self.arms)]
+
+    def release(self, number: int) -> None:
+        """Do nothing: a patch opens by the retreat of its arm."""
+
+    def grasp(self, number: int, q: Array | None = None) -> None:
+        """Count the slip of an arm's patch from now on."""
+        self.state = self.state._replace(slip=changed(self.state.slip, number, 0.0))
+
+    def gap(self, number: int, q: Array) -> ClosureError:
+        """Return distance and angle of an arm's patch from its place on the face."""
+        self._bodies.move(q, self._rest)
+        A, B = self._sides[number]
+        X = B.pose.actInv(A.pose)
+        return ClosureError(float(np.linalg.norm(X.translation)), float(np.linalg.norm(pin.log3(X.rotation))))
 
     def act(self) -> float:
         """Add the wrenches at the state of the joints to theirs; return the power of ContactState, W."""
@@ -364,10 +301,12 @@ class ContactPatches:
         """Return whether a free payload is at the height of a table."""
         if self._tree.closed_by_tree or len(self.names) == len(self.arms):
             return False
-        x = self._positions(q)
+        return bool(self._near_tables(self._positions(q)).any())
+
+    def _near_tables(self, x: Array) -> Mask:
+        """Return which points, m, shape (n, 3), are over a table and at its height."""
         within = self.points.settled(x, x[:, :2], np.ones(len(x), dtype=bool))[1]
-        on_tables = self._of >= len(self.arms)
-        return bool((within & on_tables & (x[:, 2] < _RESTS)).any())
+        return within & (self._of >= len(self.arms)) & (x[:, 2] < _RESTS)
 
     def laid(self, q: Array) -> Array:
         """Return q with the payload moved until tables and weight balance, its bristles loaded."""
@@ -376,7 +315,7 @@ class ContactPatches:
         weight = weight_wrench(cell.payload.mass, cell.gravity)[:3]
         on_tables = self._of >= len(self.arms)
         self._anchor(q)
-        q = self._lowered(q, on_tables, entries, float(np.linalg.norm(weight)))
+        q = self._lowered(q, entries, float(np.linalg.norm(weight)))
         for _ in range(_STEPS):
             x = self._positions(q)
             self._bodies.F_J[:] = 0.0
@@ -397,10 +336,10 @@ class ContactPatches:
                 break
         return q
 
-    def _lowered(self, q: Array, on_tables: Mask, entries: slice, weight: float) -> Array:
+    def _lowered(self, q: Array, entries: slice, weight: float) -> Array:
         """Return q with the payload moved along the normal of a table into it, as its weight would press."""
         x, model = self._positions(q), self._tree.model
-        near = np.flatnonzero(on_tables & (x[:, 2] < _RESTS))
+        near = np.flatnonzero(self._near_tables(x))
         table = self._sides[self._of[near[0]]][1]
         depth = weight / self.points.stiffness[near].sum() + float(x[near, 2].min())
         step = np.zeros(model.nv)

@@ -179,7 +179,7 @@ def _points(parts: Sequence[_Part]) -> _Points:
     """Return the scenario of the first run of each cell, or the mistakes in it."""
     sizes = [(part, len(part.plan) // len(part.cells)) for part in parts]
     return {
-        (part.scenario, *cell): part.plan.resolved(n * runs)
+        (part.scenario, *cell): part.plan.resolved(part.plan[n * runs])
         for part, runs in sizes
         for n, cell in enumerate(part.cells)
     }

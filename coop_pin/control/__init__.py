@@ -9,9 +9,17 @@ from coop_pin.control.admittance import (
 from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
 from coop_pin.control.calibration import ZeroedController
-from coop_pin.control.consensus import consensus_bound
+from coop_pin.control.consensus import consensus_bound, estimator_radius
 from coop_pin.control.exchanged_wrench import ExchangedWrench
-from coop_pin.control.force_path import LateForcePath, LowPassForcePath, MessageForcePath, NoForcePath
+from coop_pin.control.feed_forward import FeedForward, FeedForwardController
+from coop_pin.control.force_path import (
+    ConsensusForcePath,
+    LateForcePath,
+    LearnedForcePath,
+    LowPassForcePath,
+    MessageForcePath,
+    NoForcePath,
+)
 from coop_pin.control.interface import (
     ArmCommand,
     ArmController,
@@ -48,6 +56,7 @@ from coop_pin.control.sliding_mode import (
 )
 from coop_pin.control.switching import Saturation, Sign, Switching, Tanh
 from coop_pin.control.terms import Posture
+from coop_pin.control.told_wrench import AveragedWrench, LearnedLoad
 
 __all__ = [
     "Admittance",
@@ -58,21 +67,27 @@ __all__ = [
     "ArmController",
     "ArmMeasurement",
     "ArmReference",
+    "AveragedWrench",
     "BoundedAnchor",
     "CellCommand",
     "CellController",
     "CellTiming",
+    "ConsensusForcePath",
     "ConsensusPose",
     "ControlledArm",
     "DecentralisedController",
     "DecentralisedLaw",
     "ExchangedWrench",
+    "FeedForward",
+    "FeedForwardController",
     "FollowingController",
     "LateForcePath",
     "Law",
     "LeaderFollower",
     "LeaderFollowerController",
     "LeaderFollowerGains",
+    "LearnedForcePath",
+    "LearnedLoad",
     "LowPassForcePath",
     "MeanPose",
     "MeanPoseByMessages",
@@ -102,5 +117,6 @@ __all__ = [
     "ZeroedController",
     "anchor_gain_bound",
     "consensus_bound",
+    "estimator_radius",
     "force_gain_bound",
 ]

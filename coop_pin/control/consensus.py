@@ -35,26 +35,64 @@ def consensus_bound(largest: float, delay: int = 0) -> float:
     return float(2.0 * np.sin(np.pi / (4 * delay + 2)) / largest)
 
 
-def graph_problem(edges: Edges, names: Sequence[str], gain: float, delay: int) -> FieldError | None:
-    """Return what is wrong with a graph, or with a gain on it, for consensus on the mean; None for nothing.
+def estimator_radius(
+    eigenvalues: Array, input_gain: float, proportional_gain: float, integral_gain: float, delay: int = 0
+) -> float:
+    """Return the largest ``|z|`` of PI average consensus, which it converges by in a tick.
+
+    The mean has z = 1 - gamma, and each mode of the disagreement, with messages D ticks late,
+    (z - 1 + gamma + k_P lambda z^-D)(z - 1) + (k_I lambda z^-D)^2 = 0. Of Freeman, Yang and Lynch (2006) in
+    discrete time.
+
+    Args:
+        eigenvalues: lambda of the graph's L, the first of them 0, shape (m,).
+        input_gain: gamma.
+        proportional_gain: k_P.
+        integral_gain: k_I.
+        delay: D, ticks by which messages are late.
+    """
+    alone = np.polymul([1.0, input_gain - 1.0], [1.0, -1.0])
+    late = np.append(1.0, np.zeros(delay))
+    sizes = [abs(1.0 - input_gain)]
+    for eigenvalue in eigenvalues[1:]:
+        told = proportional_gain * eigenvalue * np.polymul([1.0, -1.0], late)
+        modes = np.polyadd(np.polymul(alone, np.polymul(late, late)), told)
+        sizes += np.abs(np.roots(np.polyadd(modes, [(integral_gain * eigenvalue) ** 2]))).tolist()
+    return float(max(sizes))
+
+
+def graph_eigenvalues(edges: Edges, names: Sequence[str]) -> Array:
+    """Return the eigenvalues of L of a connected graph, the least first, shape (m,).
+
+    Raises:
+        FieldError: an edge goes one way, or the graph does not connect all.
+    """
+    L = laplacian(edges, names)
+    eigenvalues = np.linalg.eigvalsh((L + L.T) / 2.0)
+    if not np.array_equal(L, L.T):
+        raise FieldError("has an edge that goes one way; consensus on the mean needs both", "network.graph")
+    if eigenvalues[1] < 0.5 / len(names) ** 2:  # of a connected graph at least 4 / m^2
+        raise FieldError("does not connect all arms; then they come to no common mean", "network.graph")
+    return np.asarray(eigenvalues)
+
+
+def require_consensus(edges: Edges, names: Sequence[str], gain: float, delay: int, path: str) -> None:
+    """Refuse a graph, or a gain on it, for consensus on the mean.
 
     Args:
         edges: Edges.
         names: Names of the arms.
         gain: g.
         delay: Ticks by which messages are late.
+        path: Path of the gain, for errors.
+
+    Raises:
+        FieldError: as ``graph_eigenvalues``, or the gain is not below ``consensus_bound``.
     """
-    L = laplacian(edges, names)
-    eigenvalues = np.linalg.eigvalsh((L + L.T) / 2.0)
-    if not np.array_equal(L, L.T):
-        return FieldError("has an edge that goes one way; consensus on the mean needs both", "network.graph")
-    if eigenvalues[1] < 0.5 / len(names) ** 2:  # of a connected graph at least 4 / m^2
-        return FieldError("does not connect all arms; then they come to no common mean", "network.graph")
-    bound = consensus_bound(float(eigenvalues[-1]), delay)
-    if gain < bound:
-        return None
-    detail = f"is {gain:g}; with this graph and messages {delay} ticks late it must be less than {bound:.4g}"
-    return FieldError(detail, "controller.consensus_gain")
+    bound = consensus_bound(float(graph_eigenvalues(edges, names)[-1]), delay)
+    if gain >= bound:
+        detail = f"is {gain:g}; with this graph and messages {delay} ticks late it must be less than"
+        raise FieldError(f"{detail} {bound:.4g}", path)
 
 
 def disagreement(name: str, heard: Mapping[str, Message]) -> Any:

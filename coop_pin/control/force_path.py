@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Collection
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -9,7 +10,7 @@ from pydantic import Field
 
 from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound, force_loop_is_stable
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, WithLaterFields
+from coop_pin.schema.base import Description, NotNegative, Positive, WithLaterFields
 
 INSIST = "or insist with beyond_bound = true"
 """Advice for those who know better than the bounds."""
@@ -19,11 +20,24 @@ Split = Literal["shares", "virtual-linkage"]
 """Load in the measured wrenches, which less it are internal: shares about P, or forces at the tips."""
 
 
-class NoForcePath(Description):
+class _Traits:
+    """What is asked of every force path."""
+
+    measures: ClassVar[bool] = True
+    """Whether a wrench is measured."""
+    by_sensors: ClassVar[bool] = False
+    """Whether the internal wrench comes with the measurement, from the wrists of all arms."""
+    hears_all: ClassVar[bool] = False
+    """Whether every arm hears all others, and its wrench is as late as their messages."""
+    tells_wrenches: ClassVar[bool] = True
+    """Whether wrenches cross between the arms."""
+
+
+class NoForcePath(_Traits, Description):
     """No measured internal wrench: K_f must be zero, and the law is truly decentralised."""
 
     measures: ClassVar[bool] = False
-    by_sensors: ClassVar[bool] = False
+    tells_wrenches: ClassVar[bool] = False
     pole: ClassVar[float] = 0.0
     delay: ClassVar[int] = 0
     split: ClassVar[Split] = "shares"
@@ -34,7 +48,7 @@ class NoForcePath(Description):
 _Delay = Annotated[int, Field(ge=0)]
 
 
-class LateForcePath(WithLaterFields):
+class LateForcePath(_Traits, WithLaterFields):
     """Internal wrench of one tick before: f_m[k] = f(t_k^-), f_m[0] = f_d.
 
     Attributes:
@@ -45,7 +59,6 @@ class LateForcePath(WithLaterFields):
 
     later_fields: ClassVar[tuple[str, ...]] = ("split",)
 
-    measures: ClassVar[bool] = True
     by_sensors: ClassVar[bool] = True
     pole: ClassVar[float] = 0.0
 
@@ -54,7 +67,7 @@ class LateForcePath(WithLaterFields):
     split: Split = "shares"
 
 
-class LowPassForcePath(WithLaterFields):
+class LowPassForcePath(_Traits, WithLaterFields):
     """Discrete low-pass filter: f_m[k] = p f_m[k-1] + (1 - p) f(t_k^-), f_m[0] = f_d.
 
     It takes every sample once, when it arrives; between samples of slow sensors it holds.
@@ -67,7 +80,6 @@ class LowPassForcePath(WithLaterFields):
 
     later_fields: ClassVar[tuple[str, ...]] = ("split",)
 
-    measures: ClassVar[bool] = True
     by_sensors: ClassVar[bool] = True
 
     kind: Literal["low-pass"] = "low-pass"
@@ -76,20 +88,59 @@ class LowPassForcePath(WithLaterFields):
     split: Split = "shares"
 
 
-class MessageForcePath(Description):
-    """Internal wrench that each arm forms from the wrist wrenches of all, by messages: ExchangedWrench."""
+class _TellingForcePath(_Traits, Description):
+    """Internal wrench that each arm forms from its wrist wrench and what the arms tell each other."""
 
-    measures: ClassVar[bool] = True
-    by_sensors: ClassVar[bool] = False
     pole: ClassVar[float] = 0.0
     delay: ClassVar[int] = 0
-
     split: ClassVar[Split] = "shares"
+
+
+class MessageForcePath(_TellingForcePath):
+    """Internal wrench that each arm forms from the wrist wrenches of all, by messages: ExchangedWrench."""
+
+    hears_all: ClassVar[bool] = True
 
     kind: Literal["messages"] = "messages"
 
 
-_Paths = NoForcePath | LateForcePath | LowPassForcePath | MessageForcePath
+class ConsensusForcePath(_TellingForcePath):
+    """Internal wrench over any connected graph, by consensus on the mean of the wrenches: AveragedWrench.
+
+    Attributes:
+        input_gain: gamma, part of its own wrench that an arm's mean takes up in a tick.
+        proportional_gain: k_P, on the disagreement with the arms that are heard.
+        integral_gain: k_I, likewise.
+    """
+
+    kind: Literal["consensus"] = "consensus"
+    input_gain: float = Field(default=0.2, gt=0.0, lt=2.0)
+    proportional_gain: NotNegative = 0.25
+    integral_gain: Positive = 0.2
+
+
+class LearnedForcePath(_TellingForcePath):
+    """Wrist wrench less the share of a load that the arms learn together: LearnedLoad.
+
+    Attributes:
+        payload_mass: Mean of the mass that is expected, kg.
+        mass_deviation: Standard deviation of that mass, kg.
+        force_deviation: Standard deviation of a wrist's force, N.
+        consensus_gain: g of the consensus on what is learned.
+    """
+
+    tells_wrenches: ClassVar[bool] = False
+
+    kind: Literal["learned-load"] = "learned-load"
+    payload_mass: NotNegative = 0.0
+    mass_deviation: Positive = 10.0
+    force_deviation: Positive = 1.0
+    consensus_gain: Positive = 0.25
+
+
+_Paths = (
+    NoForcePath | LateForcePath | LowPassForcePath | MessageForcePath | ConsensusForcePath | LearnedForcePath
+)
 ForcePath = Annotated[_Paths, Field(discriminator="kind")]
 
 
@@ -127,7 +178,7 @@ class SampledLoop(NamedTuple):
     @property
     def anchor_bound(self) -> float:
         """The anchor gain at which the loop is unstable, with these other numbers."""
-        return anchor_gain_bound(**self.numbers())
+        return _anchor_bound(self._replace(anchor_gain=0.0))
 
     def is_stable(self, further: int = 0) -> bool:
         """Return whether the loop decays, with a further delay, ticks."""
@@ -136,6 +187,16 @@ class SampledLoop(NamedTuple):
     def numbers(self) -> dict[str, Any]:
         """Return everything but the anchor gain, by name."""
         return {name: value for name, value in self._asdict().items() if name != "anchor_gain"}
+
+
+@functools.lru_cache(maxsize=256)
+def _force_bound(pole: float, delay: int, lag: float) -> float:
+    return force_gain_bound(pole, delay, lag=lag)
+
+
+@functools.lru_cache(maxsize=256)
+def _anchor_bound(loop: SampledLoop) -> float:
+    return anchor_gain_bound(**loop.numbers())
 
 
 def sampled_loop(path: ForcePath, wrists: Collection[SampledWrist], lag: float) -> SampledLoop:
@@ -165,7 +226,7 @@ def force_gain_problems(
         # A sample that arrives before the next is taken is in time: the loop closes once for each sample.
         delay = max(((path.delay + w.delay) // w.every for w in wrists), default=path.delay)
         every = max((wrist.every for wrist in wrists), default=1)
-        bound = min(force_gain_bound(path.pole, delay, lag=each / every) for each in (0.0, lag))
+        bound = min(_force_bound(path.pole, delay, each / every) for each in {0.0, lag})
         loop, allowed = f"{path.kind!r}{_late(delay, lag)}", largest < bound
         reason = f"but feedback over {loop} is unstable from {bound:g} on; lower it, {INSIST}"
     return [] if allowed else [FieldError(f"is {largest:g}, {reason}", "gains.force_gain")]
@@ -173,9 +234,11 @@ def force_gain_problems(
 
 def anchor_gain_problems(path: ForcePath, loop: SampledLoop) -> list[FieldError]:
     """Return the problem of an anchor gain with which the sampled internal loop is unstable."""
+    if loop.anchor_gain == 0.0:
+        return []
     # Drives of different lags lie between those of none and of the largest.
-    bound = min(loop._replace(lag=lag).anchor_bound for lag in (0.0, loop.lag))
-    if loop.anchor_gain == 0.0 or loop.anchor_gain < bound:
+    bound = min(loop._replace(lag=lag).anchor_bound for lag in {0.0, loop.lag})
+    if loop.anchor_gain < bound:
         return []
     detail = (
         f"is {loop.anchor_gain:g}, but the anchored integral over {path.kind!r}{_late(loop.delay, loop.lag)}"

@@ -19,6 +19,8 @@ RowGain = Annotated[Any, BeforeValidator(number_or_row)]
 
 def _diagonal(alpha: float | tuple[Any, ...]) -> float | tuple[Any, ...]:
     """Refuse an alpha that is not diagonal or has a negative entry."""
+    if isinstance(alpha, float) and alpha >= 0.0:
+        return alpha
     rows = np.array(alpha)
     if rows.ndim == 2 and not np.array_equal(rows, np.diag(np.diag(rows))):
         raise FieldError(
@@ -31,6 +33,8 @@ def _diagonal(alpha: float | tuple[Any, ...]) -> float | tuple[Any, ...]:
 
 def _positive_definite(gain: float | tuple[Any, ...]) -> float | tuple[Any, ...]:
     """Refuse a gain that is not positive, or a matrix whose symmetric part is not positive definite."""
+    if isinstance(gain, float) and gain > 0.0:
+        return gain
     rows = np.array(gain, dtype=float)
     if rows.ndim == 2 and rows.shape[0] != rows.shape[1]:
         raise FieldError(f"has shape {rows.shape}; a gain matrix is square")

@@ -12,11 +12,9 @@ from pydantic import Field, PrivateAttr, SerializerFunctionWrapHandler, model_se
 
 from coop_pin.arrays import Array
 from coop_pin.control.calibration import ZeroedController
-from coop_pin.control.exchanged_wrench import ExchangedWrench
 from coop_pin.control.force_path import (
     INSIST,
     ForcePath,
-    MessageForcePath,
     NoForcePath,
     SampledLoop,
     anchor_gain_problems,
@@ -33,6 +31,7 @@ from coop_pin.control.interface import (
 )
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.terms import Posture
+from coop_pin.control.told_wrench import with_told_wrench
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import Description, NotNegative, Vector, WithLaterFields, unknown_arms
 from coop_pin.spatial.task_rows import TaskRows, joint_shortage
@@ -129,6 +128,11 @@ class Law(WithLaterFields):
         return "torque"
 
     @property
+    def puts_down(self) -> bool:
+        """Whether measured wrenches take the load out of its integral when a table gets it."""
+        return False
+
+    @property
     def has_linear_integral(self) -> bool:
         """Whether the law keeps an integral that is linear near rest."""
         return False
@@ -157,8 +161,10 @@ class Law(WithLaterFields):
         return ", ".join(model + seen) or "blind"
 
     def measured(self, needs: Iterable[str]) -> tuple[str, ...]:
-        """Return needs without an internal wrench that no force path measures."""
-        return tuple(need for need in needs if need != "internal wrench" or self.force_path.measures)
+        """Return needs without an internal wrench that no path measures; the own if a load is learned."""
+        wrench = "internal wrench" if self.force_path.tells_wrenches else "own wrench"
+        named = {"internal wrench": wrench if self.force_path.measures else ""}
+        return tuple(name for need in needs if (name := named.get(need, need)))
 
     @property
     def active_gains(self) -> dict[str, Any]:
@@ -318,8 +324,7 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
             path = f"controller.arm_gains.{arm.name}" if arm.name in self.arm_gains else "controller.gains"
             gains = self.gains_of(arm.name).sized(arm.rows.size, arm.drives, path)
             law = self.controller_of(arm, gains, scenario)
-            if isinstance(self.force_path, MessageForcePath):
-                law = ExchangedWrench(law, arm)
+            law = with_told_wrench(law, arm, self.force_path, scenario)
             laws[arm.name] = ZeroedController(arm.rows, law, arm.start_pose) if self.zero_at_grasp else law
         return DecentralisedController(laws)
 

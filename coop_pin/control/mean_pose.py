@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.control.consensus import disagreement, graph_problem
+from coop_pin.control.consensus import disagreement, require_consensus
 from coop_pin.control.exchanged_wrench import heard
 from coop_pin.control.force_path import SampledLoop
 from coop_pin.control.interface import (
@@ -283,8 +283,7 @@ class MeanPose(PayloadSpace):
         """Return the controllers of arms that hear their neighbours only; see build."""
         names, gain = list(laws), self.consensus_gain
         edges = network.edges_at(0.0, names)
-        if problem := graph_problem(edges, names, gain, network.slowest_of(names)):
-            raise problem
+        require_consensus(edges, names, gain, network.slowest_of(names), "controller.consensus_gain")
         return DecentralisedController({name: ConsensusPose(law, name, gain) for name, law in laws.items()})
 
     def steady_directions(self, rows: TaskRows, loop: SampledLoop, period: float) -> list[SteadyDirection]:

@@ -128,7 +128,8 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         leak     Z <- Z - lambda T (Z - Z_hold)              after it, while no measurement is recent
         integral Z <- Z + T c K alpha phi(s)                 after it, while no torque of the arm is saturated
 
-    s_x = xtildedot + gamma xtilde, R turns payload axes as this arm sees them, N = I - J^+ J, and pull is the
+    s_x = xtildedot + gamma xtilde, R turns payload axes as this arm sees them (of a pressed patch as desired,
+    so that f_r of all arms sum to zero although their patches tilt), N = I - J^+ J, and pull is the
     spring and damper of the spare joints. Inside a saturation layer of half width w the integral is that of a
     PI controller, k_I = alpha / w.
 
@@ -178,7 +179,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             pull = nothing if self.posture is None else self.posture.pull(measurement.q, measurement.v)
         start_squeeze = reference.internal_wrench
         if self.arm.pressed:  # the holding torque has the squeeze in it, which f_r keeps
-            Z = Z - self.arm.rows.turn(measurement.payload_pose, start_squeeze)
+            Z = Z - self.arm.rows.turn(self._squeeze_axes(measurement, reference), start_squeeze)
             start_squeeze = np.zeros_like(start_squeeze)
         reported = measurement.reported_torque
         return PayloadSpaceState(
@@ -212,7 +213,9 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         T, c, K = arm.period, arm.load_share, gains.sliding_gain
         e = np.exp(-gains.transient_rate * (measurement.time - state.start_time))
         s = self._surface(measurement, reference) - state.start_surface * e
-        f_r = arm.rows.turn(measurement.payload_pose, reference.internal_wrench - state.start_squeeze * e)
+        f_r = arm.rows.turn(
+            self._squeeze_axes(measurement, reference), reference.internal_wrench - state.start_squeeze * e
+        )
         holds, grip = state.holds, 1.0
         if measurement.slip is not None:
             holds = grip = holds * float(measurement.slip <= self.most_slip)
@@ -268,6 +271,10 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             J = measurement.payload_jacobian
             J_plus = jacobian_inverse(where(is_uncut, identity(len(J)), J), measurement.time)
         return J_plus.T.dot(change)
+
+    def _squeeze_axes(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
+        """Return the pose whose axes the squeeze turns with: as seen, or as desired by pressed arms."""
+        return reference.pose if self.arm.pressed else measurement.payload_pose
 
     def _surface(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
         """Return s_x = xtildedot + gamma xtilde, shape (k_0,)."""
@@ -352,6 +359,11 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
         return self.payload_mass is not None or self.force_path.measures
 
     @property
+    def puts_down(self) -> bool:
+        """Whether it anchors the integral without a bound, which would keep the load that a table gets."""
+        return self.measures and self.gains.anchor_gain > 0.0 and self.anchor_bias == "none"
+
+    @property
     def needs(self) -> tuple[str, ...]:
         """What the law uses besides kinematics: the holding torque, and the internal or its own wrench."""
         is_own = self.payload_mass is not None and not self.force_path.measures
@@ -414,7 +426,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
 
     def steady_directions(self, rows: TaskRows, loop: SampledLoop, period: float) -> list[SteadyDirection]:
         """Return K gamma and the integral K alpha phi(gamma x) in each linear task row."""
-        gains, internal, phi = self.gains.sized(rows.size, 0), self.force_path.measures, self.switching
+        gains, internal, phi = self.gains.sized(rows.size, 0), self.force_path.tells_wrenches, self.switching
         beta, leak = gains.anchor_gain / (loop.every * period), self._leak(gains)
         anchored = self.measures and beta > 0.0
         linear = [row for row, index in enumerate(rows.indices) if index < 3]

@@ -16,7 +16,7 @@ from coop_pin.description.events import (
     WrenchPulse,
 )
 from coop_pin.description.grasp import CompliantGrasp
-from coop_pin.description.grasp_events import HandOver, Regrasp, Release
+from coop_pin.description.grasp_events import HandOver, PutDown, Regrasp, Release
 from coop_pin.description.mobile_base import MobileBase
 from coop_pin.description.network import ArmClock, Channel, EdgeChannel, GraphChange, Network
 from coop_pin.description.payload import Payload
@@ -66,6 +66,7 @@ __all__ = [
     "PayloadChange",
     "PlantOptions",
     "Pose",
+    "PutDown",
     "Regrasp",
     "Release",
     "Scenario",

@@ -194,6 +194,11 @@ class Cell(WithLaterFields):
         """Grasps by friction by arm, in their order."""
         return {name: grasp for name, grasp in self.grasps.items() if isinstance(grasp, PatchGrasp)}
 
+    def way_out(self, arm: str) -> Array:
+        """Return the axis of the payload on which an arm retreats from its grasp, shape (3,)."""
+        grasp = self.grasps[arm]
+        return (grasp.matrix @ grasp.plane)[:3, 2] if isinstance(grasp, PatchGrasp) else -grasp.matrix[:3, 2]
+
     @property
     def padded(self) -> list[str]:
         """Arms with a patch or a pad, in their order."""

@@ -1,19 +1,14 @@
-"""Events at grasps: release, hand-over and taking hold again; the plan that all arms know.
-
-An event moves the part of its load share that an arm bears, and the distance of the arm's tip from its grasp.
-Both are functions of time alone: the agreed plan, whatever becomes of it.
-"""
+"""Events at grasps: release, hand-over, taking hold again, and putting down on a table."""
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal
 
-import numpy as np
 from pydantic import Field
 
-from coop_pin.arrays import Array, Mask
 from coop_pin.description.cell import Cell
 from coop_pin.description.events import (
     MISSED,
@@ -29,7 +24,6 @@ from coop_pin.description.events import (
 from coop_pin.errors import FieldError
 from coop_pin.reference.quintic import quintic
 from coop_pin.schema.base import NotNegative, Positive, unknown_arms
-from coop_pin.spatial import internal_wrenches
 
 
 class GraspEvent(PayloadEvent):
@@ -50,12 +44,8 @@ class GraspEvent(PayloadEvent):
         problems, cell = super().timing_problems(run), run.get("cell")
         if cell is None:
             return problems
-        if unknown := unknown_arms([self.arm], cell.arms):
-            return [*problems, *(FieldError(one.detail, "arm") for one in unknown)]
-        if self.arm in cell.patches:
-            detail = f"is {self.arm!r}, which holds by friction: it lets go by less squeeze, or moves away"
-            problems.append(FieldError(detail, "arm"))
-        return problems
+        unknown = unknown_arms([self.arm], cell.arms)
+        return [*problems, *(FieldError(one.detail, "arm") for one in unknown)]
 
     def load(self, time: float) -> float:
         """Return the part of its load share that the arm bears at a time after the event began."""
@@ -66,7 +56,7 @@ class Release(GraspEvent):
     """Opening of a grasp: from then on it has no wrench.
 
     Load shares and squeeze change in the same instant for all arms. The arm may then retreat along the
-    negative z axis of its grasp frame.
+    negative z axis of its grasp frame; a patch, which opens by that alone, along the normal of its face.
 
     Attributes:
         time: time of the release, s.
@@ -128,6 +118,8 @@ class HandOver(Release):
 
 class Regrasp(GraspEvent):
     """Closing of a grasp that was released; it does not happen if the tip is too far away.
+
+    A patch comes back to the face, and the squeeze that moves to it presses it on.
 
     A rigid grasp holds the tip where it is found, and the velocities meet by an impulse. Before it, the arm
     returns from its retreat; after it, load share and squeeze move to it.
@@ -194,74 +186,63 @@ class Regrasp(GraspEvent):
         return f"{self.title} by {self.arm}, {self.rest} rest pose"
 
 
-Event = Annotated[
-    PayloadChange | WrenchPulse | GravityTurn | Partner | LoseArm | Release | HandOver | Regrasp | UserEvent,
-    Field(discriminator="kind"),
-]
+class PutDown(PayloadEvent):
+    """Hand-over of the load to a table, by all arms.
 
-
-class GraspPlan(NamedTuple):
-    """Agreed plan of the grasps at a time.
+    From then on no part of the measured wrenches is load: the law keeps each arm's whole wrench at its
+    squeeze, so that the table gets the weight, and no error of the pose can press on it. Nothing feels the
+    table: the plan says when the payload lies on it. Only then may the last arm let go.
 
     Attributes:
-        holds: arms that hold the payload, shape (m,).
-        loads: part of its load share that each arm bears, shape (m,).
-        shares: load shares c_i, which sum to one, shape (m,).
-        retreats: distance of each tip from its grasp along the negative z axis of the grasp frame, m, and its
-            two time derivatives, shape (m, 3).
+        time: time from which the load goes over, s.
+        duration: Time over which it does, s.
     """
 
-    holds: Mask
-    loads: Array
-    shares: Array
-    retreats: Array
+    kind: Literal["put-down"] = "put-down"
+    duration: Positive = 0.5
+    title = heading = "put down"
 
-    def squeeze(self, wrenches: Array) -> Array:
-        """Return the internal wrenches that are left of desired ones, shape (m, 6).
+    @property
+    def end(self) -> float:
+        """Time at which the table bears the load, s."""
+        return self.time + self.duration
 
-        With the loads l_i they are l_i f_i - c_i sum_j l_j f_j.
-        """
-        return internal_wrenches(self.loads[:, None] * wrenches, self.shares)
+    @property
+    def told(self) -> str:
+        """When the table takes the load."""
+        return f"a table bears the load from {self.end:g} s on"
 
+    def timing_problems(self, run: Mapping[str, Any]) -> list[FieldError]:
+        """Return what is wrong with the time, or that there is no table."""
+        problems, cell = super().timing_problems(run), run.get("cell")
+        if cell is not None and not cell.tables:
+            problems.append(FieldError("puts the payload down, but the cell has no tables: give it one"))
+        return problems
 
-def grasp_plan(
-    cell: Cell, events: Sequence[GraspEvent], time: float, missed: Sequence[GraspEvent] = ()
-) -> GraspPlan:
-    """Return the plan of grasp events at a time, s; before all of them every arm holds.
-
-    Args:
-        cell: Cell, whose arms bear their load shares at first.
-        events: The events; of each arm releases and grasps take turns.
-        time: Time, s.
-        missed: Those that did not happen. The tip has come back for them, but bears nothing.
-    """
-    m = len(cell.arms)
-    holds, loads, retreats = np.ones(m, dtype=bool), np.ones(m), np.zeros((m, 3))
-    for index, name in enumerate(cell.arms):
-        mine = sorted((event for event in events if event.arm == name), key=lambda event: event.time)
-        for event, before in zip(mine, [None, *mine], strict=False):
-            if event.time <= time and event not in missed and before not in missed:
-                loads[index] = event.load(time)
-                holds[index] = event.holds == (event.instant <= time)
-        for away, back in itertools.zip_longest(mine[::2], mine[1::2]):
-            retreats[index] += _retreat(away, back, time)
-    shares = loads * cell.shares
-    return GraspPlan(holds, loads, shares / shares.sum(), retreats)
+    def borne(self, time: float) -> float:
+        """Return the part of the load that the arms bear at a time: one minus the quintic of it."""
+        return 1.0 - quintic(time, self.time, self.duration).value
 
 
-def _retreat(away: Any, back: Any, time: float) -> Array:
-    """Return s = d a (1 - b) and its rates; quintics a of the retreat, b of the return."""
-    a, a1, a2 = quintic(time, away.instant, away.retreat_time)
-    if back is None:
-        return away.retreat * np.array((a, a1, a2))
-    b, b1, b2 = quintic(time, back.time - back.wait - back.approach_time, back.approach_time)
-    stays = 1.0 - b
-    return away.retreat * np.array((a * stays, a1 * stays - a * b1, a2 * stays - 2.0 * a1 * b1 - a * b2))
+Event = Annotated[
+    PayloadChange
+    | WrenchPulse
+    | GravityTurn
+    | Partner
+    | LoseArm
+    | Release
+    | HandOver
+    | Regrasp
+    | PutDown
+    | UserEvent,
+    Field(discriminator="kind"),
+]
 
 
 def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
     """Return what is wrong with the order of grasp events among the events of a run."""
     problems, holding, since = partner_problems(events), dict.fromkeys(cell.arms, True), dict[str, float]()
+    laid = min((event.end for event in events if isinstance(event, PutDown)), default=math.inf)
     numbered = [(event, str(index)) for index, event in enumerate(events) if isinstance(event, GraspEvent)]
     numbered.sort(key=lambda pair: pair[0].time)
     for (event, _), (other, path) in itertools.pairwise(numbered):
@@ -279,9 +260,9 @@ def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
             detail = f"is {event.arm!r}, which {state} at {event.time:g} s"
             problems.append(FieldError(detail, f"{path}.arm"))
         holding[event.arm], since[event.arm] = event.holds, event.end
-        if not any(holding.values()):
+        if not any(holding.values()) and event.time < laid:
             detail = f"is {event.arm!r}, the last arm that holds the payload"
-            problems.append(FieldError(f"{detail}: one must hold it", f"{path}.arm"))
+            problems.append(FieldError(f"{detail}: one must hold it until it is put down", f"{path}.arm"))
     return problems
 
 

@@ -11,13 +11,15 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.arrays import Array, require_path, require_type
 from coop_pin.catalogue import scenario_file, scenario_names, scenario_tables
+from coop_pin.control.feed_forward import FeedForward
 from coop_pin.control.force_path import SampledWrist
 from coop_pin.control.interface import CellTiming
 from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller
 from coop_pin.description.events import LoseArm, Surroundings
-from coop_pin.description.grasp_events import Event, GraspEvent, GraspPlan, grasp_plan, sequence_problems
+from coop_pin.description.grasp_events import Event, GraspEvent, PutDown, sequence_problems
+from coop_pin.description.grasp_plan import GraspPlan, grasp_plan
 from coop_pin.description.network import ArmClock, Network
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.relative_paths import anchor_files
@@ -74,9 +76,10 @@ class Scenario(WithLaterFields):
         arm_sensors: sensors of single arms, in place of ``sensors``.
         seed: seed of the random sources; every source draws from a generator of its own.
         network: messages between the arms; without one, none cross.
+        feed_forward: torques that are added to those of the law.
     """
 
-    later_fields: ClassVar[tuple[str, ...]] = ("network",)
+    later_fields: ClassVar[tuple[str, ...]] = ("network", "feed_forward")
 
     name: Name
     summary: Text = ""
@@ -99,6 +102,7 @@ class Scenario(WithLaterFields):
     arm_sensors: dict[str, Sensors] = Field(default_factory=dict)
     seed: int = Field(default=0, ge=0, lt=2**63)
     network: Network | None = None
+    feed_forward: FeedForward | None = None
 
     # Each validator needs only the fields that it reads, so that a mistake in one hides none in another.
 
@@ -127,18 +131,27 @@ class Scenario(WithLaterFields):
             squeeze.check_arms(earlier.data["cell"].grasps)
         return squeeze
 
+    @field_validator("feed_forward")
+    @classmethod
+    def _in_the_order_of_arms(cls, added: FeedForward | None, earlier: ValidationInfo) -> FeedForward | None:
+        return added if added is None or "cell" not in earlier.data else added.of(earlier.data["cell"].arms)
+
     @field_validator("events", "actuators", "arm_actuators", "sensors", "arm_sensors", "network")
     @classmethod
     def _fits_the_run(cls, value: Any, earlier: ValidationInfo) -> Any:
-        problems = list[FieldError]()
-        if isinstance(value, dict) and "cell" in earlier.data:
-            problems += unknown_arms(value, earlier.data["cell"].arms)
+        name, problems = str(earlier.field_name), list[FieldError]()
+        run = {field: earlier.data[field] for field in _OF_THE_RUN if field in earlier.data}
+        if _fitted.get(name) == (value, run):
+            return value
+        if isinstance(value, dict) and "cell" in run:
+            problems += unknown_arms(value, run["cell"].arms)
         for path, part in _parts(value).items():
-            problems += [problem.below(path) for problem in part.timing_problems(earlier.data)]
-        if earlier.field_name == "events" and "cell" in earlier.data and not problems:
-            problems += sequence_problems(earlier.data["cell"], value)
+            problems += [problem.below(path) for problem in part.timing_problems(run)]
+        if name == "events" and "cell" in run and not problems:
+            problems += sequence_problems(run["cell"], value)
         if problems:
-            raise one_or_all(problems, f"the {earlier.field_name}")
+            raise one_or_all(problems, f"the {name}")
+        _fitted[name] = value, run
         return value
 
     def actuators_of(self, arm: str) -> Actuators:
@@ -205,7 +218,8 @@ class Scenario(WithLaterFields):
             return "the scenario has no network; give it one"
         if without := [arm for arm in arms if self.sensors_of(arm).wrist is None]:
             return f"the arms {without} have no wrist sensor; give every arm one: sensors.wrist"
-        if len(self.network.edges_at(0.0, arms)) < len(arms) * (len(arms) - 1):
+        edges = self.network.edges_at(0.0, arms)
+        if self.controller.force_path.hears_all and len(edges) < len(arms) * (len(arms) - 1):
             return "some arms do not hear all others; network.graph must be 'all'"
         return ""
 
@@ -214,7 +228,7 @@ class Scenario(WithLaterFields):
         """Delay and sampling of the wrist sensors that the arms have, in ticks, with that of messages."""
         sensors = [wrist for arm in self.cell.arms if (wrist := self.sensors_of(arm).wrist) is not None]
         path, network, late, every = self.controller.force_path, self.network, 0, 1
-        if path.measures and not path.by_sensors and network is not None:
+        if path.hears_all and network is not None:
             late = network.slowest_of(list(self.cell.arms))
             every = network.ticks_per_message(self.clock)
         return [
@@ -266,7 +280,12 @@ class Scenario(WithLaterFields):
 
     def grasp_plan_at(self, time: float, missed: Sequence[GraspEvent] = ()) -> GraspPlan:
         """Return the plan of the grasps from a time on, s, without the events that did not happen."""
-        return grasp_plan(self.cell, self.grasp_events, time, missed)
+        return grasp_plan(self.cell, self.events, time, missed, self.controller.force_path.split)
+
+    @property
+    def has_grasp_plan(self) -> bool:
+        """Whether grasps open or close, or a table takes the load."""
+        return any(isinstance(event, GraspEvent | PutDown) for event in self.events)
 
     @property
     def squeeze_wrenches(self) -> Array:
@@ -380,6 +399,12 @@ class Scenario(WithLaterFields):
         """Write the scenario to a TOML file, as ``to_toml`` returns it."""
         require_path("path", path)
         Path(path).write_text(self.to_toml(commented=commented), encoding="utf-8")
+
+
+_OF_THE_RUN = ("duration", "cell", "clock")
+"""Fields against which others are checked."""
+_fitted: dict[str, tuple[Any, Mapping[str, Any]]] = {}
+"""Last value of a field that fitted its run, with what it was checked against: those of a sweep are alike."""
 
 
 def _parts(value: Any) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
@@ -20,7 +21,7 @@ _OBSERVED = ("pose_error", "internal_wrench", "desired_internal_wrench", "axial_
 
 
 def _largest(errors: Array) -> Array:
-    return np.abs(errors).max(axis=-1)
+    return functools.reduce(np.maximum, [np.abs(errors[..., arm]) for arm in range(errors.shape[-1])])
 
 
 REWARDS: Mapping[str, tuple[str, Callable[[Array], Array]]] = {

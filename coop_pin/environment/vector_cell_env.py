@@ -17,8 +17,9 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.environment.acted_law import ActedLaw
 from coop_pin.environment.task import Observed, Task, drives_of
 from coop_pin.errors import ArgumentError, InvalidStateError, TracingError, needs_extra
-from coop_pin.tracing.kernel import RECORD
+from coop_pin.tracing.kernel import RECORD, Instruction, Kernel
 from coop_pin.tracing.llvm_machine import LlvmMachine
+from coop_pin.tracing.traced_array import traced
 from coop_pin.tracing.tree import flattened
 
 with needs_extra("gymnasium", "gym", "for environments of agents"):
@@ -168,15 +169,45 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
             values=prepared.values[:1],
         )
         self._code = RunProgram(alone, differs, is_loaded)
-        instructions = self._code.program.instructions
-        kept = np.array([each.code != RECORD for each in instructions])
-        counts = np.concatenate(([0], np.cumsum(kept)))
-        self._starts = [*counts[self._code.ticks].tolist(), int(counts[-1])]
-        left = [each for each in instructions if each.code != RECORD]
-        self._machine = LlvmMachine(self._code.program._replace(instructions=left))
+        program, ticks = self._code.program, self._code.ticks
+        kernel = self._outcome_kernel(determinate_rows(plant.run.plant.chain, plant.run.plant.q))
+        instructions = [each for each in program.instructions if each.code != RECORD]
+        # A tick begins at its first instruction, but for the records of the ticks before it.
+        self._starts = [start - tick for tick, start in enumerate([*ticks, len(program.instructions)])]
+        of_tick = [kernel.name for kernel in program.kernels].index("tick")
+        rows = [row for code, row in instructions if code == of_tick]
+        outcomes = [Instruction(len(program.kernels), row) for row in rows]
+        self._machine = LlvmMachine(
+            program._replace(kernels=[*program.kernels, kernel], instructions=[*instructions, *outcomes])
+        )
         inputs = self._code.program.lanes.slots("constants")
         self._additions = inputs[np.cumsum(differs)[added] - 1]
-        self._determined = determinate_rows(plant.run.plant.chain, plant.run.plant.q)
+
+    def _outcome_kernel(self, determined: Mask) -> Kernel:
+        """Return code of observations and rewards after a tick, as a function of what the tick has left.
+
+        Args:
+            determined: Mask of the rows of wrenches that rigid bodies determine, shape (6,).
+        """
+        lanes, m = self._code.program.lanes, len(self.scenarios[0].cell.arms)
+        lanes.add(shares=(m,), observation=(self.task.sizes(self._law)[1],), reward=())
+        kernel, _ = self._code.block.kernel("outcome")
+        desired, pose = self._code.block.signals_at(kernel).desired, np.eye(4).astype(object)
+        pose[:3, :3], pose[:3, 3] = kernel.read("R_WP"), kernel.read("p_WP")
+        samples = {
+            "payload_pose": traced(pose),
+            "desired_pose": desired.pose,
+            "desired_squeeze": desired.squeeze,
+            "tip_position": kernel.read("tips"),
+            "interaction_wrench": np.where(determined, kernel.read("wrenches"), np.nan),
+        }
+        twist_error = kernel.read("V_WP") - desired.twist
+        observed = Observed(kernel.read("q"), kernel.read("v"), samples, twist_error)
+        with np.errstate(invalid="ignore"):  # NaN in rows that are not determined
+            observation, reward = self.task.outcome(observed, kernel.read("shares"))
+        kernel.write("observation", observation)
+        kernel.write("reward", reward)
+        return kernel
 
     def _begin(self, prepared: Prepared) -> None:
         """Lay out the lanes at the start: groups of registers, shape (groups, slots, width)."""
@@ -184,16 +215,12 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         groups = -(-lanes // width)
         lane = np.minimum(np.arange(groups * width), lanes - 1)
         block, loads = self._code.begin(prepared)
+        shares = np.array([one.cell.shares for one in prepared.scenarios])
+        block[self._code.program.lanes.slots("shares")] = shares.T
         self._first = np.ascontiguousarray(block[:, lane].reshape(-1, groups, width).swapaxes(0, 1))
         loads = loads[:, :, lane].reshape(*loads.shape[:2], groups, width)
         self._loads = np.ascontiguousarray(np.moveaxis(loads, 2, 0))
         self._block = self._first.copy()
-        plants = [*{id(plant): plant for plant in prepared.plants}.values()]
-        number = {id(plant): index for index, plant in enumerate(plants)}
-        self._desired = [plant.desired for plant in plants]
-        # Of one plant, what all lanes share is read once.
-        self._plant = np.array([number[id(plant)] for plant in prepared.plants])[: None if plants[1:] else 1]
-        self._shares = np.array([one.cell.shares for one in prepared.scenarios])[self._plant]
         self._call: Callable[[int, int], None] = self._machine.bound(
             self._block, self._code.uniforms, None, self._loads
         )
@@ -222,23 +249,5 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
 
     def _outcome(self) -> tuple[Array, Array]:
         """Return observations and rewards."""
-        pose, last = np.zeros((self.num_envs, 4, 4)), self._tick - 1
-        pose[:, :3, :3], pose[:, :3, 3], pose[:, 3, 3] = self._slots("R_WP"), self._slots("p_WP"), 1.0
-        wrenches = np.where(self._determined, self._slots("wrenches"), np.nan)
-        samples = {
-            "payload_pose": pose,
-            "desired_pose": self._wanted([one.pose[last] for one in self._desired]),
-            "desired_squeeze": np.broadcast_to(
-                self._wanted([one.squeeze[last] for one in self._desired]), wrenches.shape
-            ),
-            "tip_position": self._slots("tips"),
-            "interaction_wrench": wrenches,
-        }
-        twist = self._slots("V_WP") - self._wanted([one.twist[last] for one in self._desired])
-        with np.errstate(all="ignore"):  # of lanes that diverged
-            observed = Observed(self._slots("q"), self._slots("v"), samples, twist)
-            return self.task.outcome(observed, self._shares)
-
-    def _wanted(self, of_plants: list[Array]) -> Array:
-        """Return numbers of each plant as those of each lane, or of all lanes, shape (lanes or 1, ...)."""
-        return np.array(of_plants)[self._plant]
+        self._call(self._starts[-1] + self._tick - 1, 1)
+        return self._slots("observation"), self._slots("reward")

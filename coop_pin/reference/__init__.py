@@ -7,7 +7,8 @@ acceleration of the payload frame P, world axes, linear first. The kinds:
 
 - ``HoldMotion``: stands still.
 - ``ExponentialMotion``: decaying exponentials, the reference experiment of Gueaieb et al. (2007).
-- ``LineMotion``: straight from one pose to another, from rest to rest.
+- ``LineMotion``: straight from one pose to another, from rest to rest; ``TimedLineMotion`` with a table of
+  time.
 - ``CircleMotion``: round a circle, from rest.
 - ``TurnMotion``: about an axis through P or another point; ``SwingMotion``: through P, to and fro.
 - ``WaypointsMotion``, ``CsvMotion``: a spline through poses, given in the scenario or in a file.
@@ -22,11 +23,11 @@ payload axes, about P: ``ConstantSqueeze``, ``TipForceSqueeze``,
 
 from coop_pin.reference.csv_motion import CsvMotion
 from coop_pin.reference.functions import FunctionMotion
+from coop_pin.reference.lines import LineMotion, TimedLineMotion
 from coop_pin.reference.motions import (
     CircleMotion,
     ExponentialMotion,
     HoldMotion,
-    LineMotion,
     SwingMotion,
     TurnMotion,
 )
@@ -62,6 +63,7 @@ __all__ = [
     "RampSqueeze",
     "SqueezeReference",
     "SwingMotion",
+    "TimedLineMotion",
     "TipForceSqueeze",
     "TipWrenchSqueeze",
     "TurnMotion",

@@ -10,26 +10,16 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from coop_pin.arrays import Array
-from coop_pin.errors import AmbiguousTurnError, FieldError
+from coop_pin.errors import FieldError
 from coop_pin.reference.csv_motion import CsvMotion
 from coop_pin.reference.functions import FunctionMotion
+from coop_pin.reference.lines import LineMotion, TimedLineMotion, rotation_about_axis, rotation_terms
 from coop_pin.reference.pose_reference import PoseReference, PoseTarget, make_target
 from coop_pin.reference.quintic import quintic, quintic_integral
 from coop_pin.reference.splines import WaypointsMotion
 from coop_pin.schema.base import Positive, Vector3
 from coop_pin.schema.pose import Pose
-from coop_pin.spatial import log3, make_pose, rotation_from_rpy
-
-
-def _rotation_terms(axis: Array, R: Array) -> Array:
-    """Return the terms R, [e]x R, [e]x^2 R of the rotation exp(theta [e]x) R about a unit vector, (3, 9)."""
-    cross = np.cross(axis, np.eye(3)).T
-    return np.stack((R, cross @ R, cross @ cross @ R)).reshape(3, 9)
-
-
-def _rotation_about_axis(terms: Array, angle: float) -> Array:
-    """Return exp(theta [e]x) R = R + sin(theta) [e]x R + (1 - cos(theta)) [e]x^2 R, shape (3, 3)."""
-    return (np.array((1.0, math.sin(angle), 1.0 - math.cos(angle))) @ terms).reshape(3, 3)
+from coop_pin.spatial import make_pose, rotation_from_rpy
 
 
 def _not_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -45,7 +35,7 @@ Direction = Annotated[Vector3, AfterValidator(_not_zero)]
 def _about_axis(axis: tuple[float, ...], pose: Pose) -> tuple[Array, Array, Array]:
     """Return the unit vector e of an axis, the position of a pose, and the terms of the rotation about e."""
     e, X = np.array(axis) / np.linalg.norm(axis), pose.matrix
-    return e, X[:3, 3], _rotation_terms(e, X[:3, :3])
+    return e, X[:3, 3], rotation_terms(e, X[:3, :3])
 
 
 class HoldMotion(PoseReference):
@@ -113,53 +103,6 @@ class ExponentialMotion(PoseReference):
         flat += base
         flat.flags.writeable = False
         return PoseTarget(flat[:16].reshape(4, 4), flat[16:22], flat[22:])
-
-
-_HALF_TURN_MARGIN = 1e-3
-"""Turns closer to pi are refused, rad: round-off would choose their direction."""
-
-
-class LineMotion(PoseReference):
-    """p = p_0 + s (p_1 - p_0), R = exp(s phi) R_0, phi = log(R_1 R_0^T), s(t) the quintic from rest to rest.
-
-    The orientation takes the geodesic.
-
-    Attributes:
-        start: X_WP_d before the motion.
-        goal: X_WP_d after it; its orientation is less than half a turn away.
-        duration: time from start to goal, s.
-        start_time: s.
-    """
-
-    kind: Literal["line"] = "line"
-    start: Pose
-    goal: Pose
-    duration: Positive
-    start_time: float = 0.0
-
-    @model_validator(mode="after")
-    def _shorter_way_exists(self) -> Self:
-        *_, angle, _ = self._path
-        if angle > math.pi - _HALF_TURN_MARGIN:
-            raise FieldError(f"is ambiguous: {AmbiguousTurnError('start', 'goal', 1, angle)}", "goal.rpy")
-        return self
-
-    @cached_property
-    def _path(self) -> tuple[Array, Array, Array, float, Array]:
-        """p_0, p_1 - p_0, phi, the angle |phi|, and the terms of the rotation about phi."""
-        X_0, X_1 = self.start.matrix, self.goal.matrix
-        R_0, p_0 = X_0[:3, :3], X_0[:3, 3]
-        turn = log3(X_1[:3, :3] @ R_0.T)
-        angle = float(np.linalg.norm(turn))
-        terms = _rotation_terms(turn / angle if angle else turn, R_0)
-        return p_0, X_1[:3, 3] - p_0, turn, angle, terms
-
-    def at(self, time: float) -> PoseTarget:
-        """Return the target at a time in s."""
-        s = quintic(time, self.start_time, self.duration)
-        start, d, phi, angle, terms = self._path
-        R, p = _rotation_about_axis(terms, s.value * angle), start + s.value * d
-        return make_target(R, p, s.rate * d, s.rate * phi, s.acceleration * d, s.acceleration * phi)
 
 
 class CircleMotion(PoseReference):
@@ -246,7 +189,7 @@ class TurnMotion(PoseReference):
         """Return the target at a time in s."""
         e, terms, c, offset = self._start
         s, turn = quintic(time, self.start_time, self.duration), self.angle * e
-        R = _rotation_about_axis(terms, self.angle * s.value)
+        R = rotation_about_axis(terms, self.angle * s.value)
         omega, alpha = s.rate * turn, s.acceleration * turn
         r = R @ offset
         v = np.cross(omega, r)
@@ -287,13 +230,13 @@ class SwingMotion(PoseReference):
         theta = A * s.value * sine
         theta_rate = A * (s.rate * sine + s.value * w * cosine)
         theta_acceleration = A * (s.acceleration * sine + 2.0 * s.rate * w * cosine - s.value * w * w * sine)
-        R = _rotation_about_axis(terms, theta)
+        R = rotation_about_axis(terms, theta)
         return make_target(R, p, omega=theta_rate * axis, alpha=theta_acceleration * axis)
 
 
 # fmt: off
 Motion = Annotated[
-    HoldMotion | ExponentialMotion | LineMotion | CircleMotion | TurnMotion | SwingMotion
+    HoldMotion | ExponentialMotion | LineMotion | TimedLineMotion | CircleMotion | TurnMotion | SwingMotion
     | WaypointsMotion | CsvMotion | FunctionMotion,
     Field(discriminator="kind"),
 ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 
-class Quintic(NamedTuple):
+class TimeScaling(NamedTuple):
     """A scalar s that rises from 0 to 1, and its derivatives by time.
 
     Attributes:
@@ -19,11 +19,11 @@ class Quintic(NamedTuple):
     acceleration: float
 
 
-_BEFORE = Quintic(0.0, 0.0, 0.0)
-_AFTER = Quintic(1.0, 0.0, 0.0)
+_BEFORE = TimeScaling(0.0, 0.0, 0.0)
+_AFTER = TimeScaling(1.0, 0.0, 0.0)
 
 
-def quintic(time: float, start_time: float, duration: float) -> Quintic:
+def quintic(time: float, start_time: float, duration: float) -> TimeScaling:
     """Return s = 10 u^3 - 15 u^4 + 6 u^5 and its two derivatives, u = (time - start_time) / duration.
 
     Zero before, one after; rate and acceleration vanish at both ends, so that s is twice continuously
@@ -41,7 +41,7 @@ def quintic(time: float, start_time: float, duration: float) -> Quintic:
         return _AFTER
     w = 1.0 - u
     value = u * u * u * (10.0 + u * (6.0 * u - 15.0))
-    return Quintic(value, 30.0 * u * u * w * w / duration, 60.0 * u * w * (w - u) / (duration * duration))
+    return TimeScaling(value, 30.0 * u * u * w * w / duration, 60.0 * u * w * (w - u) / (duration * duration))
 
 
 def quintic_integral(time: float, start_time: float, duration: float) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from functools import cached_property
-from typing import Literal, NamedTuple, Self
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -18,6 +18,7 @@ from coop_pin.errors import (
     OutOfRangeError,
 )
 from coop_pin.reference.pose_reference import PoseReference, PoseTarget, make_target
+from coop_pin.schema.base import WithLaterFields
 from coop_pin.schema.pose import Pose
 from coop_pin.spatial import quaternions
 
@@ -52,13 +53,14 @@ class PoseSpline(NamedTuple):
     last: PoseTarget
 
     @classmethod
-    def through(cls, times: Array, positions: Array, quaternions: Array) -> Self:
+    def through(cls, times: Array, positions: Array, quaternions: Array, stops: bool = False) -> Self:
         """Return the spline through poses.
 
         Args:
             times: s, strictly increasing, shape (n,), n >= 2.
             positions: m, shape (n, 3).
             quaternions: (x, y, z, w), either sign, any length but zero, shape (n, 4).
+            stops: Whether it rests at every pose.
 
         Raises:
             OutOfRangeError: the times do not increase strictly; ``index`` is that of the first such time.
@@ -70,7 +72,8 @@ class PoseSpline(NamedTuple):
             allowed = f"a nanosecond after {times[index - 1]:.6g}: times increase strictly; sort them"
             raise OutOfRangeError("times", float(times[index]), allowed, (index,))
         unit = _same_sign(quaternions)
-        coefficients = _quintic_coefficients(times, np.hstack((positions, unit)))
+        through = _stopping_coefficients if stops else quintic_coefficients
+        coefficients = through(times, np.hstack((positions, unit)))
         _check_length(times, coefficients, unit)
         first, last = _resting(positions[0], unit[0]), _resting(positions[-1], unit[-1])
         return cls(tuple(times.tolist()), coefficients, first, last)
@@ -82,7 +85,7 @@ class PoseSpline(NamedTuple):
         if time >= self.knots[-1]:
             return self.last
         segment = bisect_right(self.knots, time) - 1
-        motion = _powers(time - self.knots[segment]) @ self.coefficients[segment]
+        motion = powers(time - self.knots[segment]) @ self.coefficients[segment]
         R, omega, alpha = _rotation_of(motion[:, 3:])
         return make_target(R, motion[0, :3], motion[1, :3], omega, motion[2, :3], alpha)
 
@@ -106,7 +109,7 @@ def _rotation_of(motion: Array) -> tuple[Array, Array, Array]:
     return E @ G.T / square, omega, alpha - 2.0 * w_0 * omega
 
 
-def _powers(u: float) -> Array:
+def powers(u: float) -> Array:
     """Return the powers 0 to 5 of u, their first and their second derivatives, shape (3, 6)."""
     u2, u3 = u * u, u * u * u
     return np.array(
@@ -131,7 +134,7 @@ def _same_sign(quaternions: Array) -> Array:
     return unit
 
 
-def _quintic_coefficients(times: Array, points: Array) -> Array:
+def quintic_coefficients(times: Array, points: Array) -> Array:
     """Return the coefficients of powers 0 to 5 of (t - times[i]) on each segment, shape (n - 1, 6, 7)."""
     still = np.zeros(points.shape[1])
     at_rest = [(1, still), (2, still)]
@@ -144,6 +147,14 @@ def _quintic_coefficients(times: Array, points: Array) -> Array:
     coefficients = np.stack([spline(times[:-1], nu) / math.factorial(nu) for nu in range(6)], axis=1)
     if not np.isfinite(coefficients).all():
         raise ArgumentError(f"no spline leads through the poses: it would not be finite; {_SPACE}")
+    return coefficients
+
+
+def _stopping_coefficients(times: Array, points: Array) -> Array:
+    """Return the coefficients of the quintics from rest to rest, as of ``quintic_coefficients``."""
+    powers = np.array((0.0, 0.0, 0.0, 10.0, -15.0, 6.0)) / np.diff(times)[:, None] ** np.arange(6)
+    coefficients: Array = powers[..., None] * np.diff(points, axis=0)[:, None]
+    coefficients[:, 0] = points[:-1]
     return coefficients
 
 
@@ -174,17 +185,21 @@ class Waypoint(Pose):
     time: float
 
 
-class WaypointsMotion(PoseReference):
+class WaypointsMotion(WithLaterFields, PoseReference):
     """Spline through poses at their times, at rest before the first and after the last.
 
     To stop at a pose between, give it twice. Times that are spaced very unevenly make the path swing out.
 
     Attributes:
         points: two or more, their times increasing.
+        stops: whether it rests at every point: straight lines by quintics, which do not swing out.
     """
+
+    later_fields: ClassVar[tuple[str, ...]] = ("stops",)
 
     kind: Literal["waypoints"] = "waypoints"
     points: tuple[Waypoint, ...]
+    stops: bool = False
 
     @model_validator(mode="after")
     def _one_path(self) -> Self:
@@ -202,7 +217,7 @@ class WaypointsMotion(PoseReference):
     def _spline(self) -> PoseSpline:
         poses = np.stack([point.matrix for point in self.points])
         times = np.array([point.time for point in self.points])
-        return PoseSpline.through(times, poses[:, :3, 3], quaternions(poses[:, :3, :3]))
+        return PoseSpline.through(times, poses[:, :3, 3], quaternions(poses[:, :3, :3]), self.stops)
 
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s."""

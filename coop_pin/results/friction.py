@@ -6,12 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, Mask
 from coop_pin.description.cell import Cell
 from coop_pin.description.contact import Pad
 from coop_pin.results.quantities import Arrays
 from coop_pin.spatial import shift_wrench
 
+_WHOLE = 1.0 - 1e-9
+"""Part of a load share from which it is whole; less is rounding."""
 _SLID = 1e-5
 """Slip from which a patch has slid, m; stuck bristles give less."""
 
@@ -24,7 +26,8 @@ class FrictionUse(NamedTuple):
         u^2 = (|f| / (mu N))^2 + (m / (mu N r))^2,    slip from u = 1 on
 
     stands for the limit surface of a patch of torsion radius r: 2/3 of the radius of a disc. The surface of a
-    disc lies up to 7 % inside the ellipsoid, and that of the eight points of a patch up to 11 %.
+    disc lies up to 7 % inside the ellipsoid, and that of the eight points of a patch up to 11 %. NaN where an
+    arm does not bear its whole load share: it is free, takes hold or lets go, or a table takes the load.
 
     Attributes:
         arms: names of the arms.
@@ -64,8 +67,20 @@ def friction_use(data: Arrays, cell: Cell) -> FrictionUse:
         force, torsion = across / bears, turning / bears
     holds = bears > 0.0
     lost = np.where(np.isnan(F).any(axis=-1), np.nan, np.inf)
-    parts = F[..., 2], np.where(holds, force, lost), np.where(holds, torsion, lost)
-    return FrictionUse(tuple(pads), *parts, F[..., 2] - np.hypot(across, turning) / mu)
+    reserve = F[..., 2] - np.hypot(across, turning) / mu
+    bearing = _bearing(data, cell)[:, [list(cell.arms).index(name) for name in pads]]
+    parts = (np.where(holds, force, lost), np.where(holds, torsion, lost), reserve)
+    return FrictionUse(tuple(pads), F[..., 2], *(np.where(bearing, part, np.nan) for part in parts))
+
+
+def _bearing(data: Arrays, cell: Cell) -> Mask:
+    """Return which arms bear their whole load share by the plan, shape (n, m)."""
+    if "load_share" not in data:
+        return np.ones((len(np.asarray(data["time"])), len(cell.arms)), dtype=bool)
+    shares = np.asarray(data["load_share"])
+    loads = shares / cell.shares
+    whole: Mask = loads > _WHOLE * loads.max(axis=1, keepdims=True)
+    return whole & (shares.sum(axis=1, keepdims=True) > _WHOLE)
 
 
 def _on_pad(data: Arrays, cell: Cell, name: str, pad: Pad) -> Array:
@@ -95,18 +110,30 @@ def dropped_at(data: Arrays, cell: Cell) -> float:
     return float(np.asarray(data["time"])[falls.argmax()]) if falls.any() else float("nan")
 
 
+def _slides(data: Arrays, cell: Cell) -> list[tuple[int, str]]:
+    """Return the sample from which on a patch has slid while its arm bore its load share, and the arm."""
+    bearing, slides = _bearing(data, cell), list[tuple[int, str]]()
+    for number, arm in enumerate(cell.patches):
+        steps = np.diff(np.asarray(data["patch_slip"])[:, number], prepend=0.0)
+        slid = (
+            np.cumsum(np.where(bearing[:, list(cell.arms).index(arm)], np.maximum(steps, 0.0), 0.0)) > _SLID
+        )
+        if slid.any():
+            slides.append((int(slid.argmax()), arm))
+    return slides
+
+
 def friction_metrics(data: Arrays, cell: Cell) -> dict[str, float]:
     """Return the metrics of cells with patches or pads."""
-    least = float(friction_use(data, cell).reserve.min())
+    least = float(np.fmin.reduce(friction_use(data, cell).reserve, axis=None, initial=np.inf))
+    least = least if np.isfinite(least) else float("nan")
     return {"squeeze_reserve_min_N": least, "dropped_at_s": dropped_at(data, cell)}
 
 
 def friction_text(data: Arrays, cell: Cell) -> str:
     """Return when and why the payload dropped or would have, as a part of a sentence; "" if it did not."""
     use, time, drop = friction_use(data, cell), np.asarray(data["time"]), dropped_at(data, cell)
-    slip = np.asarray(data["patch_slip"]) if "patch_slip" in data else np.zeros((len(time), 0))
-    slides = [(int((slip[:, i] > _SLID).argmax()), arm) for i, arm in enumerate(cell.patches)]
-    slides = [(k, arm) for k, arm in slides if slip[k, list(cell.patches).index(arm)] > _SLID]
+    slides = _slides(data, cell)
     first = ""
     if slides:
         k, arm = min(slides)

@@ -110,8 +110,8 @@ def in_band(data: Arrays, *, turns: bool) -> Mask:
 
 def error_norms(data: Arrays) -> tuple[Array, Array]:
     """Return the norms of the position and orientation errors, m and rad, shapes (..., n)."""
-    error = np.asarray(data["pose_error"])
-    return np.linalg.norm(error[..., :3], axis=-1), np.linalg.norm(error[..., 3:], axis=-1)
+    x, y, z, rx, ry, rz = np.moveaxis(np.asarray(data["pose_error"]), -1, 0)
+    return np.sqrt(x * x + y * y + z * z), np.sqrt(rx * rx + ry * ry + rz * rz)
 
 
 def settling_time(data: Arrays, window: Window, *, turns: bool) -> Array:
@@ -211,11 +211,14 @@ def joint_drift(data: Arrays, windows: Windows) -> Array:
     NaN unless the reference rests since 4 s, after all events, and the payload moves at less than a tenth of
     what the joints do: joints that move are then the spare ones of redundant arms.
     """
-    time, speeds = np.asarray(data["time"]), np.asarray(data["joint_velocity"])
+    time = np.asarray(data["time"])
     settled = windows.after_event if windows.has_events else windows.steady
     late, last = (time >= time[-1] - span - _ROUNDING for span in (SETTLING_S, DRIFT_S))
-    desired, twist = (np.asarray(data[name]) for name in ("desired_twist", "payload_twist"))
-    rests = ~np.compress(late, desired, axis=-2).any(axis=(-2, -1)) & (settled.start <= time[-1] - DRIFT_S)
+    desired = np.compress(late, np.asarray(data["desired_twist"]), axis=-2)
+    rests = ~desired.any(axis=(-2, -1)) & (settled.start <= time[-1] - DRIFT_S)
+    if not rests.any():
+        return np.full((*rests.shape, *np.shape(data["joint_position"])[-2:]), np.nan)
+    speeds, twist = (np.asarray(data[name]) for name in ("joint_velocity", "payload_twist"))
     drift = DRIFT_S * np.abs(np.compress(last, speeds, axis=-3).mean(axis=-3))
     moved = np.abs(np.compress(last, twist, axis=-2).mean(axis=-2)).max(axis=-1)
     rests &= moved <= REST + np.fmax.reduce(drift, axis=(-2, -1)) / 10.0

@@ -33,14 +33,14 @@ def to_netcdf(data: xr.Dataset, scenario: str) -> memoryview:
     """
     data = data.assign_attrs(coop_pin_scenario=scenario)
     data.attrs["coop_pin_sha256"] = content_digest(data)
-    buffer = _written(data)
+    buffer = written_netcdf(data)
     seal = _seal(buffer.getbuffer())
     buffer.seek(0, io.SEEK_END)
     buffer.write(seal)
     return buffer.getbuffer()  # long runs have hundreds of MB: without a copy
 
 
-def _written(data: xr.Dataset) -> io.BytesIO:
+def written_netcdf(data: xr.Dataset) -> io.BytesIO:
     """Return a dataset as Dataset.to_netcdf writes it, without its import of dask.distributed."""
     order = (*data.coords, *data.data_vars)
     variables, attributes = cf_encoder({name: data.variables[name] for name in order}, data.attrs)

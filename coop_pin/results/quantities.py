@@ -72,11 +72,11 @@ def _pose_errors(X: Array, X_d: Array) -> Array:
 def _axial_directions(tips: Array) -> Array:
     """Return unit vectors from each tip to the middle of the other tips, shape (..., m, 3); NaN for one."""
     if tips.shape[-2] == 1:
-        return np.full_like(tips, np.nan)
+        return np.full(tips.shape, np.nan)
     others = (tips.sum(axis=-2, keepdims=True) - tips) / (tips.shape[-2] - 1)
     line = others - tips
     length = np.linalg.norm(line, axis=-1, keepdims=True)
-    return np.divide(line, length, out=np.full_like(line, np.nan), where=length > 0.0)
+    return np.where(length > 0.0, line / np.where(length > 0.0, length, 1.0), np.nan)
 
 
 def padded(arms: Sequence[Array]) -> Array:
@@ -200,7 +200,7 @@ QUANTITIES = (
     Quantity("patch_points", "patch", "1", "number of points that touch", group="patches"),
     Quantity("patch_slip", "patch", "m", "distance that the points have slid since the start, mean",
              group="patches"),
-    Quantity("load_share", "arm", "1", "c_i of the agreed plan", group="plan"),
+    Quantity("load_share", "arm", "1", "c_i of the agreed plan, less what tables bear", group="plan"),
     Quantity("elastic_energy", "", "J", "in compliant grasps, patches and tables", group="elements"),
     Quantity("work_grasps", "", "J", "done by dampers of compliant grasps, by friction of patches and tables,"
              " since the start", group="elements"),
@@ -258,7 +258,7 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     ),
     "servo": lambda scenario: scenario.has_servos,
     "grasps": lambda scenario: bool(scenario.cell.compliant),
-    "plan": lambda scenario: bool(scenario.cell.compliant or scenario.grasp_events),
+    "plan": lambda scenario: bool(scenario.cell.compliant or scenario.has_grasp_plan),
     "partner": lambda scenario: any(isinstance(event, Partner) for event in scenario.events),
     "patches": lambda scenario: scenario.cell.has_contacts,
     "elements": lambda scenario: scenario.cell.has_force_elements,

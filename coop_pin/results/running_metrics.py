@@ -38,7 +38,7 @@ _ROUNDING = 1e-9
 """Rounding of times, s."""
 _MEAN = "internal_axial_mean_N"
 """The one of STEADY_METRICS that is a mean; the others are rms values."""
-_AT_THE_END = ("time", "joint_velocity", "desired_twist", "payload_twist")
+_AT_THE_END = ("time", "joint_position", "joint_velocity", "desired_twist", "payload_twist")
 """Quantities of whose last seconds the drift of the joints is taken."""
 
 

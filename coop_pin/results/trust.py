@@ -128,7 +128,7 @@ class TrustMonitor:
         self._lower, self._upper = lower[..., None, :, :], upper[..., None, :, :]
         self._gross: Array | float = 0.0
         self._cut_start = np.full(lower.shape, np.nan)
-        self._last: Array | None = None
+        self._last: list[Array] | None = None
         self._start_energy: Array  # of the first sample
 
     def breaches(self, samples: Mapping[str, NDArray[Any]]) -> tuple[Breach, ...]:
@@ -181,6 +181,9 @@ class TrustMonitor:
         """Return how long each torque has been at its limit without a break, s."""
         saturated, time = np.moveaxis(samples["saturated"].astype(bool), -3, 0), samples["time"]
         is_cut, lengths = saturated.any(axis=0), np.zeros(saturated.shape)
+        if not is_cut.any():
+            self._cut_start = np.full(is_cut.shape, np.nan)
+            return np.moveaxis(lengths, 0, -3)
         saturated, places = saturated[:, is_cut], np.arange(1, len(time) + 1)[:, None]
         after_free = np.maximum.accumulate(np.where(saturated, 0, places), axis=0)
         earlier = np.fmin(self._cut_start[is_cut], time[0])  # of a cut that the first sample is in
@@ -192,13 +195,13 @@ class TrustMonitor:
 
     def _energy(self, samples: Mapping[str, NDArray[Any]]) -> _Series:
         energy, done = energies(samples)
-        works = np.stack([*done, samples["potential_energy"]], axis=-1)
-        energy = energy - works[..., :-1].sum(axis=-1)
+        energy, works = energy - sum(done), [*done, samples["potential_energy"]]
         if self._last is None:
-            self._last, self._start_energy = works[..., :1, :], energy[..., :1]
-        steps = np.abs(np.diff(works, axis=-2, prepend=self._last)).sum(axis=-1)
+            self._last, self._start_energy = [work[..., :1] for work in works], energy[..., :1]
+        pairs = zip(works, self._last, strict=True)
+        steps = sum(np.abs(np.diff(work, prepend=last)) for work, last in pairs)
         gross = self._gross + np.cumsum(steps, axis=-1)
-        self._last, self._gross = works[..., -1:, :], gross[..., -1:]
+        self._last, self._gross = [work[..., -1:] for work in works], gross[..., -1:]
         values = np.abs(energy - self._start_energy)
         allowed = self._allowed.energy_floor + self._allowed.energy_share * gross
         return _at_most("energy", values, allowed, values - allowed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from numbers import Real
@@ -112,7 +113,7 @@ def number_or_row(value: Any) -> float | tuple[float, ...]:
 
 def not_negative(value: float | tuple[float, ...]) -> float | tuple[float, ...]:
     """Return a number or a row of numbers that are not negative."""
-    if np.min(value) < 0.0:
+    if (min(value) if isinstance(value, tuple) else value) < 0.0:
         raise FieldError(f"is {value}; it must not be negative")
     return value
 
@@ -133,6 +134,8 @@ def number_row_or_rows(value: Any) -> float | tuple[float, ...] | tuple[tuple[fl
 
 
 def _number(value: Any, path: str = "") -> float:
+    if type(value) is float and math.isfinite(value):
+        return value
     if isinstance(value, bool) or not isinstance(value, Real):
         raise FieldError(f"is {value!r}; it must be a number", path)
     try:
@@ -281,6 +284,11 @@ class WithLaterFields(Description):
 
     @model_serializer(mode="wrap")
     def _written(self, fields_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        fields: dict[str, Any] = fields_of(self)
-        usual = {name: type(self).model_fields[name].default for name in self.later_fields}
+        fields, usual = fields_of(self), _later_defaults(type(self))
         return {name: value for name, value in fields.items() if name not in usual or value != usual[name]}
+
+
+@functools.cache
+def _later_defaults(kind: type[WithLaterFields]) -> dict[str, Any]:
+    """Return the defaults of the fields that earlier versions did not have, by name."""
+    return {name: kind.model_fields[name].default for name in kind.later_fields}

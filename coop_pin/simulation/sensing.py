@@ -10,6 +10,7 @@ import numpy as np
 
 from coop_pin.arrays import Array, Mask, frozen
 from coop_pin.control.interface import ArmMeasurement, ArmReference
+from coop_pin.description.grasp_plan import GraspPlan
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmKinematics, PayloadKinematics
 from coop_pin.model.cell_arm import CellArm
@@ -73,6 +74,7 @@ class Sensing:
             self._holding_factors.append(1.0 + per_joint(error, k, path))
         self.sensors = cell_sensors(scenario, slots)
         self._needs_wrenches = self.sensors.needs_wrenches
+        self._holds = np.ones(len(slots), dtype=bool)
         self.restore(None, scenario, 0)
 
     def restore(self, state: SensingState | None, scenario: Scenario, ticks: int) -> None:
@@ -86,9 +88,10 @@ class Sensing:
         self._scenario, self.state = scenario, state
         self._signals = self._signals_after(ticks)
 
-    def share(self, shares: Array) -> None:
-        """Split the wrenches by other load shares from now on, shape (m,)."""
-        self.sensors = self.sensors._replace(shares=shares)
+    def follow(self, plan: GraspPlan) -> None:
+        """Split the wrenches by a plan from now on, and heed the slip of the arms that hold."""
+        self.sensors = self.sensors._replace(shares=plan.carried, loads=plan.carried_linkage)
+        self._holds = plan.holds
 
     def _signals_after(self, ticks: int) -> Iterator[CellSignals]:
         """Return the signals of one tick after the other, from that with a number on."""
@@ -130,7 +133,8 @@ class Sensing:
         measured = self._step(self.state.sensors, truth, partial(self._view, q))
         if not plant.chain.patches.arms:
             return measured
-        slip = float(plant.chain.patches.slips.max())
+        slips = plant.chain.patches.slips[self._holds[plant.chain.patches.arms]]
+        slip = float(slips.max(initial=0.0))
         return [reading._replace(slip=slip) for reading in measured]
 
     def _step(self, state: SensorState, truth: Truth, view: View) -> list[ArmMeasurement]:

@@ -16,7 +16,8 @@ from coop_pin.arrays import Array, as_number, frozen, require_type
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.control.interface import ArmMeasurement, ArmReference, CellCommand, CellController, Message
 from coop_pin.description.events import LoseArm, PayloadEvent
-from coop_pin.description.grasp_events import Event, GraspPlan
+from coop_pin.description.grasp_events import Event
+from coop_pin.description.grasp_plan import GraspPlan
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import DivergedError, FieldError, InvalidStateError, OutOfRangeError
 from coop_pin.model.joint_limits import JointLimits
@@ -324,7 +325,7 @@ class Simulation:
             target, (squeeze, plan) = self.motion.at(time), self._planned(time)
             references = self._by_clocks(time, self._references(target, squeeze, plan))
             if plan is not None:
-                self.sensing.share(plan.shares)
+                self.sensing.follow(plan)
             if self._applied is None:
                 measurements = self.sensing.start(self.plant.q, self.plant.v, references)
             else:
@@ -381,7 +382,7 @@ class Simulation:
         lost = [scenario.actuators_of(name).lost_at for name in scenario.cell.arms]
         instants = [time for time in lost if time is not None]
         self.timeline = Timeline(scenario.clock, scenario.duration, scenario.events, instants)
-        self._clocks, self._has_plan = scenario.clocks, bool(scenario.grasp_events)
+        self._clocks, self._has_plan = scenario.clocks, scenario.has_grasp_plan
 
     def _planned(self, time: float) -> tuple[Array, GraspPlan | None]:
         """Return desired internal wrenches and the plan of the grasps at a time, if grasps have events."""
@@ -414,10 +415,10 @@ class Simulation:
     def _planned_references(self, target: PoseTarget, squeeze: Array, plan: GraspPlan) -> list[ArmReference]:
         """Return the references of arms that bear other shares, or retreat from their grasps."""
         rows, references = self._rows, list[ArmReference]()
-        for grasp, wrench, share, retreat in zip(
-            self._grasps.values(), squeeze, plan.shares.tolist(), plan.retreats, strict=True
+        for name, wrench, share, retreat in zip(
+            self._grasps, squeeze, plan.carried.tolist(), plan.retreats, strict=True
         ):
-            X, V, A = retreated(target, -grasp.matrix[:3, 2], retreat)
+            X, V, A = retreated(target, self.scenario.cell.way_out(name), retreat)
             motion = (frozen(X), frozen(rows.select(V)), frozen(rows.select(A)))
             references.append(ArmReference(*motion, frozen(rows.select(wrench)), share))
         return references

@@ -122,7 +122,8 @@ def log3(R: Array) -> Array:
         ShapeError: the shape differs.
     """
     R = shaped("R", R, 3, 3)
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.tolist() if R.ndim == 2 else np.moveaxis(R, (-2, -1), (0, 1))
+    entries = R.tolist() if R.ndim == 2 else np.ascontiguousarray(np.moveaxis(R, (-2, -1), (0, 1)))
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = entries
     # Four multiples of the quaternion; the factor of each is its own diagonal entry.
     by_w = (1.0 + xx + yy + zz, zy - yz, xz - zx, yx - xy)
     by_x = (zy - yz, 1.0 + xx - yy - zz, xy + yx, xz + zx)

@@ -19,7 +19,7 @@ from coop_pin.sweeps.run_key import require_unchanged
 
 _simulator = BatchSimulator()
 """With plants, code and memory of the last families, for all batches of a process."""
-_untraceable = set[Hashable]()
+_untraceable = list[Hashable]()
 """Families that were refused: their later batches are not traced again."""
 _LOG = logging.getLogger("coop_pin.sweeps")
 
@@ -100,7 +100,7 @@ def _together(jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array)
         batch = _simulator.run_prepared(runs)
         metrics = batch.metrics()
     except TracingError:
-        _untraceable.add(runs[0].kind)
+        _untraceable.append(runs[0].kind)
         raise
     except Exception as error:
         half = len(jobs) // 2

@@ -56,7 +56,7 @@ def with_engine(plan: SweepPlan, store: SweepStore, runs: int | None = None) -> 
             return plan.model_copy(update={"engine": store.read_plan().engine})
     # A user's code runs in workers only; if it cannot be traced, they tell why.
     count = len(plan) if runs is None else runs
-    (choice,) = choose_engines([plan.resolved(0)], plan.engine, [count], traces_user_code=False)
+    (choice,) = choose_engines([plan.resolved(plan[0])], plan.engine, [count], traces_user_code=False)
     if choice.obstacle is not None and plan.engine == "batch":
         message = f"is 'batch', but the first run cannot be simulated in one: {choice.reason}"
         raise FieldError(message, "engine")
@@ -307,7 +307,7 @@ def sweep(
     if execution.engine is not None:
         fields = {**fields, "engine": execution.engine}
     chosen = base.replace(**fields) if isinstance(base, SweepPlan) else SweepPlan(base=base, **fields)
-    require_feasible(map(chosen.resolved, range(len(chosen))))
+    require_feasible(map(chosen.resolved, chosen.points()))
     return sweep_plan(chosen, out, execution, retry_failed=retry_failed)
 
 

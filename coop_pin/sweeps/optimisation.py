@@ -187,10 +187,10 @@ def _require_feasible_cases(plan: SweepPlan, size: int) -> None:
         size: number of points.
     """
     if not plan.cases:
-        require_feasible(map(plan.resolved, range(size)))
+        require_feasible(map(plan.resolved, plan.points(range(size))))
     require_feasible_groups(
         {
-            f"cases.{name}": map(plan.resolved, range(k * size, (k + 1) * size))
+            f"cases.{name}": map(plan.resolved, plan.points(range(k * size, (k + 1) * size)))
             for k, name in enumerate(plan.cases.get("case", ()))
         }
     )

@@ -6,7 +6,7 @@ import functools
 import math
 import sys
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
 
@@ -189,11 +189,11 @@ class SweepPlan(Description):
             parameters |= dimension.labels(int(position))
         return Point(index, str(parameters.get("base", next(iter(self.base)))), changes, parameters)
 
-    def points(self) -> Iterator[Point]:
-        """Yield all points in order."""
-        return map(self.__getitem__, range(len(self)))
+    def points(self, numbers: Iterable[int] | None = None) -> Iterator[Point]:
+        """Yield points by their numbers, all in order when these are omitted."""
+        return map(self.__getitem__, range(len(self)) if numbers is None else numbers)
 
-    @property
+    @functools.cached_property
     def has_open_steps(self) -> bool:
         """Whether the number of plant steps is still to be chosen; until then scenarios have their own."""
         varied = {field for dimension in self.dimensions for field in dimension.fields}
@@ -205,21 +205,21 @@ class SweepPlan(Description):
         Raises:
             ScenarioError: the changed scenario has mistakes.
         """
-        scenario = self.resolved(index)
+        scenario = self.resolved(self[index])
         if isinstance(scenario, ScenarioError):
             raise scenario
         return scenario
 
-    def resolved(self, index: int) -> Scenario | ScenarioError:
+    def resolved(self, point: Point) -> Scenario | ScenarioError:
         """Return the scenario of one point, or the mistakes in it."""
-        return self._tried[index] if index in self._tried else self._overridden(index)
+        return self._tried[point.number] if point.number in self._tried else self._overridden(point)
 
-    def _overridden(self, index: int) -> Scenario | ScenarioError:
-        point = self[index]
+    def _overridden(self, point: Point) -> Scenario | ScenarioError:
+        changes = point.changes
         if self.has_open_steps:  # the scenario's own number
-            del point.changes[STEPS_FIELD]
+            changes = {field: value for field, value in changes.items() if field != STEPS_FIELD}
         try:
-            return self.base[point.base].override(point.changes) if point.changes else self.base[point.base]
+            return self.base[point.base].override(changes) if changes else self.base[point.base]
         except ScenarioError as error:
             return error
 
@@ -230,7 +230,7 @@ class SweepPlan(Description):
         for dimension in self.dimensions:
             stride //= dimension.size
             trials |= set(range(0, dimension.size * stride, stride)) if dimension.cases else set()
-        return {index: self._overridden(index) for index in sorted(trials)}
+        return {index: self._overridden(self[index]) for index in sorted(trials)}
 
     def part(self, cases: Collection[str], engine: Engine) -> Self:
         """Return the plan of some of the cases that are its first dimension, by another engine.

@@ -46,7 +46,7 @@ def with_steps(plan: SweepPlan, store: SweepStore) -> SweepPlan:
     plant = plant_of("pinocchio" if plan.engine == "pinocchio" else "traced")
     steps = [least]
     for number in extreme_points(plan):
-        scenario = plan.resolved(number)
+        scenario = plan.resolved(plan[number])
         if isinstance(scenario, Scenario):
             try:
                 steps.append(fewest_steps(scenario, error=plan.steps_error_m, plant=plant).steps)

@@ -19,6 +19,7 @@ from coop_pin.arrays import as_count, as_number, require_path, require_type
 from coop_pin.errors import ArgumentError, FieldError, InvalidStateError, NameNotFoundError, OutOfRangeError
 from coop_pin.heat_map import write_heat_map
 from coop_pin.results import RunResult
+from coop_pin.results.netcdf import written_netcdf
 from coop_pin.run_scenario import run
 from coop_pin.sweeps.plan import COLUMNS, SweepPlan
 from coop_pin.sweeps.run_key import keyed_points
@@ -133,7 +134,7 @@ class SweepResult:
         self.store.write_with(folder / "times.csv", self.table[[*times, "key"]].to_csv)
         if not self._is_written(content):
             table.unlink(missing_ok=True)  # written last: it tells that table.nc is whole
-            write = functools.partial(self.data.to_netcdf, engine="h5netcdf")
+            write = functools.partial(Path.write_bytes, data=written_netcdf(self.data).getbuffer())
             self.store.write_with(folder / "table.nc", write)
         self.store.write_changed(table, content)
 

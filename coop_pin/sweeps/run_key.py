@@ -135,6 +135,7 @@ def run_key(
     *,
     engine: str = "pinocchio",
     version: str = "",
+    text: Callable[[Scenario], str] = Scenario.model_dump_json,
 ) -> str:
     """Return the key of a run, 64 hexadecimal digits.
 
@@ -150,13 +151,14 @@ def run_key(
         digest: ``file_digest``, or one that remembers.
         engine: engine of the plan; batches differ from single runs by rounding.
         version: version of coop_pin; this one when omitted.
+        text: function that returns a scenario as JSON.
     """
     if code is None:
         code = tuple((name, code_digests(name)) for name in code_of(scenario, metrics))
     stored = scenario.model_copy(update={"controller": scenario.controller.stored_as})
     content = {
         "coop_pin": version or __version__,
-        "scenario": stored.model_dump_json(),
+        "scenario": text(stored),
         "metrics": list(metrics),
     }
     files = {name: digest(path) for name, path in _files(scenario)}
@@ -180,13 +182,28 @@ def _files(scenario: Scenario) -> Iterator[tuple[str, Path]]:
         with contextlib.suppress(CoopPinError):
             yield arm.urdf, _urdf_path(arm.urdf)
     table = getattr(scenario.motion, "path", "")
-    if Path(table).is_file():
+    if table and Path(table).is_file():
         yield table, Path(table)
 
 
 @functools.lru_cache(maxsize=256)
 def _urdf_path(urdf: str) -> Path:
     return find_urdf(urdf).path
+
+
+class ScenarioTexts:
+    """JSON of one scenario after the other; fields that are those of the last one are not written anew."""
+
+    def __init__(self) -> None:
+        self._fields: dict[str, tuple[Any, str]] = {}
+
+    def __call__(self, scenario: Scenario) -> str:
+        """Return what ``model_dump_json`` returns."""
+        for name in Scenario.model_fields:
+            value = getattr(scenario, name)
+            if name not in self._fields or self._fields[name][0] is not value:
+                self._fields[name] = value, scenario.model_dump_json(include={name})[1:-1]
+        return f"{{{','.join(filter(None, (text for _, text in self._fields.values())))}}}"
 
 
 class KeyedPoint(NamedTuple):
@@ -209,12 +226,13 @@ def keyed_points(
     plan: SweepPlan, numbers: Iterable[int] | None = None, *, version: str = ""
 ) -> Iterator[KeyedPoint]:
     """Yield points of a plan, all without numbers, with their keys; every file is looked at once."""
-    digests, digest = functools.cache(code_digests), functools.cache(file_digest)
-    for point in plan.points() if numbers is None else map(plan.__getitem__, numbers):
-        scenario = plan.resolved(point.number)
+    digests, digest, text = functools.cache(code_digests), functools.cache(file_digest), ScenarioTexts()
+    for point in plan.points(numbers):
+        scenario = plan.resolved(point)
         if isinstance(scenario, ScenarioError):
             yield KeyedPoint(point, unresolved_key(plan.base[point.base], point.changes, version), scenario)
             continue
-        code = tuple((name, digests(name)) for name in code_of(scenario, plan.metrics))
-        key = run_key(scenario, plan.metrics, code, digest, engine=plan.engine, version=version)
+        engine, metrics = plan.engine, plan.metrics
+        code = tuple((name, digests(name)) for name in code_of(scenario, metrics))
+        key = run_key(scenario, metrics, code, digest, engine=engine, version=version, text=text)
         yield KeyedPoint(point, key, scenario, code)

@@ -150,6 +150,8 @@ class Tape:
         Patterns name float or int because an index may equal a constant.
         """
         match name, operands:
+            case "add" | "sub" | "mul" | "div", _ if any(x != x for x in operands):
+                return math.nan
             case (
                 ("add" | "sub", (x, float(0.0)))
                 | ("add", (float(0.0), x))

@@ -276,9 +276,25 @@ _REARRANGING = {
 """Functions that move entries, or add and multiply them: numpy's own work on objects."""
 
 
+def _norm(x: Any, axis: int = -1, keepdims: bool = False) -> Any:
+    return np.sqrt(traced((plain(x) ** 2).sum(axis=axis, keepdims=keepdims)))
+
+
+_INEXACT: dict[Any, Callable[..., Any]] = {
+    np.einsum: lambda subscripts, *arrays: traced(np.einsum(subscripts, *map(plain, arrays))),
+    np.linalg.norm: _norm,
+    np.nan_to_num: lambda x: traced(
+        [y if isinstance(y, Traced) else np.nan_to_num(y) for y in plain(x).flat]
+    ).reshape(x.shape),
+}
+"""Functions whose rounding, or values at NaN, are not numpy's: not for code that must be exact."""
+
+
 def _function(func: Any, args: Any, kwargs: Any) -> Any:
     if func in _FUNCTIONS and not kwargs:
         return _FUNCTIONS[func](*args)
+    if func in _INEXACT and not any(tape.is_exact for tape in _tapes(args)):
+        return _INEXACT[func](*args, **kwargs)
     if func in _REARRANGING:
         result = func(*_plainly(args), **kwargs)
         return [traced(part) for part in result] if isinstance(result, list) else traced(result)

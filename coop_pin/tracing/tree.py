@@ -12,7 +12,8 @@ import itertools
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from enum import Enum
 from pathlib import PurePath
-from typing import Any, NamedTuple, TypeVar, cast
+from types import MappingProxyType
+from typing import Any, NamedTuple, TypeAlias, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,18 +59,29 @@ def structure(tree: Any) -> Hashable:
     return flattened(tree)[1]
 
 
-def flattened(tree: Any) -> tuple[list[Any], Hashable]:
+Flat: TypeAlias = tuple[list[Any], Hashable]
+"""Numbers of a tree, in order, and its structure."""
+
+
+def flattened(tree: Any, known: Mapping[int, Flat] = MappingProxyType({})) -> Flat:
     """Return the numbers of a tree, in order, and its structure; truth values and texts are no numbers.
+
+    Args:
+        tree: Tree.
+        known: Parts of it that are flattened already, by ``id``.
 
     Raises:
         TracingError: A part of it is no tree.
     """
     numbers = list[Any]()
-    return numbers, _flatten(tree, numbers)
+    return numbers, _flatten(tree, numbers, known)
 
 
-def _flatten(tree: Any, numbers: list[Any]) -> Hashable:
+def _flatten(tree: Any, numbers: list[Any], known: Mapping[int, Flat]) -> Hashable:
     """Append the numbers of a tree to others, and return its structure."""
+    if flat := known.get(id(tree)):
+        numbers += flat[0]
+        return flat[1]
     kind = _kind(tree.__class__)
     if kind is _NUMBER or kind is _MASK:
         numbers.append(tree)
@@ -83,7 +95,7 @@ def _flatten(tree: Any, numbers: list[Any]) -> Hashable:
         return tree.shape
     if kind is _CONSTANT:
         return type(tree), repr(tree)
-    return (type(tree), *[(name, _flatten(part, numbers)) for name, part in _parts(tree)])
+    return (type(tree), *[(name, _flatten(part, numbers, known)) for name, part in _parts(tree)])
 
 
 def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:
