@@ -46,7 +46,7 @@ class RunBlock:
         uniforms: numbers that all runs share at a row.
         recorded: number of slots that are recorded, the first ones.
         loaded: number of slots after them that are loaded at each tick.
-        read: functions that read quantities at a tick, see Quantity, by name.
+        read: functions that read quantities at a tick, see Quantity, and whether they are of drives, by name.
     """
 
     def __init__(
@@ -67,7 +67,10 @@ class RunBlock:
             table: Quantities of the runs.
         """
         self.constants, self.signals, self._differs = constants, signals, differs
-        self.start, self.read = start, {each.name: each.read for each in table if each.read}
+        self.start, self.read = (
+            start,
+            {each.name: (each.read, each.dims == "arm joint") for each in table if each.read},
+        )
         m, N, k_0 = len(constants.arms), len(start.q), constants.sensors.rows.size
         self.lanes, self.uniforms = lanes, uniforms = Layout(), Layout()
         lanes.add(q=(N,), v=(N,), work=(len(WORK),), is_valid=(), **observed(m))
@@ -92,7 +95,7 @@ class RunBlock:
         )
         return kernel, rebuilt(self.constants, entries)
 
-    def cell(self, kernel: Kernel, constants: RunConstants) -> CellNumbers:
+    def present_cell(self, kernel: Kernel, constants: RunConstants) -> CellNumbers:
         """Return the constants of the cell in its present surroundings."""
         cell, changed = constants.cell, rebuilt(constants.changes[0], iter(kernel.read("surroundings")))
         return cell._replace(surroundings=cell.surroundings._replace(**changed))

@@ -11,7 +11,7 @@ import numpy as np
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.batch.constants import RunConstants, run_constants, start
-from coop_pin.batch.hidden_state import digest, of_surroundings
+from coop_pin.batch.hidden_state import digest, of_classes
 from coop_pin.batch.signals import SignalSource, clocked_of, columns, desired_of, first_of
 from coop_pin.batch.support import plant_reason
 from coop_pin.build_controller import build_controller, controlled_arm
@@ -189,7 +189,7 @@ class Prepared(NamedTuple):
 
 def _surroundings(scenario: Scenario) -> str:
     """Return a digest of what a law may read besides its object and its arguments."""
-    return digest(of_surroundings(scenario.controller.user_code))
+    return digest(of_classes(scenario.controller.user_code))
 
 
 def plant_fields(scenario: Scenario) -> list[object]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from coop_pin.arrays import typed
 from coop_pin.batch.constants import RunConstants, run_constants, start
-from coop_pin.batch.hidden_state import Contents, of_objects, of_surroundings, require_unchanged
+from coop_pin.batch.hidden_state import Contents, of_classes, of_objects, require_unchanged
 from coop_pin.batch.law_code import LawTick, require_agreement, trace_law
 from coop_pin.build_controller import build_controller
 from coop_pin.control import CellController
@@ -165,4 +165,4 @@ def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -
 
 def _attributes(scenario: Scenario, controller: CellController) -> Contents:
     """Return the attributes of a user's law, of its classes and of their modules."""
-    return of_objects(controller) | of_surroundings(scenario.controller.user_code)
+    return of_objects(controller) | of_classes(scenario.controller.user_code)

@@ -180,12 +180,11 @@ class TickCode:
         jacobians = [measurement.payload_jacobian for measurement in measurements]
         kernel.write("jacobians", np.concatenate([J.ravel() for J in jacobians]))
         kernel.write("condition_bounds", [_condition_bound(J) for J in jacobians])
-        for name, read in self._block.read.items():
-            values = read(measurements, applied)
+        for name, (read, is_of_drives) in self._block.read.items():
             absent: Any = np.full(self._block.lanes.slots(name).shape or (1,), np.nan)
-            if len(absent) != len(values):  # of the drives of all arms in one row
+            if is_of_drives:  # those of all arms are in one row
                 absent = self._block.constants.cell.by_arm(absent)
-            pairs = zip(absent, values, strict=True)
+            pairs = zip(absent, read(measurements, applied), strict=True)
             kernel.write(name, [traced(none if value is None else value) for none, value in pairs])
 
     def _sensed(self, kernel: Kernel, constants: RunConstants) -> DriveMotion:
@@ -251,7 +250,7 @@ class TickCode:
         slots of the wrenches serve both: a tick reads what "weigh" wrote, the record what "observe" wrote.
         """
         observe, constants = self._block.kernel("observe")
-        cell = self._block.cell(observe, constants)
+        cell = self._block.present_cell(observe, constants)
         motion = cell_motion(self._functions, cell, CellState.of(observe))
         observe.write("rates", motion.rates)
         for name in observed(len(constants.arms)):
@@ -273,7 +272,7 @@ class TickCode:
     def _step(self) -> Kernel:
         """Return the kernel of one plant step of h."""
         kernel, constants = self._block.kernel("step")
-        write_step(kernel, self._functions, self._block.cell(kernel, constants))
+        write_step(kernel, self._functions, self._block.present_cell(kernel, constants))
         return kernel
 
     def _guard(self, kernel: Kernel, conditions: Sequence[Number]) -> None:

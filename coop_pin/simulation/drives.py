@@ -227,20 +227,29 @@ class CellDrives(NamedTuple):
             gives: 1.0 for each arm that gives torque, 0.0 for one that has lost it, or its commands.
             s: Time since the tick before, or the last sample of a servo, s.
         """
-        if state.servos:
-            return self._step_with_servos(state, commanded, missed, sensed, gives, s)
-        entries = [
-            arm.step(
-                state.last[index],
-                gives[index] * commanded[index] if arm.keeps_weight else commanded[index],
-                missed[index],
-                None if arm.carried is None else arm.carried * sensed.weight(index),
-            )
-            for index, arm in enumerate(self.arms)
-        ]
-        requested, torques, saturated, reported, last = zip(*entries, strict=True)
-        applied = Applied(commanded, requested, torques, saturated, reported)
-        return self._responded(applied, DriveState(last, state.response), gives, s)
+        entries, servos = [], list(state.servos)
+        for index, (arm, command) in enumerate(zip(self.arms, commanded, strict=True)):
+            servo = servos[index] if servos else None
+            if arm.servo is None or servo is None:
+                weight = None if arm.carried is None else arm.carried * sensed.weight(index)
+                sent = gives[index] * command if arm.keeps_weight else command
+                entries.append((command, *arm.step(state.last[index], sent, missed[index], weight)))
+            else:
+                arrives = (1.0 - missed[index]) * (gives[index] if arm.keeps_weight else 1.0)
+                servo = arm.servo.received(servo, command, 1.0 - arrives)
+                now, servos[index] = self._sampled(index, servo, sensed)
+                acts = frozen(now.commanded + (now.torque - now.requested))
+                entries.append(
+                    (now.commanded, now.requested, now.torque, now.is_cut, acts, state.last[index])
+                )
+        asked, requested, torques, saturated, reported, last = zip(*entries, strict=True)
+        applied = Applied(asked, requested, torques, saturated, reported)
+        if not servos:
+            return self._responded(applied, DriveState(last, state.response), gives, s)
+        pairs = zip(self.arms, commanded, strict=True)
+        by_servos = tuple(None if arm.servo is None else command for arm, command in pairs)
+        drives = DriveState(last, state.response, tuple(servos), torques)
+        return self._responded(applied._replace(servo_commands=by_servos), drives, gives, s)
 
     def _responded(
         self, applied: Applied, state: DriveState, gives: Sequence[float], s: float
@@ -260,38 +269,6 @@ class CellDrives(NamedTuple):
         return applied, state._replace(response=response)
 
     # ------------------------------------------------------------ servos
-
-    def _step_with_servos(
-        self,
-        state: DriveState,
-        commanded: Sequence[Array],
-        missed: Array,
-        sensed: DriveMotion,
-        gives: Sequence[float],
-        s: float,
-    ) -> tuple[Applied, DriveState]:
-        """Return what the drives make of commands where some arms have servos, and the state; as ``step``."""
-        servos: list[ServoState | None] = list(state.servos)
-        entries, asked = [], list[Array]()
-        for index, (arm, servo, command) in enumerate(zip(self.arms, servos, commanded, strict=True)):
-            weight = None if arm.carried is None else arm.carried * sensed.weight(index)
-            if arm.servo is None or servo is None:
-                command = gives[index] * command if arm.keeps_weight else command
-                entries.append(arm.step(state.last[index], command, missed[index], weight))
-                asked.append(commanded[index])
-                continue
-            arrives = (1.0 - missed[index]) * (gives[index] if arm.keeps_weight else 1.0)
-            servo = arm.servo.received(servo, command, 1.0 - arrives)
-            now, servos[index] = self._sampled(index, servo, sensed)
-            acts = frozen(now.commanded + (now.torque - now.requested))
-            entries.append((now.requested, now.torque, now.is_cut, acts, state.last[index]))
-            asked.append(now.commanded)
-        requested, torques, saturated, reported, last = zip(*entries, strict=True)
-        servo_commands = tuple(
-            None if arm.servo is None else command for arm, command in zip(self.arms, commanded, strict=True)
-        )
-        applied = Applied(asked, requested, torques, saturated, reported, servo_commands)
-        return self._responded(applied, DriveState(last, state.response, tuple(servos), torques), gives, s)
 
     def _sampled(self, index: int, servo: ServoState, sensed: DriveMotion) -> tuple[ServoTorque, ServoState]:
         """Return the torques of an arm at a sample of its servo, and the servo's state."""

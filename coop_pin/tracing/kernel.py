@@ -6,7 +6,6 @@ kernels run in which order, and what is loaded into slots and recorded from them
 
 from __future__ import annotations
 
-import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -88,8 +87,8 @@ class Kernel:
 
     def beside(self, name: str) -> Kernel:
         """Return a kernel without writes on the same tape: what both need is traced once."""
-        other = copy.copy(self)
-        other.name, other.writes = name, []
+        other = Kernel(name, self._lanes, self._uniforms)
+        other.tape, other.reads, other._fields = self.tape, self.reads, self._fields
         return other
 
     def read(self, name: str) -> Any:
