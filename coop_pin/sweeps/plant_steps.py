@@ -74,10 +74,10 @@ def extreme_points(plan: SweepPlan) -> list[int]:
     shape, generator = plan.shape, random.Random(0)
     extremes = [_extremes(dimension) for dimension in plan.dimensions]
     middle = [size // 2 for size in shape]
-    places = [middle, [ends[0] for ends in extremes], [ends[-1] for ends in extremes]]
+    positions = [middle, [ends[0] for ends in extremes], [ends[-1] for ends in extremes]]
     for axis, ends in enumerate(extremes):
-        places += [[*middle[:axis], end, *middle[axis + 1 :]] for end in ends]
-    numbers = {int(np.ravel_multi_index(place, shape)) if shape else 0 for place in places}
+        positions += [[*middle[:axis], end, *middle[axis + 1 :]] for end in ends]
+    numbers = {int(np.ravel_multi_index(position, shape)) if shape else 0 for position in positions}
     return sorted(numbers | set(generator.sample(range(len(plan)), min(_SAMPLE, len(plan)))))
 
 
