@@ -234,8 +234,9 @@ class Check:
         _print(textwrap.indent(errors.summary(), "  "))
         if scenario.network is not None:
             _print(f"  {simulation.traffic().summary(scenario.clock.rate_hz)}")
-        if errors.growth > 0.0:
-            earliest = max(0.0, force_reserve(scenario, reach)) / errors.growth
+        reserve = force_reserve(scenario, reach) if errors.growth > 0.0 else math.inf
+        if math.isfinite(reserve):  # drives without limits have no end of it
+            earliest = max(0.0, reserve) / errors.growth
             _print(f"  ! the force that grows is beyond the first drive {earliest:.3g} s later or after")
         if math.isfinite(errors.free):
             needed = ", ".join(
