@@ -18,6 +18,7 @@ from coop_pin.chain import CellChain
 from coop_pin.errors import (
     ArgumentError,
     FieldError,
+    FileReadError,
     InfeasibleMotionError,
     OutOfRangeError,
     UnreachablePoseError,
@@ -194,6 +195,9 @@ def test_a_plan_survives_json(tmp_path, planned):
     plan.save(tmp_path / "plan.json")
     assert cp.CarryPlan.load(tmp_path / "plan.json") == plan
     assert json.loads((tmp_path / "plan.json").read_text())["method"] == "least time"
+    (tmp_path / "plan.json").write_text("{")
+    with pytest.raises(FileReadError):
+        cp.CarryPlan.load(tmp_path / "plan.json")
 
 
 @pytest.mark.slow
@@ -283,6 +287,26 @@ def test_what_no_plan_can_do_is_refused_by_its_cause():
         cp.plan_carry(cell, start, goal, smoothing=0.0)
     with pytest.raises(ArgumentError):
         cp.plan_carry(cp.Scenario.load("adept-compliant").cell, start, goal)
+
+
+def test_the_feed_forward_does_not_know_the_errors_of_sensors_and_drives(planned):
+    plan, exact = planned("adept"), adept()[0].override({"clock.rate_hz": 80.0})
+    errors = {"sensors.holding_torque_error": 0.1, "actuators.lag": 0.005, "actuators.missed_ticks": 0.1}
+    played = [plan.played_by(each, start_time=0.1) for each in (exact, exact.override(errors))]
+    assert played[0].feed_forward == played[1].feed_forward
+    assert played[1].sensors.holding_torque_error == 0.1
+    # Before the start nothing is added, and the run ends with a tick.
+    assert not np.any(played[0].feed_forward.at(0.09))
+    assert_allclose(played[0].duration * 80.0 % 1.0, 0.0, atol=1e-9)
+
+
+def test_proofs_and_exports_refuse_a_feed_forward(tmp_path):
+    table = {"right": np.ones((1, 3)), "left": np.zeros((1, 3))}
+    scenario = short_scenario().replace(feed_forward=cp.FeedForward(times=(0.0,), torques=table))
+    with pytest.raises(ArgumentError, match="feed-forward"):
+        cp.export_c(scenario, "left", tmp_path)
+    with pytest.raises(ArgumentError, match="feed-forward"):
+        cp.analysis.theorem_monitor(cp.run(scenario))
 
 
 def test_a_plan_is_played_with_its_own_cell_and_drives_that_take_torques(planned):
@@ -409,3 +433,18 @@ def test_a_played_plan_keeps_limits_squeeze_and_closure(name, planned):
     assert errors["torque"] < 0.97
     assert errors["speed"] < 0.97
     assert errors["pose"] < 1e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("change", ["law (23)", "a fifth more mass"])
+def test_laws_without_a_model_play_a_plan_and_correct_what_it_does_not_know(change, planned):
+    if change == "law (23)":
+        law = cp.Scenario.load("adept-paper").controller
+        data = cp.run(planned("adept").played_by(adept()[0].replace(controller=law))).data
+    else:
+        scenario = planned("pandas").played_by(pandas()[0])
+        data = cp.run(scenario.replace(events=(cp.PayloadChange(time=0.02, mass=3.6),))).data
+    errors = errors_of(data, 1.0)
+    print(change, errors)
+    assert errors["internal force"] < 1.0
+    assert errors["pose"] < 5e-4
