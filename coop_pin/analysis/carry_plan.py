@@ -199,7 +199,7 @@ def plan_carry(
         seeds = [seed for seed in seeds if seed.times[-1] <= duration]
         best, rival = min(map(limits.least_effort, seeds), key=limits.effort), slower(line, duration)
         method = "least effort"
-    timing = CarryTiming.of(best, KNOTS)
+    timing = CarryTiming.of(best, max(KNOTS, len(best.times)))
     table = path.at(timing.s).torques(timing.v, timing.a)
     return CarryPlan(
         cell=cell,
