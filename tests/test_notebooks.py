@@ -22,7 +22,6 @@ SHORT = {
     "06_internal_force": "seconds = 4.5",
     "07_compare": "seconds = 1.0",
     "08_grasps": "seconds = 0.8",
-    "09_chain": "factors = np.linspace(0.5, 4.0, 3)",
 }
 """Short mode: the source of the cell tagged "parameters"; notebooks not listed here are short already."""
 
@@ -54,13 +53,7 @@ def in_short(path):
     return notebook
 
 
-LONG = {"09_chain": pytest.mark.slow}
-"""Marks of notebooks whose short mode takes long."""
-
-
-@pytest.mark.parametrize(
-    "path", [pytest.param(path, marks=LONG.get(path.stem, ()), id=path.stem) for path in NOTEBOOKS]
-)
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_in_its_short_mode_and_shows_its_replay(path, tmp_path):
     assert_it_runs_and_shows_its_replay(in_short(path), tmp_path)
 

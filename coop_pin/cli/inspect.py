@@ -136,7 +136,7 @@ class Check:
     with the lag of the drives along the motion, the slowest and the least damped mode of the whole loop at
     the start, and the joint friction in the plant's steps; say what the law
     measures and what a kinematic bias and an unknown load leave; the proposal of 'coop-pin suggest'
-    for these postures follows; on compliant grasps it is the stiffness from which the gains hold.
+    for these postures follows; on compliant grasps also the stiffness from which the gains hold.
     Every field of the scenario can be changed as in 'coop-pin run'.
 
     Attributes:
@@ -158,6 +158,7 @@ class Check:
     def execute(self) -> int:
         """Print the results; the exit code is OK if the motion is feasible."""
         from coop_pin.analysis import (
+            admittance_stability,
             anchor_biases,
             closure_problem,
             eigenvalues,
@@ -171,6 +172,7 @@ class Check:
             loads_without_an_arm,
             loop_stability,
             motion_stability,
+            own_inertia_proposal,
             reachability,
             statics_along,
             steady_errors,
@@ -189,7 +191,12 @@ class Check:
             _print(f"  ! {singular}")
         ok = reach.ok and torques.ok and not singular
         if scenario.has_servos:
-            _print("  the arms have servos: gains, sampling and errors at rest of the law are not checked")
+            try:
+                loop = admittance_stability(scenario)
+                ok = ok and loop.ok
+                _print(f"  {loop.summary()}; errors at rest on servos are not checked")
+            except ArgumentError as error:
+                _print(f"  the arms have servos, and gains and errors at rest are not checked: {error}")
         if size := large_record(scenario):
             _print(f"  {size}")
         squeeze = least_squeeze(scenario)
@@ -214,8 +221,8 @@ class Check:
         else:
             stable[:0] = motion_stability(simulation, reach), loop_stability(simulation, reach)
         _print(textwrap.indent("\n".join(finding.summary() for finding in stable), "  "))
-        if not scenario.cell.compliant:
-            _print(f"  {gain_proposal(scenario, reach).summary()}")
+        propose = own_inertia_proposal if scenario.cell.compliant else gain_proposal
+        _print(f"  {propose(scenario, reach).summary()}")
         try:
             _print(f"  {eigenvalues(scenario).summary()}")
         except (ArgumentError, DivergedError) as error:  # the steps or gains named above
