@@ -18,10 +18,10 @@ from coop_pin.control import (
     ControlledArm,
     estimator_radius,
 )
+from coop_pin.control.averaged_wrench import AveragedState
 from coop_pin.control.consensus import MeanGains, averaged_loop_radius, graph_eigenvalues
 from coop_pin.control.force_path import ConsensusForcePath
 from coop_pin.control.mean_pose import ConsensusState
-from coop_pin.control.told_wrench import AveragedState
 from coop_pin.description.network import edges_of
 from coop_pin.errors import FieldError, ScenarioError
 from coop_pin.simulation.network import CellNetwork, NetworkSignals
