@@ -88,6 +88,7 @@ _PUBLIC = {
     "Saturation": "coop_pin.control",
     "Scenario": "coop_pin.description",
     "Sensors": "coop_pin.description",
+    "SlipSensor": "coop_pin.description",
     "Servo": "coop_pin.description",
     "Sign": "coop_pin.control",
     "Simulation": "coop_pin.simulation",

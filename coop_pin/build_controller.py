@@ -52,5 +52,5 @@ def controlled_arm(scenario: Scenario, name: str) -> ControlledArm:
         oldest_wrench=path.delay
         + max((wrist.delay + wrist.every - 1 for wrist in scenario.wrists), default=0),
         base_drives=model.base_joints,
-        pressed=name in cell.patches,
+        way_out=cell.way_out(name) if name in cell.patches else None,
     )

@@ -26,6 +26,7 @@ for other in [
     "three-ur5-handover",
     "human-partner",
     "two-pandas-palms",
+    "two-ur5-admittance",
     "pick-carry-place",
     *FAR_CELLS,
     *LARGE_CELLS,

@@ -10,8 +10,10 @@ import coop_pin as cp
 from coop_pin.analysis import run_warnings
 from coop_pin.batch import support
 from coop_pin.build_controller import build_controller
+from coop_pin.errors import CoopPinError
 from coop_pin.results.metrics import energy_balance
 from coop_pin.simulation import Simulation
+from coop_pin.simulation.slip import SlipSensors, slip_errors
 from coop_pin.spatial import weight_wrench
 from coop_pin.spatial.internal_wrench import linkage_loads, virtual_linkage_internal_wrenches
 from coop_pin.viz.highlights import telling_instant
@@ -148,6 +150,67 @@ def test_a_squeeze_that_is_too_small_drops_the_crate_and_the_arms_stay():
     assert np.abs(energy_balance(data)).max() < 5e-2
 
 
+@pytest.mark.parametrize("name", CELLS)
+def test_the_normal_force_of_its_own_wrist_tells_an_arm_of_a_loss(name):
+    """At the start the wrist reads the squeeze; the guard watches where twice its force is desired."""
+    scenario = CELLS[name](**{"controller.normal_guard": 5.0, "sensors.wrist": {}})
+    simulation = Simulation(scenario, build_controller(scenario))
+    inputs, law = simulation.observe(), simulation.controller
+    for arm, seen, reference in zip(law.controllers, inputs.measurements, inputs.references, strict=True):
+        controller = law.controllers[arm]
+        controller = getattr(controller, "law", controller)
+        pressed = abs(scenario.squeeze_wrenches[0, 0])
+        F, rows = seen.interaction_wrench, scenario.cell.task_rows
+        normal = rows.turn(reference.pose, rows.select(np.append(controller.arm.way_out, np.zeros(3))))
+        f_r = rows.turn(reference.pose, reference.internal_wrench)
+        assert_allclose((normal @ F, normal @ f_r), pressed, rtol=1e-3)
+        lost = seen._replace(interaction_wrench=4.0 / pressed * F)
+        assert controller._grips(seen, reference, f_r) == 1.0
+        assert controller._grips(lost, reference, f_r) == 0.0
+        assert controller._grips(lost, reference, 9.0 / pressed * f_r) == 1.0  # too little is desired
+        assert controller._grips(lost._replace(interaction_wrench=None), reference, f_r) == 1.0
+        assert controller._grips(seen._replace(slip=0.02), reference, f_r) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("guard", "speed"),
+    [
+        ({"controller.slip_guard": 1.0, "controller.normal_guard": 5.0, "sensors.wrist": {}}, 1.0),
+        pytest.param({"sensors.slip": {"noise": 5e-4, "delay": 20}}, 0.3, marks=pytest.mark.slow),
+    ],
+    ids=["normal force", "noisy slip"],
+)
+def test_guards_keep_arms_slow_after_a_loss_whose_anchor_has_no_bound(guard, speed):
+    """13.7 rad/s without any."""
+    scenario = palms(duration=0.4, **{"controller.anchor_bias": "none"} | guard)
+    result = cp.run(scenario.override({"squeeze": squeeze(0.7 * least(scenario))}), warn=False)
+    assert np.isfinite(result.dropped_at)
+    assert np.nanmax(np.abs(result.data.joint_velocity.values)) < speed
+
+
+def test_slip_is_noisy_and_late_and_that_of_arms_that_hold():
+    sensors = {"sensors.slip": {"noise": 1e-3, "delay": 3}, "arm_sensors": {"left": {}}}
+    scenario = palms(duration=1.0, **sensors)
+    slip, errors = SlipSensors.of(scenario), slip_errors(scenario, 0)
+    assert slip.noise.tolist() == [0.0, 1e-3]
+    assert slip.delay.tolist() == [0, 3]
+    memory, both, read = slip.start(), np.ones(2, dtype=bool), []
+    for tick in range(400):
+        one, memory = slip.step(memory, np.array((0.0, 1.0)) * tick, next(errors), both)
+        read.append(one)
+    assert read[:3] == [0.0, 0.0, 0.0]
+    noise = np.array(read[3:]) - np.arange(397)
+    assert_allclose((noise.mean(), noise.std()), (0.0, 1e-3), atol=1.5e-4)
+    assert slip.step(memory, np.array((7.0, 9.0)), next(errors), both & False)[0] == 0.0
+    assert slip.step(memory, np.array((7.0, 9.0)), next(errors), np.array((True, False)))[0] == 7.0
+    later, again = slip_errors(scenario, 5), slip_errors(scenario, 0)
+    for _ in range(5):
+        next(again)
+    assert_array_equal(next(later), next(again))
+    with pytest.raises(CoopPinError, match="delay"):
+        palms(duration=0.001, **{"sensors.slip": {"delay": 2}})
+
+
 def on_table(top: float, start: float, goal: float, **changes) -> cp.Scenario:
     """A crate above or on a table, which is lifted or put down in 1 s."""
     table = {"xyz": (0.0, 0.0, top), "size": (1.0, 0.8), "mu": 0.4, "stiffness": 2e5, "shear_stiffness": 2e5}
@@ -185,7 +248,7 @@ def test_a_table_that_is_higher_than_planned_is_pressed_by_the_integral():
 
 
 def test_a_restored_run_goes_on_with_the_same_bits():
-    scenario = palms(duration=0.06)
+    scenario = palms(duration=0.06, **{"sensors.slip": {"noise": 1e-3, "delay": 2}})
     simulation = Simulation(scenario, build_controller(scenario))
     for _ in range(50):
         simulation.tick()

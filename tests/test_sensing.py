@@ -376,7 +376,7 @@ def test_adding_one_source_does_not_change_another(name):
 
 @pytest.mark.parametrize("name", cp.scenario_names())
 def test_a_wrist_sensor_that_no_law_uses_and_a_seed_leave_every_bit(name):
-    scenario = cp.Scenario.load(name, {"duration": 0.05, "events": ()})
+    scenario = cp.Scenario.load(name, {"duration": 0.05, "events": (), "sensors.wrist": None})
     before = started(scenario, 4).result().data
     wrist = {"sensors.wrist": {"noise": {"force": 1.0}}, "seed": 5}
     after = started(scenario.override(wrist), 4).result().data

@@ -264,15 +264,15 @@ class ContactPatches:
     def _now(self) -> _Now:
         """Return the contacts at the state of the joints."""
         poses = [B.pose.actInv(A.pose) for A, B in self._sides]
-        x, V, rates = self._placed(poses), self._bodies.data.v, list[Array]()
-        for part, X, (A, B) in zip(self._slices, poses, self._sides, strict=True):
-            V_A, V_B = (side.X_JF.actInv(V[side.joint]) for side in (A, B))
-            R = X.rotation
-            v = R.dot(V_A.linear) - V_B.linear + _cross(R.dot(V_A.angular), x[part] - X.translation)
-            rates.append(v - _cross(V_B.angular, x[part]))
-        v_x = np.concatenate(rates)
+        x, V = self._placed(poses), self._bodies.data.v
+        V_BA = [  # relative twists about the planes' origins in their axes
+            (X.act(A.X_JF.actInv(V[A.joint])) - B.X_JF.actInv(V[B.joint])).vector
+            for X, (A, B) in zip(poses, self._sides, strict=True)
+        ]
+        v, w = np.array(V_BA)[self._of].reshape(-1, 2, 3).swapaxes(0, 1)
+        v_x = v + _cross(w, x)
         F, stored = self.points.forces(x, v_x, self.state.roots, self.state.within)
-        about = np.concatenate((F, np.cross(x, F)), axis=1)
+        about = np.concatenate((F, _cross(x, F)), axis=1)
         wrenches = np.add.reduceat(about, self._starts, axis=0)
         on_bodies = [
             B.pose.act(pin.Force(wrench)) for wrench, (_, B) in zip(wrenches, self._sides, strict=True)
@@ -399,6 +399,7 @@ class ContactPatches:
         return q
 
 
-def _cross(w: Array, x: Array) -> Array:
-    """Return w x x of each row, shape (n, 3)."""
-    return x.dot(np.array([[0.0, w[2], -w[1]], [-w[2], 0.0, w[0]], [w[1], -w[0], 0.0]]))
+def _cross(a: Array, b: Array) -> Array:
+    """Return a x b of each row, shape (n, 3); numpy's own is slow for few rows."""
+    (a_x, a_y, a_z), (b_x, b_y, b_z) = a.T, b.T
+    return np.stack((a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x), axis=1)

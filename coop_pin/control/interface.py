@@ -59,7 +59,8 @@ class ArmMeasurement(NamedTuple):
             the command itself where nothing cut it, without the robot's own gravity compensation and before
             lag. A lost drive reports 0; a missed tick is no cut. Zero in the first measurement; None where
             drives report nothing.
-        slip: largest distance that a patch of the cell has slid since the start, m; None without patches.
+        slip: largest distance that a patch of an arm that holds has slid since then, m; None at the first
+            tick and without patches.
         messages: latest message of each arm that this one hears, by name in the order of the cell's arms, its
             own among them as it was sent; None where the scenario has no network, or the law says nothing.
     """
@@ -210,7 +211,8 @@ class ControlledArm(NamedTuple):
         start_pose: X_WP at t_0, shape (4, 4).
         oldest_wrench: Age that measured wrenches reach without being lost, ticks.
         base_drives: Number of its first drives that move a mobile base.
-        pressed: Whether it holds the payload by friction: it starts with the squeeze on.
+        way_out: Normal of the face on which it holds the payload by friction, out of it in payload axes,
+            shape (3,): it starts with the squeeze on. None with another grasp.
     """
 
     name: str
@@ -224,7 +226,12 @@ class ControlledArm(NamedTuple):
     start_pose: Array
     oldest_wrench: int
     base_drives: int = 0
-    pressed: bool = False
+    way_out: Array | None = None
+
+    @property
+    def pressed(self) -> bool:
+        """Whether it holds the payload by friction."""
+        return self.way_out is not None
 
 
 class CellTiming(NamedTuple):

@@ -153,6 +153,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         bound: bound of the anchor; None without. With one, the integral takes over what drives cut: see the
             page "The bounded anchor".
         most_slip: slip of a patch from which on f_r = 0 and the anchor rests, m.
+        least_normal: normal force of this arm's own wrist below which they do, N.
     """
 
     switching: Switching
@@ -162,6 +163,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
     posture: Posture | None = None
     bound: BoundedAnchor | None = None
     most_slip: float = np.inf
+    least_normal: float = 0.0
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> PayloadSpaceState:
         """Return the state at t_0, with which the first torque is the holding torque.
@@ -217,8 +219,8 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             self._squeeze_axes(measurement, reference), reference.internal_wrench - state.start_squeeze * e
         )
         holds, grip = state.holds, 1.0
-        if measurement.slip is not None:
-            holds = grip = holds * float(measurement.slip <= self.most_slip)
+        if arm.pressed:
+            holds = grip = holds * self._grips(measurement, reference, f_r)
             f_r = grip * f_r
         share = arm.load_share if reference.load_share is None else reference.load_share
         fhat, age = self._measured_wrench(measurement, f_r, share)
@@ -276,6 +278,16 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         """Return the pose whose axes the squeeze turns with: as seen, or as desired by pressed arms."""
         return reference.pose if self.arm.pressed else measurement.payload_pose
 
+    def _grips(self, measurement: ArmMeasurement, reference: ArmReference, f_r: Array) -> float:
+        """Return 0.0 where the slip, or too little normal force where more is desired, tells of a loss."""
+        grips = measurement.slip is None or measurement.slip <= self.most_slip
+        F, n = measurement.interaction_wrench, self.arm.way_out
+        if self.least_normal > 0.0 and F is not None and n is not None:
+            normal = self.arm.rows.turn(reference.pose, self.arm.rows.select(np.append(n, np.zeros(3))))
+            is_watched = normal.dot(f_r) > 2.0 * self.least_normal
+            grips = grips and not (is_watched and normal.dot(F) < self.least_normal)
+        return float(grips)
+
     def _surface(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
         """Return s_x = xtildedot + gamma xtilde, shape (k_0,)."""
         xtilde = self.arm.rows.pose_error(measurement.payload_pose, reference.pose)
@@ -309,6 +321,8 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             integral at any time, m and rad; "none" bounds nothing. At most half of the layer of the integral.
         slip_guard: Slip of a patch, m, from which on the arms of the cell give up squeeze and anchor, which
             would push them on; the largest slip crosses between the arms as measured wrenches do.
+        normal_guard: Normal force at the arm's own wrist, N, below which it does so alone where more than
+            twice that is desired; 0 guards nothing. The others lose theirs, and give up by themselves.
         anchor_bias_answered: b_max, how far they may while a bias shows at the start, m and rad; a bias near
             it need not come to rest. At most the norm of the edges of the layer. Equal to b_0: a fixed bound.
     """
@@ -329,12 +343,13 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     anchor_bias: Annotated[Any, BeforeValidator(_bias_or_none)] = (2e-3, 1e-2)
     anchor_bias_answered: Annotated[Any, BeforeValidator(_bias)] = (2e-2, 1e-1)
     slip_guard: Positive = SLIP_GUARD
+    normal_guard: NotNegative = 0.0
 
     @model_validator(mode="before")
     @classmethod
     def _without_bound(cls, fields: Any) -> Any:
         """Return the fields of a record without ``anchor_bias``: of a law that bounds no anchor."""
-        omitted = {*_BOUND, "payload_mass", "slip_guard", *cls.later_fields}
+        omitted = {*_BOUND, "payload_mass", "slip_guard", "normal_guard", *cls.later_fields}
         is_record = isinstance(fields, Mapping) and {*cls.model_fields} - omitted <= {*fields} - {*_BOUND}
         return {"anchor_bias": "none"} | dict(fields) if is_record else fields
 
@@ -351,6 +366,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
         fields = super()._written(fields_of)
         without: tuple[str, ...] = _BOUND if self.anchor_bias == "none" else ()
         without += ("slip_guard",) if self.slip_guard == SLIP_GUARD else ()
+        without += ("normal_guard",) if self.normal_guard == 0.0 else ()
         return {name: value for name, value in fields.items() if name not in without}
 
     @property
@@ -393,6 +409,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             stale_after=self.stale_after + arm.oldest_wrench,
             posture=self.posture.term(arm) if arm.drives > arm.rows.size else None,
             most_slip=self.slip_guard,
+            least_normal=self.normal_guard,
             bound=self._bound(arm.rows, gains, arm.load_share, arm.period, 1 + arm.oldest_wrench),
         )
 

@@ -28,6 +28,7 @@ from coop_pin.description.sensors import (
     IdealVelocity,
     ObservedVelocity,
     Sensors,
+    SlipSensor,
     WrenchParts,
     WristSensor,
 )
@@ -72,6 +73,7 @@ __all__ = [
     "Scenario",
     "Sensors",
     "Servo",
+    "SlipSensor",
     "Stabilisation",
     "Table",
     "TrustThresholds",

@@ -155,7 +155,19 @@ class WristSensor(WithLaterFields):
         return 1 if self.rate_hz is None else round(clock.rate_hz / self.rate_hz)
 
 
-class Sensors(Description):
+class SlipSensor(Description):
+    """Sensor of the distance that an arm's patch has slid since it took hold, at every tick.
+
+    Attributes:
+        noise: standard deviation at each tick, m, Gaussian and white.
+        delay: ticks until the controllers have it.
+    """
+
+    noise: NotNegative = 0.0
+    delay: int = Field(default=0, ge=0)
+
+
+class Sensors(WithLaterFields):
     """What an arm measures with. Everything is ideal by default, and there is no wrist sensor.
 
     Attributes:
@@ -164,12 +176,16 @@ class Sensors(Description):
         wrist: sensor of the arm's own interaction wrench; none when omitted.
         holding_torque_error: relative error of the holding torques that the drives report, one value for all
             drives or one for each.
+        slip: sensor of the slip of the arm's patch.
     """
+
+    later_fields: ClassVar[tuple[str, ...]] = ("slip",)
 
     encoder: Encoder = Encoder()
     velocity: Velocity = IdealVelocity()
     wrist: WristSensor | None = None
     holding_torque_error: NumberOrVector = 0.0
+    slip: SlipSensor = SlipSensor()
 
     @property
     def joints_are_ideal(self) -> bool:
@@ -177,16 +193,20 @@ class Sensors(Description):
         return self.encoder == Encoder() and self.velocity == IdealVelocity()
 
     def timing_problems(self, run: Mapping[str, Any]) -> list[FieldError]:
-        """Return what is wrong with the times of the wrist sensor.
+        """Return what is wrong with the times of the sensors.
 
         Args:
             run: fields of the run; without its ``clock`` or ``duration``, which then have mistakes
                 themselves, nothing is checked.
         """
-        wrist, problems = self.wrist, []
-        if wrist is None or not {"clock", "duration"} <= set(run):
+        wrist, problems = self.wrist, list[FieldError]()
+        if not {"clock", "duration"} <= set(run):
             return []
         clock, duration = run["clock"], run["duration"]
+        if late := late_delay(self.slip.delay, clock, duration):
+            problems.append(FieldError(late, "slip.delay"))
+        if wrist is None:
+            return problems
         if late := late_delay(wrist.delay, clock, duration):
             problems.append(FieldError(late, "wrist.delay"))
         if rate := rate_problem(wrist.rate_hz, clock):

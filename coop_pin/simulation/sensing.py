@@ -19,6 +19,7 @@ from coop_pin.model.joint_limits import per_joint
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.sensors import SensorState, Truth, View, cell_sensors, sensors_path
 from coop_pin.simulation.signals import CellSignals, SensorSignals
+from coop_pin.simulation.slip import SlipSensors, slip_errors
 from coop_pin.spatial import weight_wrench
 
 _NONE = np.empty(0)
@@ -31,10 +32,12 @@ class SensingState(NamedTuple):
     Attributes:
         angles: joint angles of each arm at the last tick, shape (k,) each.
         sensors: memory of the sensors.
+        slips: memory of the sensors of slip, shape (d, p).
     """
 
     angles: Sequence[Array]
     sensors: SensorState
+    slips: Array
 
 
 class Sensing:
@@ -51,6 +54,7 @@ class Sensing:
         slots: Sequence[ArmPlace],
         *,
         holding_torques: Callable[[Array], Sequence[Array]],
+        loads: Callable[[Array], Array] | None = None,
     ) -> None:
         """Start without a measurement.
 
@@ -59,11 +63,12 @@ class Sensing:
             slots: Positions of the arms in the cell's model.
             holding_torques: Torques of the drives of each arm at rest, as a function of the cell's
                 configuration.
+            loads: Wrenches on the arms at rest likewise, shape (m, 6); load shares of the weight when None.
 
         Raises:
             FieldError: a row of values for each joint has another size.
         """
-        self._slots, self._holding_torques = slots, holding_torques
+        self._slots, self._holding_torques, self._loads = slots, holding_torques, loads
         self._turning = [(i, slot) for i, slot in enumerate(slots) if not slot.angles.is_vector]
         self._kinematics, self._holding_factors = [], []
         for slot in slots:
@@ -74,7 +79,7 @@ class Sensing:
             self._holding_factors.append(1.0 + per_joint(error, k, path))
         self.sensors = cell_sensors(scenario, slots)
         self._needs_wrenches = self.sensors.needs_wrenches
-        self._holds = np.ones(len(slots), dtype=bool)
+        self._holds, self._slips = np.ones(len(slots), dtype=bool), SlipSensors.of(scenario)
         self.restore(None, scenario, 0)
 
     def restore(self, state: SensingState | None, scenario: Scenario, ticks: int) -> None:
@@ -86,7 +91,7 @@ class Sensing:
             ticks: Ticks that were measured.
         """
         self._scenario, self.state = scenario, state
-        self._signals = self._signals_after(ticks)
+        self._signals, self._slip_errors = self._signals_after(ticks), slip_errors(scenario, ticks)
 
     def follow(self, plan: GraspPlan) -> None:
         """Split the wrenches by a plan from now on, and heed the slip of the arms that hold."""
@@ -103,17 +108,18 @@ class Sensing:
         """Return the measurements at t = 0, with f_m[0] = f_d if the force path measures at all.
 
         They alone hold the holding torques. At rest, each arm carries its load share of the payload's weight,
-        ``F_i = c_i [m_0 g, 0]``, without internal wrench.
+        ``F_i = c_i [m_0 g, 0]``, without internal wrench; on patches, what presses them.
         """
         cell, first = self._scenario.cell, self._slots[0]
         rest = [frozen(np.zeros(len(slot.drive))) for slot in self._slots]
         free = [frozen(torque > 0.0) for torque in rest]
-        self._signals = self._signals_after(0)
+        self._signals, self._slip_errors = self._signals_after(0), slip_errors(self._scenario, 1)
         loads, R_WP = self.sensors.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity), _NONE
+        loads = loads if self._loads is None else self._loads(q)
         if self.sensors.wrists:
             R_WP = CellArm(cell, first.name).payload_pose(q[first.q_slice])[:3, :3]
         truth, view = self._truth(0.0, q, v, free, rest, loads, R_WP), partial(self._view, q)
-        measured = self._step(self.sensors.start(truth, view, references), truth, view)
+        measured = self._step(self.sensors.start(truth, view, references), truth, view, self._slips.start())
         return [
             reading._replace(holding_torque=frozen(torque * factor))
             for reading, torque, factor in zip(
@@ -130,16 +136,16 @@ class Sensing:
         R_WP = plant.chain.payload_pose(q)[:3, :3] if self.sensors.wrists else _NONE
         assert self.state is not None  # start() came first
         truth = self._truth(time, q, plant.v, saturated, reported, wrenches, R_WP)
-        measured = self._step(self.state.sensors, truth, partial(self._view, q))
-        if not plant.chain.patches.arms:
-            return measured
-        slips = plant.chain.patches.slips[self._holds[plant.chain.patches.arms]]
-        slip = float(slips.max(initial=0.0))
-        return [reading._replace(slip=slip) for reading in measured]
+        patches, slips, slip = plant.chain.patches, self.state.slips, None
+        if patches.arms:
+            holds = self._holds[patches.arms]
+            slip, slips = self._slips.step(slips, patches.slips, next(self._slip_errors), holds)
+        measured = self._step(self.state.sensors, truth, partial(self._view, q), slips)
+        return measured if slip is None else [reading._replace(slip=slip) for reading in measured]
 
-    def _step(self, state: SensorState, truth: Truth, view: View) -> list[ArmMeasurement]:
+    def _step(self, state: SensorState, truth: Truth, view: View, slips: Array) -> list[ArmMeasurement]:
         measured, state = self.sensors.step(state, truth, view)
-        self.state = SensingState(truth.angles, state)
+        self.state = SensingState(truth.angles, state, slips)
         return measured
 
     def _truth(self, time: float, q: Array, v: Array, *others: Any) -> Truth:

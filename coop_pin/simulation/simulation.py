@@ -113,7 +113,8 @@ class Simulation:
         self.actuation = Actuation(scenario, self.plant, limits)
         if controller is not None:
             self.actuation.require_taken(controller)
-        self.sensing = Sensing(scenario, chain.model.arms, holding_torques=self.actuation.holding_commands)
+        holding, loads = self.actuation.holding_commands, chain.loads if chain.patches.arms else None
+        self.sensing = Sensing(scenario, chain.model.arms, holding_torques=holding, loads=loads)
         self.exchange = Exchange(scenario)
         self.motion: PoseReference = scenario.motion.replace()  # reads a CSV table again
         self.squeeze: SqueezeReference = scenario.squeeze
