@@ -2,9 +2,12 @@
 """Generated parts of the site: replays, and options of autodoc."""
 
 import inspect
+import json
 import re
 from pathlib import Path
 from typing import Any
+
+from docutils import nodes
 
 import coop_pin
 from coop_pin.comparison import Comparison, benchmark_scenario, controllers_for, standard_trials
@@ -89,9 +92,30 @@ def _write_replays(app: Any) -> None:
         write_replays(Path(app.outdir) / "_static", **short)
 
 
+def _write_texts(app: Any, problem: Exception | None) -> None:
+    """Write the texts of all pages for the excerpts of an offline search."""
+    if app.builder.format == "html" and problem is None:
+        texts = {}
+        for name in sorted(app.env.all_docs):
+            page = app.env.get_doctree(name)
+            for raw in list(page.findall(nodes.raw)):
+                raw.parent.remove(raw)
+            texts[name] = " ".join(page.astext().split())
+        file = Path(app.outdir) / "_static" / "search_texts.js"
+        file.write_text(f"const coopPinTexts = {json.dumps(texts)};\n", encoding="utf-8")
+
+
+def _search_scripts(app: Any, name: str, template: str, context: Any, page: Any) -> None:
+    if name == "search":
+        for file in ("search_texts.js", "offline_search.js"):
+            app.add_js_file(file)
+
+
 def setup(app: Any) -> dict[str, bool]:
     """Register the callbacks with Sphinx."""
     app.connect("builder-inited", _write_replays)
+    app.connect("build-finished", _write_texts)
+    app.connect("html-page-context", _search_scripts)
     app.connect("autodoc-skip-member", _skip)
     app.connect("autodoc-process-signature", _signature)
     app.connect("autodoc-process-docstring", _constructor, priority=400)  # before napoleon reads the sections

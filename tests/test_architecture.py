@@ -69,7 +69,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {"catalogue", "schema", "control", "reference", "user_files", "limited_process"},
         {"lxml", "pydantic", "tomli_w", "trimesh", "xacrodoc", "yourdfpy"},
     ),
-    "model": ({"description", "limited_process"}, {"pinocchio", "trimesh"}),
+    "model": ({"description", "limited_process"}, {"collada", "pinocchio"}),
     "chain": ({"description", "model", "tracing"}, {"pinocchio", "scipy"}),
     "results": ({"description", "user_files"}, {"h5netcdf", "h5py", "pandas", "xarray"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
@@ -134,12 +134,12 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "figures",
         },
         {
+            "fast_simplification",
             "imageio_ffmpeg",
             "ipywidgets",
             "matplotlib",
             "playwright",
             "tornado",
-            "trimesh",
             "xarray",
         },
     ),
@@ -206,7 +206,13 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
 }
 
 # Distributions by the names they are imported under, and what another distribution brings along.
-IMPORTED_AS = {"pin": "pinocchio", "tomli-w": "tomli_w", "imageio-ffmpeg": "imageio_ffmpeg"}
+IMPORTED_AS = {
+    "pin": "pinocchio",
+    "tomli-w": "tomli_w",
+    "imageio-ffmpeg": "imageio_ffmpeg",
+    "fast-simplification": "fast_simplification",
+    "pycollada": "collada",
+}
 COMES_WITH = {
     "h5py": "h5netcdf",
     "pandas": "xarray",

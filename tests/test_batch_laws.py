@@ -54,6 +54,10 @@ LAWS = {
             {"controller": ANCHORED["spatial"].replace(payload_mass=2.0, force_path=NO_PATH), **WRIST},
         ),
         ("two-pandas-box", {}),
+        *[
+            (cell, {"controller": ANCHORED[cell].replace(gain_axes="payload")})
+            for cell in ("planar", "spatial")
+        ],
     ],
     "mean-pose": [
         (cell, {"controller": MeanPose(**ANCHORED[cell].model_dump(exclude={"kind"}))})

@@ -290,7 +290,7 @@ def test_the_replay_opens_paused_plays_seeks_zooms_and_switches_layers_with_the_
         assert tiles["x"] + tiles["width"] == pytest.approx(over["x"] + over["width"], abs=1.0)
 
         lines = page.locator("#legend li:visible").all_inner_texts()
-        assert len(lines) == len(set(lines)) == 11  # without that of a push
+        assert len(lines) == len(set(lines)) == 8  # without a push and warnings
         shown = "coopPin.arrows['forces/left/internal'].object.visible"
         assert page.evaluate(shown)
         page.locator("[data-layer=internal]").click()

@@ -378,8 +378,6 @@ def test_what_is_for_rigid_grasps_is_refused(name):
     with pytest.raises(ArgumentError, match="compliant"):
         cp.run(scenario, engine="traced", warn=False)
     with pytest.raises(ArgumentError, match="compliant"):
-        cp.suggest(scenario)
-    with pytest.raises(ArgumentError, match="compliant"):
         loop_stability(Simulation(scenario, build_controller(scenario)))
     with pytest.raises(FieldError, match="rk4") as caught:
         scenario.override({"plant.integrator": "semi-implicit-euler"})

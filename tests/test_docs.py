@@ -498,5 +498,7 @@ def test_a_browser_opens_the_site_from_its_folder_and_asks_nobody_else(site):
             page.goto((site.folder / name).as_uri(), wait_until="load")
             if name == "concepts/law.html":
                 page.wait_for_selector("mjx-container")
+        page.goto(f"{(site.folder / 'search.html').as_uri()}?q=squeeze", wait_until="load")
+        page.wait_for_selector("#search-results p.context")  # an excerpt, though no page may read another
     assert asked
     assert {urlparse(url).scheme for url in asked} <= {"file", "data", "blob"}

@@ -452,6 +452,44 @@ def test_an_admittance_lets_a_bias_go_at_its_rate(name):
     assert np.abs(f[200]).max() < 0.9 * np.abs(f[100]).max()
 
 
+def changes_of_force(scenario, part):
+    """Largest change of an internal wrench in a tick, early and late in a run, at a part of the least."""
+    damping = np.array(scenario.controller.gains.admittance_damping)
+    damping = part * cp.analysis.admittance_stability(scenario).least * damping
+    run = scenario.override({"controller.gains.admittance_damping": damping.tolist()})
+    f = run.cell.task_rows.select(cp.run(run).data.internal_wrench.values[:, 1].T)
+    early, *_, late = np.array_split(np.abs(np.diff(f)), 5, axis=1)
+    return early.max(), late.max()
+
+
+ADMITTANCES = {
+    "two": lambda name: yielding_pair(name, np.ones(len(rows_of(name))).tolist(), duration=0.8),
+    "three": lambda name: three_arms(name).override({"controller.force_path.kind": "late", "duration": 0.6}),
+    "a line": lambda name: three_arms(name).override({"network": {"delay": 1, "graph": line_of(name)}}),
+}
+
+
+def rows_of(name):
+    return SCENARIOS[name]().cell.task_rows.indices
+
+
+def line_of(name):
+    one, two, three = three_arms(name).cell.arms
+    return [[one, two], [two, one], [two, three], [three, two]]
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize(
+    "arms", [pytest.param(arms, marks=[pytest.mark.slow] * (arms != "two")) for arms in ADMITTANCES]
+)
+def test_an_admittance_grows_below_its_least_damping_and_decays_above(name, arms):
+    """Of arms that are not alike; by the rule of equal ones the pairs could have a third and a half of it."""
+    scenario = ADMITTANCES[arms](name)
+    below, above = (changes_of_force(scenario, part) for part in (0.97, 1.03))
+    assert above[1] < 0.2 * above[0]
+    assert below[1] > 3.0 * below[0]
+
+
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_exact_feed_forward_takes_the_inertia_off_the_servo(name):
     """Without payload to speak of, what P on velocity leaves is the arms' inertia: M a / (I k_v)."""

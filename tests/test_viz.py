@@ -43,7 +43,7 @@ from coop_pin.viz.frames import frame_samples
 from coop_pin.viz.highlights import instants, telling_instant, trust_text
 from coop_pin.viz.live_scene import LiveScene, initial_scene
 from coop_pin.viz.page import page_scripts
-from coop_pin.viz.replay import run_names
+from coop_pin.viz.replay import run_names, shared_caption
 
 SCRIPTS = ("stage.js", "plots.js", "player.js")
 FLOAT32 = 3e-7
@@ -550,6 +550,12 @@ def test_undetermined_moments_have_neither_arrow_nor_legend(spatial: Replay) -> 
     assert np.isfinite(bare.frames).all()
 
 
+def test_what_all_captions_say_stands_over_the_panes_once() -> None:
+    captions = ["changed: no events; tip off; alpha 0", "changed: no events; tip off"]
+    assert shared_caption(captions).endswith(": no events; tip off")
+    assert shared_caption([*captions, "A bar"]) == ""
+
+
 def test_a_run_without_a_push_has_no_line_for_it_in_the_legend(planar: Replay, spatial: Replay) -> None:
     assert planar.data["pushes"]
     assert not spatial.data["pushes"]
@@ -648,11 +654,11 @@ def test_the_pieces_of_a_link_have_its_bounds_and_the_colours_of_its_file() -> N
     """Pinocchio reads the same file without its materials: an independent check of axes and scale."""
     locked = {"panda_finger_joint1": 0.03}
     arm = Arm(urdf="panda", tip="panda_hand_tcp", locked=locked)
-    whole = [
-        part for part in visuals._geometries(load_unreduced_arm(arm), arm) if part.name == "panda_link0_0"
-    ]
-    pieces = visuals._coloured_meshes(whole[0].meshPath, *whole[0].meshScale.ravel())
-    vertices, known = np.concatenate([mesh.vertices for mesh, _ in pieces]), whole[0].geometry.vertices()
+    whole = load_unreduced_arm(arm)
+    objects, _ = geometry.visual_geometry(whole.model, whole.text, list(map(str, arm.file.package_dirs)))
+    (link,) = (part for part in objects if part.name == "panda_link0_0")
+    pieces = visuals.coloured_meshes(Path(link.meshPath), tuple(link.meshScale.ravel()))
+    vertices, known = np.concatenate([mesh.vertices for mesh, _ in pieces]), link.geometry.vertices()
     assert_allclose(vertices.min(axis=0), known.min(axis=0), atol=1e-6)
     assert_allclose(vertices.max(axis=0), known.max(axis=0), atol=1e-6)
     assert len({colour for _, colour in pieces}) == len(pieces) >= 3

@@ -2,6 +2,7 @@
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin import lazy_names
+from coop_pin.analysis.admittance_stability import AdmittanceStability, admittance_stability
 from coop_pin.analysis.carry_plan import CarryPlan, plan_carry
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
 from coop_pin.analysis.closed_loop import ClosedLoop, LoopMode, eigenvalues
@@ -11,6 +12,7 @@ from coop_pin.analysis.internal_moment import InternalMoment, internal_moment, p
 from coop_pin.analysis.least_squeeze import LeastSqueeze, least_squeeze
 from coop_pin.analysis.loop_stability import LoopStability, loop_stability
 from coop_pin.analysis.new_cell import new_cell
+from coop_pin.analysis.own_inertia import OwnInertia, deflection_bias, own_inertia, own_inertia_proposal
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
 from coop_pin.analysis.path_parameterization import PathLimits, fastest
 from coop_pin.analysis.plausibility import implausible_numbers, large_record, run_warnings
@@ -42,6 +44,7 @@ from coop_pin.analysis.task_inertia import MotionWrenches, TaskInertia, motion_w
 from coop_pin.analysis.tuning_rule import GainProposal, gain_proposal
 
 __all__ = [
+    "AdmittanceStability",
     "ArmReach",
     "ArmStatics",
     "CarryPlan",
@@ -59,6 +62,7 @@ __all__ = [
     "Mode",
     "MotionWrenches",
     "NearlySingular",
+    "OwnInertia",
     "PathLimits",
     "Reachability",
     "RootLocus",
@@ -71,10 +75,12 @@ __all__ = [
     "Suggestion",
     "TaskInertia",
     "Unreachable",
+    "admittance_stability",
     "anchor_biases",
     "anchor_bounded_time",
     "cell_summary",
     "closure_problem",
+    "deflection_bias",
     "eigenvalues",
     "fastest",
     "fewest_steps",
@@ -91,6 +97,8 @@ __all__ = [
     "motion_stability",
     "motion_wrenches",
     "new_cell",
+    "own_inertia",
+    "own_inertia_proposal",
     "plan_carry",
     "positional_torques",
     "reachability",

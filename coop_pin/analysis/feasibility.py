@@ -266,7 +266,8 @@ def _with_arm(scenario: Scenario, name: str, **fields: Any) -> Scenario:
 def _rolled(scenario: Scenario, name: str, roll: float) -> Scenario:
     """Return the scenario with the grasp of an arm turned about its own z axis."""
     X_PE = scenario.cell.grasps[name].matrix @ make_pose((0.0, 0.0, 0.0), (0.0, 0.0, roll))
-    grasps = {**scenario.cell.grasps, name: Pose.from_matrix(X_PE)}
+    pose = Pose.from_matrix(X_PE)
+    grasps = {**scenario.cell.grasps, name: scenario.cell.grasps[name].replace(xyz=pose.xyz, rpy=pose.rpy)}
     return scenario.replace(cell=scenario.cell.replace(grasps=grasps))
 
 

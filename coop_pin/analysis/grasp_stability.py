@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from typing import NamedTuple
@@ -27,6 +28,8 @@ class GraspStability(NamedTuple):
         radius: largest ``|z|`` of the sampled motion of springs, arms and law.
         holds_from: factor of the grasps' stiffness from which on the motion does not grow, at the same
             damping ratios; at most 1 if it does not grow, inf if no factor up to 1e5 suffices.
+        window: factors of the widest range below ``holds_from`` in which it does not grow either: the springs
+            that it is unstable with above are those that the ticks see as slower ones; None without.
         alone: sampled damping of each arm alone: below 2 no grasp is too soft for it.
         stiffness: smallest translational stiffness of a grasp, N/m.
         distance: largest displacement of a tip from its grasp at the start, m.
@@ -37,6 +40,7 @@ class GraspStability(NamedTuple):
 
     radius: float
     holds_from: float
+    window: tuple[float, float] | None
     alone: SampledStability
     stiffness: float
     distance: float
@@ -54,6 +58,9 @@ class GraspStability(NamedTuple):
         bound = f"each arm alone has {value}; below 2 no grasp is too soft for the damping"
         needed = f"{self.holds_from * self.stiffness:.3g} N/m"
         remedy = f"they hold from {needed} on" if math.isfinite(self.holds_from) else "no stiffness helps"
+        if self.window is not None:
+            low, high = (f"{factor * self.stiffness:.3g}" for factor in self.window)
+            remedy += f", and between {low} and {high} N/m"
         modes = f"|z| = {self.radius:.5f} on compliant grasps of {self.stiffness:.3g} N/m"
         verdict = "the motion is stable" if self.ok else f"the gains are too large: {remedy}"
         start = (
@@ -85,13 +92,15 @@ def grasp_stability(simulation: Simulation) -> GraspStability:
         raise ArgumentError("grasp_stability needs a compliant grasp; loop_stability is for rigid ones")
     loop = _GraspLoop(simulation)
     radius = loop.radius(1.0)
-    holds_from = 1.0 if radius < 1.0 + NEUTRAL else loop.least_factor()
+    is_stable = radius < 1.0 + NEUTRAL
+    holds_from = 1.0 if is_stable else loop.least_factor()
     springs = plant.chain.springs
     deflection = springs.at(plant.q, plant.v).deflection
     seen = np.array([X_WP.translation for X_WP in springs.seen_poses(plant.q)])
     return GraspStability(
         radius,
         holds_from,
+        None if is_stable else loop.widest_window(holds_from),
         start_stability(simulation),
         min(min(grasp.stiffness[:3]) for grasp in cell.compliant.values()),
         float(np.linalg.norm(deflection[:, :3], axis=1).max()),
@@ -135,14 +144,35 @@ class _GraspLoop:
         Stable windows below it do not count, so that the search comes from above.
         """
         low = high = _STIFFEST
-        while low > 1.0 and self.radius(low) < 1.0 + NEUTRAL:
+        while low > 1.0 and self._is_stable(low):
             low, high = low / _STRIDE, low
-        if low == _STIFFEST:
-            return math.inf
-        while high / low > 1.0 + _FACTOR_ERROR:
-            middle = math.sqrt(low * high)
-            low, high = (low, middle) if self.radius(middle) < 1.0 + NEUTRAL else (middle, high)
-        return high
+        return math.inf if low == _STIFFEST else self._edge(low, high)
+
+    def widest_window(self, below: float) -> tuple[float, float] | None:
+        """Return the widest range of factors from 1 to another in which the motion does not grow; or None.
+
+        Ranges narrower than a fifth of their factor may be missed.
+        """
+        count = math.floor(math.log(min(below, _STIFFEST)) / math.log(_STRIDE))
+        factors = [_STRIDE**power for power in range(count + 1)]
+        windows, start = list[tuple[float, float]](), 1.0
+        for low, high in itertools.pairwise(factors):
+            was, stays = self._is_stable(low), self._is_stable(high)
+            if stays and not was:
+                start = self._edge(low, high)
+            if was and not stays:
+                windows.append((start, self._edge(high, low)))
+        return max(windows, key=lambda window: window[1] / window[0], default=None)
+
+    def _is_stable(self, factor: float) -> bool:
+        return self.radius(factor) < 1.0 + NEUTRAL
+
+    def _edge(self, unstable: float, stable: float) -> float:
+        """Return the stable side of the edge between two factors."""
+        while max(stable / unstable, unstable / stable) > 1.0 + _FACTOR_ERROR:
+            middle = math.sqrt(unstable * stable)
+            unstable, stable = (unstable, middle) if self._is_stable(middle) else (middle, stable)
+        return stable
 
     def radius(self, stiffer: float) -> float:
         """Return the largest ``|z|`` with the stiffness times a factor, at the same damping ratios."""

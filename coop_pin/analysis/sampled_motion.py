@@ -10,9 +10,11 @@ import pinocchio as pin
 
 from coop_pin.analysis.sampled_stability import fastest_joints
 from coop_pin.arrays import Array
+from coop_pin.build_controller import build_controller
 from coop_pin.chain import ClosedChain
 from coop_pin.control.bounds import lag_pole
 from coop_pin.description.sensors import Sensors
+from coop_pin.schema.pose import Pose
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.encoder import Encoders, EncoderState
 from coop_pin.simulation.sensing import Sensing
@@ -171,13 +173,16 @@ def sampled_motion(
         SingularJacobianError: an arm is singular there.
     """
     plant, law, scenario = simulation.plant, simulation.controller, simulation.scenario
-    chain, rest = plant.chain.mechanism, np.zeros(len(plant.v))
+    chain, rest, X_WP = plant.chain.mechanism, np.zeros(len(plant.v)), plant.chain.payload_pose(q)
+    is_zeroed = getattr(scenario.controller, "zero_at_grasp", False)
+    if is_zeroed:  # at this pose, not where the start is
+        law = build_controller(scenario.replace(start=Pose.from_matrix(X_WP)))
     ideal = scenario.with_ideal_sensors
     holding = simulation.actuation.holding_commands(q)
     sensing = Sensing(ideal, plant.chain.model.arms, holding_torques=lambda _q: holding)
     first = sensing.start(q, rest, simulation.references(time))
     references = [
-        reference._replace(pose=seen.payload_pose, twist=0.0 * reference.twist)
+        reference._replace(pose=X_WP if is_zeroed else seen.payload_pose, twist=0.0 * reference.twist)
         for reference, seen in zip(simulation.references(time), first, strict=True)
     ]
     N = motion_basis(chain, q)

@@ -18,7 +18,9 @@ from coop_pin.analysis.feasibility import (
     squeeze_part,
     with_best_postures,
 )
+from coop_pin.analysis.grasp_stability import grasp_stability
 from coop_pin.analysis.loop_stability import LoopStability, loop_stability
+from coop_pin.analysis.own_inertia import own_inertia_proposal
 from coop_pin.analysis.plausibility import implausible_numbers
 from coop_pin.analysis.reachability import Reachability, reachability
 from coop_pin.analysis.sampled_stability import start_stability, step_stability
@@ -29,7 +31,7 @@ from coop_pin.arrays import as_count, require_type
 from coop_pin.build_controller import build_controller
 from coop_pin.control.payload_space import PayloadSpace
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import InfeasibleMotionError, ScenarioWarning
+from coop_pin.errors import ArgumentError, InfeasibleMotionError, ScenarioWarning
 from coop_pin.simulation import Simulation
 
 _SPARE_RATE = 1.0
@@ -38,6 +40,8 @@ _SOFTEST, _STIFFEST = 5.0, 640.0
 """Springs of the posture that are tried, N m/rad."""
 _STEP_PART = 0.9
 """Part of the stability limit of the plant's steps that friction may take at the poses that are looked at."""
+_LEAST_ANCHOR = 0.01
+"""Anchor gain below which it is not lowered further for the stability on springs."""
 _AWAY = 0.3
 """Largest angle of a spare motion away from the path of the inverse kinematics, rad."""
 
@@ -82,6 +86,10 @@ def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
     is raised until the sampled loop brings them to rest along the motion. The scenario's own gains are not
     used; collisions are not considered. Implausible numbers of the scenario are told as ScenarioWarnings.
 
+    Compliant grasps ask for gains of each arm's own task inertia, matrices that turn with the payload:
+    ``T lambda_max(Lambda_i^-1 c_i K_i) = 0.5``, k_I = 0.4 lambda_min, gamma up to 0.1 lambda_min, and an
+    ``anchor_bias`` that has the deflection in it. The sampled loop of springs, arms and law must be stable.
+
     Args:
         scenario: cell, motion and squeeze, or a name or file of them, in which gains may be missing; its
             controller gives force_path and zero_at_grasp only.
@@ -91,13 +99,17 @@ def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
         InfeasibleMotionError: the cell cannot do it, with the cause: rank, reach, singularity, limits, torque
             or stability.
         UrdfError, NameNotFoundError, FileReadError: an arm or the motion cannot be built.
-        ArgumentError: a grasp is compliant.
+        ArgumentError: a grasp is held by friction, or the cell has tables.
     """
     if isinstance(scenario, str | Path):
         scenario = Scenario.load(scenario, draft=True)
     require_type("scenario", scenario, Scenario)
     poses = as_count("poses", poses, 5)
-    scenario.cell.require_rigid("suggest")
+    if scenario.cell.has_contacts:
+        names = [*scenario.cell.patches, *scenario.cell.tables]
+        raise ArgumentError(
+            f"suggest is for rigid and compliant grasps, and {names} hold or bear by friction"
+        )
     for number in implausible_numbers(scenario):
         warnings.warn(number, ScenarioWarning, stacklevel=2)
     require_rank(scenario.cell)
@@ -134,17 +146,20 @@ def _held(scenario: Scenario, cell_reach: Reachability) -> tuple[GainProposal, S
         InfeasibleMotionError: cause "stability": the sampled motion grows, or no spring holds them.
     """
     stiffness = 0.0
+    propose = own_inertia_proposal if scenario.cell.compliant else gain_proposal
     while True:
-        proposal = gain_proposal(scenario, cell_reach, least_stiffness=stiffness)
+        proposal = propose(scenario, cell_reach, least_stiffness=stiffness)
         suggested = _with_gains(scenario, proposal)
-        simulation = Simulation(suggested, build_controller(suggested))
-        loop = loop_stability(simulation, cell_reach)
+        rigid = (
+            suggested.replace(cell=suggested.cell.rigid, events=()) if suggested.cell.compliant else suggested
+        )
+        loop = loop_stability(Simulation(rigid, build_controller(rigid)), cell_reach)
         if (
             loop.ok
             and loop.spare_rate >= _SPARE_RATE
             and _spare_angle(suggested, cell_reach, proposal) < _AWAY
         ):
-            return proposal, suggested, loop
+            return (*_stable_on_springs(proposal, suggested), loop)
         tried = float(np.max(proposal.posture.stiffness))
         is_held = tried < stiffness  # on positional rows the drives hold no stiffer one
         stiffness = max(_SOFTEST, 2.0 * tried)
@@ -156,6 +171,26 @@ def _held(scenario: Scenario, cell_reach: Reachability) -> tuple[GainProposal, S
             raise InfeasibleMotionError("stability", detail)
 
 
+def _stable_on_springs(proposal: GainProposal, scenario: Scenario) -> tuple[GainProposal, Scenario]:
+    """Return them with g lowered until the sampled loop of springs, arms and law is stable.
+
+    Raises:
+        InfeasibleMotionError: cause "stability": it is not.
+    """
+    while scenario.cell.compliant:
+        stability = grasp_stability(Simulation(scenario, build_controller(scenario)))
+        g = proposal.gains.anchor_gain
+        if stability.ok:
+            break
+        if proposal.law is None or g < _LEAST_ANCHOR:
+            raise InfeasibleMotionError(
+                "stability", stability.summary().partition("\n")[0].removeprefix("! ")
+            )
+        proposal = proposal.with_anchor_gain(g / 2.0)
+        scenario = _with_gains(scenario, proposal)
+    return proposal, scenario
+
+
 def _spare_angle(scenario: Scenario, cell_reach: Reachability, proposal: GainProposal) -> float:
     """Return by how much spare joints move away from the path of the inverse kinematics, rad."""
     moved = with_spare_motion(scenario, cell_reach, proposal.posture)
@@ -164,11 +199,10 @@ def _spare_angle(scenario: Scenario, cell_reach: Reachability, proposal: GainPro
 
 
 def _with_gains(scenario: Scenario, proposal: GainProposal) -> Scenario:
-    clock = scenario.clock
+    clock, law = scenario.clock, proposal.law or PayloadSpace(gains=proposal.gains)
     steps = max(2, math.ceil(clock.steps_per_tick * clock.rate_hz / proposal.rate_hz))
     steps = clock.steps_per_tick if proposal.rate_hz == clock.rate_hz else steps
-    controller = PayloadSpace(
-        gains=proposal.gains,
+    controller = law.replace(
         posture=proposal.posture,
         force_path=force_path_of(scenario),
         zero_at_grasp=getattr(scenario.controller, "zero_at_grasp", False),
@@ -182,11 +216,24 @@ def _gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
     stated, T = scenario.clock.rate_hz, 1.0 / proposal.rate_hz
     kept = "as stated" if proposal.rate_hz == stated else f"raised from {stated:g} Hz"
     yield f"rate: {kept}; the error to expect while moving grows with T^3, the internal force with T"
-    yield f"K: by T lambda_max(A^-1 K) = {proposal.t_lambda_max:.2g} <= 1 along the motion"
+    if proposal.law is None:
+        yield f"K: by T lambda_max(A^-1 K) = {proposal.t_lambda_max:.2g} <= 1 along the motion"
+        parts = "half", "a quarter"
+    else:
+        yield (
+            f"K: by T lambda_max(Lambda_i^-1 c_i K_i) = {proposal.t_lambda_max:.2g} of each arm alone along"
+            " the motion; it is 2 where a soft grasp lets the arm go unstable"
+        )
+        position, angle = proposal.law.anchor_bias
+        yield (
+            f"anchor_bias: {1e3 * position:.3g} mm and {1e3 * angle:.3g} mrad, by the usual bias and the"
+            " deflection of the grasps under load and squeeze; the layer is twice as wide"
+        )
+        parts = "0.4", "a tenth to a fortieth"
     yield (
-        f"k_I: {proposal.integral_rate:.3g} /s, by half of lambda_min = {proposal.lambda_min:.3g} /s and by"
-        f" 1 / (4 T) = {0.25 / T:.3g} /s; gamma by a quarter of lambda_min; both by the damping ratio of the"
-        f" sampled modes, {proposal.damping:.2f}"
+        f"k_I: {proposal.integral_rate:.3g} /s, by {parts[0]} of lambda_min = {proposal.lambda_min:.3g} /s"
+        f" and by 1 / (4 T) = {0.25 / T:.3g} /s; gamma by {parts[1]} of lambda_min; both by the damping ratio"
+        f" of the sampled modes, {proposal.damping:.2f}"
     )
     if proposal.anchor_bound is None:
         yield (

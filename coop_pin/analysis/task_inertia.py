@@ -61,12 +61,24 @@ class MotionWrenches(NamedTuple):
         """Return x of K (d/dt + gamma) (d/dt + k_I) x = d', m and rad, shape (n, k_0).
 
         Args:
-            K: Diagonal of K, shape (k_0,).
+            K: Diagonal of K, shape (k_0,), or K, shape (k_0, k_0).
             pose_gain: gamma, 1/s.
             integral_rate: k_I, 1/s.
         """
         unmet = _decayed(self.load, pose_gain * self.period)
-        return (unmet - _decayed(unmet, integral_rate * self.period)) / (K * integral_rate)
+        held = unmet - _decayed(unmet, integral_rate * self.period)
+        scaled = np.asarray(K * integral_rate, dtype=np.float64)
+        return held / scaled if K.ndim == 1 else np.asarray(np.linalg.solve(scaled, held.T).T)
+
+    def shared_by(self, G: Array, shares: Array) -> MotionWrenches:
+        """Return what gains G_i make of it, whose arms bear changes of the load by G_i G^-1 instead of c_i.
+
+        Args:
+            G: Gains G_i = c_i K_i of every arm, shape (m, k_0, k_0); G is their sum.
+            shares: Load shares c_i, shape (m,).
+        """
+        unequal = G @ np.linalg.inv(G.sum(axis=0)) - shares[:, None, None] * np.eye(G.shape[-1])
+        return self._replace(internal=self.internal + np.einsum("ijk,nk->inj", unequal, self.load))
 
     def internal_error(self, anchor_rate: float) -> Array:
         """Return ftilde_i of ftilde_i' = -beta ftilde_i + mu_i', N and N m, shape (m, n, k_0).

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache, partial
 from typing import NamedTuple
 
@@ -35,7 +35,7 @@ _MODES = 12
 _ROUND_OFF = 1e-9
 _POSE_PART = 20.0
 """Fewest ticks in 1 / gamma."""
-_ANCHOR, _LARGEST_ANCHOR = 0.1, 0.5
+ANCHOR, _LARGEST_ANCHOR = 0.1, 0.5
 _LEAK = 0.2
 """The law's own leak where nothing is measured, 1/s."""
 _FASTEST_HZ = 1000.0
@@ -66,6 +66,7 @@ class GainProposal(NamedTuple):
         internal_force: error of the internal force to expect while moving, N; None if none is measured.
         internal_moment: error of the internal moment to expect while moving, N m; None if it is controlled
             and no wrench is measured.
+        law: law with gains for each arm, of grasps that give; None for one with ``gains`` for all.
     """
 
     rate_hz: float
@@ -79,16 +80,30 @@ class GainProposal(NamedTuple):
     tracking: float
     internal_force: float | None
     internal_moment: float | None
+    law: PayloadSpace | None = None
+
+    @property
+    def is_accurate(self) -> bool:
+        """Whether the errors to expect while moving ask for no higher rate."""
+        return self.tracking <= _TRACKING and (self.internal_force or 0.0) <= _FORCE
+
+    def with_anchor_gain(self, g: float) -> GainProposal:
+        """Return the proposal of single arms' gains with another g; the internal errors go with 1 / g."""
+        assert self.law is not None
+        arm_gains = {name: gains.replace(anchor_gain=g) for name, gains in self.law.arm_gains.items()}
+        law = self.law.replace(gains=self.gains.replace(anchor_gain=g), arm_gains=arm_gains)
+        return self._replace(gains=law.gains, law=law)
 
     def summary(self) -> str:
         """Return the proposal as text, in one line."""
         g = self.gains
         K = ", ".join(f"{entry:g}" for entry in np.ravel(g.sliding_gain))
+        K = f"[{K}]" if self.law is None else "of each arm's own inertia"
         anchor = "leaky" if self.anchor_bound is None else f"anchor_gain {g.anchor_gain:.3g}"
         force = "" if self.internal_force is None else f", {self.internal_force:.2g} N"
         force += "" if self.internal_moment is None else f", {self.internal_moment:.2g} N m"
         return (
-            f"proposal: {self.rate_hz:g} Hz, payload-space, sliding_gain [{K}], pose_gain {g.pose_gain:g},"
+            f"proposal: {self.rate_hz:g} Hz, payload-space, sliding_gain {K}, pose_gain {g.pose_gain:g},"
             f" sign_gain {g.sign_gain:g} (k_I {self.integral_rate:.3g} /s), {anchor}: T*lambda"
             f" {self.t_lambda_max:.2g}, smallest lambda {self.lambda_min:.3g} /s, damping ratio"
             f" {self.damping:.2f}; to expect while moving {1e3 * self.tracking:.2g} mm{force}"
@@ -117,10 +132,10 @@ def gain_proposal(
     largest = float(eigenvalues.max())
     spread = largest, max(float(eigenvalues.min()), _ROUND_OFF * largest)
     wrenches = cache(partial(motion_wrenches, scenario, cell_reach))
-    for rate in _rates(scenario):
-        posture = _posture_gains(scenario, cell_reach, 1.0 / rate, least_stiffness)
+    for rate in control_rates(scenario):
+        posture = posture_gains(scenario, cell_reach, 1.0 / rate, least_stiffness)
         proposal = _at_rate(scenario, scale, spread, rate, posture, wrenches(posture))
-        if proposal.tracking <= _TRACKING and (proposal.internal_force or 0.0) <= _FORCE:
+        if proposal.is_accurate:
             break
     proposal = _anchored_faster(proposal, scenario, wrenches(proposal.posture))
     if scenario.cell.task_rows.has_moments:
@@ -134,10 +149,10 @@ def _anchored_faster(proposal: GainProposal, scenario: Scenario, wrenches: Motio
     force, bound = proposal.internal_force, proposal.anchor_bound
     if force is None or bound is None:
         return proposal
-    g, largest = proposal.gains.anchor_gain, _rounded_down(min(_LARGEST_ANCHOR, bound / 4.0))
+    g, largest = proposal.gains.anchor_gain, rounded_down(min(_LARGEST_ANCHOR, bound / 4.0))
     while force > _FORCE and g < largest:
-        g = min(largest, _rounded_down(_RAISED * g))
-        force, moment = _internal_errors(scenario, wrenches, g * proposal.rate_hz)
+        g = min(largest, rounded_down(_RAISED * g))
+        force, moment = expected_internal_errors(scenario, wrenches, g * proposal.rate_hz)
         gains = proposal.gains.replace(anchor_gain=g)
         proposal = proposal._replace(gains=gains, internal_force=force, internal_moment=moment)
     return proposal
@@ -153,31 +168,26 @@ def _at_rate(
 ) -> GainProposal:
     """Return the gains at a control rate; spread is that of the eigenvalues of A^-1 diag(scale)."""
     T, path = 1.0 / rate, force_path_of(scenario)
-    factor = _T_LAMBDA / (spread[0] * (T + 2.0 * _lag(scenario)))
-    K = np.array([_rounded_down(factor * entry) for entry in scale])
+    factor = _T_LAMBDA / (spread[0] * (T + 2.0 * slowest_lag(scenario)))
+    K = np.array([rounded_down(factor * entry) for entry in scale])
     lambda_min = float(np.min(K / scale)) * spread[1]
     t_lambda_max = T * float(np.max(K / scale)) * spread[0]
     width = PayloadSpace.model_fields["switching"].default.width
-    gamma, k_I = min(lambda_min / 4.0, rate / _POSE_PART), min(lambda_min / 2.0, rate / 4.0)
-    modes = np.geomspace(T * lambda_min, t_lambda_max, _MODES)
-    damping = partial(_least_damping, modes, lag=_lag(scenario) / T)
-    enough = min(_DAMPING, _LESS * damping(0.0, 0.0))  # lags may leave less to the damping alone
-    while damping(T * gamma, T * k_I) < enough:
-        gamma, k_I = _LESS * gamma, _LESS * k_I
-    gamma, alpha = _rounded_down(gamma), _rounded_down(width * k_I)
-    kappa = max(gamma, min(_SQUEEZE_RATE, rate / 4.0)) if _starts_on_motion(scenario) else gamma
-    k_I, bound, force, moment = alpha / width, None, None, None
+    damping = sampled_damping(T * lambda_min, t_lambda_max, slowest_lag(scenario) / T)
+    gamma, k_I = damped(
+        damping, min(lambda_min / 4.0, rate / _POSE_PART), min(lambda_min / 2.0, rate / 4.0), T
+    )
+    gamma, alpha = rounded_down(gamma), rounded_down(width * k_I)
+    kappa = squeeze_rate(scenario, gamma, rate)
+    k_I, force, moment = alpha / width, None, None
     linear = np.array(scenario.cell.task_rows.indices) < 3
     tracking = float(np.linalg.norm(wrenches.tracking(K, gamma, k_I)[:, linear], axis=1).max())
     if not path.measures:
         sag = np.abs(wrenches.load - wrenches.load[0]).max(axis=0) / (K * gamma * (1.0 + k_I / _LEAK))
         tracking = max(tracking, float(np.linalg.norm(sag[linear])))
-    else:
-        lag = scenario.actuator_lag * scenario.clock.period / T
-        bound = sampled_loop(path, scenario.wrists, lag).anchor_bound
-    g = _ANCHOR if bound is None else min(_ANCHOR, _rounded_down(bound / 4.0))
+    bound, g = anchor_of(scenario, T)
     if bound is not None:
-        force, moment = _internal_errors(scenario, wrenches, g * rate)
+        force, moment = expected_internal_errors(scenario, wrenches, g * rate)
     gains = PayloadSpaceGains(
         pose_gain=gamma, sliding_gain=tuple(K), sign_gain=alpha, anchor_gain=g, transient_rate=kappa
     )
@@ -196,6 +206,35 @@ def _at_rate(
     )
 
 
+def anchor_of(scenario: Scenario, period: float) -> tuple[float | None, float]:
+    """Return the g at which the anchor is unstable, None without measured wrenches, and one below it."""
+    path, lag = force_path_of(scenario), scenario.actuator_lag * scenario.clock.period / period
+    if not path.measures:
+        return None, ANCHOR
+    bound = sampled_loop(path, scenario.wrists, lag).anchor_bound
+    return bound, min(ANCHOR, rounded_down(bound / 4.0))
+
+
+def sampled_damping(slowest: float, fastest: float, lag: float) -> Callable[[float, float], float]:
+    """Return the smallest damping ratio of modes between two T lambda, by T gamma and T k_I; lag in ticks."""
+    return partial(_least_damping, np.geomspace(slowest, fastest, _MODES), lag=lag)
+
+
+def damped(
+    damping: Callable[[float, float], float], gamma: float, k_I: float, period: float
+) -> tuple[float, float]:
+    """Return gamma and k_I, 1/s, lowered until every mode is damped enough."""
+    enough = min(_DAMPING, _LESS * damping(0.0, 0.0))  # lags may leave less to the damping alone
+    while damping(period * gamma, period * k_I) < enough:
+        gamma, k_I = _LESS * gamma, _LESS * k_I
+    return gamma, k_I
+
+
+def squeeze_rate(scenario: Scenario, gamma: float, rate: float) -> float:
+    """Return kappa, 1/s: faster than gamma where only the squeeze comes in with it."""
+    return max(gamma, min(_SQUEEZE_RATE, rate / 4.0)) if _starts_on_motion(scenario) else gamma
+
+
 def _least_damping(rates: Array, gamma: float, k_I: float, *, lag: float) -> float:
     """Return the smallest damping ratio of sampled modes; rates lambda, gamma, k_I and lag in ticks."""
     law = np.array([[gamma, 1.0]])
@@ -206,7 +245,9 @@ def _least_damping(rates: Array, gamma: float, k_I: float, *, lag: float) -> flo
     )
 
 
-def _internal_errors(scenario: Scenario, wrenches: MotionWrenches, anchor_rate: float) -> tuple[float, float]:
+def expected_internal_errors(
+    scenario: Scenario, wrenches: MotionWrenches, anchor_rate: float
+) -> tuple[float, float]:
     """Return the largest errors of the internal force and moment of an arm, N and N m."""
     errors, linear = wrenches.internal_error(anchor_rate), np.array(scenario.cell.task_rows.indices) < 3
     force, moment = (np.linalg.norm(errors[..., rows], axis=-1).max() for rows in (linear, ~linear))
@@ -219,7 +260,7 @@ def _starts_on_motion(scenario: Scenario) -> bool:
     return float(np.abs(pose_error(scenario.start.matrix, np.array(begin))).max()) < _ON_START
 
 
-def _rates(scenario: Scenario) -> Iterator[float]:
+def control_rates(scenario: Scenario) -> Iterator[float]:
     """Yield the scenario's rate, and its multiples where no delay or sensor is counted in its ticks."""
     stated, path = scenario.clock.rate_hz, scenario.controller.force_path
     timed = bool(scenario.wrists or path.delay or path.pole)
@@ -227,7 +268,7 @@ def _rates(scenario: Scenario) -> Iterator[float]:
     yield from (stated * count for count in range(1, int(fastest / stated) + 1))
 
 
-def _lag(scenario: Scenario) -> float:
+def slowest_lag(scenario: Scenario) -> float:
     """Return the largest time constant between a velocity and the torque that answers it, s."""
     arms = scenario.cell.arms
     cutoffs = [getattr(scenario.sensors_of(name).velocity, "cutoff_hz", np.inf) for name in arms]
@@ -244,7 +285,7 @@ def force_path_of(scenario: Scenario) -> ForcePath:
     return path
 
 
-def _posture_gains(
+def posture_gains(
     scenario: Scenario, cell_reach: Reachability, T: float, least_stiffness: float
 ) -> PostureGains:
     """Return null-space gains, at most the usual ones but for a spring that has to be stiffer.
@@ -265,7 +306,7 @@ def _posture_gains(
             decay = max(decay, 1.0 / float(np.linalg.eigvalsh(spare.T @ arm.mass_matrix(q) @ spare)[0]))
     stiffness, damping = float(np.max(usual.stiffness)), float(np.max(usual.damping))
     if decay > 0.0:
-        damping = min(damping, _rounded_down(_T_LAMBDA / ((T + 2.0 * _lag(scenario)) * decay)))
+        damping = min(damping, rounded_down(_T_LAMBDA / ((T + 2.0 * slowest_lag(scenario)) * decay)))
     stiffness *= damping / float(np.max(usual.damping))
     stiffness = max(stiffness, least_stiffness)
     if decay > 0.0 and not scenario.cell.controls_turns:
@@ -284,10 +325,10 @@ def _largest_held(scenario: Scenario, cell_reach: Reachability, damping: float) 
         part_held(torque, pulled - torque, limit)
         for torque, pulled, limit in zip(without, with_one, limits, strict=True)
     )
-    return _rounded_down(max(held, _ROUND_OFF))
+    return rounded_down(max(held, _ROUND_OFF))
 
 
-def _rounded_down(value: float) -> float:
+def rounded_down(value: float) -> float:
     """Return a positive value with three significant digits, not above it."""
     digits = 2 - math.floor(math.log10(value))
     scaled = value * 10.0**digits

@@ -29,7 +29,7 @@ class Check:
     with the lag of the drives along the motion, the slowest and the least damped mode of the whole loop at
     the start, and the joint friction in the plant's steps; say what the law
     measures and what a kinematic bias and an unknown load leave; the proposal of 'coop-pin suggest'
-    for these postures follows; on compliant grasps it is the stiffness from which the gains hold.
+    for these postures follows; on compliant grasps also the stiffness from which the gains hold.
     Every field of the scenario can be changed as in 'coop-pin run'.
 
     Attributes:
@@ -72,18 +72,21 @@ class Check:
         numbers = (f"! {number}" for number in analysis.implausible_numbers(scenario))
         print_wrapped(*numbers, reach.summary(), sep="\n")
         torques, squeeze = analysis.statics_along(scenario, reach), analysis.least_squeeze(scenario)
-        singular = analysis.closure_problem(scenario) if reach.ok else ""
+        singular, is_stable = analysis.closure_problem(scenario) if reach.ok else "", True
         lines = [torques.summary(), f"! {singular}" if singular else ""]
         if scenario.has_servos:
-            lines.append(
-                "the arms have servos: gains, sampling and errors at rest of the law are not checked"
-            )
+            try:
+                loop = analysis.admittance_stability(scenario)
+                is_stable = loop.ok
+                lines.append(f"{loop.summary()}; errors at rest on servos are not checked")
+            except ArgumentError as error:
+                lines.append(f"the arms have servos, and gains and errors at rest are not checked: {error}")
         lines.append(analysis.large_record(scenario))
         lines.append("" if squeeze is None else squeeze.summary())
         if scenario.cell.has_contacts:
             lines.append("the payload is held by friction, or may lie on a table: gains are not checked")
         _print_lines(lines)
-        return reach.ok and torques.ok and not singular and (squeeze is None or squeeze.ok)
+        return reach.ok and torques.ok and is_stable and not singular and (squeeze is None or squeeze.ok)
 
     def _stable(self, simulation: Simulation, reach: Reachability) -> bool:
         """Print what gains, sampling and drives allow, and return whether the law is stable."""
@@ -103,8 +106,9 @@ class Check:
             of_motion = analysis.motion_stability(simulation, reach)
             findings[:0] = of_motion, analysis.loop_stability(simulation, reach)
         lines += [finding.summary() for finding in findings]
-        if not scenario.cell.compliant:
-            lines.append(analysis.gain_proposal(scenario, reach).summary())
+        is_compliant = bool(scenario.cell.compliant)
+        propose = analysis.own_inertia_proposal if is_compliant else analysis.gain_proposal
+        lines.append(propose(scenario, reach).summary())
         try:
             lines.append(analysis.eigenvalues(scenario).summary())
         except (ArgumentError, DivergedError) as error:  # the steps or gains named above

@@ -64,6 +64,8 @@ class BoundedAnchor(NamedTuple):
         rows: The task rows.
         gain: G = c K gamma, shape (k_0, k_0).
         gain_inverse: G^-1.
+        turns: whether G is in payload axes and turns with them, as this arm sees the payload; A is then kept
+            as the biases that asked for its parts when they did.
         same_kind: 1.0 between two positions or two rotations, else 0.0, shape (k_0, k_0).
         free: b_0 of each row, m and rad, shape (k_0,).
         first: T nu (b_max - b_0) of each row, the first step of a centre, likewise.
@@ -75,6 +77,7 @@ class BoundedAnchor(NamedTuple):
     rows: TaskRows
     gain: Array
     gain_inverse: Array
+    turns: bool
     same_kind: Array
     free: Array
     first: Array
@@ -89,6 +92,7 @@ class BoundedAnchor(NamedTuple):
         biases: tuple[tuple[float, float], tuple[float, float]],
         *,
         gain: Array,
+        turns: bool,
         forget: Array,
         largest: Array,
         rate: float,
@@ -100,6 +104,7 @@ class BoundedAnchor(NamedTuple):
             rows: The task rows.
             biases: b_0 and b_max, m and rad each.
             gain: G.
+            turns: Whether G turns with the payload.
             forget: k_I, 1/s, shape (k_0,).
             largest: Edges of the layer of the integral as errors, m and rad, shape (k_0,).
             rate: nu, 1/s.
@@ -112,7 +117,7 @@ class BoundedAnchor(NamedTuple):
         free = np.minimum(b_0, edge / 2.0)
         further = np.minimum(b_max - b_0, same_kind.dot(largest**2) ** 0.5 - free)
         first, kept = period * rate * further, 1.0 - period * forget
-        return cls(rows, gain, inverse(gain)[0], same_kind, free, first, rate, kept, period)
+        return cls(rows, gain, inverse(gain)[0], turns, same_kind, free, first, rate, kept, period)
 
     def start(self) -> AnchorState:
         """Return the memory at t_0."""
@@ -131,7 +136,11 @@ class BoundedAnchor(NamedTuple):
             may_follow: 1.0 where C may move, else 0.0.
             pose: Payload pose as this arm sees it, shape (4, 4).
         """
-        y, C_B, C_E = state.held + self.gain_inverse.dot(asked), state.from_base, state.from_tip
+        y, C_B, C_E = (
+            state.held + self._turned(self.gain_inverse, pose, asked),
+            state.from_base,
+            state.from_tip,
+        )
         part = y / self.free
         size = part.dot(part)  # (|y| / b_0)^2 of positions and rotations together
         left = exp(-self.rate * state.measured_for) - _STANDS
@@ -146,7 +155,9 @@ class BoundedAnchor(NamedTuple):
             step = self._to_goal(y, (C_B + turned) / 2.0, h)
             C_B, C_E, turned = C_B + step, C_E + self.rows.turn(pose.T, step), turned + step
         beyond = fresh * self._beyond(y, C_B, turned)
-        return asked - self.gain.dot(beyond), AnchorState(y - beyond, C_B, C_E, state.measured_for)
+        return asked - self._turned(self.gain, pose, beyond), AnchorState(
+            y - beyond, C_B, C_E, state.measured_for
+        )
 
     def _to_goal(self, y: Array, C: Array, h: float) -> Array:
         """Return the step of the centre, m and rad, shape (k_0,)."""
@@ -169,18 +180,19 @@ class BoundedAnchor(NamedTuple):
         y, turned = state.held / self.kept, self.rows.turn(pose, state.from_tip)
         return bool(self._beyond(_NEARLY * y, state.from_base, turned).any())
 
-    def after(self, state: AnchorState, is_recent: bool, change: Array) -> AnchorState:
+    def after(self, state: AnchorState, is_recent: bool, change: Array, pose: Array) -> AnchorState:
         """Return the memory after a tick.
 
         Args:
             state: Memory with what the anchor has moved.
             is_recent: Whether a measurement is recent.
             change: Change of the integral by all else, N and N m, shape (k_0,).
+            pose: Payload pose as this arm sees it, shape (4, 4).
         """
         _, C_B, C_E, t_m = state
         held = self.kept * state.held
         if not known(is_recent):
-            held = where(is_recent, held, state.held + self.gain_inverse.dot(change))
+            held = where(is_recent, held, state.held + self._turned(self.gain_inverse, pose, change))
         return AnchorState(held, C_B, C_E, t_m + is_recent * self.period)
 
     def followed_bias(self, row: int, *, part: float, transient_rate: float) -> float:
@@ -212,6 +224,12 @@ class BoundedAnchor(NamedTuple):
             middle = (low + high) / 2.0
             low, high = (middle, high) if middle <= centre(middle) + b_0 else (low, middle)
         return low
+
+    def _turned(self, matrix: Array, pose: Array, values: Array) -> Array:
+        """Return the product with G or its inverse in world axes, shape (k_0,)."""
+        if not self.turns:
+            return matrix.dot(values)
+        return self.rows.turn(pose, matrix.dot(self.rows.turn(pose.T, values)))
 
     def _sum(self, values: Array) -> Array:
         """Return for each row the sum over the rows of its kind, shape (k_0,)."""

@@ -153,6 +153,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         bound: bound of the anchor; None without. With one, the integral takes over what drives cut: see the
             page "The bounded anchor".
         most_slip: slip of a patch from which on f_r = 0 and the anchor rests, m.
+        turns: whether K is in payload axes and turns with them: R K R^T in place of K.
         least_normal: normal force of this arm's own wrist below which they do, N.
     """
 
@@ -163,6 +164,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
     posture: Posture | None = None
     bound: BoundedAnchor | None = None
     most_slip: float = np.inf
+    turns: bool = False
     least_normal: float = 0.0
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> PayloadSpaceState:
@@ -212,7 +214,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
     ) -> ArmCommand:
         """Return the drive torque of this tick and the state of the next."""
         arm, gains, J = self.arm, self.gains, measurement.payload_jacobian
-        T, c, K = arm.period, arm.load_share, gains.sliding_gain
+        T, c, pose = arm.period, arm.load_share, measurement.payload_pose
         e = np.exp(-gains.transient_rate * (measurement.time - state.start_time))
         s = self._surface(measurement, reference) - state.start_surface * e
         f_r = arm.rows.turn(
@@ -235,11 +237,11 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             cut = self._cut(measurement, state, J_plus)
             if cut is not None:
                 Z, Z_hold = Z - recent * cut, Z_hold - recent * cut
-            asked, anchor = self.bound.step(anchor, asked, fresh, uncut * recent, measurement.payload_pose)
+            asked, anchor = self.bound.step(anchor, asked, fresh, uncut * recent, pose)
         Z = Z + asked
         Z_hold = where(fresh, Z, Z_hold)
 
-        tau = -J.T.dot(c * K.dot(s) + Z + f_r - gains.force_gain * error)
+        tau = -J.T.dot(c * self._weighted(pose, s) + Z + f_r - gains.force_gain * error)
         if self.posture is not None and J_plus is not None:
             pull = self.posture.pull(measurement.q, measurement.v) - state.start_pull * e
             tau = tau + null_space_part(state.holding_torque + pull, J, J_plus)
@@ -247,10 +249,10 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         leak = stale * self.leak * (Z - Z_hold)
         waits = self.bound is None or measurement.reported_torque is None
         goes_on = uncut if waits else where(stale, uncut, 1.0)
-        integral = goes_on * c * K.dot(gains.sign_gain.dot(self.switching(s)))
+        integral = goes_on * c * self._weighted(pose, gains.sign_gain.dot(self.switching(s)))
         change = T * (integral - leak)
         if self.bound is not None and anchor is not None:
-            anchor = self.bound.after(anchor, np.logical_not(stale), change)
+            anchor = self.bound.after(anchor, np.logical_not(stale), change, pose)
         return ArmCommand(
             tau,
             state._replace(
@@ -273,6 +275,11 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             J = measurement.payload_jacobian
             J_plus = jacobian_inverse(where(is_uncut, identity(len(J)), J), measurement.time)
         return J_plus.T.dot(change)
+
+    def _weighted(self, pose: Array, s: Array) -> Array:
+        """Return K s in world axes, shape (k_0,)."""
+        K, rows = self.gains.sliding_gain, self.arm.rows
+        return rows.turn(pose, K.dot(rows.turn(pose.T, s))) if self.turns else K.dot(s)
 
     def _squeeze_axes(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
         """Return the pose whose axes the squeeze turns with: as seen, or as desired by pressed arms."""
@@ -325,7 +332,11 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             twice that is desired; 0 guards nothing. The others lose theirs, and give up by themselves.
         anchor_bias_answered: b_max, how far they may while a bias shows at the start, m and rad; a bias near
             it need not come to rest. At most the norm of the edges of the layer. Equal to b_0: a fixed bound.
+        gain_axes: Axes of ``sliding_gain``: "world", or "payload", in which a matrix turns with the payload
+            as each arm sees it. Then ``pose_gain`` is one value for positions and one for rotations.
     """
+
+    later_fields: ClassVar[tuple[str, ...]] = ("gain_axes",)
 
     equal_gains: ClassVar[Mapping[str, str]] = {
         **SurfaceLaw.equal_gains,
@@ -343,6 +354,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     anchor_bias: Annotated[Any, BeforeValidator(_bias_or_none)] = (2e-3, 1e-2)
     anchor_bias_answered: Annotated[Any, BeforeValidator(_bias)] = (2e-2, 1e-1)
     slip_guard: Positive = SLIP_GUARD
+    gain_axes: Literal["world", "payload"] = "world"
     normal_guard: NotNegative = 0.0
 
     @model_validator(mode="before")
@@ -409,9 +421,23 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             stale_after=self.stale_after + arm.oldest_wrench,
             posture=self.posture.term(arm) if arm.drives > arm.rows.size else None,
             most_slip=self.slip_guard,
+            turns=self._turns(arm.rows, gains),
             least_normal=self.normal_guard,
             bound=self._bound(arm.rows, gains, arm.load_share, arm.period, 1 + arm.oldest_wrench),
         )
+
+    def _turns(self, rows: TaskRows, gains: PayloadSpaceGains) -> bool:
+        """Return whether K turns with the payload.
+
+        Raises:
+            FieldError: gamma is not that of any axes.
+        """
+        gamma, linear = gains.pose_gain.diagonal(), np.array(rows.indices) < 3
+        kinds = {*gamma[linear]}, {*gamma[~linear]}
+        if self.gain_axes == "payload" and max(map(len, kinds)) > 1:
+            detail = f"is {gamma.tolist()}; with gain_axes 'payload' it must be one value for all positions"
+            raise FieldError(f"{detail}, and one for all rotations", "controller.gains.pose_gain")
+        return self.gain_axes == "payload"
 
     def _bound(
         self, rows: TaskRows, gains: PayloadSpaceGains, share: float, period: float, ticks: int
@@ -435,6 +461,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             rows,
             (self.anchor_bias, self.anchor_bias_answered),
             gain=share * K @ gamma,
+            turns=self.gain_axes == "payload",
             forget=alpha / width,
             largest=width / gamma.diagonal(),
             rate=1.0 / (1.0 / gains.transient_rate + age * (1.0 + gains.force_gain) / gains.anchor_gain),
@@ -467,4 +494,6 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
         diagonals = (
             gain.diagonal()[linear] for gain in (gains.pose_gain, gains.sliding_gain, gains.sign_gain)
         )
+        if self.gain_axes == "payload":  # K mixes the rows
+            return []
         return [direction(*map(float, values)) for values in zip(*diagonals, strict=True)]

@@ -176,7 +176,7 @@ class Sensors(WithLaterFields):
         wrist: sensor of the arm's own interaction wrench; none when omitted.
         holding_torque_error: relative error of the holding torques that the drives report, one value for all
             drives or one for each.
-        slip: sensor of the slip of the arm's patch.
+        slip: sensor of the slip of the arm's patch; ideal when omitted.
     """
 
     later_fields: ClassVar[tuple[str, ...]] = ("slip",)
@@ -185,7 +185,7 @@ class Sensors(WithLaterFields):
     velocity: Velocity = IdealVelocity()
     wrist: WristSensor | None = None
     holding_torque_error: NumberOrVector = 0.0
-    slip: SlipSensor = SlipSensor()
+    slip: SlipSensor | None = None
 
     @property
     def joints_are_ideal(self) -> bool:
@@ -203,7 +203,7 @@ class Sensors(WithLaterFields):
         if not {"clock", "duration"} <= set(run):
             return []
         clock, duration = run["clock"], run["duration"]
-        if late := late_delay(self.slip.delay, clock, duration):
+        if self.slip is not None and (late := late_delay(self.slip.delay, clock, duration)):
             problems.append(FieldError(late, "slip.delay"))
         if wrist is None:
             return problems

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 from xml.etree import ElementTree
 
 import pinocchio as pin
@@ -21,6 +21,8 @@ _CPU_S, _BYTES_PER_S = 3, 5_000_000
 _PATIENCE_S = 120.0
 _MESHES = pin.coal.CachedMeshLoader(pin.coal.NODE_TYPE.BV_OBB)
 """Reads a file again only if it has changed, and builds the tree for collisions that costs least."""
+ColouredMesh: TypeAlias = tuple[Path, tuple[float, ...]]
+"""File of a mesh and its scale along x, y, z."""
 _UNREADABLE = ValueError, RuntimeError, MemoryError
 
 
@@ -67,6 +69,32 @@ def without_meshes(text: str) -> str:
     robot = ElementTree.fromstring(text)
     _remove(robot, [visual for visual in robot.iter("visual") if visual.find("geometry/mesh") is not None])
     return ElementTree.tostring(robot, encoding="unicode")
+
+
+def without_coloured_meshes(text: str, folders: Sequence[Path]) -> tuple[str, dict[str, ColouredMesh]]:
+    """Return a URDF with points in place of COLLADA meshes that the URDF gives no material, and these meshes.
+
+    Args:
+        text: the URDF.
+        folders: searched for the packages of package://.
+
+    Returns:
+        The URDF, and file and scale of the meshes by Pinocchio's names of their visuals.
+    """
+    robot = ElementTree.fromstring(text)
+    coloured: dict[str, ColouredMesh] = {}
+    for link in robot.iter("link"):
+        for number, visual in enumerate(link.findall("visual")):
+            mesh = visual.find("geometry/mesh[@filename]")
+            if mesh is None or visual.find("material") is not None:
+                continue
+            paths = (folder / mesh.get("filename", "").partition("://")[2] for folder in folders)
+            path = next(filter(Path.is_file, paths), None)
+            if path is not None and path.suffix.lower() == ".dae":
+                scale = tuple(map(float, mesh.get("scale", "1 1 1").split()))
+                coloured[f"{link.get('name')}_{number}"] = path, scale
+                mesh.tag, mesh.attrib = "sphere", {"radius": "0"}
+    return ElementTree.tostring(robot, encoding="unicode"), coloured
 
 
 def _with_visuals_of(name: str, text: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -74,6 +74,13 @@ def half_extents(shape: Shape) -> Array:
             return np.full(3, radius)
         case Mesh(vertices, _):
             return np.abs(vertices).max(axis=0, initial=0.0)
+
+
+def joined(meshes: Sequence[Mesh]) -> Mesh:
+    """Return meshes as one."""
+    offsets = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = [mesh.faces + offset for mesh, offset in zip(meshes, offsets, strict=False)]
+    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
 
 
 def shape_of(geometry: Any) -> Shape | None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import itertools
 import warnings
-from collections.abc import Collection, Hashable, Iterable, Sequence
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
+import collada
 import numpy as np
 import pinocchio as pin
 
@@ -18,9 +19,15 @@ from coop_pin.description.cell import Cell
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import UrdfWarning
 from coop_pin.model.cell_model import CellModel, PayloadAttachment
-from coop_pin.model.geometry import can_be_read, visual_geometry, without_meshes
+from coop_pin.model.geometry import (
+    ColouredMesh,
+    can_be_read,
+    visual_geometry,
+    without_coloured_meshes,
+    without_meshes,
+)
 from coop_pin.model.pinocchio_model import UnreducedArm, joint_id, load_unreduced_arm
-from coop_pin.model.shapes import Mesh, Shape, half_extents, shape_of
+from coop_pin.model.shapes import Mesh, Shape, half_extents, joined, shape_of
 
 Colour: TypeAlias = tuple[float, float, float, float]
 
@@ -122,7 +129,8 @@ def _visuals_by_joint(arm: Arm, without: Collection[str]) -> dict[str, tuple[Vis
     """
     whole = load_unreduced_arm(arm)
     model, geometry = whole.model, pin.GeometryModel()
-    for part in _geometries(whole, arm):
+    parts, coloured = _geometries(whole, arm)
+    for part in parts:
         if not any(model.names[joint] in without for joint in model.supports[part.parentJoint]):
             geometry.addGeometryObject(part)
     if whole.locked:
@@ -130,17 +138,15 @@ def _visuals_by_joint(arm: Arm, without: Collection[str]) -> dict[str, tuple[Vis
     visuals: dict[str, tuple[Visual, ...]] = {}
     for part in geometry.geometryObjects:
         pose, joint = np.array(part.placement.homogeneous), str(model.names[part.parentJoint])
-        drawn = (Visual(part.name, shape, pose, colour) for shape, colour in _pieces(part, arm))
+        drawn = (Visual(part.name, shape, pose, colour) for shape, colour in _pieces(part, arm, coloured))
         visuals[joint] = (*visuals.get(joint, ()), *drawn)
     return visuals
 
 
-def _pieces(part: Any, arm: Arm) -> Sequence[tuple[Shape, Colour]]:
+def _pieces(part: Any, arm: Arm, coloured: Mapping[str, ColouredMesh]) -> Sequence[tuple[Shape, Colour]]:
     """Return the shapes of a geometry object with their colours; none, with a warning, if it is not drawn."""
-    if not (arm.file.origin == "user" or part.overrideMaterial) and (
-        pieces := _coloured_meshes(part.meshPath, *part.meshScale.ravel().tolist())
-    ):
-        return pieces
+    if part.name in coloured:
+        return coloured_meshes(*coloured[part.name])
     shape = shape_of(part.geometry)
     if shape is None:
         _warn(arm.urdf, part.name, f"shapes of kind {type(part.geometry).__name__} are not drawn")
@@ -152,25 +158,26 @@ def _pieces(part: Any, arm: Arm) -> Sequence[tuple[Shape, Colour]]:
 
 
 @lru_cache(maxsize=256)
-def _coloured_meshes(path: str, *scale: float) -> Sequence[tuple[Shape, Colour]]:
-    """Return the pieces of a mesh file by their colours, which Pinocchio does not read; none if it has none.
+def coloured_meshes(path: Path, scale: tuple[float, ...]) -> Sequence[tuple[Mesh, Colour]]:
+    """Return the pieces of a COLLADA file by their colours, which Pinocchio does not read.
 
-    Files of users are not read this way: the process that tries them tries Pinocchio's reader only.
+    Args:
+        path: the .dae file.
+        scale: factors of x, y, z.
     """
-    if Path(path).suffix.lower() != ".dae":
-        return []
-    import trimesh  # a third of a second, only for arms with such meshes
-
-    pieces: dict[Colour, list[Any]] = {}
-    dumped: Any = trimesh.load_scene(path, process=False).dump()
-    for piece in dumped:
-        pieces.setdefault(_colour(piece.visual.material.main_color / 255.0), []).append(piece)
-    meshes: list[tuple[Shape, Colour]] = []
-    for colour, parts in pieces.items():
-        whole: Any = trimesh.util.concatenate(parts)
-        vertices = np.array(scale) * np.array(whole.vertices)
-        meshes.append((Mesh(vertices, np.array(whole.faces, dtype=np.int64)), colour))
-    return meshes
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PendingDeprecationWarning)  # pycollada uses numpy's matrices
+        geometries = collada.Collada(str(path)).scene.objects("geometry")
+        primitives = [primitive for part in geometries for primitive in part.primitives()]
+        parts = [part.triangleset() if hasattr(part, "triangleset") else part for part in primitives]
+    pieces: dict[Colour, list[Mesh]] = {}
+    for triangles in parts:
+        if isinstance(triangles, collada.triangleset.BoundTriangleSet):
+            colour = _colour(np.rint(np.multiply(triangles.material.effect.diffuse, 255)) / 255)
+            used, faces = np.unique(triangles.vertex_index, return_inverse=True)
+            piece = Mesh(triangles.vertex[used] * np.array(scale), faces.reshape(-1, 3))
+            pieces.setdefault(colour, []).append(piece)
+    return [(joined(meshes), colour) for colour, meshes in pieces.items()]
 
 
 def _colour(shares: Iterable[float]) -> Colour:
@@ -178,23 +185,30 @@ def _colour(shares: Iterable[float]) -> Colour:
     return red, green, blue, opacity
 
 
-def _geometries(whole: UnreducedArm, arm: Arm) -> list[Any]:
-    """Return Pinocchio's visual geometry objects, those that can be read."""
+def _geometries(whole: UnreducedArm, arm: Arm) -> tuple[list[Any], dict[str, ColouredMesh]]:
+    """Return Pinocchio's visual geometry objects that can be read, and meshes left to others.
+
+    Files of users are left to Pinocchio: the process that tries them tries its reader only.
+    """
     text, file = whole.text, arm.file
     folders = list(map(str, file.package_dirs))
-    files = Robot(text).mesh_files(file.package_dirs) if file.origin == "user" else []
-    if files and not can_be_read(text, folders, sum(path.stat().st_size for path in files)):
-        names = ", ".join(sorted({path.name for path in files}))
-        _warn(
-            arm.urdf,
-            names,
-            "reading one of these meshes ends the process or takes too long or too much memory",
-        )
-        text = without_meshes(text)
+    coloured: dict[str, ColouredMesh] = {}
+    if file.origin == "user":
+        files = Robot(text).mesh_files(file.package_dirs)
+        if files and not can_be_read(text, folders, sum(path.stat().st_size for path in files)):
+            names = ", ".join(sorted({path.name for path in files}))
+            _warn(
+                arm.urdf,
+                names,
+                "reading one of these meshes ends the process or takes too long or too much memory",
+            )
+            text = without_meshes(text)
+    else:
+        text, coloured = without_coloured_meshes(text, file.package_dirs)
     objects, problems = visual_geometry(whole.model, text, folders)
     for link, problem in problems.items():
         _warn(arm.urdf, f"link {link!r}", problem)
-    return objects
+    return objects, coloured
 
 
 def _warn(urdf: str, what: str, why: str) -> None:

@@ -22,7 +22,8 @@ _TEXTS: dict[Cause, str] = {
     "joint limit": "{who} at its stop from {time:.4g} s (reaches {value:.4g}, limit {allowed:.4g})",
     "jacobian condition": "{who} near a singular pose from {time:.4g} s"
     " (condition number {value:.3g}, allowed {allowed:.3g})",
-    "torque cut": "{who} torque at its limit from {time:.4g} s (for {value:.3g} s, allowed {allowed:.3g} s)",
+    "torque cut": "{who} torque at its limit from {time:.4g} s"
+    " ({value:.3g} s at a stretch, allowed {allowed:.3g} s)",
     "closure error": "{who} grasp open from {time:.4g} s (by {value:.2g} m or rad, allowed {allowed:.2g})",
     "energy": "energy not explained by work from {time:.4g} s (by {value:.2g} J, allowed {allowed:.2g} J)",
     "joint drift": "{who} drifts while the payload rests, from {time:.4g} s on"

@@ -9,6 +9,7 @@ import numpy as np
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.description.scenario import Scenario
+from coop_pin.description.sensors import SlipSensor
 from coop_pin.simulation.signals import generator
 
 
@@ -26,7 +27,7 @@ class SlipSensors(NamedTuple):
     @classmethod
     def of(cls, scenario: Scenario) -> SlipSensors:
         """Return the sensors of the arms with patches."""
-        sensors = [scenario.sensors_of(name).slip for name in scenario.cell.patches]
+        sensors = [scenario.sensors_of(name).slip or SlipSensor() for name in scenario.cell.patches]
         return cls(
             np.array([one.noise for one in sensors]), np.array([one.delay for one in sensors], dtype=int)
         )

@@ -26,7 +26,7 @@ NEAR_SINGULAR = 100.0
 """Condition number of the payload Jacobian from which an arm counts as near singular; 5 to 20 is usual."""
 
 PLAIN, SINGULAR, SATURATED, FREE = 0, 1, 2, 3
-"""Codes of warning colours."""
+"""Codes of warning colours, also those of the legend's lines (data-warning)."""
 
 WARNING_COLOURS = (None, palette.SINGULAR, palette.SATURATED, palette.FREE)
 """Warning colours by code; None is the body's own colour."""

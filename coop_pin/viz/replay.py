@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from string import Template
@@ -15,7 +16,7 @@ from coop_pin.errors import FieldError
 from coop_pin.figures import palette
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult
-from coop_pin.viz.arrows import ArrowScales, recorded_scales
+from coop_pin.viz.arrows import LINEAR_M, ArrowScales, recorded_scales
 from coop_pin.viz.cell_scene import cell_scene
 from coop_pin.viz.curves import Curve, cell_curves, curve_rows, thinned_rows
 from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, frame_samples, run_samples
@@ -210,12 +211,21 @@ def _side_by_side(runs: Sequence[RunResult], names: Sequence[str], times: list[f
     return Template(web_file("side_by_side.html")).substitute(
         title=html.escape(" | ".join(names)),
         count=len(runs),
-        scale=f"{0.1 * common.newtons_per_metre:g} N",
+        shared=html.escape(shared_caption([run.scenario.caption for run in runs])),
+        scale=f"{0.1 * common.newtons_per_metre:g} N in every pane, beyond "
+        f"{LINEAR_M * common.newtons_per_metre:g} N arrows are shortened and their numbers tell",
         style=web_file("uplot/uPlot.min.css"),
         licences=page_licences(),
         scripts=page_scripts(),
         data=json_text(page),
     )
+
+
+def shared_caption(captions: Sequence[str]) -> str:
+    """Return what all captions say, as one line; empty if they have nothing in common."""
+    first, *others = (re.split("; |changed: ", caption) for caption in captions)
+    said = [text for text in first if text and all(text in other for other in others)]
+    return f"in all: {'; '.join(said)}" if said else ""
 
 
 def _common_curves(run: RunResult) -> Array:

@@ -65,6 +65,8 @@ class _MonitoredCell:
         controller: Any = build_controller(scenario)
         self.simulation = Simulation(scenario, controller)
         response = self.simulation.actuation.drives.response
+        if stated.gain_axes != "world":
+            raise ArgumentError("the monitor of the payload-space law needs gain_axes 'world'")
         if stated.zero_at_grasp or not (response is None or response.at_once.all()):
             raise ArgumentError(
                 "the monitor of the payload-space law needs torques that are held over a tick and payload"
@@ -116,8 +118,11 @@ class _MonitoredCell:
         centre = np.zeros_like(held)
         for i, law in enumerate(self.laws):
             if law.bound is not None:
-                centre[i] = law.bound.centre(self.anchors[i], now.arms[i].measured.payload_pose)
-                self.anchors[i] = law.bound.after(self.anchors[i], not is_stale[i, 0], self.period * rate[i])
+                X_WP = now.arms[i].measured.payload_pose
+                centre[i] = law.bound.centre(self.anchors[i], X_WP)
+                self.anchors[i] = law.bound.after(
+                    self.anchors[i], not is_stale[i, 0], self.period * rate[i], X_WP
+                )
         Zbar = Z.sum(axis=0)
         return {
             "s": s,
