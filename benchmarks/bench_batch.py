@@ -12,6 +12,7 @@ import argparse
 import os
 import tempfile
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from common import interleaved, ratio
@@ -33,13 +34,13 @@ def scenarios(base: cp.Scenario, count: int) -> list[cp.Scenario]:
     return [base.override({FIELD: float(rate)}) for rate in np.linspace(4.0, 6.0, count)]
 
 
-def loop(simulator: BatchSimulator, runs: list[cp.Scenario], width: int) -> Callable[[], object]:
+def loop(runs: list[cp.Scenario], width: int) -> Callable[[], object]:
     """Return the compiled loop of runs, with its record and without what comes before and after."""
+    simulator = BatchSimulator(machine=partial(LlvmMachine, width=width), width=width)
     prepared = [simulator.prepare(run) for run in runs]
     batch = Prepared.joined(prepared)
-    code = simulator.family(prepared[0], batch).code
+    *_, code, machine = simulator.family(prepared[0], batch)
     block, loads = code.begin(batch)
-    machine = LlvmMachine(code.program, width)
     memory = np.empty(machine.record_size(len(runs)))
     return lambda: machine.run(block.copy(), code.uniforms, loads, out=memory)
 
@@ -91,6 +92,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cells", nargs="*", default=["adept-paper", "two-pandas-box"])
     parser.add_argument("--runs", type=int, default=64, help="of a batch")
+    parser.add_argument("--swept", type=int, default=1000, help="runs of a sweep")
     parser.add_argument("--rounds", type=int, default=5)
     chosen = parser.parse_args()
     widths = [width for width in (8, 4, 1) if width <= native_width()]
@@ -105,16 +107,17 @@ def main() -> None:
             print("mujoco is not installed")
         simulator, runs = BatchSimulator(), scenarios(base, chosen.runs)
         for width in widths:
-            tasks[f"compiled loop, {width} lanes"] = loop(simulator, runs, width)
+            tasks[f"compiled loop, {width} lanes"] = loop(runs, width)
         tasks["batch"] = measured(simulator, runs)
-        tasks["sweep with table"] = swept(base, 8 * chosen.runs)
-        counts["sweep with table"] = 8 * chosen.runs
+        tasks["sweep with table"] = swept(base, chosen.swept)
+        counts["sweep with table"] = chosen.swept
         seconds = {
             task: times / counts.get(task, chosen.runs)
             for task, times in interleaved(tasks, chosen.rounds, 1).items()
         }
         print(f"\n{name}: ms a run, and how many of them take as long as one of")
-        others = [task for task in ("cp.run", "mujoco.rollout, open loop") if task in tasks]
+        widest = f"compiled loop, {widths[0]} lanes"
+        others = [task for task in ("cp.run", "mujoco.rollout, open loop", widest) if task in tasks]
         for task, times in seconds.items():
             line = [f"  {task:28}{1e3 * np.median(times):10.3f}"]
             line += [f"{other}: {ratio(seconds[other], times)}" for other in others if other != task]

@@ -1,5 +1,7 @@
 """Batches of runs: the dynamics against Pinocchio, whole runs against coop_pin.run."""
 
+from collections import Counter
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -14,11 +16,13 @@ from coop_pin.batch.cell_dynamics import CellNumbers, CellState, cell_motion, cl
 from coop_pin.batch.preparation import Prepared
 from coop_pin.batch.serial_arm import SerialArm
 from coop_pin.batch.simulate import BatchSimulator
+from coop_pin.batch.tick import TickCode
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.errors import ArgumentError, InvalidStateError, NotEnoughMemoryError
 from coop_pin.model.transmission import Transmission
 from coop_pin.results.metrics import STEADY_METRICS
 from coop_pin.results.quantities import WORK
+from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.numpy_machine import NumpyMachine, evaluate
 from coop_pin.tracing.tape import Tape, operands
 from coop_pin.tracing.traced_array import inputs
@@ -258,6 +262,33 @@ def test_batches_of_one_simulator_share_their_code_and_have_the_bits_of_any_othe
     (wider,) = simulator._families
     assert wider.first is family.first
     assert wider.code is not family.code
+
+
+@pytest.mark.parametrize("name", in_tiers(["adept-anchored", "five-joint-pair"], ["adept-anchored"]))
+def test_another_process_neither_traces_nor_compiles_and_other_numbers_have_other_code(
+    name, tmp_path, monkeypatch
+):
+    """Traced code on disk gives the bits of the kernels, with numbers that fold, a damaged file too."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    field, count = "controller.gains.transient_rate", Counter[str]()
+    base = cp.Scenario.load(name).replace(duration=0.1, events=())
+    heavy = base.override({"cell.payload.mass": 1.1 * base.cell.payload.mass})  # folds
+    kernels = TickCode.kernels
+    monkeypatch.setattr(TickCode, "kernels", lambda code: count.update(["traced"]) or kernels(code))
+
+    def positions(scenario, **machine):
+        runs = [scenario, scenario.override({field: 4.0})]
+        return simulate_batch(runs, **machine).samples["configuration"]
+
+    traced = [positions(scenario, machine=lambda program: LlvmMachine(program)) for scenario in (base, heavy)]
+    for _ in range(2):
+        for scenario, expected in zip((base, heavy), traced, strict=True):
+            assert_array_equal(positions(scenario), expected)
+    assert count["traced"] == 2 + 2
+    for file in (tmp_path / "coop_pin" / "compiled").iterdir():
+        file.write_bytes(file.read_bytes()[:-1])
+    assert_array_equal(positions(base), traced[0])
+    assert count["traced"] == 2 + 2 + 1
 
 
 def test_blocks_of_runs_and_later_batches_leave_samples_as_they_are(monkeypatch):

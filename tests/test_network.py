@@ -386,7 +386,7 @@ def test_damping_by_late_views_has_the_limit_of_a_delay(cell, delay):
     assert_allclose([jittering.limit, jittering.delay], [late.limit, delay], rtol=1e-6)
 
 
-@pytest.mark.parametrize("cell", ["two planar", "two spatial"])
+@pytest.mark.parametrize("cell", ["two planar", pytest.param("two spatial", marks=pytest.mark.slow)])
 def test_runs_below_the_limit_of_late_views_decay_and_those_above_do_not(cell):
     base = biased(cell, network={"delay": 2}, duration=3.0, beyond_bound=True)
     slow = {"controller.gains.pose_gain": 0.5, "controller.gains.sign_gain": 0.0, "squeeze": {}}

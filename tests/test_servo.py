@@ -622,6 +622,7 @@ def test_arms_of_one_cell_take_different_commands(name):
         cp.run(scenario.override({f"arm_actuators.{second}.servo": None}))
 
 
+@pytest.mark.slow
 def test_two_ur5_that_take_velocities_stand_in_the_catalogue():
     """Under 0.5 mm: 0.30 N while moving with wrists; without 19.6 N/s from the start pose on, as by B_s."""
     scenario = cp.Scenario.load("two-ur5-admittance")

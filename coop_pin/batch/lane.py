@@ -39,8 +39,8 @@ class LaneSimulator(BatchSimulator):
 
     def __init__(self) -> None:
         """Begin without code."""
-        super().__init__(machine=partial(LlvmMachine, width=1))
-        self._folding = BatchSimulator(machine=self._new_machine)
+        super().__init__(machine=partial(LlvmMachine, width=1), width=1)
+        self._folding = BatchSimulator(machine=self._new_machine, width=1)
 
     def lane(self, scenario: Scenario) -> tuple[Prepared, Family]:
         """Return a run before it runs, and its code; raises as Lane.

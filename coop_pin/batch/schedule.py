@@ -10,10 +10,11 @@ import numpy as np
 from coop_pin.arrays import Array, Mask
 from coop_pin.batch.block import RunBlock, SignalSplit
 from coop_pin.batch.preparation import Prepared
-from coop_pin.batch.tick import TickCode, sample_name
+from coop_pin.batch.tick import sample_name
+from coop_pin.batch.traced_code import traced_code
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.timeline import Timeline
-from coop_pin.tracing.kernel import LOAD, RECORD, Instruction, Kernel, Program
+from coop_pin.tracing.kernel import LOAD, RECORD, Instruction, Program
 from coop_pin.tracing.tree import valued
 
 
@@ -41,24 +42,27 @@ class RunProgram:
         ticks: index of the first instruction of each tick.
     """
 
-    def __init__(self, first: Prepared, differs: Mask, is_loaded: Mask) -> None:
+    def __init__(self, first: Prepared, differs: Mask, is_loaded: Mask, width: int | None = None) -> None:
         """Trace and order the kernels.
 
         Args:
             first: Batch whose first run has the numbers that fold.
             differs: Leaves of the constants that are inputs.
             is_loaded: Entries of the signals that are inputs.
+            width: Number of lanes of LLVM's registers, as of traced_code.
         """
         plant, signals = first.plants[0], first.signals[0]
         is_whole = len(signals) > plant.run.timeline.ticks  # else any may change later
         is_uniform = ~is_loaded & ((signals != signals[:1]).any(axis=0) | (not is_whole))
         split = SignalSplit(plant.example, signals[0], is_uniform, is_loaded)
         self.block = RunBlock(first.constants, plant.start, differs, split, plant.read)
-        code = TickCode(self.block, exact=first.is_foreign)
-        self._differs, kernels, block = differs, code.kernels(), self.block
-        self._law, self._schedule = code.law, Schedule(plant.run, block, kernels)
+        self._differs, block = differs, self.block
+        code = traced_code(block, first, differs, width)
+        self._law, self._schedule = code.law, Schedule(plant.run, block, code.names)
         instructions, self.uniforms, self.ticks = self.next_ticks(signals)
-        self.program = Program(kernels, block.lanes, block.recorded, block.loaded, instructions)
+        self.program = Program(
+            code.kernels, code.lanes, block.recorded, block.loaded, instructions, code.text
+        )
 
     def next_ticks(self, signals: Array) -> Scheduled:
         """Return the order of the kernels at the ticks that come next.
@@ -92,15 +96,15 @@ class RunProgram:
 class Schedule:
     """Order of the kernels of a run, for some of its ticks after the other."""
 
-    def __init__(self, run: Simulation, block: RunBlock, kernels: Sequence[Kernel]) -> None:
+    def __init__(self, run: Simulation, block: RunBlock, kernels: Sequence[str]) -> None:
         """Begin before the first tick.
 
         Args:
             run: Simulation of one of the runs, for its timeline.
             block: Block of the runs.
-            kernels: Kernels of the block.
+            kernels: Names of the kernels of the block.
         """
-        self._index = {kernel.name: index for index, kernel in enumerate(kernels)}
+        self._index = {name: index for index, name in enumerate(kernels)}
         self._tick, self._events, self._block = 0, 0, block
         self._timeline, self._actuation = run.timeline, run.actuation
         self._target = 0.0  # time of the last command, or sample of a servo

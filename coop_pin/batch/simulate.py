@@ -26,7 +26,7 @@ from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.results.trust import TrustMonitor
 from coop_pin.results.window import Windows
 from coop_pin.tracing.kernel import RECORD, Layout, Machine, Program
-from coop_pin.tracing.llvm_machine import LlvmMachine
+from coop_pin.tracing.llvm_machine import LlvmMachine, native_width
 
 LARGEST_BLOCK = 64
 """Runs that advance together; the samples of more leave the processor's caches."""
@@ -144,13 +144,17 @@ class Family(NamedTuple):
 class BatchSimulator:
     """Simulates batches one after the other, of any families; plants and code are kept for the next ones."""
 
-    def __init__(self, *, machine: Callable[[Program], Machine] = LlvmMachine) -> None:
+    def __init__(
+        self, *, machine: Callable[[Program], Machine] = LlvmMachine, width: int | None = None
+    ) -> None:
         """Begin without code.
 
         Args:
             machine: Maker of the machine of a program.
+            width: Number of lanes of LLVM's registers, if it is one by LLVM; that of this processor for
+                LlvmMachine. Other machines need the kernels themselves.
         """
-        self._new_machine = machine
+        self._new_machine, self._width = machine, width
         self._plants, self._families = list[tuple[list[object], PreparedPlant]](), list[Family]()
         self._free = list[Array]()
 
@@ -233,7 +237,8 @@ class BatchSimulator:
             differs, is_loaded = differs | family.differs, is_loaded | family.is_loaded
         if family is None or (differs != family.differs).any() or (is_loaded != family.is_loaded).any():
             first.require_surroundings()
-            code = RunProgram(first, differs, is_loaded)
+            is_plain = self._new_machine is LlvmMachine and self._width is None
+            code = RunProgram(first, differs, is_loaded, native_width() if is_plain else self._width)
             family = Family(first, differs, is_loaded, code, self._new_machine(code.program))
         self._families = [*self._families, family][-_KEPT:]
         return family

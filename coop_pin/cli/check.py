@@ -128,8 +128,9 @@ class Check:
         lines.append(errors.summary())
         if scenario.network is not None:
             lines.append(simulation.traffic().summary(scenario.clock.rate_hz))
-        if errors.growth > 0.0:
-            earliest = max(0.0, analysis.force_reserve(scenario, reach)) / errors.growth
+        reserve = analysis.force_reserve(scenario, reach) if errors.growth > 0.0 else math.inf
+        if math.isfinite(reserve):  # drives without limits have no end of it
+            earliest = max(0.0, reserve) / errors.growth
             lines.append(f"! the force that grows is beyond the first drive {earliest:.3g} s later or after")
         if math.isfinite(errors.free):
             biases = analysis.anchor_biases(scenario, self.bias, self.bias_turn)

@@ -9,7 +9,7 @@ from coop_pin.control.admittance import (
 from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
 from coop_pin.control.calibration import ZeroedController
-from coop_pin.control.consensus import consensus_bound, estimator_radius
+from coop_pin.control.consensus import MeanGains, averaged_loop_radius, consensus_bound, estimator_radius
 from coop_pin.control.exchanged_wrench import ExchangedWrench
 from coop_pin.control.feed_forward import FeedForward, FeedForwardController
 from coop_pin.control.force_path import (
@@ -89,6 +89,7 @@ __all__ = [
     "LearnedForcePath",
     "LearnedLoad",
     "LowPassForcePath",
+    "MeanGains",
     "MeanPose",
     "MeanPoseByMessages",
     "MeanPoseController",
@@ -116,6 +117,7 @@ __all__ = [
     "Tanh",
     "ZeroedController",
     "anchor_gain_bound",
+    "averaged_loop_radius",
     "consensus_bound",
     "estimator_radius",
     "force_gain_bound",

@@ -161,10 +161,11 @@ class Law(WithLaterFields):
         return ", ".join(model + seen) or "blind"
 
     def measured(self, needs: Iterable[str]) -> tuple[str, ...]:
-        """Return needs without an internal wrench that no path measures; the own if a load is learned."""
-        wrench = "internal wrench" if self.force_path.tells_wrenches else "own wrench"
-        named = {"internal wrench": wrench if self.force_path.measures else ""}
-        return tuple(name for need in needs if (name := named.get(need, need)))
+        """Return needs with what the force path makes of "internal wrench": nothing if none is measured."""
+        path = self.force_path
+        wrench = ("internal wrench",) if path.tells_wrenches else ("own wrench", "told mass")
+        replaced = {"internal wrench": wrench if path.measures else ()}
+        return tuple(name for need in needs for name in replaced.get(need, (need,)))
 
     @property
     def active_gains(self) -> dict[str, Any]:

@@ -8,9 +8,22 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.control.consensus import disagreement, estimator_radius, graph_eigenvalues, require_consensus
+from coop_pin.control.consensus import (
+    MeanGains,
+    averaged_loop_radius,
+    disagreement,
+    estimator_radius,
+    graph_eigenvalues,
+    require_consensus,
+)
 from coop_pin.control.exchanged_wrench import ExchangedWrench, heard
-from coop_pin.control.force_path import ConsensusForcePath, ForcePath, LearnedForcePath, MessageForcePath
+from coop_pin.control.force_path import (
+    INSIST,
+    ConsensusForcePath,
+    ForcePath,
+    LearnedForcePath,
+    MessageForcePath,
+)
 from coop_pin.control.interface import (
     ArmCommand,
     ArmController,
@@ -53,7 +66,7 @@ class AveragedWrench(ArmController):
     in discrete time.
 
     Every arm says nu_i and eta_i, 2 k_0 numbers, and then what its law says. Its own F_i acts at once: the
-    delay of the network slows the agreement, and is not in the loop of the anchor.
+    delay of the network slows the agreement; the loop of the anchor has ``averaged_loop_radius``.
 
     Attributes:
         law: Law of this arm.
@@ -232,14 +245,23 @@ def with_told_wrench(law: ArmController, arm: ControlledArm, path: ForcePath, sc
         gain = "controller.force_path.consensus_gain"
         require_consensus(edges, names, path.consensus_gain, delay, gain)
         return LearnedLoad(law, arm, path, len(names))
-    gains = path.input_gain, path.proportional_gain, path.integral_gain
-    radius = estimator_radius(graph_eigenvalues(edges, names), *gains, delay)
-    if radius >= 1.0:
-        detail = (
-            f"is unstable over this graph with messages {delay} ticks late: it grows by {radius:.4g} a tick"
-        )
-        raise FieldError(f"{detail}; lower its gains", "controller.force_path")
+    gains = MeanGains(path.input_gain, path.proportional_gain, path.integral_gain, delay)
+    _require_decay(graph_eigenvalues(edges, names), gains, scenario)
     return AveragedWrench(law, arm, path, len(names))
+
+
+def _require_decay(eigenvalues: Array, gains: MeanGains, scenario: Any) -> None:
+    """Refuse gains with which the means, or the law's feedback on them, grow; see with_told_wrench."""
+    late = f"over this graph with messages {gains.delay} ticks late"
+    if (radius := estimator_radius(eigenvalues, gains)) >= 1.0:
+        detail = f"grows by {radius:.4g} a tick {late}; lower its gains"
+        raise FieldError(detail, "controller.force_path")
+    loop = scenario.controller.loop(scenario.timing)
+    fed_back = {"anchor_gain": loop.anchor_gain, "force_gain": loop.force_gain, "delay": loop.delay}
+    radius = averaged_loop_radius(eigenvalues, gains, **fed_back)
+    if radius >= 1.0 and not scenario.beyond_bound:
+        detail = f"is {loop.anchor_gain:g}, but the anchored integral on means grows by {radius:.4g} a tick"
+        raise FieldError(f"{detail} {late}; lower it, {INSIST}", "controller.gains.anchor_gain")
 
 
 def _own_wrench(measurement: ArmMeasurement, arm: ControlledArm) -> Array:

@@ -140,6 +140,7 @@ class Program(NamedTuple):
         recorded: Number of slots that RECORD copies.
         loaded: Number of slots that LOAD fills.
         instructions: Instructions in order.
+        text: LLVM's text of the kernels for the lanes of a machine; they may then be left out.
     """
 
     kernels: Sequence[Kernel]
@@ -147,6 +148,7 @@ class Program(NamedTuple):
     recorded: int
     loaded: int
     instructions: Sequence[Instruction]
+    text: str = ""
 
     def rows(self, code: int) -> int:
         """Return the number of rows that a kind of instruction needs."""

@@ -1,35 +1,19 @@
-"""Programs compiled by LLVM (llvmlite), with the compiled code kept on disk.
-
-The file's name is the hash of LLVM's text, of the processor and of LLVM's version; of what lies there, the
-256 MB used last are kept.
-"""
+"""Programs compiled by LLVM (llvmlite); compiled code is kept by the hash of text, processor and LLVM."""
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import hashlib
-import os
-import stat
-import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
-from coop_pin.atomic_write import write_atomically
+from coop_pin.tracing.code_cache import keep, kept
 from coop_pin.tracing.kernel import Instruction, Machine, Program
 from coop_pin.tracing.llvm_emitter import llvm_text
-
-_DIGEST = 32
-"""Bytes of the checksum in front of a file of compiled code."""
-_LARGEST, _ALL = 1 << 26, 1 << 28
-"""Largest file of compiled code, and size of all of them, bytes."""
-_ABANDONED_S = 3600.0
-"""Age at which the file of an unfinished write is one of a process that was killed, s."""
 
 
 class LlvmMachine(Machine):
@@ -43,7 +27,7 @@ class LlvmMachine(Machine):
             width: Number of lanes of a register; that of this processor when omitted.
         """
         super().__init__(program, native_width() if width is None else width)
-        self._engine = _engine(llvm_text(program, self.width))
+        self._engine = _engine(program.text or llvm_text(program, self.width))
         pointer, whole = ctypes.c_void_p, ctypes.c_int64
         kinds = (whole, whole, pointer, pointer, pointer, whole, pointer, whole, pointer, whole)
         self._run = ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address("run"))
@@ -136,85 +120,15 @@ def _engine(text: str) -> Any:
     )
     version = ".".join(map(str, llvm.llvm_version_info))
     key = hashlib.sha256("\n".join((text, processor, features, version)).encode()).digest()
-    code = _kept(key)
+    code = kept(key)
     if code is None:
         # The tape has folded and shared what LLVM's passes would; this one finds choices by comparisons.
         module, passes = llvm.parse_assembly(text), llvm.create_new_module_pass_manager()
         passes.add_instruction_combine_pass()
         passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options()))
         code = machine.emit_object(module)
-        _keep(key, code)
+        keep(key, code)
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     return engine
-
-
-# ---------------------------------------------------------------- compiled code on disk
-
-
-def _path(key: bytes) -> Path:
-    """Return the file of compiled code, in the folder of the user's caches.
-
-    Raises:
-        OSError: there is neither an absolute XDG_CACHE_HOME nor a home.
-    """
-    folder = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    if not folder.is_absolute():  # the XDG specification: to be ignored
-        with contextlib.suppress(RuntimeError):  # a user without a home
-            folder = Path.home() / ".cache" if os.environ.get("HOME", "~") else folder
-    if not folder.is_absolute():
-        raise FileNotFoundError("no folder of the user's caches")
-    return folder / "coop_pin" / "compiled" / f"{key.hex()}.o"
-
-
-def _kept(key: bytes) -> bytes | None:
-    """Return compiled code that this user kept; None if there is none, or it is damaged.
-
-    Code is run, so that a file that others own or may write is not read. The checksum covers the key: a file
-    under another name is another program.
-    """
-    try:
-        # A pipe in its place must not be waited for.
-        with open(_path(key), "rb", opener=_open_without_waiting) as file:
-            status = os.fstat(file.fileno())
-            is_mine = status.st_uid == os.geteuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-            if not (is_mine and stat.S_ISREG(status.st_mode) and status.st_size <= _LARGEST):
-                return None
-            data = file.read()
-            os.utime(file.fileno())  # used now
-    except OSError:
-        return None
-    digest, code = data[:_DIGEST], data[_DIGEST:]
-    return code if hashlib.sha256(key + code).digest() == digest else None
-
-
-def _open_without_waiting(path: str, flags: int) -> int:
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
-
-
-def _keep(key: bytes, code: bytes) -> None:
-    """Keep compiled code; a folder that cannot be written costs the time to compile it again."""
-
-    def write(part: Path) -> None:
-        part.write_bytes(hashlib.sha256(key + code).digest() + code)
-        part.chmod(stat.S_IRUSR | stat.S_IWUSR)
-
-    with contextlib.suppress(OSError):
-        path = _path(key)
-        path.parent.mkdir(parents=True, exist_ok=True, mode=stat.S_IRWXU)
-        write_atomically(path, write)
-        _tidy(path.parent)
-
-
-def _tidy(folder: Path) -> None:
-    """Remove what was used least lately, beyond the size of all, and what killed processes left."""
-    files = [(entry, entry.lstat()) for entry in folder.iterdir()]
-    size, now = 0, time.time()
-    for file, status in sorted(files, key=lambda entry: entry[1].st_mtime, reverse=True):
-        is_part = file.name.startswith(".")
-        size += 0 if is_part else status.st_size
-        if stat.S_ISREG(status.st_mode) and (
-            now - status.st_mtime > _ABANDONED_S if is_part else size > _ALL
-        ):
-            file.unlink(missing_ok=True)
