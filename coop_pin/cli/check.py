@@ -5,17 +5,12 @@ from __future__ import annotations
 import dataclasses
 import math
 import textwrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from coop_pin.cli.exit_codes import FAILED, OK
 from coop_pin.cli.inspect import ScenarioName, print_wrapped
 from coop_pin.cli.overrides import TypedFields, load_scenario
 from coop_pin.errors import ArgumentError, DivergedError
-
-if TYPE_CHECKING:
-    from coop_pin.analysis.reachability import Reachability
-    from coop_pin.description.scenario import Scenario
-    from coop_pin.simulation import Simulation
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,7 +60,7 @@ class Check:
         self._errors(simulation, reach)
         return OK if is_feasible and is_stable else FAILED
 
-    def _feasible(self, scenario: Scenario, reach: Reachability) -> bool:
+    def _feasible(self, scenario: Any, reach: Any) -> bool:
         """Print what does not depend on the law, and return whether the cell can do the motion."""
         from coop_pin import analysis
 
@@ -88,7 +83,7 @@ class Check:
         _print_lines(lines)
         return reach.ok and torques.ok and is_stable and not singular and (squeeze is None or squeeze.ok)
 
-    def _stable(self, simulation: Simulation, reach: Reachability) -> bool:
+    def _stable(self, simulation: Any, reach: Any) -> bool:
         """Print what gains, sampling and drives allow, and return whether the law is stable."""
         from coop_pin import analysis
 
@@ -116,12 +111,12 @@ class Check:
         _print_lines(lines)
         return all(finding.ok for finding in findings)
 
-    def _errors(self, simulation: Simulation, reach: Reachability) -> None:
+    def _errors(self, simulation: Any, reach: Any) -> None:
         """Print what the law measures, and what a bias and an unknown load leave."""
         from coop_pin import analysis
 
         scenario, lines = simulation.scenario, list[str]()
-        law: Any = scenario.controller
+        law = scenario.controller
         if not scenario.cell.controls_turns and "holding torque" in law.needs:
             lines.append(analysis.internal_moment(scenario, reach, law.posture).summary())
         errors = analysis.steady_errors(scenario, bias=self.bias, load=self.load)
