@@ -312,7 +312,7 @@ def test_a_stiff_pair_pulls_with_the_stiffness_of_its_servos(name, grasps):
     """1 mm at one tip: planar 192 N rigid, 84 N with grasps of 300 kN/m; spatial 13.3 N and 10.1 N."""
     base = SCENARIOS[name]()
     arms = {f"cell.arms.{arm}.torque_limits": "none" for arm in base.cell.arms}
-    changes = {"squeeze": {}, "duration": 0.5, "motion": cp.HoldMotion(pose=base.start), **arms}
+    changes = {"squeeze": {}, "duration": 0.3, "motion": cp.HoldMotion(pose=base.start), **arms}
     if grasps == "compliant":
         changes["clock.steps_per_tick"] = 40
         for arm in base.cell.arms:
