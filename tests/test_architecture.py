@@ -99,6 +99,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "results",
             "schema",
             "simulation",
+            "user_files",
         },
         {"pinocchio", "scipy", "xarray"},
     ),
@@ -454,18 +455,19 @@ for law in (SlidingMode(gains=printed), RedundantSlidingMode(gains=printed), Pre
         torques, _ = blind.step([seen] * 2, [reference] * 2, blind.init([seen] * 2, [reference] * 2))
         for torque in torques:
             assert torque.shape == seen.q.shape and np.isfinite(torque).all()
-from coop_pin.control import MeanPose, Message
+from coop_pin.control import CellTiming, MeanPose, Message
 
 class Ring:  # all that a law by messages reads of its scenario
     edges_at = staticmethod(lambda time, arms: {(arms[0], arms[1]), (arms[1], arms[0])})
     slowest_of = staticmethod(lambda arms: 0)
 
 class Told:
-    network = Ring
+    network, timing, beyond_bound = Ring, CellTiming(("left", "right"), 3, 0.0125), False
     class cell:
         arms = ("left", "right")
 
 def by_messages(law):
+    Told.controller = law
     arms = [ControlledArm(name, name == "left", rows, 0.0125, 0.5, 3, np.zeros(3), np.zeros(3), np.eye(4), 0)
             for name in ("left", "right")]
     telling = law.build(Told, arms)

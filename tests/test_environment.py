@@ -20,7 +20,10 @@ TASKS = {
     "squeeze": Task("squeeze", scale=5.0, ticks=2),
     "torque": Task("torque", scale=2.0),
     "torque alone": Task("torque", scale=2.0, law=False, rewards={"orientation_error_rad": 1.0}),
+    "velocity": Task("velocity", scale=0.02),
+    "velocity alone": Task("velocity", scale=0.02, law=False),
 }
+GAINS = Task("gains", scale=0.5, gains=("sliding_gain", "anchor_gain"))
 
 
 def cell(name, changes=None):
@@ -29,22 +32,35 @@ def cell(name, changes=None):
     return scenario.replace(duration=duration).override(changes or {})
 
 
-def with_noise(name):
-    return cell(name, {"sensors.encoder": {"noise": 1e-5}})
+SERVOS = {
+    "clock.rate_hz": 200.0,
+    "clock.steps_per_tick": 5,
+    "controller": cp.Admittance(command="velocity"),
+    "actuators.servo": {"command": "velocity", "rate_hz": 1000.0},
+}
+
+
+def with_noise(name, action=""):
+    """A cell with noise, for velocities with a law and servos that take them."""
+    return cell(name, {"sensors.encoder": {"noise": 1e-5}} | (SERVOS if action == "velocity" else {}))
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", [*TASKS.values(), GAINS], ids=[*TASKS, "gains"])
 def test_gymnasium_finds_nothing_wrong(name, task):
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*infinity", category=UserWarning)
-        check_env(CellEnv(cell(name), TASKS[task]), skip_render_check=True)
+        check_env(CellEnv(with_noise(name, task.action), task), skip_render_check=True)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize(
+    "task",
+    [pytest.param(task, marks=pytest.mark.slow) if task == "velocity alone" else task for task in TASKS],
+)
 def test_lanes_are_single_runs(name, task):
-    scenarios = [with_noise(name), with_noise(name).override({"cell.payload.mass": 2.2})]
+    scenario = with_noise(name, TASKS[task].action)
+    scenarios = [scenario, scenario.override({"cell.payload.mass": 2.2})]
     lanes = VectorCellEnv(scenarios, TASKS[task])
     actions = np.random.default_rng(1).uniform(-1.2, 1.2, (20, 2, lanes.single_action_space.shape[0]))
     seen = [lanes.reset(seed=[5, 6])[0]]
@@ -75,6 +91,32 @@ def test_without_an_action_it_is_the_run_of_the_scenario(name):
     rewards = [env.step(np.zeros(env.action_space.shape))[1] for _ in range(len(result.data.time) - 1)]
     expected = -np.abs(result.data.internal_axial_error.values).max(axis=1)[1:]
     np.testing.assert_allclose(rewards, expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_actions_on_gains_are_laws_with_other_gains(name):
+    """Against a run whose controller is replaced by one with the gains times 1 + a / 2."""
+    scenario = cell(name)
+    task = GAINS
+    env, run = CellEnv(scenario, task), cp.Simulation(scenario, build_controller(scenario))
+    env.reset()
+    run.tick()
+    own = scenario.controller.gains
+    for action in ((0.6, -1.0), (-0.4, 0.2)):
+        env.step(np.array(action))
+        factors = 1.0 + 0.5 * np.array(action)
+        gains = {
+            "controller.gains.sliding_gain": (factors[0] * np.array(own.sliding_gain)).tolist(),
+            "controller.gains.anchor_gain": factors[1] * own.anchor_gain,
+        }
+        run.replace_controller(build_controller(scenario.override(gains)))
+        for _ in range(task.ticks):
+            run.tick()
+        assert np.array_equal(env.simulation.plant.q, run.plant.q)
+    with pytest.raises(NameNotFoundError):
+        CellEnv(scenario, Task("gains", scale=0.5, gains=("damping_gain",)))
+    with pytest.raises(CoopPinError, match="CellEnv"):
+        VectorCellEnv(scenario, task)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -118,8 +160,17 @@ def test_what_does_not_fit_is_refused():
     for wrong in ({"rewards": {"speed": 1.0}}, {"action": "jump"}):
         with pytest.raises(NameNotFoundError):
             Task(**wrong)
-    for wrong in ({"scale": -1.0}, {"ticks": 0}, {"action": "squeeze", "law": False}):
-        with pytest.raises(ArgumentError):
+    no_gains, large = {"action": "gains"}, {"action": "gains", "gains": ("pose_gain",), "scale": 1.0}
+    of_others = {"gains": ("pose_gain",)}
+    for wrong in (
+        {"scale": -1.0},
+        {"ticks": 0},
+        {"action": "squeeze", "law": False},
+        no_gains,
+        large,
+        of_others,
+    ):
+        with pytest.raises(CoopPinError):
             Task(**wrong)
     with pytest.raises(ArgumentError, match="velocity"):
         CellEnv(scenario, Task("velocity"))

@@ -18,10 +18,10 @@ from coop_pin.control import (
     ControlledArm,
     estimator_radius,
 )
-from coop_pin.control.consensus import graph_eigenvalues
+from coop_pin.control.averaged_wrench import AveragedState
+from coop_pin.control.consensus import MeanGains, averaged_loop_radius, graph_eigenvalues
 from coop_pin.control.force_path import ConsensusForcePath
 from coop_pin.control.mean_pose import ConsensusState
-from coop_pin.control.told_wrench import AveragedState
 from coop_pin.description.network import edges_of
 from coop_pin.errors import FieldError, ScenarioError
 from coop_pin.simulation.network import CellNetwork, NetworkSignals
@@ -95,7 +95,7 @@ def test_pi_consensus_converges_at_its_rate_from_any_state(arms):
     """The property of Freeman, Yang and Lynch: no error of constants, from any state of the estimators."""
     laws, *ring = arms_on_a_ring(arms, lambda arm: AveragedWrench(Silent(), arm, GAINS, arms))
     errors = mean_errors(laws, *ring, 600)
-    radius = estimator_radius(graph_eigenvalues(*ring[1:]), 0.2, 0.25, 0.2)
+    radius = estimator_radius(graph_eigenvalues(*ring[1:]), MeanGains(0.2, 0.25, 0.2))
     tail = errors[(errors > 1e-9) & (np.arange(600) > 60)]
     assert_allclose((tail[-1] / tail[0]) ** (1.0 / (len(tail) - 1)), radius, rtol=0.005)
     assert errors[-1] < 1e-9
@@ -108,7 +108,9 @@ def test_pi_consensus_is_stable_where_its_modes_are(delay):
     low, high = 0.0, 2.0
     for _ in range(40):
         k = (low + high) / 2.0
-        low, high = (k, high) if estimator_radius(eigenvalues, 0.2, k, 0.4 * k, delay) < 1.0 else (low, k)
+        low, high = (
+            (k, high) if estimator_radius(eigenvalues, MeanGains(0.2, k, 0.4 * k, delay)) < 1.0 else (low, k)
+        )
     for part, decays in ((0.97, True), (1.03, False)):
         path = GAINS.replace(proportional_gain=part * low, integral_gain=part * 0.4 * low)
         laws, *ring = arms_on_a_ring(4, lambda arm, path=path: AveragedWrench(Silent(), arm, path, 4))
@@ -170,7 +172,10 @@ def errors_of(scenario):
     return [np.abs(part).max() for part in np.array_split(error, 8)]
 
 
-@pytest.mark.parametrize(("cell", "duration"), [("three planar", 4.0), ("three spatial", 1.6)])
+@pytest.mark.parametrize(
+    ("cell", "duration"),
+    [("three planar", 4.0), pytest.param("three spatial", 1.6, marks=pytest.mark.slow)],
+)
 def test_over_a_line_the_anchor_leaves_what_wrenches_of_all_leave(cell, duration):
     by_all, by_mean = (
         errors_of(in_a_line(cell, {"kind": kind}, duration=duration)) for kind in ("late", "consensus")
@@ -197,6 +202,33 @@ def test_arms_in_a_line_learn_the_regression_of_the_resultant_wrench(cell):
     alone = [state.belief[0] / state.belief[1] for state in run.controller_state]
     assert np.abs(np.subtract(alone, scenario.cell.payload.mass)).max() > 2.0
     assert "kg" in build_controller(scenario).remarks(np.eye(4), run.controller_state)[0]
+
+
+@pytest.mark.parametrize("delay", [0, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("cell", ["three planar", pytest.param("three spatial", marks=pytest.mark.slow)])
+def test_the_anchor_on_means_has_its_own_bound(cell, delay):
+    """Equal shares, a late wrist: runs at 0.97 and 1.03 of the gain at which the loop's modes grow."""
+    even = {"beyond_bound": True, "duration": 2.0}
+    scenario = in_a_line(cell, {"kind": "consensus", "proportional_gain": 0.15, "integral_gain": 0.1}, **even)
+    arms = list(scenario.cell.arms)
+    even = {"cell.load_shares": dict.fromkeys(arms, 1.0 / 3.0), "controller.anchor_bias": "none"}
+    scenario = scenario.override({"network.delay": delay, "sensors.wrist.delay": 1} | even)
+    eigenvalues = graph_eigenvalues(scenario.network.edges_at(0.0, arms), arms)
+    gains, low, high = MeanGains(0.2, 0.15, 0.1, delay), 0.0, 2.0
+    for _ in range(40):
+        g = (low + high) / 2.0
+        stable = averaged_loop_radius(eigenvalues, gains, anchor_gain=g, delay=1) < 1.0
+        low, high = (g, high) if stable else (low, g)
+    assert_allclose(low, {0: 1.027, 2: 0.901}[delay], atol=1e-3)
+    below, above = (
+        errors_of(scenario.override({"controller.gains.anchor_gain": part * low})) for part in (0.97, 1.03)
+    )
+    assert below[-1] < 0.1 * max(below)
+    assert above[-1] > 2.0 * above[3] or above[-1] > 100.0
+    with pytest.raises((FieldError, ScenarioError), match=r"means grows|unstable from 1 on"):
+        build_controller(
+            scenario.override({"controller.gains.anchor_gain": 1.03 * low, "beyond_bound": False})
+        )
 
 
 @pytest.mark.slow
@@ -254,6 +286,13 @@ def test_graphs_and_gains_are_checked(path, network, where):
 
 
 def test_they_need_a_network_and_wrists():
+    kinds = ("consensus", "learned-load")
+    laws = {kind: in_a_line("three planar", {"kind": kind}).controller for kind in kinds}
+    assert {kind: law.information for kind, law in laws.items()} == {
+        "consensus": "internal wrench",
+        "learned-load": "own wrench",
+    }
+    assert "told mass" in laws["learned-load"].needs
     for missing in ({"network": None}, {"sensors.wrist": None}):
         with pytest.raises(ScenarioError, match=r"network|wrist"):
             in_a_line("three planar", {"kind": "consensus"}, **missing)

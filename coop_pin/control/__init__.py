@@ -6,10 +6,11 @@ from coop_pin.control.admittance import (
     AdmittanceGains,
     FollowingController,
 )
+from coop_pin.control.averaged_wrench import AveragedWrench
 from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
 from coop_pin.control.calibration import ZeroedController
-from coop_pin.control.consensus import consensus_bound, estimator_radius
+from coop_pin.control.consensus import MeanGains, averaged_loop_radius, consensus_bound, estimator_radius
 from coop_pin.control.exchanged_wrench import ExchangedWrench
 from coop_pin.control.feed_forward import FeedForward, FeedForwardController
 from coop_pin.control.force_path import (
@@ -34,6 +35,7 @@ from coop_pin.control.interface import (
 )
 from coop_pin.control.law import DecentralisedLaw, Law, PostureGains
 from coop_pin.control.leader_follower import LeaderFollower, LeaderFollowerController, LeaderFollowerGains
+from coop_pin.control.learned_load import LearnedLoad
 from coop_pin.control.mean_pose import ConsensusPose, MeanPose, MeanPoseByMessages, MeanPoseController
 from coop_pin.control.payload_space import (
     PayloadSpace,
@@ -56,7 +58,6 @@ from coop_pin.control.sliding_mode import (
 )
 from coop_pin.control.switching import Saturation, Sign, Switching, Tanh
 from coop_pin.control.terms import Posture
-from coop_pin.control.told_wrench import AveragedWrench, LearnedLoad
 
 __all__ = [
     "Admittance",
@@ -89,6 +90,7 @@ __all__ = [
     "LearnedForcePath",
     "LearnedLoad",
     "LowPassForcePath",
+    "MeanGains",
     "MeanPose",
     "MeanPoseByMessages",
     "MeanPoseController",
@@ -116,6 +118,7 @@ __all__ = [
     "Tanh",
     "ZeroedController",
     "anchor_gain_bound",
+    "averaged_loop_radius",
     "consensus_bound",
     "estimator_radius",
     "force_gain_bound",

@@ -60,6 +60,12 @@ class ActedLaw(CellController):
         values = [value + added for value, added in zip(base, self.commands, strict=True)]
         return CellCommand(state=kept, **{_FIELDS[self.kind]: values})
 
+    def messages(
+        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
+    ) -> list[Array]:
+        """Return what the arms of the law tell each other."""
+        return [] if self.law is None else self.law.messages(measurements, self._asked(references), state)
+
     def _asked(self, references: Sequence[ArmReference]) -> list[ArmReference]:
         return [
             reference._replace(internal_wrench=reference.internal_wrench + added)

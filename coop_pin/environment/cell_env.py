@@ -42,10 +42,15 @@ class CellEnv(Env[Array, Array]):
 
         Raises:
             ArgumentError: the task does not fit the scenario.
+            NameNotFoundError: the law has no such gain.
             CoopPinError: the run cannot start.
         """
         require_type("scenario", scenario, Scenario)
-        self.task, law = task or Task(), build_controller(scenario)
+        self.task = task or Task()
+        if self.task.gains:
+            scenario = scenario.replace(beyond_bound=True)
+            self.task.retuned(scenario, np.zeros(len(self.task.gains)))
+        law = build_controller(scenario)
         self.simulation = Simulation(scenario, law)
         self._law: ActedLaw = self.task.acted(scenario, law, drives_of(self.simulation))
         self.simulation = Simulation(scenario, self._law)
@@ -68,8 +73,11 @@ class CellEnv(Env[Array, Array]):
         Raises:
             InvalidStateError: the episode is over.
         """
-        run = self.simulation
-        run.controller = self._law.with_additions(*self.task.additions(np.asarray(action), self._law))
+        run, action = self.simulation, np.asarray(action)
+        law = self._law.with_additions(*self.task.additions(action, self._law))
+        if self.task.gains:
+            law.law = build_controller(self.task.retuned(run.scenario, action))
+        run.controller = law
         try:
             for _ in range(min(self.task.ticks, run.timeline.ticks + 1 - run.ticks_done) or 1):
                 run.tick()

@@ -12,7 +12,7 @@ import numpy as np
 from coop_pin.arrays import Array, as_count, as_number, as_positive
 from coop_pin.description.scenario import Scenario
 from coop_pin.environment.acted_law import ActedLaw
-from coop_pin.errors import ArgumentError, NameNotFoundError
+from coop_pin.errors import ArgumentError, NameNotFoundError, OutOfRangeError
 from coop_pin.results.quantities import QUANTITIES, computed
 from coop_pin.simulation import Simulation
 from coop_pin.spatial import rotate_vector6
@@ -57,7 +57,8 @@ class Task:
     An action a in [-1, 1]^n acts for some ticks. With "torque" or "velocity" it adds ``scale`` a to the
     commands of the law, or without the law to the torques that hold the start or to rest: n is the number of
     drives. With "squeeze" it adds ``scale`` a to the desired internal wrenches of all arms but the last,
-    which gets what makes their sum 0, in payload axes: n = (m - 1) k_0.
+    which gets what makes their sum 0, in payload axes: n = (m - 1) k_0. With "gains" it multiplies each named
+    gain of the law by 1 + ``scale`` a, beyond stated bounds too; the law's state goes on: n is their number.
 
     The observation is, in this order: joint angles and rates of all arms now; of the last tick the payload's
     pose error (m, rad) and twist error (m/s, rad/s), 6 each, in world axes; and each arm's error of the
@@ -68,14 +69,15 @@ class Task:
 
     Attributes:
         action: name of what an action changes.
-        scale: largest change, N m or rad/s of each drive, or N and N m of each row.
+        scale: largest change, N m or rad/s of each drive, N and N m of each row, or a part of gains below 1.
         rewards: weight of each metric, by its name in REWARDS.
         ticks: ticks of an action.
         law: whether the law of the scenario acts.
         failure: cost of a run that diverges.
+        gains: names of fields of the law's gains, for actions on them.
     """
 
-    action: Literal["torque", "velocity", "squeeze"] = "squeeze"
+    action: Literal["torque", "velocity", "squeeze", "gains"] = "squeeze"
     scale: float = 1.0
     rewards: Mapping[str, float] = field(
         default_factory=lambda: {"internal_axial_error_N": 1.0, "position_error_m": 1e3}
@@ -83,25 +85,33 @@ class Task:
     ticks: int = 4
     law: bool = True
     failure: float = 1e3
+    gains: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the values.
 
         Raises:
             NameNotFoundError: there is no such metric.
-            ArgumentError: a value is out of range, or a squeeze is asked of no law.
+            ArgumentError: a value is out of range, a squeeze is asked of no law, or gains are named for other
+                actions or not for theirs.
         """
         as_positive("scale", self.scale)
         as_count("ticks", self.ticks, 1)
         as_number("failure", self.failure)
-        if self.action not in ("torque", "velocity", "squeeze"):
-            raise NameNotFoundError("action", self.action, ["torque", "velocity", "squeeze"], "Task")
+        if self.action not in (kinds := ["torque", "velocity", "squeeze", "gains"]):
+            raise NameNotFoundError("action", self.action, kinds, "Task")
         for name, weight in self.rewards.items():
             if name not in REWARDS:
                 raise NameNotFoundError("metric", name, [*REWARDS], "REWARDS")
             as_number(f"rewards[{name!r}]", weight)
-        if self.action == "squeeze" and not self.law:
-            raise ArgumentError("action 'squeeze' is a change of what a law is asked for; set law=True")
+        if self.action in ("squeeze", "gains") and not self.law:
+            raise ArgumentError(f"action {self.action!r} is a change of what a law does; set law=True")
+        if (self.action == "gains") != bool(self.gains):
+            raise ArgumentError(
+                f"action is {self.action!r}, gains are {self.gains}; name gains for 'gains' only"
+            )
+        if self.gains and not self.scale < 1.0:
+            raise OutOfRangeError("scale", self.scale, "below 1, so that gains keep their sign")
 
     def acted(self, scenario: Scenario, law: Any, drives: list[int]) -> ActedLaw:
         """Return the law of a scenario without additions yet.
@@ -114,19 +124,44 @@ class Task:
         Raises:
             ArgumentError: the arms take other commands than the actions are.
         """
-        if self.action != "squeeze" and law.command_kind != self.action:
+        kind, *others = sorted({law.commands_of(arm) for arm in scenario.cell.arms})
+        if others:
+            raise ArgumentError(f"the law commands {kind} and {others[0]}; take arms of one kind")
+        if self.action in ("torque", "velocity") and kind != self.action:
             raise ArgumentError(
-                f"action {self.action!r} does not fit: the scenario's law commands a {law.command_kind};"
-                f" take action {law.command_kind!r}, or a law and servos that take a {self.action}"
+                f"action {self.action!r} does not fit: the scenario's law commands a {kind}; take action"
+                f" {kind!r}, or a law and servos that take a {self.action}"
             )
         squeeze = np.zeros((len(drives), scenario.cell.task_rows.size))
-        return ActedLaw(squeeze, [np.zeros(k) for k in drives], law if self.law else None, law.command_kind)
+        return ActedLaw(squeeze, [np.zeros(k) for k in drives], law if self.law else None, kind)
 
     def sizes(self, law: ActedLaw) -> tuple[int, int]:
         """Return the number n of actions and of what is observed."""
         drives, arms = sum(map(len, law.commands)), len(law.commands)
-        actions = law.squeeze[:-1].size if self.action == "squeeze" else drives
+        actions = {"squeeze": law.squeeze[:-1].size, "gains": len(self.gains)}.get(self.action, drives)
         return actions, 2 * drives + 12 + 6 * arms
+
+    def retuned(self, scenario: Scenario, action: Array) -> Scenario:
+        """Return a scenario whose law has the gains of an action.
+
+        Args:
+            scenario: Scenario with the law's own gains.
+            action: Action, cut to [-1, 1], shape (n,).
+
+        Raises:
+            NameNotFoundError: the law has no such gain.
+        """
+        law: Any = scenario.controller
+        gains = {name: value for name, value in law.gains if value is not None}
+        for name in self.gains:
+            if name not in gains:
+                raise NameNotFoundError("gain", name, [*gains], "controller.gains")
+        factors = 1.0 + self.scale * np.clip(action, -1.0, 1.0)
+        changes = {
+            f"controller.gains.{name}": (factor * np.array(gains[name])).tolist()
+            for name, factor in zip(self.gains, factors, strict=True)
+        }
+        return scenario.override(changes)
 
     def additions(self, action: Array, law: ActedLaw) -> tuple[Array, list[Array]]:
         """Return what actions add, of one or more runs: squeeze (..., m, k_0) and commands, (..., k) each.
@@ -138,6 +173,8 @@ class Task:
         change, lead = self.scale * np.clip(action, -1.0, 1.0), action.shape[:-1]
         squeeze = np.zeros((*lead, *law.squeeze.shape))
         commands = [np.zeros((*lead, len(base))) for base in law.commands]
+        if self.action == "gains":
+            return squeeze, commands
         if self.action == "squeeze":
             squeeze[..., :-1, :] = change.reshape(*lead, -1, squeeze.shape[-1])
             squeeze[..., -1, :] = -squeeze[..., :-1, :].sum(axis=-2)

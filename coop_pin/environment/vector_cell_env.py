@@ -70,9 +70,11 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
             raise ArgumentError(
                 f"there are {len(runs)} scenarios for num_envs = {num_envs}; give one, or one each"
             )
-        if reason := law_reason(runs[0].controller):
-            raise TracingError(f"{reason}; take CellEnv")
         self.scenarios, self.task, self.num_envs = runs, task or Task(), len(runs)
+        if reason := law_reason(runs[0].controller) or (
+            "gains fold into compiled code" if self.task.gains else ""
+        ):
+            raise TracingError(f"{reason}; take CellEnv")
         self._simulator, self._tick = BatchSimulator(), 0
         prepared = self._prepared(None)
         self._compile(prepared)

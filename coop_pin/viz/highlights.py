@@ -17,6 +17,9 @@ from coop_pin.results.window import SETTLING_S
 _SMALL_N, _SMALL_NM = 1.0, 0.1
 """Errors of the internal force and moment, N and N m, below which a run counts as having followed them."""
 
+_ROUNDING_N = 1e-6
+"""Force that counts as none, N."""
+
 _TOLD_WITHIN_S = 1.0
 """Time after an event within which a sentence refers to it."""
 
@@ -69,9 +72,10 @@ def telling_instant(result: RunResult) -> Instant:
         t = float(time[moment]) if moment_text else t
         return Instant(f"From {start:g} s on, {text}{moment_text}.", t)
     if abs(axial[arm] - desired[arm]) >= shear[arm]:
-        verb = "pull the payload apart with" if axial[arm] > 0.0 else "squeeze the payload with"
-        force = read_number(abs(axial[arm]))
-        said = f"the arms {verb} {force} N{most}, where {_wanted(desired[arm])} is wanted"
+        verb = "pull the payload apart" if axial[arm] > 0.0 else "squeeze the payload"
+        force = f"{verb} with {read_number(abs(axial[arm]))} N{most}"
+        does = force if abs(axial[arm]) > _ROUNDING_N else "do not squeeze the payload"
+        said = f"the arms {does}, where {_wanted(desired[arm])} is wanted"
     else:
         said = f"the arms load the payload across with {read_number(shear[arm])} N{most}"
     return Instant(f"{when} {said}; {_motion(result, worst)}{moment_text}.", t)
