@@ -490,6 +490,22 @@ def test_an_admittance_grows_below_its_least_damping_and_decays_above(name, arms
     assert below[1] > 3.0 * below[0]
 
 
+def test_what_the_least_damping_is_not_known_of_is_refused():
+    pair = yielding_pair("planar", 1e3)
+    for other, reason in (
+        (SCENARIOS["planar"](), "no admittance"),
+        (servo_cell("planar", "position"), "no admittance"),
+        (servo_cell("planar", "velocity"), "no wrench"),
+        (pair.override({"actuators.servo.delay": 1}), "without delay"),
+        (pair.override({"arm_actuators": {"right": {"servo": {"command": "velocity"}}}}), None),
+    ):
+        if reason is None:
+            assert cp.analysis.admittance_stability(other).radius > 0.0
+            continue
+        with pytest.raises(ArgumentError, match=reason):
+            cp.analysis.admittance_stability(other)
+
+
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_exact_feed_forward_takes_the_inertia_off_the_servo(name):
     """Without payload to speak of, what P on velocity leaves is the arms' inertia: M a / (I k_v)."""
