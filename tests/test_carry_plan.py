@@ -320,6 +320,14 @@ def test_proofs_and_exports_refuse_a_feed_forward(tmp_path):
         cp.analysis.theorem_monitor(cp.run(scenario))
 
 
+def test_arms_that_cannot_turn_the_payload_are_refused_with_the_angle():
+    scenario = cp.Scenario.load("five-joint-pair")
+    goal = scenario.start.replace(rpy=tuple(np.add(scenario.start.rpy, (0.0, 0.0, 0.15))))
+    with pytest.raises(InfeasibleMotionError, match="rad at s") as reach:
+        cp.plan_carry(scenario.cell, scenario.start, goal)
+    assert reach.value.cause == "reach"
+
+
 def test_a_plan_is_played_with_its_own_cell_and_drives_that_take_torques(planned):
     plan, (scenario, *_) = planned("adept"), adept()
     with pytest.raises(ArgumentError):

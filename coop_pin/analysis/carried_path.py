@@ -203,8 +203,9 @@ class _JointPath:
 
     def _require_closed(self, s: float, solution: IKSolution) -> None:
         if not solution.is_closed:
-            detail = f"arm {self.model.name!r} misses its grasp by {solution.distance:.3g} m at s = {s:.3g}"
-            raise InfeasibleMotionError("reach", f"{detail} of the line; move start, goal or base")
+            gap = f"{solution.distance:.3g} m and {solution.angle:.3g} rad at s = {s:.3g} of the line"
+            detail = f"arm {self.model.name!r} misses its grasp by {gap}"
+            raise InfeasibleMotionError("reach", f"{detail}; move start, goal or base")
 
     def _require_within(self, s: float, q: Array) -> None:
         limits = self._solver.limits
