@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from coop_pin.analysis.plausibility import run_warnings
+from coop_pin.analysis.step_size import with_changes
 from coop_pin.build_controller import build_controller
 from coop_pin.description.scenario import Scenario
 from coop_pin.engine_choice import choose_engine, plant_of, saved_by_auto
@@ -42,7 +43,8 @@ def run(
 
     Args:
         scenario: a Scenario, a name in the catalogue, or the path of a TOML file.
-        overrides: fields to change, by dotted path, for example ``{"controller.gains.sign_gain": 0.0}``.
+        overrides: fields to change, by dotted path, for example ``{"controller.gains.sign_gain": 0.0}``;
+            ``{"clock.steps_per_tick": "auto"}`` is the fewest steps that keep 1e-8 m, see ``fewest_steps``.
         progress: function that is called with (ticks done, ticks in all): after every tick, by engine "batch"
             after some hundred.
         view: function that is called with a snapshot after every tick, for example what
@@ -62,9 +64,9 @@ def run(
         CoopPinError: the run could not start, or broke off; ``error.result`` holds what was computed.
     """
     if not isinstance(scenario, Scenario):
-        scenario = Scenario.load(scenario, overrides)
-    elif overrides is not None:
-        scenario = scenario.override(overrides)
+        scenario = Scenario.load(scenario)
+    if overrides is not None:
+        scenario = with_changes(scenario, overrides)
     controller = build_controller(scenario)
     for warning in run_warnings(scenario, controller) if warn else ():
         warnings.warn(warning, ScenarioWarning, stacklevel=2)

@@ -99,6 +99,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "results",
             "schema",
             "simulation",
+            "user_files",
         },
         {"pinocchio", "scipy", "xarray"},
     ),

@@ -191,9 +191,9 @@ def test_a_stuck_block_does_not_creep(name):
     assert np.ptp(settled) < 1e-12
     slip = bench.chain.patches.state.slip[1]
     assert slip < 1e-6  # of points that the tilting moment unloads
-    shaken = bench.run(1.2, 1e-3, lambda t: (0.5 * limit * (1.0 + 0.8 * np.sin(80.0 * np.pi * t)), 0.0, 0.0))
+    shaken = bench.run(0.7, 1e-3, lambda t: (0.5 * limit * (1.0 + 0.8 * np.sin(80.0 * np.pi * t)), 0.0, 0.0))
     whole = shaken[24::25, 1]  # once a period
-    assert abs(whole[-1] - whole[7]) < 1e-6  # in a second
+    assert abs(whole[-1] - whole[7]) < 5e-7  # in half a second
 
 
 @pytest.mark.parametrize("name", TABLES)
@@ -221,7 +221,7 @@ def test_energy_of_a_fall_is_explained_the_better_the_smaller_the_step():
 def test_a_block_tips_over_an_edge_and_falls_past_the_table():
     bench = Bench("planar")
     bench.throw(linear=(6.0, 0.0, 0.0))  # 3.7 m: beyond the edge at 2 m
-    rows = bench.run(1.0, 1e-3)
+    rows = bench.run(0.8, 1e-3)
     assert rows[-1, 3] < rows[0, 3] - 0.3
     assert np.isfinite(rows).all()
     assert rows[-1, 10] == 0.0

@@ -210,9 +210,11 @@ def test_a_run_goes_on_from_any_state_with_the_same_bits(name):
     for time in (0.03, 0.05, 0.07):
         sim = simulation(scenario)
         run_until(sim, time)
-        other = copy.deepcopy(sim)
-        sim.reset()
-        for each in (sim, other):
+        runs = [copy.deepcopy(sim)]
+        if time == 0.07:
+            sim.reset()
+            runs.append(sim)
+        for each in runs:
             run_until(each, 0.1)
             each.tick()
             data = each.result().data
@@ -229,8 +231,8 @@ def cell_and_residual(data) -> tuple[float, float]:
 def test_the_scenario_hands_over():
     """To the others within a second; the freed arm stays where it was let go."""
     scenario = cp.Scenario.load("three-ur5-handover")
-    first = scenario.events[0].replace(time=0.3, retreat=0.0)
-    data = cp.run(scenario.replace(events=(first,), duration=1.6), warn=False).data
+    first = scenario.events[0].replace(time=0.1, retreat=0.0)
+    data = cp.run(scenario.replace(events=(first,), duration=1.3), warn=False).data
     error, residual = cell_and_residual(data)
     tip = 1e3 * np.linalg.norm(data["grasp_deflection"].values[-1, 2, :3])
     print(f"\nhand-over of 1 s: payload {1e3 * error:.3f} mm, {residual:.2g} J, free tip {tip:.2f} mm")
@@ -238,6 +240,16 @@ def test_the_scenario_hands_over():
     assert residual < 1e-7
     assert 0.0 < tip < 3.0
     assert_allclose(data["load_share"].values[-1], (0.5, 0.5, 0.0), atol=1e-12)
+
+
+def test_a_sudden_release_of_one_of_three_moves_the_payload_by_less_than_half_a_millimetre():
+    scenario = cp.Scenario.load("three-ur5-handover", {"clock.steps_per_tick": 2})  # 1.5e-7 J with one
+    release = cp.Release(time=0.1, arm="third")
+    data = cp.run(scenario.replace(events=(release,), duration=0.3), warn=False).data
+    error, residual = cell_and_residual(data)
+    print(f"\nsudden release: payload {1e3 * error:.3f} mm, {residual:.2g} J")
+    assert 0.05e-3 < error < 0.5e-3
+    assert residual < 1e-7
 
 
 @pytest.mark.slow
@@ -248,7 +260,7 @@ def test_the_scenario_hands_over_twice():
     print(f"\n{1e3 * error:.3f} mm, first {1e3 * cell_and_residual(early)[0]:.3f} mm, {residual:.2g} J")
     assert "did not" not in result.summary()
     assert result.verdict() == "trustworthy"
-    assert error < 0.7e-3
+    assert error < 0.5e-3
     assert cell_and_residual(early)[0] < 0.25e-3
     assert residual < 1e-7
     assert_allclose(result.data["load_share"].values[-1], 1.0 / 3.0)
@@ -298,7 +310,7 @@ def check_hand_overs(seeds: range) -> None:
 
 
 def test_random_hand_overs():
-    check_hand_overs(range(30))
+    check_hand_overs(range(12))
 
 
 @pytest.mark.slow
@@ -434,7 +446,8 @@ def test_a_law_that_does_not_read_the_plan_is_told(kind):
     other = scenario.override(
         {"controller": {"kind": kind, "gains": law.get(kind, {})}, "beyond_bound": True}
     )
-    assert any(f"{kind!r} does not read the plan" in text for text in implausible_numbers(other))
+    (told,) = [text for text in implausible_numbers(other) if f"{kind!r} does not read the plan" in text]
+    assert ("diverges" in told) == (kind == "mean-pose")
     assert not any("plan" in text for text in implausible_numbers(other.replace(events=())))
 
 

@@ -306,10 +306,10 @@ LOSSY, COARSE = {"loss": 0.05}, {"resolution": 1e-5}
 
 
 def test_the_last_view_of_a_lost_one_does_not_drift_and_none_does():
-    """1 mm of bias, a minute: 0.37 N from the first seconds, against 0.83 N/s."""
-    assert worst_force(mean_pose(), LOSSY, 60.0) < 0.5
-    assert worst_force(mean_pose(on_loss="skip"), LOSSY, 60.0) > 40.0
-    assert worst_force(mean_pose(), COARSE, 60.0) < 0.01
+    """1 mm of bias: 0.37 N from the first seconds, against 0.83 N/s."""
+    assert worst_force(mean_pose(), LOSSY, 20.0) < 0.5
+    assert worst_force(mean_pose(on_loss="skip"), LOSSY, 20.0) > 13.0
+    assert worst_force(mean_pose(), COARSE, 40.0) < 0.01
 
 
 @pytest.mark.slow
@@ -386,7 +386,7 @@ def test_damping_by_late_views_has_the_limit_of_a_delay(cell, delay):
     assert_allclose([jittering.limit, jittering.delay], [late.limit, delay], rtol=1e-6)
 
 
-@pytest.mark.parametrize("cell", ["two planar", "two spatial"])
+@pytest.mark.parametrize("cell", ["two planar", pytest.param("two spatial", marks=pytest.mark.slow)])
 def test_runs_below_the_limit_of_late_views_decay_and_those_above_do_not(cell):
     base = biased(cell, network={"delay": 2}, duration=3.0, beyond_bound=True)
     slow = {"controller.gains.pose_gain": 0.5, "controller.gains.sign_gain": 0.0, "squeeze": {}}

@@ -329,7 +329,7 @@ def test_a_stiff_pair_pulls_with_the_stiffness_of_its_servos(name, grasps):
     """1 mm at one tip: planar 192 N rigid, 84 N with grasps of 300 kN/m; spatial 13.3 N and 10.1 N."""
     base = SCENARIOS[name]()
     arms = {f"cell.arms.{arm}.torque_limits": "none" for arm in base.cell.arms}
-    changes = {"squeeze": {}, "duration": 0.5, "motion": cp.HoldMotion(pose=base.start), **arms}
+    changes = {"squeeze": {}, "duration": 0.3, "motion": cp.HoldMotion(pose=base.start), **arms}
     if grasps == "compliant":
         changes["clock.steps_per_tick"] = 40
         for arm in base.cell.arms:
@@ -507,6 +507,22 @@ def test_an_admittance_grows_below_its_least_damping_and_decays_above(name, arms
     assert below[1] > 3.0 * below[0]
 
 
+def test_what_the_least_damping_is_not_known_of_is_refused():
+    pair = yielding_pair("planar", 1e3)
+    for other, reason in (
+        (SCENARIOS["planar"](), "no admittance"),
+        (servo_cell("planar", "position"), "no admittance"),
+        (servo_cell("planar", "velocity"), "no wrench"),
+        (pair.override({"actuators.servo.delay": 1}), "without delay"),
+        (pair.override({"arm_actuators": {"right": {"servo": {"command": "velocity"}}}}), None),
+    ):
+        if reason is None:
+            assert cp.analysis.admittance_stability(other).radius > 0.0
+            continue
+        with pytest.raises(ArgumentError, match=reason):
+            cp.analysis.admittance_stability(other)
+
+
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_exact_feed_forward_takes_the_inertia_off_the_servo(name):
     """Without payload to speak of, what P on velocity leaves is the arms' inertia: M a / (I k_v)."""
@@ -639,6 +655,7 @@ def test_arms_of_one_cell_take_different_commands(name):
         cp.run(scenario.override({f"arm_actuators.{second}.servo": None}))
 
 
+@pytest.mark.slow
 def test_two_ur5_that_take_velocities_stand_in_the_catalogue():
     """Under 0.5 mm: 0.30 N while moving with wrists; without 19.6 N/s from the start pose on, as by B_s."""
     scenario = cp.Scenario.load("two-ur5-admittance")

@@ -10,8 +10,11 @@ from numpy.testing import assert_allclose
 import coop_pin as cp
 from coop_pin.analysis import step_size, step_stability
 from coop_pin.build_controller import build_controller
-from coop_pin.errors import DivergedError, OutOfRangeError
+from coop_pin.errors import DivergedError, FieldError, OutOfRangeError
 from coop_pin.simulation import Simulation
+from coop_pin.sweeps import plant_steps
+from coop_pin.sweeps.engine import open_session
+from coop_pin.sweeps.store import SweepStore
 
 PUSH = cp.WrenchPulse(time=0.21, duration=0.1, wrench=(200.0, 100.0, 0.0, 0.0, 0.0, 2.0))
 """It begins and ends between two ticks."""
@@ -114,6 +117,84 @@ def test_the_summary_has_the_choice_and_every_error():
     text = found.summary()
     assert f"{12.5 / found.steps:.4g} ms" in text
     assert all(f"{steps:3d} in a tick: {error:.2g} m" in text for steps, error in found.errors.items())
+
+
+# ---------------------------------------------------------------- steps_per_tick = "auto"
+
+AUTO = {"clock.steps_per_tick": "auto"}
+HERE = cp.Execution(workers=0, quiet=True)
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_a_run_with_automatic_steps_is_that_with_the_fewest_for_1e_8(cell):
+    scenario = moving(cell)
+    found = cp.fewest_steps(scenario, error=1e-8)
+    result = cp.run(scenario, AUTO, warn=False)
+    assert result.scenario == found.scenario
+    converged, _ = positions(scenario, 32)
+    assert np.linalg.norm(result.data.payload_position.values - converged, axis=1).max() <= 1e-8
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_a_sweep_with_automatic_steps_keeps_its_error_at_points_that_were_not_measured(
+    cell, tmp_path, monkeypatch
+):
+    """Random points of a plan of 108, and what the folder has of the choice."""
+    monkeypatch.setattr(plant_steps, "_SAMPLE", 2)
+    scenario, error = moving(cell), {"planar": 1e-8, "spatial": 1e-9}[cell]
+    mass = scenario.cell.payload.mass
+    axes = {
+        "cell.payload.mass": np.linspace(0.7 * mass, 1.5 * mass, 36).tolist(),
+        "controller.gains.damping_gain": [0.5, 0.3, 0.4],
+    }
+    plan = cp.SweepPlan(base=scenario, axes=axes, changes=AUTO, steps_error_m=error, engine="pinocchio")
+    measured = plant_steps.extreme_points(plan)
+    others = np.random.default_rng(31).choice([n for n in range(len(plan)) if n not in measured], 3)
+    decided = plant_steps.with_steps(plan, SweepStore(tmp_path))
+    steps = decided.changes["clock.steps_per_tick"]
+    assert steps > 1
+    bounds = [cp.fewest_steps(plan.scenario(number), error=error).steps for number in measured]
+    assert steps == max(bounds)
+    for number in others.tolist():
+        point = decided.scenario(number)
+        assert point.clock.steps_per_tick == steps
+        run, gap = positions(point, steps)
+        converged, closed = positions(point, 32)
+        assert np.linalg.norm(run - converged, axis=1).max() <= error
+        assert np.abs(gap - closed).max() <= error
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_automatic_steps_stand_in_plan_key_and_record_and_are_kept_on_resume(cell, tmp_path, monkeypatch):
+    scenario, axes = (
+        moving(cell, {"duration": 0.1, "events": ()}),
+        {"controller.gains.damping_gain": [0.4, 0.5]},
+    )
+    first = cp.sweep(scenario, axes, out=tmp_path / "auto", execution=HERE, changes=AUTO)
+    steps = first.plan.changes["clock.steps_per_tick"]
+    stated = {"clock.steps_per_tick": steps}
+    other = cp.sweep(scenario, axes, out=tmp_path / "stated", execution=HERE, changes=stated)
+    assert first.table.key.tolist() == other.table.key.tolist()
+    records = (tmp_path / "auto" / "runs").glob("*.jsonl")
+    assert f'"clock.steps_per_tick":{steps}' in "".join(path.read_text() for path in records).replace(" ", "")
+    measured = []
+    original = plant_steps.fewest_steps
+    monkeypatch.setattr(plant_steps, "fewest_steps", lambda *a, **b: measured.append(a) or original(*a, **b))
+    again = cp.sweep(scenario, axes, out=tmp_path / "auto", execution=HERE, changes=AUTO)
+    assert again.plan == first.plan
+    assert not measured
+    more = axes | {"controller.gains.transient_rate": [1.0, 2.0]}
+    grown = cp.sweep(scenario, more, out=tmp_path / "auto", execution=HERE, changes=AUTO)
+    assert measured
+    assert grown.plan.changes["clock.steps_per_tick"] >= steps
+
+
+def test_automatic_steps_that_keep_no_error_are_refused_and_elsewhere_a_number_is_asked_for(tmp_path):
+    scenario = moving("planar", {"duration": 0.1, "events": ()})
+    with pytest.raises(OutOfRangeError, match="error"):
+        cp.sweep(scenario, out=tmp_path, execution=HERE, changes=AUTO, steps_error_m=1e-18)
+    with pytest.raises(FieldError, match="number"), open_session(tmp_path / "other", HERE, 1) as session:
+        session.compute(cp.SweepPlan(base=scenario, changes=AUTO))
 
 
 @pytest.mark.slow

@@ -55,7 +55,7 @@ def scenario(request):
     name = request.param
     if name in SCENARIOS:
         return short(name, 0.2).override(EVERYTHING)
-    return cp.Scenario.load(name).replace(events=(), duration=0.05)
+    return cp.Scenario.load(name).replace(events=(), duration=0.032)
 
 
 @pytest.mark.parametrize("ticks", [0, 3])

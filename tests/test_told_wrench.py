@@ -18,10 +18,10 @@ from coop_pin.control import (
     ControlledArm,
     estimator_radius,
 )
+from coop_pin.control.averaged_wrench import AveragedState
 from coop_pin.control.consensus import MeanGains, averaged_loop_radius, graph_eigenvalues
 from coop_pin.control.force_path import ConsensusForcePath
 from coop_pin.control.mean_pose import ConsensusState
-from coop_pin.control.told_wrench import AveragedState
 from coop_pin.description.network import edges_of
 from coop_pin.errors import FieldError, ScenarioError
 from coop_pin.simulation.network import CellNetwork, NetworkSignals
@@ -172,7 +172,10 @@ def errors_of(scenario):
     return [np.abs(part).max() for part in np.array_split(error, 8)]
 
 
-@pytest.mark.parametrize(("cell", "duration"), [("three planar", 4.0), ("three spatial", 1.6)])
+@pytest.mark.parametrize(
+    ("cell", "duration"),
+    [("three planar", 4.0), pytest.param("three spatial", 1.6, marks=pytest.mark.slow)],
+)
 def test_over_a_line_the_anchor_leaves_what_wrenches_of_all_leave(cell, duration):
     by_all, by_mean = (
         errors_of(in_a_line(cell, {"kind": kind}, duration=duration)) for kind in ("late", "consensus")
@@ -283,6 +286,13 @@ def test_graphs_and_gains_are_checked(path, network, where):
 
 
 def test_they_need_a_network_and_wrists():
+    kinds = ("consensus", "learned-load")
+    laws = {kind: in_a_line("three planar", {"kind": kind}).controller for kind in kinds}
+    assert {kind: law.information for kind, law in laws.items()} == {
+        "consensus": "internal wrench",
+        "learned-load": "own wrench",
+    }
+    assert "told mass" in laws["learned-load"].needs
     for missing in ({"network": None}, {"sensors.wrist": None}):
         with pytest.raises(ScenarioError, match=r"network|wrist"):
             in_a_line("three planar", {"kind": "consensus"}, **missing)

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array
 from coop_pin.chain.cell_chain import CellChain
-from coop_pin.chain.ik_solver import IKSolver
+from coop_pin.chain.ik_solver import IKSolution, IKSolver
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.description.cell import Cell
 from coop_pin.description.plant import PlantOptions
@@ -24,9 +24,11 @@ from coop_pin.spatial import rotate_vector6
 
 _NODES = 33
 """Places between which a spline of the joint angles starts the inverse kinematics."""
-_STEP = 2e-3
+_STEP = 1e-3
 """Step of the differences along the path."""
 _OFFSETS = _STEP * np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+_REDUNDANT = 1e-10
+"""Singular values of the closures below this part of the largest are redundant rows."""
 _FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / (12.0 * _STEP)
 _SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / (12.0 * _STEP**2)
 
@@ -127,11 +129,14 @@ class CarriedLine:
         return self._chain.model.configuration([arm.at(s, X_WP) for arm in self._arms], X_WP)
 
     def derivatives(self, s: float) -> tuple[Array, Array, Array]:
-        """Return q, and velocity and acceleration by s, by central differences of fourth order."""
-        model, around = self._chain.mechanism.model, [self.configuration(s + step) for step in _OFFSETS]
+        """Return q, and velocity and acceleration by s: differences of fourth order, put on the closures."""
+        mechanism, around = self._chain.mechanism, [self.configuration(s + step) for step in _OFFSETS]
         q = around[2]
-        steps = np.array([pin.difference(model, q, near) for near in around])
-        return q, _FIRST @ steps, _SECOND @ steps
+        steps = np.array([pin.difference(mechanism.model, q, near) for near in around])
+        v = mechanism.project_velocity(q, _FIRST @ steps)
+        a, closures = _SECOND @ steps, mechanism.closures.state(q, v)
+        opening = closures.jacobian @ a + closures.drift
+        return q, v, a - np.linalg.lstsq(closures.jacobian, opening, rcond=_REDUNDANT)[0]
 
     def dynamics(self, places: Array, squeeze: Array) -> CarriedPath:
         """Return rates, torques and wrenches at places of the line.
@@ -181,11 +186,7 @@ class _JointPath:
         for s, last, X_WP in zip(places, [poses[0], *poses], poses, strict=False):
             target = solver.tip_target(X_WP)
             solution = solver.follow_step(solver.tip_target(last), target, q)
-            if not solution.is_closed:
-                detail = (
-                    f"arm {name!r} misses its grasp by {solution.distance:.3g} m at s = {s:.3g} of the path"
-                )
-                raise InfeasibleMotionError("reach", f"{detail}; move start, goal or base")
+            self._require_closed(s, solution)
             q = solution.q
             if solver.is_redundant:
                 q = solver.null_space_descent(target, q, near, limited=False)
@@ -196,7 +197,15 @@ class _JointPath:
     def at(self, s: float, X_WP: Array) -> Array:
         """Return the configuration at a place, shape (nq,)."""
         guess = self._solver.limits.joints.configuration(self._spline(s))
-        return self._solver.solve(self._solver.tip_target(X_WP), guess, limited=False).q
+        solution = self._solver.solve(self._solver.tip_target(X_WP), guess, limited=False)
+        self._require_closed(s, solution)
+        return solution.q
+
+    def _require_closed(self, s: float, solution: IKSolution) -> None:
+        if not solution.is_closed:
+            gap = f"{solution.distance:.3g} m and {solution.angle:.3g} rad at s = {s:.3g} of the line"
+            detail = f"arm {self.model.name!r} misses its grasp by {gap}"
+            raise InfeasibleMotionError("reach", f"{detail}; move start, goal or base")
 
     def _require_within(self, s: float, q: Array) -> None:
         limits = self._solver.limits

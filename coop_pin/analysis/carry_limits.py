@@ -19,9 +19,11 @@ from coop_pin.reference.splines import powers, quintic_coefficients
 from coop_pin.spatial import rotate_vector6, shift_wrench
 
 KNOTS = 201
-"""Entries of the table s(t) of a motion."""
+"""Entries of the table s(t) of a motion, at least."""
+_PER_WIDTH = 8
+"""Entries of it within the width of the moving average, at least."""
 _SAMPLES = 801
-"""Times at which limits are looked at."""
+"""Times at which limits are looked at, at least; four for each entry of a table."""
 _ROUNDS = 4
 """Rounds of the friction, which is not affine: each takes the speed of the one before."""
 _RESERVED = 0.1
@@ -140,7 +142,7 @@ class CarryLimits(NamedTuple):
 
     def stretched(self, motion: TimedLineMotion) -> TimedLineMotion:
         """Return a motion with its time stretched, or shortened, until the limits just hold."""
-        _, s, v, a = CarryTiming.of(motion, _SAMPLES)
+        _, s, v, a = CarryTiming.of(motion, max(_SAMPLES, 4 * len(motion.times)))
         path = self.path.at(s)
 
         def holds(factor: float) -> bool:
@@ -221,7 +223,8 @@ def _moving_average(places: Array, x: Array, width: float) -> tuple[Array, Array
         whole = before[i] + places[i] * h + v[i] * h**2 / 2.0 + u[i] * h**3 / 6.0
         return np.asarray(whole + np.maximum(t - ends[-1], 0.0))
 
-    times = np.linspace(0.0, ends[-1] + width, KNOTS)
+    count = max(KNOTS, int(_PER_WIDTH * (ends[-1] / width + 1.0)) + 1)
+    times = np.linspace(0.0, ends[-1] + width, count)
     fractions = (integral(times) - integral(times - width)) / width
     fractions[0], fractions[-1] = 0.0, 1.0
     return times, fractions

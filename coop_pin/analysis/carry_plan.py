@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -11,18 +12,23 @@ from numpy.typing import ArrayLike
 
 from coop_pin.analysis.carried_path import CarriedLine
 from coop_pin.analysis.carry_limits import KNOTS, CarryLimits, CarryTiming, slower
-from coop_pin.arrays import Array, as_count, as_number, require_type
+from coop_pin.arrays import Array, as_count, as_number, require_path, require_type
 from coop_pin.build_controller import build_controller
 from coop_pin.control.feed_forward import FeedForward, FeedForwardController, FeedForwardState
+from coop_pin.description.actuators import Actuators
+from coop_pin.description.arm import Miscalibration
 from coop_pin.description.cell import Cell
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import ArgumentError, InfeasibleMotionError, OutOfRangeError
+from coop_pin.description.sensors import Sensors, WristSensor
+from coop_pin.errors import ArgumentError, FileReadError, InfeasibleMotionError, OutOfRangeError
 from coop_pin.reference import ConstantSqueeze, TimedLineMotion
 from coop_pin.reference.squeeze import Squeeze
 from coop_pin.schema.base import Description, Matrix, NotNegative, Positive
 from coop_pin.schema.pose import Pose
 from coop_pin.simulation import Simulation
+from coop_pin.user_files import read_user_file
 
+_MOST_BYTES = 50_000_000
 _LATER = 0.5
 """Part of a tick by which torques held over it are later than the tick."""
 _SAME = 1e-6
@@ -72,6 +78,7 @@ class CarryPlan(Description):
 
     def save(self, path: str | Path) -> None:
         """Write the plan as JSON."""
+        require_path("path", path)
         Path(path).write_text(self.model_dump_json(), encoding="utf-8")
 
     @classmethod
@@ -79,11 +86,17 @@ class CarryPlan(Description):
         """Return the plan of a JSON file.
 
         Raises:
-            ScenarioError: the file holds no plan.
+            FileReadError: the file cannot be read, or is no JSON.
+            ScenarioError: it holds no plan.
         """
-        import json
-
-        return cls(**json.loads(Path(path).read_text(encoding="utf-8")))
+        require_path("path", path)
+        try:
+            fields = json.loads(read_user_file(str(path), limit=_MOST_BYTES, kind="a plan"))
+        except ValueError as error:
+            raise FileReadError(f"is no JSON: {error}", str(path)) from None
+        if not isinstance(fields, dict):
+            raise FileReadError("holds no table of fields", str(path))
+        return cls(**fields)
 
     def torques_at(self, times: ArrayLike) -> list[Array]:
         """Return the torques of every arm at n times since the start, N m, shape (n, k) each."""
@@ -98,8 +111,8 @@ class CarryPlan(Description):
 
         The law first holds the payload at rest, and brings the squeeze up if it starts without. Then it gets
         what the plan's torques have beyond its own commands: a simulation along the plan asks the law for
-        these, with measurements as they are if nothing goes wrong. So the commands on the plan are those of
-        the plan, for any law that commands torques.
+        these, with measurements and drives without errors. So the commands on the plan are those of the plan,
+        for any law that commands torques.
 
         Args:
             scenario: Law, clock, sensors and plant; its cell must be that of the plan.
@@ -114,9 +127,11 @@ class CarryPlan(Description):
         start_time, rest = as_number("start_time", start_time), as_number("rest", rest)
         times = tuple(start_time + time for time in self.motion.times)
         still: dict[str, Any] = {"feed_forward": None, "events": (), "start_angles": {}}
-        still |= {"start": self.motion.start, "squeeze": self.squeeze, "duration": times[-1] + rest}
+        ticks = np.ceil((times[-1] + rest) * scenario.clock.rate_hz - _SAME)
+        duration = float(ticks) / scenario.clock.rate_hz
+        still |= {"start": self.motion.start, "squeeze": self.squeeze, "duration": duration}
         moved = scenario.replace(motion=self.motion.replace(times=times), **still)
-        return moved.replace(feed_forward=_beyond_the_law(self, moved, start_time))
+        return moved.replace(feed_forward=_beyond_the_law(self, _without_errors(moved), start_time))
 
     def _require_plays(self, scenario: Scenario) -> None:
         if scenario.cell != self.cell:
@@ -184,7 +199,7 @@ def plan_carry(
         seeds = [seed for seed in seeds if seed.times[-1] <= duration]
         best, rival = min(map(limits.least_effort, seeds), key=limits.effort), slower(line, duration)
         method = "least effort"
-    timing = CarryTiming.of(best, KNOTS)
+    timing = CarryTiming.of(best, max(KNOTS, len(best.times)))
     table = path.at(timing.s).torques(timing.v, timing.a)
     return CarryPlan(
         cell=cell,
@@ -195,6 +210,22 @@ def plan_carry(
         effort=limits.effort(best),
         quintic_effort=limits.effort(rival),
         torques=dict(zip(cell.arms, np.split(table, chain.edges, axis=1), strict=True)),
+    )
+
+
+def _without_errors(scenario: Scenario) -> Scenario:
+    """Return a scenario with exact sensors, drives and kinematics of the arms."""
+    wrists = WristSensor() if scenario.wrists else None
+    exact = {
+        name: arm.replace(calibration_error=Miscalibration()) for name, arm in scenario.cell.arms.items()
+    }
+    return scenario.replace(
+        cell=scenario.cell.replace(arms=exact),
+        sensors=Sensors(wrist=wrists),
+        arm_sensors={},
+        actuators=Actuators(),
+        arm_actuators={},
+        beyond_bound=True,
     )
 
 

@@ -24,6 +24,7 @@ _NEEDED = {
     "start pose": "the payload's pose at the start",
     "internal wrench": "the internal wrench",
     "own wrench": "each arm's own wrist wrench",
+    "told mass": "the mass that all arms believe in",
     "wrenches of all arms": "the wrist wrenches of all arms",
     "poses of all arms": "the poses and twists that all arms see",
     "states of all arms": "the states of all arms",
@@ -78,6 +79,7 @@ class SteadyErrors(NamedTuple):
     def summary(self) -> str:
         """Return the errors as text."""
         none = "poses and twists cross" if "poses" in self.needs else "nothing crosses"
+        none = "two numbers of each arm cross" if "believe" in self.needs else none
         crossing = f"{self.wrenches} wrenches cross" if self.wrenches else none
         further = f"with {self.delay:g} more ticks of" if math.isfinite(self.delay) else "at any"
         stable = f"; stable {further} delay" if "wrench" in self.needs else ""

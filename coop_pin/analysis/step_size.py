@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +13,12 @@ from coop_pin.build_controller import build_controller
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import DivergedError, OutOfRangeError
 from coop_pin.simulation import simulate
+from coop_pin.simulation.plant import Plant
 
+STEPS_FIELD, AUTO = "clock.steps_per_tick", "auto"
+"""Field whose value "auto", in changes of a scenario, stands for the fewest steps that keep an error."""
+AUTO_ERROR = 1e-8
+"""Limit of the error of that choice, m."""
 MOST_STEPS = 64
 """Largest number of steps in a tick that is proposed; a run with twice as many measures its error."""
 
@@ -44,7 +51,20 @@ class StepSize:
         return "\n".join((f"{self.scenario.name}: {step}, keep an error of {self.limit:.3g} m", *measured))
 
 
-def fewest_steps(scenario: Scenario, *, error: float = 1e-9) -> StepSize:
+def with_changes(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
+    """Return a scenario with changes by dotted path; ``steps_per_tick = "auto"`` is chosen for 1e-8 m.
+
+    Raises:
+        ScenarioError: a path does not exist, or the result has mistakes.
+        OutOfRangeError: no number of steps keeps the error; others as of fewest_steps.
+    """
+    if changes.get(STEPS_FIELD) != AUTO:
+        return scenario.override(changes)
+    others = {field: value for field, value in changes.items() if field != STEPS_FIELD}
+    return fewest_steps(scenario.override(others), error=AUTO_ERROR).scenario
+
+
+def fewest_steps(scenario: Scenario, *, error: float = 1e-9, plant: type[Plant] = Plant) -> StepSize:
     """Return the fewest integration steps in a tick, of 1, 2, 4, ... 64, whose run keeps an error.
 
     With x the payload's position and the closure errors of the arms at the recorded ticks, ``|.|`` the
@@ -61,6 +81,7 @@ def fewest_steps(scenario: Scenario, *, error: float = 1e-9) -> StepSize:
     Args:
         scenario: scenario that would be run; a shorter duration or fewer events give what suffices for these.
         error: limit of the position of the payload and of the closure errors, m.
+        plant: class that computes the motion.
 
     Raises:
         OutOfRangeError: no number of steps keeps it, with the smallest error found.
@@ -72,7 +93,7 @@ def fewest_steps(scenario: Scenario, *, error: float = 1e-9) -> StepSize:
     errors: dict[int, float] = {}
     for steps in (2**k for k in range(MOST_STEPS.bit_length() + 1)):
         try:
-            runs[steps] = _positions(scenario, steps)
+            runs[steps] = _positions(scenario, steps, plant)
         except DivergedError:
             if steps >= MOST_STEPS:
                 raise
@@ -81,16 +102,16 @@ def fewest_steps(scenario: Scenario, *, error: float = 1e-9) -> StepSize:
             errors = {n: _distance(run, runs[steps]) + rest for n, run in runs.items() if n < steps}
         fewest = next((n for n, bound in errors.items() if bound <= error), None)
         if fewest is not None:
-            return StepSize(scenario.override({"clock.steps_per_tick": fewest}), error, errors)
+            return StepSize(scenario.override({STEPS_FIELD: fewest}), error, errors)
     raise OutOfRangeError(
         "error", error, f"at least {min(errors.values()):.3g} m with up to {MOST_STEPS} steps in a tick"
     )
 
 
-def _positions(scenario: Scenario, steps: int) -> Array:
+def _positions(scenario: Scenario, steps: int, plant: type[Plant]) -> Array:
     """Return the payload's position and each arm's closure error at the recorded ticks, shape (k, 3 + m)."""
-    scenario = scenario.override({"clock.steps_per_tick": steps})
-    data = simulate(scenario, build_controller(scenario)).data
+    scenario = scenario.override({STEPS_FIELD: steps})
+    data = simulate(scenario, build_controller(scenario), plant=plant).data
     return np.hstack([data.payload_position.values, data.closure_distance.values])
 
 

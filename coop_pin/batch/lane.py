@@ -15,7 +15,6 @@ import numpy as np
 from coop_pin.arrays import Array, Mask
 from coop_pin.batch.preparation import Prepared, PreparedPlant
 from coop_pin.batch.samples import RunSamples, kept_of
-from coop_pin.batch.schedule import Scheduled
 from coop_pin.batch.simulate import BatchSimulator, Family, require_sample_memory
 from coop_pin.batch.single_runs import require_agreement_at_first
 from coop_pin.batch.support import law_reason
@@ -88,17 +87,13 @@ class Lane:
         self._scenario, self._every = scenario, scenario.clock.record_every
         self._prepared, (*_, self._code, machine) = _simulator.lane(scenario)
         self._machine, plant = cast(LlvmMachine, machine), self._prepared.plants[0]
-        require_sample_memory(self._code.program, 1)
+        require_sample_memory(self._machine, 1)
         block, _ = self._code.begin(self._prepared)
         self._block, self._record = np.ascontiguousarray(block.T), machine.new_record(1)
         self._timeline, self._done, self._first = plant.run.timeline, 0, 0
         self._kept, self._count, self._running = dict[str, Array](), 0, RunningMetrics(scenario, plant.labels)
-        self._bind(Scheduled(self._code.program.instructions, self._code.uniforms, self._code.ticks))
-
-    def _bind(self, part: Scheduled) -> None:
-        """Make the calls of a part of the run from now on."""
-        self._call = self._machine.bound(self._block, part.uniforms, self._record, order=part.instructions)
-        self._starts = [*part.ticks, len(part.instructions)]
+        self._call = self._machine.bound(self._block, self._code.uniforms, self._record)
+        self._starts = [*self._code.ticks, len(self._code.program.instructions)]
 
     def run(self, progress: Progress | None = None) -> RunResult | None:
         """Return the result; None where the run breaks a guard, so that a single run must tell its error.
@@ -112,7 +107,9 @@ class Lane:
             CoopPinError: of ``progress``, with the result up to then.
         """
         ticks = self._timeline.ticks
-        with errors_with_results(self._so_far, lambda: self._timeline.time(self._done)):
+        with errors_with_results(
+            lambda: self._result() if self._done else None, lambda: self._timeline.time(self._done)
+        ):
             while self._done <= ticks:
                 self._advance()
                 if not self._is_valid():
@@ -144,13 +141,12 @@ class Lane:
         ticks = range(self._first, min(self._first + _PART, self._timeline.ticks + 1))
         plant, signals = self._prepared.plants[0].later(ticks)
         self._prepared = self._prepared._replace(plants=[plant], signals=[signals])
-        self._bind(self._code.next_ticks(signals))
+        order, uniforms, starts = self._code.next_ticks(signals)
+        self._call = self._machine.bound(self._block, uniforms, self._record, order=order)
+        self._starts = [*starts, len(order)]
 
     def _is_valid(self) -> bool:
         return bool(self._block[0, self._code.program.lanes.slots("is_valid")] == 1.0)
-
-    def _so_far(self) -> RunResult | None:
-        return self._result() if self._done else None
 
     def _samples(self) -> Samples:
         """Return the samples of the ticks of the present part that are done."""

@@ -25,7 +25,7 @@ from coop_pin.results.quantities import Samples
 from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.results.trust import TrustMonitor
 from coop_pin.results.window import Windows
-from coop_pin.tracing.kernel import RECORD, Layout, Machine, Program
+from coop_pin.tracing.kernel import Layout, Machine, Program
 from coop_pin.tracing.llvm_machine import LlvmMachine, native_width
 
 LARGEST_BLOCK = 64
@@ -191,7 +191,7 @@ class BatchSimulator:
         del self._plants[_KEPT:]
         *_, code, machine = self.family(runs[0], prepared)
         program, count = code.program, len(runs)
-        require_sample_memory(program, count)
+        require_sample_memory(machine, count)
         block, loads = code.begin(prepared)
         parts = [slice(first, first + LARGEST_BLOCK) for first in range(0, count, LARGEST_BLOCK)]
         memories, records = list[Array](), list[Array]()
@@ -253,9 +253,9 @@ class BatchSimulator:
         return ~same.all(axis=0)
 
 
-def require_sample_memory(program: Program, runs: int) -> None:
+def require_sample_memory(machine: Machine, runs: int) -> None:
     """Refuse samples that do not fit; raises NotEnoughMemoryError."""
-    size = _COPIES * 8 * program.rows(RECORD) * program.recorded * runs
+    size = _COPIES * 8 * machine.record_size(runs)
     require_memory(f"samples of {runs} runs", size, "give fewer at once")
 
 

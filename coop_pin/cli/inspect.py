@@ -1,9 +1,8 @@
-"""Commands without a run: ``list``, ``check-urdf``, ``fields``, ``show``, ``check``, ``suggest``, ``new``."""
+"""Commands without a run: ``list``, ``check-urdf``, ``fields``, ``show``, ``suggest``, ``new``."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,17 +13,17 @@ import tyro
 from coop_pin.catalogue import scenario_names, scenario_tables
 from coop_pin.cli.exit_codes import FAILED, OK
 from coop_pin.cli.overrides import TypedFields, load_scenario, refuse_fields
-from coop_pin.errors import ArgumentError, DivergedError, FieldError, NameNotFoundError
+from coop_pin.errors import FieldError, NameNotFoundError
 
 _COLUMNS = 99
 """Longest line of a text."""
 
 _Folders = Annotated[tuple[str, ...], tyro.conf.arg(metavar="FOLDER...")]
 _Assignments = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE...")]
-_ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
+ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
 
 
-def _print(*texts: object, sep: str = " ") -> None:
+def print_wrapped(*texts: object, sep: str = " ") -> None:
     """Print texts with long lines wrapped at spaces, further indented; commands to copy stay whole words."""
     for line in sep.join(map(str, texts)).splitlines():
         indent = " " * (len(line) - len(line.lstrip()) + 4)
@@ -54,7 +53,7 @@ class List:
             return OK
         for scenario in scenario_tables():
             size = f"{len(scenario['cell']['arms'])} arms  {scenario['duration']:g} s"
-            _print(f"{scenario['name']:<20} {size}  {scenario['summary']}")
+            print_wrapped(f"{scenario['name']:<20} {size}  {scenario['summary']}")
         return OK
 
 
@@ -66,7 +65,7 @@ class Fields:
         scenario: a name listed by 'coop-pin list', or a TOML file.
     """
 
-    scenario: _ScenarioName
+    scenario: ScenarioName
 
     def execute(self) -> int:
         """Print one line for each field."""
@@ -114,136 +113,15 @@ class Show:
                     message = f"is an option for robots only; give it to each arm: cell.arms.NAME.{option}"
                     raise FieldError(message, f"--{option.replace('_', '-')}")
             scenario = load_scenario(self.what, self.fields)
-            _print(cell_summary(scenario.cell, scenario.start.matrix).summary())
+            print_wrapped(cell_summary(scenario.cell, scenario.start.matrix).summary())
             return OK
         if not path.is_file() and path.suffix not in (".urdf", ".xacro") and self.what not in robots:
             names = [*scenarios, *robots]
             raise NameNotFoundError("scenario or robot", self.what, names, "the catalogue or the file system")
         refuse_fields(self.fields, self.what)
         file = _urdf_file(self.what, self.package_dirs, self.xacro_args)
-        _print(f"{file.path}\n{Robot(load_checked(file)).summary()}")
+        print_wrapped(f"{file.path}\n{Robot(load_checked(file)).summary()}")
         return OK
-
-
-@dataclasses.dataclass(frozen=True)
-class Check:
-    """Check reachability, distance to singularities, limits and static torques along the desired motion.
-
-    Nothing is simulated. Static torques are those that hold the arms, the payload and the squeeze at rest. A
-    closed chain whose closures lose rank at the start is told.
-    Numbers in a likely wrong unit, and starts, postures and grasps that do not fit, are told first.
-    For the built-in controllers, also check that the damping gains are stable at the control rate, all gains
-    with the lag of the drives along the motion, the slowest and the least damped mode of the whole loop at
-    the start, and the joint friction in the plant's steps; say what the law
-    measures and what a kinematic bias and an unknown load leave; the proposal of 'coop-pin suggest'
-    for these postures follows; on compliant grasps also the stiffness from which the gains hold.
-    Every field of the scenario can be changed as in 'coop-pin run'.
-
-    Attributes:
-        scenario: a name listed by 'coop-pin list', or a TOML file.
-        poses: number of poses checked along the motion.
-        bias: kinematic bias of one arm's tip, m.
-        bias_turn: angle by which the base of one arm is off, rad.
-        load: constant force on the payload that the law does not know, N.
-        fields: fields of the scenario, as typed.
-    """
-
-    scenario: _ScenarioName
-    poses: int = 401
-    bias: float = 1e-3
-    bias_turn: float = 0.0
-    load: float = 10.0
-    fields: TypedFields = dataclasses.field(default_factory=dict)
-
-    def execute(self) -> int:
-        """Print the results; the exit code is OK if the motion is feasible."""
-        from coop_pin.analysis import (
-            admittance_stability,
-            anchor_biases,
-            closure_problem,
-            eigenvalues,
-            force_reserve,
-            gain_proposal,
-            grasp_stability,
-            implausible_numbers,
-            internal_moment,
-            large_record,
-            least_squeeze,
-            loads_without_an_arm,
-            loop_stability,
-            motion_stability,
-            own_inertia_proposal,
-            reachability,
-            statics_along,
-            steady_errors,
-            step_stability,
-        )
-        from coop_pin.build_controller import build_controller
-        from coop_pin.simulation import Simulation
-
-        scenario = load_scenario(self.scenario, self.fields)
-        reach = reachability(scenario, poses=self.poses)
-        _print(*(f"! {number}" for number in implausible_numbers(scenario)), reach.summary(), sep="\n")
-        torques = statics_along(scenario, reach)
-        _print(textwrap.indent(torques.summary(), "  "))
-        singular = closure_problem(scenario) if reach.ok else ""
-        if singular:
-            _print(f"  ! {singular}")
-        ok = reach.ok and torques.ok and not singular
-        if scenario.has_servos:
-            try:
-                loop = admittance_stability(scenario)
-                ok = ok and loop.ok
-                _print(f"  {loop.summary()}; errors at rest on servos are not checked")
-            except ArgumentError as error:
-                _print(f"  the arms have servos, and gains and errors at rest are not checked: {error}")
-        if size := large_record(scenario):
-            _print(f"  {size}")
-        squeeze = least_squeeze(scenario)
-        if squeeze is not None:
-            _print(f"  {squeeze.summary()}")
-            ok = ok and squeeze.ok
-        if scenario.cell.has_contacts:
-            _print("  the payload is held by friction, or may lie on a table: gains are not checked")
-        is_checked = not (scenario.controller.user_code or scenario.has_servos or scenario.cell.has_contacts)
-        if not reach.ok or not is_checked:
-            return OK if ok else FAILED
-        for arm, (limp, carried) in loads_without_an_arm(scenario, reach).items():
-            if limp > 1.0:
-                _print(
-                    f"  ! if arm {arm!r} loses its torque, the others need {limp:.3g} times their limits, and"
-                    f" {carried:.3g} times if it carries its own weight: above 1 no law holds the payload"
-                )
-        simulation = Simulation(scenario, build_controller(scenario))
-        stable: list[Any] = [step_stability(simulation, reach)]
-        if scenario.cell.compliant:
-            stable.insert(0, grasp_stability(simulation))
-        else:
-            stable[:0] = motion_stability(simulation, reach), loop_stability(simulation, reach)
-        _print(textwrap.indent("\n".join(finding.summary() for finding in stable), "  "))
-        propose = own_inertia_proposal if scenario.cell.compliant else gain_proposal
-        _print(f"  {propose(scenario, reach).summary()}")
-        try:
-            _print(f"  {eigenvalues(scenario).summary()}")
-        except (ArgumentError, DivergedError) as error:  # the steps or gains named above
-            _print(f"  closed loop: {error}")
-        law: Any = scenario.controller
-        if not scenario.cell.controls_turns and "holding torque" in law.needs:
-            _print(f"  {internal_moment(scenario, reach, law.posture).summary()}")
-        errors = steady_errors(scenario, bias=self.bias, load=self.load)
-        _print(textwrap.indent(errors.summary(), "  "))
-        if scenario.network is not None:
-            _print(f"  {simulation.traffic().summary(scenario.clock.rate_hz)}")
-        if errors.growth > 0.0:
-            earliest = max(0.0, force_reserve(scenario, reach)) / errors.growth
-            _print(f"  ! the force that grows is beyond the first drive {earliest:.3g} s later or after")
-        if math.isfinite(errors.free):
-            needed = ", ".join(
-                f"{arm} {1e3 * position:.3g} mm and {1e3 * angle:.3g} mrad"
-                for arm, (position, angle) in anchor_biases(scenario, self.bias, self.bias_turn).items()
-            )
-            _print(f"  anchor_bias for this bias of an arm whenever it begins: {needed}")
-        return OK if ok and all(finding.ok for finding in stable) else FAILED
 
 
 @dataclasses.dataclass(frozen=True)
@@ -261,7 +139,7 @@ class Suggest:
         fields: fields of the scenario, as typed.
     """
 
-    scenario: _ScenarioName
+    scenario: ScenarioName
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     poses: int = 101
     fields: TypedFields = dataclasses.field(default_factory=dict)
@@ -275,7 +153,7 @@ class Suggest:
         from coop_pin.analysis import suggest
 
         suggested = suggest(load_scenario(self.scenario, self.fields, draft=True), poses=self.poses)
-        _print(suggested.summary())
+        print_wrapped(suggested.summary())
         if self.out is not None:
             suggested.scenario.save(self.out)
         return OK
@@ -301,7 +179,7 @@ class New:
         distance: distance of the bases from the payload's centre, m; by the arms' reach when omitted.
     """
 
-    scenario: _ScenarioName
+    scenario: ScenarioName
     arms: Annotated[tuple[str, ...], tyro.conf.arg(metavar="ROBOT...")]
     payload: Literal["box", "bar", "plate"] = "box"
     mass: float = 2.0
@@ -331,8 +209,8 @@ class New:
         del options["scenario"]
         suggested = new_cell(**options, name=path.stem)
         suggested.scenario.save(path, commented=True)
-        _print(suggested.summary())
-        _print(f"{path}: edit it; then coop-pin check {path}, coop-pin run {path} --report")
+        print_wrapped(suggested.summary())
+        print_wrapped(f"{path}: edit it; then coop-pin check {path}, coop-pin run {path} --report")
         return OK
 
 
@@ -358,7 +236,7 @@ class CheckUrdf:
         from coop_pin.description.urdf import check_file
 
         report = check_file(_urdf_file(self.urdf, self.package_dirs, self.xacro_args))
-        _print(report.summary(strict=self.strict))
+        print_wrapped(report.summary(strict=self.strict))
         return FAILED if report.errors(strict=self.strict) else OK
 
 

@@ -26,7 +26,12 @@ def load_scenario(name_or_file: str, fields: Mapping[str, Sequence[str]], *, dra
     from coop_pin.description import Scenario  # slow to load
 
     scenario = Scenario.load(name_or_file, draft=draft)
-    return scenario.override(changes(fields, scenario.cell.arms))
+    typed = changes(fields, scenario.cell.arms)
+    if "auto" not in typed.values():
+        return scenario.override(typed)
+    from coop_pin.analysis.step_size import with_changes  # slow to load
+
+    return with_changes(scenario, typed)
 
 
 def refuse_fields(fields: Mapping[str, Sequence[str]], what: str) -> None:

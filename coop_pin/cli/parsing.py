@@ -8,9 +8,10 @@ from typing import Annotated, Any, Protocol, Union, cast
 
 import tyro
 
+from coop_pin.cli.check import Check
 from coop_pin.cli.compare import Compare
 from coop_pin.cli.export import ExportC
-from coop_pin.cli.inspect import Check, CheckUrdf, Fields, List, New, Show, Suggest
+from coop_pin.cli.inspect import CheckUrdf, Fields, List, New, Show, Suggest
 from coop_pin.cli.root_locus import Locus
 from coop_pin.cli.run import Run
 from coop_pin.cli.sweep import Sweep, SweepShow

@@ -6,6 +6,7 @@ from coop_pin.control.admittance import (
     AdmittanceGains,
     FollowingController,
 )
+from coop_pin.control.averaged_wrench import AveragedWrench
 from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
 from coop_pin.control.calibration import ZeroedController
@@ -34,6 +35,7 @@ from coop_pin.control.interface import (
 )
 from coop_pin.control.law import DecentralisedLaw, Law, PostureGains
 from coop_pin.control.leader_follower import LeaderFollower, LeaderFollowerController, LeaderFollowerGains
+from coop_pin.control.learned_load import LearnedLoad
 from coop_pin.control.mean_pose import ConsensusPose, MeanPose, MeanPoseByMessages, MeanPoseController
 from coop_pin.control.payload_space import (
     PayloadSpace,
@@ -56,7 +58,6 @@ from coop_pin.control.sliding_mode import (
 )
 from coop_pin.control.switching import Saturation, Sign, Switching, Tanh
 from coop_pin.control.terms import Posture
-from coop_pin.control.told_wrench import AveragedWrench, LearnedLoad
 
 __all__ = [
     "Admittance",

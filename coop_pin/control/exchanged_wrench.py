@@ -46,9 +46,7 @@ class ExchangedWrench(ArmController):
 
     def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
         """Return F_i, the age of its sample, and what the law says."""
-        F, age = measurement.interaction_wrench, measurement.interaction_wrench_age
-        if F is None:
-            raise InvalidStateError(f"arm {self.arm.name!r} has no wrist sensor; give it one: sensors.wrist")
+        F, age = own_wrench(measurement, self.arm), measurement.interaction_wrench_age
         return np.concatenate((F, np.array([age]), self.law.message(measurement, reference, state)))
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> Any:
@@ -91,3 +89,37 @@ def heard(measurement: ArmMeasurement) -> Mapping[str, Message]:
     if measurement.messages is None:
         raise InvalidStateError("the law hears no messages; give the scenario a network")
     return measurement.messages
+
+
+def own_wrench(measurement: ArmMeasurement, arm: ControlledArm) -> Array:
+    """Return F_i.
+
+    Raises:
+        InvalidStateError: the arm has no wrist sensor.
+    """
+    if measurement.interaction_wrench is None:
+        raise InvalidStateError(f"arm {arm.name!r} has no wrist sensor; give it one: sensors.wrist")
+    return measurement.interaction_wrench
+
+
+def less_load(
+    measurement: ArmMeasurement, reference: ArmReference, arm: ControlledArm, load: Array, size: int
+) -> ArmMeasurement:
+    """Return a measurement with F_i - c_i load for the internal wrench, f_d before the wrist's first sample.
+
+    Args:
+        measurement: Measurement of the arm.
+        reference: Reference of the arm.
+        arm: Numbers of the arm.
+        load: Wrench of the payload on all arms, shape (k_0,).
+        size: Number of numbers of a message that are not the law's.
+    """
+    age, F = measurement.interaction_wrench_age, own_wrench(measurement, arm)
+    share = arm.load_share if reference.load_share is None else reference.load_share
+    f_d = arm.rows.turn(measurement.payload_pose, reference.internal_wrench)
+    messages = heard(measurement)
+    return measurement._replace(
+        internal_wrench=np.where(age < np.inf, F - share * load, f_d),
+        internal_wrench_age=age,
+        messages={name: one._replace(numbers=one.numbers[size:]) for name, one in messages.items()},
+    )

@@ -11,10 +11,16 @@ import numpy as np
 from pydantic import Field, PrivateAttr, SerializerFunctionWrapHandler, model_serializer
 
 from coop_pin.arrays import Array
+from coop_pin.control.averaged_wrench import AveragedWrench, require_decay
 from coop_pin.control.calibration import ZeroedController
+from coop_pin.control.consensus import require_consensus
+from coop_pin.control.exchanged_wrench import ExchangedWrench
 from coop_pin.control.force_path import (
     INSIST,
+    ConsensusForcePath,
     ForcePath,
+    LearnedForcePath,
+    MessageForcePath,
     NoForcePath,
     SampledLoop,
     anchor_gain_problems,
@@ -29,9 +35,9 @@ from coop_pin.control.interface import (
     ControlledArm,
     DecentralisedController,
 )
+from coop_pin.control.learned_load import LearnedLoad
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.terms import Posture
-from coop_pin.control.told_wrench import with_told_wrench
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import Description, NotNegative, Vector, WithLaterFields, unknown_arms
 from coop_pin.spatial.task_rows import TaskRows, joint_shortage
@@ -161,10 +167,11 @@ class Law(WithLaterFields):
         return ", ".join(model + seen) or "blind"
 
     def measured(self, needs: Iterable[str]) -> tuple[str, ...]:
-        """Return needs without an internal wrench that no path measures; the own if a load is learned."""
-        wrench = "internal wrench" if self.force_path.tells_wrenches else "own wrench"
-        named = {"internal wrench": wrench if self.force_path.measures else ""}
-        return tuple(name for need in needs if (name := named.get(need, need)))
+        """Return needs with what the force path makes of "internal wrench": nothing if none is measured."""
+        path = self.force_path
+        wrench = ("internal wrench",) if path.tells_wrenches else ("own wrench", "told mass")
+        replaced = {"internal wrench": wrench if path.measures else ()}
+        return tuple(name for need in needs for name in replaced.get(need, (need,)))
 
     @property
     def active_gains(self) -> dict[str, Any]:
@@ -324,9 +331,24 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
             path = f"controller.arm_gains.{arm.name}" if arm.name in self.arm_gains else "controller.gains"
             gains = self.gains_of(arm.name).sized(arm.rows.size, arm.drives, path)
             law = self.controller_of(arm, gains, scenario)
-            law = with_told_wrench(law, arm, self.force_path, scenario)
+            law = self._with_told_wrench(law, arm, scenario)
             laws[arm.name] = ZeroedController(arm.rows, law, arm.start_pose) if self.zero_at_grasp else law
         return DecentralisedController(laws)
+
+    def _with_told_wrench(self, law: ArmController, arm: ControlledArm, scenario: Any) -> ArmController:
+        """Return a law that forms its internal wrench from messages, where the force path says so."""
+        path = self.force_path
+        if isinstance(path, MessageForcePath):
+            return ExchangedWrench(law, arm)
+        if isinstance(path, ConsensusForcePath):
+            require_decay(path, scenario)
+            return AveragedWrench(law, arm, path, len(scenario.cell.arms))
+        if isinstance(path, LearnedForcePath):
+            names, network = list(scenario.cell.arms), scenario.network
+            gain, edges = "controller.force_path.consensus_gain", network.edges_at(0.0, names)
+            require_consensus(edges, names, path.consensus_gain, network.slowest_of(names), gain)
+            return LearnedLoad(law, arm, path, len(names))
+        return law
 
     def _require_joints(self, arm: ControlledArm) -> None:
         """Refuse an arm with too few joints for the task rows, or too many for the printed law."""

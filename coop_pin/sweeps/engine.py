@@ -12,6 +12,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
+from coop_pin.analysis.step_size import STEPS_FIELD
 from coop_pin.arrays import require_path, require_type
 from coop_pin.description.scenario import Scenario
 from coop_pin.engine_choice import choose_engines
@@ -28,6 +29,7 @@ from coop_pin.sweeps.execution import HERE, Execution
 from coop_pin.sweeps.feasibility import require_feasible
 from coop_pin.sweeps.job import Job, Outcome, Record
 from coop_pin.sweeps.plan import SweepPlan
+from coop_pin.sweeps.plant_steps import with_steps
 from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.run_key import KeyedPoint, keyed_points
 from coop_pin.sweeps.store import TRANSIENT, SweepStore
@@ -87,13 +89,15 @@ class Session:
             retry_failed: repeat runs that failed for lack of time, of memory or of a worker.
 
         Raises:
-            FieldError: the plan names code that has no file or that workers cannot import, or the scheduler's
-                address is malformed.
+            FieldError: the number of plant steps is not chosen, the plan names code that has no file or that
+                workers cannot import, or the scheduler's address is malformed.
             MissingExtraError: dask is not installed.
             CodeChangedError: the user's code was edited after it was loaded.
             FileWriteError: a file cannot be written.
             WorkersLostError: no worker is left.
         """
+        if plan.has_open_steps:
+            raise FieldError("is 'auto', which cp.run and cp.sweep choose; give a number here", STEPS_FIELD)
         for folder in self._execution.merge:
             self._merge(plan, SweepStore(folder))
         self.keys, under_way, refused = list[str](), Counter[str](), list[Outcome]()
@@ -312,7 +316,7 @@ def sweep_plan(
 ) -> SweepResult:
     """Return the results of a plan, as ``sweep`` does, also if every run must fail."""
     with open_session(out, execution, len(plan)) as session:
-        plan = with_engine(plan, session.store)
+        plan = with_steps(with_engine(plan, session.store), session.store)
         session.store.write_plan(plan)
         session.compute(plan, retry_failed=retry_failed)
         result = SweepResult(plan, session.store, session.keys)

@@ -13,6 +13,7 @@ from typing import Annotated, Any, NamedTuple, Self
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
+from coop_pin.analysis.step_size import AUTO, AUTO_ERROR, STEPS_FIELD
 from coop_pin.arrays import require_path
 from coop_pin.description.scenario import Scenario
 from coop_pin.engines import PREVIOUS, Engine
@@ -98,6 +99,8 @@ class SweepPlan(Description):
         engine: "pinocchio" or "traced", each run alone; "batch", runs of one kind together by compiled code,
             and on Pinocchio those that cannot be; or "auto": "batch" if the first run can be and there are
             enough of them to be worth compiling, decided when the sweep first starts.
+        steps_error_m: limit of the error with which "auto" as ``clock.steps_per_tick`` in ``changes`` is
+            chosen, m; see ``fewest_steps``.
         repeats: number of runs of each point, with the scenario's ``seed`` 0, 1, 2, ...: the last dimension
             of the plan. With 1 the scenario keeps its own seed.
     """
@@ -113,6 +116,7 @@ class SweepPlan(Description):
     memory_limit_gb: float = Field(default=4.0, gt=0.0)
     keep: str | tuple[int, ...] = "none"
     engine: Annotated[Engine, BeforeValidator(lambda name: PREVIOUS.get(str(name), name))] = "auto"
+    steps_error_m: float = Field(default=AUTO_ERROR, gt=0.0)
     repeats: int = Field(default=1, ge=1)
 
     @model_validator(mode="after")
@@ -189,6 +193,12 @@ class SweepPlan(Description):
         """Yield points by their numbers, all in order when these are omitted."""
         return map(self.__getitem__, range(len(self)) if numbers is None else numbers)
 
+    @functools.cached_property
+    def has_open_steps(self) -> bool:
+        """Whether the number of plant steps is still to be chosen; until then scenarios have their own."""
+        varied = {field for dimension in self.dimensions for field in dimension.fields}
+        return self.changes.get(STEPS_FIELD) == AUTO and STEPS_FIELD not in varied
+
     def scenario(self, index: int) -> Scenario:
         """Return the scenario of one point.
 
@@ -205,8 +215,11 @@ class SweepPlan(Description):
         return self._tried[point.number] if point.number in self._tried else self._overridden(point)
 
     def _overridden(self, point: Point) -> Scenario | ScenarioError:
+        changes = point.changes
+        if self.has_open_steps:  # the scenario's own number
+            changes = {field: value for field, value in changes.items() if field != STEPS_FIELD}
         try:
-            return self.base[point.base].override(point.changes) if point.changes else self.base[point.base]
+            return self.base[point.base].override(changes) if changes else self.base[point.base]
         except ScenarioError as error:
             return error
 

@@ -164,7 +164,7 @@ class Machine(ABC):
     """
 
     def __init__(self, program: Program, width: int = 1) -> None:
-        self.program, self.width = program, width
+        self.program, self.width, self._rows = program, width, program.rows(RECORD)
 
     @abstractmethod
     def run(self, block: Array, uniforms: Array, loads: Array, out: Array | None = None) -> Array:
@@ -202,4 +202,4 @@ class Machine(ABC):
         return memory[start : start + math.prod(shape)].reshape(shape)
 
     def _shape(self, lanes: int) -> tuple[int, int, int]:
-        return self.program.rows(RECORD), self.program.recorded, -(-lanes // self.width) * self.width
+        return self._rows, self.program.recorded, -(-lanes // self.width) * self.width

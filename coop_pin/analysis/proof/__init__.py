@@ -27,13 +27,15 @@ def theorem_monitor(result: RunResult) -> xr.Dataset:
             with planar or full task rows.
 
     Raises:
-        ArgumentError: of another law, or without samples at every tick.
+        ArgumentError: of another law, with feed-forward, or without samples at every tick.
     """
     clock, kind, rows = result.scenario.clock, result.scenario.controller.kind, result.scenario.cell.rows
     if clock.record_every != 1:
         raise ArgumentError(
             f"clock.record_every is {clock.record_every}; the integrals need every tick: run again with 1"
         )
+    if result.scenario.feed_forward is not None:
+        raise ArgumentError("the run has feed-forward torques, which the proofs do not; run without them")
     if kind not in MONITORED or (kind, rows) == ("sliding-mode", "positional"):
         raise ArgumentError(
             f"controller.kind is {kind!r} with rows {rows!r}; the proofs are about 'payload-space', and about"

@@ -1,0 +1,141 @@
+"""Internal wrench of an arm over any connected graph, by average consensus on the wrist wrenches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.control.consensus import (
+    MeanGains,
+    averaged_loop_radius,
+    disagreement,
+    estimator_radius,
+    graph_eigenvalues,
+)
+from coop_pin.control.exchanged_wrench import heard, less_load, own_wrench
+from coop_pin.control.force_path import INSIST, ConsensusForcePath
+from coop_pin.control.interface import (
+    ArmCommand,
+    ArmController,
+    ArmMeasurement,
+    ArmReference,
+    ControlledArm,
+)
+from coop_pin.errors import FieldError
+
+
+class AveragedState(NamedTuple):
+    """Memory of an arm that averages wrenches.
+
+    Attributes:
+        mean: nu, N and N m, shape (k_0,).
+        correction: eta, N and N m, shape (k_0,).
+        wrench_age: age of the wrist's sample at the last tick, ticks; inf before the first.
+        law: state of the law.
+    """
+
+    mean: Array
+    correction: Array
+    wrench_age: float
+    law: Any
+
+
+@dataclass(frozen=True, eq=False)
+class AveragedWrench(ArmController):
+    """A law that measures the internal wrench over any connected graph: ``f_i = F_i - c_i m nu_i``.
+
+    nu_i follows the mean of the m wrist wrenches by proportional-integral average consensus::
+
+        nu_i  <- nu_i + gamma (F_i - nu_i) - k_P sum_j (nu_i - nu_j) + k_I sum_j (eta_i - eta_j)
+        eta_i <- eta_i - k_I sum_j (nu_i - nu_j),   nu_i(t_0) = F_i,  eta_i(t_0) = 0
+
+    over the arms j that it hears, all as they were sent. For constant wrenches the error vanishes, from any
+    nu and eta: lost messages leave nothing behind. It converges by ``estimator_radius`` in a tick. Freeman,
+    Yang and Lynch, "Stability and convergence properties of dynamic average consensus estimators", CDC 2006,
+    in discrete time.
+
+    Every arm says nu_i and eta_i, 2 k_0 numbers, and then what its law says. Its own F_i acts at once: the
+    delay of the network slows the agreement; the loop of the anchor has ``averaged_loop_radius``.
+
+    Attributes:
+        law: Law of this arm.
+        arm: Numbers of the arm; c_i is its load share where references name none.
+        path: The gains.
+        arms: m.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ("messages", "wrenches of all arms")
+
+    law: ArmController
+    arm: ControlledArm
+    path: ConsensusForcePath
+    arms: int
+
+    def message(
+        self, measurement: ArmMeasurement, reference: ArmReference, state: AveragedState | None
+    ) -> Array:
+        """Return nu_i, eta_i and what the law says, shape (2 k_0 + w,)."""
+        nu, eta = self._mean(measurement, state)
+        law = None if state is None else state.law
+        return np.concatenate((nu, eta, self.law.message(measurement, reference, law)))
+
+    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> AveragedState:
+        """Return nu = F, eta = 0 and the first state of the law; raises as the law."""
+        nu, eta = self._mean(measurement, None)
+        seen = self._with_wrench(measurement, reference, nu)
+        return AveragedState(nu, eta, measurement.interaction_wrench_age, self.law.init(seen, reference))
+
+    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: AveragedState) -> ArmCommand:
+        """Return the command of the law, and the next state; raises as the law."""
+        F, age, path = own_wrench(measurement, self.arm), measurement.interaction_wrench_age, self.path
+        nu, eta = self._mean(measurement, state)
+        command = self.law.step(self._with_wrench(measurement, reference, nu), reference, state.law)
+        apart = disagreement(self.arm.name, heard(measurement))
+        nu_apart, eta_apart = apart[: len(nu)], apart[len(nu) : 2 * len(nu)]
+        change = path.input_gain * (F - nu) - path.proportional_gain * nu_apart
+        later = AveragedState(
+            nu + change + path.integral_gain * eta_apart,
+            eta - path.integral_gain * nu_apart,
+            age,
+            command.state,
+        )
+        return replace(command, state=later)
+
+    def remarks(self, pose: Array, state: AveragedState) -> list[str]:
+        """Return the sentences of the law."""
+        return self.law.remarks(pose, state.law)
+
+    def _mean(self, measurement: ArmMeasurement, state: AveragedState | None) -> tuple[Array, Array]:
+        """Return nu and eta; until the wrist has a first sample, F and 0."""
+        F = own_wrench(measurement, self.arm)
+        if state is None:
+            return F, 0.0 * F
+        return np.where(state.wrench_age < np.inf, state.mean, F), state.correction
+
+    def _with_wrench(self, measurement: ArmMeasurement, reference: ArmReference, nu: Array) -> ArmMeasurement:
+        """Return the measurement with the internal wrench, and the messages of the law."""
+        return less_load(measurement, reference, self.arm, self.arms * nu, 2 * len(nu))
+
+
+def require_decay(path: ConsensusForcePath, scenario: Any) -> None:
+    """Refuse gains with which the means of a scenario's arms, or its law's feedback on them, grow.
+
+    Raises:
+        FieldError: they do, or the graph is not connected both ways.
+    """
+    names, network = list(scenario.cell.arms), scenario.network
+    gains = MeanGains(path.input_gain, path.proportional_gain, path.integral_gain, network.slowest_of(names))
+    eigenvalues = graph_eigenvalues(network.edges_at(0.0, names), names)
+    late = f"over this graph with messages {gains.delay} ticks late"
+    if (radius := estimator_radius(eigenvalues, gains)) >= 1.0:
+        detail = f"grows by {radius:.4g} a tick {late}; lower its gains"
+        raise FieldError(detail, "controller.force_path")
+    loop = scenario.controller.loop(scenario.timing)
+    fed_back = {"anchor_gain": loop.anchor_gain, "force_gain": loop.force_gain, "delay": loop.delay}
+    radius = averaged_loop_radius(eigenvalues, gains, **fed_back)
+    if radius >= 1.0 and not scenario.beyond_bound:
+        detail = f"is {loop.anchor_gain:g}, but the anchored integral on means grows by {radius:.4g} a tick"
+        raise FieldError(f"{detail} {late}; lower it, {INSIST}", "controller.gains.anchor_gain")

@@ -1,0 +1,116 @@
+"""Load of the arms that they learn together, and the internal wrench of an arm that is left of its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from coop_pin.arrays import Array
+from coop_pin.control.consensus import disagreement
+from coop_pin.control.exchanged_wrench import heard, less_load, own_wrench
+from coop_pin.control.force_path import LearnedForcePath
+from coop_pin.control.interface import (
+    ArmCommand,
+    ArmController,
+    ArmMeasurement,
+    ArmReference,
+    ControlledArm,
+)
+from coop_pin.spatial import weight_wrench
+
+
+class LearnedState(NamedTuple):
+    """Memory of an arm that learns the load.
+
+    Attributes:
+        belief: mass by its own wrist, as mean times precision, and precision, shape (2,).
+        correction: z, of the consensus on both, shape (2,).
+        twist: V_WP at the last tick, m/s and rad/s, shape (k_0,).
+        law: state of the law.
+    """
+
+    belief: Array
+    correction: Array
+    twist: Array
+    law: Any
+
+
+@dataclass(frozen=True, eq=False)
+class LearnedLoad(ArmController):
+    """A law whose internal wrench is its wrist's less its share of a learned load: ``f = F - c mass phi_d``.
+
+    Bayesian linear regression at every arm, and dynamic average consensus on what each believes::
+
+        m F_i = phi mass + noise,  phi = g - dV/T on the linear rows, the wrench of a kilogram
+        u_i <- u_i + [phi . m F_i, phi . phi] / sigma^2         mean times precision, and precision
+        x_i  = u_i - z_i,   z_i <- z_i + gain sum_j (x_i - x_j),   mass = x_i[0] / x_i[1]
+
+    dV is what the twist gained in the last tick; phi_d = g - A_d. An internal wrench spoils what one arm
+    believes, and none of the mean over all: there it adds to zero. So all come to the regression of the
+    resultant wrench. The mass of P. Budde gen. Dohmann, A. Lederer, M.
+    Dissemond and S. Hirche, "Distributed Bayesian online learning for cooperative manipulation" (2021),
+    arXiv:2104.04342, equations (18), (19), (32) and (34); there with the places of the grasps, from the arms'
+    impedances in place of wrenches.
+
+    Every arm says x_i, two numbers, and then what its law says; wrenches do not cross. Where the mass is
+    wrong, or the load no weight, what is left of it is a load on the motion, as of an arm's own wrench.
+
+    Attributes:
+        law: Law of this arm.
+        arm: Numbers of the arm; c_i is its load share where references name none.
+        path: Prior of the mass, and the gain.
+        arms: m.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ("messages", "own wrench")
+
+    law: ArmController
+    arm: ControlledArm
+    path: LearnedForcePath
+    arms: int
+
+    def message(
+        self, measurement: ArmMeasurement, reference: ArmReference, state: LearnedState | None
+    ) -> Array:
+        """Return x_i and what the law says, shape (2 + w,)."""
+        x, law = (self._prior(), None) if state is None else (state.belief - state.correction, state.law)
+        return np.concatenate((x, self.law.message(measurement, reference, law)))
+
+    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> LearnedState:
+        """Return what is expected, and the first state of the law; raises as the law."""
+        x = self._prior()
+        seen = self._with_wrench(measurement, reference, x)
+        return LearnedState(x, 0.0 * x, measurement.payload_twist, self.law.init(seen, reference))
+
+    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: LearnedState) -> ArmCommand:
+        """Return the command of the law, and the next state; raises as the law."""
+        F, V = own_wrench(measurement, self.arm), measurement.payload_twist
+        phi = self._wrench_of_a_kilogram((V - state.twist) / self.arm.period)
+        seen = self._with_wrench(measurement, reference, state.belief - state.correction)
+        command = self.law.step(seen, reference, state.law)
+        precision = np.where(measurement.interaction_wrench_age < np.inf, self.path.force_deviation**-2, 0.0)
+        news = precision * np.array([self.arms * phi.dot(F), phi.dot(phi)])
+        apart = disagreement(self.arm.name, heard(measurement))[:2]
+        z = state.correction + self.path.consensus_gain * apart
+        return replace(command, state=LearnedState(state.belief + news, z, V, command.state))
+
+    def remarks(self, pose: Array, state: LearnedState) -> list[str]:
+        """Return the mass that is believed, and the sentences of the law."""
+        mean, precision = state.belief - state.correction
+        return [f"it has learned a payload of {mean / precision:.4g} kg", *self.law.remarks(pose, state.law)]
+
+    def _prior(self) -> Array:
+        """Return mean times precision, and precision, of the mass that is expected."""
+        return np.array([self.path.payload_mass, 1.0]) / self.path.mass_deviation**2
+
+    def _wrench_of_a_kilogram(self, acceleration: Array) -> Array:
+        """Return phi, the wrench on the arms by a kilogram with an acceleration of P, shape (k_0,)."""
+        is_linear = np.array([float(index < 3) for index in self.arm.rows.indices])
+        return self.arm.rows.select(weight_wrench(1.0, self.arm.gravity)) - is_linear * acceleration
+
+    def _with_wrench(self, measurement: ArmMeasurement, reference: ArmReference, x: Array) -> ArmMeasurement:
+        """Return the measurement with the internal wrench, and the messages of the law."""
+        load = x[0] / x[1] * self._wrench_of_a_kilogram(reference.acceleration)
+        return less_load(measurement, reference, self.arm, load, 2)
