@@ -17,6 +17,7 @@ from coop_pin.analysis.sampled_stability import start_stability, step_stability
 from coop_pin.analysis.statics import start_torques
 from coop_pin.arrays import Array, require_type
 from coop_pin.control import CellController
+from coop_pin.description.cell import Cell
 from coop_pin.description.grasp_events import PutDown
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError
@@ -112,6 +113,7 @@ def implausible_numbers(scenario: Scenario) -> tuple[str, ...]:
             *_grasps(scenario),
             *_squeeze(scenario),
             *_plan(scenario),
+            *_pads(scenario.cell),
         )
 
 
@@ -128,6 +130,16 @@ def _plan(scenario: Scenario) -> Iterator[str]:
         yield (
             f"the law {law.kind!r} does not let go of the load at a put-down, so that its integral presses on"
             " the table: 'payload-space' does with a force_path, gains.anchor_gain and anchor_bias = 'none'"
+        )
+
+
+def _pads(cell: Cell) -> Iterator[str]:
+    """Yield pads of which a run can tell nothing."""
+    rigid = [name for name in cell.arms if name not in cell.unclosed]
+    if cell.rows == "planar" and len(rigid) > 1 and (untold := [name for name in cell.pads if name in rigid]):
+        yield (
+            f"the pads of {untold}: rigid bodies leave the force across the plane open, and with it the"
+            " friction that a run uses (NaN); make their grasps compliant"
         )
 
 
