@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 import random
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -137,6 +139,30 @@ def test_a_lane_in_parts_is_the_run_on_pinocchio(case, every, monkeypatch):
     assert result.metrics() == pytest.approx(whole.metrics(), rel=1e-9, abs=1e-9, nan_ok=True)
     assert [breach[:3] for breach in result.breaches()] == [breach[:3] for breach in whole.breaches()]
     assert [limit[:3] for limit in result.limit_violations()] == [v[:3] for v in whole.limit_violations()]
+
+
+HOUR = """
+import resource, sys
+import coop_pin as cp
+changes = {"duration": 3600.0, "clock.record_every": 10}
+result = cp.run("two-pandas-box", changes, engine="auto", warn=False)
+result.save(sys.argv[1])
+print(result.engine, len(result.data.time), result.trustworthy)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+cp.viz.save_replay(result, sys.argv[2])
+"""
+
+
+@pytest.mark.slow
+def test_an_hour_of_two_pandas_takes_less_than_1_gb_and_its_page_less_than_4_mb(tmp_path):
+    files = tmp_path / "result.nc", tmp_path / "replay.html"
+    words = [sys.executable, "-c", HOUR, *map(str, files)]
+    done = subprocess.run(words, check=True, capture_output=True, text=True)
+    said, peak_kb = done.stdout.splitlines()
+    print(said, f"{int(peak_kb) / 1024:.0f} MB, page {files[1].stat().st_size / 1e6:.2f} MB")
+    assert said == "batch 180001 True"
+    assert int(peak_kb) * 1024 < 1e9
+    assert files[1].stat().st_size < 4e6
 
 
 def test_a_run_says_what_auto_would_have_saved(monkeypatch, caplog):

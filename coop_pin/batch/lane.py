@@ -107,7 +107,9 @@ class Lane:
             CoopPinError: of ``progress``, with the result up to then.
         """
         ticks = self._timeline.ticks
-        with errors_with_results(self._so_far, lambda: self._timeline.time(self._done)):
+        with errors_with_results(
+            lambda: self._result() if self._done else None, lambda: self._timeline.time(self._done)
+        ):
             while self._done <= ticks:
                 self._advance()
                 if not self._is_valid():
@@ -145,9 +147,6 @@ class Lane:
 
     def _is_valid(self) -> bool:
         return bool(self._block[0, self._code.program.lanes.slots("is_valid")] == 1.0)
-
-    def _so_far(self) -> RunResult | None:
-        return self._result() if self._done else None
 
     def _samples(self) -> Samples:
         """Return the samples of the ticks of the present part that are done."""

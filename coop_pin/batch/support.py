@@ -15,7 +15,7 @@ from coop_pin.build_controller import build_controller
 from coop_pin.control import CellController
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller
-from coop_pin.description.events import LoseArm, Partner, PayloadEvent, UserEvent
+from coop_pin.description.events import PayloadEvent
 from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
@@ -70,12 +70,9 @@ def plant_reason(plant: PlantOptions, cell: Cell, events: Sequence[PayloadEvent]
         cell: Cell, whose grasps must be rigid.
         events: Events of the run.
     """
-    if any(isinstance(event, Partner) for event in events):
-        return "a partner holds its payload; the traced plant has no force elements"
-    if any(isinstance(event, UserEvent) for event in events):
-        return "an event of the user's own changes its plant; the traced plant is compiled before"
-    if any(isinstance(event, LoseArm) and event.form == "braked" for event in events):
-        return "brakes hold an arm of it; the traced plant has no closures that come and go"
+    for event in events:
+        if event.requires:
+            return f"its event {event.kind!r} needs {event.requires}; the traced plant is compiled without"
     if cell.compliant:
         return f"the grasps of {list(cell.compliant)} are compliant; the traced plant has rigid ones"
     if cell.has_contacts:

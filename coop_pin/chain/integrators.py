@@ -213,12 +213,8 @@ class SemiImplicitEuler(Integrator):
         return Step(self.space.step(q, h * v_next), v_next, h * powers)
 
 
-def _rk4(space: ConfigurationSpace) -> Integrator:
-    return VectorRungeKutta() if isinstance(space, VectorSpace) else RungeKutta(space)
-
-
 INTEGRATORS: dict[str, Callable[[ConfigurationSpace], Integrator]] = {
-    "rk4": _rk4,
+    "rk4": lambda space: VectorRungeKutta() if isinstance(space, VectorSpace) else RungeKutta(space),
     "semi-implicit-euler": SemiImplicitEuler,
 }
 """Constructors of the integrators, by their names in scenarios."""

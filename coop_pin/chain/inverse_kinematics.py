@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, as_pose, require_type
-from coop_pin.chain.ik_solver import IKSolution, IKSolver
+from coop_pin.chain.ik_solver import IKSolver
 from coop_pin.errors import JointLimitError, UnreachablePoseError
 from coop_pin.model.arm_model import ArmModel
 
@@ -138,7 +138,10 @@ def _unreachable(
 ) -> UnreachablePoseError:
     """Return the error with the remaining gap, and the joint if only its limit prevents a solution."""
     limits = solver.limits
-    nearest = min((solver.nearest(target, start) for start in starts), key=_distance_then_angle)
+    nearest = min(
+        (solver.nearest(target, start) for start in starts),
+        key=lambda solution: (float(np.rint(solution.distance / _SAME_DISTANCE)), solution.angle),
+    )
     unlimited = [solver.solve(target, start, limited=False) for start in starts]
     violating = [limits.wrap_near(solution.q, near) for solution in unlimited if solution.is_closed]
     if not violating:
@@ -151,7 +154,3 @@ def _unreachable(
     return JointLimitError(
         name, nearest.distance, nearest.angle, limits.joints.names[joint], value, lower, upper
     )
-
-
-def _distance_then_angle(solution: IKSolution) -> tuple[float, float]:
-    return float(np.rint(solution.distance / _SAME_DISTANCE)), solution.angle

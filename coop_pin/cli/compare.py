@@ -96,7 +96,8 @@ class Compare:
                 gains=self.gains or GAINS,
                 execution=self.execution,
             )
-            self._draw(result)
+            for name in map(str, result.data["scenario"].values):
+                figures.save_figure(figures.comparison_figure(result, name), self.out / name / "comparison")
             if not self.execution.quiet:
                 print(result.summary())
                 print(f"written to {self.out}")
@@ -112,10 +113,6 @@ class Compare:
         viz.save_replay(runs[0], page, *runs[1:], names=self.replay)
         comparison.write_html(self.out / "comparison.html")
         print(page.resolve())
-
-    def _draw(self, result: Any) -> None:
-        for name in map(str, result.data["scenario"].values):
-            figures.save_figure(figures.comparison_figure(result, name), self.out / name / "comparison")
 
     def _print_names(self, controllers: tuple[str, ...], scenarios: tuple[str, ...]) -> None:
         from coop_pin.comparison import benchmark_scenario, standard_trials

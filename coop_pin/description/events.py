@@ -87,6 +87,11 @@ class PayloadEvent(Description):
         """Return whether a remark of a run says that the event did not happen."""
         return False
 
+    @property
+    def requires(self) -> str:
+        """What it needs of a plant besides torques, payload, push and gravity; empty for nothing."""
+        return ""
+
     def act(self, plant: Any, arms: Sequence[str]) -> None:
         """Change the plant itself at the event's instant: grasps and brakes.
 
@@ -211,6 +216,11 @@ class LoseArm(PayloadEvent):
         """The arm, and what is left of it."""
         return f"{self.arm} fails at {self.time:g} s ({self.form})"
 
+    @property
+    def requires(self) -> str:
+        """Closures for the brakes."""
+        return "closures that come and go" if self.form == "braked" else ""
+
     def act(self, plant: Any, arms: Sequence[str]) -> None:
         """Close the brakes."""
         if self.form == "braked":
@@ -285,6 +295,11 @@ class Partner(PayloadEvent):
         """Time at which the partner lets go, s."""
         return self.time + self.duration
 
+    @property
+    def requires(self) -> str:
+        """Force elements, of which the partner is one."""
+        return "force elements"
+
     def apply(self, surroundings: Surroundings, time: float) -> Surroundings:
         """Return the surroundings, with the partner while it holds."""
         holds = surroundings.partners + (self,) * (time < self.end)
@@ -316,6 +331,11 @@ class UserEvent(PayloadEvent):
     target: FunctionName
     options: dict[str, Any] = Field(default_factory=dict)
     title = heading = "own event"
+
+    @property
+    def requires(self) -> str:
+        """A plant that its function may change."""
+        return "a plant that code of the user's own may change"
 
     def act(self, plant: Any, arms: Sequence[str]) -> None:
         """Call the function.

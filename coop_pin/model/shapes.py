@@ -94,14 +94,6 @@ def _box(geometry: Any) -> Box:
     return Box((x, y, z))
 
 
-def _cylinder(geometry: Any) -> Cylinder:
-    return Cylinder(float(geometry.radius), 2.0 * float(geometry.halfLength))
-
-
-def _sphere(geometry: Any) -> Sphere:
-    return Sphere(float(geometry.radius))
-
-
 def _mesh(geometry: Any) -> Mesh:
     triangles = (geometry.tri_indices(index) for index in range(geometry.num_tris))
     faces = np.array(
@@ -112,8 +104,8 @@ def _mesh(geometry: Any) -> Mesh:
 
 _READERS: dict[str, Callable[[Any], Shape]] = {
     "Box": _box,
-    "Cylinder": _cylinder,
-    "Sphere": _sphere,
+    "Cylinder": lambda shape: Cylinder(float(shape.radius), 2.0 * float(shape.halfLength)),
+    "Sphere": lambda shape: Sphere(float(shape.radius)),
     "BVHModelOBBRSS": _mesh,
     "BVHModelOBB": _mesh,
 }

@@ -39,8 +39,8 @@ from coop_pin.viz.scene import base64_floats
 _MOST_RUNS = 4
 _FALLS_S = 0.2
 """Time over which the camera shows a payload that falls, s."""
-_MOST_NUMBERS = 450_000
-"""Numbers of the frames of a run, which are 2.4 MB of its page: frames of long runs are further apart."""
+_MOST_NUMBERS = 400_000
+"""Numbers of the frames of a run, which are 2.2 MB of its page: frames of long runs are further apart."""
 
 
 @typed

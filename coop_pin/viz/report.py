@@ -135,7 +135,10 @@ def report_html(result: RunResult) -> str:
         verdict=_verdict(result),
         told=html.escape(f"{events_text(result)} {telling_instant(result).text}".strip()),
         tiles=_tiles(result),
-        facts=_facts(result),
+        facts="\n".join(
+            f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>"
+            for name, text in scenario_facts(result)
+        ),
         metrics=_metrics(metrics_table(result)),
         left_out=_left_out(result),
         replay=html.escape(replay_html(result)),
@@ -198,13 +201,6 @@ def _tiles(result: RunResult) -> str:
         f"<div>{name}<b>{value:.3g} <small>{unit}</small></b>{note}</div>"
         for name, value, unit, note in tiles
         if not math.isnan(value)
-    )
-
-
-def _facts(result: RunResult) -> str:
-    return "\n".join(
-        f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>"
-        for name, text in scenario_facts(result)
     )
 
 
