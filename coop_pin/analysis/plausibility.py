@@ -122,9 +122,15 @@ def _plan(scenario: Scenario) -> Iterator[str]:
     """Yield a law whose arms do not read that one of them holds nothing."""
     law = scenario.controller
     if scenario.has_grasp_plan and not (law.user_code or law.reads_plan):
+        diverges = "poses of all arms" in law.needs
+        consequence = (
+            "the pose of an arm that lets go stays in the mean that all follow, so that the run diverges"
+            if diverges
+            else "an arm that lets go, or takes hold, goes on with the load share of the cell"
+        )
         yield (
-            f"the law {law.kind!r} does not read the plan of the grasps: an arm that lets go, or takes hold,"
-            " goes on with the load share of the cell; 'payload-space' reads it"
+            f"the law {law.kind!r} does not read the plan of the grasps: {consequence}; 'payload-space' reads"
+            " it"
         )
     lays = any(isinstance(event, PutDown) for event in scenario.events)
     if lays and not (law.user_code or law.puts_down):
