@@ -77,6 +77,9 @@ def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str
 def large_record(scenario: Scenario) -> str:
     """Return what memory the record of a long run takes; "" below 1 GB.
 
+    Args:
+        scenario: Scenario of the run.
+
     Raises:
         NotEnoughMemoryError: it does not fit.
         CoopPinError: the run cannot start.
