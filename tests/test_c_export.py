@@ -103,6 +103,20 @@ def test_laws_that_hear_others_are_exported_with_what_they_say_and_hear(cell, la
     assert self_test(exported, tmp_path).returncode == 1
 
 
+@pytest.mark.parametrize(("name", "arm"), [("adept-compliant", "left"), ("three-ur5-handover", "third")])
+def test_laws_on_grasps_that_give_and_let_go_are_exported(name, arm, tmp_path):
+    """With matrices that turn, through a release; a law that needs the plan for its share is refused."""
+    scenario = cp.Scenario.load(name)
+    events = (cp.Release(time=0.004, arm=arm),) if len(scenario.cell.arms) > 2 else ()
+    scenario = scenario.replace(events=events, duration=1.0)
+    done = self_test(cp.export_c(scenario, arm, tmp_path, ticks=12), tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    own = {"controller.payload_mass": 5.0, "controller.force_path.kind": "none", "sensors.wrist": {}}
+    if events:
+        with pytest.raises(ArgumentError, match="plan of the grasps"):
+            cp.export_c(scenario.override(own), arm, tmp_path)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RIGID)
 def test_every_scenario_of_the_catalogue_is_exported(name, tmp_path):

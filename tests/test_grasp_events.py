@@ -242,6 +242,16 @@ def test_the_scenario_hands_over():
     assert_allclose(data["load_share"].values[-1], (0.5, 0.5, 0.0), atol=1e-12)
 
 
+def test_a_sudden_release_of_one_of_three_moves_the_payload_by_less_than_half_a_millimetre():
+    scenario = cp.Scenario.load("three-ur5-handover", {"clock.steps_per_tick": 2})  # 1.5e-7 J with one
+    release = cp.Release(time=0.1, arm="third")
+    data = cp.run(scenario.replace(events=(release,), duration=0.3), warn=False).data
+    error, residual = cell_and_residual(data)
+    print(f"\nsudden release: payload {1e3 * error:.3f} mm, {residual:.2g} J")
+    assert 0.05e-3 < error < 0.5e-3
+    assert residual < 1e-7
+
+
 @pytest.mark.slow
 def test_the_scenario_hands_over_twice():
     result = cp.run("three-ur5-handover", warn=False)
@@ -250,7 +260,7 @@ def test_the_scenario_hands_over_twice():
     print(f"\n{1e3 * error:.3f} mm, first {1e3 * cell_and_residual(early)[0]:.3f} mm, {residual:.2g} J")
     assert "did not" not in result.summary()
     assert result.verdict() == "trustworthy"
-    assert error < 0.7e-3
+    assert error < 0.5e-3
     assert cell_and_residual(early)[0] < 0.25e-3
     assert residual < 1e-7
     assert_allclose(result.data["load_share"].values[-1], 1.0 / 3.0)
@@ -436,7 +446,8 @@ def test_a_law_that_does_not_read_the_plan_is_told(kind):
     other = scenario.override(
         {"controller": {"kind": kind, "gains": law.get(kind, {})}, "beyond_bound": True}
     )
-    assert any(f"{kind!r} does not read the plan" in text for text in implausible_numbers(other))
+    (told,) = [text for text in implausible_numbers(other) if f"{kind!r} does not read the plan" in text]
+    assert ("diverges" in told) == (kind == "mean-pose")
     assert not any("plan" in text for text in implausible_numbers(other.replace(events=())))
 
 

@@ -78,8 +78,8 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
 
     Raises:
         NameNotFoundError: There is no such arm.
-        ArgumentError: The controller is one of the whole cell, there is a feed-forward, or ticks is no number
-            from 1 on.
+        ArgumentError: The controller is one of the whole cell or needs the plan of the grasps, there is a
+            feed-forward, or ticks is no number from 1 on.
         TracingError: The law branches on values, computes with what cannot be traced, or has hidden state.
         CoopPinError: The scenario cannot be simulated for these ticks.
     """
@@ -89,6 +89,11 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     if scenario.feed_forward is not None:
         detail = "the scenario has feed-forward torques, which belong to no law: export without them"
         raise ArgumentError(f"{detail}, and add them to what the law returns")
+    if scenario.has_grasp_plan and (scenario.network or "own wrench" in scenario.controller.needs):
+        raise ArgumentError(
+            f"the law {scenario.controller.kind!r} takes its load share from the plan of the grasps, which"
+            " exported laws are not given: export it without events at grasps, or with a force_path"
+        )
     controller = build_controller(scenario)
     if not isinstance(controller, DecentralisedController):
         raise ArgumentError("the scenario's controller sees all arms; only laws of one arm can be exported")
