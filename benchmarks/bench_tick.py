@@ -20,7 +20,7 @@ from coop_pin.chain import CellChain
 from coop_pin.control import ArmMeasurement
 from coop_pin.control.terms import jacobian_inverse
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.sensors import measurement
+from coop_pin.simulation.sensors import measured_motion
 
 UNIT = "constraintDynamics"
 STEP, BOTH, RECORD = "RK4 step of the plant", "both arms' sensing and law", "Recorder.record"
@@ -53,7 +53,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
     measured = run.sensing.start(plant.q, plant.v, references)
     law, state = controller.controllers["left"], run.controller_state
     command = controller.step(measured, references, state)
-    applied, free = run.actuation.apply(t, command, plant.q), measured[0].saturated
+    applied, free = run.actuation.apply(t, command), measured[0].saturated
     none_saturated = [arm.saturated for arm in measured]
     q, v, tau, h = (
         plant.q,
@@ -66,7 +66,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
 
     def measured_by_one_arm() -> ArmMeasurement:
         view, T = sensing._view(q, 0, None), place.drive
-        return measurement(view, T.dot(angles), T.dot(rates), time=t, internal_wrench=None, saturated=free)
+        return ArmMeasurement(t, *measured_motion(view, T.dot(angles), T.dot(rates)), None, free)
 
     seen = [np.tile(part, (100, 1)) for part in (q, v, plant.force)]
     shares = run.sensing.sensors.shares
@@ -84,7 +84,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         BOTH: lambda: controller.step(
             run.sensing.measure(t, plant, none_saturated, command.torques), references, state
         ),
-        "Actuation.apply": lambda: run.actuation.apply(t, command, plant.q),
+        "Actuation.apply": lambda: run.actuation.apply(t, command),
         "references": lambda: run.references(t),
         STEP: lambda: plant._integrator.step(plant._rate, t, q, v, h),
         "  rate (one of its four)": lambda: plant._rate(t, q, v),

@@ -130,7 +130,7 @@ class MujocoRun:
             self._happen(t)
             state = self.controller.init(measurements, references) if state is None else state
             command = self.controller.step(measurements, references, state)
-            applied, state = loop.actuation.apply(t, command, loop.plant.q), command.state
+            applied, state = loop.actuation.apply(t, command), command.state
             data.ctrl[:] = np.concatenate(applied.torques)
             samples.append(self._sample(measurements[1].payload_jacobian))
             mujoco.mj_step(model, data, self.steps)

@@ -249,7 +249,7 @@ def beyond_allowed(data, expected):
 def beyond_allowed_by_plant(name, duration, plants):
     """Differences beyond the allowed, with the scenario's own law; events after the end are left out."""
     scenario = cp.Scenario.load(name)
-    events = tuple(event for event in scenario.events if event.time < duration)
+    events = tuple(event for event in scenario.events if event.end < duration)
     scenario = scenario.replace(duration=duration, events=events)
     expected = cp.run(scenario).data
     return {plant: beyond_allowed(cp.run(scenario, PLANTS[plant]).data, expected) for plant in plants}

@@ -304,7 +304,7 @@ def test_fields_tells_the_kinds_there_are_and_what_a_pose_is_the_pose_of(capsys)
     )
     assert said["--events.1.kind"].endswith(
         "one of payload-change, wrench-pulse, gravity-turn, partner, lose-arm, release, hand-over, grasp,"
-        " user."
+        " put-down, user."
     )
     assert "root link in the world: x, y, z, m." in said["--cell.arms.left.base.xyz"]
 

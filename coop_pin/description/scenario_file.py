@@ -65,7 +65,10 @@ def _stated(value: Any, dumped: Any) -> Any:
         return value.by_axis()
     if isinstance(value, BaseModel) and isinstance(dumped, dict):
         left_out = set(_at_defaults(value))
-        kept = {name: entry for name, entry in dumped.items() if name not in left_out}
+        stated = {
+            name: getattr(value, name) for name in type(value).model_fields
+        } | dumped  # not all are dumped
+        kept = {name: entry for name, entry in stated.items() if name not in left_out}
         return {name: _stated(getattr(value, name, None), entry) for name, entry in kept.items()}
     if isinstance(value, dict):
         return {name: _stated(value[name], entry) for name, entry in dumped.items()}
