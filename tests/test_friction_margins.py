@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.analysis import least_squeeze
+from coop_pin.analysis.plausibility import implausible_numbers
 from coop_pin.batch import support
 from coop_pin.errors import CoopPinError, FieldError
 
@@ -95,6 +96,14 @@ def test_least_squeeze_of_a_crate_that_is_lifted():
     force = np.hypot(A[:, 1], 9.81 + A[:, 2]) * 3.0 / (2.0 * 0.6)
     found = least_squeeze(scenario)
     assert_allclose(found.force, force.max(), rtol=2e-2)  # its turn asks for the rest
+
+
+@pytest.mark.parametrize("name", ["adept-anchored", "adept-compliant", "two-pandas-box"])
+def test_pads_whose_friction_rigid_bodies_leave_open_are_named(name):
+    scenario = cp.Scenario.load(name)
+    pads = {arm: {"mu": 0.5, "radius": 0.01} for arm in scenario.cell.arms}
+    found = implausible_numbers(scenario.replace(cell=scenario.cell.replace(pads=pads)))
+    assert any("across the plane" in text for text in found) == (name == "adept-anchored")
 
 
 def test_pads_that_cannot_be_are_refused():

@@ -17,6 +17,7 @@ from coop_pin.analysis.sampled_stability import start_stability, step_stability
 from coop_pin.analysis.statics import start_torques
 from coop_pin.arrays import Array, require_type
 from coop_pin.control import CellController
+from coop_pin.description.cell import Cell
 from coop_pin.description.grasp_events import PutDown
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError
@@ -76,6 +77,9 @@ def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str
 def large_record(scenario: Scenario) -> str:
     """Return what memory the record of a long run takes; "" below 1 GB.
 
+    Args:
+        scenario: Scenario of the run.
+
     Raises:
         NotEnoughMemoryError: it does not fit.
         CoopPinError: the run cannot start.
@@ -112,6 +116,7 @@ def implausible_numbers(scenario: Scenario) -> tuple[str, ...]:
             *_grasps(scenario),
             *_squeeze(scenario),
             *_plan(scenario),
+            *_pads(scenario.cell),
         )
 
 
@@ -134,6 +139,16 @@ def _plan(scenario: Scenario) -> Iterator[str]:
         yield (
             f"the law {law.kind!r} does not let go of the load at a put-down, so that its integral presses on"
             " the table: 'payload-space' does with a force_path, gains.anchor_gain and anchor_bias = 'none'"
+        )
+
+
+def _pads(cell: Cell) -> Iterator[str]:
+    """Yield pads of which a run can tell nothing."""
+    rigid = [name for name in cell.arms if name not in cell.unclosed]
+    if cell.rows == "planar" and len(rigid) > 1 and (untold := [name for name in cell.pads if name in rigid]):
+        yield (
+            f"the pads of {untold}: rigid bodies leave the force across the plane open, and with it the"
+            " friction that a run uses (NaN); make their grasps compliant"
         )
 
 

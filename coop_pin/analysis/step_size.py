@@ -58,6 +58,7 @@ def with_changes(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
         ScenarioError: a path does not exist, or the result has mistakes.
         OutOfRangeError: no number of steps keeps the error; others as of fewest_steps.
     """
+    require_type("changes", changes, Mapping)
     if changes.get(STEPS_FIELD) != AUTO:
         return scenario.override(changes)
     others = {field: value for field, value in changes.items() if field != STEPS_FIELD}
