@@ -241,9 +241,26 @@ def test_the_rate_of_a_servo_fits_the_clock():
 
 def test_analyses_of_torques_say_that_they_do_not_know_servos():
     scenario = servo_cell("spatial", "velocity")
-    for analysis in (cp.eigenvalues, cp.sampled_stability, cp.analysis.steady_errors):
+    for analysis in (cp.sampled_stability, cp.analysis.steady_errors):
         with pytest.raises(ArgumentError, match=r"servo|take"):
             analysis(scenario)
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_a_push_dies_away_with_the_slow_eigenvalues_of_the_loop_with_servos(cell):
+    """What the law keeps without a wrench, the offset of each drive's motion, is at 1."""
+    scenario = servo_cell(cell, "velocity", duration=1.0)
+    scenario = scenario.replace(motion=cp.HoldMotion(pose=scenario.start))
+    loop = cp.eigenvalues(scenario, time=0.1)
+    assert loop.ok
+    assert len(loop.structural) == sum(map(len, inertias(scenario)))
+    push = cp.WrenchPulse(time=0.2, duration=0.005, wrench=(0.05, 0.025, 0.0, 0.0, 0.0, 0.005))
+    runs = [cp.run(scenario.replace(events=events), warn=False).data for events in ((push,), ())]
+    apart = np.linalg.norm((runs[0].velocity - runs[1].velocity).values, axis=1)
+    decay = (apart[190] / apart[140]) ** (1.0 / 50.0)
+    slow = np.abs(loop.z)[np.abs(loop.z) > 0.9]
+    assert slow.min() - 2e-5 < decay < slow.max() + 2e-5
+    assert slow.max() - slow.min() < 2e-3
 
 
 def test_commands_unpack_as_before():

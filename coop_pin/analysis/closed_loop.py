@@ -50,8 +50,8 @@ class ClosedLoop(NamedTuple):
     """Sampled closed loop, linear about a state: ``x[k + N] = A x[k]``.
 
     x holds the n motions that the closures leave, their speeds, the forces of the drives, and the memories of
-    drives, sensors, force path and law. Closure errors are not in it, and so no modes of Baumgarte's. What no
-    tick changes (starting values that a law keeps) is left out and counted.
+    drives, servos, sensors, force path and law. Closure errors are not in it, and so no modes of Baumgarte's.
+    What no tick changes (starting values that a law keeps) is left out and counted.
 
     Attributes:
         matrix: A, shape (x, x).
@@ -162,8 +162,6 @@ def eigenvalues(scenario: Scenario, *, time: float = 0.0) -> ClosedLoop:
 
 def _require_smooth(scenario: Scenario) -> None:
     """Raise ArgumentError if the law has no linear model near rest."""
-    if scenario.has_servos:
-        raise ArgumentError("the memory of servos is not in the map of a tick; choose arms that take torques")
     if scenario.network is not None:
         raise ArgumentError("messages on their way are not in the map of a tick; leave the network out")
     law: Any = scenario.controller

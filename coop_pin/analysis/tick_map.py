@@ -36,7 +36,8 @@ class TickMap:
     """Map x -> x' of the state of a run over N ticks about its present state.
 
     x holds the motions y that the closures leave, their speeds w, and memories: forces of the drives just
-    before the tick, torques in lag, torques that drives have reported, sensors and force path, the law.
+    before the tick, torques in lag, torques that drives have reported, sensors and force path, the law,
+    servos.
     """
 
     def __init__(self, simulation: Simulation, ticks: int) -> None:
@@ -140,14 +141,15 @@ class TickMap:
         return [*_numbers(self._memories(state))]
 
     def _memories(self, state: RunState) -> tuple[Any, ...]:
-        """Return the memories of a state: of drives, sensors and law."""
+        """Return the memories of a state: of drives, sensors, law and servos."""
         assert state.applied is not None
         assert state.sensing is not None
         torque, response = None, self._simulation.actuation.drives.response
         if response is not None and state.actuation.drives.response is not None:
             torque = response.at(state.actuation.drives.response, self._simulation.scenario.clock.period)
-        force = state.plant.force[self._driven]
-        return force, torque, state.applied.reported, state.sensing.sensors, state.controller_state
+        force, drives = state.plant.force[self._driven], state.actuation.drives
+        inner = drives.servos, drives.held
+        return force, torque, state.applied.reported, state.sensing.sensors, state.controller_state, inner
 
     def _moved(self, deviation: Array) -> RunState:
         """Return the origin with a deviation, on the closures."""
@@ -157,10 +159,10 @@ class TickMap:
         q = pin.integrate(self._chain.model, state.plant.q, self._basis @ deviation[:n])
         q = self._chain.project_configuration(q)
         v = self._chain.project_velocity(q, state.plant.v + self._basis @ deviation[n : 2 * n])
-        driven, torque, reported, sensors, law = _moved(
+        driven, torque, reported, sensors, law, (servos, held) = _moved(
             self._memories(state), iter(deviation[2 * n :].tolist())
         )
-        force, drives = state.plant.force.copy(), state.actuation.drives
+        force, drives = state.plant.force.copy(), state.actuation.drives._replace(servos=servos, held=held)
         force[self._driven] = driven
         if torque is not None:
             drives = drives._replace(response=ResponseState(torque, *np.zeros((3, len(torque)))))
