@@ -61,7 +61,7 @@ def save_loop(name: str, *runs: RunResult, names: tuple[str, ...] = (), width: i
     file, pause = LOOPS / f"{name}.webp", round(1e3 / FRAMES_PER_SECOND)
     durations = [*[pause] * (count - 1), 8 * pause]  # the end is held
     images[0].save(
-        file, save_all=True, append_images=images[1:], duration=durations, loop=0, quality=42, method=6
+        file, save_all=True, append_images=images[1:], duration=durations, loop=0, quality=36, method=6
     )
     return file
 
