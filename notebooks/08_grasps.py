@@ -19,7 +19,8 @@
 # 1. puts soft grasps into a cell whose gains were made for rigid ones, and reads what the check says,
 # 2. lets one of three arms hand a plate over, retreat, come back and take hold,
 # 3. opens a rigid grasp and closes it with an impulse,
-# 4. lets a person hold the box at a handle.
+# 4. lets a person hold the box at a handle,
+# 5. takes the grasps away: two palms press a crate, and friction alone holds it. Why squeeze at all.
 #
 # The notebook runs in about half a minute.
 
@@ -124,6 +125,34 @@ pulls.set(xlabel="time, s", ylabel="vertical force of the person, N")
 errors.plot(held.data.time, 1e3 * held.data.pose_error[:, 2])
 errors.set(xlabel="time, s", ylabel="height of the box off its path, mm")
 plt.show()
+
+# %% [markdown]
+# ## Why squeeze at all
+# Every grasp so far holds the payload whatever the internal force is. Between palms it does not: of two palms
+# with the friction $\mu$ each bears at most $\mu N$, and $N \ge m g / (2 \mu)$ is the least squeeze of a crate
+# at rest. With seven tenths of it the crate slides; at 10 mm the arms give up, stay where they are,
+# and it falls.
+
+# %%
+hold = {"motion": {"kind": "hold", "pose": {"xyz": (0.0, 0.0, 0.5)}}, "duration": 0.3}
+crate = cp.Scenario.load("two-pandas-palms", hold)
+least = crate.cell.payload.mass * 9.81 / (2.0 * crate.cell.grasps["left"].mu)
+figure, (heights, uses) = plt.subplots(1, 2, figsize=(9, 3), layout="constrained")
+for part in (0.7, 1.5):
+    force = part * least
+    squeeze = {"left": (-force, 0, 0, 0, 0, 0), "right": (force, 0, 0, 0, 0, 0)}
+    pressed = cp.run(crate.override({"squeeze": squeeze}), warn=False)
+    print(f"{force:.1f} N, {part} of the least: {pressed.verdict()}")
+    heights.plot(pressed.data.time, pressed.data.payload_position[:, 2], label=f"{part} of the least squeeze")
+    uses.plot(pressed.data.time, pressed.friction_use().used[:, 0])
+heights.set(xlabel="time, s", ylabel="height of the crate, m")
+heights.legend()
+uses.set(xlabel="time, s", ylabel="part of the friction in use", ylim=(0.0, 1.2))
+plt.show()
+
+# %% [markdown]
+# `pick-carry-place` is the whole task by friction alone: three UR5 lift a crate from a table, hand it over on
+# the way, and put it down on a table that is 2 mm higher than planned. It takes half a minute.
 
 # %% [markdown]
 # ## Try

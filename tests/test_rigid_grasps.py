@@ -193,7 +193,7 @@ def test_a_braked_arm_goes_on_from_a_state_and_is_refused_by_batches():
         while not each.is_finished:
             each.tick()
     assert_array_equal(sim.plant.q, other.plant.q)
-    assert "brakes" in support(scenario)
+    assert "lose-arm" in support(scenario)
 
 
 def let_go(plant, arms, *, arm):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -257,7 +258,9 @@ class RunResult:
             window = "" if "window" in name else f"  {self.window_of(name)}"
             lines.append(f"  {name:<42} {metric_text(value):<14}{window}".rstrip())
         if absent:
-            lines.append(f"  does not apply: {', '.join(absent)}")
+            lines.append(
+                textwrap.fill(f"  does not apply: {', '.join(absent)}", 99, subsequent_indent="    ")
+            )
         if self.windows.steady.is_empty:
             lines.append(f"  no steady metrics: {NO_STEADY_METRICS}")
         elif math.isinf(self.settling_time()):
