@@ -129,7 +129,7 @@ plt.show()
 # %% [markdown]
 # ## Why squeeze at all
 # Every grasp so far holds the payload whatever the internal force is. Between palms it does not: of two palms
-# with the friction $\mu$ each bears at most $\mu N$, and $N \ge m g / (2 \mu)$ is the least squeeze of one
+# with the friction $\mu$ each bears at most $\mu N$, and $N \ge m g / (2 \mu)$ is the least for a crate
 # at rest. With seven tenths of it the crate slides; at 10 mm the arms give up, stay where they are,
 # and it falls.
 
