@@ -556,6 +556,19 @@ def test_what_all_captions_say_stands_over_the_panes_once() -> None:
     assert shared_caption([*captions, "A bar"]) == ""
 
 
+def test_a_force_across_that_is_wanted_is_no_error(spatial: Replay) -> None:
+    data = spatial.result.data.copy(deep=True)
+    for name, value in (("internal_axial_error", 0.0), ("internal_shear_error", 0.25)):
+        data[name][:] = value
+    for name in ("internal_shear", "desired_internal_shear"):
+        data[name][:] = 20.0
+    assert "within 0.25 N" in telling_instant(RunResult(spatial.result.scenario, data)).text
+    data["internal_shear_error"][:] = 7.0
+    result = RunResult(spatial.result.scenario, data)
+    assert "off by 7 N" in telling_instant(result).text
+    assert "largest error 7 N" in ", ".join(instant.text for instant in instants(result))
+
+
 def test_a_run_without_a_push_has_no_line_for_it_in_the_legend(planar: Replay, spatial: Replay) -> None:
     assert planar.data["pushes"]
     assert not spatial.data["pushes"]

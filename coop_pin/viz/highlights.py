@@ -54,16 +54,22 @@ def telling_instant(result: RunResult) -> Instant:
         said = result.friction_text
         return Instant(f"{said[0].upper()}{said[1:]}.", result.dropped_at)
     data = result.data
-    errors = (data[f"internal_{part}_error"].values for part in ("axial", "shear"))
-    error = np.nan_to_num(np.hypot(*errors)).max(axis=1)
+    errors = [np.nan_to_num(data[f"internal_{part}_error"].values) for part in ("axial", "shear")]
+    error = np.hypot(*errors).max(axis=1)
     time, is_late = data["time"].values, _is_late(result)
     worst = int(np.argmax(np.where(is_late, error, -1.0)))
     moment, _, moment_text = _moment(result)
-    axial, shear, desired = (
-        np.nan_to_num(data[name].values[worst])
-        for name in ("internal_axial", "internal_shear", "desired_internal_axial")
+    arm, t = int(np.argmax(np.hypot(*errors)[worst])), float(time[worst])
+    off_along, off_across = (abs(float(part[worst, arm])) for part in errors)
+    axial, shear, desired, desired_shear = (
+        float(np.nan_to_num(data[name].values[worst, arm]))
+        for name in (
+            "internal_axial",
+            "internal_shear",
+            "desired_internal_axial",
+            "desired_internal_shear",
+        )
     )
-    arm, t = int(np.argmax(np.hypot(axial - desired, shear))), float(time[worst])
     when, arms = _when(result.scenario, t), list(result.scenario.cell.arms)
     most = f", most at {arms[arm]}" if len(arms) > 2 else ""
     if error[worst] < _SMALL_N:
@@ -71,13 +77,15 @@ def telling_instant(result: RunResult) -> Instant:
         start = SETTLING_S if time[is_late.argmax()] else 0.0
         t = float(time[moment]) if moment_text else t
         return Instant(f"From {start:g} s on, {text}{moment_text}.", t)
-    if abs(axial[arm] - desired[arm]) >= shear[arm]:
-        verb = "pull the payload apart" if axial[arm] > 0.0 else "squeeze the payload"
-        force = f"{verb} with {read_number(abs(axial[arm]))} N{most}"
-        does = force if abs(axial[arm]) > _ROUNDING_N else "do not squeeze the payload"
-        said = f"the arms {does}, where {_wanted(desired[arm])} is wanted"
+    if off_along >= off_across:
+        verb = "pull the payload apart" if axial > 0.0 else "squeeze the payload"
+        force = f"{verb} with {read_number(abs(axial))} N{most}"
+        does = force if abs(axial) > _ROUNDING_N else "do not squeeze the payload"
+        said = f"the arms {does}, where {_wanted(desired)} is wanted"
+    elif desired_shear < _SMALL_N:
+        said = f"the arms load the payload across with {read_number(shear)} N{most}"
     else:
-        said = f"the arms load the payload across with {read_number(shear[arm])} N{most}"
+        said = f"the force of the arms across is off by {read_number(off_across)} N{most}"
     return Instant(f"{when} {said}; {_motion(result, worst)}{moment_text}.", t)
 
 
@@ -137,9 +145,9 @@ def instants(result: RunResult) -> list[Instant]:
     Parts count where they are not wanted. Instants at the same time are one.
     """
     data, time = result.data, result.data["time"].values
-    names = ("internal_axial", "internal_shear", "desired_internal_axial")
-    axial, shear, desired = (np.nan_to_num(data[name].values) for name in names)
-    off, told = np.hypot(axial - desired, shear).max(axis=1), telling_instant(result).time
+    names = ("internal_axial", "internal_shear", "internal_axial_error", "internal_shear_error")
+    axial, shear, off_along, off_across = (np.nan_to_num(data[name].values) for name in names)
+    off, told = np.hypot(off_along, off_across).max(axis=1), telling_instant(result).time
     events = [(event.heading, event.time) for event in result.scenario.events if event.time <= result.end]
     instants = [("start", 0.0), *sorted(events, key=lambda event: event[1])]
     error = off[int(np.abs(time - told).argmin())]
@@ -149,9 +157,9 @@ def instants(result: RunResult) -> list[Instant]:
         size > _SMALL_NM
     )
     for text, values, error in (
-        ("worst squeeze", -axial, desired - axial),
-        ("worst pull", axial, axial - desired),
-        ("worst shear", shear, shear),
+        ("worst squeeze", -axial, -off_along),
+        ("worst pull", axial, off_along),
+        ("worst shear", shear, off_across),
     ):
         worst = np.where(error > _SMALL_N, values, 0.0).max(axis=1)
         if worst.max() > _SMALL_N:
