@@ -677,6 +677,22 @@ def test_the_pieces_of_a_link_have_its_bounds_and_the_colours_of_its_file() -> N
     assert len({colour for _, colour in pieces}) == len(pieces) >= 3
 
 
+@pytest.mark.parametrize(
+    "file",
+    [
+        "tiago_description/meshes/sensors/xtion_pro_live/xtion_pro_live.dae",
+        "kinova_description/meshes/jaco_mounting_block.dae",
+    ],
+    ids=["textured", "no material"],
+)
+def test_a_mesh_without_a_plain_colour_is_drawn_whole(file) -> None:
+    folders = Arm(urdf="panda", tip="panda_hand_tcp").file.package_dirs
+    (path,) = {one for folder in folders for one in folder.glob(f"**/{file}")}
+    vertices = np.concatenate([mesh.vertices for mesh, _ in visuals.coloured_meshes(path, (1.0, 1.0, 1.0))])
+    known = trimesh.load_scene(path, process=False).bounds
+    assert_allclose((vertices.min(axis=0), vertices.max(axis=0)), known, atol=1e-6)
+
+
 # ---------------------------------------------------------------- locked joints
 
 

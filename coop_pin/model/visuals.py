@@ -30,6 +30,8 @@ from coop_pin.model.pinocchio_model import UnreducedArm, joint_id, load_unreduce
 from coop_pin.model.shapes import Mesh, Shape, half_extents, joined, shape_of
 
 Colour: TypeAlias = tuple[float, float, float, float]
+_GREY = (0.9, 0.9, 0.9, 1.0)
+"""Colour of meshes that have none, which is Pinocchio's, too."""
 
 
 class Visual(NamedTuple):
@@ -146,7 +148,10 @@ def _visuals_by_joint(arm: Arm, without: Collection[str]) -> dict[str, tuple[Vis
 def _pieces(part: Any, arm: Arm, coloured: Mapping[str, ColouredMesh]) -> Sequence[tuple[Shape, Colour]]:
     """Return the shapes of a geometry object with their colours; none, with a warning, if it is not drawn."""
     if part.name in coloured:
-        return coloured_meshes(*coloured[part.name])
+        pieces = coloured_meshes(*coloured[part.name])
+        if not pieces:
+            _warn(arm.urdf, part.name, "the materials of its mesh cannot be read")
+        return pieces
     shape = shape_of(part.geometry)
     if shape is None:
         _warn(arm.urdf, part.name, f"shapes of kind {type(part.geometry).__name__} are not drawn")
@@ -167,13 +172,15 @@ def coloured_meshes(path: Path, scale: tuple[float, ...]) -> Sequence[tuple[Mesh
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PendingDeprecationWarning)  # pycollada uses numpy's matrices
-        geometries = collada.Collada(str(path)).scene.objects("geometry")
-        primitives = [primitive for part in geometries for primitive in part.primitives()]
+        scene = collada.Collada(str(path), ignore=[collada.common.DaeError]).scene
+        primitives = [primitive for part in scene.objects("geometry") for primitive in part.primitives()]
         parts = [part.triangleset() if hasattr(part, "triangleset") else part for part in primitives]
     pieces: dict[Colour, list[Mesh]] = {}
     for triangles in parts:
         if isinstance(triangles, collada.triangleset.BoundTriangleSet):
-            colour = _colour(np.rint(np.multiply(triangles.material.effect.diffuse, 255)) / 255)
+            diffuse = triangles.material.effect.diffuse if triangles.material else None
+            flat = diffuse if isinstance(diffuse, tuple) else _GREY  # of a texture, or of none
+            colour = _colour(np.rint(np.multiply(flat, 255)) / 255)
             used, faces = np.unique(triangles.vertex_index, return_inverse=True)
             piece = Mesh(triangles.vertex[used] * np.array(scale), faces.reshape(-1, 3))
             pieces.setdefault(colour, []).append(piece)
