@@ -142,6 +142,7 @@ class ArmDrives(NamedTuple):
 
     Attributes:
         limit: torque limits, N m, shape (k,).
+        lowest: their negatives.
         carried: 1 + mass_error of the robot's gravity compensation; None without.
         misses: whether ticks may be missed.
         keeps_weight: whether a loss takes the commands alone, not what the robot adds to them.
@@ -150,6 +151,7 @@ class ArmDrives(NamedTuple):
     """
 
     limit: Array
+    lowest: Array
     carried: float | None
     misses: bool
     keeps_weight: bool
@@ -174,7 +176,7 @@ class ArmDrives(NamedTuple):
         """
         arrived = np.where(missed, last, command) if self.misses else command
         requested = arrived if weight is None else arrived + weight
-        torque = np.minimum(np.maximum(requested, -self.limit), self.limit)
+        torque = np.minimum(np.maximum(requested, self.lowest), self.limit)
         is_cut, reported = np.not_equal(torque, requested), command + (torque - requested)
         return requested, torque, frozen(is_cut), frozen(reported), arrived if self.misses else last
 
@@ -371,7 +373,8 @@ def _arm_drives(
         path = f"{scenario.actuators_path(slot.name)}.servo"
         servo = JointServo.of(options.servo, scenario.clock.period, inertia(), path)
     misses = options.missed_ticks > 0.0
-    return ArmDrives(limits.torque, carried or None, misses, keeps_weight, slot.v_slice, servo)
+    limit = limits.torque
+    return ArmDrives(limit, -limit, carried or None, misses, keeps_weight, slot.v_slice, servo)
 
 
 def _response(scenario: Scenario, names: Sequence[str], arms: Sequence[ArmDrives]) -> TorqueResponse | None:

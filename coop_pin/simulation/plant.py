@@ -114,6 +114,7 @@ class Plant:
         self._forces = np.zeros((len(_ALL), model.nv))
         self._integrator = INTEGRATORS[options.integrator](configuration_space(model))
         self._project = options.project == "step"
+        self._rate = self._elastic_rate if self._is_elastic else self._rigid_rate
         self._errors: tuple[Array | None, list[ClosureError]] = None, []
         self.surround(chain.cell.surroundings)
 
@@ -231,9 +232,10 @@ class Plant:
             OutOfRangeError: a wrench is not finite.
         """
         tau = force + np.array([self.transmission.friction(rates) for rates in v])
-        states = [*zip(q, v, time.tolist(), strict=True)]
-        wrenches = np.array([self.payload_wrench(*state) for state in states])
+        wrenches = np.zeros((len(q), 6))
         if self._pushed:
+            states = zip(q, v, time.tolist(), strict=True)
+            wrenches = np.array([self.payload_wrench(*state) for state in states])
             jacobians = map(self.chain.payload_jacobian, q)
             tau += np.array([J.T.dot(F) for J, F in zip(jacobians, wrenches, strict=True)])
         return self.chain.observe(q, v, tau, wrenches)
@@ -266,11 +268,14 @@ class Plant:
         if self._is_elastic and len(self.chain.patches):
             self.work[-1] -= self.chain.patches.settle(self.q)
 
-    def _rate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+    def _rigid_rate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the acceleration, shape (nv,), and powers in the order of ``work``, the first of them."""
         forces = self._apply(q, v, t)
-        if not self._is_elastic:
-            return self.chain.mechanism.solver.acceleration(q, v, _ALL.dot(forces)), forces.dot(v)
+        return self.chain.mechanism.solver.acceleration(q, v, _ALL.dot(forces)), forces.dot(v)
+
+    def _elastic_rate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return the same of a cell with force elements."""
+        forces = self._apply(q, v, t)
         a, power = self.chain.acceleration(q, v, _ALL.dot(forces))
         return a, np.array([*forces.dot(v), 0.0, power])
 
