@@ -6,11 +6,13 @@ import contextlib
 import dataclasses
 import functools
 import logging
+import operator
 import sys
 from collections.abc import Hashable, Iterator, Sequence
 
 from coop_pin.arrays import Array
 from coop_pin.batch import BatchSimulator
+from coop_pin.batch.constants import Cover
 from coop_pin.batch.hidden_state import digest
 from coop_pin.batch.preparation import Prepared
 from coop_pin.errors import CoopPinError, TracingError
@@ -40,10 +42,11 @@ def run_batch(jobs: Sequence[Job]) -> list[Outcome | None]:
     """
     start, outcomes = times(), dict[int, Outcome | None]()
     families = list[dict[int, Prepared]]()
+    cover = functools.reduce(operator.or_, (Cover.of(job.scenario) for job in jobs))
     for index, job in enumerate(jobs):
         require_unchanged(job.code)
         with _left_to_single_runs(job):
-            run = _simulator.prepare(separate(job.scenario))
+            run = _simulator.prepare(separate(job.scenario), cover)
             if run.kind in _untraceable:
                 continue
             same = (each for each in families if next(iter(each.values())).kind == run.kind)
@@ -52,10 +55,25 @@ def run_batch(jobs: Sequence[Job]) -> list[Outcome | None]:
             family[index] = run
     preparation = (times() - start) / len(jobs)
     for family in families:
-        members = [jobs[index] for index in family]
-        with _left_to_single_runs(members[0]):
-            outcomes |= zip(family, _together(members, [*family.values()], preparation), strict=True)
+        start, batches = times(), dict[Hashable, dict[int, Prepared]]()
+        for index, run in family.items():
+            batches.setdefault(run.times, {})[index] = run
+        with _left_to_single_runs(jobs[next(iter(family))]):
+            _compile([[*runs.values()] for runs in batches.values()])
+            shared = preparation + (times() - start) / len(family)
+            for runs in batches.values():
+                members = [jobs[index] for index in runs]
+                outcomes |= zip(runs, _together(members, [*runs.values()], shared), strict=True)
     return [outcomes.get(index) for index in range(len(jobs))]
+
+
+def _compile(batches: Sequence[Sequence[Prepared]]) -> None:
+    """Compile the code of a family, whose runs are given by their times; raises as _together."""
+    try:
+        _simulator.family([Prepared.joined(runs) for runs in batches])
+    except TracingError:
+        _untraceable.append(batches[0][0].kind)
+        raise
 
 
 @contextlib.contextmanager
@@ -89,7 +107,7 @@ def _together(jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array)
 
     Args:
         jobs: jobs of the runs.
-        runs: runs, prepared.
+        runs: runs with the same times, prepared, whose code is compiled.
         preparation: wall and processor time that the preparation of one run took, s, shape (2,).
 
     Raises:
@@ -100,7 +118,6 @@ def _together(jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array)
         batch = _simulator.run_prepared(runs)
         metrics = batch.metrics()
     except TracingError:
-        _untraceable.append(runs[0].kind)
         raise
     except Exception as error:
         half = len(jobs) // 2
