@@ -372,7 +372,7 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
     def _unequal(self, arms: Sequence[str]) -> list[FieldError]:
         """Return the gains that differ between arms although the theory needs one value for all."""
         problems: list[FieldError] = []
-        for field, reason in self.equal_gains.items():
+        for field, reason in self.equal_gains.items() if self.arm_gains else ():
             values = {name: getattr(self.gains_of(name), field) for name in arms}
             if len(set(values.values())) > 1:
                 detail = f"differs between arms: {values}; {reason} for all arms"
