@@ -169,7 +169,7 @@ class RunSamples(Mapping[str, Any]):
         return out
 
     def _numbers(self, name: str, entry: Any = ...) -> Array:
-        """Return a field of one number, (runs, samples): of a part a view, of which nothing is summed pairwise."""
+        """Return a number, (runs, samples); of a part a view, whose sums would have another order."""
         (block, *others), _ = self._recorded_of(name, entry)
         return self._field(name, entry) if others or not self._is_part else block[:, 0].T
 

@@ -404,7 +404,7 @@ class Scenario(WithLaterFields):
 _OF_THE_RUN = ("duration", "cell", "clock")
 """Fields against which others are checked."""
 _fitted: dict[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {}
-"""Last parts of a field that fitted their run, with what they were checked against: a sweep has them again."""
+"""Last parts of a field that fitted their run, with what they were checked against: a sweep repeats them."""
 
 
 def _are_same(parts: Mapping[str, Any], others: Mapping[str, Any]) -> bool:

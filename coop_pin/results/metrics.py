@@ -111,7 +111,7 @@ def in_band(data: Arrays, *, turns: bool) -> Mask:
 
 
 def _in_band_by_trace(data: Arrays, turns: bool) -> Mask | None:
-    """Return in_band by the trace of R R_d^T, 1 + 2 cos(angle), a tenth of the work; None if rounding decides."""
+    """Return in_band by the trace of R R_d^T, 1 + 2 cos(angle): less work; None if rounding decides."""
     X, X_d = data["pose_entries"], data["desired_pose"]
     x, y, z = (X[i][3] - X_d[..., i, 3] for i in range(3))
     inside = np.asarray(np.sqrt(x * x + y * y + z * z) <= POSITION_BAND_M)

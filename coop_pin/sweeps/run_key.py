@@ -237,9 +237,9 @@ class KeyedPoint(NamedTuple):
 
 
 class _KeyTemplate:
-    """Keys of the runs of a template: of its JSON with their numbers, hashed up to the first of these once."""
+    """Keys of the runs of a template: its JSON is hashed up to their first number once."""
 
-    def __init__(self, template: Template, content: Mapping[str, Any]) -> None:
+    def __init__(self, template: Template, content: dict[str, Any]) -> None:
         """Hash what the runs share; ``content`` is what their keys cover besides the scenario."""
         whole = _json(content | {"scenario": "\0".join(template.texts)})
         before, *self._texts = whole.split(json.dumps("\0")[1:-1])

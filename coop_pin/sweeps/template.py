@@ -1,4 +1,4 @@
-"""Templates of the scenarios of a sweep: validated once, with holes for the plain numbers in which runs differ.
+"""Templates of scenarios of a sweep: validated once, with holes for the plain numbers in which runs differ.
 
 A number is plain if nothing but its own field, or the class that holds it, looks at it while a scenario is
 validated and written. That is tried: something that cannot be read takes its place, and all classes around
@@ -11,11 +11,10 @@ import functools
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, TypeAdapter
-from pydantic_core import to_json
 
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ScenarioError
@@ -53,7 +52,7 @@ class _Hole:
     def _refuse(self, *_: object) -> Any:
         raise TypeError("is read")
 
-    __class__ = property(_refuse)  # type: ignore[assignment]
+    __class__ = property(_refuse)
     __eq__ = __hash__ = __bool__ = __repr__ = __array__ = _refuse  # it has no other operations
 
 
@@ -101,9 +100,8 @@ class Template:
 
     def text(self, numbers: Iterable[Number]) -> str:
         """Return the scenario of a run as JSON."""
-        return "".join(
-            text for pair in zip(self.texts, (*(n.text for n in numbers), "")) for text in pair
-        )
+        pairs = zip(numbers, self.texts[1:], strict=True)
+        return self.texts[0] + "".join(number.text + text for number, text in pairs)
 
     def agrees(self, run: Scenario | ScenarioError, changes: Mapping[str, Any]) -> bool:
         """Return whether a run that was validated as a whole is as the template has it."""
@@ -213,9 +211,7 @@ def _filled(node: Any, tree: Tree, numbers: Sequence[Number]) -> Any:
 
 def _tried(node: Any, tree: Tree) -> Any:
     """Return a copy of an object with holes; classes around those with a hole validate it anew."""
-    inner = {
-        name: _tried(_part(node, name), part) for name, part in tree.items() if type(part) is dict
-    }
+    inner = {name: _tried(_part(node, name), part) for name, part in tree.items() if type(part) is dict}
     if inner and isinstance(node, BaseModel):
         node = type(node)(**{name: getattr(node, name) for name in type(node).model_fields} | inner)
     elif inner:
@@ -261,6 +257,6 @@ def _check(scenario: Scenario, path: str) -> Callable[[Any], Number]:
         number = validated(value)
         if type(number) not in (int, float):
             raise ValueError("is no number")
-        return Number(number, to_json(number).decode())
+        return Number(number, adapter.dump_json(number).decode())
 
     return check
