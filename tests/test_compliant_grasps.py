@@ -15,7 +15,7 @@ from coop_pin.analysis import grasp_stability, loop_stability, step_stability, t
 from coop_pin.batch import simulate_batch, support
 from coop_pin.build_controller import build_controller
 from coop_pin.chain import CellChain
-from coop_pin.chain.grasp_springs import SpringDamper
+from coop_pin.chain.spring_damper import SpringDamper
 from coop_pin.description.plant import PlantOptions
 from coop_pin.errors import ArgumentError, FieldError, OutOfRangeError, TracingError, UnknownFieldError
 from coop_pin.results.metrics import energy_balance

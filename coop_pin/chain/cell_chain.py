@@ -16,12 +16,13 @@ from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.contact_patches import ContactPatches, ContactState
 from coop_pin.chain.force_elements import ForceElements, Joints
 from coop_pin.chain.friction_cones import Squeeze, friction_squeeze
-from coop_pin.chain.grasp_springs import GraspsHeld, GraspSprings, GraspState
+from coop_pin.chain.grasp_springs import GraspsHeld, GraspSprings
 from coop_pin.chain.inverse_dynamics import Count, over_states
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.chain.kkt_solver import constraint_svd
 from coop_pin.chain.linearisation import Linearisation, linearised
 from coop_pin.chain.rigid_grasps import ClosuresHeld, RigidGrasps
+from coop_pin.chain.spring_damper import SpringState
 from coop_pin.chain.trajectory import ChainState
 from coop_pin.description.cell import Cell
 from coop_pin.description.events import Surroundings
@@ -522,7 +523,7 @@ class CellChain:
             *self._of_elements(grasps, contacts),
         )
 
-    def _of_elements(self, grasps: GraspState | None, contacts: ContactState | None) -> tuple[Any, ...]:
+    def _of_elements(self, grasps: SpringState | None, contacts: ContactState | None) -> tuple[Any, ...]:
         """Return the last parts of an Observation."""
         energy, parts = 0.0, list[Any]()
         if grasps is not None:
@@ -548,7 +549,7 @@ class CellChain:
         pin.updateFramePlacements(self.mechanism.model, self._data)
         return self._data.oMf
 
-    def _moving(self, q: Array, v: Array, tau: Array) -> tuple[Any, GraspState | None, ContactState | None]:
+    def _moving(self, q: Array, v: Array, tau: Array) -> tuple[Any, SpringState | None, ContactState | None]:
         """Return the frames under a generalised force, compliant grasps and contacts; None without any."""
         force = tau + self.elements.force(q, v)[0] if self.elements.elements else tau
         grasps = self.springs.seen() if self.springs.arms else None
@@ -572,7 +573,7 @@ class CellChain:
         frames: Any,
         closure_wrenches: Array,
         push: Array,
-        grasps: GraspState | None = None,
+        grasps: SpringState | None = None,
         contacts: ContactState | None = None,
     ) -> Array:
         """Return the interaction wrenches, about P in world axes, of those of closures and elements."""
@@ -582,7 +583,7 @@ class CellChain:
             X_PE = X_WP.actInv(frames[arms[index].tip])
             in_payload[index] = X_PE.act(pin.Force(F_E)).vector
         if grasps is not None:
-            in_payload[self.springs.arms] = [X_WP.actInv(pin.Force(F)).vector for F in grasps.on_arm]
+            in_payload[self.springs.arms] = [X_WP.actInv(pin.Force(F)).vector for F in grasps.on_body]
         by_tables = np.zeros(6)
         if contacts is not None:
             about_P = np.array([X_WP.actInv(pin.Force(F)).vector for F in contacts.on_bodies])
