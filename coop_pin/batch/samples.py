@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from coop_pin.arrays import Array
 from coop_pin.batch.preparation import Prepared
 from coop_pin.errors import InvalidStateError
-from coop_pin.results.quantities import WORK, Samples, condition_numbers, padded
-from coop_pin.spatial import internal_wrenches
+from coop_pin.results.quantities import WORK, WORK_OF_GRASPS, Samples, condition_numbers, padded
+from coop_pin.spatial import internal_wrenches, log3
 from coop_pin.tracing.kernel import CACHE_LINE, Layout
 
 _MARGIN, _LARGEST_BOUND = 1e-6, 1e3
@@ -176,7 +176,7 @@ class RunSamples(Mapping[str, Any]):
 
     def _by_arm(self, values: Array) -> list[Array]:
         """Return the part of each arm of values of all joints or drives."""
-        return np.split(values, np.cumsum([len(arm.drive) for arm in self._arms])[:-1], axis=-1)
+        return np.split(values, np.cumsum([len(arm.drive) for arm in self._arms]), axis=-1)[:-1]
 
     def _jacobians(self) -> list[Array]:
         values, k_0 = self._field("jacobians"), self._rows.size
@@ -185,7 +185,8 @@ class RunSamples(Mapping[str, Any]):
 
     def _configuration(self) -> Array:
         pairs = zip(self["angles"], self._arms, strict=True)
-        return np.concatenate([arm.angles.configuration(q) for q, arm in pairs], axis=2)
+        free = self._field("q")[..., sum(len(arm.drive) for arm in self._arms) :]
+        return np.concatenate([*(arm.angles.configuration(q) for q, arm in pairs), free], axis=2)
 
     def _pose(self) -> Array:
         pose = np.zeros((len(self._prepared.plants), len(self._kept), 4, 4))
@@ -197,6 +198,7 @@ class RunSamples(Mapping[str, Any]):
     def _state(self) -> dict[str, Callable[[], Any]]:
         """Return what gives the quantities that are read neither from measurements nor from others."""
         field, determined = self._field, self._plant.determined
+        of_arms = self._plant.run.plant.chain.springs.of_arms
         shares = [scenario.cell.shares for scenario in self._prepared.scenarios]
         return {
             "time": lambda: self._desired("time"),
@@ -219,5 +221,11 @@ class RunSamples(Mapping[str, Any]):
             "closure_angle": lambda: field("closure_errors")[..., 1],
             "kinetic_energy": lambda: field("kinetic"),
             "potential_energy": lambda: field("potential"),
-            **{name: partial(field, "work", index) for index, name in enumerate(WORK)},
+            **{name: partial(field, "work", index) for index, name in enumerate((*WORK, *WORK_OF_GRASPS))},
+            "grasp_wrench": lambda: of_arms(field("grasp_wrench")),
+            "grasp_deflection": lambda: of_arms(
+                np.concatenate((field("grasp_position"), log3(field("grasp_rotation"))), axis=-1)
+            ),
+            "elastic_energy": lambda: field("elastic"),
+            "load_share": lambda: np.repeat(np.stack(shares)[:, None], len(self._kept), axis=1),
         }

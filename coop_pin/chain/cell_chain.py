@@ -142,6 +142,13 @@ class CellChain:
         require_type("surroundings", surroundings, Surroundings)
         self.model.surround(surroundings)
 
+    def damp(self, q: Array) -> None:
+        """Set the damping of grasps that is stated as a ratio, by the mobility at a configuration."""
+        if self.springs.arms:
+            self.springs.damp(q)
+        if len(self.patches):
+            self.patches.damp(q)
+
     def release(self, arm: int) -> None:
         """Open the grasp of an arm, by its index."""
         grasps, number = self._grasp_of(arm)
@@ -527,10 +534,8 @@ class CellChain:
         """Return the last parts of an Observation."""
         energy, parts = 0.0, list[Any]()
         if grasps is not None:
-            table = np.full((2, len(self.model.arms), 6), np.nan)
-            table[:, self.springs.arms] = grasps.deflection, grasps.wrench
             energy += self.springs.energy(grasps)
-            parts += [*table]
+            parts += map(self.springs.of_arms, (grasps.deflection, grasps.wrench))
         if contacts is not None:
             energy += contacts.energy
             parts += [None, None][len(parts) :]

@@ -175,6 +175,12 @@ class GraspSprings:
         bodies.F_J += self._by_joint.dot(at["on_joints"].reshape(-1, 6))
         return sum(at["power"].tolist())
 
+    def of_arms(self, values: Array) -> Array:
+        """Return values of grasps, shape (..., n, k), as those of all arms, NaN of others, (..., m, k)."""
+        table = np.full((*values.shape[:-2], len(self._tree.arms), values.shape[-1]), np.nan)
+        table[..., self.arms, :] = values
+        return table
+
     def seen(self) -> SpringState:
         """Return the grasps at the state at which they acted last."""
         return SpringState(*(self._at[name].copy() for name in SpringState._fields))
@@ -225,10 +231,17 @@ class GraspSprings:
 
     def _load(self) -> None:
         """Write frames, stiffness and damping to the code's slots."""
-        for number, sides in enumerate(self._sides):
+        for number, (sides, acting) in enumerate(zip(self._sides, self.acting(), strict=True)):
             self._at["frames"][number] = [_as_rows(side.X_JF) for side in sides]
-            self._at["stiffness"][number] = self.holds[number] * self.springs.stiffness[number]
-            self._at["damping"][number] = self.holds[number] * self.springs.damping[number]
+            self._at["stiffness"][number] = acting.stiffness
+            self._at["damping"][number] = acting.damping
+
+    def acting(self) -> list[SpringDamper]:
+        """Return spring and damper of each grasp, n = 1; zero where it is open."""
+        return [
+            SpringDamper(*(holds * part[None, number] for part in self.springs))
+            for number, holds in enumerate(self.holds)
+        ]
 
     def release(self, number: int) -> None:
         """Open a grasp."""

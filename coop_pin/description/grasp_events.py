@@ -47,6 +47,11 @@ class GraspEvent(PayloadEvent):
         unknown = unknown_arms([self.arm], cell.arms)
         return [*problems, *(FieldError(one.detail, "arm") for one in unknown)]
 
+    @property
+    def requires(self) -> str:
+        """A plant whose grasps open and close."""
+        return "grasps that open and close"
+
     def load(self, time: float) -> float:
         """Return the part of its load share that the arm bears at a time after the event began."""
         return float(self.holds)
