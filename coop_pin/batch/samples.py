@@ -198,7 +198,6 @@ class RunSamples(Mapping[str, Any]):
     def _state(self) -> dict[str, Callable[[], Any]]:
         """Return what gives the quantities that are read neither from measurements nor from others."""
         field, determined = self._field, self._plant.determined
-        of_arms = self._plant.run.plant.chain.springs.of_arms
         shares = [scenario.cell.shares for scenario in self._prepared.scenarios]
         return {
             "time": lambda: self._desired("time"),
@@ -221,11 +220,20 @@ class RunSamples(Mapping[str, Any]):
             "closure_angle": lambda: field("closure_errors")[..., 1],
             "kinetic_energy": lambda: field("kinetic"),
             "potential_energy": lambda: field("potential"),
-            **{name: partial(field, "work", index) for index, name in enumerate((*WORK, *WORK_OF_GRASPS))},
+            **{name: partial(field, "work", index) for index, name in enumerate(WORK)},
+            **(self._of_springs() if self._plant.constants.cell.compliant else {}),
+        }
+
+    def _of_springs(self) -> dict[str, Callable[[], Any]]:
+        """Return what gives the quantities of compliant grasps."""
+        field, of_arms = self._field, self._plant.run.plant.chain.springs.of_arms
+        shares = np.stack([scenario.cell.shares for scenario in self._prepared.scenarios])
+        work = {name: partial(field, "work", len(WORK) + i) for i, name in enumerate(WORK_OF_GRASPS)}
+        return work | {
             "grasp_wrench": lambda: of_arms(field("grasp_wrench")),
             "grasp_deflection": lambda: of_arms(
                 np.concatenate((field("grasp_position"), log3(field("grasp_rotation"))), axis=-1)
             ),
             "elastic_energy": lambda: field("elastic"),
-            "load_share": lambda: np.repeat(np.stack(shares)[:, None], len(self._kept), axis=1),
+            "load_share": lambda: np.repeat(shares[:, None], len(self._kept), axis=1),
         }
