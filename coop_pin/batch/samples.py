@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from coop_pin.arrays import Array
 from coop_pin.batch.preparation import Prepared
 from coop_pin.errors import InvalidStateError
-from coop_pin.results.quantities import WORK, Samples, condition_numbers, padded
-from coop_pin.spatial import internal_wrenches
+from coop_pin.results.quantities import WORK, WORK_OF_GRASPS, Samples, condition_numbers, padded
+from coop_pin.spatial import internal_wrenches, log3
 from coop_pin.tracing.kernel import CACHE_LINE, Layout
 
 _MARGIN, _LARGEST_BOUND = 1e-6, 1e3
@@ -193,7 +193,7 @@ class RunSamples(Mapping[str, Any]):
 
     def _by_arm(self, values: Array) -> list[Array]:
         """Return the part of each arm of values of all joints or drives."""
-        return np.split(values, np.cumsum([len(arm.drive) for arm in self._arms])[:-1], axis=-1)
+        return np.split(values, np.cumsum([len(arm.drive) for arm in self._arms]), axis=-1)[:-1]
 
     def _jacobians(self) -> list[Array]:
         values, k_0 = self._field("jacobians"), self._rows.size
@@ -202,7 +202,8 @@ class RunSamples(Mapping[str, Any]):
 
     def _configuration(self) -> Array:
         pairs = zip(self["angles"], self._arms, strict=True)
-        return np.concatenate([arm.angles.configuration(q) for q, arm in pairs], axis=2)
+        free = self._field("q")[..., sum(len(arm.drive) for arm in self._arms) :]
+        return np.concatenate([*(arm.angles.configuration(q) for q, arm in pairs), free], axis=2)
 
     def _pose(self) -> Array:
         pose = np.zeros((len(self._prepared.plants), len(self._kept), 4, 4))
@@ -242,4 +243,19 @@ class RunSamples(Mapping[str, Any]):
             "kinetic_energy": lambda: self._numbers("kinetic"),
             "potential_energy": lambda: self._numbers("potential"),
             **{name: partial(self._numbers, "work", index) for index, name in enumerate(WORK)},
+            **(self._of_springs() if self._plant.constants.cell.compliant else {}),
+        }
+
+    def _of_springs(self) -> dict[str, Callable[[], Any]]:
+        """Return what gives the quantities of compliant grasps."""
+        field, of_arms = self._field, self._plant.run.plant.chain.springs.of_arms
+        shares = np.stack([scenario.cell.shares for scenario in self._prepared.scenarios])
+        work = {name: partial(self._numbers, "work", len(WORK) + i) for i, name in enumerate(WORK_OF_GRASPS)}
+        return work | {
+            "grasp_wrench": lambda: of_arms(field("grasp_wrench")),
+            "grasp_deflection": lambda: of_arms(
+                np.concatenate((field("grasp_position"), log3(field("grasp_rotation"))), axis=-1)
+            ),
+            "elastic_energy": lambda: self._numbers("elastic"),
+            "load_share": lambda: np.repeat(shares[:, None], len(self._kept), axis=1),
         }

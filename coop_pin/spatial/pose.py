@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,15 +27,30 @@ def rotation_from_rpy(rpy: ArrayLike) -> Array:
     halves = [0.5 * angle for angle in as_array("rpy", rpy, 3).tolist()]
     (sr, sp, sy), (cr, cp, cy) = map(math.sin, halves), map(math.cos, halves)
     x, y, z, w = cp * sr, cr * sp, -(sp * sr), cp * cr  # pitch after roll
-    x, y, z, w = cy * x - sy * y, cy * y + sy * x, cy * z + w * sy, cy * w - sy * z
+    return np.array(_rotation_rows(cy * x - sy * y, cy * y + sy * x, cy * z + w * sy, cy * w - sy * z))
+
+
+def rotations(quaternion: Array) -> Array:
+    """Return the rotation matrices of unit quaternions x, y, z, w, shape (..., 3, 3).
+
+    Args:
+        quaternion: unit quaternions, shape (..., 4).
+
+    Raises:
+        ShapeError: the shape differs.
+    """
+    rows = _rotation_rows(*np.moveaxis(shaped("quaternion", quaternion, 4), -1, 0))
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+def _rotation_rows(x: Any, y: Any, z: Any, w: Any) -> tuple[tuple[Any, ...], ...]:
+    """Return the rows of the rotation matrix of a unit quaternion: of floats, or of arrays."""
     xx, yy, zz, ww = x * x, y * y, z * z, w * w
     xy, xz, yz, xw, yw, zw = x * y, x * z, y * z, x * w, y * w, z * w
-    return np.array(
-        (
-            (xx - yy - zz + ww, 2 * (xy - zw), 2 * (xz + yw)),
-            (2 * (xy + zw), -xx + yy - zz + ww, 2 * (yz - xw)),
-            (2 * (xz - yw), 2 * (yz + xw), -xx - yy + zz + ww),
-        )
+    return (
+        (xx - yy - zz + ww, 2 * (xy - zw), 2 * (xz + yw)),
+        (2 * (xy + zw), -xx + yy - zz + ww, 2 * (yz - xw)),
+        (2 * (xz - yw), 2 * (yz + xw), -xx - yy + zz + ww),
     )
 
 
