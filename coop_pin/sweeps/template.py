@@ -61,7 +61,7 @@ class Template:
 
     Attributes:
         first: one of the scenarios.
-        texts: its JSON before, between and after the numbers.
+        texts: JSON before, between and after the numbers.
     """
 
     def __init__(self, first: Scenario, names: Sequence[str]) -> None:
