@@ -177,8 +177,8 @@ class SweepPlan(Description):
         """Return the place of a run along each dimension."""
         places = list[int]()
         for size in reversed(self.shape):
-            index, place = divmod(index, size)
-            places.insert(0, place)
+            index, position = divmod(index, size)
+            places.insert(0, position)
         return tuple(places)
 
     def __len__(self) -> int:
@@ -191,9 +191,9 @@ class SweepPlan(Description):
             raise IndexError(f"point {index} of a plan with {len(self)}")
         index %= len(self)
         changes, parameters = dict(self.changes), dict[str, Any]()
-        for dimension, place in zip(self.dimensions, self.places(index), strict=True):
-            changes |= dimension.changes(place)
-            parameters |= dimension.labels(place)
+        for dimension, position in zip(self.dimensions, self.places(index), strict=True):
+            changes |= dimension.changes(position)
+            parameters |= dimension.labels(position)
         return Point(index, str(parameters.get("base", next(iter(self.base)))), changes, parameters)
 
     def points(self, numbers: Iterable[int] | None = None) -> Iterator[Point]:

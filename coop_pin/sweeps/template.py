@@ -155,7 +155,7 @@ class Templates:
         template = self._template(first, axes)
         for end in (0, -1):
             ends = {axis: self._plan.dimensions[axis].ends()[end] for axis in axes}
-            corner = [ends.get(axis, place) for axis, place in enumerate(places)]
+            corner = [ends.get(axis, position) for axis, position in enumerate(places)]
             run = self._plan[int(np.ravel_multi_index(corner, self._shape))]
             if template is not None and not template.agrees(self._plan.resolved(run), run.changes):
                 return None
@@ -164,7 +164,7 @@ class Templates:
 
 def _without(places: Sequence[int], axes: Sequence[int]) -> tuple[int, ...]:
     """Return the places along all dimensions but some."""
-    return tuple(place for axis, place in enumerate(places) if axis not in axes)
+    return tuple(position for axis, position in enumerate(places) if axis not in axes)
 
 
 def _is_of_numbers(dimension: Dimension) -> bool:
