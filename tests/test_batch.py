@@ -1,7 +1,5 @@
 """Batches of runs: the dynamics against Pinocchio, whole runs against coop_pin.run."""
 
-import functools
-import operator
 from collections import Counter
 
 import numpy as np
@@ -295,7 +293,7 @@ TRIALS = {
 def test_runs_with_other_events_rates_delays_and_losses_share_their_code_and_keep_their_bits(name, whole):
     base = cp.Scenario.load(name, {"duration": 0.1, "events": [], "sensors.wrist": {}})
     scenarios = [base.override(changes) for changes in TRIALS.values()]
-    cover = functools.reduce(operator.or_, map(Cover.of, scenarios))
+    cover = Cover.of_all(scenarios)
     simulator, batches = BatchSimulator(), dict[object, list[Prepared]]()
     for scenario in scenarios:
         run = simulator.prepare(scenario, cover)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -91,7 +92,8 @@ class Start(NamedTuple):
     """Start of a run.
 
     Attributes:
-        q: joint positions of all arms, of continuous joints near the posture, shape (N,).
+        q: joint positions of all arms, of continuous joints near the posture, then position and quaternion of
+            a free payload, shape (N,) or (N + 7,).
         holding: torques that the drives report, N m, shape (N,).
         drives: memory of the drives.
     """
@@ -133,16 +135,13 @@ class Cover(NamedTuple):
         delay = max((wrist.delay for wrist in scenario.wrists), default=0)
         return cls(delay, responds, frozenset(changed), len(instants))
 
-    def __or__(self, other: object) -> Cover:
-        """Return what two covers provide together."""
-        if not isinstance(other, Cover):
-            return NotImplemented
-        return Cover(
-            max(self.delay, other.delay),
-            self.responds or other.responds,
-            self.changed | other.changed,
-            max(self.instants, other.instants),
-        )
+    @classmethod
+    def of_all(cls, scenarios: Iterable[Scenario]) -> Cover:
+        """Return what some scenarios need together; those with the same objects are asked once."""
+        parts = attrgetter("sensors", "arm_sensors", "actuators", "arm_actuators", "events")
+        different = {tuple(map(id, parts(scenario))): scenario for scenario in scenarios}
+        delays, responds, changed, instants = zip(*map(cls.of, different.values()), strict=True)
+        return cls(max(delays), any(responds), frozenset().union(*changed), max(instants))
 
     def constants(self, own: RunConstants, scenario: Scenario, timeline: Timeline) -> RunConstants:
         """Return the numbers of a run with what the code provides besides."""
@@ -232,4 +231,5 @@ def start(run: Simulation) -> Start:
     q, measurements = run.plant.q, run.sensing.start(run.plant.q, run.plant.v, run.references(0.0))
     angles = [arm.angles.near(q[arm.q_slice], arm.posture) for arm in run.plant.chain.model.arms]
     holding = [np.asarray(measurement.holding_torque) for measurement in measurements]
-    return Start(np.concatenate(angles), np.concatenate(holding), run.actuation.state)
+    free = q[run.plant.chain.model.arms[-1].q_slice.stop :]
+    return Start(np.concatenate((*angles, free)), np.concatenate(holding), run.actuation.state)

@@ -173,7 +173,7 @@ class BatchSimulator:
                 LlvmMachine. Other machines need the kernels themselves.
         """
         self._new_machine, self._width = machine, width
-        self._plants, self._families = list[tuple[list[object], PreparedPlant]](), list[Family]()
+        self._plants, self._families = list[tuple[tuple[object, ...], PreparedPlant]](), list[Family]()
         self._free = list[Array]()
 
     def run(self, scenarios: Sequence[Scenario]) -> BatchResult:
@@ -202,7 +202,7 @@ class BatchSimulator:
             scenario: scenario to run.
             cover: what the code provides, for runs of which only some need it; what this one needs when None.
         """
-        fields = [cover, *plant_fields(scenario)]
+        fields = cover, *plant_fields(scenario)
         index = next((i for i, (other, _) in enumerate(self._plants) if other == fields), None)
         plant = PreparedPlant(scenario, cover=cover) if index is None else self._plants.pop(index)[1]
         self._plants.insert(0, (fields, plant))  # the next scenario shares more objects with this one
@@ -215,7 +215,8 @@ class BatchSimulator:
         code, orders = (family := self.family([prepared])).code, family.orders
         _, machine, uniforms = orders[prepared.times]
         program, count = code.program, len(runs)
-        require_sample_memory(machine, count)
+        if machine.record_size(count) > sum(memory.size for memory in self._free):
+            require_sample_memory(machine, count)
         block, loads = code.begin(prepared)
         parts = [slice(first, first + LARGEST_BLOCK) for first in range(0, count, LARGEST_BLOCK)]
         memories, records = list[Array](), list[Array]()

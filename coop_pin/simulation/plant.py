@@ -107,10 +107,7 @@ class Plant:
         works = (*WORK, *WORK_OF_GRASPS) if self._is_elastic else WORK
         self.q, self.v, self.work, self.time = q, np.zeros(model.nv), np.zeros(len(works)), 0.0
         self.missed: tuple[MissedGrasp, ...] = ()
-        if chain.springs.arms:
-            chain.springs.damp(q)
-        if len(chain.patches):
-            chain.patches.damp(q)
+        chain.damp(q)
         self._forces = np.zeros((len(_ALL), model.nv))
         self._integrator = INTEGRATORS[options.integrator](configuration_space(model))
         self._project = options.project == "step"
