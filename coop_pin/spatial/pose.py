@@ -141,13 +141,15 @@ def log3(R: Array) -> Array:
     entries = R.tolist() if R.ndim == 2 else np.ascontiguousarray(np.moveaxis(R, (-2, -1), (0, 1)))
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = entries
     # Four multiples of the quaternion; the factor of each is its own diagonal entry.
-    by_w = (1.0 + xx + yy + zz, zy - yz, xz - zx, yx - xy)
-    by_x = (zy - yz, 1.0 + xx - yy - zz, xy + yx, xz + zx)
-    by_y = (xz - zx, xy + yx, 1.0 - xx + yy - zz, yz + zy)
-    by_z = (yx - xy, xz + zx, yz + zy, 1.0 - xx - yy + zz)
-    largest = where(yy > xx, (yy, *by_y), (xx, *by_x))
-    largest = where(zz > largest[0], (zz, *by_z), largest)
-    w, x, y, z = where(xx + yy + zz > largest[0], by_w, largest[1:])
+    w, x, y, z = by_w = (1.0 + xx + yy + zz, zy - yz, xz - zx, yx - xy)
+    are_small = R.ndim > 2 and R.dtype != object and (xx + yy + zz > R.diagonal(0, -2, -1).max(axis=-1)).all()
+    if not are_small:  # most arrays are of turns below 120 degrees
+        by_x = (zy - yz, 1.0 + xx - yy - zz, xy + yx, xz + zx)
+        by_y = (xz - zx, xy + yx, 1.0 - xx + yy - zz, yz + zy)
+        by_z = (yx - xy, xz + zx, yz + zy, 1.0 - xx - yy + zz)
+        largest = where(yy > xx, (yy, *by_y), (xx, *by_x))
+        largest = where(zz > largest[0], (zz, *by_z), largest)
+        w, x, y, z = where(xx + yy + zz > largest[0], by_w, largest[1:])
     sign = where(w < 0.0, -1.0, 1.0)
     w = sign * w
     length = sqrt(x * x + y * y + z * z)
