@@ -36,7 +36,8 @@ def sliding_loads(points: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("outline", "inside"), [({"radius": 0.03}, 0.075), ({"size": (0.04, 0.04)}, 0.07), ({"size": (0.06, 0.03)}, 0.11)]
+    ("outline", "inside"),
+    [({"radius": 0.03}, 0.075), ({"size": (0.04, 0.04)}, 0.07), ({"size": (0.06, 0.03)}, 0.11)],
 )
 def test_points_slide_near_the_ellipsoid(outline, inside):
     patch = cp.PatchGrasp(kind="patch", mu=MU, **outline)

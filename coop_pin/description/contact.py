@@ -96,7 +96,9 @@ class Pad(Description):
     def points(self) -> Array:
         """Points of the patch in the plane, m, shape (n, 3)."""
         if self.size is None:
-            outer = 0.75 * (self.radius or 0.0) * np.stack((np.cos(_RING), np.sin(_RING), 0.0 * _RING), axis=1)
+            outer = (
+                0.75 * (self.radius or 0.0) * np.stack((np.cos(_RING), np.sin(_RING), 0.0 * _RING), axis=1)
+            )
         else:
             a, b = half = 0.5 * np.array(self.size)
             d = np.hypot(a, b)
