@@ -53,7 +53,8 @@ def least_squeeze(scenario: Scenario) -> LeastSqueeze | None:
 
     With the load (f, N_0, m) that the motion puts on a patch of torsion radius r, by the split of the law,
     slip asks for N >= sqrt(f . f + (m / r)^2) / mu (the ellipsoid), and the moment m_t about axes in the
-    plane for N >= |m_t / l| with the levers l of the pad; N_0 counts. Friction of arms, errors of the law and events are not in it.
+    plane for N >= |m_t / l| with the levers l of the pad; N_0 counts. Friction of arms, errors of the law
+    and events are not in it.
 
     Args:
         scenario: Scenario with motion and squeeze.

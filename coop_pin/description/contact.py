@@ -116,8 +116,8 @@ class PatchGrasp(Pose, DryContact, Pad):
     """Grasp by friction: a patch fixed to the arm's tip is pressed on a flat face of the payload.
 
     Nothing but friction holds the payload: it sticks, slides, spins, tips and drops. The patch is a few
-    points on the plane of the face, with the torsion of evenly pressed ones: the middle, and eight on a ring
-    of 3/4 of the radius, which have the stiffness of a disc against tilting as well; or four on the diagonals.
+    points on the plane of the face, with the torsion of an evenly pressed one: the middle, and eight on a
+    ring of 3/4 of the radius, with a disc's stiffness against tilting as well; or four on the diagonals.
 
     Attributes:
         xyz: Position of the grasp frame in payload axes, m: the middle of the patch, on the face.
