@@ -234,7 +234,8 @@ def _pad_rows(cell: Cell, name: str, reserve: float) -> Array:
     """Return rows of an arm's pad: planes inside the cones of ``chain.friction_cones``, shape (r, m, 6).
 
     d . (f_x, f_y, m / R) <= (1 - reserve) mu N r and d . (b / l) <= (1 - reserve) N r for unit vectors d,
-    with the levers l of the pad and the radius r of the ball inside of which all corners between neighbouring planes are.
+    with the levers l of the pad and the radius r of the ball inside of which all corners between neighbouring
+    planes are.
     """
     pad, X = cell.pads[name], cell.grasps[name].matrix
     on_pad = rotate_vector6((X[:3, :3] @ pad.plane[:3, :3]).T, shift_wrench(np.eye(6), -X[:3, 3])).T
