@@ -143,9 +143,9 @@ class Cover(NamedTuple):
         delays, responds, changed, instants = zip(*map(cls.of, different.values()), strict=True)
         return cls(max(delays), any(responds), frozenset().union(*changed), max(instants))
 
-    def constants(self, own: RunConstants, scenario: Scenario, timeline: Timeline) -> RunConstants:
+    def constants(self, needed: RunConstants, scenario: Scenario, timeline: Timeline) -> RunConstants:
         """Return the numbers of a run with what the code provides besides."""
-        sensors, drives = own.sensors, own.drives
+        sensors, drives = needed.sensors, needed.drives
         if sensors.wrists and self.delay:
             delays = [len(wrist.late) for wrist in sensors.wrists]
             arms = tuple(
@@ -156,15 +156,15 @@ class Cover(NamedTuple):
         if self.responds and drives.response is None:
             size = sum(len(arm.limit) for arm in drives.arms)
             drives = drives._replace(response=TorqueResponse.of_drives(np.zeros(size), np.full(size, np.inf)))
-        return own._replace(sensors=sensors, drives=drives, changes=changes(scenario, timeline, self))
+        return needed._replace(sensors=sensors, drives=drives, changes=changes(scenario, timeline, self))
 
-    def start(self, own: Start, constants: RunConstants) -> Start:
+    def start(self, needed: Start, constants: RunConstants) -> Start:
         """Return the start of a run with what the code provides besides."""
         response = constants.drives.response
-        if response is None or own.drives.response is not None:
-            return own
-        at_rest = response.start(np.zeros(len(own.q)))  # drives without lag do not read it
-        return own._replace(drives=own.drives._replace(response=at_rest))
+        if response is None or needed.drives.response is not None:
+            return needed
+        at_rest = response.start(np.zeros(len(needed.q)))  # drives without lag do not read it
+        return needed._replace(drives=needed.drives._replace(response=at_rest))
 
 
 def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:

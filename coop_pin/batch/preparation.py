@@ -59,7 +59,7 @@ class PreparedPlant:
         Args:
             scenario: scenario of the first run.
             most_ticks: number of ticks of which desired motion and signals are made at first; None for all.
-            cover: what the code provides; what this run needs when None.
+            cover: Provisions of the code; those that this run needs when None.
 
         Raises:
             TracingError: it cannot be traced.

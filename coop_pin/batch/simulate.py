@@ -200,7 +200,7 @@ class BatchSimulator:
 
         Args:
             scenario: scenario to run.
-            cover: what the code provides, for runs of which only some need it; what this one needs when None.
+            cover: Provisions of the code, for runs of which only some need them; those of this one when None.
         """
         fields = cover, *plant_fields(scenario)
         index = next((i for i, (other, _) in enumerate(self._plants) if other == fields), None)

@@ -28,7 +28,7 @@ class ActuationState(NamedTuple):
     Attributes:
         drives: memory of the drives.
         start: time of the last command, or sample of a servo, s.
-        gives: what the arms give.
+        gives: factors of the arms.
     """
 
     drives: DriveState

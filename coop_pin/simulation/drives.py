@@ -234,7 +234,7 @@ class CellDrives(NamedTuple):
             commanded: Commands by the controller, shape (k,) each; torques in N m.
             missed: Masks, whether each arm misses the tick, shape (m,).
             sensed: Functions of the drives' arms.
-            gives: What the arms give; empty if none ever loses anything and torques are held.
+            gives: Factors of the arms; empty if none ever loses anything and torques are held.
             s: Time since the tick before, or the last sample of a servo, s.
         """
         entries, servos = [], list(state.servos)
@@ -319,7 +319,7 @@ class CellDrives(NamedTuple):
             state: State after the last sample or command.
             due: Arms whose servos sample, by index.
             sensed: Functions of the drives' arms.
-            gives: What the arms give.
+            gives: Factors of the arms.
             s: Time since the last sample or command, s.
         """
         held, servos = list(state.held), list(state.servos)

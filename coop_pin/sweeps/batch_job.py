@@ -68,7 +68,7 @@ def _of_family(
     Args:
         jobs: jobs of all runs.
         family: runs, prepared, by the index of their jobs.
-        preparation: as of _together.
+        preparation: Times of the preparation of one run, as of _together.
 
     Raises:
         TracingError: the runs cannot be traced.
