@@ -90,7 +90,8 @@ class Start(NamedTuple):
     """Start of a run.
 
     Attributes:
-        q: joint positions of all arms, of continuous joints near the posture, shape (N,).
+        q: joint positions of all arms, of continuous joints near the posture, then position and quaternion of
+            a free payload, shape (N,) or (N + 7,).
         holding: torques that the drives report, N m, shape (N,).
         drives: memory of the drives.
     """
@@ -160,4 +161,5 @@ def start(run: Simulation) -> Start:
     q, measurements = run.plant.q, run.sensing.start(run.plant.q, run.plant.v, run.references(0.0))
     angles = [arm.angles.near(q[arm.q_slice], arm.posture) for arm in run.plant.chain.model.arms]
     holding = [np.asarray(measurement.holding_torque) for measurement in measurements]
-    return Start(np.concatenate(angles), np.concatenate(holding), run.actuation.state)
+    free = q[run.plant.chain.model.arms[-1].q_slice.stop :]
+    return Start(np.concatenate((*angles, free)), np.concatenate(holding), run.actuation.state)

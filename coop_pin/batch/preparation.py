@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import functools
 from collections.abc import Hashable, Sequence
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -23,8 +24,13 @@ from coop_pin.results.quantities import QUANTITIES, quantities
 from coop_pin.simulation import Simulation
 from coop_pin.tracing.tree import flattened, leaves
 
-_PLANT = set(Scenario.model_fields) - {"controller", "beyond_bound", "seed", "name", "summary", "trust"}
-"""Fields of a scenario that make the plant; of the controller, its class and force path do."""
+_NOT_OF_THE_PLANT = {"controller", "beyond_bound", "seed", "name", "summary", "trust"}
+"""Fields of a scenario that do not make the plant; of the controller, its class and force path do."""
+_PLANT = attrgetter("controller.force_path", *sorted({*Scenario.model_fields} - _NOT_OF_THE_PLANT))
+
+
+_NOTHING = digest({})
+"""Digest of what a law of the package reads besides."""
 
 
 class PreparedPlant:
@@ -189,13 +195,13 @@ class Prepared(NamedTuple):
 
 def _surroundings(scenario: Scenario) -> str:
     """Return a digest of what a law may read besides its object and its arguments."""
-    return digest(of_classes(scenario.controller.user_code))
+    users = scenario.controller.user_code
+    return digest(of_classes(users)) if users else _NOTHING
 
 
-def plant_fields(scenario: Scenario) -> list[object]:
+def plant_fields(scenario: Scenario) -> tuple[object, ...]:
     """Return what scenarios with one plant have in common."""
-    law = scenario.controller
-    return [type(law), law.force_path, *(getattr(scenario, name) for name in _PLANT)]
+    return type(scenario.controller), *_PLANT(scenario)
 
 
 def _times(scenario: Scenario) -> Hashable:

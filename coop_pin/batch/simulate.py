@@ -155,7 +155,7 @@ class BatchSimulator:
                 LlvmMachine. Other machines need the kernels themselves.
         """
         self._new_machine, self._width = machine, width
-        self._plants, self._families = list[tuple[list[object], PreparedPlant]](), list[Family]()
+        self._plants, self._families = list[tuple[tuple[object, ...], PreparedPlant]](), list[Family]()
         self._free = list[Array]()
 
     def run(self, scenarios: Sequence[Scenario]) -> BatchResult:
@@ -191,7 +191,8 @@ class BatchSimulator:
         del self._plants[_KEPT:]
         *_, code, machine = self.family(runs[0], prepared)
         program, count = code.program, len(runs)
-        require_sample_memory(machine, count)
+        if machine.record_size(count) > sum(memory.size for memory in self._free):
+            require_sample_memory(machine, count)
         block, loads = code.begin(prepared)
         parts = [slice(first, first + LARGEST_BLOCK) for first in range(0, count, LARGEST_BLOCK)]
         memories, records = list[Array](), list[Array]()
