@@ -603,7 +603,7 @@ def test_what_crosses_is_counted():
 
 
 def at_rest(scenario):
-    """A and K_g = d/dx sum_i J_i^-T g_i at the start, on the task rows: inertia, and the weight of the arms."""
+    """A and K_g = d/dx sum_i J_i^-T g_i at the start: inertia, and the weight of the arms."""
     cell, chain = scenario.cell, CellChain(scenario.cell, scenario.plant)
     q, rows, payload = chain.configuration(scenario.start.matrix), cell.task_rows, cell.payload
     ways = motion_basis(chain.mechanism, q)

@@ -106,7 +106,7 @@ class Actuation:
         return [frozen(self._holding_torque(index, q) - weight) for index, weight in parts]
 
     def carried(self, q: Array) -> list[Array]:
-        """Return the torques by which robots carry their own weight at a configuration, N m, shape (k,) each."""
+        """Return the torques by which robots carry their own weight, N m, shape (k,) each."""
         weights = (self._weight(q, index) for index in range(len(self._slots)))
         return [
             np.zeros_like(weight) if arm.carried is None else arm.carried * weight
