@@ -800,7 +800,9 @@ def test_internal_wrenches_by_messages_are_those_of_the_late_force_path(cell):
     assert_allclose(by_messages.internal_wrench, late.internal_wrench, atol=1e-3 * scale)
 
 
-@pytest.mark.parametrize("cell", ["two planar", "two spatial"])
+@pytest.mark.parametrize(
+    "cell", [pytest.param(cell, marks=[pytest.mark.slow] * cell.startswith("three")) for cell in CELLS]
+)
 def test_the_delay_of_messages_bounds_the_anchor(cell):
     D = 3
     bound = 2.0 * np.sin(np.pi / (4 * D + 2))

@@ -266,19 +266,19 @@ _ANY_AGE = float(np.finfo(float).max)
 """Age of the oldest message that was heard at all, ticks."""
 
 
-def _mean_heard(messages: Mapping[str, Message], own: Array, oldest: float = _ANY_AGE) -> Array:
+def _mean_heard(messages: Mapping[str, Message], fallback: Array, oldest: float = _ANY_AGE) -> Array:
     """Return the mean of the first numbers of messages, the own as sent among them.
 
     Args:
         messages: Messages by name.
-        own: Numbers in their place before any arrived, shape (n,).
+        fallback: Numbers in its place before any arrived, shape (n,).
         oldest: Largest age of a message in the mean, ticks.
     """
     weights = [np.where(one.age <= oldest, 1.0, 0.0) for one in messages.values()]
-    parts = [w * one.numbers[: len(own)] for w, one in zip(weights, messages.values(), strict=True)]
+    parts = [w * one.numbers[: len(fallback)] for w, one in zip(weights, messages.values(), strict=True)]
     total = reduce(add, weights)
     alone = total < 0.5
-    return np.where(alone, own, reduce(add, parts) / np.where(alone, 1.0, total))
+    return np.where(alone, fallback, reduce(add, parts) / np.where(alone, 1.0, total))
 
 
 def _further(measurement: ArmMeasurement) -> ArmMeasurement:
