@@ -10,12 +10,12 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, Mask, as_array, as_number, as_pose, require_finite, require_type, shaped
-from coop_pin.chain.cell_frames import CellFrames
 from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.contact_patches import ContactPatches, ContactState
 from coop_pin.chain.force_elements import ForceElements, Joints
 from coop_pin.chain.friction_cones import Squeeze, friction_squeeze
+from coop_pin.chain.grasp_frames import GraspFrames
 from coop_pin.chain.grasp_springs import GraspsHeld, GraspSprings
 from coop_pin.chain.inverse_dynamics import Count, over_states
 from coop_pin.chain.inverse_kinematics import solve_ik
@@ -132,7 +132,7 @@ class CellChain:
         self.patches = ContactPatches(cell, self.model, joints)
         parts: tuple[GraspSprings | ContactPatches, ...] = (self.springs, self.patches)
         self.elements = ForceElements(joints, [part for part in parts if len(part)])
-        self._frames = CellFrames(self.model)
+        self._frames = GraspFrames(self.model)
         self._welded = [index for index, name in enumerate(cell.arms) if name in self.model.closed_by_tree]
 
     def surround(self, surroundings: Surroundings) -> None:
@@ -542,7 +542,7 @@ class CellChain:
     def _v(self, name: str, v: ArrayLike) -> Array:
         return as_array(name, v, self.mechanism.model.nv)
 
-    def _at(self, q: Array, *rates: Array) -> CellFrames:
+    def _at(self, q: Array, *rates: Array) -> GraspFrames:
         """Return the frames at (q, v, a), until the next call."""
         self._frames.move(q, *rates)
         return self._frames

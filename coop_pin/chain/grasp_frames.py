@@ -17,7 +17,7 @@ from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix
 _CLOSED_BY_TREE = ClosureError(0.0, 0.0)
 
 
-class CellFrames:
+class GraspFrames:
     """Frames of payload, tips and grasps at the last state, as references into Pinocchio's data.
 
     They follow ``move``; indexing Pinocchio's vector of frames would take longer than moving them all.
@@ -39,7 +39,7 @@ class CellFrames:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return how a copy is made, whose frames refer to data of its own."""
-        return CellFrames, (self._tree,)
+        return GraspFrames, (self._tree,)
 
     def move(self, q: Array, *rates: Array) -> None:
         """Move the frames to a configuration, with v, or v and a."""
