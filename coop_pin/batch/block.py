@@ -76,7 +76,8 @@ class RunBlock:
         m, N, k_0 = len(constants.arms), constants.cell.joints, constants.sensors.rows.size
         nq, nv, works = constants.cell.sizes
         rest = Applied.at_rest([len(arm.drive) for arm in constants.arms])
-        self.applied = rest._replace(saturated=rest.torques)  # masks as numbers
+        masks: Any = rest.torques
+        self.applied = rest._replace(saturated=masks)  # as numbers
         self.lanes, self.uniforms = lanes, uniforms = Layout(), Layout()
         lanes.add(q=(nq,), v=(nv,), work=(works,), is_valid=(), **observed(constants.cell))
         lanes.add(jacobians=(k_0 * N,), condition_bounds=(m,))
