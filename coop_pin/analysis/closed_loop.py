@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coop_pin.analysis.sampled_motion import NEUTRAL, damping_ratio
+from coop_pin.analysis.modes import NEUTRAL, Mode
 from coop_pin.analysis.tick_map import MEMORY, TickMap
 from coop_pin.arrays import Array, as_number, typed
 from coop_pin.build_controller import build_controller, controlled_arm
@@ -20,30 +20,6 @@ _ONE = 1e-5
 """Distance from 1 within which an eigenvalue is 1: errors of the differences are 1e-7."""
 _GONE = 1e-6
 """``|z|`` below which a mode is gone after a tick."""
-
-
-class LoopMode(NamedTuple):
-    """A mode of the sampled closed loop.
-
-    Attributes:
-        z: factor from tick to tick.
-        name: name of what moves: "payload along x", "posture of left", "internal force along x", "memory".
-        period: T, s.
-    """
-
-    z: complex
-    name: str
-    period: float
-
-    @property
-    def damping(self) -> float:
-        """Damping ratio of the mode, -Re(ln z) / ``|ln z|``."""
-        return damping_ratio(self.z)
-
-    @property
-    def rate(self) -> float:
-        """Decay -ln ``|z|`` / T, 1/s; negative if the mode grows."""
-        return -float(np.log(abs(self.z))) / self.period
 
 
 class ClosedLoop(NamedTuple):
@@ -64,7 +40,7 @@ class ClosedLoop(NamedTuple):
     """
 
     matrix: Array
-    modes: tuple[LoopMode, ...]
+    modes: tuple[Mode, ...]
     structural: tuple[str, ...]
     constants: int
     ticks: int
@@ -86,16 +62,16 @@ class ClosedLoop(NamedTuple):
         return self.radius < 1.0 + NEUTRAL
 
     @property
-    def slowest(self) -> LoopMode:
+    def slowest(self) -> Mode:
         """Mode of motion or internal wrenches that decays slowest, or grows."""
         return self._moving()[0]
 
     @property
-    def least_damped(self) -> LoopMode:
+    def least_damped(self) -> Mode:
         """Mode of motion or internal wrenches with the smallest damping ratio."""
         return min(self._moving(), key=lambda mode: mode.damping)
 
-    def _moving(self) -> list[LoopMode]:
+    def _moving(self) -> list[Mode]:
         return [mode for mode in self.modes if mode.name != MEMORY] or [*self.modes]
 
     def summary(self) -> str:
@@ -154,7 +130,7 @@ def eigenvalues(scenario: Scenario, *, time: float = 0.0) -> ClosedLoop:
     ]
     is_one = np.abs(z - 1.0) < _ONE
     order = [k for k in np.argsort(-np.abs(z)) if abs(z[k]) > _GONE]
-    modes = [LoopMode(complex(z[k] ** (1.0 / N)), names[k], period) for k in order if not is_one[k]]
+    modes = [Mode(complex(z[k] ** (1.0 / N)), names[k], period) for k in order if not is_one[k]]
     ones = [names[k] for k in order if is_one[k]]
     structural = tuple(sorted(name for name in ones if name != MEMORY))
     return ClosedLoop(A, tuple(modes), structural, constants + ones.count(MEMORY), N, before * period)
