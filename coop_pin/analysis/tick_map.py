@@ -35,7 +35,7 @@ class TickMap:
 
     x holds the motions y that the closures leave, their speeds w, and memories: forces of the drives just
     before the tick, torques in lag, torques that drives have reported, sensors and force path, the law,
-    servos.
+    servos, messages.
     """
 
     def __init__(self, simulation: Simulation, ticks: int) -> None:
@@ -138,7 +138,7 @@ class TickMap:
         return [*_numbers(self._memories(state))]
 
     def _memories(self, state: RunState) -> tuple[Any, ...]:
-        """Return the memories of a state: of drives, sensors, law and servos."""
+        """Return the memories of a state: of drives, sensors, law, servos and network."""
         assert state.applied is not None
         assert state.sensing is not None
         torque, response = None, self._simulation.actuation.drives.response
@@ -146,7 +146,8 @@ class TickMap:
             torque = response.at(state.actuation.drives.response, self._simulation.scenario.clock.period)
         force, drives = state.plant.force[self._driven], state.actuation.drives
         inner = drives.servos, drives.held
-        return force, torque, state.applied.reported, state.sensing.sensors, state.controller_state, inner
+        seen, reported = state.sensing.sensors, state.applied.reported
+        return force, torque, reported, seen, state.controller_state, inner, state.network
 
     def _moved(self, deviation: Array) -> RunState:
         """Return the origin with a deviation, on the closures."""
@@ -156,7 +157,7 @@ class TickMap:
         q = pin.integrate(self._chain.model, state.plant.q, self._basis @ deviation[:n])
         q = self._chain.project_configuration(q)
         v = self._chain.project_velocity(q, state.plant.v + self._basis @ deviation[n : 2 * n])
-        driven, torque, reported, sensors, law, (servos, held) = _moved(
+        driven, torque, reported, sensors, law, (servos, held), network = _moved(
             self._memories(state), iter(deviation[2 * n :].tolist())
         )
         force, drives = state.plant.force.copy(), state.actuation.drives._replace(servos=servos, held=held)
@@ -169,6 +170,7 @@ class TickMap:
             applied=state.applied._replace(reported=reported),
             sensing=state.sensing._replace(sensors=sensors),
             controller_state=law,
+            network=network,
         )
 
 
