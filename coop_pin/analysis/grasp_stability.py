@@ -120,7 +120,7 @@ def _wrench_errors(simulation: Simulation) -> Callable[[Array, Array], Array] | 
 
     def internal(q: Array, v: Array) -> Array:
         p_WP = plant.chain.payload_pose(q)[:3, 3]
-        about_P = springs.at(q, v).on_arm
+        about_P = springs.at(q, v).on_body
         about_P[:, 3:] -= np.cross(p_WP, about_P[:, :3])
         return np.array([cell.task_rows.select(f) for f in internal_wrenches(about_P, cell.shares)])
 
