@@ -210,7 +210,7 @@ def test_late_views_cross_the_unit_circle_at_the_limit_of_their_delay(name):
 
 @pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
 def test_an_anchor_by_messages_of_every_second_tick_has_its_closed_form(name):
-    """What was heard a tick late has acted before it is heard again: z = 1 - g over two ticks, up to g = 2."""
+    """What was heard a tick late has acted before it is heard again: z = 1 - g over two ticks, g < 2."""
     path = {"controller.force_path": {"kind": "messages"}, "sensors.wrist": {}}
     network = {"network": {"delay": 1, "rate_hz": SCENARIOS[name]().clock.rate_hz / 2.0}}
     g = 2.04
