@@ -108,6 +108,15 @@ def test_arms_of_lanes_talk_to_each_other(name):
     compare_lanes(talking, TASKS["squeeze"])
 
 
+@pytest.mark.parametrize(
+    "name", ["adept-compliant", pytest.param("three-ur5-handover", marks=pytest.mark.slow)]
+)
+def test_lanes_on_compliant_grasps_are_single_runs(name):
+    scenario = cp.Scenario.load(name).replace(events=(), beyond_bound=True)
+    changes = {"sensors.encoder": {"noise": 1e-5}, "duration": 16 * scenario.clock.period}
+    compare_lanes(scenario.override(changes), TASKS["squeeze"])
+
+
 def compare_lanes(scenario, task):
     """Two lanes, of which one has another payload, against their single environments."""
     scenarios = [scenario, scenario.override({"cell.payload.mass": 2.2})]

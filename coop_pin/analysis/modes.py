@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.chain import CellChain, ClosedChain
@@ -73,7 +74,7 @@ class Motions(NamedTuple):
         J = chain.cell.task_rows.select(chain.payload_jacobian(q)) @ N
         return cls(N, J, np.eye(N.shape[1]) - np.linalg.pinv(J) @ J)
 
-    def is_spare(self, y: Array) -> Mask:
+    def is_spare(self, y: NDArray[Any]) -> Mask:
         """Return of each motion, shape (n, ...), whether most of it leaves the task rows at rest."""
         still = np.linalg.norm(self.at_rest @ y, axis=0)
         return np.asarray(still**2 > _SPARE * np.linalg.norm(y, axis=0) ** 2)
