@@ -140,6 +140,7 @@ def sampled_motion(
                 for arm, error in zip(seen, wrench_errors(q, v), strict=True)
             ]
         torque, state = law.step(seen, state)
+        torque = torque + plant.transmission.torque(simulation.actuation.carried(q))
         return N.T @ chain.forward_dynamics(q, rest, torque).acceleration, state
 
     def response(seen: Any, moved: Array, v: Array) -> Array:
