@@ -18,6 +18,7 @@ from coop_pin import __version__
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import CodeChangedError, CoopPinError, ScenarioError
+from coop_pin.schema.parts import Pattern
 from coop_pin.sweeps.plan import Point, SweepPlan
 from coop_pin.sweeps.template import Number, Template, Templates
 
@@ -228,12 +229,16 @@ class KeyedPoint(NamedTuple):
         key: key of the run, by ``run_key`` or ``unresolved_key``.
         scenario: scenario of the run, or the error if the changed scenario has mistakes.
         code: digests of the user's code that the key covers.
+        pattern: pattern of the scenario, if it is one of several that differ in plain numbers.
+        numbers: its numbers in the pattern.
     """
 
     point: Point
     key: str
     scenario: Scenario | ScenarioError
     code: Code = ()
+    pattern: Pattern | None = None
+    numbers: tuple[float, ...] = ()
 
 
 class _KeyTemplate:
@@ -254,7 +259,7 @@ class _KeyTemplate:
 
 
 def keyed_points(
-    plan: SweepPlan, numbers: Iterable[int] | None = None, *, version: str = ""
+    plan: SweepPlan, runs: Iterable[int] | None = None, *, version: str = ""
 ) -> Iterator[KeyedPoint]:
     """Yield points of a plan, all without numbers, with their keys; every file is looked at once."""
     digests, digest, text = functools.cache(code_digests), functools.cache(file_digest), ScenarioTexts()
@@ -265,15 +270,18 @@ def keyed_points(
 
     @functools.lru_cache(1)
     def shared(template: Template) -> tuple[_KeyTemplate, Code]:
-        code = code_for(template.first)
-        content = _content(template.first, metrics, code, digest, engine, version)
+        first = template.pattern.first
+        code = code_for(first)
+        content = _content(first, metrics, code, digest, engine, version)
         return _KeyTemplate(template, content), code
 
-    for point in plan.points(numbers):
+    for point in plan.points(runs):
         template = templates.of(point)
         if template is not None and (values := template.numbers(point.changes)) is not None:
             keys, code = shared(template)
-            yield KeyedPoint(point, keys.key(values), template.scenario(values), code)
+            numbers = tuple(number.value for number in values)
+            filled, pattern = template.scenario(values), template.pattern
+            yield KeyedPoint(point, keys.key(values), filled, code, pattern, numbers)
             continue
         scenario = plan.resolved(point)
         if isinstance(scenario, ScenarioError):
