@@ -154,6 +154,7 @@ class GraspSprings:
                 slots = lanes.slots(name)
                 start = int(slots.flat[0])
                 self._at[name] = block[:, start : start + slots.size].reshape(-1, *slots.shape)
+            self._slots = [self._at[name] for name in ("joints", "twists", "on_joints", "power")]
         stiffness = np.array([grasp.stiffness for grasp in grasps.values()]).reshape(-1, 6)
         damping = [np.zeros(6) if g.damping is None else np.array(g.damping) for g in grasps.values()]
         self.springs, self.holds = (
@@ -168,12 +169,13 @@ class GraspSprings:
 
     def act(self) -> float:
         """Add the wrenches at the state of the joints to theirs; return the power of the dampers, W."""
-        at, joints, bodies = self._at, self._joints, self._bodies
-        at["joints"][:] = bodies.X_WJ.take(joints, 0)
-        at["twists"][:] = bodies.V_J.take(joints, 0)
+        bodies, (X_WJ, V_J, on_joints, power) = self._bodies, self._slots
+        bodies.X_WJ.take(self._joints, 0, X_WJ, "clip")
+        bodies.V_J.take(self._joints, 0, V_J, "clip")
         self._call(0, 1)
-        bodies.F_J += self._by_joint.dot(at["on_joints"].reshape(-1, 6))
-        return sum(at["power"].tolist())
+        F_J = bodies.F_J
+        F_J += self._by_joint.dot(on_joints.reshape(-1, 6))
+        return sum(power.tolist())
 
     def of_arms(self, values: Array) -> Array:
         """Return values of grasps, shape (..., n, k), as those of all arms, NaN of others, (..., m, k)."""

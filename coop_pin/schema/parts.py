@@ -74,4 +74,10 @@ class Pattern(NamedTuple):
 
     def filled(self, numbers: Sequence[Any]) -> Any:
         """Return the one with these numbers."""
-        return filled(self.first, tree_of({name: index for index, name in enumerate(self.names)}), numbers)
+        return filled(self.first, _tree_of_places(self.names), numbers)
+
+
+@functools.lru_cache(64)
+def _tree_of_places(names: tuple[str, ...]) -> Tree:
+    """Return the places of names in a row as a tree."""
+    return tree_of({name: index for index, name in enumerate(names)})

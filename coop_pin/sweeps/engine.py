@@ -182,8 +182,8 @@ class Session:
     ) -> Iterator[Job]:
         """Yield the jobs still to be computed, and note the points whose scenario has mistakes."""
         for keyed in keyed_points(plan):
-            point, key, scenario, code, *_ = keyed
-            self._require_files(code)
+            point, key, scenario = keyed.point, keyed.key, keyed.example
+            self._require_files(keyed.code)
             self.keys.append(key)
             self._is_foreign |= isinstance(scenario, Scenario) and bool(scenario.controller.user_code)
             kind, keep = self.store.known.get(key), plan.keeps(point.number)

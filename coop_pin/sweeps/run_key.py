@@ -12,7 +12,7 @@ import sysconfig
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from modulefinder import ModuleFinder
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from coop_pin import __version__
 from coop_pin.description.scenario import Scenario
@@ -35,7 +35,8 @@ def file_digest(path: Path) -> str:
     Raises:
         OSError: the file cannot be read.
     """
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 # ---------------------------------------------------------------- the user's code
@@ -227,7 +228,8 @@ class KeyedPoint(NamedTuple):
     Attributes:
         point: the run.
         key: key of the run, by ``run_key`` or ``unresolved_key``.
-        scenario: scenario of the run, or the error if the changed scenario has mistakes.
+        made: scenario of the run, or the error if the changed scenario has mistakes; None where a pattern has
+            it.
         code: digests of the user's code that the key covers.
         pattern: pattern of the scenario, if it is one of several that differ in plain numbers.
         numbers: its numbers in the pattern.
@@ -235,10 +237,20 @@ class KeyedPoint(NamedTuple):
 
     point: Point
     key: str
-    scenario: Scenario | ScenarioError
+    made: Scenario | ScenarioError | None
     code: Code = ()
     pattern: Pattern | None = None
     numbers: tuple[float, ...] = ()
+
+    @property
+    def scenario(self) -> Scenario | ScenarioError:
+        """Scenario of the run, or the error if the changed scenario has mistakes."""
+        return self.made or cast(Pattern, self.pattern).filled(self.numbers)
+
+    @property
+    def example(self) -> Scenario | ScenarioError:
+        """Scenario of the run, or one that differs from it in plain numbers."""
+        return self.scenario if self.pattern is None else self.pattern.first
 
 
 class _KeyTemplate:
@@ -280,8 +292,7 @@ def keyed_points(
         if template is not None and (values := template.numbers(point.changes)) is not None:
             keys, code = shared(template)
             numbers = tuple(number.value for number in values)
-            filled, pattern = template.scenario(values), template.pattern
-            yield KeyedPoint(point, keys.key(values), filled, code, pattern, numbers)
+            yield KeyedPoint(point, keys.key(values), None, code, template.pattern, numbers)
             continue
         scenario = plan.resolved(point)
         if isinstance(scenario, ScenarioError):

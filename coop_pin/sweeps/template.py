@@ -18,7 +18,7 @@ from pydantic import BaseModel, TypeAdapter
 
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ScenarioError
-from coop_pin.schema.parts import Pattern, Tree, filled, part_of, refilled, tree_of, with_parts
+from coop_pin.schema.parts import Pattern, Tree, part_of, refilled, tree_of, with_parts
 from coop_pin.sweeps.dimensions import Dimension
 from coop_pin.sweeps.plan import Point, SweepPlan
 
@@ -82,7 +82,6 @@ class Template:
             self.texts.append(before)
         self.texts.append(text)
         self._checks = {name: _check(first, name) for name in self.pattern.names}
-        self._tree = tree_of({name: index for index, name in enumerate(self.pattern.names)})
 
     def numbers(self, changes: Mapping[str, Any]) -> list[Number] | None:
         """Return the numbers of a run, validated; None if a field refuses one."""
@@ -93,7 +92,8 @@ class Template:
 
     def scenario(self, numbers: Sequence[Number]) -> Scenario:
         """Return the scenario of a run."""
-        return filled(self.pattern.first, self._tree, [number.value for number in numbers])
+        scenario: Scenario = self.pattern.filled([number.value for number in numbers])
+        return scenario
 
     def text(self, numbers: Iterable[Number]) -> str:
         """Return the scenario of a run as JSON."""
