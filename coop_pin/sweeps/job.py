@@ -155,7 +155,7 @@ class Job(NamedTuple):
         engine: "pinocchio" or "traced", or "batch" for a run that is simulated together with others if it can
             be.
         pattern: pattern of the scenario, if others differ from it in plain numbers.
-        numbers: its numbers in the pattern.
+        numbers: numbers of the run in the pattern.
     """
 
     key: str

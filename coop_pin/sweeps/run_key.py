@@ -232,7 +232,7 @@ class KeyedPoint(NamedTuple):
             it.
         code: digests of the user's code that the key covers.
         pattern: pattern of the scenario, if it is one of several that differ in plain numbers.
-        numbers: its numbers in the pattern.
+        numbers: numbers of the run in the pattern.
     """
 
     point: Point
