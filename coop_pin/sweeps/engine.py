@@ -204,8 +204,8 @@ class Session:
         """Return the job of a point whose scenario has no mistakes."""
         point, limits = keyed.point, (plan.time_limit_s, int(plan.memory_limit_gb * 1e9))
         keep, scenario = plan.keeps(point.number), cast(Scenario, keyed.scenario)
-        given = (point.changes, plan.metrics, *limits, keep, keyed.code, plan.engine)
-        return Job(keyed.key, scenario, *given, keyed.pattern, keyed.numbers)
+        options = (point.changes, plan.metrics, *limits, keep, keyed.code, plan.engine)
+        return Job(keyed.key, scenario, *options, keyed.pattern, keyed.numbers)
 
     def _require_files(self, code: Sequence[tuple[str, Sequence[str]]]) -> None:
         """Refuse code of a script or notebook that workers cannot import, or whose edits go undetected."""
