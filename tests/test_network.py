@@ -409,6 +409,16 @@ def test_integrals_of_unequal_arms_come_to_their_mean_at_the_rate_of_the_leak(ce
     assert_allclose(apart[again + 1 :] / apart[again:-1], 1.0 - 4.0 * period, rtol=1e-6)
 
 
+@pytest.mark.parametrize("cell", ["two planar", "two spatial"])
+def test_equal_integrals_leak_nothing(cell):
+    """Exact messages and one controller of all: the law that leaks nothing, zeroed at the grasp or not."""
+    changes = {"duration": 0.1, "controller.zero_at_grasp": cell == "two planar"}
+    plain = samples(biased(cell, **changes | {"controller.gains.leak": 0.0}))
+    for network in ({}, None):
+        found = samples(biased(cell, network=network, **AGREED, **changes))
+        assert_allclose(found.torque, plain.torque, rtol=0, atol=1e-9)
+
+
 def test_a_leak_to_the_mean_forgets_views_that_are_left_out():
     """1 mm of bias, 5 % loss: under 1 N, where 9.4 N come together in ten seconds."""
     moved = {"controller": agreed_law(on_loss="skip"), "network": LOSSY, "events": [], "duration": 10.0}
