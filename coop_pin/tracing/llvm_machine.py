@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
+from coop_pin.disk_cache import keep, kept
 from coop_pin.errors import ArgumentError
-from coop_pin.tracing.code_cache import keep, kept
 from coop_pin.tracing.kernel import Instruction, Machine, Program
 from coop_pin.tracing.llvm_emitter import llvm_text
 
