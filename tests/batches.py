@@ -24,7 +24,7 @@ def require_same_samples(found, wanted):
 
 def require_same_bits(scenarios):
     """Require the bits of all vector widths, of the numpy oracle and of a smaller batch, and return them."""
-    simulator = BatchSimulator()
+    simulator = BatchSimulator(machine=NumpyMachine)  # its code keeps the kernels, for every machine
     runs = [simulator.prepare(scenario) for scenario in scenarios]
     prepared = Prepared.joined(runs)
     code = simulator.family(runs[0], prepared).code
