@@ -24,10 +24,12 @@ def require_same_samples(found, wanted):
 
 def require_same_bits(scenarios):
     """Require the bits of all vector widths, of the numpy oracle and of a smaller batch, and return them."""
-    simulator = BatchSimulator(machine=NumpyMachine)  # its code keeps the kernels, for every machine
+    simulator = BatchSimulator(
+        machine=NumpyMachine
+    )  # whose program has the kernels: any width can have a text
     runs = [simulator.prepare(scenario) for scenario in scenarios]
     prepared = Prepared.joined(runs)
-    code = simulator.family(runs[0], prepared).code
+    code = simulator.family([prepared]).code
     program, uniforms, (block, loads) = code.program, code.uniforms, code.begin(prepared)
     machines = [LlvmMachine(program, width) for width in (8, 4, 1)] + [NumpyMachine(program)]
     records = [machine.run(block.copy(), uniforms, loads) for machine in machines]

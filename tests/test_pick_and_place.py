@@ -102,6 +102,7 @@ def put_down(turn: tuple[float, float, float], **changes) -> cp.Scenario:
     moved = {"cell.gravity": gravity, "cell.tables": {"bench": table}, "motion": line, "start": above}
     event = {"kind": "put-down", "time": 0.25, "duration": 0.1}
     law = {"controller.anchor_bias": "none", "events": (event,), "duration": 0.45}
+    law["controller.gain_axes"] = "payload"  # K has 8 N m s about the line of the palms, 100 across it
     return scenario.override(arms | moved | law | changes)
 
 

@@ -6,10 +6,9 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from coop_pin.analysis.carried_path import CarriedPath
-from coop_pin.analysis.path_parameterization import PathLimits, fastest, times_of
+from coop_pin.analysis.path_parameterization import PathLimits, fastest, smoothed
 from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell
 from coop_pin.errors import InfeasibleMotionError
@@ -20,8 +19,6 @@ from coop_pin.spatial import rotate_vector6, shift_wrench
 
 KNOTS = 201
 """Entries of the table s(t) of a motion, at least."""
-_PER_WIDTH = 8
-"""Entries of it within the width of the moving average, at least."""
 _SAMPLES = 801
 """Times at which limits are looked at, at least; four for each entry of a table."""
 _ROUNDS = 4
@@ -137,7 +134,7 @@ class CarryLimits(NamedTuple):
             limits = self.along(path, friction)
             x = fastest(limits._replace(c=np.minimum(limits.c, _RESERVED * resting)))
             friction = path.friction(np.sqrt(x))
-        times, fractions = _moving_average(path.places, x, smoothing)
+        times, fractions = smoothed(path.places, x, smoothing, KNOTS)
         return self.stretched(line.replace(times=times, fractions=fractions))
 
     def stretched(self, motion: TimedLineMotion) -> TimedLineMotion:
@@ -210,31 +207,12 @@ def _moved(begun: CarryTiming, splines: list[Array], p: Array) -> CarryTiming:
     return CarryTiming(begun.times, *(part + change for part, change in zip(begun[1:], changes, strict=True)))
 
 
-def _moving_average(places: Array, x: Array, width: float) -> tuple[Array, Array]:
-    """Return times and fractions of a motion with constant u between places, averaged over a time."""
-    ends, v, u = times_of(places, x), np.sqrt(x), np.diff(x) / (2.0 * np.diff(places))
-    spans = np.diff(ends)
-    areas = places[:-1] * spans + v[:-1] * spans**2 / 2.0 + u * spans**3 / 6.0
-    before = np.concatenate(([0.0], np.cumsum(areas)))
-
-    def integral(t: Array) -> Array:
-        i = np.clip(np.searchsorted(ends, t, side="right") - 1, 0, len(u) - 1)
-        h = np.clip(t, 0.0, ends[-1]) - ends[i]
-        whole = before[i] + places[i] * h + v[i] * h**2 / 2.0 + u[i] * h**3 / 6.0
-        return np.asarray(whole + np.maximum(t - ends[-1], 0.0))
-
-    count = max(KNOTS, int(_PER_WIDTH * (ends[-1] / width + 1.0)) + 1)
-    times = np.linspace(0.0, ends[-1] + width, count)
-    fractions = (integral(times) - integral(times - width)) / width
-    fractions[0], fractions[-1] = 0.0, 1.0
-    return times, fractions
-
-
 def _pad_rows(cell: Cell, name: str, reserve: float) -> Array:
     """Return rows of an arm's pad: planes inside the cones of ``chain.friction_cones``, shape (r, m, 6).
 
-    d . (f_x, f_y, m / R) <= (1 - reserve) mu N r and d . (b_x, b_y) <= (1 - reserve) R N r for unit vectors
-    d, with the radius r of the ball inside of which all corners between neighbouring planes are.
+    d . (f_x, f_y, m / R) <= (1 - reserve) mu N r and d . (b / l) <= (1 - reserve) N r for unit vectors d,
+    with the levers l of the pad and the radius r of the ball inside of which all corners between neighbouring
+    planes are.
     """
     pad, X = cell.pads[name], cell.grasps[name].matrix
     on_pad = rotate_vector6((X[:3, :3] @ pad.plane[:3, :3]).T, shift_wrench(np.eye(6), -X[:3, 3])).T
@@ -242,12 +220,14 @@ def _pad_rows(cell: Cell, name: str, reserve: float) -> Array:
     z, azimuth = 1.0 - 2.0 * k / _DIRECTIONS, k * np.pi * (1.0 + np.sqrt(5.0))
     circle = np.sqrt(1.0 - z**2)
     d = np.stack((circle * np.cos(azimuth), circle * np.sin(azimuth), z), axis=1)
+    from scipy.spatial import ConvexHull  # slow to load
+
     corners = np.linalg.solve(d[ConvexHull(d).simplices], np.ones((1, 3, 1)))
     slip = d @ (on_pad[[0, 1, 5]] / np.array([[1.0], [1.0], [R]]))
     slip -= (1.0 - reserve) * pad.mu / np.linalg.norm(corners, axis=1).max() * on_pad[2]
     turn = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
-    tip = np.stack((np.cos(turn), np.sin(turn)), axis=1) @ on_pad[3:5]
-    tip -= (1.0 - reserve) * R * np.cos(np.pi / _SIDES) * on_pad[2]
+    tip = np.stack((np.cos(turn), np.sin(turn)), axis=1) @ (on_pad[3:5] / pad.levers[:, None])
+    tip -= (1.0 - reserve) * np.cos(np.pi / _SIDES) * on_pad[2]
     rows = np.zeros((len(slip) + len(tip), len(cell.arms), 6))
     rows[:, list(cell.arms).index(name)] = np.concatenate((slip, tip))
     return rows

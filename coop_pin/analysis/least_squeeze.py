@@ -52,8 +52,9 @@ def least_squeeze(scenario: Scenario) -> LeastSqueeze | None:
     """Return the least squeeze of the cell's patches and pads along the motion; None without any.
 
     With the load (f, N_0, m) that the motion puts on a patch of torsion radius r, by the split of the law,
-    slip asks for N >= sqrt(f . f + (m / r)^2) / mu (the ellipsoid), and the size m_t of the moment in the
-    plane for N >= m_t / r; N_0 counts. Friction of arms, errors of the law and events are not in it.
+    slip asks for N >= sqrt(f . f + (m / r)^2) / mu (the ellipsoid), and the moment m_t about axes in the
+    plane for N >= |m_t / l| with the levers l of the pad; N_0 counts. Friction of arms, errors of the law
+    and events are not in it.
 
     Args:
         scenario: Scenario with motion and squeeze.
@@ -72,7 +73,7 @@ def least_squeeze(scenario: Scenario) -> LeastSqueeze | None:
             pad: Pad = cell.patches.get(name) or cell.pads[name]
             load, stated = (_in_plane(cell, name, pad, F) for F in (L[index] @ resultant, squeeze[index]))
             slip = np.hypot(np.linalg.norm(load[:2]), load[5] / pad.torsion_radius) / pad.mu
-            tilt = float(np.linalg.norm(load[3:5])) / pad.torsion_radius
+            tilt = float(np.linalg.norm(load[3:5] / pad.levers))
             force = max(float(slip), tilt) - float(load[2])
             least = LeastSqueeze(force, float(stated[2]), name, time, tilt > slip)
             if worst is None or least.stated - least.force < worst.stated - worst.force:

@@ -6,12 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from coop_pin.analysis.modes import NEUTRAL, Mode
 from coop_pin.analysis.reachability import Reachability
-from coop_pin.analysis.sampled_motion import LEAST_DAMPING, NEUTRAL, Mode, SampledMotion, sampled_motion
+from coop_pin.analysis.sampled_motion import SampledMotion, sampled_motion
 from coop_pin.analysis.sampled_stability import configurations_along
 from coop_pin.arrays import typed
 from coop_pin.simulation import Simulation
 
+LEAST_DAMPING = 0.55
+"""Damping ratio below which a motion swings."""
 _LARGEST_LAG, _LAG_ERROR = 1.0, 1e-6
 """Largest lag that is tried, and that to which the largest one is found, s."""
 _POSES = 6
@@ -52,7 +55,7 @@ class LoopStability(NamedTuple):
     @property
     def spare_rate(self) -> float:
         """Decay of the slowest mode of the spare joints, 1/s; negative if it grows, inf without any."""
-        return np.inf if self.spare is None else -float(np.log(abs(self.spare.z))) / self.period
+        return np.inf if self.spare is None else self.spare.rate
 
     @property
     def damping(self) -> float:
@@ -69,8 +72,10 @@ class LoopStability(NamedTuple):
                 "" if self.damping >= LEAST_DAMPING else f" < {LEAST_DAMPING}: lower sign_gain or pose_gain"
             )
             return f"{finding}: the motion is stable, with {bound}; damping ratio {self.damping:.2f}{advice}"
-        if self.mode.is_spare and self.mode.z.real > 0.0:
+        falls = abs(self.mode.z.imag) < NEUTRAL < self.mode.z.real
+        if falls or (self.mode.is_spare and self.mode.z.real > 0.0):
             spring = f"Raise {self.remedy}" if self.remedy else "Its law has no spring for them"
+            spring = spring if self.mode.is_spare else "Raise controller.gains.pose_gain"
             growth = f"grows by e in {self.period / np.log(self.radius):.3g} s"
             return f"! {finding}: the {self.mode.name} {growth}: nothing holds it against gravity. {spring}"
         allowed = f"stable with {bound}" if self.largest_lag else "unstable without any lag, too"

@@ -83,7 +83,7 @@ class RunBlock:
         lanes.add(force=(N,), rates=(nv + works,), holding=(N,), reported=(N,))
         lanes.add(drives=(len(leaves(start.drives)),), constants=(int(differs.sum()),))
         lanes.add(surroundings=(len(leaves(constants.changes[0])),))
-        uniforms.add(h=(), s=(), gives=(m,), signals=(int(signals.is_uniform.sum()),))
+        uniforms.add(h=(), s=(), gives=(2, m), signals=(int(signals.is_uniform.sum()),))
 
     def kernel(self, name: str) -> tuple[Kernel, RunConstants]:
         """Return an empty kernel and the constants as it reads them."""

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import copy
 import functools
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
 
 from coop_pin.arrays import Array, Mask
-from coop_pin.batch.constants import RunConstants, run_constants, start
+from coop_pin.batch.constants import Cover, RunConstants, run_constants, start
 from coop_pin.batch.hidden_state import digest, of_classes
 from coop_pin.batch.signals import SignalSource, clocked_of, columns, desired_of, first_of
 from coop_pin.batch.support import plant_reason
@@ -19,13 +19,17 @@ from coop_pin.build_controller import build_controller, controlled_arm
 from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.control import CellController
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import TracingError
+from coop_pin.errors import CoopPinError, TracingError
 from coop_pin.results.quantities import QUANTITIES, quantities
+from coop_pin.schema.parts import Pattern
 from coop_pin.simulation import Simulation
+from coop_pin.tracing.numpy_machine import evaluate
+from coop_pin.tracing.tape import Tape, operands
+from coop_pin.tracing.traced_array import inputs
 from coop_pin.tracing.tree import flattened, leaves
 
 _NOT_OF_THE_PLANT = {"controller", "beyond_bound", "seed", "name", "summary", "trust"}
-"""Fields of a scenario that do not make the plant; of the controller, its class and force path do."""
+"""Fields of a scenario that do not make the plant; of the controller, its force path does."""
 _PLANT = attrgetter("controller.force_path", *sorted({*Scenario.model_fields} - _NOT_OF_THE_PLANT))
 
 
@@ -49,15 +53,17 @@ class PreparedPlant:
         read: quantities that are recorded at ticks; runs with and without an error of the kinematics share a
             batch.
         labels: names and limits of arms and joints.
-        kind: structure that the runs of a batch share besides numbers, the controller apart.
+        kind: structure that runs of one code share besides numbers, the controller apart.
+        times: times that the runs of a batch share.
     """
 
-    def __init__(self, scenario: Scenario, most_ticks: int | None = None) -> None:
+    def __init__(self, scenario: Scenario, most_ticks: int | None = None, cover: Cover | None = None) -> None:
         """Build the plant.
 
         Args:
             scenario: scenario of the first run.
             most_ticks: number of ticks of which desired motion and signals are made at first; None for all.
+            cover: Provisions of the code; those that this run needs when None.
 
         Raises:
             TracingError: it cannot be traced.
@@ -69,11 +75,15 @@ class PreparedPlant:
         self.arms = [controlled_arm(scenario, name) for name in scenario.cell.arms]
         self.constants = run_constants(scenario, self.run)._replace(controller=None)
         self.start = start(self.run)
+        if cover is not None:
+            self.constants = cover.constants(self.constants, scenario, self.run.timeline)
+            self.start = cover.start(self.start, self.constants)
         numbers, structure = flattened(self.constants)
         self.values = np.array(numbers, dtype=np.float64)
-        self.kind = structure, tuple(scenario.cell.arms), _times(scenario)
+        self.times = _times(scenario)
         self._known = {id(arm): flattened(arm) for arm in self.arms}
         self._last: tuple[Hashable, ...] = ()
+        self._untraced = list[Hashable]()  # numbers whose controllers are built one by one
         self.begins = {name: leaves(part) for name, part in self.start._asdict().items()}
         self.begins["surroundings"] = leaves(self.constants.changes[0])
         ticks = range(self.run.timeline.ticks + 1)[:most_ticks]
@@ -86,6 +96,8 @@ class PreparedPlant:
         self.table = quantities(scenario)
         self.read = [each for each in QUANTITIES if each in self.table or each.group == "kinematics"]
         self.labels = self.run.recorder.labels()
+        names, samples = tuple(each.name for each in self.read), tuple(self.constants.drives.samples())
+        self.kind = structure, tuple(scenario.cell.arms), names, samples
 
     @functools.cached_property
     def determined(self) -> Mask:
@@ -100,10 +112,37 @@ class PreparedPlant:
             CoopPinError: It cannot be built.
         """
         controller = scenario.controller.build(scenario, self.arms)
+        self.run.actuation.require_taken(controller)
         numbers, structure = flattened(controller, self._known)
         kind = self.kind, structure, _surroundings(scenario)
         self._last = self._last if kind == self._last else kind  # the same object: no more to compare
         return controller, np.concatenate((self.values, np.array(numbers, dtype=np.float64))), self._last
+
+    def columns(self, pattern: Pattern, numbers: Array, structure: Hashable) -> Array | None:
+        """Return the numbers of the controllers of runs of this plant, shape (runs, leaves), by tracing one.
+
+        None where the building cannot be traced, or may round otherwise than traced code.
+
+        Args:
+            pattern: Pattern of the scenarios, which differ in their controllers.
+            numbers: Their numbers in it, shape (runs, numbers).
+            structure: Structure of the controllers.
+        """
+        if (untraced := (pattern.names, structure)) in self._untraced:
+            return None
+        tape = Tape()
+        try:
+            scenario = pattern.filled([inputs(tape) for _ in pattern.names])
+            entries, traced = flattened(scenario.controller.build(scenario, self.arms), self._known)
+            outputs = operands(tape, entries)
+            is_alike = traced == structure and tape.rounds_alike(outputs)
+        except (CoopPinError, TypeError, ValueError, AttributeError):
+            is_alike = False
+        if not is_alike:
+            self._untraced.append(untraced)
+            return None
+        columns = evaluate(tape, outputs, list(numbers.T))
+        return np.stack([np.broadcast_to(column, len(numbers)) for column in columns], axis=1)
 
     def signals(self, scenario: Scenario) -> Array:
         """Return the signals of a run of this plant at the ticks of ``desired``, shape (n, entries)."""
@@ -126,27 +165,32 @@ class Prepared(NamedTuple):
         scenarios: scenarios to run.
         plants: plant of each; runs with equal plants share one.
         signals: signals of each at the ticks of its plant's desired motion, shape (n, entries).
-        controller: controller of the first run.
+        controller: function that returns the controller of the first run.
         values: leaves of the constants, the controller's last, shape (runs, leaves).
-        kind: family of the runs: what they share besides numbers.
+        kind: family of the runs: what they share besides numbers and times.
     """
 
     scenarios: Sequence[Scenario]
     plants: Sequence[PreparedPlant]
     signals: Sequence[Array]
-    controller: CellController
+    controller: Callable[[], CellController]
     values: Array
     kind: tuple[Hashable, ...]
 
     @property
     def constants(self) -> RunConstants:
         """Numbers of the first run."""
-        return self.plants[0].constants._replace(controller=self.controller)
+        return self.plants[0].constants._replace(controller=self.controller())
 
     def part(self, runs: slice) -> Prepared:
         """Return the batch of some of the runs."""
         values = (self.scenarios[runs], self.plants[runs], self.signals[runs])
         return Prepared(*values, self.controller, self.values[runs], self.kind)
+
+    @property
+    def times(self) -> Hashable:
+        """Times that the runs share."""
+        return self.plants[0].times
 
     @property
     def is_foreign(self) -> bool:
@@ -175,7 +219,29 @@ class Prepared(NamedTuple):
             CoopPinError: the run cannot start.
         """
         controller, values, kind = plant.with_controller(scenario)
-        return cls([scenario], [plant], [plant.signals(scenario)], controller, values[None], kind)
+        return cls([scenario], [plant], [plant.signals(scenario)], lambda: controller, values[None], kind)
+
+    def alike(self, scenarios: Sequence[Scenario], pattern: Pattern, numbers: Array) -> list[Prepared] | None:
+        """Return runs of this plant that differ from this one in numbers of the law; None where they may not.
+
+        Args:
+            scenarios: Scenarios of the runs.
+            pattern: Pattern of them.
+            numbers: Their numbers in it, shape (runs, numbers).
+        """
+        (plant,) = self.plants
+        values = plant.columns(pattern, numbers, self.kind[1])
+        if values is None:
+            return None
+        return [
+            self._replace(
+                scenarios=[scenario],
+                signals=[plant.signals(scenario)],
+                controller=functools.partial(scenario.controller.build, scenario, plant.arms),
+                values=np.concatenate((plant.values, row))[None],
+            )
+            for scenario, row in zip(scenarios, values, strict=True)
+        ]
 
     @classmethod
     def joined(cls, runs: Sequence[Prepared]) -> Prepared:
@@ -185,7 +251,7 @@ class Prepared(NamedTuple):
             TracingError: they differ in more than numbers.
         """
         for index, run in enumerate(runs):
-            if run.kind != runs[0].kind:
+            if (run.kind, run.times) != (runs[0].kind, runs[0].times):
                 raise TracingError(f"scenarios[{index}] differs from the first in more than numbers")
         values = np.concatenate([run.values for run in runs])
         scenarios, plants = [run.scenarios[0] for run in runs], [run.plants[0] for run in runs]
@@ -201,14 +267,14 @@ def _surroundings(scenario: Scenario) -> str:
 
 def plant_fields(scenario: Scenario) -> tuple[object, ...]:
     """Return what scenarios with one plant have in common."""
-    return type(scenario.controller), *_PLANT(scenario)
+    return _PLANT(scenario)
 
 
 def _times(scenario: Scenario) -> Hashable:
     """Return ticks and samples of servos, and events and losses of torque by their times."""
     times = [(event.time, event.end) for event in scenario.events]
-    lost = [scenario.actuators_of(arm).lost_at for arm in scenario.cell.arms]
-    servos = [scenario.actuators_of(arm).servo for arm in scenario.cell.arms]
-    rates, clock = [servo and servo.rate_hz for servo in servos], scenario.clock
+    actuators = [scenario.actuators_of(arm) for arm in scenario.cell.arms]
+    lost = [(each.torque_lost_at, each.commands_lost_at) for each in actuators]
+    rates, clock = [each.servo and each.servo.rate_hz for each in actuators], scenario.clock
     ticks = clock.rate_hz, clock.steps_per_tick, clock.record_every, scenario.duration
     return (*ticks, str(times), str(lost), str(rates))

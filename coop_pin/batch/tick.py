@@ -23,7 +23,7 @@ from coop_pin.control import ArmMeasurement, ArmReference
 from coop_pin.description.events import Surroundings
 from coop_pin.results.quantities import WORK
 from coop_pin.simulation.actuation import TORQUE_LIMIT
-from coop_pin.simulation.drives import Applied, DriveMotion, DriveState, TorqueResponse
+from coop_pin.simulation.drives import Applied, DriveMotion, DriveState, Given, TorqueResponse
 from coop_pin.simulation.network import NetworkSignals
 from coop_pin.simulation.sensors import Truth, View
 from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
@@ -129,7 +129,7 @@ class TickCode:
             commanded,
             signals.missed,
             self._sensed(kernel, constants),
-            kernel.uniform("gives"),
+            Given(*kernel.uniform("gives")),
             kernel.uniform("s"),
         )
         kernel.write("sensors", sensors)
@@ -213,7 +213,7 @@ class TickCode:
             self._drives(kernel),
             due,
             self._sensed(kernel, constants),
-            kernel.uniform("gives"),
+            Given(*kernel.uniform("gives")),
             kernel.uniform("s"),
         )
         kernel.write("drives", drives)
@@ -240,7 +240,7 @@ class TickCode:
         drives = constants.drives
         if drives.response is not None:
             now = torques(drives.response, self._drives(kernel).response, *map(kernel.uniform, ("s", "h")))
-            self._hold(kernel, constants, drives.acting(now, kernel.uniform("gives")))
+            self._hold(kernel, constants, drives.acting(now, Given(*kernel.uniform("gives"))))
         return kernel
 
     def _in_motion(self) -> list[Kernel]:

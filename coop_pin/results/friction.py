@@ -26,7 +26,7 @@ class FrictionUse(NamedTuple):
         u^2 = (|f| / (mu N))^2 + (m / (mu N r))^2,    slip from u = 1 on
 
     stands for the limit surface of a patch of torsion radius r: 2/3 of the radius of a disc. The surface of a
-    disc lies up to 7 % inside the ellipsoid, and that of the eight points of a patch up to 11 %. NaN where an
+    disc lies up to 7 % inside the ellipsoid, and that of the nine points of a patch up to 7.5 %. NaN where an
     arm does not bear its whole load share: it is free, takes hold or lets go, or a table takes the load.
 
     Attributes:

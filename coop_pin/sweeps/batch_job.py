@@ -5,13 +5,17 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
+import itertools
 import logging
 import sys
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
+
+import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.batch import BatchSimulator
+from coop_pin.batch.constants import Cover
 from coop_pin.batch.hidden_state import digest
 from coop_pin.batch.preparation import Prepared
 from coop_pin.errors import CoopPinError, TracingError
@@ -44,8 +48,7 @@ def run_batch(jobs: Sequence[Job]) -> list[Outcome | None]:
     for code in {job.code for job in jobs}:
         require_unchanged(code)
     families = list[dict[int, Prepared]]()
-    for index, job in enumerate(jobs):
-        run = _attempted(job, _simulator.prepare, separate(job.scenario))
+    for index, run in enumerate(_prepared(jobs)):
         if run is None or run.kind in _untraceable:
             continue
         same = (each for each in families if next(iter(each.values())).kind == run.kind)
@@ -54,10 +57,52 @@ def run_batch(jobs: Sequence[Job]) -> list[Outcome | None]:
         family[index] = run
     preparation = (times() - start) / len(jobs)
     for family in families:
-        members = [jobs[index] for index in family]
-        together = _attempted(members[0], _together, members, [*family.values()], preparation)
-        outcomes |= zip(family, together or (), strict=False)
+        outcomes |= _attempted(jobs[next(iter(family))], _of_family, jobs, family, preparation) or {}
     return [outcomes.get(index) for index in range(len(jobs))]
+
+
+def _prepared(jobs: Sequence[Job]) -> Iterator[Prepared | None]:
+    """Yield jobs prepared for a batch, those of a pattern together; None for one that cannot be."""
+    cover = Cover.of_all(job.scenario for job in jobs)
+    for _, group in itertools.groupby(jobs, lambda job: id(job.pattern)):
+        alike = list(group)
+        scenarios, pattern = [separate(job.scenario) for job in alike], alike[0].pattern
+        numbers = np.array([job.numbers for job in alike], dtype=np.float64)
+        runs = None if pattern is None else _simulator.prepare_alike(scenarios, pattern, numbers, cover)
+        if runs is not None:
+            yield from runs
+            continue
+        for job, scenario in zip(alike, scenarios, strict=True):
+            yield _attempted(job, _simulator.prepare, scenario, cover)
+
+
+def _of_family(
+    jobs: Sequence[Job], family: Mapping[int, Prepared], preparation: Array
+) -> dict[int, Outcome | None]:
+    """Return the outcomes of runs of one code, by the index of their jobs; see _together.
+
+    Args:
+        jobs: jobs of all runs.
+        family: runs, prepared, by the index of their jobs.
+        preparation: Times of the preparation of one run, as of _together.
+
+    Raises:
+        TracingError: the runs cannot be traced.
+    """
+    start, outcomes = times(), dict[int, Outcome | None]()
+    batches = dict[Hashable, dict[int, Prepared]]()
+    for index, run in family.items():
+        batches.setdefault(run.times, {})[index] = run
+    try:
+        _simulator.family([Prepared.joined([*runs.values()]) for runs in batches.values()])
+    except TracingError:
+        _untraceable.append(next(iter(family.values())).kind)
+        raise
+    shared = preparation + (times() - start) / len(family)
+    for runs in batches.values():
+        together = _together([jobs[index] for index in runs], [*runs.values()], shared)
+        outcomes |= zip(runs, together, strict=True)
+    return outcomes
 
 
 def _attempted(job: Job, function: Callable[..., Result], *arguments: Any) -> Result | None:
@@ -94,7 +139,7 @@ def _together(jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array)
 
     Args:
         jobs: jobs of the runs.
-        runs: runs, prepared.
+        runs: runs with the same times, prepared, whose code is compiled.
         preparation: wall and processor time that the preparation of one run took, s, shape (2,).
 
     Raises:
@@ -105,7 +150,6 @@ def _together(jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array)
         batch = _simulator.run_prepared(runs)
         metrics = batch.metrics()
     except TracingError:
-        _untraceable.append(runs[0].kind)
         raise
     except Exception as error:
         half = len(jobs) // 2
