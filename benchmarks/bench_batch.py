@@ -39,7 +39,8 @@ def loop(runs: list[cp.Scenario], width: int) -> Callable[[], object]:
     simulator = BatchSimulator(machine=partial(LlvmMachine, width=width), width=width)
     prepared = [simulator.prepare(run) for run in runs]
     batch = Prepared.joined(prepared)
-    *_, code, machine = simulator.family(prepared[0], batch)
+    family = simulator.family([batch])
+    code, machine = family.code, family.machine
     block, loads = code.begin(batch)
     memory = np.empty(machine.record_size(len(runs)))
     return lambda: machine.run(block.copy(), code.uniforms, loads, out=memory)

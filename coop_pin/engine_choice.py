@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
@@ -21,8 +21,17 @@ _TICKS_PER_JOINT = 250
 A tick on Pinocchio costs nearly the same in all cells; code grows with the joints (benchmarks/README.md)."""
 _LANE_COST = 0.1
 """Cost of a tick of compiled code, in ticks on Pinocchio (benchmarks/README.md)."""
-_TIMES = {"time", "duration", "torque_lost_at", "lost", "rate_hz"}
-"""Fields with numbers that runs of a batch must share."""
+_NUMBERS_ALONE = {
+    "friction",
+    "clock",
+    "duration",
+    "events",
+    "sensors",
+    "arm_sensors",
+    "actuators",
+    "arm_actuators",
+}
+"""Fields that runs of one code need not share; ``_kind`` adds what they must."""
 
 
 class EngineChoice(NamedTuple):
@@ -48,8 +57,8 @@ def choose_engines(
 ) -> list[EngineChoice]:
     """Return the engine of each scenario; it depends on scenarios and numbers of runs, and on nothing before.
 
-    Scenarios that differ in numbers alone can share a batch: they are counted together, and the first of
-    them decides for all.
+    Scenarios that differ in numbers, times and events can share their code: their ticks are counted together,
+    and the first of them decides for all.
 
     Args:
         scenarios: scenarios, or the mistakes in them.
@@ -60,35 +69,61 @@ def choose_engines(
     """
     if engine == "pinocchio" or engine == "traced":
         return [EngineChoice(engine)] * len(scenarios)
-    kinds, counts, choices = list(map(_kind, scenarios)), Counter[str](), dict[str, EngineChoice]()
-    for kind, count in zip(kinds, runs, strict=True):
-        counts[kind] += count
+    kinds, ticks, choices = (
+        list(map(_kind, scenarios)),
+        defaultdict[str, float](float),
+        dict[str, EngineChoice](),
+    )
+    for kind, scenario, count in zip(kinds, scenarios, runs, strict=True):
+        ticks[kind] += count * _ticks(scenario)
     for kind, scenario in zip(kinds, scenarios, strict=True):
         if kind not in choices:
-            asked = counts[kind] if engine == "auto" else None
+            asked = ticks[kind] if engine == "auto" else None
             choices[kind] = _choice(scenario, asked, traces_user_code)
     return [choices[kind] for kind in kinds]
 
 
 def _kind(scenario: Scenario | ScenarioError) -> str:
-    """Return what runs of a batch have in common, as far as the scenario shows it: all but its numbers."""
+    """Return what runs with one code have in common, as far as the scenario shows it.
+
+    They may differ in numbers, in rates, times and events, in the delay of wrist sensors, and in what is lost
+    (see coop_pin.batch.constants.Cover).
+    """
     if isinstance(scenario, ScenarioError):
         return str(scenario)
     fields = scenario.model_dump(exclude={"name", "summary", "seed", "trust"})
-    return repr(_without_numbers(fields))
+    sensors = map(scenario.sensors_of, scenario.cell.arms)
+    actuators = map(scenario.actuators_of, scenario.cell.arms)
+    partners = [event.apply(scenario.cell.surroundings, event.time).partners for event in scenario.events]
+    common = (
+        [(each.wrist is None, each.joints_are_ideal, each.velocity.kind) for each in sensors],
+        [
+            (a.gravity_compensation is None, a.missed_ticks > 0.0, a.servo, a.lag > 0.0, a.rate_limit is None)
+            for a in actuators
+        ],
+        list(filter(None, partners)),
+    )
+    return repr((_without_numbers(fields), common))
 
 
 def _without_numbers(value: Any) -> Any:
-    """Return a value without its floats, but for times."""
+    """Return a value without its floats, and without what runs of one code need not share."""
     if isinstance(value, Mapping):
-        return {key: each if key in _TIMES else _without_numbers(each) for key, each in value.items()}
+        return {key: _without_numbers(each) for key, each in value.items() if key not in _NUMBERS_ALONE}
     if isinstance(value, Sequence) and not isinstance(value, str):
         return list(map(_without_numbers, value))
     return "number" if isinstance(value, float) else value
 
 
-def _choice(scenario: Scenario | ScenarioError, runs: int | None, traces_user_code: bool) -> EngineChoice:
-    """Return the engine of runs like a scenario, by their number unless that is None."""
+def _ticks(scenario: Scenario | ScenarioError) -> float:
+    """Return the ticks of a run, at least one."""
+    if isinstance(scenario, ScenarioError):
+        return 1.0
+    return max(1.0, scenario.duration * scenario.clock.rate_hz)
+
+
+def _choice(scenario: Scenario | ScenarioError, ticks: float | None, traces_user_code: bool) -> EngineChoice:
+    """Return the engine of runs like a scenario, by the ticks of all of them unless that is None."""
     from coop_pin.batch import law_reason, plant_reason, support  # slow to load
 
     if isinstance(scenario, ScenarioError):
@@ -98,7 +133,7 @@ def _choice(scenario: Scenario | ScenarioError, runs: int | None, traces_user_co
     try:
         enough = runs_worth_a_batch(scenario)
         reason = f"compiling takes as long as {enough} single runs"
-        if runs is not None and runs < enough:
+        if ticks is not None and (runs := math.floor(ticks / _ticks(scenario) + 1e-9)) < enough:
             return EngineChoice("pinocchio", "few runs", f"{reason}, and there are {runs}")
         text = law_reason(scenario.controller)
         if traces_user_code and scenario.controller.user_code:
@@ -114,8 +149,7 @@ def runs_worth_a_batch(scenario: Scenario) -> int:
     Raises:
         CoopPinError: an arm cannot be loaded.
     """
-    ticks = max(1.0, scenario.duration * scenario.clock.rate_hz)
-    enough = math.ceil(_ticks_of_compiling(scenario) / ticks)
+    enough = math.ceil(_ticks_of_compiling(scenario) / _ticks(scenario))
     if not scenario.controller.user_code:
         return enough
     from coop_pin.batch.single_runs import CHECKED  # slow to load

@@ -27,7 +27,7 @@ def require_same_bits(scenarios):
     simulator = BatchSimulator()
     runs = [simulator.prepare(scenario) for scenario in scenarios]
     prepared = Prepared.joined(runs)
-    code = simulator.family(runs[0], prepared).code
+    code = simulator.family([prepared]).code
     program, uniforms, (block, loads) = code.program, code.uniforms, code.begin(prepared)
     machines = [LlvmMachine(program, width) for width in (8, 4, 1)] + [NumpyMachine(program)]
     records = [machine.run(block.copy(), uniforms, loads) for machine in machines]

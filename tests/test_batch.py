@@ -5,6 +5,7 @@ from collections import Counter
 import numpy as np
 import pinocchio as pin
 import pytest
+import xarray as xr
 from batches import require_same_bits, require_same_samples
 from cells import RIGID
 from numpy.testing import assert_allclose, assert_array_equal
@@ -13,6 +14,7 @@ import coop_pin as cp
 from coop_pin.batch import simulate_batch, support
 from coop_pin.batch.arm_dynamics import ArmInput, ArmNumbers, arm_terms
 from coop_pin.batch.cell_dynamics import CellNumbers, CellState, cell_motion, closure_error
+from coop_pin.batch.constants import Cover
 from coop_pin.batch.preparation import Prepared
 from coop_pin.batch.serial_arm import SerialArm
 from coop_pin.batch.simulate import BatchSimulator
@@ -262,6 +264,61 @@ def test_batches_of_one_simulator_share_their_code_and_have_the_bits_of_any_othe
     (wider,) = simulator._families
     assert wider.first is family.first
     assert wider.code is not family.code
+
+
+TRIALS = {
+    "nominal": {},
+    "mass": {"events": [{"kind": "payload-change", "time": 0.0, "mass": 9.0}]},
+    "push": {"events": [{"kind": "wrench-pulse", "time": 0.03, "duration": 0.02, "wrench": [9.0] * 6}]},
+    "late": {"sensors.wrist.delay": 1},
+    "later": {"sensors.wrist.delay": 3},
+    "lost": {"sensors.wrist.lost": [[0.03, 0.06]]},
+    "rate": {"clock.rate_hz": 250.0},
+    "torque": {"arm_actuators": {"right": {"torque_lost_at": 0.05}}},
+    "commands": {"arm_actuators": {"right": {"commands_lost_at": 0.05}}},
+}
+"""Changes that runs of one code may have."""
+
+
+@pytest.mark.parametrize(
+    ("name", "whole"),
+    [
+        ("adept-anchored", ["later"]),
+        *(
+            pytest.param(name, TRIALS, marks=pytest.mark.slow)
+            for name in ("adept-anchored", "two-pandas-box")
+        ),
+    ],
+)
+def test_runs_with_other_events_rates_delays_and_losses_share_their_code_and_keep_their_bits(name, whole):
+    base = cp.Scenario.load(name, {"duration": 0.1, "events": [], "sensors.wrist": {}})
+    scenarios = [base.override(changes) for changes in TRIALS.values()]
+    cover = Cover.of_all(scenarios)
+    simulator, batches = BatchSimulator(), dict[object, list[Prepared]]()
+    for scenario in scenarios:
+        run = simulator.prepare(scenario, cover)
+        batches.setdefault(run.times, []).append(run)
+    lagging = simulator.prepare(base.override({"actuators.lag": 0.01}), cover)
+    assert lagging.kind != run.kind
+    code = simulator.family([Prepared.joined(runs) for runs in batches.values()]).code
+    assert [len(runs) for runs in batches.values()] == [4, 1, 1, 1, 1, 1]
+    found = dict[str, xr.Dataset]()
+    for runs in batches.values():
+        batch = simulator.run_prepared(runs)
+        names = [
+            name
+            for run in runs
+            for name, one in zip(TRIALS, scenarios, strict=True)
+            if one is run.scenarios[0]
+        ]
+        found |= {name: batch.result(index).data for index, name in enumerate(names)}
+    assert simulator._families[-1].code is code
+    ends = np.array([found[name].configuration[-1] for name in ("mass", "push", "torque", "commands")])
+    assert np.abs(ends - found["nominal"].configuration[-1].values).max(axis=1).min() > 1e-9
+    for name, scenario in zip(TRIALS, scenarios, strict=True):
+        require_same_samples(found[name], cp.run(scenario, warn=False).data)
+        if name in whole:
+            assert found[name].equals(BatchSimulator().run([scenario]).result(0).data)
 
 
 @pytest.mark.parametrize("name", in_tiers(["adept-anchored", "five-joint-pair"], ["adept-anchored"]))

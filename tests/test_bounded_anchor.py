@@ -511,7 +511,7 @@ def test_drives_report_the_part_of_the_command_that_acted(name):
     while not run.is_finished:
         run.tick()
         applied = run._applied
-        gives = run.actuation.gives(run.timeline.time(run.ticks_done - 1))
+        gives = run.actuation.gives(run.timeline.time(run.ticks_done - 1)).torques
         drives = zip(
             applied.commanded, applied.requested, applied.torques, applied.reported, gives, strict=True
         )

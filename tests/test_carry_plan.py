@@ -270,7 +270,7 @@ def friction_used(F, grasp, pad):
     R = grasp.matrix[:3, :3] @ pad.plane[:3, :3]
     f, n = F[:, :3] @ R, moment @ R
     slip = np.hypot(np.linalg.norm(f[:, :2], axis=1), n[:, 2] / pad.torsion_radius) / (pad.mu * f[:, 2])
-    return np.maximum(slip, np.linalg.norm(n[:, :2], axis=1) / (pad.torsion_radius * f[:, 2]))
+    return np.maximum(slip, np.linalg.norm(n[:, :2] / pad.levers, axis=1) / f[:, 2])
 
 
 # ---------------------------------------------------------------- what is refused

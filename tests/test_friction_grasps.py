@@ -97,7 +97,7 @@ def test_a_crate_is_carried_by_friction_alone():
     data = result.data
     assert np.linalg.norm(data.pose_error.values[:, :3], axis=1).max() < 2e-3
     assert float(data.patch_slip.max()) < 1e-9
-    assert (data.patch_points.values == 8.0).all()
+    assert (data.patch_points.values == 9.0).all()
     assert_allclose(data.patch_wrench.values[:, :, 2], 60.0, atol=0.5)
     assert result.friction_use().used.max() < 0.5
     exchanged = float(np.abs(np.diff(data.work_actuation.values)).sum())

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 from coop_pin.chain import CellChain
 from coop_pin.chain.integrators import (
     INTEGRATORS,
+    FreeFlyerRungeKutta,
     LieGroup,
     RungeKutta,
     SemiImplicitEuler,
@@ -58,7 +59,7 @@ def smooth_forces(plant, q_0):
 def advance(case, method, h, duration, project=False):
     plant, q, v = moving(case)
     integrator, rate = (
-        INTEGRATORS[method](configuration_space(plant.mechanism.model)),
+        INTEGRATORS[method](plant.mechanism.model),
         smooth_forces(plant, q),
     )
     work = np.zeros(3)
@@ -129,7 +130,7 @@ def test_the_change_of_energy_is_the_work_of_the_forces(case):
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_an_undriven_chain_keeps_its_energy_and_its_closures(case, project):
     plant, q, v = moving(case)
-    integrator, none = INTEGRATORS["rk4"](configuration_space(plant.mechanism.model)), np.zeros(0)
+    integrator, none = INTEGRATORS["rk4"](plant.mechanism.model), np.zeros(0)
     energy = plant.mechanism.energy(q, v).total
     assert plant.mechanism.energy(q, v).kinetic > 0.05
     for _ in range(200):
@@ -171,23 +172,32 @@ def test_the_short_form_for_vectors_is_the_same_method(name):
     )
     for one, other in zip(short, long, strict=True):
         assert_allclose(one, other, rtol=1e-12, atol=1e-13)
-    assert type(INTEGRATORS["rk4"](configuration_space(plant.mechanism.model))) is VectorRungeKutta
-    assert (
-        type(INTEGRATORS["rk4"](configuration_space(moving((name, "free"))[0].mechanism.model))) is RungeKutta
-    )
+    assert type(INTEGRATORS["rk4"](plant.mechanism.model)) is VectorRungeKutta
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_compiled_stages_of_a_free_payload_are_the_general_method(name):
+    plant, q, v = moving((name, "free"))
+    compiled = INTEGRATORS["rk4"](plant.mechanism.model)
+    assert type(compiled) is FreeFlyerRungeKutta
+    general = RungeKutta(configuration_space(plant.mechanism.model))
+    drag = np.linspace(0.1, 0.9, len(v))
+
+    def rate(t, _q, v):
+        return -drag * v + np.cos(60.0 * t), np.array([v @ v])
+
+    one, two = (each.step(rate, 0.7, q, v, 0.005) for each in (compiled, general))
+    for part, other in zip(one, two, strict=True):
+        assert_allclose(part, other, rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize("method", INTEGRATORS)
 def test_a_step_leaves_the_state_it_started_from_alone(method):
     plant, q, v = moving(("planar", "welded"))
     kept = q.copy(), v.copy()
-    step = INTEGRATORS[method](configuration_space(plant.mechanism.model)).step(
-        smooth_forces(plant, q), 0.0, q, v, 0.01
-    )
+    step = INTEGRATORS[method](plant.mechanism.model).step(smooth_forces(plant, q), 0.0, q, v, 0.01)
     first = [field.copy() for field in step]
-    INTEGRATORS[method](configuration_space(plant.mechanism.model)).step(
-        smooth_forces(plant, q), 0.01, step.q, step.v, 0.01
-    )
+    INTEGRATORS[method](plant.mechanism.model).step(smooth_forces(plant, q), 0.01, step.q, step.v, 0.01)
     assert_allclose([q, v], kept, rtol=0, atol=0)
     for field, copy in zip(step, first, strict=True):
         assert_allclose(field, copy, rtol=0, atol=0)

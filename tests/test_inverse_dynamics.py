@@ -73,15 +73,17 @@ def test_inverse_dynamics_of_forward_dynamics_returns_the_torques(name):
 
 @pytest.mark.parametrize("name", LINKAGES)
 def test_closure_wrenches_of_linkages_return_through_forward_dynamics(name):
-    """To 1e-9 by the KKT solver; with redundant rows the proximal one finds the least multipliers to 1e-7."""
-    for of, part in ((kkt_of, 1e-9), (lambda chain: chain, 1e-6)):
-        proximal, q, v = linkage(name)
-        chain = of(proximal)
+    """By both solvers, whose least multipliers are the same; with redundant rows, too."""
+    proximal, q, v = linkage(name)
+    chains, found = (proximal, kkt_of(proximal)), []
+    for chain in chains:
         forward = chain.forward_dynamics(q, v, random_tau(chain))
         expected = forward.closure_wrenches
         torque = chain.inverse_dynamics(q, v, forward.acceleration, closure_wrenches=expected).torque
         again = chain.forward_dynamics(q, v, torque).closure_wrenches
-        assert_allclose(again, expected, rtol=0, atol=part * np.abs(expected).max())
+        assert_allclose(again, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+        found.append(expected)
+    assert_allclose(*found, rtol=0, atol=1e-10 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("name", [*CELLS, *LINKAGES])

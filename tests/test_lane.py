@@ -16,6 +16,7 @@ from test_engines import CASES, eventful
 
 import coop_pin as cp
 from coop_pin import errors
+from coop_pin.batch import plant_reason
 from coop_pin.cli import main
 from coop_pin.engine_choice import choose_engine
 from coop_pin.results import RunResult
@@ -24,9 +25,7 @@ RUNS = {
     **{
         f"cell {name}": lambda name=name: cp.Scenario.load(name, {"duration": 0.1, "events": []})
         for name in cp.scenario_names()
-        if not cp.Scenario.load(
-            name
-        ).cell.compliant  # refused: test_auto_leaves_compliant_grasps_to_pinocchio
+        if plant_reason((scenario := cp.Scenario.load(name)).plant, scenario.cell) is None
     },
     **{
         f"law {name} {index}": lambda case=case: scenario_with(*case)
@@ -221,11 +220,9 @@ def test_auto_chooses_by_length_law_and_what_happens_at_ticks():
         assert choose_engine(scenario, is_live=is_live)[:2] == expected
 
 
-def test_auto_leaves_compliant_grasps_to_pinocchio():
-    scenario = cp.Scenario.load("adept-compliant")
-    assert choose_engine(scenario)[:2] == ("pinocchio", "plant")
-    with pytest.raises(errors.ArgumentError, match="compliant"):
-        cp.run(scenario, engine="batch", warn=False)
+def test_auto_takes_compliant_grasps_and_leaves_their_events_to_pinocchio():
+    assert choose_engine(cp.Scenario.load("adept-compliant"))[0] == "batch"
+    assert choose_engine(cp.Scenario.load("three-ur5-handover"))[:2] == ("pinocchio", "plant")
 
 
 def test_auto_runs_what_it_chooses():

@@ -107,6 +107,7 @@ def put_down(turn: tuple[float, float, float], **changes) -> cp.Scenario:
     moved = {"cell.gravity": gravity, "cell.tables": {"bench": table}, "motion": line, "start": above}
     event = {"kind": "put-down", "time": 0.25, "duration": 0.1}
     law = {"controller.anchor_bias": "none", "events": (event,), "duration": 0.45}
+    law["controller.gain_axes"] = "payload"  # K has 8 N m s about the line of the palms, 100 across it
     return scenario.override(arms | moved | law | changes)
 
 
@@ -175,8 +176,8 @@ def test_the_whole_task():
     assert_allclose(found["placed"], 1.0, rtol=1e-6)
 
 
-POINTS = 0.88
-"""Part of the ellipsoid's friction that the eight points of a patch bear at least, with torsion."""
+POINTS = 0.925
+"""Part of the ellipsoid's friction that the nine points of a patch bear at least, with torsion."""
 
 
 def varied(seed: int) -> cp.Scenario:

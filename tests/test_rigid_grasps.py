@@ -149,7 +149,7 @@ def test_what_a_rigid_grasp_cannot_do_is_refused():
         scenario_with("spatial", *CYCLE, **{"plant.payload": "welded"})
     with pytest.raises(FieldError, match=r"events\.1\.rest"):
         scenario_with("spatial", CYCLE[0], CYCLE[1].replace(rest="nominal"))
-    assert "free payload" in support(scenario_with("spatial", *CYCLE))
+    assert "open and close" in support(scenario_with("spatial", *CYCLE))
 
 
 # ------------------------------------------------------------ brakes, and events of one's own

@@ -25,7 +25,7 @@ from coop_pin.analysis import (
 from coop_pin.analysis.sampled_stability import REAL_STABILITY
 from coop_pin.build_controller import build_controller
 from coop_pin.chain import CellChain, solve_ik
-from coop_pin.chain.integrators import INTEGRATORS, VectorSpace
+from coop_pin.chain.integrators import INTEGRATORS
 from coop_pin.cli import main
 from coop_pin.control.interface import ArmCommand, ArmController
 from coop_pin.errors import CoopPinError, DivergedError, ScenarioWarning
@@ -250,9 +250,10 @@ def steps_of(scenario):
 
 def test_the_stability_limits_are_those_of_the_integrators():
     """v' = -lambda v: |v| falls in a step just within the limit, and grows just beyond it."""
-    space = VectorSpace()
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slider")
     for name, limit in REAL_STABILITY.items():
-        integrator = INTEGRATORS[name](space)
+        integrator = INTEGRATORS[name](model)
         for h, decays in ((limit * (1 - 1e-9), True), (limit * (1 + 1e-9), False)):
             step = integrator.step(lambda _t, _q, v: (-v, np.zeros(1)), 0.0, np.zeros(1), np.ones(1), h)
             assert (abs(step.v[0]) < 1.0) == decays

@@ -590,7 +590,7 @@ def test_a_misspelt_urdf_is_looked_for_beside_the_scenarios_file(tmp_path, monke
         (
             "adept-paper",
             {"name": "printed law", "events": [], "cell.arms.left.calibration_error.tip.xyz": [1e-3, 0, 0]},
-            "changed: no events; left tip off by 1 mm",
+            "changed: no events; left model: tip off by 1 mm",
         ),
         (
             "adept-anchored",
@@ -600,7 +600,7 @@ def test_a_misspelt_urdf_is_looked_for_beside_the_scenarios_file(tmp_path, monke
         (
             "two-pandas-box",
             {"cell.arms.left.calibration_error.joint_offset": 1e-3, "cell.payload.mass": 2.5},
-            "changed: left joints off by 1 mrad; payload mass 3 → 2.5",
+            "changed: left model: joints off by 1 mrad; payload mass 3 → 2.5",
         ),
         (
             "adept-paper",

@@ -157,16 +157,19 @@ def test_runs_that_are_worth_compiling(name, duration, runs):
     assert engine_choice.runs_worth_a_batch(users) == runs + 2
 
 
-def test_scenarios_that_differ_in_numbers_are_counted_together():
+def test_scenarios_that_differ_in_numbers_times_and_events_are_counted_together():
     base = cp.Scenario.load("adept-anchored").replace(events=())  # 20 s, 1600 ticks: one run is enough
     short = base.replace(duration=0.5)  # 40 ticks: 38 are
     biased = [short.override({"cell.payload.mass": mass}) for mass in np.linspace(5.0, 8.0, 30)]
-    later = [short.replace(duration=0.6)] * 30
-    found = engine_choice.choose_engines([base, *biased, *later], "auto", [1, *[1] * 30, *[1] * 30])
-    assert [each.engine for each in found] == ["batch"] + 60 * ["pinocchio"]
-    found = engine_choice.choose_engines([*biased, *later], "auto", [2] * 30 + [1] * 30)
-    assert [each.engine for each in found] == 30 * ["batch"] + 30 * ["pinocchio"]
+    heavy = [{"kind": "payload-change", "time": 0.2, "mass": 9.0}]
+    others = [short.override(changes) for changes in ({"duration": 0.6}, {"events": heavy})] * 3
+    noisy = [short.override({"sensors.encoder.noise": 1e-5})] * 30  # other code
+    found = engine_choice.choose_engines([*biased, *others, *noisy], "auto", [1] * 66)
+    assert {each.engine for each in found} == {"pinocchio"}  # 30 + 3 + 3.6 runs
+    found = engine_choice.choose_engines([*biased, *others, *noisy], "auto", [1] * 31 + [2] * 5 + [1] * 30)
+    assert [each.engine for each in found] == 36 * ["batch"] + 30 * ["pinocchio"]
     assert {each.obstacle for each in found} == {None, "few runs"}
+    assert engine_choice.choose_engines([base, *noisy], "auto", [1] * 31)[0].engine == "batch"
 
 
 @pytest.mark.parametrize("changes", [{}, law("none")], ids=["plant", "user"])

@@ -26,6 +26,7 @@ from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
 from coop_pin import run, viz
+from coop_pin.chain.partner import partner_state
 from coop_pin.description import Arm, Cell, Payload, Pose, Scenario, scenario_names
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import FieldError, UrdfWarning
@@ -35,9 +36,11 @@ from coop_pin.model.pinocchio_model import load_unreduced_arm
 from coop_pin.model.shapes import Mesh, half_extents
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult
+from coop_pin.spatial import make_pose, quaternions, rotations
 from coop_pin.viz import notebook_view, replay_html, save_replay
 from coop_pin.viz.arrows import TYPICAL_M, recorded_scales
 from coop_pin.viz.cell_scene import LINK_FACES, cell_scene
+from coop_pin.viz.contacts import ABSENT, HOLDS, SLIDES, contact_items, contact_nodes, contact_poses
 from coop_pin.viz.curves import thinned_rows
 from coop_pin.viz.frames import frame_samples
 from coop_pin.viz.highlights import instants, telling_instant, trust_text
@@ -775,3 +778,51 @@ def test_the_page_of_a_long_run_has_as_many_numbers_as_that_of_one_of_two_minute
     assert len(short) < whole - 4 * 4 / 3 * 6000
     monkeypatch.setattr(replay, "_MOST_NUMBERS", 10**9)
     assert len(replay_html(result)) == whole
+
+
+def test_cones_and_needles_show_friction_and_a_hand_where_its_partner_holds() -> None:
+    """A cone has the angle of its mu about the normal, its needle the direction of the force on the arm."""
+    scenario, rng = Scenario.load("two-pandas-palms"), np.random.default_rng(3)
+    cell, n = scenario.cell, 4
+    X_WP = np.stack([make_pose(rng.normal(size=3), rng.normal(size=3)) for _ in range(n)])
+    patch = cell.patches["left"]
+    bears = patch.mu * 10.0
+    F = np.zeros((n, 2, 6))
+    F[:, 0, :3] = (0.5 * bears, 0.0, 10.0), (1.01 * bears, 0.0, 10.0), (0.0, 0.0, 0.0), (0.0, bears, 10.0)
+    event = Scenario.load("human-partner").events[0]
+    times = event.time + np.array((-0.1, 0.5, 1.0, event.duration + 0.1))
+    states = [partner_state(event, time, X, np.zeros(6)) for time, X in zip(times, X_WP, strict=True)]
+    samples = {
+        "time": times,
+        "payload_position": X_WP[:, :3, 3],
+        "payload_quaternion": quaternions(X_WP[:, :3, :3]),
+        "patch_wrench": F,
+        "partner_deflection": np.stack([state.deflection for state in states]),
+    }
+    poses, codes = contact_poses(samples, cell, [event])
+    assert contact_nodes(cell, [event]) == (
+        "cones/left",
+        "needles/left",
+        "cones/right",
+        "needles/right",
+        "hand",
+    )
+    assert codes[:, 0].tolist() == [HOLDS, SLIDES, ABSENT, HOLDS]
+    assert (codes[:, 2] == ABSENT).all()
+    assert codes[:, 4].tolist() == [ABSENT, HOLDS, HOLDS, ABSENT]
+    R = rotations(poses[..., 3:])
+    normal = X_WP[:, :3, :3] @ cell.grasps["left"].matrix[:3, :3] @ patch.plane[:3, :3]
+    assert_allclose(R[:, 0], normal, atol=1e-12)
+    needles = np.einsum("nij,nj->ni", normal, F[:, 0, :3]) / np.linalg.norm(F[:, 0, :3], axis=1)[
+        :, None
+    ].clip(1e-9)
+    assert_allclose(R[[0, 1, 3], 1, :, 2], needles[[0, 1, 3]], atol=1e-12)
+    (cone,) = (item.drawable for item in contact_items(cell, ()) if item.node == "cones/left")
+    rim = cone.vertices[1:]
+    assert_allclose(np.hypot(rim[:, 0], rim[:, 1]), patch.mu * rim[:, 2], rtol=1e-12)
+    for k in (1, 2):
+        X_WG = event.motion.at(times[k]).X_WP_d @ event.handle.matrix
+        assert_allclose(poses[k, 4, :3], X_WG[:3, 3], atol=1e-12)
+        assert_allclose(R[k, 4], X_WG[:3, :3], atol=1e-12)
+    samples["patch_slip"] = np.array(((0.0, 0.0), (2e-6, 0.0), (2e-6, 0.0), (2e-6, 0.0)))
+    assert contact_poses(samples, cell, ())[1][:, 0].tolist() == [HOLDS, SLIDES, ABSENT, HOLDS]

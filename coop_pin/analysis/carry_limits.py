@@ -233,8 +233,9 @@ def _moving_average(places: Array, x: Array, width: float) -> tuple[Array, Array
 def _pad_rows(cell: Cell, name: str, reserve: float) -> Array:
     """Return rows of an arm's pad: planes inside the cones of ``chain.friction_cones``, shape (r, m, 6).
 
-    d . (f_x, f_y, m / R) <= (1 - reserve) mu N r and d . (b_x, b_y) <= (1 - reserve) R N r for unit vectors
-    d, with the radius r of the ball inside of which all corners between neighbouring planes are.
+    d . (f_x, f_y, m / R) <= (1 - reserve) mu N r and d . (b / l) <= (1 - reserve) N r for unit vectors d,
+    with the levers l of the pad and the radius r of the ball inside of which all corners between neighbouring
+    planes are.
     """
     pad, X = cell.pads[name], cell.grasps[name].matrix
     on_pad = rotate_vector6((X[:3, :3] @ pad.plane[:3, :3]).T, shift_wrench(np.eye(6), -X[:3, 3])).T
@@ -246,8 +247,8 @@ def _pad_rows(cell: Cell, name: str, reserve: float) -> Array:
     slip = d @ (on_pad[[0, 1, 5]] / np.array([[1.0], [1.0], [R]]))
     slip -= (1.0 - reserve) * pad.mu / np.linalg.norm(corners, axis=1).max() * on_pad[2]
     turn = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
-    tip = np.stack((np.cos(turn), np.sin(turn)), axis=1) @ on_pad[3:5]
-    tip -= (1.0 - reserve) * R * np.cos(np.pi / _SIDES) * on_pad[2]
+    tip = np.stack((np.cos(turn), np.sin(turn)), axis=1) @ (on_pad[3:5] / pad.levers[:, None])
+    tip -= (1.0 - reserve) * np.cos(np.pi / _SIDES) * on_pad[2]
     rows = np.zeros((len(slip) + len(tip), len(cell.arms), 6))
     rows[:, list(cell.arms).index(name)] = np.concatenate((slip, tip))
     return rows

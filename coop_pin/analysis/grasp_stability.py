@@ -130,7 +130,7 @@ def _wrench_errors(simulation: Simulation) -> Callable[[Array, Array], Array] | 
     def internal(q: Array, v: Array) -> Array:
         X_WP, about_P = chain.payload_pose(q), np.zeros((len(cell.arms), 6))
         if springs.arms:
-            about_P[springs.arms] = springs.at(q, v).on_arm
+            about_P[springs.arms] = springs.at(q, v).on_body
         if patches.arms:
             about_P[patches.arms] = patches.at(q, v).on_bodies[: len(patches.arms)]
         about_P[:, 3:] -= np.cross(X_WP[:3, 3], about_P[:, :3])

@@ -17,7 +17,7 @@ from coop_pin.spatial import rotate_vector6, shift_wrench
 
 _POSES, _FEWER = 401, 101
 MARGIN = 1.5
-"""Proposed squeeze over the least one: points slide up to 1.14 times above the ellipsoid's least, and where a
+"""Proposed squeeze over the least one: points slide up to 1.08 times above the ellipsoid's least, and where a
 payload of unknown weight left a table, the law asked for 1.09 times what its motion does."""
 _MOST, _CLOSE = 1e4, 1e-3
 """Normal force from which on no squeeze carries the payload, N; error of the proposed one."""
@@ -70,9 +70,9 @@ def least_squeeze(scenario: Scenario, *, poses: int = _POSES) -> LeastSqueeze | 
 
         N >= sqrt(|f + f_d|^2 + ((m + m_d) / r)^2) / mu        (the ellipsoid of ``friction_use``)
 
-    and the moment m_t of both in the plane for N >= |m_t| / r; N_0 counts, and N_d is what is stated. Changes
-    of payload and gravity, and pushes, are in it; friction of arms, partners and errors of the law are not.
-    A table bears nothing before a put-down begins, and all after it.
+    and the moment m_t of both in the plane for N >= |m_t / l| with the levers l of the pad; N_0 counts, and
+    N_d is what is stated. Changes of payload and gravity, and pushes, are in it; friction of arms, partners
+    and errors of the law are not. A table bears nothing before a put-down begins, and all after it.
 
     Args:
         scenario: Scenario with motion and squeeze.
@@ -129,7 +129,7 @@ def _least(arm: str, time: float, pad: Pad, load: Array, squeeze: Array) -> Leas
     """Return the least normal force of a pad under the wrenches of load and squeeze in axes of its plane."""
     F = load + squeeze
     slip = float(np.hypot(np.linalg.norm(F[:2]), F[5] / pad.torsion_radius)) / pad.mu
-    tilt = float(np.linalg.norm(F[3:5])) / pad.torsion_radius
+    tilt = float(np.linalg.norm(F[3:5] / pad.levers))
     return LeastSqueeze(max(slip, tilt) - float(load[2]), float(squeeze[2]), arm, time, tilt > slip)
 
 

@@ -84,6 +84,10 @@ class ArmResponse(NamedTuple):
         """Return a = L^-T D^-1 (u + Y F) for a force F on the last body in the kept rows, shape (n,)."""
         return solve_transposed(self.L, self.D_inverse * (self.u + self.Y @ F))
 
+    def acceleration_under(self, F: Numbers) -> Numbers:
+        """Return a = L^-T D^-1 (u + L^-1 S^T F) for a force F in all rows, shape (n,)."""
+        return solve_transposed(self.L, self.D_inverse * (self.u + solve_lower(self.L, self.S.T @ F)))
+
 
 class ArmNumbers(NamedTuple):
     """Constants of an arm's dynamics.
@@ -91,7 +95,8 @@ class ArmNumbers(NamedTuple):
     Attributes:
         arm: bodies of the arm; those numbers that ArmInput has are not read.
         gravity: m/s^2, shape (3,).
-        rows: the kept rows of six-vectors, as text: the others are zero for every motion.
+        rows: the kept rows of six-vectors, as text: the others are zero for every motion; none for arms
+            without closures.
     """
 
     arm: SerialArm
@@ -111,7 +116,9 @@ def arm_terms(model: ArmNumbers, state: ArmInput) -> ArmResponse:
     V = kinematics.S @ state.v
     A = _spatial(V, kinematics.p, kinematics.R @ a, kinematics.R @ alpha)
     L, D_inverse = factor(M)
-    Y = np.stack([solve_lower(L, row) for row in kinematics.S[rows]], axis=1)
+    Y = np.empty((len(L), len(rows)), dtype=object)
+    for column, row in enumerate(rows):
+        Y[:, column] = solve_lower(L, kinematics.S[row])
     u, Z = solve_lower(L, state.tau - h), D_inverse[:, None] * Y
     return ArmResponse(
         R_WP=kinematics.R_WP,

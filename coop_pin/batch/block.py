@@ -13,7 +13,7 @@ from coop_pin.batch.constants import RunConstants, Start
 from coop_pin.batch.plant_code import observed
 from coop_pin.batch.signals import RunSignals
 from coop_pin.control import ArmReference
-from coop_pin.results.quantities import WORK, Quantity, shape_of
+from coop_pin.results.quantities import Quantity, shape_of
 from coop_pin.tracing.kernel import Kernel, Layout
 from coop_pin.tracing.traced_array import traced
 from coop_pin.tracing.tree import leaves, rebuilt
@@ -71,18 +71,19 @@ class RunBlock:
             start,
             {each.name: (each.read, each.dims == "arm joint") for each in table if each.read},
         )
-        m, N, k_0 = len(constants.arms), len(start.q), constants.sensors.rows.size
+        m, N, k_0 = len(constants.arms), constants.cell.joints, constants.sensors.rows.size
+        nq, nv, works = constants.cell.sizes
         self.lanes, self.uniforms = lanes, uniforms = Layout(), Layout()
-        lanes.add(q=(N,), v=(N,), work=(len(WORK),), is_valid=(), **observed(m))
+        lanes.add(q=(nq,), v=(nv,), work=(works,), is_valid=(), **observed(constants.cell))
         lanes.add(jacobians=(k_0 * N,), condition_bounds=(m,))
         lanes.add(**{each.name: shape_of(each, m, N, k_0) for each in table if each.read})
         self.recorded = lanes.size
         lanes.add(signals=(int(signals.is_loaded.sum()),))
         self.loaded = lanes.size - self.recorded
-        lanes.add(force=(N,), rates=(N + len(WORK),), holding=(N,), reported=(N,))
+        lanes.add(force=(N,), rates=(nv + works,), holding=(N,), reported=(N,))
         lanes.add(drives=(len(leaves(start.drives)),), constants=(int(differs.sum()),))
         lanes.add(surroundings=(len(leaves(constants.changes[0])),))
-        uniforms.add(h=(), s=(), gives=(m,), signals=(int(signals.is_uniform.sum()),))
+        uniforms.add(h=(), s=(), gives=(2, m), signals=(int(signals.is_uniform.sum()),))
 
     def kernel(self, name: str) -> tuple[Kernel, RunConstants]:
         """Return an empty kernel and the constants as it reads them."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,10 +16,11 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmKinematics, PayloadKinematics
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.drives import CellDrives, DriveState
+from coop_pin.simulation.drives import CellDrives, DriveState, TorqueResponse
 from coop_pin.simulation.network import CellNetwork
 from coop_pin.simulation.sensors import CellSensors
 from coop_pin.simulation.timeline import Timeline
+from coop_pin.simulation.wrist import Wrist
 from coop_pin.spatial.task_rows import TaskRows
 from coop_pin.tracing.traced_array import traced
 
@@ -90,7 +92,8 @@ class Start(NamedTuple):
     """Start of a run.
 
     Attributes:
-        q: joint positions of all arms, of continuous joints near the posture, shape (N,).
+        q: joint positions of all arms, of continuous joints near the posture, then position and quaternion of
+            a free payload, shape (N,) or (N + 7,).
         holding: torques that the drives report, N m, shape (N,).
         drives: memory of the drives.
     """
@@ -98,6 +101,70 @@ class Start(NamedTuple):
     q: Array
     holding: Array
     drives: DriveState
+
+
+class Cover(NamedTuple):
+    """What code provides, so that runs of which only some need it can share it; none of it changes a bit.
+
+    Attributes:
+        delay: Longest delay of a wrist sensor, ticks.
+        responds: Whether the torques of an arm may be lost between ticks.
+        changed: Fields of the surroundings that events change.
+        instants: Number of instants of events.
+    """
+
+    delay: int = 0
+    responds: bool = False
+    changed: frozenset[str] = frozenset()
+    instants: int = 0
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Cover:
+        """Return what a scenario needs."""
+        actuators = [scenario.actuators_of(arm) for arm in scenario.cell.arms]
+        responds = any(each.torque_lost_at is not None for each in actuators)
+        events, start = scenario.events, scenario.cell.surroundings
+        after = [event.apply(start, event.time) for event in events]
+        changed = (
+            name
+            for name in start._fields
+            for each in after
+            if getattr(each, name) is not getattr(start, name)
+        )
+        instants = {time for event in events for time in (event.time, event.end)}
+        delay = max((wrist.delay for wrist in scenario.wrists), default=0)
+        return cls(delay, responds, frozenset(changed), len(instants))
+
+    @classmethod
+    def of_all(cls, scenarios: Iterable[Scenario]) -> Cover:
+        """Return what some scenarios need together; those with the same objects are asked once."""
+        parts = attrgetter("sensors", "arm_sensors", "actuators", "arm_actuators", "events")
+        different = {tuple(map(id, parts(scenario))): scenario for scenario in scenarios}
+        delays, responds, changed, instants = zip(*map(cls.of, different.values()), strict=True)
+        return cls(max(delays), any(responds), frozenset().union(*changed), max(instants))
+
+    def constants(self, needed: RunConstants, scenario: Scenario, timeline: Timeline) -> RunConstants:
+        """Return the numbers of a run with what the code provides besides."""
+        sensors, drives = needed.sensors, needed.drives
+        if sensors.wrists and self.delay:
+            delays = [len(wrist.late) for wrist in sensors.wrists]
+            arms = tuple(
+                arm._replace(delays=np.eye(self.delay + 1)[delay])
+                for arm, delay in zip(sensors.arms, delays, strict=True)
+            )
+            sensors = sensors._replace(arms=arms, wrists=(Wrist.at_rest(self.delay),) * len(arms))
+        if self.responds and drives.response is None:
+            size = sum(len(arm.limit) for arm in drives.arms)
+            drives = drives._replace(response=TorqueResponse.of_drives(np.zeros(size), np.full(size, np.inf)))
+        return needed._replace(sensors=sensors, drives=drives, changes=changes(scenario, timeline, self))
+
+    def start(self, needed: Start, constants: RunConstants) -> Start:
+        """Return the start of a run with what the code provides besides."""
+        response = constants.drives.response
+        if response is None or needed.drives.response is not None:
+            return needed
+        at_rest = response.start(np.zeros(len(needed.q)))  # drives without lag do not read it
+        return needed._replace(drives=needed.drives._replace(response=at_rest))
 
 
 def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
@@ -141,18 +208,22 @@ def arm_constants(scenario: Scenario, slot: ArmPlace) -> ArmConstants:
     )
 
 
-def changes(scenario: Scenario, timeline: Timeline) -> tuple[dict[str, Any], ...]:
+def changes(scenario: Scenario, timeline: Timeline, cover: Cover | None = None) -> tuple[dict[str, Any], ...]:
     """Return the fields of the surroundings that events change, at the start and from each event time on.
 
     They depend on the kinds of the events, not on their numbers: a new mass may equal the old one.
+
+    Args:
+        scenario: Scenario with its events.
+        timeline: Timeline of its run.
+        cover: Fields and instants that the code provides; those of the scenario when None.
     """
-    start = scenario.cell.surroundings
-    after = [event.apply(start, event.time) for event in scenario.events]
-    names = [
-        name for name in start._fields if any(getattr(s, name) is not getattr(start, name) for s in after)
-    ]
+    cover = cover or Cover.of(scenario)
     later = [scenario.surroundings_at(timeline.just_after(time)) for time in timeline.event_times()]
-    return tuple({name: getattr(present, name) for name in names} for present in (start, *later))
+    present = [scenario.cell.surroundings, *later]
+    present += present[-1:] * (cover.instants - len(later))  # instants that never come
+    names = [name for name in present[0]._fields if name in cover.changed]
+    return tuple({name: getattr(each, name) for name in names} for each in present)
 
 
 def start(run: Simulation) -> Start:
@@ -160,4 +231,5 @@ def start(run: Simulation) -> Start:
     q, measurements = run.plant.q, run.sensing.start(run.plant.q, run.plant.v, run.references(0.0))
     angles = [arm.angles.near(q[arm.q_slice], arm.posture) for arm in run.plant.chain.model.arms]
     holding = [np.asarray(measurement.holding_torque) for measurement in measurements]
-    return Start(np.concatenate(angles), np.concatenate(holding), run.actuation.state)
+    free = q[run.plant.chain.model.arms[-1].q_slice.stop :]
+    return Start(np.concatenate((*angles, free)), np.concatenate(holding), run.actuation.state)

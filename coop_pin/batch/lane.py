@@ -44,18 +44,18 @@ class LaneSimulator(BatchSimulator):
     def lane(self, scenario: Scenario) -> tuple[Prepared, Family]:
         """Return a run before it runs, and its code; raises as Lane.
 
-        The signals are part of the kind: each run has an order of kernels with its own.
+        Signals and times are part of the kind: each run has an order of kernels with its own.
         """
         if reason := law_reason(scenario.controller):
             raise TracingError(reason)
         is_long = scenario.clock.ticks(scenario.duration) > _LONG
         run = Prepared.of_run(scenario, PreparedPlant(scenario, _PART if is_long else None))
         signals = hashlib.sha256(run.signals[0].tobytes()).digest()
-        run = run._replace(kind=(signals, *run.kind))
+        run = run._replace(kind=(signals, run.times, *run.kind))
         try:
-            family = self.family(run, run)
+            family = self.family([run])
         except TracingError:  # a law that needs its own numbers while it is traced: they fold
-            family = self._folding.family(run, run)
+            family = self._folding.family([run])
         if is_long:  # its order of kernels goes on
             self.forget(family)
             self._folding.forget(family)
@@ -85,11 +85,12 @@ class Lane:
             CoopPinError: it cannot start.
         """
         self._scenario, self._every = scenario, scenario.clock.record_every
-        self._prepared, (*_, self._code, machine) = _simulator.lane(scenario)
-        self._machine, plant = cast(LlvmMachine, machine), self._prepared.plants[0]
+        self._prepared, family = _simulator.lane(scenario)
+        self._code, self._machine = family.code, cast(LlvmMachine, family.machine)
+        plant = self._prepared.plants[0]
         require_sample_memory(self._machine, 1)
         block, _ = self._code.begin(self._prepared)
-        self._block, self._record = np.ascontiguousarray(block.T), machine.new_record(1)
+        self._block, self._record = np.ascontiguousarray(block.T), self._machine.new_record(1)
         self._timeline, self._done, self._first = plant.run.timeline, 0, 0
         self._kept, self._count, self._running = dict[str, Array](), 0, RunningMetrics(scenario, plant.labels)
         self._call = self._machine.bound(self._block, self._code.uniforms, self._record)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from coop_pin.batch.cell_dynamics import CellNumbers, CellState, cell_motion
+from typing import Any
+
+from coop_pin.batch.cell_dynamics import CellMotion, CellNumbers, CellState, cell_motion
 from coop_pin.batch.serial_arm import Numbers
 from coop_pin.chain.integrators import RK4
-from coop_pin.results.quantities import WORK
 from coop_pin.tracing.kernel import Instruction, Kernel, Layout, Program
 from coop_pin.tracing.traced_array import traced
 from coop_pin.tracing.tree import SharedFunctions, leaves, rebuilt
@@ -17,10 +18,33 @@ STEPS_AT_ONCE = 64
 """Plant steps of one call."""
 
 
-def observed(arms: int) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of the fields of CellMotion that an observation writes, by name."""
-    tables = {"R_WP": (3, 3), "tips": (arms, 3), "wrenches": (arms, 6), "closure_errors": (arms, 2)}
-    return tables | {"p_WP": (3,), "V_WP": (6,), "payload_wrench": (6,), "kinetic": (), "potential": ()}
+def observed(cell: CellNumbers) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of what an observation writes, by name."""
+    m, n = len(cell.arms), len(cell.compliant)
+    shapes: dict[str, tuple[int, ...]] = {
+        "R_WP": (3, 3),
+        "tips": (m, 3),
+        "wrenches": (m, 6),
+        "closure_errors": (m, 2),
+    }
+    shapes |= {"p_WP": (3,), "V_WP": (6,), "payload_wrench": (6,), "kinetic": (), "potential": ()}
+    if n:
+        shapes |= {
+            "grasp_wrench": (n, 6),
+            "grasp_position": (n, 3),
+            "grasp_rotation": (n, 3, 3),
+            "elastic": (),
+        }
+    return shapes
+
+
+def write_observed(kernel: Kernel, cell: CellNumbers, motion: CellMotion) -> None:
+    """Write what is observed of a motion."""
+    values = motion._asdict()
+    for field in ("wrench", "position", "rotation"):
+        values[f"grasp_{field}"] = [getattr(spring, field) for spring in motion.springs]
+    for name in observed(cell):
+        kernel.write(name, values[name])
 
 
 def write_step(kernel: Kernel, functions: SharedFunctions, cell: CellNumbers) -> None:
@@ -35,17 +59,24 @@ def write_step(kernel: Kernel, functions: SharedFunctions, cell: CellNumbers) ->
     def rates_at(cell: CellNumbers, state: CellState) -> Numbers:
         return cell_motion(functions, cell, state).rates
 
-    q, v, force = state = CellState.of(kernel)
-    h, rates, work, N = kernel.uniform("h"), kernel.read("rates"), kernel.read("work"), len(q)
-    q_end, v_end = q, v
+    q, v, force = CellState.of(kernel)
+    h, rates, work, nv = kernel.uniform("h"), kernel.read("rates"), kernel.read("work"), len(v)
+    v_end, moved, slope = v, list[Numbers](), v
     for node, weight in _STAGES:
         if node > 0.0:
-            state = CellState(q + node * h * state.v, v + node * h * rates[:N], force)
+            u, v_stage = node * h * slope, v + node * h * rates[:nv]
+            state = CellState(cell.displaced(q, [u]), v_stage, force)
             rates = traced(functions.call(kernel.tape, rates_at, cell, state))
-        q_end, v_end = q_end + weight * h * state.v, v_end + weight * h * rates[:N]
-        work = work + weight * h * rates[N:]
-    for name, values in (("q", q_end), ("v", v_end), ("work", work)):
+            slope = cell.increment_rate(u, v_stage)
+        moved.append(weight * h * slope)
+        v_end, work = v_end + weight * h * rates[:nv], work + weight * h * rates[nv:]
+    for name, values in (("q", cell.displaced(q, moved)), ("v", v_end), ("work", work)):
         kernel.write(name, values)
+
+
+def varying(cell: CellNumbers) -> dict[str, Any]:
+    """Return the constants of a plant that events change, by name."""
+    return {"surroundings": cell.surroundings, "grasps": cell.grasps}
 
 
 class PlantCode:
@@ -53,22 +84,24 @@ class PlantCode:
 
     Attributes:
         lanes: the slots.
+        observed: names of those that an observation writes.
         program: observes first, and then makes steps, each of two instructions, by a row of the uniforms
             that has its length.
     """
 
     def __init__(self, cell: CellNumbers) -> None:
-        self._constants, functions = cell, SharedFunctions()
-        m, N = len(cell.arms), sum(len(arm.bodies) for arm in cell.arms)
+        self._constants, functions, self.observed = cell, SharedFunctions(), list(observed(cell))
+        nq, nv, works = cell.sizes
         self.lanes, self._uniforms = Layout(), Layout()
-        self.lanes.add(q=(N,), v=(N,), work=(len(WORK),), force=(N,), rates=(N + len(WORK),), **observed(m))
-        self.lanes.add(surroundings=(len(leaves(cell.surroundings)),))
+        self.lanes.add(q=(nq,), v=(nv,), work=(works,), force=(cell.joints,), rates=(nv + works,))
+        self.lanes.add(
+            **observed(cell), **{name: (len(leaves(part)),) for name, part in varying(cell).items()}
+        )
         self._uniforms.add(h=())
         steps = [Instruction(code, row) for row in range(STEPS_AT_ONCE) for code in (1, 2)]
         observe, step = (Kernel(name, self.lanes, self._uniforms) for name in ("observe", "step"))
         motion = cell_motion(functions, self._cell(observe), CellState.of(observe))
-        for name in observed(m):
-            observe.write(name, getattr(motion, name))
+        write_observed(observe, cell, motion)
         rates = observe.beside("rates")
         rates.write("rates", motion.rates)
         write_step(step, functions, self._cell(step))
@@ -76,5 +109,6 @@ class PlantCode:
 
     def _cell(self, kernel: Kernel) -> CellNumbers:
         """Return the constants of the cell in its present surroundings."""
-        present = rebuilt(self._constants.surroundings, iter(kernel.read("surroundings")))
-        return self._constants._replace(surroundings=present)
+        parts = varying(self._constants)
+        present = {name: rebuilt(part, iter(kernel.read(name))) for name, part in parts.items()}
+        return self._constants._replace(**present)

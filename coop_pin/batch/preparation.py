@@ -5,12 +5,13 @@ from __future__ import annotations
 import copy
 import functools
 from collections.abc import Hashable, Sequence
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
 
 from coop_pin.arrays import Array, Mask
-from coop_pin.batch.constants import RunConstants, run_constants, start
+from coop_pin.batch.constants import Cover, RunConstants, run_constants, start
 from coop_pin.batch.hidden_state import digest, of_classes
 from coop_pin.batch.signals import SignalSource, clocked_of, columns, desired_of, first_of
 from coop_pin.batch.support import plant_reason
@@ -23,8 +24,13 @@ from coop_pin.results.quantities import QUANTITIES, quantities
 from coop_pin.simulation import Simulation
 from coop_pin.tracing.tree import flattened, leaves
 
-_PLANT = set(Scenario.model_fields) - {"controller", "beyond_bound", "seed", "name", "summary", "trust"}
-"""Fields of a scenario that make the plant; of the controller, its class and force path do."""
+_NOT_OF_THE_PLANT = {"controller", "beyond_bound", "seed", "name", "summary", "trust"}
+"""Fields of a scenario that do not make the plant; of the controller, its force path does."""
+_PLANT = attrgetter("controller.force_path", *sorted({*Scenario.model_fields} - _NOT_OF_THE_PLANT))
+
+
+_NOTHING = digest({})
+"""Digest of what a law of the package reads besides."""
 
 
 class PreparedPlant:
@@ -43,15 +49,17 @@ class PreparedPlant:
         read: quantities that are recorded at ticks; runs with and without an error of the kinematics share a
             batch.
         labels: names and limits of arms and joints.
-        kind: structure that the runs of a batch share besides numbers, the controller apart.
+        kind: structure that runs of one code share besides numbers, the controller apart.
+        times: times that the runs of a batch share.
     """
 
-    def __init__(self, scenario: Scenario, most_ticks: int | None = None) -> None:
+    def __init__(self, scenario: Scenario, most_ticks: int | None = None, cover: Cover | None = None) -> None:
         """Build the plant.
 
         Args:
             scenario: scenario of the first run.
             most_ticks: number of ticks of which desired motion and signals are made at first; None for all.
+            cover: Provisions of the code; those that this run needs when None.
 
         Raises:
             TracingError: it cannot be traced.
@@ -63,9 +71,12 @@ class PreparedPlant:
         self.arms = [controlled_arm(scenario, name) for name in scenario.cell.arms]
         self.constants = run_constants(scenario, self.run)._replace(controller=None)
         self.start = start(self.run)
+        if cover is not None:
+            self.constants = cover.constants(self.constants, scenario, self.run.timeline)
+            self.start = cover.start(self.start, self.constants)
         numbers, structure = flattened(self.constants)
         self.values = np.array(numbers, dtype=np.float64)
-        self.kind = structure, tuple(scenario.cell.arms), _times(scenario)
+        self.times = _times(scenario)
         self._known = {id(arm): flattened(arm) for arm in self.arms}
         self._last: tuple[Hashable, ...] = ()
         self.begins = {name: leaves(part) for name, part in self.start._asdict().items()}
@@ -80,6 +91,8 @@ class PreparedPlant:
         self.table = quantities(scenario)
         self.read = [each for each in QUANTITIES if each in self.table or each.group == "kinematics"]
         self.labels = self.run.recorder.labels()
+        names, samples = tuple(each.name for each in self.read), tuple(self.constants.drives.samples())
+        self.kind = structure, tuple(scenario.cell.arms), names, samples
 
     @functools.cached_property
     def determined(self) -> Mask:
@@ -94,6 +107,7 @@ class PreparedPlant:
             CoopPinError: It cannot be built.
         """
         controller = scenario.controller.build(scenario, self.arms)
+        self.run.actuation.require_taken(controller)
         numbers, structure = flattened(controller, self._known)
         kind = self.kind, structure, _surroundings(scenario)
         self._last = self._last if kind == self._last else kind  # the same object: no more to compare
@@ -122,7 +136,7 @@ class Prepared(NamedTuple):
         signals: signals of each at the ticks of its plant's desired motion, shape (n, entries).
         controller: controller of the first run.
         values: leaves of the constants, the controller's last, shape (runs, leaves).
-        kind: family of the runs: what they share besides numbers.
+        kind: family of the runs: what they share besides numbers and times.
     """
 
     scenarios: Sequence[Scenario]
@@ -141,6 +155,11 @@ class Prepared(NamedTuple):
         """Return the batch of some of the runs."""
         values = (self.scenarios[runs], self.plants[runs], self.signals[runs])
         return Prepared(*values, self.controller, self.values[runs], self.kind)
+
+    @property
+    def times(self) -> Hashable:
+        """Times that the runs share."""
+        return self.plants[0].times
 
     @property
     def is_foreign(self) -> bool:
@@ -179,7 +198,7 @@ class Prepared(NamedTuple):
             TracingError: they differ in more than numbers.
         """
         for index, run in enumerate(runs):
-            if run.kind != runs[0].kind:
+            if (run.kind, run.times) != (runs[0].kind, runs[0].times):
                 raise TracingError(f"scenarios[{index}] differs from the first in more than numbers")
         values = np.concatenate([run.values for run in runs])
         scenarios, plants = [run.scenarios[0] for run in runs], [run.plants[0] for run in runs]
@@ -189,20 +208,20 @@ class Prepared(NamedTuple):
 
 def _surroundings(scenario: Scenario) -> str:
     """Return a digest of what a law may read besides its object and its arguments."""
-    return digest(of_classes(scenario.controller.user_code))
+    users = scenario.controller.user_code
+    return digest(of_classes(users)) if users else _NOTHING
 
 
-def plant_fields(scenario: Scenario) -> list[object]:
+def plant_fields(scenario: Scenario) -> tuple[object, ...]:
     """Return what scenarios with one plant have in common."""
-    law = scenario.controller
-    return [type(law), law.force_path, *(getattr(scenario, name) for name in _PLANT)]
+    return _PLANT(scenario)
 
 
 def _times(scenario: Scenario) -> Hashable:
     """Return ticks and samples of servos, and events and losses of torque by their times."""
     times = [(event.time, event.end) for event in scenario.events]
-    lost = [scenario.actuators_of(arm).lost_at for arm in scenario.cell.arms]
-    servos = [scenario.actuators_of(arm).servo for arm in scenario.cell.arms]
-    rates, clock = [servo and servo.rate_hz for servo in servos], scenario.clock
+    actuators = [scenario.actuators_of(arm) for arm in scenario.cell.arms]
+    lost = [(each.torque_lost_at, each.commands_lost_at) for each in actuators]
+    rates, clock = [each.servo and each.servo.rate_hz for each in actuators], scenario.clock
     ticks = clock.rate_hz, clock.steps_per_tick, clock.record_every, scenario.duration
     return (*ticks, str(times), str(lost), str(rates))

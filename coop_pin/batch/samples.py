@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from coop_pin.arrays import Array
 from coop_pin.batch.preparation import Prepared
 from coop_pin.errors import InvalidStateError
-from coop_pin.results.quantities import WORK, Samples, condition_numbers, padded
-from coop_pin.spatial import internal_wrenches
+from coop_pin.results.quantities import WORK, WORK_OF_GRASPS, Samples, condition_numbers, padded
+from coop_pin.spatial import internal_wrenches, log3
 from coop_pin.tracing.kernel import CACHE_LINE, Layout
 
 _MARGIN, _LARGEST_BOUND = 1e-6, 1e3
@@ -39,7 +39,15 @@ def kept_of(ticks: int, every: int, first: int = 0) -> NDArray[np.int64]:
 class RunSamples(Mapping[str, Any]):
     """Quantities that some runs of a batch have, by name, shape (runs, samples, ...); made when asked for."""
 
-    def __init__(self, prepared: Prepared, layout: Layout, records: Sequence[Array], every: int = 1) -> None:
+    def __init__(
+        self,
+        prepared: Prepared,
+        layout: Layout,
+        records: Sequence[Array],
+        every: int = 1,
+        *,
+        is_part: bool = False,
+    ) -> None:
         """Make nothing yet.
 
         Args:
@@ -47,8 +55,9 @@ class RunSamples(Mapping[str, Any]):
             layout: Layout of the records' slots.
             records: Records of blocks of its runs, as a Machine returns them.
             every: Number of ticks from one sample to the next; the last tick is one, too.
+            is_part: Whether quantities may be views of the records.
         """
-        self._prepared, self._layout = prepared, layout
+        self._prepared, self._layout, self._is_part = prepared, layout, is_part
         self._kept, self._every = kept_of(len(records[0]), every), every
         self._records: Sequence[Array] | None = records
         self._plant, scenario = prepared.plants[0], prepared.scenarios[0]
@@ -92,11 +101,11 @@ class RunSamples(Mapping[str, Any]):
         Args:
             allowed: Condition number; of runs that keep below it, upper bounds are given, which cost little.
         """
-        errors, bounds = (self._extremes(name)[:, 1] for name in ("closure_errors", "condition_bounds"))
+        errors, bounds = self._largest("closure_errors"), self._largest("condition_bounds")
         is_beyond = ~(bounds <= (1.0 - _MARGIN) * min(allowed, _LARGEST_BOUND)).all(axis=1)
         if is_beyond.any():
             bounds[is_beyond] = condition_numbers([J[is_beyond] for J in self["jacobian"]]).max(axis=1)
-        cut = self._extremes("saturated")[:, 1:]
+        cut = self._largest("saturated")[:, None]
         cuts = {"saturated": padded(self._by_arm(cut)) > 0.0} if (cut <= 0.0).all() else {}
         return cuts | {
             "joint_position": padded(self._by_arm(self._extremes("q"))),
@@ -114,7 +123,7 @@ class RunSamples(Mapping[str, Any]):
             for start in range(0, record.shape[2], size):
                 block = record[:, :, start : start + size]
                 runs = slice(first, first + block.shape[2])
-                yield runs, RunSamples(self._prepared.part(runs), self._layout, [block])
+                yield runs, RunSamples(self._prepared.part(runs), self._layout, [block], is_part=True)
                 first = runs.stop
 
     def release(self) -> None:
@@ -159,12 +168,20 @@ class RunSamples(Mapping[str, Any]):
             first += len(runs)
         return out
 
+    def _numbers(self, name: str, entry: Any = ...) -> Array:
+        """Return a number, (runs, samples); of a part a view, whose sums would have another order."""
+        (block, *others), _ = self._recorded_of(name, entry)
+        return self._field(name, entry) if others or not self._is_part else block[:, 0].T
+
     def _extremes(self, name: str) -> Array:
         """Return the least and the largest values of a field, (runs, 2, ...); raises as _recorded_of."""
+        return np.stack((self._largest(name, np.minimum), self._largest(name)), axis=1)
+
+    def _largest(self, name: str, of: np.ufunc = np.maximum) -> Array:
+        """Return the largest values of a field, or the least, (runs, ...); raises as _recorded_of."""
         blocks, shape = self._recorded_of(name, ...)
-        ends = [np.stack((block.min(axis=0), block.max(axis=0))) for block in blocks]
-        values = np.moveaxis(np.concatenate(ends, axis=2), 2, 0)
-        return np.array(values, order="C").reshape(len(values), 2, *shape)
+        values = np.concatenate([of.reduce(block, axis=0) for block in blocks], axis=1).T
+        return np.array(values, order="C").reshape(len(values), *shape)
 
     def _desired(self, field: str) -> Array:
         """Return a field of Desired."""
@@ -176,7 +193,7 @@ class RunSamples(Mapping[str, Any]):
 
     def _by_arm(self, values: Array) -> list[Array]:
         """Return the part of each arm of values of all joints or drives."""
-        return np.split(values, np.cumsum([len(arm.drive) for arm in self._arms])[:-1], axis=-1)
+        return np.split(values, np.cumsum([len(arm.drive) for arm in self._arms]), axis=-1)[:-1]
 
     def _jacobians(self) -> list[Array]:
         values, k_0 = self._field("jacobians"), self._rows.size
@@ -185,7 +202,8 @@ class RunSamples(Mapping[str, Any]):
 
     def _configuration(self) -> Array:
         pairs = zip(self["angles"], self._arms, strict=True)
-        return np.concatenate([arm.angles.configuration(q) for q, arm in pairs], axis=2)
+        free = self._field("q")[..., sum(len(arm.drive) for arm in self._arms) :]
+        return np.concatenate([*(arm.angles.configuration(q) for q, arm in pairs), free], axis=2)
 
     def _pose(self) -> Array:
         pose = np.zeros((len(self._prepared.plants), len(self._kept), 4, 4))
@@ -193,6 +211,10 @@ class RunSamples(Mapping[str, Any]):
         self._field("p_WP", out=pose[..., :3, 3])
         pose[..., 3, 3] = 1.0
         return pose
+
+    def _pose_entries(self) -> list[list[Array]]:
+        rows = [[self._numbers("R_WP", (i, j)) for j in range(3)] for i in range(3)]
+        return [[*row, self._numbers("p_WP", i)] for i, row in enumerate(rows)]
 
     def _state(self) -> dict[str, Callable[[], Any]]:
         """Return what gives the quantities that are read neither from measurements nor from others."""
@@ -208,6 +230,7 @@ class RunSamples(Mapping[str, Any]):
             "configuration": self._configuration,
             "velocity": lambda: field("v"),
             "payload_pose": self._pose,
+            "pose_entries": self._pose_entries,
             "payload_twist": lambda: field("V_WP"),
             "tip_position": lambda: field("tips"),
             "interaction_wrench": lambda: np.where(determined, field("wrenches"), np.nan),
@@ -217,7 +240,22 @@ class RunSamples(Mapping[str, Any]):
             "external_wrench": lambda: field("payload_wrench"),
             "closure_distance": lambda: field("closure_errors")[..., 0],
             "closure_angle": lambda: field("closure_errors")[..., 1],
-            "kinetic_energy": lambda: field("kinetic"),
-            "potential_energy": lambda: field("potential"),
-            **{name: partial(field, "work", index) for index, name in enumerate(WORK)},
+            "kinetic_energy": lambda: self._numbers("kinetic"),
+            "potential_energy": lambda: self._numbers("potential"),
+            **{name: partial(self._numbers, "work", index) for index, name in enumerate(WORK)},
+            **(self._of_springs() if self._plant.constants.cell.compliant else {}),
+        }
+
+    def _of_springs(self) -> dict[str, Callable[[], Any]]:
+        """Return what gives the quantities of compliant grasps."""
+        field, of_arms = self._field, self._plant.run.plant.chain.springs.of_arms
+        shares = np.stack([scenario.cell.shares for scenario in self._prepared.scenarios])
+        work = {name: partial(self._numbers, "work", len(WORK) + i) for i, name in enumerate(WORK_OF_GRASPS)}
+        return work | {
+            "grasp_wrench": lambda: of_arms(field("grasp_wrench")),
+            "grasp_deflection": lambda: of_arms(
+                np.concatenate((field("grasp_position"), log3(field("grasp_rotation"))), axis=-1)
+            ),
+            "elastic_energy": lambda: self._numbers("elastic"),
+            "load_share": lambda: np.repeat(shares[:, None], len(self._kept), axis=1),
         }

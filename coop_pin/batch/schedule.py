@@ -42,7 +42,14 @@ class RunProgram:
         ticks: index of the first instruction of each tick.
     """
 
-    def __init__(self, first: Prepared, differs: Mask, is_loaded: Mask, width: int | None = None) -> None:
+    def __init__(
+        self,
+        first: Prepared,
+        differs: Mask,
+        is_loaded: Mask,
+        width: int | None = None,
+        others: Sequence[Prepared] = (),
+    ) -> None:
         """Trace and order the kernels.
 
         Args:
@@ -50,15 +57,17 @@ class RunProgram:
             differs: Leaves of the constants that are inputs.
             is_loaded: Entries of the signals that are inputs.
             width: Number of lanes of LLVM's registers, as of traced_code.
+            others: Runs with other times and signals that have the code, too.
         """
         plant, signals = first.plants[0], first.signals[0]
         is_whole = len(signals) > plant.run.timeline.ticks  # else any may change later
-        is_uniform = ~is_loaded & ((signals != signals[:1]).any(axis=0) | (not is_whole))
+        is_uniform = ~is_loaded & (varying([first, *others]) | (not is_whole))
         split = SignalSplit(plant.example, signals[0], is_uniform, is_loaded)
         self.block = RunBlock(first.constants, plant.start, differs, split, plant.read)
         self._differs, block = differs, self.block
         code = traced_code(block, first, differs, width)
-        self._law, self._schedule = code.law, Schedule(plant.run, block, code.names)
+        self._law, self._names = code.law, code.names
+        self._schedule = Schedule(plant.run, block, code.names)
         instructions, self.uniforms, self.ticks = self.next_ticks(signals)
         self.program = Program(
             code.kernels, code.lanes, block.recorded, block.loaded, instructions, code.text
@@ -71,6 +80,11 @@ class RunProgram:
             signals: Signals at them, shape (n, entries).
         """
         return self._schedule.next_ticks(signals[:, self.block.signals.is_uniform])
+
+    def order(self, run: Prepared) -> Scheduled:
+        """Return the order of the kernels of another run, from its first tick on."""
+        schedule = Schedule(run.plants[0].run, self.block, self._names)
+        return schedule.next_ticks(run.signals[0][:, self.block.signals.is_uniform])
 
     def begin(self, prepared: Prepared) -> tuple[Array, Array]:
         """Return the initial block, shape (slots, runs), and the loads, shape (ticks + 1, loaded, runs)."""
@@ -93,6 +107,12 @@ class RunProgram:
         return valued(self._law, iter(slots[self.program.lanes.slots("law")].tolist()))
 
 
+def varying(runs: Sequence[Prepared]) -> Mask:
+    """Return which signals of runs change in time, or from one of the runs to the next, shape (entries,)."""
+    first = runs[0].signals[0][:1]
+    return np.any([(run.signals[0] != first).any(axis=0) for run in runs], axis=0)
+
+
 class Schedule:
     """Order of the kernels of a run, for some of its ticks after the other."""
 
@@ -106,6 +126,7 @@ class Schedule:
         """
         self._index = {name: index for index, name in enumerate(kernels)}
         self._tick, self._events, self._block = 0, 0, block
+        self._slots = {name: block.uniforms.slots(name) for name in block.uniforms.names}
         self._timeline, self._actuation = run.timeline, run.actuation
         self._target = 0.0  # time of the last command, or sample of a servo
 
@@ -167,7 +188,7 @@ class Schedule:
         """Return the index of a new row of uniforms."""
         values = np.zeros(self._block.uniforms.size)
         for name, value in fields.items():
-            values[self._block.uniforms.slots(name)] = value
+            values[self._slots[name]] = value
         self._rows.append(values)
         return len(self._rows) - 1
 

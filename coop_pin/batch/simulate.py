@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import itertools
 from collections import ChainMap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 
 from coop_pin.arrays import Array, Mask, require_type, typed
+from coop_pin.batch.constants import Cover
 from coop_pin.batch.preparation import Prepared, PreparedPlant, plant_fields
 from coop_pin.batch.samples import RunSamples
-from coop_pin.batch.schedule import RunProgram
+from coop_pin.batch.schedule import RunProgram, varying
 from coop_pin.batch.single_runs import checked, require_agreement
 from coop_pin.batch.support import require_traceable
 from coop_pin.description.scenario import Scenario
@@ -34,7 +35,8 @@ LARGEST_BLOCK = 64
 _COPIES = 3
 """Of the samples: as recorded, by names, and those of single results."""
 _KEPT = 8
-"""Plants, and families with their code, that are kept, those used last; the tapes of one may take 60 MB."""
+"""Plants, and families with their code, that are kept, those used last; the tapes of one may take 60 MB.
+Of a family, so many orders of its kernels."""
 
 
 class BatchResult:
@@ -132,6 +134,7 @@ class Family(NamedTuple):
         is_loaded: mask of the signals that are inputs.
         code: program of the runs.
         machine: machine that runs the program.
+        orders: first run with some times, its machine and its uniforms, by these times.
     """
 
     first: Prepared
@@ -139,6 +142,21 @@ class Family(NamedTuple):
     is_loaded: Mask
     code: RunProgram
     machine: Machine
+    orders: Mapping[Hashable, tuple[Prepared, Machine, Array]]
+
+    def serves(self, differs: Mask, is_loaded: Mask, runs: Sequence[Prepared]) -> bool:
+        """Return whether the code has these inputs, and no other signal varies over runs with own times."""
+        signals = self.code.block.signals
+        is_input = signals.is_uniform | signals.is_loaded
+        same = (differs == self.differs).all() and (is_loaded == self.is_loaded).all()
+        return bool(same and not (varying([self.first, *runs]) & ~is_input).any())
+
+    def order(self, run: Prepared) -> tuple[Prepared, Machine, Array]:
+        """Return the order of runs with the times of one; see the attribute."""
+        if run.times == self.first.times:
+            return self.first, self.machine, self.code.uniforms
+        order = self.code.order(run)
+        return run, self.machine.in_order(order.instructions), order.uniforms
 
 
 class BatchSimulator:
@@ -155,7 +173,7 @@ class BatchSimulator:
                 LlvmMachine. Other machines need the kernels themselves.
         """
         self._new_machine, self._width = machine, width
-        self._plants, self._families = list[tuple[list[object], PreparedPlant]](), list[Family]()
+        self._plants, self._families = list[tuple[tuple[object, ...], PreparedPlant]](), list[Family]()
         self._free = list[Array]()
 
     def run(self, scenarios: Sequence[Scenario]) -> BatchResult:
@@ -177,11 +195,16 @@ class BatchSimulator:
                 )
         return batch
 
-    def prepare(self, scenario: Scenario) -> Prepared:
-        """Return a run before it runs; raises as Plant and Prepared.of_run."""
-        fields = plant_fields(scenario)
+    def prepare(self, scenario: Scenario, cover: Cover | None = None) -> Prepared:
+        """Return a run before it runs; raises as Plant and Prepared.of_run.
+
+        Args:
+            scenario: scenario to run.
+            cover: Provisions of the code, for runs of which only some need them; those of this one when None.
+        """
+        fields = cover, *plant_fields(scenario)
         index = next((i for i, (other, _) in enumerate(self._plants) if other == fields), None)
-        plant = PreparedPlant(scenario) if index is None else self._plants.pop(index)[1]
+        plant = PreparedPlant(scenario, cover=cover) if index is None else self._plants.pop(index)[1]
         self._plants.insert(0, (fields, plant))  # the next scenario shares more objects with this one
         return Prepared.of_run(scenario, plant)
 
@@ -189,16 +212,18 @@ class BatchSimulator:
         """Return the results of runs; raises as simulate_batch."""
         prepared = Prepared.joined(runs)
         del self._plants[_KEPT:]
-        *_, code, machine = self.family(runs[0], prepared)
+        code, orders = (family := self.family([prepared])).code, family.orders
+        _, machine, uniforms = orders[prepared.times]
         program, count = code.program, len(runs)
-        require_sample_memory(machine, count)
+        if machine.record_size(count) > sum(memory.size for memory in self._free):
+            require_sample_memory(machine, count)
         block, loads = code.begin(prepared)
         parts = [slice(first, first + LARGEST_BLOCK) for first in range(0, count, LARGEST_BLOCK)]
         memories, records = list[Array](), list[Array]()
         for part in parts:
             lanes = block[:, part]
             memories.append(self._memory(machine.record_size(lanes.shape[1])))
-            records.append(machine.run(lanes, code.uniforms, loads[:, :, part], memories[-1]))
+            records.append(machine.run(lanes, uniforms, loads[:, :, part], memories[-1]))
         is_valid = block[program.lanes.slots("is_valid")] == 1.0
         return BatchResult(prepared, program.lanes, records, is_valid, partial(self._give_back, memories))
 
@@ -215,31 +240,36 @@ class BatchSimulator:
         self._free += parts
         parts.clear()
 
-    def family(self, first: Prepared, prepared: Prepared) -> Family:
-        """Return code for a batch; it is compiled anew only when further numbers differ.
+    def family(self, batches: Sequence[Prepared]) -> Family:
+        """Return code for batches of one kind; it is compiled anew only when further numbers differ.
 
         Args:
-            first: First run of the batch.
-            prepared: Batch.
+            batches: Batches, the runs of each of which share their times.
 
         Raises:
             TracingError: the runs cannot be traced.
         """
-        kinds = [each.first.kind for each in self._families]
-        family = self._families.pop(kinds.index(prepared.kind)) if prepared.kind in kinds else None
-        first = first if family is None else family.first
-        differs = self._inputs(first, prepared)
-        others = {id(signals): signals for signals in prepared.signals}.values()
-        is_loaded = np.any([(signals != first.signals[0]).any(axis=0) for signals in others], axis=0)
+        kinds, kind = [each.first.kind for each in self._families], batches[0].kind
+        family = self._families.pop(kinds.index(kind)) if kind in kinds else None
+        first = batches[0].part(slice(1)) if family is None else family.first
+        known = {} if family is None else {times: order[0] for times, order in family.orders.items()}
+        firsts = {each.times: known.get(each.times) or each.part(slice(1)) for each in reversed(batches)}
+        firsts |= {first.times: first} if first.times in firsts else {}
+        differs = np.any([self._inputs(first, each) for each in batches], axis=0)
+        is_loaded = np.any([_differing(each, firsts[each.times]) for each in batches], axis=0)
         if family is None:
             require_traceable(first.scenarios[0], first.plants[0].run, first.constants)
         else:
             differs, is_loaded = differs | family.differs, is_loaded | family.is_loaded
-        if family is None or (differs != family.differs).any() or (is_loaded != family.is_loaded).any():
+        if family is None or not family.serves(differs, is_loaded, [*firsts.values()]):
             first.require_surroundings()
             is_plain = self._new_machine is LlvmMachine and self._width is None
-            code = RunProgram(first, differs, is_loaded, native_width() if is_plain else self._width)
-            family = Family(first, differs, is_loaded, code, self._new_machine(code.program))
+            width = native_width() if is_plain else self._width
+            code = RunProgram(first, differs, is_loaded, width, [*firsts.values()])
+            family = Family(first, differs, is_loaded, code, self._new_machine(code.program), {})
+        orders = {times: family.orders.get(times) or family.order(run) for times, run in firsts.items()}
+        others = [(times, order) for times, order in family.orders.items() if times not in orders]
+        family = family._replace(orders=dict(others[-_KEPT:]) | orders)
         self._families = [*self._families, family][-_KEPT:]
         return family
 
@@ -251,6 +281,12 @@ class BatchSimulator:
         """Return the mask of the constants that are inputs: those in which runs differ from the first."""
         same = (prepared.values == first.values) | (np.isnan(prepared.values) & np.isnan(first.values))
         return ~same.all(axis=0)
+
+
+def _differing(batch: Prepared, first: Prepared) -> Mask:
+    """Return which signals of some run of a batch are not those of a first one, shape (entries,)."""
+    others = {id(signals): signals for signals in batch.signals}.values()
+    return np.any([(signals != first.signals[0]).any(axis=0) for signals in others], axis=0)
 
 
 def require_sample_memory(machine: Machine, runs: int) -> None:

@@ -73,8 +73,6 @@ def plant_reason(plant: PlantOptions, cell: Cell, events: Sequence[PayloadEvent]
     for event in events:
         if event.requires:
             return f"its event {event.kind!r} needs {event.requires}; the traced plant is compiled without"
-    if cell.compliant:
-        return f"the grasps of {list(cell.compliant)} are compliant; the traced plant has rigid ones"
     if cell.has_contacts:
         names = [*cell.patches, *cell.tables]
         return f"the contacts {names} have friction; the traced plant has rigid grasps and no tables"
@@ -123,6 +121,7 @@ def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -
     before = _attributes(scenario, controller)
     begun, sensors = start(run), constants.sensors
     sizes = [len(arm.drive) for arm in constants.arms]
+    joints = begun.q[: sum(sizes)]
     split = partial(np.split, indices_or_sections=np.cumsum(sizes)[:-1])
     rows, sensed, state = SensorSignals(scenario, sizes).rows(), None, None
     subset = {0, *rng.integers(run.timeline.ticks + 1, size=_TICKS - 1).tolist()}
@@ -130,7 +129,7 @@ def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -
         if tick not in subset:
             continue
         time = run.timeline.time(tick)
-        references, angles = run.references(time), split(begun.q + _SPREAD * rng.normal(size=sum(sizes)))
+        references, angles = run.references(time), split(joints + _SPREAD * rng.normal(size=sum(sizes)))
         truth = Truth(
             time=time,
             angles=angles,

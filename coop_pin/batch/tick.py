@@ -16,13 +16,14 @@ from coop_pin.batch.block import RunBlock
 from coop_pin.batch.cell_dynamics import CellMotion, CellState, cell_motion, energy_gain
 from coop_pin.batch.constants import RunConstants
 from coop_pin.batch.law_code import law_code
-from coop_pin.batch.plant_code import observed, write_step
+from coop_pin.batch.plant_code import write_observed, write_step
 from coop_pin.batch.serial_arm import Numbers, frames
 from coop_pin.batch.signals import Desired, RunSignals
 from coop_pin.control import ArmMeasurement, ArmReference
 from coop_pin.description.events import Surroundings
+from coop_pin.results.quantities import WORK
 from coop_pin.simulation.actuation import TORQUE_LIMIT
-from coop_pin.simulation.drives import Applied, DriveMotion, DriveState, TorqueResponse
+from coop_pin.simulation.drives import Applied, DriveMotion, DriveState, Given, TorqueResponse
 from coop_pin.simulation.network import NetworkSignals
 from coop_pin.simulation.sensors import Truth, View
 from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
@@ -128,7 +129,7 @@ class TickCode:
             commanded,
             signals.missed,
             self._sensed(kernel, constants),
-            kernel.uniform("gives"),
+            Given(*kernel.uniform("gives")),
             kernel.uniform("s"),
         )
         kernel.write("sensors", sensors)
@@ -212,7 +213,7 @@ class TickCode:
             self._drives(kernel),
             due,
             self._sensed(kernel, constants),
-            kernel.uniform("gives"),
+            Given(*kernel.uniform("gives")),
             kernel.uniform("s"),
         )
         kernel.write("drives", drives)
@@ -239,7 +240,7 @@ class TickCode:
         drives = constants.drives
         if drives.response is not None:
             now = torques(drives.response, self._drives(kernel).response, *map(kernel.uniform, ("s", "h")))
-            self._hold(kernel, constants, drives.acting(now, kernel.uniform("gives")))
+            self._hold(kernel, constants, drives.acting(now, Given(*kernel.uniform("gives"))))
         return kernel
 
     def _in_motion(self) -> list[Kernel]:
@@ -253,8 +254,7 @@ class TickCode:
         cell = self._block.present_cell(observe, constants)
         motion = cell_motion(self._functions, cell, CellState.of(observe))
         observe.write("rates", motion.rates)
-        for name in observed(len(constants.arms)):
-            observe.write(name, getattr(motion, name))
+        write_observed(observe, constants.cell, motion)
         bounds = [elementary.less(abs(rate), SPEED_LIMIT) for rate in observe.read("v")]
         bounds += [elementary.less(error, CLOSURE_ERROR_LIMIT) for error in motion.closure_errors.ravel()]
         self._guard(observe, bounds)
@@ -300,8 +300,8 @@ def _happen(event: Kernel, before: Surroundings, changed: Mapping[str, Any], mot
     event.write("surroundings", changed)
     if {*changed} - {"push"}:  # a push does its work while it lasts
         gain = energy_gain(before, before._replace(**changed), motion)
-        *works, last = event.read("work")
-        event.write("work", [*works, last + gain])
+        *works, last = event.read("work")[: len(WORK)]
+        event.write("work", [*works, last + gain, *event.read("work")[len(WORK) :]])
 
 
 def _condition_bound(J: Numbers) -> Number:

@@ -75,12 +75,7 @@ def _key(block: RunBlock, first: Prepared, differs: Mask, width: int | None) -> 
     split, plant = block.signals, first.plants[0]
     varies = split.is_uniform | split.is_loaded
     numbers = first.values[0][~differs], split.constants[~varies], differs, split.is_uniform, split.is_loaded
-    shape = (
-        first.kind[-3:],
-        structure(split.example),
-        structure(plant.start),
-        [each.name for each in plant.read],
-    )
+    shape = first.kind[-3:], structure(split.example), structure(plant.start)
     digest = hashlib.sha256(repr((_package(), np.__version__, width, shape)).encode())
     for part in numbers:
         digest.update(part.tobytes())

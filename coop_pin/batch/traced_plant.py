@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Mapping
 
 import numpy as np
 
 from coop_pin.arrays import Array, require_finite
-from coop_pin.batch.cell_dynamics import CellNumbers
-from coop_pin.batch.plant_code import STEPS_AT_ONCE, PlantCode, observed
+from coop_pin.batch.cell_dynamics import CellNumbers, GraspNumbers
+from coop_pin.batch.plant_code import STEPS_AT_ONCE, PlantCode, varying
 from coop_pin.batch.support import plant_reason
 from coop_pin.chain.cell_chain import CellChain, Observation
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.description.events import Surroundings
+from coop_pin.description.grasp_events import Regrasp
 from coop_pin.description.plant import PlantOptions
 from coop_pin.errors import ArgumentError, TracingError
 from coop_pin.simulation.plant import Plant
+from coop_pin.spatial import log3
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.tree import leaves, structure
 
@@ -38,17 +40,19 @@ class TracedPlant(Plant):
             ArgumentError: the engine does not have the options, or an arm is no serial chain.
             MissingExtraError: llvmlite is not installed.
         """
+        chain.damp(q)
         code, self._machine = _compiled(_numbers(chain, options))
         self._slots = code.lanes.slots
         self._waiting: list[float] = []
         self._is_observed = False
         self._block, self._lengths = np.zeros(code.lanes.size), np.zeros((STEPS_AT_ONCE, 1))
         self._call = self._machine.bound(self._block, self._lengths)
-        self._at = {
-            name: self._block[slots.ravel()[0] : slots.ravel()[-1] + 1].reshape(slots.shape)
-            for name in ("q", "v", "work", "force", "surroundings", *observed(len(chain.model.arms)))
-            for slots in (self._slots(name),)
-        }
+        self._at = dict[str, Array]()
+        for name in code.lanes.names:
+            slots = self._slots(name)
+            start = int(slots.flat[0]) if slots.size else 0
+            self._at[name] = self._block[start : start + slots.size].reshape(slots.shape)
+        self._names, self._joints = code.observed, len(self._at["force"])
         self._arms, self._is_vector = chain.model.arms, all(a.angles.is_vector for a in chain.model.arms)
         super().__init__(chain, options, q)
 
@@ -79,7 +83,7 @@ class TracedPlant(Plant):
 
     @property
     def work(self) -> Array:
-        """Work done so far, in the order of WORK, J, shape (4,)."""
+        """Work done so far, as of Plant."""
         self._settle()
         return self._at["work"].copy()
 
@@ -93,7 +97,7 @@ class TracedPlant(Plant):
         self._settle()
         super().hold(force)
         self._is_observed = False
-        self._at["force"][:] = force
+        self._at["force"][:] = force[: self._joints]
 
     def surround(self, surroundings: Surroundings) -> None:
         """Replace the surroundings from now on; the energy that this adds counts as work.
@@ -107,6 +111,31 @@ class TracedPlant(Plant):
         super().surround(surroundings)
         self._is_observed = False
         self._at["surroundings"][:] = leaves(surroundings)
+        self._at["grasps"][:] = leaves(GraspNumbers.of_chain(self.chain))
+
+    def release(self, arm: int) -> None:
+        """Open the compliant grasp of an arm, as Plant does.
+
+        Raises:
+            TracingError: the grasp is rigid.
+        """
+        self._require_compliant(arm)
+        super().release(arm)
+        self.surround(self.surroundings)
+
+    def grasp(self, arm: int, event: Regrasp) -> None:
+        """Close the compliant grasp of an arm, as Plant does.
+
+        Raises:
+            TracingError: the grasp is rigid.
+        """
+        self._require_compliant(arm)
+        super().grasp(arm, event)
+        self.surround(self.surroundings)
+
+    def _require_compliant(self, arm: int) -> None:
+        if arm not in self.chain.springs.arms:
+            raise TracingError("the traced plant keeps rigid grasps closed; choose the engine 'pinocchio'")
 
     def brake(self, arm: int) -> None:
         """Refuse to brake an arm.
@@ -125,10 +154,10 @@ class TracedPlant(Plant):
     def observe(self, q: Array, v: Array, force: Array, time: Array) -> Observation:
         """Return poses, wrenches and energy at n states in the present surroundings."""
         blocks = np.tile(self._block, (len(q), 1))
-        for name, values in (("q", self._angles(q)), ("v", v), ("force", force)):
+        for name, values in (("q", self._angles(q)), ("v", v), ("force", force[:, : self._joints])):
             blocks[:, self._slots(name).ravel()] = values
         self._machine.bound(blocks, self._lengths)(0, 1)
-        fields = {name: blocks[:, self._slots(name)] for name in observed(len(self._arms))}
+        fields = {name: blocks[:, self._slots(name)] for name in self._names}
         X_WP = np.tile(np.eye(4), (len(q), 1, 1))
         X_WP[:, :3, :3], X_WP[:, :3, 3] = fields["R_WP"], fields["p_WP"]
         return Observation(
@@ -138,7 +167,20 @@ class TracedPlant(Plant):
             interaction_wrench=require_finite("the interaction wrenches", fields["wrenches"]),
             kinetic_energy=fields["kinetic"],
             potential_energy=fields["potential"],
+            **self._springs_observed(fields),
         )
+
+    def _springs_observed(self, fields: Mapping[str, Array]) -> dict[str, Array]:
+        """Return the parts of an Observation of compliant grasps; none without any."""
+        if "elastic" not in fields:
+            return {}
+        deflection = np.concatenate((fields["grasp_position"], log3(fields["grasp_rotation"])), axis=-1)
+        of_arms = self.chain.springs.of_arms
+        return {
+            "elastic_energy": fields["elastic"],
+            "grasp_deflection": of_arms(deflection),
+            "grasp_wrench": of_arms(fields["grasp_wrench"]),
+        }
 
     def interaction_wrenches(self) -> Array:
         """Return the wrench on each arm by the payload, about P in world axes, shape (m, 6)."""
@@ -169,10 +211,12 @@ class TracedPlant(Plant):
     def _angles(self, q: Array) -> Array:
         if self._is_vector:
             return q
-        return np.concatenate([arm.angles.of(q[..., arm.q_slice]) for arm in self._arms], axis=-1)
+        free = q[..., self._arms[-1].q_slice.stop :]
+        return np.concatenate([*(arm.angles.of(q[..., arm.q_slice]) for arm in self._arms), free], axis=-1)
 
     def _configuration(self, angles: Array) -> Array:
-        return np.concatenate([arm.angles.configuration(angles[arm.v_slice]) for arm in self._arms])
+        parts = [arm.angles.configuration(angles[arm.v_slice]) for arm in self._arms]
+        return np.concatenate((*parts, angles[self._joints :]))
 
 
 def _numbers(chain: CellChain, options: PlantOptions) -> CellNumbers:
@@ -190,8 +234,9 @@ _CODES: dict[Hashable, tuple[PlantCode, LlvmMachine]] = {}
 
 def _compiled(cell: CellNumbers) -> tuple[PlantCode, LlvmMachine]:
     """Return the code of a plant, which is traced once in a process for all surroundings."""
-    folded = cell._asdict() | {"surroundings": None}
-    key = structure(folded), tuple(leaves(folded))
+    read = varying(cell)
+    folded = cell._asdict() | dict.fromkeys(read)
+    key = structure(folded), tuple(leaves(folded)), structure(read)
     if key not in _CODES:
         if len(_CODES) == _KEPT_CODES:
             del _CODES[next(iter(_CODES))]

@@ -16,12 +16,13 @@ from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.contact_patches import ContactPatches, ContactState
 from coop_pin.chain.force_elements import ForceElements, Joints
 from coop_pin.chain.friction_cones import Squeeze, friction_squeeze
-from coop_pin.chain.grasp_springs import GraspsHeld, GraspSprings, GraspState
+from coop_pin.chain.grasp_springs import GraspsHeld, GraspSprings
 from coop_pin.chain.inverse_dynamics import Count, over_states
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.chain.kkt_solver import constraint_svd
 from coop_pin.chain.linearisation import Linearisation, linearised
 from coop_pin.chain.rigid_grasps import ClosuresHeld, RigidGrasps
+from coop_pin.chain.spring_damper import SpringState
 from coop_pin.chain.trajectory import ChainState
 from coop_pin.description.cell import Cell
 from coop_pin.description.events import Surroundings
@@ -140,6 +141,13 @@ class CellChain:
         """Set the payload's inertia and gravity, from the next call on; the push is an argument of each."""
         require_type("surroundings", surroundings, Surroundings)
         self.model.surround(surroundings)
+
+    def damp(self, q: Array) -> None:
+        """Set the damping of grasps that is stated as a ratio, by the mobility at a configuration."""
+        if self.springs.arms:
+            self.springs.damp(q)
+        if len(self.patches):
+            self.patches.damp(q)
 
     def release(self, arm: int) -> None:
         """Open the grasp of an arm, by its index."""
@@ -522,14 +530,12 @@ class CellChain:
             *self._of_elements(grasps, contacts),
         )
 
-    def _of_elements(self, grasps: GraspState | None, contacts: ContactState | None) -> tuple[Any, ...]:
+    def _of_elements(self, grasps: SpringState | None, contacts: ContactState | None) -> tuple[Any, ...]:
         """Return the last parts of an Observation."""
         energy, parts = 0.0, list[Any]()
         if grasps is not None:
-            table = np.full((2, len(self.model.arms), 6), np.nan)
-            table[:, self.springs.arms] = grasps.deflection, grasps.wrench
             energy += self.springs.energy(grasps)
-            parts += [*table]
+            parts += map(self.springs.of_arms, (grasps.deflection, grasps.wrench))
         if contacts is not None:
             energy += contacts.energy
             parts += [None, None][len(parts) :]
@@ -548,7 +554,7 @@ class CellChain:
         pin.updateFramePlacements(self.mechanism.model, self._data)
         return self._data.oMf
 
-    def _moving(self, q: Array, v: Array, tau: Array) -> tuple[Any, GraspState | None, ContactState | None]:
+    def _moving(self, q: Array, v: Array, tau: Array) -> tuple[Any, SpringState | None, ContactState | None]:
         """Return the frames under a generalised force, compliant grasps and contacts; None without any."""
         force = tau + self.elements.force(q, v)[0] if self.elements.elements else tau
         grasps = self.springs.seen() if self.springs.arms else None
@@ -572,7 +578,7 @@ class CellChain:
         frames: Any,
         closure_wrenches: Array,
         push: Array,
-        grasps: GraspState | None = None,
+        grasps: SpringState | None = None,
         contacts: ContactState | None = None,
     ) -> Array:
         """Return the interaction wrenches, about P in world axes, of those of closures and elements."""
@@ -582,7 +588,7 @@ class CellChain:
             X_PE = X_WP.actInv(frames[arms[index].tip])
             in_payload[index] = X_PE.act(pin.Force(F_E)).vector
         if grasps is not None:
-            in_payload[self.springs.arms] = [X_WP.actInv(pin.Force(F)).vector for F in grasps.on_arm]
+            in_payload[self.springs.arms] = [X_WP.actInv(pin.Force(F)).vector for F in grasps.on_body]
         by_tables = np.zeros(6)
         if contacts is not None:
             about_P = np.array([X_WP.actInv(pin.Force(F)).vector for F in contacts.on_bodies])

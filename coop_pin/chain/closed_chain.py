@@ -209,7 +209,12 @@ class ClosedChain:
         allowed = self._residual_allowed(svd, a)
         if not residual <= allowed:
             raise ConstraintSolveError(residual, allowed)
-        return ChainDynamics(a, self.solver.wrenches(), svd.rank, residual)
+        wrenches = self.solver.wrenches()
+        if svd.rank < len(state.position):
+            # Each proximal step adds rounding / mu along null(J^T): 1e-5 of a Bennett linkage's wrenches.
+            multipliers = svd.left @ (svd.left.T @ multipliers_of(state, wrenches))
+            wrenches = state.wrench_map @ multipliers
+        return ChainDynamics(a, wrenches, svd.rank, residual)
 
     def inverse_dynamics(
         self,

@@ -45,12 +45,12 @@ def friction_squeeze(cell: Cell, X_WP: Array, loads: Array, rows: Mask) -> Squee
 
     ::
 
-        |(t_i, m_i / r_i)| <= mu_i N_i,    |b_i| <= r_i N_i
+        |(t_i, m_i / r_i)| <= mu_i N_i,    |b_i / l_i| <= N_i
 
     (t_i, N_i, b_i, m_i) is the wrench of load and f_i on arm i about the middle of its pad in axes of the
-    plane: friction, normal force, moment in the plane and about the normal; r_i is the torsion radius. The
-    first cone is the ellipsoid of ``friction_use``, the second keeps the patch from tipping. Among equals it
-    is the solution farthest from the cones.
+    plane: friction, normal force, moment in the plane and about the normal; r_i is the torsion radius, l_i
+    are the levers of the pad. The first cone is the ellipsoid of ``friction_use``, the second keeps the patch
+    from tipping. Among equals it is the solution farthest from the cones.
 
     Args:
         cell: description, with a pad of every arm.
@@ -72,7 +72,7 @@ def friction_squeeze(cell: Cell, X_WP: Array, loads: Array, rows: Mask) -> Squee
         A[i] = rotate_vector6(turn, shift_wrench(basis[i].T, -p)).T
         b[i] = rotate_vector6(turn, shift_wrench(loads[i] / scale, -p))
         limits[i, [0, 1, 5]] = np.array((1.0, 1.0, 1.0 / r)) / pad.mu
-        limits[m + i, 3:5] = 1.0 / r
+        limits[m + i, 3:5] = 1.0 / pad.levers
     both = np.r_[:m, :m]
     cones = _Cones(limits[:, :, None] * A[both], limits * b[both], A[both, 2], b[both, 2])
     cost = cones.n[:m].sum(axis=0)

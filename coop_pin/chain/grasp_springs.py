@@ -1,8 +1,7 @@
 """Springs and dampers of compliant grasps: force elements between the tips of arms and the payload.
 
-The wrench is a pure function of relative pose and twist (``SpringDamper``); ``GraspSprings`` has its places
-in the tree of a cell. The steps of a run ask for it some thousand times a second: ``_write_wrenches`` is
-compiled, once for all cells, and runs for every grasp.
+``GraspSprings`` has the places of ``spring_state`` in the tree of a cell. The steps of a run ask for it some
+thousand times a second: ``_write_wrenches`` is compiled, once for all cells, and runs for every grasp.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ import pinocchio as pin
 from coop_pin.arrays import Array, Mask
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.force_elements import Joints
+from coop_pin.chain.spring_damper import MovingFrame, SpringDamper, SpringState, spring_state
 from coop_pin.description.cell import Cell
 from coop_pin.errors import FieldError
 from coop_pin.model.cell_model import CellModel
@@ -25,8 +25,6 @@ from coop_pin.spatial import weight_wrench
 from coop_pin.tracing.kernel import Instruction, Kernel, Layout, Program
 from coop_pin.tracing.llvm_machine import LlvmMachine
 
-_UPPER, _LOWER = [5, 6, 1], [7, 2, 3]
-"""Entries (2, 3), (3, 1), (1, 2) of a flat matrix, and those of its transpose."""
 _STEPS = 60
 """Most steps of the searches for rest."""
 _SETTLED = 1e-14
@@ -35,72 +33,6 @@ _BALANCED = 1e-9
 """Moment that a spring at rest may lack, as a part of its stiffness."""
 _SPREAD = 1e-6
 """Singular value of an arm's Jacobian, as a part of the largest, in whose direction a tip does not move."""
-
-
-class SpringDamper(NamedTuple):
-    """Springs and dampers between frames G and E: the equations of CompliantGrasp, n of them at once.
-
-    Attributes:
-        stiffness: diagonals of K in axes of G, N/m and N m/rad, shape (n, 6).
-        turning: diagonals of G = tr(K_r) / 2 - K_r, N m/rad, shape (n, 3).
-        damping: diagonals of D in axes of G, N s/m and N m s/rad, shape (n, 6).
-    """
-
-    stiffness: Array
-    turning: Array
-    damping: Array
-
-    @classmethod
-    def of(cls, stiffness: Array, damping: Array) -> SpringDamper:
-        """Return the springs and dampers of two diagonals, shape (n, 6) each."""
-        k_r = stiffness[:, 3:]
-        return cls(stiffness, 0.5 * k_r.sum(axis=1, keepdims=True) - k_r, damping)
-
-    def elastic(self, p: Array, R: Array) -> Array:
-        """Return the wrenches on E about its origin in axes of G without damping, N and N m, shape (n, 6).
-
-        Args:
-            p: Position of E in G, m, shape (n, 3).
-            R: Orientation of E in G, shape (n, 3, 3).
-        """
-        S = (R * self.turning[:, None, :]).reshape(-1, 9)
-        return np.concatenate((-self.stiffness[:, :3] * p, S[:, _UPPER] - S[:, _LOWER]), axis=1)
-
-    def dissipative(self, V: Array) -> Array:
-        """Return the wrenches of the dampers, likewise.
-
-        Args:
-            V: Twist of E in G about E's origin in axes of G, m/s and rad/s, shape (n, 6).
-        """
-        return -self.damping * V
-
-    def energy(self, p: Array, R: Array) -> Array:
-        """Return the energies in the springs, J, shape (n,); arguments as of ``elastic``."""
-        turned = self.turning * (1.0 - R.reshape(-1, 9)[:, ::4])
-        return 0.5 * (self.stiffness[:, :3] * p * p).sum(axis=1) + turned.sum(axis=1)
-
-
-class GraspState(NamedTuple):
-    """Compliant grasps of a cell at a state.
-
-    Attributes:
-        wrench: wrench on each arm about its tip in grasp axes, N and N m, shape (n, 6).
-        on_arm: the same about the world's origin in world axes, shape (n, 6).
-        position: position of each tip in its grasp frame, m, shape (n, 3).
-        rotation: orientation of each tip in its grasp frame, shape (n, 3, 3).
-        power: power of each damper, W; not positive, shape (n,).
-    """
-
-    wrench: Array
-    on_arm: Array
-    position: Array
-    rotation: Array
-    power: Array
-
-    @property
-    def deflection(self) -> Array:
-        """Position and rotation vector of each tip from its grasp, in grasp axes, m and rad, shape (n, 6)."""
-        return np.hstack((self.position, np.array([pin.log3(R) for R in self.rotation])))
 
 
 class Side(NamedTuple):
@@ -123,38 +55,28 @@ class Side(NamedTuple):
 
 
 def _write_wrenches(kernel: Kernel) -> None:
-    """Write wrenches, their power and the relative pose of a grasp.
+    """Write the state of a grasp between frames E of the arm and G of the payload, on a joint J each.
 
-    Frames are E of the arm and G of the payload, on a joint J each; a pose is [R^T; p^T], shape (4, 3). A
-    wrench on the body of J is about the joint's origin in its axes; ``on_arm`` is about the world's.
+    A pose is [R^T; p^T], shape (4, 3). A wrench on the body of J is about the joint's origin in its axes.
     """
-    frames, velocities = kernel.read("frames"), []
-    poses = list[tuple[Array, Array]]()
-    for X_WJ, X_JF, V_J in zip(kernel.read("joints"), frames, kernel.read("twists"), strict=True):
-        poses.append((X_JF[:3] @ X_WJ[:3], X_JF[3] @ X_WJ[:3] + X_WJ[3]))
-        velocities.append((X_JF[:3] @ (V_J[0] + np.cross(V_J[1], X_JF[3])), X_JF[:3] @ V_J[1]))
-    (R_EW, p_WE), (R_GW, p_WG) = poses
-    (v_E, w_E), (v_G, w_G) = velocities
-    R, p = R_GW @ R_EW.T, R_GW @ (p_WE - p_WG)
-    V = np.concatenate((R @ v_E - v_G - np.cross(w_G, p), R @ w_E - w_G))
-    springs = SpringDamper.of(kernel.read("stiffness")[None], kernel.read("damping")[None])
-    damped = springs.dissipative(V[None])[0]
-    F = springs.elastic(p[None], R[None])[0] + damped
-    f, m = F[:3], F[3:]
+    placed = list(zip(*(kernel.read(name) for name in ("joints", "frames", "twists")), strict=True))
+    spring = SpringDamper.of(kernel.read("stiffness")[None], kernel.read("damping")[None])
+    state = spring_state(spring, *(_moving(*side) for side in placed))
     on_joints = list[Array]()
-    for X_JF, (f_F, m_F) in zip(frames, ((R.T @ f, R.T @ m), (-f, -m - np.cross(p, f))), strict=True):
-        f_J = X_JF[:3].T @ f_F
-        on_joints += [f_J, X_JF[:3].T @ m_F + np.cross(X_JF[3], f_J)]
-    f_W = R_GW.T @ f
-    for name, value in {
-        "on_joints": np.concatenate(on_joints),
-        "on_arm": np.concatenate((f_W, R_GW.T @ m + np.cross(p_WE, f_W))),
-        "wrench": F,
-        "power": damped @ V,
-        "position": p,
-        "rotation": R,
-    }.items():
+    for sign, (X_WJ, _, _) in zip((1.0, -1.0), placed, strict=True):
+        f, m = sign * state.on_body[:3], sign * state.on_body[3:]
+        on_joints += [X_WJ[:3] @ f, X_WJ[:3] @ (m - np.cross(X_WJ[3], f))]
+    kernel.write("on_joints", np.concatenate(on_joints))
+    for name, value in state._asdict().items():
         kernel.write(name, value)
+
+
+def _moving(X_WJ: Array, X_JF: Array, V_J: Array) -> MovingFrame:
+    """Return a frame on a joint: poses as [R^T; p^T], twist in axes of the joint, shape (2, 3)."""
+    R_JW, p_WJ = X_WJ[:3], X_WJ[3]
+    v, w = V_J[0] @ R_JW, V_J[1] @ R_JW
+    V = np.concatenate((v + np.cross(p_WJ, w), w))
+    return MovingFrame((X_JF[:3] @ R_JW).T, X_JF[3] @ R_JW + p_WJ, V)
 
 
 @cache
@@ -162,7 +84,7 @@ def _compiled() -> tuple[Layout, LlvmMachine]:
     """Return the slots of a grasp and the code that fills them."""
     lanes = Layout()
     lanes.add(joints=(2, 4, 3), twists=(2, 2, 3), frames=(2, 4, 3), stiffness=(6,), damping=(6,))
-    lanes.add(on_joints=(2, 6), on_arm=(6,), wrench=(6,), power=(), position=(3,), rotation=(3, 3))
+    lanes.add(on_joints=(2, 6), on_body=(6,), wrench=(6,), power=(), position=(3,), rotation=(3, 3))
     kernel = Kernel("grasp", lanes, Layout())
     _write_wrenches(kernel)
     return lanes, LlvmMachine(Program([kernel], lanes, 0, 0, [Instruction(0, 0)]), width=1)
@@ -232,6 +154,7 @@ class GraspSprings:
                 slots = lanes.slots(name)
                 start = int(slots.flat[0])
                 self._at[name] = block[:, start : start + slots.size].reshape(-1, *slots.shape)
+            self._slots = [self._at[name] for name in ("joints", "twists", "on_joints", "power")]
         stiffness = np.array([grasp.stiffness for grasp in grasps.values()]).reshape(-1, 6)
         damping = [np.zeros(6) if g.damping is None else np.array(g.damping) for g in grasps.values()]
         self.springs, self.holds = (
@@ -246,24 +169,31 @@ class GraspSprings:
 
     def act(self) -> float:
         """Add the wrenches at the state of the joints to theirs; return the power of the dampers, W."""
-        at, joints, bodies = self._at, self._joints, self._bodies
-        at["joints"][:] = bodies.X_WJ.take(joints, 0)
-        at["twists"][:] = bodies.V_J.take(joints, 0)
+        bodies, (X_WJ, V_J, on_joints, power) = self._bodies, self._slots
+        bodies.X_WJ.take(self._joints, 0, X_WJ, "clip")
+        bodies.V_J.take(self._joints, 0, V_J, "clip")
         self._call(0, 1)
-        bodies.F_J += self._by_joint.dot(at["on_joints"].reshape(-1, 6))
-        return sum(at["power"].tolist())
+        F_J = bodies.F_J
+        F_J += self._by_joint.dot(on_joints.reshape(-1, 6))
+        return sum(power.tolist())
 
-    def seen(self) -> GraspState:
+    def of_arms(self, values: Array) -> Array:
+        """Return values of grasps, shape (..., n, k), as those of all arms, NaN of others, (..., m, k)."""
+        table = np.full((*values.shape[:-2], len(self._tree.arms), values.shape[-1]), np.nan)
+        table[..., self.arms, :] = values
+        return table
+
+    def seen(self) -> SpringState:
         """Return the grasps at the state at which they acted last."""
-        return GraspState(*(self._at[name].copy() for name in GraspState._fields))
+        return SpringState(*(self._at[name].copy() for name in SpringState._fields))
 
-    def at(self, q: Array, v: Array) -> GraspState:
+    def at(self, q: Array, v: Array) -> SpringState:
         """Return the grasps at a state."""
         self._bodies.move(q, v)
         self.act()
         return self.seen()
 
-    def energy(self, state: GraspState) -> float:
+    def energy(self, state: SpringState) -> float:
         """Return the energy in all springs at a state, J."""
         return float(self.springs.energy(state.position, state.rotation)[self.holds].sum())
 
@@ -303,10 +233,17 @@ class GraspSprings:
 
     def _load(self) -> None:
         """Write frames, stiffness and damping to the code's slots."""
-        for number, sides in enumerate(self._sides):
+        for number, (sides, acting) in enumerate(zip(self._sides, self.acting(), strict=True)):
             self._at["frames"][number] = [_as_rows(side.X_JF) for side in sides]
-            self._at["stiffness"][number] = self.holds[number] * self.springs.stiffness[number]
-            self._at["damping"][number] = self.holds[number] * self.springs.damping[number]
+            self._at["stiffness"][number] = acting.stiffness
+            self._at["damping"][number] = acting.damping
+
+    def acting(self) -> list[SpringDamper]:
+        """Return spring and damper of each grasp, n = 1; zero where it is open."""
+        return [
+            SpringDamper(*(holds * part[None, number] for part in self.springs))
+            for number, holds in enumerate(self.holds)
+        ]
 
     def release(self, number: int) -> None:
         """Open a grasp."""
@@ -383,9 +320,9 @@ class GraspSprings:
             q: Configuration.
             loads: Wrenches of the arms with rigid grasps, about P in world axes, shape (m, 6).
         """
-        loads, on_arm = loads.copy(), self.at(q, self._rest).on_arm
+        loads, on_body = loads.copy(), self.at(q, self._rest).on_body
         seen = self.seen_poses(q)
-        for index, X_WP, F in zip(self.arms, seen, on_arm, strict=True):
+        for index, X_WP, F in zip(self.arms, seen, on_body, strict=True):
             loads[index] = pin.SE3(np.eye(3), X_WP.translation).actInv(pin.Force(F)).vector
         return loads
 

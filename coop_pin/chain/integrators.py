@@ -9,12 +9,16 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import NamedTuple
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from coop_pin.arrays import Array
+from coop_pin.chain.free_flyer import displaced, increment_rate
+from coop_pin.tracing.kernel import Instruction, Kernel, Layout, Program
+from coop_pin.tracing.llvm_machine import LlvmMachine
 
 _FREE_FLYER = "JointModelFreeFlyer"
 _SMALL = 2.7e-5
@@ -200,6 +204,79 @@ class VectorRungeKutta(Integrator):
         return Step(stage[0], stage[1], self._weights.dot(np.array(powers)))
 
 
+class FreeFlyerRungeKutta(Integrator):
+    """RungeKutta of joints in a vector space and a free-flyer after them, as compiled code between the rates.
+
+    With the weights b as the last row of A, stage i begins at
+
+        u_i = h sum_j A_ij k_j,  q_i = q (+) u_i,  v_i = v + h sum_j A_ij a_j,  k_i = dexp_{u_i}^-1 v_i
+    """
+
+    def __init__(self, joints: int, tableau: Tableau = RK4) -> None:
+        """Compile the stages, once in a process.
+
+        Args:
+            joints: number of joints before the free-flyer.
+            tableau: the method; its coefficients fold into the code.
+        """
+        self.tableau = tableau
+        lanes, machine = _free_flyer_stages(joints, tuple(map(tuple, tableau.A)), tuple(tableau.b))
+        block, self._h = np.zeros(lanes.size), np.zeros((1, 1))
+        self._call = machine.bound(block, self._h)
+        self._q, self._v, self._q_i, self._v_i, *self._a = (
+            block[lanes.slots(name)[0] :][: len(lanes.slots(name))]
+            for name in ("q", "v", "q_i", "v_i", *(f"a_{i}" for i in range(len(tableau.b))))
+        )
+
+    def step(self, rate: Rate, t: float, q: Array, v: Array, h: float) -> Step:
+        """Return the state at t + h."""
+        self._q[:], self._v[:], self._h[0] = q, v, h
+        q_i, v_i, powers = q, v, []
+        for i, c in enumerate(self.tableau.c):
+            self._a[i][:], power = rate(t + c * h, q_i, v_i)
+            powers.append(power)
+            self._call(i, 1)
+            q_i, v_i = self._q_i, self._v_i
+        return Step(q_i.copy(), v_i.copy(), (h * self.tableau.b).dot(np.array(powers)))
+
+
+@cache
+def _free_flyer_stages(joints: int, A: Any, b: Any) -> tuple[Layout, LlvmMachine]:
+    """Return the slots of a step and the code of its stages after the first, the last of which ends it."""
+    lanes, uniforms, kernels = Layout(), Layout(), list[Kernel]()
+    nv, rows = joints + 6, [*A[1:], b]
+    lanes.add(q=(nv + 1,), v=(nv,), q_i=(nv + 1,), v_i=(nv,))
+    for i in range(len(rows)):
+        lanes.add(**{f"a_{i}": (nv,), f"k_{i + 1}": (nv,)})
+    uniforms.add(h=())
+    for i, row in enumerate(rows):
+        kernel = Kernel(f"stage_{i + 1}", lanes, uniforms)
+        q, v, h = kernel.read("q"), kernel.read("v"), kernel.uniform("h")
+        u, change = np.zeros(nv), np.zeros(nv)
+        for j, factor in enumerate(row):
+            if factor:
+                u = u + h * factor * kernel.read(f"k_{j}" if j else "v")
+                change = change + h * factor * kernel.read(f"a_{j}")
+        v_i, joint, free = v + change, slice(joints), slice(joints, None)
+        kernel.write("q_i", np.concatenate((q[joint] + u[joint], displaced(q[free], u[free]))))
+        kernel.write("v_i", v_i)
+        kernel.write(f"k_{i + 1}", np.concatenate((v_i[joint], increment_rate(u[free], v_i[free]))))
+        kernels.append(kernel)
+    order = [Instruction(i, 0) for i in range(len(rows))]
+    return lanes, LlvmMachine(Program(kernels, lanes, 0, 0, order), width=1)
+
+
+def _runge_kutta(model: pin.Model) -> Integrator:
+    """Return the classical Runge-Kutta method on the configuration space of a model."""
+    space = configuration_space(model)
+    if isinstance(space, VectorSpace):
+        return VectorRungeKutta()
+    is_last_free = str(model.joints[model.njoints - 1].shortname()) == _FREE_FLYER
+    return (
+        FreeFlyerRungeKutta(model.nv - 6) if is_last_free and model.nq == model.nv + 1 else RungeKutta(space)
+    )
+
+
 class SemiImplicitEuler(Integrator):
     """Semi-implicit Euler method: v' = v + h a(t, q, v), then q' = q (+) h v'; first order."""
 
@@ -213,8 +290,8 @@ class SemiImplicitEuler(Integrator):
         return Step(self.space.step(q, h * v_next), v_next, h * powers)
 
 
-INTEGRATORS: dict[str, Callable[[ConfigurationSpace], Integrator]] = {
-    "rk4": lambda space: VectorRungeKutta() if isinstance(space, VectorSpace) else RungeKutta(space),
-    "semi-implicit-euler": SemiImplicitEuler,
+INTEGRATORS: dict[str, Callable[[pin.Model], Integrator]] = {
+    "rk4": _runge_kutta,
+    "semi-implicit-euler": lambda model: SemiImplicitEuler(configuration_space(model)),
 }
-"""Constructors of the integrators, by their names in scenarios."""
+"""Constructors of the integrators of a model, by their names in scenarios."""

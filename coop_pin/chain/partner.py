@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.chain.grasp_springs import SpringDamper
+from coop_pin.chain.spring_damper import MovingFrame, SpringDamper, spring_state
 from coop_pin.description.events import Partner
-from coop_pin.spatial import log3
+from coop_pin.spatial import shift_wrench
 
 
 class PartnerState(NamedTuple):
@@ -34,11 +34,8 @@ class PartnerState(NamedTuple):
 def partner_state(partner: Partner, time: float, X_WP: Array, V_WP: Array) -> PartnerState:
     """Return the spring and damper of a partner at a time and a state of the payload.
 
-    With G the partner's point, H the handle, p and R the pose of H in G and V the twist of H relative to G
-    about H in axes of G, the wrench on the payload about H is F = elastic(p, R) - D V of SpringDamper. With
-    V_G of the point at H, its power F.(V + V_G) is
-
-        -d(energy)/dt + dissipated + supplied,    supplied = F.V_G
+    It is that of ``spring_state`` from the partner's point G to the handle. With V_G the twist of the point,
+    the power of the wrench F is -d(energy)/dt + dissipated + supplied, supplied = F . V_G.
 
     Args:
         partner: the partner.
@@ -47,24 +44,15 @@ def partner_state(partner: Partner, time: float, X_WP: Array, V_WP: Array) -> Pa
         V_WP: twist of the payload, shape (6,).
     """
     target, X_PH = partner.motion.at(time), partner.handle.matrix
-    X_WG = target.X_WP_d @ X_PH
-    X_WH, R_WG = X_WP @ X_PH, X_WG[:3, :3]
-    from_P, p_W = X_WH[:3, 3] - X_WP[:3, 3], X_WH[:3, 3] - X_WG[:3, 3]
-    v, w = V_WP[:3] + np.cross(V_WP[3:], from_P), V_WP[3:]
-    v_d, w_d = target.V_WP_d[:3], target.V_WP_d[3:]
-    v_G = v_d + np.cross(w_d, X_WH[:3, 3] - target.X_WP_d[:3, 3])
-    p, R = R_WG.T @ p_W, R_WG.T @ X_WH[:3, :3]
-    V = np.concatenate((R_WG.T @ (v - v_G), R_WG.T @ (w - w_d)))
+    point = MovingFrame.on(target.X_WP_d, target.V_WP_d, X_PH)
     spring = SpringDamper.of(np.array([partner.stiffness]), np.array([partner.damping]))
-    damped = spring.dissipative(V[None])[0]
-    F = spring.elastic(p[None], R[None])[0] + damped
-    f, m = R_WG @ F[:3], R_WG @ F[3:]
+    state = spring_state(spring, MovingFrame.on(X_WP, V_WP, X_PH), point)
     return PartnerState(
-        wrench=np.concatenate((f, m + np.cross(from_P, f))),
-        deflection=np.concatenate((p, log3(R))),
-        energy=float(spring.energy(p[None], R[None])[0]),
-        dissipated=float(damped @ V),
-        supplied=float(f @ v_G + m @ w_d),
+        wrench=shift_wrench(state.on_body, -X_WP[:3, 3]),
+        deflection=state.deflection,
+        energy=float(spring.energy(state.position[None], state.rotation[None])[0]),
+        dissipated=float(state.power),
+        supplied=float(state.on_body @ point.V),
     )
 
 

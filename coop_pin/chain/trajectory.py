@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, as_array, as_positive
-from coop_pin.chain.integrators import INTEGRATORS, configuration_space
+from coop_pin.chain.integrators import INTEGRATORS
 from coop_pin.chain.kkt_solver import KKTSolver
 from coop_pin.chain.projection import Projected
 from coop_pin.chain.proximal_solver import ProximalSolver
@@ -99,7 +99,7 @@ class Propagator:
         if torque is not None and not callable(torque):
             raise ArgumentError(f"torque is {torque!r}; it must be a function of (t, q, v), or None")
         self._solver, self._torque, self._project = solver, torque, project
-        self._integrator = INTEGRATORS["rk4"](configuration_space(model))
+        self._integrator = INTEGRATORS["rk4"](model)
         self._nv, self._zero = int(model.nv), np.zeros(model.nv)
         self._caller_errstate = np.geterr()  # torque is user code and runs under the caller's settings
 

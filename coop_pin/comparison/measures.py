@@ -32,11 +32,11 @@ def measures(result: RunResult) -> dict[str, float]:
     Effort is the rms of all drive torques, chatter that of their changes from one record to the next. Events
     in the window count: what a push leaves is measured, too.
     """
-    data = result.data
-    judged = data.time.values >= _FROM * result.scenario.duration - 1e-9
-    error = data.pose_error.values[judged]
-    torque = data.torque.values[judged]
-    internal = (_rms(data[f"internal_{part}_error"].values[judged]) for part in ("axial", "shear", "moment"))
+    arrays = result.arrays  # to label them takes as long as a run in a batch
+    judged = np.asarray(arrays["time"]) >= _FROM * result.scenario.duration - 1e-9
+    names = ("pose_error", "torque", *(f"internal_{part}_error" for part in ("axial", "shear", "moment")))
+    error, torque, *wrenches = (np.asarray(arrays[name])[judged] for name in names)
+    internal = map(_rms, wrenches)
     distance, angle = (_rms(np.linalg.norm(part, axis=1)) for part in (error[:, :3], error[:, 3:]))
     values = (1e3 * distance, 1e3 * angle, *internal, _rms(torque), _rms(np.diff(torque, axis=0)))
     return dict(zip(MEASURES, values, strict=True)) | {DROPPED: float(math.isfinite(result.dropped_at))}

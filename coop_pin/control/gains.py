@@ -9,7 +9,8 @@ from pydantic import AfterValidator, BeforeValidator
 
 from coop_pin.arrays import Array
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, number_or_row, number_row_or_rows
+from coop_pin.schema.base import Description, number_or_row, number_row_or_rows, refilled
+from coop_pin.spatial.generic_numbers import identity
 
 MatrixGain = Annotated[Any, BeforeValidator(number_row_or_rows)]
 """A gain matrix: a number times the identity, a diagonal, or rows; of sized gains an array."""
@@ -63,7 +64,7 @@ def gain_matrix(gain: Any, size: int, path: str = "") -> Array:
     rows = np.array(gain, dtype=float)
     if rows.ndim and len(rows) != size:
         raise FieldError(f"has {len(rows)} entries; it must be a number or have {size}", path)
-    return rows * np.eye(size) if rows.ndim < 2 else rows
+    return rows * identity(size) if rows.ndim < 2 else rows
 
 
 def gain_vector(gain: Any, size: int, path: str = "") -> Array:
@@ -94,4 +95,4 @@ class Gains(Description):
         sizes = dict.fromkeys(self.on_rows, rows) | dict.fromkeys(self.on_drives, drives)
         array = gain_matrix if self.are_matrices else gain_vector
         arrays = {name: array(getattr(self, name), size, f"{path}.{name}") for name, size in sizes.items()}
-        return self.model_copy(update=arrays)
+        return refilled(self, arrays)

@@ -325,12 +325,14 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
 
     def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
         """Return the controllers of all arms; see Law."""
-        laws = dict[str, ArmController]()
+        laws, sized = dict[str, ArmController](), dict[tuple[int, ...], G]()
         for arm in arms:
             self._require_joints(arm)
             path = f"controller.arm_gains.{arm.name}" if arm.name in self.arm_gains else "controller.gains"
-            gains = self.gains_of(arm.name).sized(arm.rows.size, arm.drives, path)
-            law = self.controller_of(arm, gains, scenario)
+            gains, size = self.gains_of(arm.name), (arm.rows.size, arm.drives)
+            if (key := (id(gains), *size)) not in sized:  # equal arms share them
+                sized[key] = gains.sized(*size, path)
+            law = self.controller_of(arm, sized[key], scenario)
             law = self._with_told_wrench(law, arm, scenario)
             laws[arm.name] = ZeroedController(arm.rows, law, arm.start_pose) if self.zero_at_grasp else law
         return DecentralisedController(laws)
@@ -372,7 +374,7 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
     def _unequal(self, arms: Sequence[str]) -> list[FieldError]:
         """Return the gains that differ between arms although the theory needs one value for all."""
         problems: list[FieldError] = []
-        for field, reason in self.equal_gains.items():
+        for field, reason in self.equal_gains.items() if self.arm_gains else ():
             values = {name: getattr(self.gains_of(name), field) for name in arms}
             if len(set(values.values())) > 1:
                 detail = f"differs between arms: {values}; {reason} for all arms"

@@ -100,11 +100,11 @@ class Miscalibration(Description):
             if pose != getattr(base, part):
                 off = ((1e3 * np.linalg.norm(pose.xyz), "mm"), (1e3 * np.linalg.norm(pose.rpy), "mrad"))
                 sizes = " and ".join(f"{size:.3g} {unit}" for size, unit in off if size) or "nothing"
-                yield f"{arm} {part} off by {sizes}"
+                yield f"{arm} model: {part} off by {sizes}"
         if self.joint_offset != base.joint_offset:
-            yield f"{arm} joints off by {1e3 * np.abs(self.joint_offset).max():.3g} mrad"
+            yield f"{arm} model: joints off by {1e3 * np.abs(self.joint_offset).max():.3g} mrad"
         if self.link_length != base.link_length:
-            yield f"{arm} links off by {100 * np.abs(self.link_length).max():.3g} %"
+            yield f"{arm} model: links off by {100 * np.abs(self.link_length).max():.3g} %"
 
 
 # The tags separate the members: pydantic would report a mistake in a plain union once for each of them.

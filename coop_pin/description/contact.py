@@ -19,6 +19,7 @@ _ON_FACE = 1e-3
 _ALONG = 1e-3
 """Largest entry of a patch's normal across the normal of that face."""
 _RING = np.arange(8) * np.pi / 4.0
+_CORNERS = np.array([(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)])
 PRESSES = ("x", "-x", "y", "-y", "z", "-z")
 """Axes of the grasp frame along which an arm may press."""
 
@@ -74,8 +75,13 @@ class Pad(Description):
 
     @property
     def torsion_radius(self) -> float:
-        """R of the torsion mu N r that it bears, m."""
-        return float(np.linalg.norm(self.points[0]))
+        """R of the torsion mu N r that it bears, m: the mean distance from the middle, 2/3 of a radius."""
+        return float(np.linalg.norm(self.points, axis=1).mean())
+
+    @property
+    def levers(self) -> Array:
+        """Levers l of moments m about the axes of the plane, m, shape (2,); it tips beyond |m / l| = N."""
+        return np.full(2, self.torsion_radius) if self.size is None else self.points[-1, 1::-1]
 
     @property
     def plane(self) -> Array:
@@ -90,11 +96,16 @@ class Pad(Description):
     @property
     def points(self) -> Array:
         """Points of the patch in the plane, m, shape (n, 3)."""
-        if self.size is not None:
-            a, b = np.array(self.size) / np.sqrt(12.0)
-            return np.array([(x, y, 0.0) for x in (-a, a) for y in (-b, b)])
-        ring = 2.0 / 3.0 * (self.radius or 0.0)
-        return np.stack((ring * np.cos(_RING), ring * np.sin(_RING), 0.0 * _RING), axis=1)
+        if self.size is None:
+            outer = (
+                0.75 * (self.radius or 0.0) * np.stack((np.cos(_RING), np.sin(_RING), 0.0 * _RING), axis=1)
+            )
+        else:
+            a, b = half = 0.5 * np.array(self.size)
+            d = np.hypot(a, b)
+            r = d / 3.0 + (a * a / b * np.arcsinh(b / a) + b * b / a * np.arcsinh(a / b)) / 6.0
+            outer = 1.25 * r / d * np.array([(*signs * half, 0.0) for signs in _CORNERS])
+        return np.concatenate((np.zeros((1, 3)), outer))
 
     @property
     def reach(self) -> Array:
@@ -106,8 +117,8 @@ class PatchGrasp(Pose, DryContact, Pad):
     """Grasp by friction: a patch fixed to the arm's tip is pressed on a flat face of the payload.
 
     Nothing but friction holds the payload: it sticks, slides, spins, tips and drops. The patch is a few
-    points on the plane of the face: eight on a ring of two thirds of the radius, with the torsion of an
-    evenly pressed disc; or four, at 1 / sqrt(12) of the edges from the middle.
+    points on the plane of the face, with the torsion of an evenly pressed one: the middle, and eight on a
+    ring of 3/4 of the radius, with a disc's stiffness against tilting as well; or four on the diagonals.
 
     Attributes:
         xyz: Position of the grasp frame in payload axes, m: the middle of the patch, on the face.

@@ -62,11 +62,14 @@ class PayloadEvent(Description):
 
     title: ClassVar[str]
     """Name of the event, in a few words."""
-    heading: ClassVar[str]
-    """Name of what it brings."""
 
     kind: str
     time: NotNegative
+
+    @property
+    def heading(self) -> str:
+        """Name of its button on a page."""
+        return self.title
 
     @property
     def end(self) -> float:
@@ -138,7 +141,11 @@ class PayloadChange(PayloadEvent):
     kind: Literal["payload-change"] = "payload-change"
     mass: Positive
     title = "change of mass"
-    heading = "new mass"
+
+    @property
+    def heading(self) -> str:
+        """Name of what it brings."""
+        return "new mass"
 
     def apply(self, surroundings: Surroundings, time: float) -> Surroundings:
         """Return the surroundings with the new mass."""
@@ -162,7 +169,7 @@ class WrenchPulse(PayloadEvent):
     kind: Literal["wrench-pulse"] = "wrench-pulse"
     duration: Positive
     wrench: Vector6
-    title = heading = "push"
+    title = "push"
 
     @property
     def end(self) -> float:
@@ -200,7 +207,7 @@ class LoseArm(PayloadEvent):
     kind: Literal["lose-arm"] = "lose-arm"
     arm: str
     form: Literal["limp", "braked", "own weight"] = "limp"
-    title = heading = "loss of an arm"
+    title = "loss of an arm"
 
     def text(self, surroundings: Surroundings) -> str:
         """Return the arm, and what is left of it."""
@@ -252,7 +259,11 @@ class GravityTurn(PayloadEvent):
     kind: Literal["gravity-turn"] = "gravity-turn"
     gravity: Vector3
     title = "turn of gravity"
-    heading = "new gravity"
+
+    @property
+    def heading(self) -> str:
+        """Name of what it brings."""
+        return "new gravity"
 
     def apply(self, surroundings: Surroundings, time: float) -> Surroundings:
         """Return the surroundings with the new gravity."""
@@ -281,7 +292,7 @@ class Partner(PayloadEvent):
     handle: Pose = Pose()
     stiffness: Annotated[Vector6, AfterValidator(not_negative)]
     damping: Annotated[Vector6, AfterValidator(not_negative)] = (0.0,) * 6
-    title = heading = "partner"
+    title = "partner"
 
     @field_validator("stiffness")
     @classmethod
@@ -330,7 +341,7 @@ class UserEvent(PayloadEvent):
     kind: Literal["user"] = "user"
     target: FunctionName
     options: dict[str, Any] = Field(default_factory=dict)
-    title = heading = "own event"
+    title = "own event"
 
     @property
     def requires(self) -> str:

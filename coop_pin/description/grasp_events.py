@@ -47,6 +47,16 @@ class GraspEvent(PayloadEvent):
         unknown = unknown_arms([self.arm], cell.arms)
         return [*problems, *(FieldError(one.detail, "arm") for one in unknown)]
 
+    @property
+    def requires(self) -> str:
+        """A plant whose grasps open and close."""
+        return "grasps that open and close"
+
+    @property
+    def heading(self) -> str:
+        """Name and arm."""
+        return f"{self.title}: {self.arm}"
+
     def load(self, time: float) -> float:
         """Return the part of its load share that the arm bears at a time after the event began."""
         return float(self.holds)
@@ -69,7 +79,7 @@ class Release(GraspEvent):
     retreat: NotNegative = 0.0
     retreat_time: Positive = 1.0
     holds = False
-    title = heading = "release"
+    title = "release"
 
     @property
     def told(self) -> str:
@@ -99,7 +109,7 @@ class HandOver(Release):
 
     kind: Literal["hand-over"] = "hand-over"  # type: ignore[assignment]
     duration: Positive = 1.0
-    title = heading = "hand-over"
+    title = "hand-over"
 
     @property
     def end(self) -> float:
@@ -144,7 +154,7 @@ class Regrasp(GraspEvent):
     wait: NotNegative = 0.5
     duration: Positive = 1.0
     holds = True
-    title = heading = "grasp"
+    title = "grasp"
 
     def timing_problems(self, run: Mapping[str, Any]) -> list[FieldError]:
         """Return what is wrong with time, arm and rest pose, given the fields of the run."""
@@ -200,7 +210,7 @@ class PutDown(PayloadEvent):
 
     kind: Literal["put-down"] = "put-down"
     duration: Positive = 0.5
-    title = heading = "put down"
+    title = "put down"
 
     @property
     def end(self) -> float:

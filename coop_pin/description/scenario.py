@@ -139,19 +139,19 @@ class Scenario(WithLaterFields):
     @field_validator("events", "actuators", "arm_actuators", "sensors", "arm_sensors", "network")
     @classmethod
     def _fits_the_run(cls, value: Any, earlier: ValidationInfo) -> Any:
-        name, problems = str(earlier.field_name), list[FieldError]()
+        name, problems, parts = str(earlier.field_name), list[FieldError](), _parts(value)
         run = {field: earlier.data[field] for field in _OF_THE_RUN if field in earlier.data}
-        if _fitted.get(name) == (value, run):
+        if name in _fitted and all(map(_are_same, (parts, run), _fitted[name])):
             return value
         if isinstance(value, dict) and "cell" in run:
             problems += unknown_arms(value, run["cell"].arms)
-        for path, part in _parts(value).items():
+        for path, part in parts.items():
             problems += [problem.below(path) for problem in part.timing_problems(run)]
         if name == "events" and "cell" in run and not problems:
             problems += sequence_problems(run["cell"], value)
         if problems:
             raise one_or_all(problems, f"the {name}")
-        _fitted[name] = value, run
+        _fitted[name] = parts, run
         return value
 
     def actuators_of(self, arm: str) -> Actuators:
@@ -403,8 +403,13 @@ class Scenario(WithLaterFields):
 
 _OF_THE_RUN = ("duration", "cell", "clock")
 """Fields against which others are checked."""
-_fitted: dict[str, tuple[Any, Mapping[str, Any]]] = {}
-"""Last value of a field that fitted its run, with what it was checked against: those of a sweep are alike."""
+_fitted: dict[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {}
+"""Last parts of a field that fitted their run, with what they were checked against: a sweep repeats them."""
+
+
+def _are_same(parts: Mapping[str, Any], others: Mapping[str, Any]) -> bool:
+    """Return whether two tables have the same objects; their numbers are not looked at."""
+    return parts.keys() == others.keys() and all(part is others[name] for name, part in parts.items())
 
 
 def _parts(value: Any) -> dict[str, Any]:

@@ -14,6 +14,7 @@ CAPTION = "#5a6472"
 SATURATED = "#f0e442"
 SINGULAR = "#56b4e9"
 FREE = "#d9dde3"
+SLIDES = "#b40f20"
 
 SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Colours of lines that only need to differ from each other."""

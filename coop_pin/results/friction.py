@@ -10,7 +10,7 @@ from coop_pin.arrays import Array, Mask
 from coop_pin.description.cell import Cell
 from coop_pin.description.contact import Pad
 from coop_pin.results.quantities import Arrays
-from coop_pin.spatial import shift_wrench
+from coop_pin.spatial import rotations, shift_wrench
 
 _WHOLE = 1.0 - 1e-9
 """Part of a load share from which it is whole; less is rounding."""
@@ -26,7 +26,7 @@ class FrictionUse(NamedTuple):
         u^2 = (|f| / (mu N))^2 + (m / (mu N r))^2,    slip from u = 1 on
 
     stands for the limit surface of a patch of torsion radius r: 2/3 of the radius of a disc. The surface of a
-    disc lies up to 7 % inside the ellipsoid, and that of the eight points of a patch up to 11 %. NaN where an
+    disc lies up to 7 % inside the ellipsoid, and that of the nine points of a patch up to 7.5 %. NaN where an
     arm does not bear its whole load share: it is free, takes hold or lets go, or a table takes the load.
 
     Attributes:
@@ -57,20 +57,28 @@ def friction_use(data: Arrays, cell: Cell) -> FrictionUse:
         cell: Cell of the run.
     """
     pads: dict[str, Pad] = {name: cell.patches.get(name) or cell.pads[name] for name in cell.padded}
-    wrenches = [_on_pad(data, cell, name, pad) for name, pad in pads.items()]
+    wrenches = [pad_wrench(data, cell, name, pad) for name, pad in pads.items()]
     F = np.stack(wrenches, axis=1) if wrenches else np.zeros((len(np.asarray(data["time"])), 0, 6))
     mu = np.array([pad.mu for pad in pads.values()])
-    radius = np.array([pad.torsion_radius for pad in pads.values()])
+    parts = friction_parts(F, mu, np.array([pad.torsion_radius for pad in pads.values()]))
+    bearing = _bearing(data, cell)[:, [list(cell.arms).index(name) for name in pads]]
+    return FrictionUse(tuple(pads), F[..., 2], *(np.where(bearing, part, np.nan) for part in parts))
+
+
+def friction_parts(F: Array, mu: Array | float, radius: Array | float) -> tuple[Array, Array, Array]:
+    """Return |f| / (mu N), |m| / (mu N r) and the reserve of FrictionUse, N, shape (...,) each.
+
+    Args:
+        F: wrenches on arms about the middles of their pads in axes of the planes, shape (..., 6).
+        mu: coefficients of friction.
+        radius: torsion radii, m.
+    """
     bears = mu * np.maximum(F[..., 2], 0.0)
     across, turning = np.linalg.norm(F[..., :2], axis=-1), np.abs(F[..., 5]) / radius
-    with np.errstate(divide="ignore", invalid="ignore"):
-        force, torsion = across / bears, turning / bears
-    holds = bears > 0.0
     lost = np.where(np.isnan(F).any(axis=-1), np.nan, np.inf)
-    reserve = F[..., 2] - np.hypot(across, turning) / mu
-    bearing = _bearing(data, cell)[:, [list(cell.arms).index(name) for name in pads]]
-    parts = (np.where(holds, force, lost), np.where(holds, torsion, lost), reserve)
-    return FrictionUse(tuple(pads), F[..., 2], *(np.where(bearing, part, np.nan) for part in parts))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        force, torsion = (np.where(bears > 0.0, part / bears, lost) for part in (across, turning))
+    return force, torsion, F[..., 2] - np.hypot(across, turning) / mu
 
 
 def _bearing(data: Arrays, cell: Cell) -> Mask:
@@ -83,23 +91,22 @@ def _bearing(data: Arrays, cell: Cell) -> Mask:
     return whole & (shares.sum(axis=1, keepdims=True) > _WHOLE)
 
 
-def _on_pad(data: Arrays, cell: Cell, name: str, pad: Pad) -> Array:
-    """Return the wrench on an arm about the middle of its pad in axes of the plane, shape (n, 6)."""
-    if name in cell.patches:
+def pad_wrench(data: Arrays, cell: Cell, name: str, pad: Pad) -> Array:
+    """Return the wrench on an arm about the middle of its pad in axes of the plane, shape (n, 6).
+
+    Args:
+        data: Arrays of a run.
+        cell: Cell of the run.
+        name: Name of the arm.
+        pad: Patch or pad of the arm.
+    """
+    if name in cell.patches and "patch_wrench" in data:
         return np.asarray(data["patch_wrench"])[:, list(cell.patches).index(name)]
-    F = np.asarray(data["interaction_wrench"])[:, list(cell.arms).index(name)]
-    quaternion, X = np.asarray(data["payload_quaternion"]), cell.grasps[name].matrix
-    parts = (_turned_back(quaternion, part) for part in (F[:, :3], F[:, 3:]))
-    about_G = shift_wrench(np.concatenate(list(parts), axis=1), -X[:3, 3])
+    F = np.asarray(data["interaction_wrench"])[:, list(cell.arms).index(name)].reshape(-1, 2, 3)
+    X, R_WP = cell.grasps[name].matrix, rotations(np.asarray(data["payload_quaternion"]))
+    about_G = shift_wrench((F @ R_WP).reshape(-1, 6), -X[:3, 3])
     turned: Array = about_G.reshape(-1, 2, 3) @ (X[:3, :3] @ pad.plane[:3, :3])
     return turned.reshape(-1, 6)
-
-
-def _turned_back(quaternion: Array, vector: Array) -> Array:
-    """Return vectors of world axes in those that the quaternions x, y, z, w turn, shape (n, 3)."""
-    u, w = -quaternion[:, :3], quaternion[:, 3:]
-    turn = 2.0 * np.cross(u, vector)
-    return vector + w * turn + np.cross(u, turn)
 
 
 def dropped_at(data: Arrays, cell: Cell) -> float:

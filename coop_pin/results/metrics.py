@@ -30,8 +30,8 @@ if TYPE_CHECKING:  # slow to load
 
 POSITION_BAND_M = 5e-3
 ORIENTATION_BAND_RAD = 5e-3
-_ROUNDING = 1e-9
-"""Rounding of times, s."""
+_ROUNDING, _TRACE_ROUNDING = 1e-9, 1e-12
+"""Rounding of times, s, and of traces of rotations."""
 DRIFT_S, REST = 1.0, 1e-3
 """Time over which joints drift, s, and speed at which the payload rests in any case, m/s and rad/s."""
 NO_STEADY_METRICS = f"the run ends, or an event occurs, before {SETTLING_S:g} s"
@@ -104,8 +104,20 @@ def in_band(data: Arrays, *, turns: bool) -> Mask:
         data: arrays of a run.
         turns: whether the task rows control the orientation; otherwise its error does not count.
     """
+    if "pose_entries" in data and (inside := _in_band_by_trace(data, turns)) is not None:
+        return inside
     distances, angles = error_norms(data)
     return np.asarray((distances <= POSITION_BAND_M) & ((angles <= ORIENTATION_BAND_RAD) | (not turns)))
+
+
+def _in_band_by_trace(data: Arrays, turns: bool) -> Mask | None:
+    """Return in_band by the trace of R R_d^T, 1 + 2 cos(angle): less work; None if rounding decides."""
+    X, X_d = data["pose_entries"], data["desired_pose"]
+    x, y, z = (X[i][3] - X_d[..., i, 3] for i in range(3))
+    inside = np.asarray(np.sqrt(x * x + y * y + z * z) <= POSITION_BAND_M)
+    trace = sum(X[i][j] * X_d[..., i, j] for i in range(3) for j in range(3)) if turns else 3.0
+    excess = trace - (1.0 + 2.0 * math.cos(ORIENTATION_BAND_RAD))
+    return inside & (excess > 0.0) if np.all(np.abs(excess) > _TRACE_ROUNDING) else None
 
 
 def error_norms(data: Arrays) -> tuple[Array, Array]:

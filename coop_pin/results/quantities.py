@@ -24,8 +24,9 @@ Samples: TypeAlias = dict[str, Any]
 """Arrays by names of quantities, n samples along the first axis.
 
 Besides, for sources: ``load_share``, the c_i, shape (m,); and in lists, of each arm: ``angles`` and ``rates``
-of its joints, shape (n, k), ``drive``, T, shape (k, k), and its payload ``jacobian``, shape (n, k_0, k). Axes
-before that of the samples, such as the runs of a batch, are allowed.
+of its joints, shape (n, k), ``drive``, T, shape (k, k), and its payload ``jacobian``, shape (n, k_0, k). Of a
+batch, ``pose_entries`` has the first three rows of X_WP, an array for each entry. Axes before that of the
+samples, such as the runs of a batch, are allowed.
 """
 Arrays: TypeAlias = Mapping[Any, Any]
 """Arrays of a run by name: numpy's, or labelled ones."""

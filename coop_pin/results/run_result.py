@@ -92,14 +92,18 @@ class RunResult:
     @functools.cached_property
     def every_tick(self) -> EveryTick | None:
         """Metrics, breaches and exceeded limits of all ticks of a run that keeps every n-th."""
-        attributes = self._attributes if isinstance(self._data, dict) else self._data.attrs
-        text = attributes.get(self.EVERY_TICK)
+        text = self._texts.get(self.EVERY_TICK)
         return None if text is None else EveryTick.of_text(text)
 
     @property
     def engine(self) -> str:
         """What computed the run: "pinocchio", "traced" or "batch"."""
-        return str(self.data.attrs.get(self.ENGINE, "pinocchio"))
+        return str(self._texts.get(self.ENGINE, "pinocchio"))
+
+    @property
+    def _texts(self) -> Mapping[str, str]:
+        """Attributes of ``data``, without labelling the arrays."""
+        return self._attributes if isinstance(self._data, dict) else self._data.attrs
 
     # ------------------------------------------------------------ windows
 

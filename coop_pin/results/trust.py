@@ -143,11 +143,19 @@ class TrustMonitor:
         )
 
     def exceeded(self, samples: Mapping[str, NDArray[Any]]) -> Mask:
-        """Return which runs have a breach in the next samples, shape (...)."""
+        """Return which runs have a breach, shape (...), from all their samples."""
         runs = self._lower.shape[:-3]
+        energies_too = self._is_unexplained(samples)
         return np.any(
-            [series.beyond.reshape(*runs, -1).any(axis=-1) for series in self._series(samples)], axis=0
+            [series.beyond.reshape(*runs, -1).any(axis=-1) for series in self._series(samples, energies_too)],
+            axis=0,
         )
+
+    def _is_unexplained(self, samples: Mapping[str, NDArray[Any]]) -> bool:
+        """Return whether a run has more energy not explained by work than without any work is accepted."""
+        energy, done = energies(samples)
+        energy = energy - sum(done)
+        return not (np.abs(energy - energy[..., :1]) <= self._allowed.energy_floor).all()
 
     def _found(self, series: _Series, samples: Mapping[str, NDArray[Any]]) -> Iterator[Breach]:
         """Yield the breaches of a series of one run."""
@@ -160,7 +168,7 @@ class TrustMonitor:
             joint = joints[column[1]] if len(column) > 1 else ""
             yield Breach(series.cause, arm, joint, float(time), float(values[worst]), float(allowed[worst]))
 
-    def _series(self, samples: Mapping[str, NDArray[Any]]) -> list[_Series]:
+    def _series(self, samples: Mapping[str, NDArray[Any]], energies_too: bool = True) -> list[_Series]:
         """Return the series of all thresholds; samples may have axes before that of time."""
         allowed, positions = self._allowed, samples["joint_position"]
         excess = np.fmax(positions - self._upper, self._lower - positions)  # NaN without a limit
@@ -175,7 +183,7 @@ class TrustMonitor:
             _at_most("jacobian condition", samples["jacobian_condition"], allowed.jacobian_condition),
             _Series("torque cut", lengths > longest * (1.0 + 1e-9), lengths, longest, lengths),
             _at_most("closure error", errors, allowed.closure_error),
-            self._energy(samples),
+            *([self._energy(samples)] if energies_too else []),
         ]
 
     def _torque_cuts(self, samples: Mapping[str, NDArray[Any]]) -> Array:

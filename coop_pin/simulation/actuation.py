@@ -13,7 +13,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, DivergedError, FieldError, ShapeError
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.joint_limits import JointLimits
-from coop_pin.simulation.drives import SAME, Applied, DriveMotion, DriveState, cell_drives
+from coop_pin.simulation.drives import SAME, Applied, DriveMotion, DriveState, Given, cell_drives
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.servo import ServoState
 from coop_pin.simulation.signals import MissedTicks
@@ -28,12 +28,12 @@ class ActuationState(NamedTuple):
     Attributes:
         drives: memory of the drives.
         start: time of the last command, or sample of a servo, s.
-        gives: 1.0 for each arm that gives torque, 0.0 for one that does not.
+        gives: factors of the arms.
     """
 
     drives: DriveState
     start: float
-    gives: list[float]
+    gives: Given
 
 
 class Actuation:
@@ -42,7 +42,6 @@ class Actuation:
     Attributes:
         drives: the drives.
         state: memory of the drives.
-        lost_at: time at which each arm loses its torque or its commands, s; inf for never.
         has_servos: whether an arm takes velocities or positions.
     """
 
@@ -61,9 +60,10 @@ class Actuation:
         self._names = [slot.name for slot in self._slots]
         self._models = [CellArm(cell, name) for name in self._names]
         self._loads = plant.chain.loads(plant.q)
-        lost = [scenario.actuators_of(name).lost_at for name in self._names]
-        self.lost_at = [np.inf if time is None else time for time in lost]
-        self._has_losses = min(self.lost_at) < np.inf
+        options = [scenario.actuators_of(name) for name in self._names]
+        lost = ([each.torque_lost_at for each in options], [each.commands_lost_at for each in options])
+        self._lost_at = [[np.inf if time is None else time for time in times] for times in lost]
+        self._has_losses = any(each.lost_at is not None for each in options)
         self.drives = cell_drives(scenario, self._slots, limits, self._inertia)
         self.has_servos = any(arm.servo is not None for arm in self.drives.arms)
         self._paths = [f"{scenario.actuators_path(name)}.servo" for name in self._names]
@@ -184,9 +184,10 @@ class Actuation:
         self._gives = self.gives(time)
         return self.drives.acting(response.mean(state, s, duration), self._gives)
 
-    def gives(self, time: float) -> list[float]:
-        """Return 1.0 for each arm that gives torque from a time on, s, and 0.0 for one that does not."""
-        return [float(lost > time + SAME * self.drives.period) for lost in self.lost_at]
+    def gives(self, time: float) -> Given:
+        """Return what the arms give from a time on, s."""
+        now = time + SAME * self.drives.period
+        return Given(*([float(lost > now) for lost in times] for times in self._lost_at))
 
     def _holding_torque(self, index: int, q: Array) -> Array:
         """Return T^-T (g(q) - J^T F) with F the arm's part of the load about P, as CellChain.loads, (k,)."""

@@ -45,6 +45,18 @@ class Applied(NamedTuple):
     servo_commands: Sequence[Array | None] = ()
 
 
+class Given(NamedTuple):
+    """What the arms give from a time on: 1.0 each, or 0.0 for an arm that has lost it.
+
+    Attributes:
+        torques: Torques that act.
+        commands: Commands that arrive.
+    """
+
+    torques: Sequence[float]
+    commands: Sequence[float]
+
+
 class DriveMotion(NamedTuple):
     """What drives sense of their arms, by the index of an arm.
 
@@ -144,7 +156,6 @@ class ArmDrives(NamedTuple):
         limit: torque limits, N m, shape (k,).
         carried: 1 + mass_error of the robot's gravity compensation; None without.
         misses: whether ticks may be missed.
-        keeps_weight: whether a loss takes the commands alone, not what the robot adds to them.
         entries: entries of the values of all drives that are its own.
         servo: the robot's inner loop; None where it takes torques.
     """
@@ -152,7 +163,6 @@ class ArmDrives(NamedTuple):
     limit: Array
     carried: float | None
     misses: bool
-    keeps_weight: bool
     entries: slice
     servo: JointServo | None = None
 
@@ -214,7 +224,7 @@ class CellDrives(NamedTuple):
         commanded: Sequence[Array],
         missed: Array,
         sensed: DriveMotion,
-        gives: Sequence[float],
+        gives: Given | tuple[()],
         s: float,
     ) -> tuple[Applied, DriveState]:
         """Return what the drives make of commands, and the state.
@@ -224,7 +234,7 @@ class CellDrives(NamedTuple):
             commanded: Commands by the controller, shape (k,) each; torques in N m.
             missed: Masks, whether each arm misses the tick, shape (m,).
             sensed: Functions of the drives' arms.
-            gives: 1.0 for each arm that gives torque, 0.0 for one that has lost it, or its commands.
+            gives: Factors of the arms; empty if none ever loses anything and torques are held.
             s: Time since the tick before, or the last sample of a servo, s.
         """
         entries, servos = [], list(state.servos)
@@ -232,10 +242,10 @@ class CellDrives(NamedTuple):
             servo = servos[index] if servos else None
             if arm.servo is None or servo is None:
                 weight = None if arm.carried is None else arm.carried * sensed.weight(index)
-                sent = gives[index] * command if arm.keeps_weight else command
+                sent = gives.commands[index] * command if gives else command
                 entries.append((command, *arm.step(state.last[index], sent, missed[index], weight)))
             else:
-                arrives = (1.0 - missed[index]) * (gives[index] if arm.keeps_weight else 1.0)
+                arrives = (1.0 - missed[index]) * (gives.commands[index] if gives else 1.0)
                 servo = arm.servo.received(servo, command, 1.0 - arrives)
                 now, servos[index] = self._sampled(index, servo, sensed)
                 acts = frozen(now.commanded + (now.torque - now.requested))
@@ -252,7 +262,7 @@ class CellDrives(NamedTuple):
         return self._responded(applied._replace(servo_commands=by_servos), drives, gives, s)
 
     def _responded(
-        self, applied: Applied, state: DriveState, gives: Sequence[float], s: float
+        self, applied: Applied, state: DriveState, gives: Given | tuple[()], s: float
     ) -> tuple[Applied, DriveState]:
         """Return torques with lag and rate limit, and the state."""
         if self.response is None or state.response is None:
@@ -281,6 +291,8 @@ class CellDrives(NamedTuple):
 
     def due(self, share: float) -> tuple[int, ...]:
         """Return the arms whose servos sample within a tick after a share of it, by index."""
+        if not any(arm.servo for arm in self.arms):
+            return ()
         counts = [
             0.0 if arm.servo is None else share * arm.servo.tick / arm.servo.period for arm in self.arms
         ]
@@ -298,7 +310,7 @@ class CellDrives(NamedTuple):
         state: DriveState,
         due: Sequence[int],
         sensed: DriveMotion,
-        gives: Sequence[float],
+        gives: Given,
         s: float,
     ) -> tuple[list[Array], DriveState]:
         """Return the torques of each arm after samples of servos within a tick, and the state.
@@ -307,7 +319,7 @@ class CellDrives(NamedTuple):
             state: State after the last sample or command.
             due: Arms whose servos sample, by index.
             sensed: Functions of the drives' arms.
-            gives: Factors of the arms, as of ``step``.
+            gives: Factors of the arms.
             s: Time since the last sample or command, s.
         """
         held, servos = list(state.held), list(state.servos)
@@ -322,12 +334,10 @@ class CellDrives(NamedTuple):
         response = self.response.step(state.response, s, np.concatenate(held))
         return self.acting(self.response.at(response, 0.0), gives), state._replace(response=response)
 
-    def acting(self, torques: Array, gives: Sequence[float]) -> list[Array]:
+    def acting(self, torques: Array, gives: Given | tuple[()]) -> list[Array]:
         """Return the torques of each arm, zero where they are lost, of those of all drives."""
-        return [
-            torque if arm.keeps_weight else factor * torque
-            for arm, factor, torque in zip(self.arms, gives, self.split(torques), strict=True)
-        ]
+        parts = self.split(torques)
+        return [factor * part for factor, part in zip(gives.torques, parts, strict=True)] if gives else parts
 
     def split(self, values: Any) -> list[Any]:
         """Return the part of each arm of the values of all drives."""
@@ -365,13 +375,12 @@ def _arm_drives(
     options = scenario.actuators_of(slot.name)
     robot = options.gravity_compensation
     carried = None if robot is None else 1.0 + robot.mass_error
-    keeps_weight = options.commands_lost_at is not None
     servo = None
     if options.servo is not None:
         path = f"{scenario.actuators_path(slot.name)}.servo"
         servo = JointServo.of(options.servo, scenario.clock.period, inertia(), path)
     misses = options.missed_ticks > 0.0
-    return ArmDrives(limits.torque, carried or None, misses, keeps_weight, slot.v_slice, servo)
+    return ArmDrives(limits.torque, carried or None, misses, slot.v_slice, servo)
 
 
 def _response(scenario: Scenario, names: Sequence[str], arms: Sequence[ArmDrives]) -> TorqueResponse | None:

@@ -18,7 +18,7 @@ from coop_pin.chain.cell_chain import CellChain, Observation
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.contact_patches import PatchesState
 from coop_pin.chain.grasp_springs import GraspsHeld
-from coop_pin.chain.integrators import INTEGRATORS, configuration_space
+from coop_pin.chain.integrators import INTEGRATORS
 from coop_pin.chain.partner import PartnerState, partner_state
 from coop_pin.chain.rigid_grasps import ClosuresHeld
 from coop_pin.description.events import MISSED, Surroundings
@@ -107,12 +107,9 @@ class Plant:
         works = (*WORK, *WORK_OF_GRASPS) if self._is_elastic else WORK
         self.q, self.v, self.work, self.time = q, np.zeros(model.nv), np.zeros(len(works)), 0.0
         self.missed: tuple[MissedGrasp, ...] = ()
-        if chain.springs.arms:
-            chain.springs.damp(q)
-        if len(chain.patches):
-            chain.patches.damp(q)
+        chain.damp(q)
         self._forces = np.zeros((len(_ALL), model.nv))
-        self._integrator = INTEGRATORS[options.integrator](configuration_space(model))
+        self._integrator = INTEGRATORS[options.integrator](model)
         self._project = options.project == "step"
         self._errors: tuple[Array | None, list[ClosureError]] = None, []
         self.surround(chain.cell.surroundings)
@@ -271,8 +268,10 @@ class Plant:
         forces = self._apply(q, v, t)
         if not self._is_elastic:
             return self.chain.mechanism.solver.acceleration(q, v, _ALL.dot(forces)), forces.dot(v)
-        a, power = self.chain.acceleration(q, v, _ALL.dot(forces))
-        return a, np.array([*forces.dot(v), 0.0, power])
+        a, dissipated = self.chain.acceleration(q, v, _ALL.dot(forces))
+        power = np.zeros(len(self.work))
+        power[:3], power[-1] = forces.dot(v), dissipated
+        return a, power
 
     def _apply(self, q: Array, v: Array, time: float) -> Array:
         """Return the generalised force of drives, friction and payload wrench, shape (3, nv)."""

@@ -68,12 +68,14 @@ class ArmSensors(NamedTuple):
         to_joints: T^-1, shape (k, k).
         encoders: encoders of the drives; None if they are ideal.
         has_wrist: whether the controller gets its readings; without, it is ideal and part of the force path.
+        delays: mask of the delay of its wrist sensor among 0, 1, ... ticks; None for that of its samples.
     """
 
     drive: Array
     to_joints: Array
     encoders: Encoders | None
     has_wrist: bool
+    delays: Array | None = None
 
 
 class SensorState(NamedTuple):
@@ -195,9 +197,9 @@ class CellSensors(NamedTuple):
         """Return the wrists after a tick."""
         in_payload = rotate_vector6(truth.R_WP.T, truth.wrenches)
         return tuple(
-            wrist.step(F_P, signals.wrist_error, pose[:3, :3], signals.wrist_arrived)
-            for wrist, F_P, pose, signals in zip(
-                state.wrists, in_payload, poses, truth.signals.arms, strict=True
+            wrist.step(F_P, signals.wrist_error, pose[:3, :3], signals.wrist_arrived, arm.delays)
+            for arm, wrist, F_P, pose, signals in zip(
+                self.arms, state.wrists, in_payload, poses, truth.signals.arms, strict=True
             )
         )
 

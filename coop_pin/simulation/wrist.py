@@ -10,19 +10,29 @@ from coop_pin.arrays import Array
 from coop_pin.spatial import rotate_vector6
 
 
-def _delayed(late: Array, sample: Array) -> tuple[Array, Array]:
-    """Return the sample that arrives, and those still on their way, the oldest first."""
+def _delayed(late: Array, sample: Array, delays: Array | None = None) -> tuple[Array, Array]:
+    """Return the sample that arrives, and those still on their way, the oldest first.
+
+    Args:
+        late: Samples of the last ticks.
+        sample: Sample of this tick.
+        delays: Mask of the delay among 0, 1, ... ticks; the longest one when None.
+    """
     if not len(late):
         return sample, late
     late = np.concatenate((late, sample[None]))
-    return late[0], late[1:]
+    arrives = late[0]
+    for ticks, is_delay in enumerate(() if delays is None else delays):
+        arrives = np.where(is_delay, late[-1 - ticks], arrives)
+    return arrives, late[1:]
 
 
 class Wrist(NamedTuple):
     """Samples of a wrist sensor on their way to the controller; signals say when one arrives.
 
     Attributes:
-        late: samples of the last ticks, the oldest first, N and N m, shape (delay, 6).
+        late: samples of the last ticks, the oldest first, N and N m, shape (delay, 6); (longest delay, 6) in
+            the code of runs whose delays differ.
         wrench: newest sample that has arrived: F_i about P in world axes, as the arm's kinematics saw them
             when it was taken, shape (6,); zero before the first.
     """
@@ -35,7 +45,9 @@ class Wrist(NamedTuple):
         """Return the state before the first sample, with a delay in ticks."""
         return cls(np.zeros((delay, 6)), np.zeros(6))
 
-    def step(self, F_P: Array, error_P: Array, R_WP: Array, arrived: Array) -> Wrist:
+    def step(
+        self, F_P: Array, error_P: Array, R_WP: Array, arrived: Array, delays: Array | None = None
+    ) -> Wrist:
         """Return the state at the next tick.
 
         Args:
@@ -43,8 +55,9 @@ class Wrist(NamedTuple):
             error_P: Error of the sample, likewise, shape (6,).
             R_WP: Orientation of the payload as the arm's kinematics see it, shape (3, 3).
             arrived: Whether a sample arrives, a mask.
+            delays: Mask of the delay among 0, 1, ... ticks; None for that of the samples on their way.
         """
-        sample, late = _delayed(self.late, rotate_vector6(R_WP, F_P + error_P))
+        sample, late = _delayed(self.late, rotate_vector6(R_WP, F_P + error_P), delays)
         return Wrist(late, np.where(arrived, sample, self.wrench))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,15 +27,30 @@ def rotation_from_rpy(rpy: ArrayLike) -> Array:
     halves = [0.5 * angle for angle in as_array("rpy", rpy, 3).tolist()]
     (sr, sp, sy), (cr, cp, cy) = map(math.sin, halves), map(math.cos, halves)
     x, y, z, w = cp * sr, cr * sp, -(sp * sr), cp * cr  # pitch after roll
-    x, y, z, w = cy * x - sy * y, cy * y + sy * x, cy * z + w * sy, cy * w - sy * z
+    return np.array(_rotation_rows(cy * x - sy * y, cy * y + sy * x, cy * z + w * sy, cy * w - sy * z))
+
+
+def rotations(quaternion: Array) -> Array:
+    """Return the rotation matrices of unit quaternions x, y, z, w, shape (..., 3, 3).
+
+    Args:
+        quaternion: unit quaternions, shape (..., 4).
+
+    Raises:
+        ShapeError: the shape differs.
+    """
+    rows = _rotation_rows(*np.moveaxis(shaped("quaternion", quaternion, 4), -1, 0))
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+def _rotation_rows(x: Any, y: Any, z: Any, w: Any) -> tuple[tuple[Any, ...], ...]:
+    """Return the rows of the rotation matrix of a unit quaternion: of floats, or of arrays."""
     xx, yy, zz, ww = x * x, y * y, z * z, w * w
     xy, xz, yz, xw, yw, zw = x * y, x * z, y * z, x * w, y * w, z * w
-    return np.array(
-        (
-            (xx - yy - zz + ww, 2 * (xy - zw), 2 * (xz + yw)),
-            (2 * (xy + zw), -xx + yy - zz + ww, 2 * (yz - xw)),
-            (2 * (xz - yw), 2 * (yz + xw), -xx - yy + zz + ww),
-        )
+    return (
+        (xx - yy - zz + ww, 2 * (xy - zw), 2 * (xz + yw)),
+        (2 * (xy + zw), -xx + yy - zz + ww, 2 * (yz - xw)),
+        (2 * (xz - yw), 2 * (yz + xw), -xx - yy + zz + ww),
     )
 
 
@@ -125,13 +141,15 @@ def log3(R: Array) -> Array:
     entries = R.tolist() if R.ndim == 2 else np.ascontiguousarray(np.moveaxis(R, (-2, -1), (0, 1)))
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = entries
     # Four multiples of the quaternion; the factor of each is its own diagonal entry.
-    by_w = (1.0 + xx + yy + zz, zy - yz, xz - zx, yx - xy)
-    by_x = (zy - yz, 1.0 + xx - yy - zz, xy + yx, xz + zx)
-    by_y = (xz - zx, xy + yx, 1.0 - xx + yy - zz, yz + zy)
-    by_z = (yx - xy, xz + zx, yz + zy, 1.0 - xx - yy + zz)
-    largest = where(yy > xx, (yy, *by_y), (xx, *by_x))
-    largest = where(zz > largest[0], (zz, *by_z), largest)
-    w, x, y, z = where(xx + yy + zz > largest[0], by_w, largest[1:])
+    w, x, y, z = by_w = (1.0 + xx + yy + zz, zy - yz, xz - zx, yx - xy)
+    are_small = R.ndim > 2 and R.dtype != object and (xx + yy + zz > R.diagonal(0, -2, -1).max(axis=-1)).all()
+    if not are_small:  # most arrays are of turns below 120 degrees
+        by_x = (zy - yz, 1.0 + xx - yy - zz, xy + yx, xz + zx)
+        by_y = (xz - zx, xy + yx, 1.0 - xx + yy - zz, yz + zy)
+        by_z = (yx - xy, xz + zx, yz + zy, 1.0 - xx - yy + zz)
+        largest = where(yy > xx, (yy, *by_y), (xx, *by_x))
+        largest = where(zz > largest[0], (zz, *by_z), largest)
+        w, x, y, z = where(xx + yy + zz > largest[0], by_w, largest[1:])
     sign = where(w < 0.0, -1.0, 1.0)
     w = sign * w
     length = sqrt(x * x + y * y + z * z)

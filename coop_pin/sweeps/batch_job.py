@@ -7,10 +7,12 @@ import dataclasses
 import functools
 import logging
 import sys
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from typing import Any, TypeVar
 
 from coop_pin.arrays import Array
 from coop_pin.batch import BatchSimulator
+from coop_pin.batch.constants import Cover
 from coop_pin.batch.hidden_state import digest
 from coop_pin.batch.preparation import Prepared
 from coop_pin.errors import CoopPinError, TracingError
@@ -22,6 +24,7 @@ _simulator = BatchSimulator()
 _untraceable = list[Hashable]()
 """Families that were refused: their later batches are not traced again."""
 _LOG = logging.getLogger("coop_pin.sweeps")
+Result = TypeVar("Result")
 
 
 def run_jobs(jobs: Sequence[Job]) -> list[Outcome | None]:
@@ -39,36 +42,67 @@ def run_batch(jobs: Sequence[Job]) -> list[Outcome | None]:
         KeyboardInterrupt: Ctrl-C.
     """
     start, outcomes = times(), dict[int, Outcome | None]()
+    for code in {job.code for job in jobs}:
+        require_unchanged(code)
     families = list[dict[int, Prepared]]()
+    cover = Cover.of_all(job.scenario for job in jobs)
     for index, job in enumerate(jobs):
-        require_unchanged(job.code)
-        with _left_to_single_runs(job):
-            run = _simulator.prepare(separate(job.scenario))
-            if run.kind in _untraceable:
-                continue
-            same = (each for each in families if next(iter(each.values())).kind == run.kind)
-            if (family := next(same, None)) is None:
-                families.append(family := {})
-            family[index] = run
+        run = _attempted(job, _simulator.prepare, separate(job.scenario), cover)
+        if run is None or run.kind in _untraceable:
+            continue
+        same = (each for each in families if next(iter(each.values())).kind == run.kind)
+        if (family := next(same, None)) is None:
+            families.append(family := {})
+        family[index] = run
     preparation = (times() - start) / len(jobs)
     for family in families:
-        members = [jobs[index] for index in family]
-        with _left_to_single_runs(members[0]):
-            outcomes |= zip(family, _together(members, [*family.values()], preparation), strict=True)
+        outcomes |= _attempted(jobs[next(iter(family))], _of_family, jobs, family, preparation) or {}
     return [outcomes.get(index) for index in range(len(jobs))]
 
 
-@contextlib.contextmanager
-def _left_to_single_runs(job: Job) -> Iterator[None]:
-    """Leave to single runs what fails here, and warn why; a run that cannot start records its own error."""
+def _of_family(
+    jobs: Sequence[Job], family: Mapping[int, Prepared], preparation: Array
+) -> dict[int, Outcome | None]:
+    """Return the outcomes of runs of one code, by the index of their jobs; see _together.
+
+    Args:
+        jobs: jobs of all runs.
+        family: runs, prepared, by the index of their jobs.
+        preparation: Times of the preparation of one run, as of _together.
+
+    Raises:
+        TracingError: the runs cannot be traced.
+    """
+    start, outcomes = times(), dict[int, Outcome | None]()
+    batches = dict[Hashable, dict[int, Prepared]]()
+    for index, run in family.items():
+        batches.setdefault(run.times, {})[index] = run
+    try:
+        _simulator.family([Prepared.joined([*runs.values()]) for runs in batches.values()])
+    except TracingError:
+        _untraceable.append(next(iter(family.values())).kind)
+        raise
+    shared = preparation + (times() - start) / len(family)
+    for runs in batches.values():
+        together = _together([jobs[index] for index in runs], [*runs.values()], shared)
+        outcomes |= zip(runs, together, strict=True)
+    return outcomes
+
+
+def _attempted(job: Job, function: Callable[..., Result], *arguments: Any) -> Result | None:
+    """Return a function's value, or None: what fails is left to single runs.
+
+    It is told why; a run that cannot start records its own error.
+    """
     try:
         with contextlib.redirect_stdout(sys.stderr):
-            yield
+            return function(*arguments)
     except CtrlC:
         raise
     except (Exception, SystemExit, KeyboardInterrupt) as error:  # the last two of a user's controller
         if isinstance(error, TracingError) or not isinstance(error, CoopPinError):
             _tell(job, error)
+        return None
 
 
 def _tell(job: Job, error: BaseException) -> None:
@@ -89,7 +123,7 @@ def _together(jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array)
 
     Args:
         jobs: jobs of the runs.
-        runs: runs, prepared.
+        runs: runs with the same times, prepared, whose code is compiled.
         preparation: wall and processor time that the preparation of one run took, s, shape (2,).
 
     Raises:
@@ -100,7 +134,6 @@ def _together(jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array)
         batch = _simulator.run_prepared(runs)
         metrics = batch.metrics()
     except TracingError:
-        _untraceable.append(runs[0].kind)
         raise
     except Exception as error:
         half = len(jobs) // 2
@@ -110,18 +143,18 @@ def _together(jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array)
         parts = slice(half), slice(half, None)
         return [each for part in parts for each in _together(jobs[part], runs[part], preparation)]
     family = digest((*runs[0].kind, jobs[0].code)) if runs[0].is_foreign else ""
-    shared, outcomes = preparation + (times() - start) / len(jobs), list[Outcome | None]()
+    spent, outcomes = preparation + (times() - start) / len(jobs), list[Outcome | None]()
     for index, job in enumerate(jobs):
         if not batch.is_valid[index]:
             outcomes.append(None)
             continue
-        outcome = Outcome(Record(job.key, dict(job.changes), metrics[index]))
+        told: dict[str, Any] = {"engine": "batch", "family": family}
+        told |= zip(("wall_s", "cpu_s"), spent.tolist(), strict=True)
         if job.metrics or job.keep:
             outcome = outcome_of(job, functools.partial(batch.result, index))
-        wall_s, cpu_s = outcome.record.wall_s + float(shared[0]), outcome.record.cpu_s + float(shared[1])
-        record = dataclasses.replace(
-            outcome.record, engine="batch", family=family, wall_s=wall_s, cpu_s=cpu_s
-        )
-        outcomes.append(outcome._replace(record=record))
+            told |= {name: told[name] + getattr(outcome.record, name) for name in ("wall_s", "cpu_s")}
+            outcomes.append(outcome._replace(record=dataclasses.replace(outcome.record, **told)))
+        else:
+            outcomes.append(Outcome(Record(job.key, dict(job.changes), metrics[index], **told)))
     batch.release()
     return outcomes

@@ -104,10 +104,26 @@ class Dimension(NamedTuple):
         """Number of places."""
         return len(self.fields[self.name])
 
+    @property
+    def varied(self) -> dict[str, Sequence[Any]]:
+        """Values of each field of the scenario."""
+        return {field: values for field, values in self.fields.items() if field != "sample"}
+
     def changes(self, index: int) -> Mapping[str, Any]:
         """Return the changed fields at one place."""
-        values = {field: values[index] for field, values in self.fields.items() if field != "sample"}
+        values = {field: values[index] for field, values in self.varied.items()}
         return values if self.cases is None else self.cases[values[self.name]]
+
+    def ends(self) -> list[int]:
+        """Return the places of the least and largest values of each field; all of cases."""
+        if self.cases is not None:
+            return list(range(self.size))
+        places = list[int]()
+        for values in self.fields.values():
+            is_ordered = all(isinstance(value, int | float) for value in values)
+            order = sorted(range(self.size), key=values.__getitem__) if is_ordered else range(self.size)
+            places += [order[0], order[-1]]
+        return places
 
     def labels(self, index: int) -> dict[str, Any]:
         """Return the coordinates of one place."""

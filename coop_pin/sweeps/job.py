@@ -204,7 +204,7 @@ def run_job(job: Job) -> Outcome:
 def separate(scenario: Scenario) -> Scenario:
     """Return a scenario with options of its own, lists and tables that the user's code may change."""
     parts = scenario.controller, scenario.motion, scenario.squeeze
-    has_options = any(getattr(part, "options", None) for part in parts)
+    has_options = any(vars(part).get("options") for part in parts)
     return Scenario.model_validate_json(scenario.model_dump_json()) if has_options else scenario
 
 

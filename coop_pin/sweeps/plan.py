@@ -10,7 +10,6 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
 
-import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from coop_pin.analysis.step_size import AUTO, AUTO_ERROR, STEPS_FIELD
@@ -169,10 +168,18 @@ class SweepPlan(Description):
         dimensions += [Dimension({"seed": range(self.repeats)})] if self.repeats > 1 else []
         return tuple(dimensions)
 
-    @property
+    @functools.cached_property
     def shape(self) -> tuple[int, ...]:
         """Size of each dimension."""
         return tuple(dimension.size for dimension in self.dimensions)
+
+    def places(self, index: int) -> tuple[int, ...]:
+        """Return the place of a run along each dimension."""
+        places = list[int]()
+        for size in reversed(self.shape):
+            index, position = divmod(index, size)
+            places.insert(0, position)
+        return tuple(places)
 
     def __len__(self) -> int:
         """Return the number of runs."""
@@ -184,9 +191,9 @@ class SweepPlan(Description):
             raise IndexError(f"point {index} of a plan with {len(self)}")
         index %= len(self)
         changes, parameters = dict(self.changes), dict[str, Any]()
-        for dimension, position in zip(self.dimensions, np.unravel_index(index, self.shape), strict=True):
-            changes |= dimension.changes(int(position))
-            parameters |= dimension.labels(int(position))
+        for dimension, position in zip(self.dimensions, self.places(index), strict=True):
+            changes |= dimension.changes(position)
+            parameters |= dimension.labels(position)
         return Point(index, str(parameters.get("base", next(iter(self.base)))), changes, parameters)
 
     def points(self, numbers: Iterable[int] | None = None) -> Iterator[Point]:
@@ -242,7 +249,8 @@ class SweepPlan(Description):
         scenarios = {index * repeats: self._tried[n * repeats] for index, n in enumerate(numbers)}
         subset = {name: {case: changes for case, changes in entries.items() if case in cases}}
         part = self.model_copy(update={"cases": subset, "engine": engine, "_tried": scenarios})
-        vars(part).pop("dimensions")
+        for name in ("dimensions", "shape"):
+            vars(part).pop(name, None)
         return part
 
     def keeps(self, index: int) -> bool:

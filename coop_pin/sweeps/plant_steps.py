@@ -12,7 +12,6 @@ from coop_pin.analysis.step_size import STEPS_FIELD, fewest_steps
 from coop_pin.description.scenario import Scenario
 from coop_pin.engine_choice import plant_of
 from coop_pin.errors import CoopPinError, FileReadError, OutOfRangeError
-from coop_pin.sweeps.dimensions import Dimension
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.store import SweepStore
 
@@ -72,22 +71,10 @@ def extreme_points(plan: SweepPlan) -> list[int]:
     their largest values.
     """
     shape, generator = plan.shape, random.Random(0)
-    extremes = [_extremes(dimension) for dimension in plan.dimensions]
+    extremes = [dimension.ends() for dimension in plan.dimensions]
     middle = [size // 2 for size in shape]
     positions = [middle, [ends[0] for ends in extremes], [ends[-1] for ends in extremes]]
     for axis, ends in enumerate(extremes):
         positions += [[*middle[:axis], end, *middle[axis + 1 :]] for end in ends]
     numbers = {int(np.ravel_multi_index(position, shape)) if shape else 0 for position in positions}
     return sorted(numbers | set(generator.sample(range(len(plan)), min(_SAMPLE, len(plan)))))
-
-
-def _extremes(dimension: Dimension) -> list[int]:
-    """Return the places of the least and largest values of each field of a dimension; all of its cases."""
-    if dimension.cases is not None:
-        return list(range(dimension.size))
-    places = list[int]()
-    for values in dimension.fields.values():
-        is_ordered = all(isinstance(value, int | float) for value in values)
-        order = sorted(range(dimension.size), key=values.__getitem__) if is_ordered else range(dimension.size)
-        places += [order[0], order[-1]]
-    return places

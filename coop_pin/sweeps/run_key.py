@@ -9,7 +9,7 @@ import importlib.util
 import json
 import sys
 import sysconfig
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from modulefinder import ModuleFinder
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,6 +19,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import CodeChangedError, CoopPinError, ScenarioError
 from coop_pin.sweeps.plan import Point, SweepPlan
+from coop_pin.sweeps.template import Number, Template, Templates
 
 Code = tuple[tuple[str, tuple[str, ...]], ...]
 """Names of a user's functions and classes, "module:name", and the digests of the source files of each."""
@@ -156,14 +157,23 @@ def run_key(
     if code is None:
         code = tuple((name, code_digests(name)) for name in code_of(scenario, metrics))
     stored = scenario.model_copy(update={"controller": scenario.controller.stored_as})
-    content = {
-        "coop_pin": version or __version__,
-        "scenario": text(stored),
-        "metrics": list(metrics),
-    }
+    content = _content(scenario, metrics, code, digest, engine, version)
+    return _hash(content | {"scenario": text(stored)})
+
+
+def _content(
+    scenario: Scenario,
+    metrics: tuple[str, ...],
+    code: Code,
+    digest: Callable[[Path], str],
+    engine: str,
+    version: str,
+) -> dict[str, Any]:
+    """Return what the key of a run covers besides the scenario; see run_key."""
     files = {name: digest(path) for name, path in _files(scenario)}
     named = {} if engine == "pinocchio" else {"engine": engine}
-    return _hash(content | {"files": files, "code": dict(code)} | named)
+    content = {"coop_pin": version or __version__, "metrics": list(metrics)}
+    return content | {"files": files, "code": dict(code)} | named
 
 
 def unresolved_key(base: Scenario, changes: Mapping[str, Any], version: str = "") -> str:
@@ -173,7 +183,11 @@ def unresolved_key(base: Scenario, changes: Mapping[str, Any], version: str = ""
 
 
 def _hash(content: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True, default=repr).encode()).hexdigest()
+    return hashlib.sha256(_json(content).encode()).hexdigest()
+
+
+def _json(content: Mapping[str, Any]) -> str:
+    return json.dumps(content, sort_keys=True, default=repr)
 
 
 def _files(scenario: Scenario) -> Iterator[tuple[str, Path]]:
@@ -222,17 +236,49 @@ class KeyedPoint(NamedTuple):
     code: Code = ()
 
 
+class _KeyTemplate:
+    """Keys of the runs of a template: its JSON is hashed up to their first number once."""
+
+    def __init__(self, template: Template, content: dict[str, Any]) -> None:
+        """Hash what the runs share; ``content`` is what their keys cover besides the scenario."""
+        whole = _json(content | {"scenario": "\0".join(template.texts)})
+        before, *self._texts = whole.split(json.dumps("\0")[1:-1])
+        self._begun = hashlib.sha256(before.encode())
+
+    def key(self, numbers: Sequence[Number]) -> str:
+        """Return the key of a run, as run_key does."""
+        digest = self._begun.copy()
+        for number, text in zip(numbers, self._texts, strict=True):
+            digest.update(f"{number.text}{text}".encode())
+        return digest.hexdigest()
+
+
 def keyed_points(
     plan: SweepPlan, numbers: Iterable[int] | None = None, *, version: str = ""
 ) -> Iterator[KeyedPoint]:
     """Yield points of a plan, all without numbers, with their keys; every file is looked at once."""
     digests, digest, text = functools.cache(code_digests), functools.cache(file_digest), ScenarioTexts()
+    engine, metrics, templates = plan.engine, plan.metrics, Templates(plan)
+
+    def code_for(scenario: Scenario) -> Code:
+        return tuple((name, digests(name)) for name in code_of(scenario, metrics))
+
+    @functools.lru_cache(1)
+    def shared(template: Template) -> tuple[_KeyTemplate, Code]:
+        code = code_for(template.first)
+        content = _content(template.first, metrics, code, digest, engine, version)
+        return _KeyTemplate(template, content), code
+
     for point in plan.points(numbers):
+        template = templates.of(point)
+        if template is not None and (values := template.numbers(point.changes)) is not None:
+            keys, code = shared(template)
+            yield KeyedPoint(point, keys.key(values), template.scenario(values), code)
+            continue
         scenario = plan.resolved(point)
         if isinstance(scenario, ScenarioError):
             yield KeyedPoint(point, unresolved_key(plan.base[point.base], point.changes, version), scenario)
             continue
-        engine, metrics = plan.engine, plan.metrics
-        code = tuple((name, digests(name)) for name in code_of(scenario, metrics))
+        code = code_for(scenario)
         key = run_key(scenario, metrics, code, digest, engine=engine, version=version, text=text)
         yield KeyedPoint(point, key, scenario, code)

@@ -6,10 +6,11 @@ kernels run in which order, and what is loaded into slots and recorded from them
 
 from __future__ import annotations
 
+import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -183,6 +184,13 @@ class Machine(ABC):
         Raises:
             ArgumentError: ``out`` is too small, or no row of floats.
         """
+
+    def in_order(self, instructions: Sequence[Instruction]) -> Self:
+        """Return the machine for the same kernels in another order."""
+        other = copy.copy(self)
+        other.program = self.program._replace(instructions=instructions)
+        other._rows = other.program.rows(RECORD)
+        return other
 
     def record_size(self, lanes: int) -> int:
         """Return how many numbers of memory a record takes, with whole registers and the start of a line."""

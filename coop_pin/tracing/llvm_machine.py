@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,12 @@ class LlvmMachine(Machine):
         )
         block[:] = slots.swapaxes(0, 1).reshape(len(block), -1)[:, :lanes]
         return record[:, :, :lanes]
+
+    def in_order(self, instructions: Sequence[Instruction]) -> Self:
+        """Return the machine for the same kernels in another order, with the same code."""
+        other = super().in_order(instructions)
+        other._instructions = _table(instructions)
+        return other
 
     def bound(
         self,

@@ -74,10 +74,10 @@ def flattened(tree: Any, known: Mapping[int, Flat] = MappingProxyType({})) -> Fl
         TracingError: A part of it is no tree.
     """
     numbers = list[Any]()
-    return numbers, _flatten(tree, numbers, known)
+    return numbers, _flatten(tree, numbers, dict(known))
 
 
-def _flatten(tree: Any, numbers: list[Any], known: Mapping[int, Flat]) -> Hashable:
+def _flatten(tree: Any, numbers: list[Any], known: dict[int, Flat]) -> Hashable:
     """Append the numbers of a tree to others, and return its structure."""
     if flat := known.get(id(tree)):
         numbers += flat[0]
@@ -95,7 +95,15 @@ def _flatten(tree: Any, numbers: list[Any], known: Mapping[int, Flat]) -> Hashab
         return tree.shape
     if kind is _CONSTANT:
         return type(tree), repr(tree)
-    return (type(tree), *[(name, _flatten(part, numbers, known)) for name, part in _parts(tree)])
+    first, parts = len(numbers), list[Any]((type(tree),))
+    for name, part in kind.read(tree) if kind else _parts(tree):
+        if _kind(part.__class__) is None:
+            _parts(tree)  # tells which
+        parts.append((name, _flatten(part, numbers, known)))
+    structure = tuple(parts)
+    if isinstance(tree, Description):
+        known[id(tree)] = numbers[first:], structure  # arms share their gains
+    return structure
 
 
 def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell
-from coop_pin.description.contact import Pad
+from coop_pin.description.events import Partner
 from coop_pin.figures import palette
 from coop_pin.model.shapes import Box, Cylinder, Mesh, Shape, Sphere, half_extents, payload_shape
 from coop_pin.model.visuals import Body
 from coop_pin.spatial import make_pose
 from coop_pin.viz.arrows import LONGEST_M
+from coop_pin.viz.contacts import contact_items
 from coop_pin.viz.scene import Axes, Camera, Item, Scene, thinned
 
 LINK_FACES = 1800
@@ -28,8 +29,6 @@ _ROD_M, _ROD_COLOUR, _ROD_FROM_M = 0.008, "#7d858f", 0.01
 """Radius and colour of the rod to a grasp away from the payload, and the distance from which there is one."""
 
 _FLUSH_M = 5e-4
-_PAD_M = 0.003
-"""Thickness of a patch as drawn."""
 
 _FIELD_OF_VIEW_DEG = 32.0
 _AZIMUTH_DEG = 22.0
@@ -38,12 +37,15 @@ _PLANAR_ELEVATION_DEG = 42.0
 _MARGIN = 1.02
 
 
-def cell_scene(cell: Cell, bodies: tuple[Body, ...], *, tips: Array, points: Array) -> Scene:
+def cell_scene(
+    cell: Cell, bodies: tuple[Body, ...], partners: Sequence[Partner] = (), *, tips: Array, points: Array
+) -> Scene:
     """Return the drawables of a cell, and a camera close to its payload.
 
     Args:
         cell: the cell.
         bodies: visual shapes of the arms.
+        partners: partners of the run.
         tips: positions of the tips whose longest arrows the camera must show, m, shape (m, 3).
         points: other points that it must show, m, shape (n, 3).
     """
@@ -55,7 +57,13 @@ def cell_scene(cell: Cell, bodies: tuple[Body, ...], *, tips: Array, points: Arr
     reach = LONGEST_M * np.concatenate((np.eye(3), -np.eye(3)))
     bases = np.array([arm.base.xyz for arm in cell.arms.values()])
     points = np.concatenate((points, bases, (tips[:, None] + reach).reshape(-1, 3)))
-    items = (*_plates(cell, feet, floor), *_tables(cell), *arms, *_payload_items(cell))
+    items = (
+        *_plates(cell, feet, floor),
+        *_tables(cell),
+        *arms,
+        *_payload_items(cell),
+        *contact_items(cell, partners),
+    )
     return Scene(items, _camera(cell, points, tips), floor)
 
 
@@ -126,15 +134,6 @@ def _tables(cell: Cell) -> Iterator[Item]:
         yield Item("floor", Box((*table.size, _PLATE_THICKNESS)), _PLATE_COLOUR, X_WS)
 
 
-def _pads(cell: Cell) -> Iterator[Item]:
-    """Yield the patches and pads on the payload's faces."""
-    for name in cell.padded:
-        pad: Pad = cell.patches.get(name) or cell.pads[name]
-        X_PF = cell.grasps[name].matrix @ pad.plane @ make_pose((0.0, 0.0, _PAD_M / 2.0))
-        shape = Cylinder(pad.radius, _PAD_M) if pad.radius else Box((*(pad.size or (0.0, 0.0)), _PAD_M))
-        yield Item("payload", shape, _ROD_COLOUR, X_PF)
-
-
 def _body_items(bodies: tuple[Body, ...]) -> tuple[Item, ...]:
     """Return the visual shapes of bodies, on their nodes; equal arms share their thinned meshes."""
     thin: dict[int, Mesh] = {}
@@ -159,7 +158,6 @@ def _payload_items(cell: Cell) -> tuple[Item, ...]:
         Item("payload", shape, palette.ACTUAL, X_PS),
         Item("desired", ghost, palette.DESIRED, X_PS, "desired", 0.35, lit=False),
         *(Item("payload", Axes(_TRIAD_M), "", X_PG.matrix, "path") for X_PG in cell.grasps.values()),
-        *_pads(cell),
         *_rods(shape, X_PS, cell),
     )
 

@@ -2,7 +2,8 @@
 
 A row holds the time, poses of bodies, payload and desired pose (m, and quaternions x, y, z, w), positions of
 the tips (m), wrenches about P in world axes (N and N m), tension and twist of the struts of the virtual
-linkage and those wanted (N and N m), the forces on the arms that no strut carries (N), and warning codes.
+linkage and those wanted (N and N m), the forces on the arms that no strut carries (N), and warning codes
+of bodies and contacts.
 """
 
 from __future__ import annotations
@@ -15,21 +16,23 @@ from numpy.typing import NDArray
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.description.cell import Cell
+from coop_pin.description.events import Partner
 from coop_pin.figures import palette
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.results.quantities import QUANTITIES, Samples, computed
 from coop_pin.spatial.internal_wrench import determinate_grasp, virtual_linkage
+from coop_pin.viz.contacts import contact_nodes, contact_poses
 
 FRAMES_PER_SECOND = 30.0
 NEAR_SINGULAR = 100.0
 """Condition number of the payload Jacobian from which an arm counts as near singular; 5 to 20 is usual."""
 
 PLAIN, SINGULAR, SATURATED, FREE = 0, 1, 2, 3
-"""Codes of warning colours, also those of the legend's lines (data-warning)."""
+"""Codes of warning colours, also those of the legend's lines (data-warning); contacts have two more."""
 
-WARNING_COLOURS = (None, palette.SINGULAR, palette.SATURATED, palette.FREE)
-"""Warning colours by code; None is the body's own colour."""
+WARNING_COLOURS = (None, palette.SINGULAR, palette.SATURATED, palette.FREE, palette.SLIDES)
+"""Warning colours by code; None is the body's own colour. What has a code beyond them is not drawn."""
 
 
 class CellFrames:
@@ -41,9 +44,11 @@ class CellFrames:
         blocks: names and numbers of columns of the blocks of a row, in their order.
     """
 
-    def __init__(self, cell: Cell, visuals: CellVisuals) -> None:
-        self.visuals, arms, bodies = visuals, len(cell.arms), visuals.bodies
-        self.nodes = (*(f"arms/{body.name}" for body in bodies), "payload", "desired")
+    def __init__(self, cell: Cell, visuals: CellVisuals, partners: Sequence[Partner] = ()) -> None:
+        self.visuals, self._cell, self._partners = visuals, cell, partners
+        arms, warned = len(cell.arms), [f"arms/{body.name}" for body in visuals.bodies]
+        warned += contact_nodes(cell, partners)
+        self.nodes = (*warned, "payload", "desired")
         self.blocks = {
             "time": 1,
             "poses": 7 * len(self.nodes),
@@ -52,7 +57,7 @@ class CellFrames:
             "external": 6,
             "struts": 2 * arms * (arms - 1),
             "across": 3 * arms,
-            "warnings": len(bodies),
+            "warnings": len(warned),
         }
 
     def rows(self, samples: Samples) -> Array:
@@ -64,9 +69,11 @@ class CellFrames:
         names, n = [body.name for body in self.visuals.bodies], len(samples["time"])
         saturated, condition = samples["saturated"].astype(bool), samples["jacobian_condition"]
         wrenches = ("interaction_wrench", "internal_wrench", "desired_internal_wrench", "external_wrench")
+        poses, codes = contact_poses(samples, self._cell, self._partners)
         parts = (
             samples["time"],
             self.visuals.poses(samples["configuration"]),
+            poses,
             *(
                 samples[f"{of}_{part}"]
                 for of in ("payload", "desired")
@@ -76,6 +83,7 @@ class CellFrames:
             *(np.nan_to_num(samples[name]) for name in wrenches),
             *strut_columns(samples),
             warning_codes(names, self.visuals.joints, saturated, condition, free_arms(samples)),
+            codes,
         )
         return np.concatenate([part.reshape(n, -1) for part in parts], axis=1)
 

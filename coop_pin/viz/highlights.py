@@ -149,6 +149,7 @@ def instants(result: RunResult) -> list[Instant]:
     axial, shear, off_along, off_across = (np.nan_to_num(data[name].values) for name in names)
     off, told = np.hypot(off_along, off_across).max(axis=1), telling_instant(result).time
     events = [(event.heading, event.time) for event in result.scenario.events if event.time <= result.end]
+    events += [("dropped", result.dropped_at)] * math.isfinite(result.dropped_at)
     instants = [("start", 0.0), *sorted(events, key=lambda event: event[1])]
     error = off[int(np.abs(time - told).argmin())]
     instants += [(f"largest error {read_number(error)} N", told)] * bool(error > _SMALL_N)
@@ -183,6 +184,8 @@ def spans(result: RunResult) -> list[dict[str, Any]]:
         for event in scenario.events
         if event.time <= result.end
     ]
+    if math.isfinite(result.dropped_at):
+        events.append({"kind": "event", "start": result.dropped_at, "end": result.end, "text": "dropped"})
     windows = [
         {"kind": "window", "start": window.start, "end": window.end, "text": text}
         for window, text in (

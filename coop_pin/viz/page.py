@@ -35,6 +35,7 @@ _COLOURS = {
     "saturated": palette.SATURATED,
     "singular": palette.SINGULAR,
     "free": palette.FREE,
+    "slides": palette.SLIDES,
     "floor": palette.FLOOR,
     "floor_lines": palette.FLOOR_LINES,
 }

@@ -18,6 +18,7 @@ from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult
 from coop_pin.viz.arrows import LINEAR_M, ArrowScales, recorded_scales
 from coop_pin.viz.cell_scene import cell_scene
+from coop_pin.viz.contacts import partners_of
 from coop_pin.viz.curves import Curve, cell_curves, curve_rows, thinned_rows
 from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, frame_samples, run_samples
 from coop_pin.viz.highlights import events_text, instants, spans, telling_instant, trust_text
@@ -115,7 +116,8 @@ class NotebookView:
 def _packed(result: RunResult, curves: tuple[Curve, ...], instants: list[float]) -> dict[str, Any]:
     """Return a run as the page reads it, with the frames of some instants."""
     cell, samples = result.scenario.cell, run_samples(result)
-    frames = CellFrames(cell, CellVisuals(cell, result.scenario.plant.payload))
+    partners = partners_of(result.scenario.events)
+    frames = CellFrames(cell, CellVisuals(cell, result.scenario.plant.payload), partners)
     numbers = sum(frames.blocks.values()) + 1 + len(curves)
     rate = min(FRAMES_PER_SECOND, _MOST_NUMBERS / (numbers * max(result.end, 1.0)))
     kept = frame_samples(samples["time"], rate, instants)
@@ -124,9 +126,8 @@ def _packed(result: RunResult, curves: tuple[Curve, ...], instants: list[float])
     k = int(np.abs(samples["time"] - instants[0]).argmin())
     if np.isfinite(result.dropped_at):  # the camera stays where the payload was held
         path = path[samples["time"] <= result.dropped_at + _FALLS_S]
-    scene = cell_scene(
-        cell, frames.visuals.bodies, tips=tips[k], points=np.concatenate((path, *np.moveaxis(tips, 1, 0)))
-    )
+    points = np.concatenate((path, *np.moveaxis(tips, 1, 0)))
+    scene = cell_scene(cell, frames.visuals.bodies, partners, tips=tips[k], points=points)
     return packed_run(
         frames,
         scene,

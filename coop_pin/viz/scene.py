@@ -47,6 +47,7 @@ class Item(NamedTuple):
         layer: name of the layer that shows and hides it.
         opacity: opacity from 0 to 1.
         lit: True if it is shaded and casts a shadow.
+        over: True if nothing hides it.
     """
 
     node: str
@@ -56,6 +57,7 @@ class Item(NamedTuple):
     layer: str = ""
     opacity: float = 1.0
     lit: bool = True
+    over: bool = False
 
 
 class Camera(NamedTuple):

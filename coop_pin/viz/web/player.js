@@ -123,7 +123,7 @@
   }
   told.forEach((sentence) => sentence.addEventListener("click", () => seek(Number(sentence.dataset.time))));
   document.querySelectorAll("[data-view]").forEach((button) => button.addEventListener("click", () => stage.view(button.dataset.view)));
-  const absent = { external: !page.pushes, moments: page.scales.moments === null };
+  const absent = { external: !page.pushes, cones: !page.runs[0].nodes.some((path) => path.startsWith("cones/")), moments: page.scales.moments === null };
   document.querySelectorAll("[data-layer]").forEach((button) => { button.parentNode.hidden = absent[button.dataset.layer] ?? false; });
   const warnings = new Set(runs[0].frames.flatMap((frame) => Array.from(frame.slice(-page.runs[0].blocks.warnings))));
   document.querySelectorAll("[data-warning]").forEach((line) => { line.hidden = !page.live && !warnings.has(Number(line.dataset.warning)); });

@@ -48,7 +48,8 @@ function coopPinScene(pane, labels, page) {
     const { kind, size } = item.drawable;
     // Software rendering pays for every fragment: no hidden sides of solids, light computed at vertices, the floor last.
     const options = { color: item.colour, opacity: item.opacity, side: kind === "mesh" ? three.DoubleSide : three.FrontSide };
-    options.transparent = options.opacity < 1;
+    options.transparent = item.over || options.opacity < 1;
+    Object.assign(options, item.over ? { depthTest: false, depthWrite: false } : {});
     let drawn;
     const geometry = () => shapes[kind](item.drawable);
     if (kind === "axes") {
@@ -60,6 +61,7 @@ function coopPinScene(pane, labels, page) {
       drawn.renderOrder = /^floor/.test(item.node) ? 1 : 0;
     } else {
       drawn = new three.Mesh(geometry(), new three.MeshBasicMaterial(options));
+      drawn.renderOrder = item.over ? 3 : 0;
     }
     drawn.applyMatrix4(new three.Matrix4().fromArray(item.pose));
     node(item.node).add(inLayer(item.layer, drawn));
@@ -232,8 +234,8 @@ function coopPinScene(pane, labels, page) {
       placed.push([x, y, long]);
     }
     const centre = struts.reduce((sum, { middle }) => sum.add(middle), vector()).divideScalar(struts.length).project(viewer.camera);
-    for (const { middle, tip, text, object } of struts) {
-      text.hidden = !object.visible;
+    for (const { middle, tip, text, object, tension, wanted } of struts) {
+      text.hidden = !object.visible || (struts.length > 1 && tension === 0 && wanted === 0); // of an arm that holds nothing
       if (text.hidden) { continue; }
       const [at, end] = [middle, tip].map((point) => point.clone().project(viewer.camera)), long = text.offsetWidth, lines = text.textContent.split("\n");
       // Outwards of a triangle, else below a level strut and beside a steep one.
@@ -268,6 +270,8 @@ function coopPinScene(pane, labels, page) {
   function setWarning(path, code) {
     if ((warned[path] ?? 0) === code) { return; }
     warned[path] = code;
+    node(path).visible = code < page.warning_colours.length; // else a contact that there is not
+    if (!node(path).visible) { return; }
     node(path).traverse(({ material, userData }) => {
       if (!material) { return; }
       userData.own = userData.own ?? material.color.clone();
@@ -300,7 +304,7 @@ function coopPinScene(pane, labels, page) {
         arrows[`${group}/${arm}/internal`].set(tip, inwards, ...internal);
         arrows[`${group}/${arm}/wanted`].set(tip, inwards, ...wanted);
       });
-      arrows[`${group}/payload/external`].set(centre, nowhere, ...wrench("external", 0, 1));
+      arrows[`${group}/payload/external`].set(nodes.hand?.visible ? nodes.hand.position : centre, nowhere, ...wrench("external", 0, 1));
     });
     const strutValues = (k, wanted) => [0, 1].map((part) => from[at.struts + 2 * (k + wanted * struts.length) + part]);
     struts.forEach((strut, k) => strut.set(tips, [...strutValues(k, 0), ...strutValues(k, 1)]));

@@ -1,0 +1,262 @@
+"""Templates of scenarios of a sweep: validated once, with holes for the plain numbers in which runs differ.
+
+A number is plain if nothing but its own field, or the class that holds it, looks at it while a scenario is
+validated and written. That is tried: something that cannot be read takes its place, and all classes around
+it validate and write it. What none of them reads, none of them can depend on.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+from pydantic import BaseModel, TypeAdapter
+
+from coop_pin.description.scenario import Scenario
+from coop_pin.errors import ScenarioError
+from coop_pin.schema.base import refilled
+from coop_pin.sweeps.dimensions import Dimension
+from coop_pin.sweeps.plan import Point, SweepPlan
+
+_FEWEST, _MOST = 16, 64
+"""Runs of a template from which on it pays, and templates that are kept."""
+_VALUES = 4096
+"""Validated values of a field that are kept."""
+
+Tree = dict[str, Any]
+"""Parts by name, of an object or of an object within it."""
+
+
+class Number(NamedTuple):
+    """Number that a field takes.
+
+    Attributes:
+        value: number.
+        text: number as JSON.
+    """
+
+    value: Any
+    text: str
+
+
+class _Hole:
+    """Stand-in for a number that nothing may read; whatever does raises TypeError."""
+
+    def __init__(self, index: int) -> None:
+        object.__setattr__(self, "mark", f"coop_pin number {index} ")
+
+    def _refuse(self, *_: object) -> Any:
+        raise TypeError("is read")
+
+    __class__ = property(_refuse)
+    __eq__ = __hash__ = __bool__ = __repr__ = __array__ = _refuse  # it has no other operations
+
+
+class Template:
+    """Template of scenarios that differ in plain numbers.
+
+    Attributes:
+        first: one of the scenarios.
+        texts: JSON before, between and after the numbers.
+    """
+
+    def __init__(self, first: Scenario, names: Sequence[str]) -> None:
+        """Try whether numbers are plain.
+
+        Args:
+            first: One of the scenarios.
+            names: Dotted paths of the numbers.
+
+        Raises:
+            TypeError, LookupError, AttributeError, ScenarioError: They are not.
+        """
+        holes = {name: _Hole(index) for index, name in enumerate(names)}
+        with_holes = _tried(first, _tree(holes))
+        text = with_holes.__pydantic_serializer__.to_json(with_holes, warnings=False, fallback=_mark).decode()
+        marks = {name: json.dumps(_mark(hole)) for name, hole in holes.items()}
+        self.first, self.texts = first, list[str]()
+        self._names = sorted(names, key=lambda name: text.index(marks[name]))
+        for name in self._names:
+            before, text = text.split(marks[name])
+            self.texts.append(before)
+        self.texts.append(text)
+        self._checks = [_check(first, name) for name in self._names]
+        self._tree = _tree({name: index for index, name in enumerate(self._names)})
+
+    def numbers(self, changes: Mapping[str, Any]) -> list[Number] | None:
+        """Return the numbers of a run, validated; None if a field refuses one."""
+        try:
+            return [check(changes[name]) for check, name in zip(self._checks, self._names, strict=True)]
+        except (ValueError, ScenarioError):
+            return None
+
+    def scenario(self, numbers: Sequence[Number]) -> Scenario:
+        """Return the scenario of a run."""
+        return _filled(self.first, self._tree, numbers)
+
+    def text(self, numbers: Iterable[Number]) -> str:
+        """Return the scenario of a run as JSON."""
+        pairs = zip(numbers, self.texts[1:], strict=True)
+        return self.texts[0] + "".join(number.text + text for number, text in pairs)
+
+    def agrees(self, run: Scenario | ScenarioError, changes: Mapping[str, Any]) -> bool:
+        """Return whether a run that was validated as a whole is as the template has it."""
+        numbers = self.numbers(changes)
+        return numbers is None or (
+            isinstance(run, Scenario)
+            and run == self.scenario(numbers)
+            and run.model_dump_json() == self.text(numbers)
+        )
+
+
+class Templates:
+    """Templates of a plan, made as they are needed."""
+
+    def __init__(self, plan: SweepPlan) -> None:
+        """Look at the dimensions: those of numbers may vary within a template."""
+        self._plan, self._shape = plan, plan.shape
+        axes = [axis for axis, each in enumerate(plan.dimensions) if _is_of_numbers(each)]
+        self._numbers = axes if math.prod(self._shape[axis] for axis in axes) >= _FEWEST else []
+        self._plain, self._made = dict[Any, list[int]](), dict[Any, Template | None]()
+
+    def of(self, point: Point) -> Template | None:
+        """Return the template of a run; None if it must be validated by itself."""
+        if not self._numbers:
+            return None
+        places = self._plan.places(point.number)
+        kind = _without(places, self._numbers)
+        if kind not in self._plain and isinstance(first := self._plan.resolved(point), Scenario):
+            self._plain[kind] = [axis for axis in self._numbers if self._template(first, [axis])]
+        plain = self._plain.get(kind, [])
+        key = _without(places, plain)
+        if key not in self._made:
+            while len(self._made) >= _MOST:
+                del self._made[next(iter(self._made))]
+            self._made[key] = self._checked(point, places, plain)
+        return self._made[key]
+
+    def _template(self, first: Scenario, axes: Iterable[int]) -> Template | None:
+        """Return the template of runs along some dimensions; None if a number is not plain."""
+        names = [name for axis in axes for name in self._plan.dimensions[axis].varied]
+        try:
+            return Template(first, names)
+        except (TypeError, LookupError, AttributeError, ValueError, ScenarioError):
+            return None
+
+    def _checked(self, point: Point, places: Sequence[int], axes: Sequence[int]) -> Template | None:
+        """Return the template of runs along some dimensions, if it agrees with the runs at their ends."""
+        first = self._plan.resolved(point)
+        if not isinstance(first, Scenario) or math.prod(self._shape[axis] for axis in axes) < _FEWEST:
+            return None
+        template = self._template(first, axes)
+        for end in (0, -1):
+            ends = {axis: self._plan.dimensions[axis].ends()[end] for axis in axes}
+            corner = [ends.get(axis, position) for axis, position in enumerate(places)]
+            run = self._plan[int(np.ravel_multi_index(corner, self._shape))]
+            if template is not None and not template.agrees(self._plan.resolved(run), run.changes):
+                return None
+        return template
+
+
+def _without(places: Sequence[int], axes: Sequence[int]) -> tuple[int, ...]:
+    """Return the places along all dimensions but some."""
+    return tuple(position for axis, position in enumerate(places) if axis not in axes)
+
+
+def _is_of_numbers(dimension: Dimension) -> bool:
+    return dimension.cases is None and all(
+        type(value) in (int, float) for values in dimension.varied.values() for value in values
+    )
+
+
+# ---------------------------------------------------------------- trees of parts
+
+
+def _tree(parts: Mapping[str, Any]) -> Tree:
+    """Return parts by dotted path as a tree."""
+    tree: Tree = {}
+    for path, part in parts.items():
+        *names, last = path.split(".")
+        functools.reduce(lambda node, name: node.setdefault(name, {}), names, tree)[last] = part
+    return tree
+
+
+def _part(node: Any, name: str) -> Any:
+    if isinstance(node, BaseModel):
+        return getattr(node, name)
+    return node[int(name)] if isinstance(node, tuple) else node[name]
+
+
+def _with_parts(node: Any, parts: Tree) -> Any:
+    """Return a copy of a validated object, a table or a tuple with other parts."""
+    if isinstance(node, BaseModel):
+        return refilled(node, parts)
+    if isinstance(node, tuple):
+        return tuple(parts.get(str(index), part) for index, part in enumerate(node))
+    return {**node, **parts}
+
+
+def _filled(node: Any, tree: Tree, numbers: Sequence[Number]) -> Any:
+    """Return a copy of an object with the numbers of which a tree has the indices."""
+    parts = {
+        name: numbers[part].value if isinstance(part, int) else _filled(_part(node, name), part, numbers)
+        for name, part in tree.items()
+    }
+    return _with_parts(node, parts)
+
+
+def _tried(node: Any, tree: Tree) -> Any:
+    """Return a copy of an object with holes; classes around those with a hole validate it anew."""
+    inner = {name: _tried(_part(node, name), part) for name, part in tree.items() if type(part) is dict}
+    if inner and isinstance(node, BaseModel):
+        node = type(node)(**{name: getattr(node, name) for name in type(node).model_fields} | inner)
+    elif inner:
+        node = _with_parts(node, inner)
+    holes = {name: hole for name, hole in tree.items() if name not in inner}
+    if holes and not isinstance(node, BaseModel):
+        raise LookupError("a number in a table or a row")
+    return _with_parts(node, holes) if holes else node
+
+
+def _mark(hole: Any) -> str:
+    """Return the text that is written for a hole."""
+    return str(object.__getattribute__(hole, "mark"))
+
+
+def _check(scenario: Scenario, path: str) -> Callable[[Any], Number]:
+    """Return the validation of a number by its field, or by the class that holds it if that has validators.
+
+    Raises:
+        LookupError: What the class writes may depend on the number.
+    """
+    *names, name = path.split(".")
+    owner = functools.reduce(_part, names, scenario)
+    kind, rules = type(owner), type(owner).__pydantic_decorators__
+    is_seed = path == "seed"  # no validator and no serializer of a scenario looks at it
+    if (rules.model_serializers or rules.field_serializers) and not is_seed:
+        raise LookupError("is written by rules")
+    field, fields = kind.model_fields[name], {each: getattr(owner, each) for each in kind.model_fields}
+    annotation: Any = Annotated[(field.annotation, *field.metadata, None)]
+    adapter = TypeAdapter(annotation, config=kind.model_config)
+
+    def by_class(value: Any) -> Any:
+        made = kind(**fields | {name: value})
+        if made != refilled(owner, {name: getattr(made, name)}):
+            raise ValueError("changes others")
+        return getattr(made, name)
+
+    is_plain = is_seed or not (rules.model_validators or rules.field_validators)
+    validated = adapter.validate_python if is_plain else by_class
+
+    @functools.lru_cache(_VALUES, typed=True)
+    def check(value: Any) -> Number:
+        number = validated(value)
+        if type(number) not in (int, float):
+            raise ValueError("is no number")
+        return Number(number, adapter.dump_json(number).decode())
+
+    return check
