@@ -470,6 +470,7 @@ def test_the_template_of_the_page_runs_in_a_cell_of_any_kind(name, tmp_path, mon
     assert found.table["gains"].item() == "given"
 
 
+@pytest.mark.slow
 def test_palms_hold_or_drop_the_payload_and_the_table_says_which(tmp_path):
     """Two planar arms, whose grasps are on faces of the bar: enough squeeze, and half of the least."""
     scenario = cp.Scenario.load("adept-anchored", {"duration": 0.35, "events": ()})

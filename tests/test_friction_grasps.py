@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import coop_pin as cp
-from coop_pin.analysis import grasp_stability, least_squeeze, run_warnings
+from coop_pin.analysis import Suggestion, grasp_stability, least_squeeze, run_warnings
 from coop_pin.batch import support
 from coop_pin.build_controller import build_controller
 from coop_pin.errors import CoopPinError
@@ -302,7 +302,7 @@ def test_gains_on_patches_are_unstable_where_the_check_says_so(name, edge):
         assert_allclose(rate, stability(scaled(scenario, 1.08 * edge)).radius, rtol=5e-3)
 
 
-@pytest.mark.parametrize("name", CELLS)
+@pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
 def test_stiffness_of_patches_that_stick_is_the_slope_of_their_forces(name):
     scenario = CELLS[name]()
     plant = Simulation(scenario, build_controller(scenario)).plant
@@ -331,11 +331,15 @@ def lifted(name: str) -> cp.Scenario:
     return scenario.override({"motion": line, "squeeze": squeeze(1.1 * least(scenario)), "sensors.wrist": {}})
 
 
-@pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
-def test_suggest_states_squeeze_split_and_guards_for_patches(name):
+def suggested(name: str) -> Suggestion:
     draft = lifted(name)
     path = draft.controller.force_path.replace(split="shares")
-    found = cp.suggest(draft.replace(controller=draft.controller.replace(force_path=path)), poses=5)
+    return cp.suggest(draft.replace(controller=draft.controller.replace(force_path=path)), poses=5)
+
+
+@pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
+def test_suggest_states_squeeze_split_and_guards_for_patches(name):
+    found = suggested(name)
     law, margin = found.scenario.controller, least_squeeze(found.scenario)
     assert_allclose(margin.use, 1.0 / 1.5, rtol=2e-2)
     assert law.force_path.split == "virtual-linkage"
@@ -346,7 +350,12 @@ def test_suggest_states_squeeze_split_and_guards_for_patches(name):
     for words in ("squeeze RAISED", "split of the load: virtual-linkage", "guards:", "least squeeze"):
         assert words in text
     assert stability(found.scenario).ok
-    result = cp.run(found.scenario)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CELLS)
+def test_a_suggested_law_carries_by_friction(name):
+    result = cp.run(suggested(name).scenario)
     assert result.trustworthy
     assert not result.friction_text
     assert np.linalg.norm(result.data.pose_error.values[:, :3], axis=1).max() < 5e-5

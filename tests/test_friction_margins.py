@@ -161,6 +161,10 @@ def test_a_squeeze_with_a_margin_is_proposed():
         raised, text = with_enough_squeeze(palms(squeeze=squeeze))
         assert_allclose(raised.squeeze.force, 1.5 * 3.0 * 9.81 / 1.2, rtol=2e-3)
         assert "36.8 N" in text[0]
+
+
+@pytest.mark.slow
+def test_a_squeeze_off_the_normals_is_raised_too_or_refused():
     task = cp.Scenario.load("pick-carry-place", {"cell.payload.mass": 6.0})
     raised, _ = with_enough_squeeze(task)
     assert_allclose(least_squeeze(raised).use, 1.0 / 1.5, rtol=2e-3)
