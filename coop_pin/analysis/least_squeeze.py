@@ -81,7 +81,7 @@ def least_squeeze(scenario: Scenario, *, poses: int = _POSES) -> LeastSqueeze | 
     cell, motion = scenario.cell, scenario.motion.replace()
     if not cell.padded:
         return None
-    found = list[LeastSqueeze]()
+    candidates = list[LeastSqueeze]()
     for time in np.linspace(0.0, scenario.duration, poses).tolist():
         target, plan = motion.at(time), scenario.grasp_plan_at(time)
         if plan.borne == 0.0:
@@ -96,8 +96,8 @@ def least_squeeze(scenario: Scenario, *, poses: int = _POSES) -> LeastSqueeze | 
                 borne, pressed = (
                     _in_plane(cell, name, pad, F) for F in (parts[index] @ load, squeeze[index])
                 )
-                found.append(_least(name, time, pad, borne, pressed))
-    return max(found, key=lambda least: least.use)
+                candidates.append(_least(name, time, pad, borne, pressed))
+    return max(candidates, key=lambda least: least.use)
 
 
 def with_enough_squeeze(scenario: Scenario) -> tuple[Scenario, tuple[str, ...]]:
