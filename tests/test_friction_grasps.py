@@ -151,7 +151,7 @@ def test_patches_that_their_load_twists_slip_near_the_least_squeeze(name, offset
     assert (0.8 if name == "planar" else 0.925) < found < 1.01
 
 
-@pytest.mark.parametrize("name", CELLS)
+@pytest.mark.parametrize("name", [pytest.param("planar", marks=pytest.mark.slow), "spatial"])
 def test_a_squeeze_that_is_too_small_drops_the_payload_and_the_arms_stay(name):
     scenario = CELLS[name](duration=0.4, **{"trust.energy_share": 1e-2})
     scenario = scenario.override({"squeeze": squeeze(0.7 * least(scenario))})
