@@ -24,7 +24,9 @@ def require_same_samples(found, wanted):
 
 def require_same_bits(scenarios):
     """Require the bits of all vector widths, of the numpy oracle and of a smaller batch, and return them."""
-    simulator = BatchSimulator()
+    simulator = BatchSimulator(
+        machine=NumpyMachine
+    )  # whose program has the kernels: any width can have a text
     runs = [simulator.prepare(scenario) for scenario in scenarios]
     prepared = Prepared.joined(runs)
     code = simulator.family([prepared]).code

@@ -42,6 +42,7 @@ EVERYWHERE = {"errors", "engines", "arrays", "memory", "spatial", "atomic_write"
 # - tracing is a compiler of functions of arrays and knows no robot; Descriptions are trees of numbers
 #   to it; llvmlite, which compiles, is an extra;
 # - batch traces the laws and the plant of runs, and chain the wrenches of compliant grasps;
+# - disk_cache keeps compiled code, and the texts of the catalogue's fields;
 # - limited_process runs readers that have no limits;
 # - laws stand in control, beside their controllers; a law of model_based stands in description, and names its
 #   controller, which loads when it is built: model_based controllers know the friction of an arm, and nothing
@@ -62,7 +63,8 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "schema": (set(), {"pydantic", "pydantic_core"}),
     "reference": ({"schema", "user_files"}, {"pydantic", "scipy"}),
     "control": ({"schema"}, {"pydantic"}),
-    "tracing": ({"schema"}, {"llvmlite"}),
+    "disk_cache": (set(), set()),
+    "tracing": ({"schema", "disk_cache"}, {"llvmlite"}),
     "heat_map": (set(), {"pandas"}),
     "progress_bar": (set(), {"tqdm"}),
     "description": (
@@ -108,6 +110,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "chain",
             "control",
             "description",
+            "disk_cache",
             "model",
             "results",
             "build_controller",
@@ -187,6 +190,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "batch",
             "comparison",
             "description",
+            "disk_cache",
             "engine_choice",
             "run_scenario",
             "figures",

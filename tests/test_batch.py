@@ -129,10 +129,9 @@ def runs(name, duration, count):
         },
     )
     base = base.replace(duration=duration, events=events)
+    gain = "pose_gain" if base.has_servos else "transient_rate"
     return [
-        base.override(
-            {"controller.gains.transient_rate": 4.0 + k, "cell.payload.mass": (1.0 + 0.1 * k) * mass}
-        )
+        base.override({f"controller.gains.{gain}": 4.0 + k, "cell.payload.mass": (1.0 + 0.1 * k) * mass})
         for k in range(count)
     ]
 
@@ -227,7 +226,7 @@ def test_the_closure_error_is_the_logarithm_of_the_offset():
 def test_bits_do_not_depend_on_vector_width_batch_size_or_emitter(name):
     scenarios = runs(name, DURATIONS[name.startswith("adept")], count=3)
     record = require_same_bits(scenarios)
-    assert np.isfinite(record).all()
+    assert not np.isnan(record).any()  # wrenches are of infinite age before the first
     assert np.ptp(record[-1], axis=1).max() > 0.0
 
 

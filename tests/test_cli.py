@@ -295,6 +295,20 @@ def test_fields_lists_every_field_with_its_meaning_as_it_can_be_typed(capsys):
     assert nothing.override(changes(kept, scenario.cell.arms)) == scenario.override({"events": []})
 
 
+def test_the_fields_of_a_scenario_of_the_catalogue_are_kept_and_a_file_is_read_each_time(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert main(["fields", "adept-paper"]) == 0
+    text, file = capsys.readouterr().out, tmp_path / "own.toml"
+    file.write_text(cp.Scenario.load("adept-paper").to_toml())
+    monkeypatch.setattr(cp.Scenario, "load", lambda _: 1 / 0)
+    assert main(["fields", "adept-paper"]) == 0
+    assert capsys.readouterr().out == text
+    with pytest.raises(ZeroDivisionError):
+        main(["fields", str(file)])
+
+
 def test_fields_tells_the_kinds_there_are_and_what_a_pose_is_the_pose_of(capsys):
     assert main(["fields", "adept-paper"]) == 0
     said = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())

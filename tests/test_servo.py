@@ -575,6 +575,33 @@ def wrenches(scenario):
     return data.interaction_wrench.values[..., list(scenario.cell.task_rows.indices)]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("follows", ["reference", "leader"])
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_three_unequal_arms_pull_with_the_stiffness_of_their_servos(name, follows):
+    """f_i = S_i (b_i - x), x = (sum S_j)^-1 sum S_j b_j; followers of a leader f_i = S_i (b_i - b_1), 2 %."""
+    law = {"kind": "admittance", "command": "position", "follows": follows}
+    servo = {"command": "position", "rate_hz": 200.0, "velocity_bandwidth": 100.0, "position_bandwidth": 20.0}
+    servo |= {"velocity_feedforward": 0.5}
+    stiff = {"controller": law, "actuators.servo": servo, "sensors.wrist": None, "duration": 8.0}
+    first, *_ = three_arms(name).cell.arms
+    tip = f"cell.arms.{first}.calibration_error.tip.xyz"
+    b_x = 5e-4 if follows == "reference" else 2e-5  # a leader's pose moves by as much as it is pulled
+    off, true = (three_arms(name).override(stiff | {tip: [b, 0.0, 0.0]}) for b in (b_x, 0.0))
+    rows, simulation, S = off.cell.task_rows, cp.Simulation(true), []
+    for slot, inertia in zip(simulation.plant.chain.model.arms, inertias(true), strict=True):
+        J = cp.CellArm(true.cell, slot.name).task_jacobian(simulation.plant.q[slot.q_slice])
+        S.append(np.linalg.inv(J @ np.diag(1.0 / (inertia * 2000.0)) @ J.T))
+    views = [[one.payload_pose for one in cp.Simulation(each).observe().measurements] for each in (off, true)]
+    b = [rows.pose_error(seen, exact) for seen, exact in zip(*views, strict=True)]
+    rest = np.linalg.solve(sum(S), sum(S_i @ b_i for S_i, b_i in zip(S, b, strict=True)))
+    goal = rest if follows == "reference" else b[0]
+    pulls = np.array([S_i @ (b_i - goal) for S_i, b_i in zip(S, b, strict=True)])
+    pulls[0] = -pulls[1:].sum(axis=0)
+    found = wrenches(off)[-1] - wrenches(true)[-1]
+    assert_allclose(found, pulls, rtol=0, atol=0.02 * np.abs(pulls).max())
+
+
 @pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
 def test_where_all_hear_all_it_is_the_law_of_the_measured_internal_wrench(name):
     base = three_arms(name).replace(duration=0.4)

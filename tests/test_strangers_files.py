@@ -14,12 +14,12 @@ import pandas as pd
 import pytest
 
 import coop_pin as cp
+from coop_pin import disk_cache
 from coop_pin.batch import export_c
 from coop_pin.comparison.controllers import stored_gains
 from coop_pin.errors import FileReadError
 from coop_pin.sweeps.job import Record, checked_content, checksummed
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.tracing import code_cache
 from coop_pin.user_files import printable
 
 GAIN = "controller.gains.sign_gain"
@@ -260,11 +260,11 @@ def test_a_relative_folder_of_caches_is_not_followed_and_no_home_keeps_nothing(c
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_CACHE_HOME", caches)
     monkeypatch.setenv("HOME", "")
-    code_cache.keep(KEY, CODE)
-    assert code_cache.kept(KEY) is None
+    disk_cache.keep(KEY, CODE)
+    assert disk_cache.kept(KEY) is None
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    code_cache.keep(KEY, CODE)
-    assert code_cache.kept(KEY) == CODE
+    disk_cache.keep(KEY, CODE)
+    assert disk_cache.kept(KEY) == CODE
     assert [path.name for path in tmp_path.iterdir()] == ["home"]
 
 
@@ -274,14 +274,14 @@ def test_a_user_without_a_home_is_no_error(monkeypatch):
 
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.delenv("HOME", raising=False)
-    monkeypatch.setattr(code_cache.Path, "home", nobody)
-    code_cache.keep(KEY, CODE)
-    assert code_cache.kept(KEY) is None
+    monkeypatch.setattr(disk_cache.Path, "home", nobody)
+    disk_cache.keep(KEY, CODE)
+    assert disk_cache.kept(KEY) is None
 
 
 @pytest.mark.parametrize("kind", ["pipe", "folder", "sparse", "cut", "others", "link to a device"])
 def test_what_is_no_compiled_code_of_this_user_is_neither_run_nor_waited_for(cache, kind):
-    code_cache.keep(KEY, CODE)
+    disk_cache.keep(KEY, CODE)
     path = cache / f"{KEY.hex()}.o"
     if kind in {"pipe", "folder", "link to a device"}:
         path.unlink()
@@ -292,11 +292,11 @@ def test_what_is_no_compiled_code_of_this_user_is_neither_run_nor_waited_for(cac
         path.write_bytes(path.read_bytes()[:-1])
     else:
         path.chmod(0o666)
-    assert code_cache.kept(KEY) is None
+    assert disk_cache.kept(KEY) is None
 
 
 def test_the_code_used_last_is_kept_and_what_killed_processes_left_is_not(cache, monkeypatch):
-    monkeypatch.setattr(code_cache, "_ALL", 3 * (len(CODE) + 32))
+    monkeypatch.setattr(disk_cache, "_ALL", 3 * (len(CODE) + 32))
     cache.mkdir(parents=True)
     left, under_way = (cache / f".x.{i * 32}.o" for i in "ab")
     for part in (left, under_way):
@@ -305,12 +305,12 @@ def test_the_code_used_last_is_kept_and_what_killed_processes_left_is_not(cache,
     keys = [bytes([i]) * 32 for i in range(5)]
     now = time.time() - 100.0
     for i, key in enumerate(keys[:3]):
-        code_cache.keep(key, CODE)
+        disk_cache.keep(key, CODE)
         os.utime(cache / f"{key.hex()}.o", (now + i, now + i))
-    assert code_cache.kept(keys[0]) == CODE  # used now
+    assert disk_cache.kept(keys[0]) == CODE  # used now
     for key in keys[3:]:
-        code_cache.keep(key, CODE)
-    assert [code_cache.kept(key) is not None for key in keys] == [True, False, False, True, True]
+        disk_cache.keep(key, CODE)
+    assert [disk_cache.kept(key) is not None for key in keys] == [True, False, False, True, True]
     assert (left.exists(), under_way.exists()) == (False, True)
     assert all(stat.S_IMODE(path.stat().st_mode) == 0o600 for path in cache.glob("[0-9]*.o"))
 

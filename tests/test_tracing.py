@@ -25,6 +25,7 @@ from coop_pin.control import Saturation
 from coop_pin.errors import ArgumentError, TracingError
 from coop_pin.tracing import elementary
 from coop_pin.tracing.kernel import RECORD, Instruction, Kernel, Layout, Program
+from coop_pin.tracing.llvm_emitter import llvm_text
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.numpy_machine import NumpyMachine, evaluate
 from coop_pin.tracing.tape import Tape, operands
@@ -489,6 +490,14 @@ def test_the_bits_of_a_small_program_do_not_depend_on_the_vector_width():
     records = [machine.run(block.copy(), *given) for machine in machines]
     for record in records:
         assert_array_equal(record, records[0])
+
+
+def test_a_text_for_other_lanes_is_refused_before_it_writes_beyond_its_memory():
+    """Programs of batches have the text of this processor's lanes, and no kernels."""
+    written = small_program()._replace(text=llvm_text(small_program(), 2), kernels=())
+    assert LlvmMachine(written, 2).width == 2
+    with pytest.raises(ArgumentError, match="4 lanes"):
+        LlvmMachine(written, 4)
 
 
 @pytest.mark.parametrize("machine", [NumpyMachine, LlvmMachine])

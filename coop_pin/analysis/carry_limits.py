@@ -6,7 +6,6 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from coop_pin.analysis.carried_path import CarriedPath
 from coop_pin.analysis.path_parameterization import PathLimits, fastest, times_of
@@ -243,6 +242,8 @@ def _pad_rows(cell: Cell, name: str, reserve: float) -> Array:
     z, azimuth = 1.0 - 2.0 * k / _DIRECTIONS, k * np.pi * (1.0 + np.sqrt(5.0))
     circle = np.sqrt(1.0 - z**2)
     d = np.stack((circle * np.cos(azimuth), circle * np.sin(azimuth), z), axis=1)
+    from scipy.spatial import ConvexHull  # slow to load
+
     corners = np.linalg.solve(d[ConvexHull(d).simplices], np.ones((1, 3, 1)))
     slip = d @ (on_pad[[0, 1, 5]] / np.array([[1.0], [1.0], [R]]))
     slip -= (1.0 - reserve) * pad.mu / np.linalg.norm(corners, axis=1).max() * on_pad[2]

@@ -69,8 +69,10 @@ class LoopStability(NamedTuple):
                 "" if self.damping >= LEAST_DAMPING else f" < {LEAST_DAMPING}: lower sign_gain or pose_gain"
             )
             return f"{finding}: the motion is stable, with {bound}; damping ratio {self.damping:.2f}{advice}"
-        if self.mode.is_spare and self.mode.z.real > 0.0:
+        falls = abs(self.mode.z.imag) < NEUTRAL < self.mode.z.real
+        if falls or (self.mode.is_spare and self.mode.z.real > 0.0):
             spring = f"Raise {self.remedy}" if self.remedy else "Its law has no spring for them"
+            spring = spring if self.mode.is_spare else "Raise controller.gains.pose_gain"
             growth = f"grows by e in {self.period / np.log(self.radius):.3g} s"
             return f"! {finding}: the {self.mode.name} {growth}: nothing holds it against gravity. {spring}"
         allowed = f"stable with {bound}" if self.largest_lag else "unstable without any lag, too"

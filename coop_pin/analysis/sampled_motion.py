@@ -178,7 +178,8 @@ def sampled_motion(
     if is_zeroed:  # at this pose, not where the start is
         law = build_controller(scenario.replace(start=Pose.from_matrix(X_WP)))
     ideal = scenario.with_ideal_sensors
-    holding = simulation.actuation.holding_commands(q)
+    actuation = simulation.actuation
+    holding = actuation.holding_commands(q)
     sensing = Sensing(ideal, plant.chain.model.arms, holding_torques=lambda _q: holding)
     first = sensing.start(q, rest, simulation.references(time))
     references = [
@@ -198,7 +199,8 @@ def sampled_motion(
             ]
         seen = simulation.exchange.at_once(law, seen, references, state)
         command = law.step(seen, references, state)
-        torque = plant.transmission.torque(simulation.actuation.torques_of(command))
+        torques = zip(actuation.torques_of(command), actuation.carried(q), strict=True)
+        torque = plant.transmission.torque([tau + weight for tau, weight in torques])
         return N.T @ chain.forward_dynamics(q, rest, torque).acceleration, command.state
 
     def response(moved: Array, v: Array) -> Array:

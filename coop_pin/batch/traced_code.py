@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import pickle
 import zlib
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-import coop_pin
 from coop_pin.arrays import Mask
 from coop_pin.batch.block import RunBlock
 from coop_pin.batch.preparation import Prepared
 from coop_pin.batch.tick import TickCode
-from coop_pin.tracing.code_cache import keep, kept
+from coop_pin.disk_cache import keep, kept, package_digest
 from coop_pin.tracing.kernel import Kernel, Layout, Program
 from coop_pin.tracing.llvm_emitter import llvm_text
 from coop_pin.tracing.tree import leaves, structure, valued
@@ -76,16 +73,7 @@ def _key(block: RunBlock, first: Prepared, differs: Mask, width: int | None) -> 
     varies = split.is_uniform | split.is_loaded
     numbers = first.values[0][~differs], split.constants[~varies], differs, split.is_uniform, split.is_loaded
     shape = first.kind[-3:], structure(split.example), structure(plant.start)
-    digest = hashlib.sha256(repr((_package(), np.__version__, width, shape)).encode())
+    digest = hashlib.sha256(repr((package_digest(), np.__version__, width, shape)).encode())
     for part in numbers:
         digest.update(part.tobytes())
     return digest.digest()
-
-
-@functools.cache
-def _package() -> str:
-    """Return the digest of the source of this package."""
-    digest = hashlib.sha256()
-    for path in sorted(Path(coop_pin.__file__).parent.rglob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()

@@ -36,7 +36,13 @@ from coop_pin.control.interface import (
 from coop_pin.control.law import DecentralisedLaw, Law, PostureGains
 from coop_pin.control.leader_follower import LeaderFollower, LeaderFollowerController, LeaderFollowerGains
 from coop_pin.control.learned_load import LearnedLoad
-from coop_pin.control.mean_pose import ConsensusPose, MeanPose, MeanPoseByMessages, MeanPoseController
+from coop_pin.control.mean_pose import (
+    AgreedIntegral,
+    ConsensusPose,
+    MeanPose,
+    MeanPoseByMessages,
+    MeanPoseController,
+)
 from coop_pin.control.payload_space import (
     PayloadSpace,
     PayloadSpaceController,
@@ -63,6 +69,7 @@ __all__ = [
     "Admittance",
     "AdmittanceController",
     "AdmittanceGains",
+    "AgreedIntegral",
     "AnchorState",
     "ArmCommand",
     "ArmController",

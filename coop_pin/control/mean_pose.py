@@ -6,9 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
+from pydantic import model_validator
 
 from coop_pin.arrays import Array
 from coop_pin.control.consensus import disagreement, require_consensus
@@ -23,8 +24,14 @@ from coop_pin.control.interface import (
     CellController,
     ControlledArm,
     DecentralisedController,
+    Message,
 )
-from coop_pin.control.payload_space import PayloadSpace, PayloadSpaceGains
+from coop_pin.control.payload_space import (
+    PayloadSpace,
+    PayloadSpaceController,
+    PayloadSpaceGains,
+    PayloadSpaceState,
+)
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import Positive
@@ -117,13 +124,7 @@ class MeanPoseByMessages(ArmController):
     def _agreed(self, measurement: ArmMeasurement, reference: ArmReference) -> ArmMeasurement:
         """Return the measurement with the mean of the views; its own before any arrived."""
         views, view = heard(measurement), _view(measurement, reference.pose)
-        size = len(view)
-        oldest = views[self.name].age if self.skips else np.finfo(float).max
-        weights = [np.where(one.age <= oldest, 1.0, 0.0) for one in views.values()]
-        total = reduce(add, weights)
-        sums = reduce(add, [w * one.numbers[:size] for w, one in zip(weights, views.values(), strict=True)])
-        alone = total < 0.5
-        mean = np.where(alone, view, sums / np.where(alone, 1.0, total))
+        mean = _mean_heard(views, view, views[self.name].age if self.skips else _ANY_AGE)
         return _placed(_further(measurement), mean, reference.pose)
 
     def remarks(self, pose: Array, state: Any) -> list[str]:
@@ -195,6 +196,91 @@ class ConsensusPose(ArmController):
         return self.law.remarks(pose, state.law)
 
 
+class AgreedState(NamedTuple):
+    """Memory of an arm whose integral agrees with the others.
+
+    Attributes:
+        start: Z(t_0), N and N m, shape (k_0,).
+        law: State of the law.
+    """
+
+    start: Array
+    law: PayloadSpaceState
+
+
+@dataclass(frozen=True, eq=False)
+class AgreedIntegral(ArmController):
+    """The payload-space law of one arm, whose integral leaks to the mean of those that it hears.
+
+    ::
+
+        D_i  = (Z_i - Z_i(t_0)) / c_i
+        Z_i <- Z_i - lambda T (Z_i - Z_i(t_0) - c_i mean_j D_j)      its own D_i as sent among the D_j
+
+    By equal views all D_i are equal, and nothing leaks. What they differ by, by a view that was lost, a drive
+    at its limit or the first ticks of a consensus, is internal force; it decays by 1 - lambda T a tick where
+    all hear all, and no slower than the graph's second eigenvalue says elsewhere. Their mean does not leak:
+    it still takes any constant load. Distributed-averaging proportional-integral control: Simpson-Porco,
+    Doerfler and Bullo, Automatica 49 (2013), with load shares in place of the inverters' ratings.
+
+    Every arm says D_i, k_0 numbers.
+
+    Attributes:
+        law: Payload-space law of this arm, with lambda and without a measured wrench.
+        name: Name of this arm.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ("messages",)
+
+    law: PayloadSpaceController
+    name: str
+
+    def message(
+        self, measurement: ArmMeasurement, reference: ArmReference, state: AgreedState | None
+    ) -> Array:
+        """Return D_i, shape (k_0,)."""
+        return np.zeros(self.law.arm.rows.size) if state is None else self._gained(state)
+
+    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> AgreedState:
+        """Return the first state of the law, and its integral; raises as the law."""
+        state = self.law.init(measurement, reference)
+        return AgreedState(state.integral, state)
+
+    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: AgreedState) -> ArmCommand:
+        """Return the command of the law, and the next state; raises as the law."""
+        goal = self.law.arm.load_share * _mean_heard(heard(measurement), self._gained(state))
+        law = state.law._replace(anchored=state.start + goal)
+        command = self.law.step(measurement, reference, law)
+        return replace(command, state=state._replace(law=command.state))
+
+    def remarks(self, pose: Array, state: AgreedState) -> list[str]:
+        """Return the sentences of the law."""
+        return self.law.remarks(pose, state.law)
+
+    def _gained(self, state: AgreedState) -> Array:
+        """Return D_i."""
+        return np.asarray((state.law.integral - state.start) / self.law.arm.load_share)
+
+
+_ANY_AGE = float(np.finfo(float).max)
+"""Age of the oldest message that was heard at all, ticks."""
+
+
+def _mean_heard(messages: Mapping[str, Message], fallback: Array, oldest: float = _ANY_AGE) -> Array:
+    """Return the mean of the first numbers of messages, the own as sent among them.
+
+    Args:
+        messages: Messages by name.
+        fallback: Numbers in its place before any arrived, shape (n,).
+        oldest: Largest age of a message in the mean, ticks.
+    """
+    weights = [np.where(one.age <= oldest, 1.0, 0.0) for one in messages.values()]
+    parts = [w * one.numbers[: len(fallback)] for w, one in zip(weights, messages.values(), strict=True)]
+    total = reduce(add, weights)
+    alone = total < 0.5
+    return np.where(alone, fallback, reduce(add, parts) / np.where(alone, 1.0, total))
+
+
 def _further(measurement: ArmMeasurement) -> ArmMeasurement:
     """Return a measurement with the messages that go to the law: what follows the views."""
     size = 6 + len(measurement.payload_twist)
@@ -242,15 +328,26 @@ class MeanPose(PayloadSpace):
         averaging: way to the mean by messages: of "all" views, which each arm hears, or by "consensus" of
             neighbours over any connected graph.
         consensus_gain: g of the consensus.
+        leak_to: Goal of ``gains.leak``: the integral of the "start", or by messages the "mean" of all arms'
+            integrals, by AgreedIntegral.
     """
 
     reads_plan: ClassVar[bool] = False
-    later_fields: ClassVar[tuple[str, ...]] = ("on_loss", "averaging", "consensus_gain")
+    later_fields: ClassVar[tuple[str, ...]] = ("on_loss", "averaging", "consensus_gain", "leak_to")
 
     kind: Literal["mean-pose"] = "mean-pose"  # type: ignore[assignment]  # names the class, not its base
     on_loss: Literal["last", "skip"] = "last"
     averaging: Literal["all", "consensus"] = "all"
     consensus_gain: Positive = 0.25
+    leak_to: Literal["start", "mean"] = "start"
+
+    @model_validator(mode="after")
+    def _leaks_somewhere(self) -> Self:
+        if self.leak_to == "mean" and (self.measures or not self.gains.leak):
+            why = "a measured wrench anchors the integral" if self.measures else "gains.leak is its rate"
+            detail = f"is 'mean', but {why}; " + ("take 'start'" if self.measures else "state one above 0")
+            raise FieldError(detail, "leak_to")
+        return self
 
     @property
     def needs(self) -> tuple[str, ...]:
@@ -260,6 +357,13 @@ class MeanPose(PayloadSpace):
     def _leak(self, gains: PayloadSpaceGains) -> float:
         """Return lambda, 1/s: none where the integrals agree by themselves."""
         return super()._leak(gains) if self.measures or gains.leak is not None else 0.0
+
+    def controller_of(self, arm: ControlledArm, gains: PayloadSpaceGains, scenario: Any) -> ArmController:
+        """Return the law of one arm; without messages all integrals are equal, and leak nothing."""
+        law = super().controller_of(arm, gains, scenario)
+        if self.leak_to == "start" or not isinstance(law, PayloadSpaceController):
+            return law
+        return replace(law, leak=0.0) if scenario.network is None else AgreedIntegral(law, arm.name)
 
     def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
         """Return the controller of the cell, or those of the arms where messages cross; see Law."""
@@ -288,4 +392,7 @@ class MeanPose(PayloadSpace):
 
     def steady_directions(self, rows: TaskRows, loop: SampledLoop, period: float) -> list[SteadyDirection]:
         """Return those of the payload-space law, on which all arms agree."""
-        return [AgreedDirection(*direction) for direction in super().steady_directions(rows, loop, period)]
+        directions = super().steady_directions(rows, loop, period)
+        if self.leak_to == "mean":  # which keeps the load
+            directions = [direction._replace(load_rate=0.0) for direction in directions]
+        return [AgreedDirection(*direction) for direction in directions]

@@ -145,15 +145,15 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         """Return a run with the law acted on."""
         run = self._simulator.prepare(scenario)
         plant = run.plants[0]
-        law = self.task.acted(scenario, run.controller, drives_of(plant.run))
+        law = self.task.acted(scenario, run.controller(), drives_of(plant.run))
         numbers, structure = flattened(law)
         values = np.array([[*plant.values, *numbers]], dtype=np.float64)
-        return run._replace(controller=law, values=values, kind=(plant.kind, structure))
+        return run._replace(controller=lambda: law, values=values, kind=(plant.kind, structure))
 
     def _compile(self, prepared: Prepared) -> None:
         """Trace and compile the code; what actions add, and what differs between lanes or seeds, is input."""
         plant = prepared.plants[0]
-        self._run, law = plant.run, cast(ActedLaw, prepared.controller)
+        self._run, law = plant.run, cast(ActedLaw, prepared.controller())
         self._law = law
         first = len(plant.values)
         added = slice(first, first + len(flattened((law.squeeze, law.commands))[0]))

@@ -102,11 +102,16 @@ class Actuation:
         Args:
             q: Configuration of the cell at rest.
         """
-        carried = [
-            0.0 if arm.carried is None else arm.carried * self._weight(q, index)
-            for index, arm in enumerate(self.drives.arms)
+        parts = enumerate(self.carried(q))
+        return [frozen(self._holding_torque(index, q) - weight) for index, weight in parts]
+
+    def carried(self, q: Array) -> list[Array]:
+        """Return the torques by which robots carry their own weight, N m, shape (k,) each."""
+        weights = (self._weight(q, index) for index in range(len(self._slots)))
+        return [
+            np.zeros_like(weight) if arm.carried is None else arm.carried * weight
+            for weight, arm in zip(weights, self.drives.arms, strict=True)
         ]
-        return [frozen(self._holding_torque(index, q) - weight) for index, weight in enumerate(carried)]
 
     def apply(self, time: float, command: CellCommand) -> Applied:
         """Return what the actuators make of a command.

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
-from coop_pin.tracing.code_cache import keep, kept
+from coop_pin.disk_cache import keep, kept
+from coop_pin.errors import ArgumentError
 from coop_pin.tracing.kernel import Instruction, Machine, Program
 from coop_pin.tracing.llvm_emitter import llvm_text
 
@@ -25,9 +26,16 @@ class LlvmMachine(Machine):
         Args:
             program: Kernels and the order of their calls.
             width: Number of lanes of a register; that of this processor when omitted.
+
+        Raises:
+            ArgumentError: The program's text is for another number of lanes.
         """
         super().__init__(program, native_width() if width is None else width)
-        self._engine = _engine(program.text or llvm_text(program, self.width))
+        text = program.text or llvm_text(program, self.width)
+        if f".v{self.width}f64(" not in text[:100]:  # it would read and write beyond its memory
+            detail = f"the text of the program is not for {self.width} lanes"
+            raise ArgumentError(f"{detail}; take that width, or a program of kernels")
+        self._engine = _engine(text)
         pointer, whole = ctypes.c_void_p, ctypes.c_int64
         kinds = (whole, whole, pointer, pointer, pointer, whole, pointer, whole, pointer, whole)
         self._run = ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address("run"))

@@ -1,8 +1,9 @@
-"""Cache of traced and compiled code on disk, of which the 256 MB used last are kept."""
+"""Cache on disk of what is slow to make: traced and compiled code, texts; the 256 MB used last are kept."""
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import os
 import stat
@@ -17,6 +18,15 @@ _LARGEST, _ALL = 1 << 26, 1 << 28
 """Largest file of code, and size of all of them, bytes."""
 _ABANDONED_S = 3600.0
 """Age at which the file of an unfinished write is one of a process that was killed, s."""
+
+
+@functools.cache
+def package_digest() -> str:
+    """Return the digest of the source of this package, for keys of what depends on it."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def _path(key: bytes) -> Path:
