@@ -205,7 +205,9 @@ def test_a_block_slides_at_mu_m_g(name):
     assert_allclose(np.polyfit(since, np.gradient(free[:, 4], since), 1), (2.0 * MU * G, 0.0), atol=0.1)
 
 
-@pytest.mark.parametrize(("name", "k"), [pytest.param("planar", 2e5, marks=pytest.mark.slow), ("spatial", 1e5)])
+@pytest.mark.parametrize(
+    ("name", "k"), [pytest.param("planar", 2e5, marks=pytest.mark.slow), ("spatial", 1e5)]
+)
 def test_energy_of_a_fall_is_explained_the_better_the_smaller_the_step(name, k):
     left = []
     for h in (1e-3, 5e-4):
