@@ -133,12 +133,33 @@ def test_patches_slip_at_the_least_squeeze(name, mu):
     assert "slides" in result.verdict()
 
 
-def test_a_squeeze_that_is_too_small_drops_the_crate_and_the_arms_stay():
-    scenario = palms(duration=0.4)
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "offset"), [("planar", 4e-3), ("spatial", 6e-3), ("spatial", 12e-3)])
+def test_patches_that_their_load_twists_slip_near_the_least_squeeze(name, offset):
+    """The planar bar sags across the plane, where its arms are rigid: uneven pressure bears more."""
+    grasps = CELLS[name]().cell.grasps
+    moved = {f"cell.grasps.{arm}.xyz": (grasp.xyz[0], offset, 0.0) for arm, grasp in grasps.items()}
+    moved |= {f"cell.grasps.{arm}.radius": 0.01 if name == "planar" else 0.03 for arm in grasps}
+    scenario = CELLS[name](**moved)
+    force = least_squeeze(scenario).force
+    duration = 0.22 * force / 6.0
+    ramp = {"kind": "ramp", "start": squeeze(1.02 * force), "goal": squeeze(0.8 * force), "start_time": 0.05}
+    ramp["duration"] = duration
+    data = cp.run(scenario.override({"squeeze": ramp, "duration": duration + 0.1}), warn=False).data
+    N, slip = data.patch_wrench.values[..., 2].mean(axis=1), data.patch_slip.values.max(axis=1)
+    found = N[(slip > 1e-4).argmax()] / force
+    print(name, offset, found)
+    assert (0.8 if name == "planar" else 0.925) < found < 1.01
+
+
+@pytest.mark.parametrize("name", [pytest.param("planar", marks=pytest.mark.slow), "spatial"])
+def test_a_squeeze_that_is_too_small_drops_the_payload_and_the_arms_stay(name):
+    scenario = CELLS[name](duration=0.4, **{"trust.energy_share": 1e-2})
     scenario = scenario.override({"squeeze": squeeze(0.7 * least(scenario))})
     result = cp.run(scenario)
     data = result.data
-    assert float(data.payload_position[-1, 2]) < 0.2
+    fallen = (data.payload_position.values[-1] - data.payload_position.values[0]) @ scenario.cell.gravity
+    assert fallen / 9.81 > 0.3
     assert result.trustworthy
     assert 0.05 < result.dropped_at < 0.2
     assert result.metrics()["dropped_at_s"] == result.dropped_at

@@ -12,6 +12,9 @@ from coop_pin.analysis.least_squeeze import with_enough_squeeze
 from coop_pin.analysis.plausibility import implausible_numbers
 from coop_pin.batch import support
 from coop_pin.errors import CoopPinError, FieldError, InfeasibleMotionError
+from coop_pin.figures import friction_figure
+from coop_pin.viz.curves import cell_curves
+from coop_pin.viz.frames import run_samples
 
 MU, N = 0.5, 40.0
 
@@ -90,6 +93,12 @@ def test_pads_of_rigid_grasps_use_what_patches_use():
     assert "would slip" in rigid.verdict()
     assert_allclose(use.reserve[-1], (use.normal * (1.0 - use.used))[-1], rtol=1e-9)
     assert rigid.metrics()["squeeze_reserve_min_N"] < 0.0
+    samples = run_samples(rigid)
+    shown = [curve.values(samples) for curve in cell_curves(samples, cell) if curve.plot == "friction"]
+    assert_allclose(shown, 100.0 * np.minimum(use.used, 2.0).T)
+    drawn = [line.get_ydata() for panel in friction_figure(rigid).axes for line in panel.lines]
+    assert_allclose(drawn[0], shown[0])
+    assert_allclose(drawn[-2], use.reserve[:, 1])
     assert np.isnan(rigid.dropped_at)
     assert "pads" in (support(rigid.scenario.override({"plant.payload": "welded"})) or "")
 
