@@ -1,4 +1,4 @@
-"""Figure of the friction at the grasps of one run."""
+"""Figure of the grasps of one run: the friction that they use."""
 
 from __future__ import annotations
 
