@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import coop_pin as cp
 from coop_pin.analysis import loop_stability
-from coop_pin.analysis.sampled_motion import motion_basis
+from coop_pin.analysis.modes import motion_basis
 from coop_pin.batch import support
 from coop_pin.build_controller import build_controller
 from coop_pin.chain.cell_chain import CellChain
@@ -29,7 +29,7 @@ from coop_pin.control import (
 from coop_pin.control.consensus import laplacian
 from coop_pin.control.mean_pose import ConsensusState
 from coop_pin.description.network import edges_of
-from coop_pin.errors import ArgumentError, FieldError, InvalidStateError, ScenarioError, ShapeError
+from coop_pin.errors import FieldError, InvalidStateError, ScenarioError, ShapeError
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation.network import CellNetwork, MessageSignals, NetworkSignals, cell_network
 from coop_pin.spatial import make_pose, pose_error, spatial_inertia
@@ -844,15 +844,13 @@ def test_internal_wrenches_by_messages_need_sensors_and_a_network():
 
 
 @pytest.mark.parametrize("law", [{}, BY_MESSAGES])
-def test_check_counts_what_crosses_and_eigenvalues_refuse_messages(law, capsys, tmp_path):
+def test_check_counts_what_crosses(law, capsys, tmp_path):
     fields = {"sensors.wrist": {}, "network": {"delay": 1}, "events": []} | law
     scenario = cp.Scenario.load("adept-anchored", fields)
     scenario.save(tmp_path / "cell.toml")
     main(["check", str(tmp_path / "cell.toml"), "--poses", "3"])
     told = " ".join(capsys.readouterr().out.split())
     assert ("cross 2 messages, 8 numbers and 64 bytes a tick" if law else "nothing crosses") in told
-    with pytest.raises(ArgumentError, match="network"):
-        cp.eigenvalues(scenario)
 
 
 def test_mean_pose_and_wrenches_share_a_message():

@@ -204,7 +204,8 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
             "interaction_wrench": np.where(determined, kernel.read("wrenches"), np.nan),
         }
         twist_error = kernel.read("V_WP") - desired.twist
-        observed = Observed(kernel.read("q"), kernel.read("v"), samples, twist_error)
+        joints = sum(drives_of(self._run))  # a payload on compliant grasps has its own coordinates after them
+        observed = Observed(kernel.read("q")[:joints], kernel.read("v")[:joints], samples, twist_error)
         with np.errstate(invalid="ignore"):  # NaN in rows that are not determined
             observation, reward = self.task.outcome(observed, kernel.read("shares"))
         kernel.write("observation", observation)
