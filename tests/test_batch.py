@@ -448,3 +448,14 @@ def test_scenarios_that_differ_in_more_than_numbers_are_refused():
             simulate_batch([base, base.override(change)], machine=NumpyMachine)
     with pytest.raises(ArgumentError):
         simulate_batch([])
+
+
+def test_calls_of_few_instructions_have_the_bits_of_one(monkeypatch):
+    """Between calls Python sees Ctrl-C: a block of long runs takes many seconds."""
+    base = cp.Scenario.load("adept-anchored").replace(duration=0.5, events=())
+    runs = [base.override({"controller.gains.pose_gain": gain}) for gain in (1.0, 2.0)]
+    whole = simulate_batch(runs)
+    monkeypatch.setattr("coop_pin.tracing.llvm_machine._AT_ONCE", 7)
+    parts = simulate_batch(runs)
+    for name, values in whole.samples.items():
+        assert_array_equal(parts.samples[name], values, err_msg=name)
