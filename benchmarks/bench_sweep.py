@@ -1,6 +1,7 @@
 """Cost of a sweep: throughput of two workers against one, overhead per run, start of workers, memory, store.
 
     python benchmarks/bench_sweep.py [--runs 1000] [--duration 1.0] [--rounds 5] [--records 100000]
+    python benchmarks/bench_sweep.py --many 100000 [--workers 2]
 
 The numbers are printed and not asserted: on a busy machine the second processor is not available. One and two
 workers take turns, and the ratio is the median of the rounds. The store is filled with records of short runs.
@@ -11,6 +12,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
+import resource
 import statistics
 import tempfile
 import threading
@@ -146,6 +148,26 @@ def storage(count: int) -> None:
         print(f"; memory at most {max(memory.stop()):.0f} MB", flush=True)
 
 
+def many(runs: int, workers: int) -> None:
+    """Compute a sweep of runs of 2 s in batches, resume it finished, and print what both take."""
+
+    def times() -> tuple[float, float]:
+        usage = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+        return time.perf_counter(), sum(each.ru_utime + each.ru_stime for each in usage)
+
+    field, execution = "controller.gains.transient_rate", cp.Execution(workers=workers, quiet=True)
+    made = plan(1, 2.0).replace(axes={field: linspace(4.0, 6.0, runs)}, engine="batch")
+    with tempfile.TemporaryDirectory() as folder:
+        sweep(made.replace(axes={field: linspace(4.0, 6.0, 64)}), out=f"{folder}/few", execution=execution)
+        for name in ("computed", "resumed"):
+            start = times()
+            sweep(made, out=f"{folder}/many", execution=execution)
+            wall, processor = (end - begin for end, begin in zip(times(), start, strict=True))
+            memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+            spent = f"wall {wall:.2f} s, processor of this process {processor:.2f} s"
+            print(f"{runs} runs {name} with {workers} workers: {spent}, memory at most {memory:.0f} MB")
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Time and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -153,7 +175,14 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--duration", type=float, default=1.0, help="of each run, simulated s")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--records", type=int, default=100_000, help="for the storage; 0 for none")
+    parser.add_argument(
+        "--many", type=int, default=0, help="runs in batches, computed and resumed; nothing else"
+    )
+    parser.add_argument("--workers", type=int, default=0, help="for --many")
     options = parser.parse_args(arguments)
+    if options.many:
+        many(options.many, options.workers)
+        return
     made = plan(options.runs, options.duration)
     load = f"load {psutil.getloadavg()[0]:.1f} on {psutil.cpu_count()} processors"
     print(f"{options.runs} runs of {options.duration:g} s, {load}")

@@ -32,6 +32,8 @@ def printable(text: str) -> str:
 
     Control characters but tab and line feed, marks of direction and lone surrogates are written as escapes.
     """
+    if not text:  # as most of a record
+        return text
     if (more := len(text) - _TEXT_CHARACTERS) > 0:
         text = f"{text[:_TEXT_CHARACTERS]} ... ({more} more characters)"
     if _PLAIN.fullmatch(text):

@@ -1,5 +1,6 @@
 """Eigenvalues of the sampled closed loop: against runs at bounds, closed forms and sampled_motion."""
 
+import copy
 import itertools
 from dataclasses import replace
 
@@ -26,21 +27,19 @@ def held(name, changes, controller=None):
 
 def torques(scenario, ticks, disturbance):
     """Torques of a run whose sixth command is disturbed."""
-    simulation = cp.Simulation(
-        scenario.replace(duration=ticks * scenario.clock.period), build_controller(scenario)
-    )
-    rng = np.random.default_rng(3)
+    law = build_controller(scenario)
+    simulation = cp.Simulation(scenario.replace(duration=ticks * scenario.clock.period), law)
+    rng, shaken = np.random.default_rng(3), copy.copy(law)
+
+    def step(*inputs):
+        command = law.step(*inputs)
+        moved = [torque + disturbance * rng.normal(size=torque.size) for torque in command.torques]
+        return replace(command, torques=moved)
+
+    shaken.step = step
     for tick in range(ticks):
-        inputs = simulation.observe()
-        if tick == 0:
-            simulation.controller_state = simulation.controller.init(inputs.measurements, inputs.references)
-        command = simulation.controller.step(
-            inputs.measurements, inputs.references, simulation.controller_state
-        )
-        if tick == 5:
-            moved = [torque + disturbance * rng.normal(size=torque.size) for torque in command.torques]
-            command = replace(command, torques=moved)
-        simulation.step(command)
+        simulation.controller = shaken if tick == 5 else law
+        simulation.tick()
     return simulation.result().data.torque.values.reshape(ticks, -1)
 
 
@@ -190,12 +189,45 @@ def test_integrals_without_anchor_and_leak_are_structural(name):
     assert all(mode.startswith("internal") for mode in loop.structural)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_late_views_cross_the_unit_circle_at_the_limit_of_their_delay(name):
+    """Of mean pose, whose damping hears the other arm two ticks late: 2 sin(pi / 10) of T lambda."""
+    stated = ANCHORED[name].model_dump(exclude={"kind", "force_path", "stale_after"})
+    stated["gains"] |= {"anchor_gain": 0.0, "pose_gain": 0.5, "sign_gain": 0.0}
+    network = {"delay": 2, "loss": 0.1, "resolution": 1e-5}
+    scenario = frictionless(held(name, {"network": network, "squeeze": {}}, {"kind": "mean-pose"} | stated))
+    scenario = scenario.override({"cell.gravity": [0.0, 0.0, 0.0]})
+    found = cp.sampled_stability(scenario)
+    bound = found.limit / found.value * np.array(scenario.controller.gains.sliding_gain)
+    below, above = (
+        scenario.override({"controller.gains.sliding_gain": (part * bound).tolist()}) for part in (0.98, 1.02)
+    )
+    radius = cp.eigenvalues(above).radius
+    assert cp.eigenvalues(below).radius < 1.0 < radius
+    assert_allclose(growth(above.override({"network": {"delay": 2}}), 150), radius, atol=2e-3)
+
+
+@pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
+def test_an_anchor_by_messages_of_every_second_tick_has_its_closed_form(name):
+    """What was heard a tick late has acted before it is heard again: z = 1 - g over two ticks, g < 2."""
+    path = {"controller.force_path": {"kind": "messages"}, "sensors.wrist": {}}
+    network = {"network": {"delay": 1, "rate_hz": SCENARIOS[name]().clock.rate_hz / 2.0}}
+    g = 2.04
+    loop = cp.eigenvalues(held(name, path | network | {"controller.gains.anchor_gain": g}, ANCHORED[name]))
+    assert loop.ticks == 2
+    assert loop.slowest.name.startswith("internal")
+    assert_allclose(loop.radius, np.sqrt(g - 1.0), rtol=1e-6)
+
+
 def test_what_has_no_eigenvalues_is_refused():
     with pytest.raises(ArgumentError):
         cp.eigenvalues(cp.Scenario.load("adept-paper"))
-    with pytest.raises(OutOfRangeError):
-        cp.eigenvalues(cp.Scenario.load("adept-anchored"), time=-1.0)
     scenario = cp.Scenario.load("adept-anchored")
+    with pytest.raises(OutOfRangeError):
+        cp.eigenvalues(scenario, time=-1.0)
+    with pytest.raises(ArgumentError, match="jitter"):
+        cp.eigenvalues(scenario.override({"network": {"jitter": 1}}))
     for field in ("controller.gains.nothing", "controller.kind", "controller.gains.force_gain"):
         with pytest.raises(FieldError) as caught:
             cp.root_locus(scenario, field, [1.0])

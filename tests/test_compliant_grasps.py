@@ -384,20 +384,24 @@ def test_what_is_for_rigid_grasps_is_refused(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_payload_at_rest_tends_to_that_of_rigid_grasps_as_the_inverse_of_the_stiffness(name):
-    """After 5 / min(k_I, gamma), with equal gains: slope -1 from 3e4, of the force from 3e5 N/m on."""
+    """After 10 / min(k_I, gamma), with equal gains: slope -1 from 3e4, of the force from 3e5 N/m on.
+
+    After half of that, what has not decayed yet looks like a floor of the force, 7e-5 N in the plane.
+    """
     rate = {"clock.rate_hz": 1000.0, "clock.steps_per_tick": 1, "controller.gains.anchor_gain": 0.02}
     planar = {"controller.gains.sliding_gain": (800.0, 800.0, 10.0), "controller.gains.pose_gain": 4.0}
-    rate |= {"duration": 1.3, "controller.gains.sign_gain": 0.25} | (planar if name == "planar" else {})
+    rate |= {"duration": 2.6, "controller.gains.sign_gain": 0.25} | (planar if name == "planar" else {})
     scenario = SCENARIOS[name]().replace(controller=ANCHORED[name], events=())
     scenario = scenario.replace(motion=cp.HoldMotion(pose=scenario.start)).override(rate)
     rows, sizes = list(scenario.cell.task_rows.indices), 3.0 * np.logspace(4, 7, 4)
     linear, found = [row for row in rows if row < 3], []
-    rigid = cp.run(scenario, warn=False).data
+    rigid = cp.run(scenario, engine="batch", warn=False).data
     for k in sizes:
         compliant = with_grasps(scenario, (k, k, k, k / 100, k / 100, k / 100), damping_ratio=0.5)
         stable = step_stability(Simulation(compliant, build_controller(compliant)))
         steps = int(np.ceil(2.0 * stable.value / stable.limit))
-        data = cp.run(compliant.override({"clock.steps_per_tick": steps}), warn=False).data
+        run = compliant.override({"clock.steps_per_tick": steps})
+        data = cp.run(run, engine="batch", warn=False).data
         moved, force = (
             (data[quantity].values[-1] - rigid[quantity].values[-1])[..., kept]
             for quantity, kept in (("pose_error", rows), ("internal_wrench", linear))
@@ -406,7 +410,7 @@ def test_payload_at_rest_tends_to_that_of_rigid_grasps_as_the_inverse_of_the_sti
     moves, forces = np.log(found).T
     slopes = [np.polyfit(np.log(sizes[first:]), of[first:], 1)[0] for first, of in ((0, moves), (1, forces))]
     print(f"\n{name}: {found} m or rad, N; slopes {slopes[0]:.3f}, {slopes[1]:.3f}")
-    assert_allclose(slopes, -1.0, atol=0.15)
+    assert_allclose(slopes, -1.0, atol=0.02)
 
 
 @pytest.mark.parametrize("stiffness", [UNEVEN, "soft"])

@@ -319,6 +319,7 @@ def test_the_line_for_conda_names_all_requirements_but_pinocchio():
 @pytest.mark.parametrize(
     "name",
     [
+        pytest.param("concepts/control-view.md", marks=pytest.mark.slow),
         "concepts/internal-force.md",
         "concepts/measurements.md",
         "concepts/commands.md",

@@ -1,5 +1,6 @@
 """Environments of Gymnasium: its own checks, lanes against single runs, refusals."""
 
+import time
 import warnings
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from cells import ANCHORED, SCENARIOS
 
 import coop_pin as cp
+from coop_pin.batch import BatchSimulator
 from coop_pin.build_controller import build_controller
 from coop_pin.errors import ArgumentError, CoopPinError, InvalidStateError, NameNotFoundError
 
@@ -23,6 +25,7 @@ TASKS = {
     "velocity": Task("velocity", scale=0.02),
     "velocity alone": Task("velocity", scale=0.02, law=False),
 }
+SLOW = "torque", "velocity alone"
 GAINS = Task("gains", scale=0.5, gains=("sliding_gain", "anchor_gain"))
 
 
@@ -48,20 +51,76 @@ def with_noise(name, action=""):
 @pytest.mark.parametrize("name", SCENARIOS)
 @pytest.mark.parametrize("task", [*TASKS.values(), GAINS], ids=[*TASKS, "gains"])
 def test_gymnasium_finds_nothing_wrong(name, task):
+    check(with_noise(name, task.action), task)
+
+
+def check(scenario, task):
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*infinity", category=UserWarning)
-        check_env(CellEnv(with_noise(name, task.action), task), skip_render_check=True)
+        check_env(CellEnv(scenario, task), skip_render_check=True)
+
+
+@pytest.mark.parametrize(
+    "name", ["adept-compliant", "two-pandas-palms", "three-ur5-handover", "human-partner"]
+)
+def test_gymnasium_finds_nothing_wrong_with_force_elements(name):
+    """Compliant grasps, patches, a partner who comes and goes; without an action it is the run."""
+    scenario = cp.Scenario.load(name)
+    T = scenario.clock.period
+    partner = [
+        event.replace(time=4 * T, duration=3 * T) for event in scenario.events if name == "human-partner"
+    ]
+    scenario = scenario.replace(events=(), duration=16 * T).override({"events": partner})
+    scenario = scenario.override({"sensors.encoder": {"noise": 1e-5}})
+    check(scenario, TASKS["squeeze"])
+    env, run, is_last = (
+        CellEnv(scenario, TASKS["squeeze"]),
+        cp.Simulation(scenario, build_controller(scenario)),
+        False,
+    )
+    env.reset()
+    run.tick()
+    while not is_last:
+        is_last = env.step(np.zeros(env.action_space.shape))[3]
+        while run.ticks_done < env.simulation.ticks_done:
+            run.tick()
+        assert np.array_equal(env.simulation.plant.q, run.plant.q)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
 @pytest.mark.parametrize(
     "task",
-    [pytest.param(task, marks=pytest.mark.slow) if task == "velocity alone" else task for task in TASKS],
+    [pytest.param(task, marks=pytest.mark.slow) if task in SLOW else task for task in TASKS],
 )
 def test_lanes_are_single_runs(name, task):
-    scenario = with_noise(name, TASKS[task].action)
+    compare_lanes(with_noise(name, TASKS[task].action), TASKS[task])
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_arms_of_lanes_talk_to_each_other(name):
+    """By a network that is late, loses messages and carries noise, in a single environment and in lanes."""
+    network = {"delay": 1, "jitter": 1, "loss": 0.2}
+    sensors = {"encoder": {"noise": 1e-5}, "wrist": {"noise": {"force": 0.1}}}
+    talking = cell(
+        name, {"controller.force_path": {"kind": "consensus"}, "sensors": sensors, "network": network}
+    )
+    check(talking, TASKS["squeeze"])
+    compare_lanes(talking, TASKS["squeeze"])
+
+
+@pytest.mark.parametrize(
+    "name", ["adept-compliant", pytest.param("three-ur5-handover", marks=pytest.mark.slow)]
+)
+def test_lanes_on_compliant_grasps_are_single_runs(name):
+    scenario = cp.Scenario.load(name).replace(events=(), beyond_bound=True)
+    changes = {"sensors.encoder": {"noise": 1e-5}, "duration": 16 * scenario.clock.period}
+    compare_lanes(scenario.override(changes), TASKS["squeeze"])
+
+
+def compare_lanes(scenario, task):
+    """Two lanes, of which one has another payload, against their single environments."""
     scenarios = [scenario, scenario.override({"cell.payload.mass": 2.2})]
-    lanes = VectorCellEnv(scenarios, TASKS[task])
+    lanes = VectorCellEnv(scenarios, task)
     actions = np.random.default_rng(1).uniform(-1.2, 1.2, (20, 2, lanes.single_action_space.shape[0]))
     seen = [lanes.reset(seed=[5, 6])[0]]
     rewards = []
@@ -74,7 +133,7 @@ def test_lanes_are_single_runs(name, task):
     assert truncated.all()
     assert not terminated.any()
     for lane, scenario in enumerate(scenarios):
-        env = CellEnv(scenario, TASKS[task])
+        env = CellEnv(scenario, task)
         np.testing.assert_allclose(env.reset(seed=5 + lane)[0], seen[0][lane], rtol=0, atol=1e-9)
         for index, action in enumerate(actions[: len(rewards), lane]):
             observation, reward, _, is_last, _ = env.step(action)
@@ -153,6 +212,31 @@ def test_a_lane_that_diverges_ends_alone(name):
     assert reward[1] == 0.0
     assert not observation[1].any()
     assert np.isfinite(observation).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
+def test_a_thousand_lanes_make_half_of_the_ticks_of_a_batch(name):
+    """Processor time in turn, of 1024 payloads and one tick an action; the batch is prepared and compiled."""
+    scenario = cp.Scenario.load(name).replace(events=())
+    ticks, task = 100, Task(ticks=1)
+    scenario = scenario.replace(duration=ticks * scenario.clock.period)
+    mass = scenario.cell.payload.mass
+    cells = [scenario.override({"cell.payload.mass": mass * (1.0 + 1e-4 * lane)}) for lane in range(1024)]
+    lanes, simulator = VectorCellEnv(cells, task), BatchSimulator()
+    runs, action = [simulator.prepare(cell) for cell in cells], np.zeros(lanes.action_space.shape)
+    simulator.run_prepared(runs)
+    ratios = []
+    for _ in range(3):
+        lanes.reset()
+        began = time.process_time()
+        for _ in range(ticks):
+            lanes.step(action)
+        between = time.process_time()
+        simulator.run_prepared(runs)
+        ratios.append((time.process_time() - between) / (between - began))
+    print(f"{name}: {np.median(ratios):.2f} of the ticks of a batch {np.round(ratios, 2)}")
+    assert np.median(ratios) > 0.5
 
 
 def test_what_does_not_fit_is_refused():

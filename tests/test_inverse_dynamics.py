@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 from cells import (
     CATALOGUE_CELLS,
+    FAR_CELLS,
     catalogue_cell,
     cell_and_start,
     kkt_of,
@@ -24,7 +25,7 @@ from coop_pin.spatial import internal_wrenches
 from coop_pin.tracing import elementary, numpy_machine
 from coop_pin.tracing.tree import leaves
 
-CELLS = ["planar", "spatial", "planar-three", *CATALOGUE_CELLS, "three-ur5-far"]
+CELLS = ["planar", "spatial", "planar-three", *CATALOGUE_CELLS, *FAR_CELLS]
 LINKAGES = {"bennett-point": ("point",), "bennett-full": ("full",), "sarrus": ()}
 
 

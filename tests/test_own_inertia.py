@@ -291,3 +291,55 @@ def grows(scenario):
     speed = np.nanmax(np.abs(data.joint_velocity.values), axis=(1, 2))
     third = len(speed) // 3
     return np.inf if bool(data.saturated.any()) else speed[-third:].max() / speed[third : 2 * third].max()
+
+
+CYCLES = {
+    ("two-pandas-box", "layer", 1.0): 2.41,
+    ("two-pandas-box", "none", 10.0): 0.0,
+    ("adept-anchored", "none", 1.0): 0.0,
+    ("adept-anchored", "none", 10.0): 1.42,
+    ("adept-anchored", "bias", 10.0): 0.0,
+}
+"""Swing in the fourth second after a push over 0.05 s, mm, by what is usual instead of proposed."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "usual", "push"), CYCLES)
+def test_which_pushes_at_5_kN_per_m_end_in_a_limit_cycle(name, usual, push):
+    """The bound of the anchor acts at every turn of a swing, and a large push begins one."""
+    scenario = cp.Scenario.load(name).replace(events=(), duration=4.0)
+    proposed = cp.suggest(with_grasps(scenario, "soft", damping_ratio=0.3), poses=41).scenario
+    law, fields = proposed.controller, type(proposed.controller).model_fields
+    if usual == "bias":
+        law = law.replace(anchor_bias=fields["anchor_bias"].default)
+    if usual == "layer":  # with the same k_I
+        part = fields["switching"].default.width / law.switching.width
+        gains = {arm: each.replace(sign_gain=part * each.sign_gain) for arm, each in law.arm_gains.items()}
+        law = law.replace(switching=fields["switching"].default, arm_gains=gains, gains=gains["left"])
+    event = cp.WrenchPulse(time=0.5, duration=0.05, wrench=(push, push, 0.0, 0.0, 0.0, 0.0))
+    hold = {"motion": cp.HoldMotion(pose=proposed.start), "squeeze": cp.ConstantSqueeze(), "events": (event,)}
+    data = cp.run(proposed.replace(controller=law, **hold), engine="batch", warn=False).data
+    rows = [row for row in scenario.cell.task_rows.indices if row < 3]
+    swing = 1e3 * np.ptp(data.pose_error.values[data.time.values > 3.0][:, rows], axis=0).max()
+    print(f"\n{name}, {usual} as usual, {push:g} N: {swing:.4f} mm")
+    assert_allclose(swing, CYCLES[name, usual, push], rtol=0.05, atol=2e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "expected"), [("adept-anchored", (20.0, 17.16)), ("two-pandas-box", (16.8, 16.37))]
+)
+def test_what_a_squeeze_at_5_kN_per_m_is_with_proposed_gains(name, expected):
+    """The grasps give by it after the start: a bias, to which the integral gives a part of the squeeze."""
+    scenario = cp.Scenario.load(name).replace(events=(), duration=4.0)
+    left, right = (scenario.cell.grasps[arm].matrix[:3, 3] for arm in ("left", "right"))
+    force = 20.0 * (right - left) / np.linalg.norm(right - left)
+    squeeze = {"left": (*(-force), 0.0, 0.0, 0.0), "right": (*force, 0.0, 0.0, 0.0)}
+    scenario = scenario.replace(motion=cp.HoldMotion(pose=scenario.start), squeeze=squeeze)
+    scenario = scenario.replace(controller=scenario.controller.replace(zero_at_grasp=True))
+    proposed = cp.suggest(with_grasps(scenario, "soft", damping_ratio=0.3), poses=41).scenario
+    data = cp.run(proposed, engine="batch", warn=False).data
+    rows = [row for row in scenario.cell.task_rows.indices if row < 3]
+    f_d, f = (np.linalg.norm(data[f"{kind}internal_wrench"].values[-1, 0, rows]) for kind in ("desired_", ""))
+    print(f"\n{name}: {f:.3f} of {f_d:.3f} N")
+    assert_allclose((f_d, f), expected, rtol=0.01)

@@ -76,8 +76,7 @@ def test_velocities_meet_by_an_impulse_that_balances(name):
     on_arms = state.wrench_map @ impulse
     X_WP = pin.SE3(chain.payload_pose(q))
     total = np.zeros(6)
-    for arm, L in zip(chain.model.arms, on_arms, strict=True):
-        X_WE = pin.SE3(chain._at(q)[arm.tip])
+    for X_WE, L in zip(chain._at(q).tips, on_arms, strict=True):
         total += (X_WP.inverse() * X_WE).act(pin.Force(L)).vector
     cell, J = chain.cell, chain.payload_jacobian(q)
     inertia = spatial_inertia(cell.payload.mass, cell.payload.inertia_matrix, X_WP.rotation)

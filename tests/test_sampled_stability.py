@@ -22,7 +22,7 @@ from coop_pin.analysis import (
     sampled_stability,
     step_stability,
 )
-from coop_pin.analysis.sampled_stability import REAL_STABILITY
+from coop_pin.analysis.step_stability import REAL_STABILITY
 from coop_pin.build_controller import build_controller
 from coop_pin.chain import CellChain, solve_ik
 from coop_pin.chain.integrators import INTEGRATORS
@@ -494,11 +494,12 @@ def test_the_elbow_drifts_as_fast_as_its_mode_says(stiffness):
 
 def test_the_joints_are_those_of_the_worst_mode_the_fastest_first(monkeypatch):
     """Modes by hand: the second decays worst."""
-    module = importlib.import_module("coop_pin.analysis.sampled_stability")
+    modules = [importlib.import_module(f"coop_pin.analysis.{name}_stability") for name in ("sampled", "step")]
     simulation, modes = Simulation(paper(), build_controller(paper())), np.eye(6)
     modes[:, 1] = (0.0, 0.4, 0.0, -1.0, 0.5, 0.2)
     D = modes @ np.diag([1.0, 90.0, 2.0, 0.0, 0.0, 0.0]) @ np.linalg.inv(modes)
-    monkeypatch.setattr(module, "_damping", lambda *_: D)
+    for module in modules:
+        monkeypatch.setattr(module, "damping_matrix", lambda *_: D)
     names = [name for place in simulation.plant.chain.model.arms for name in place.angles.names]
-    for found in (module.start_stability(simulation), module.step_stability(simulation)):
+    for found in (modules[0].start_stability(simulation), modules[1].step_stability(simulation)):
         assert found.joints == (names[3], names[4], names[1])

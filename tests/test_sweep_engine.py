@@ -293,6 +293,7 @@ def test_nothing_but_files_of_the_sweep_is_in_its_folder(tmp_path):
         "runs",
         "table.csv",
         "table.nc",
+        "tables.json",
         "times.csv",
     }
     assert (tmp_path / "lock").read_text() == ""

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 import coop_pin as cp
+from coop_pin.batch import BatchSimulator
 from coop_pin.errors import ScenarioError
 from coop_pin.sweeps import SweepPlan
 from coop_pin.sweeps.run_key import keyed_points, run_key, unresolved_key
 from coop_pin.sweeps.template import Template, Templates
+from coop_pin.tracing.tape import Tape, operands
+from coop_pin.tracing.traced_array import inputs
+from coop_pin.tracing.tree import leaves
 
 PLAIN = {
     "controller.gains.pose_gain": (0.5, 2),
@@ -96,3 +101,38 @@ def test_keys_of_a_plan_are_those_of_its_runs_one_by_one() -> None:
             assert keyed.scenario == whole
             assert keyed.key == run_key(whole, engine="batch")
     assert used == 64  # where the anchor gain is accepted
+
+
+ALIKE = {
+    ("adept-paper", "sign_gain"): True,
+    ("adept-anchored", "transient_rate"): True,
+    ("two-pandas-box", "transient_rate"): True,
+    ("adept-anchored", "pose_gain"): False,  # looked up in a set
+    ("three-ur5-plate", "sliding_gain"): False,  # inverted
+}
+"""Whether the numbers of laws are made together, by the number that varies."""
+
+
+@pytest.mark.parametrize(("cell", "gain"), ALIKE)
+def test_numbers_of_laws_as_columns_have_the_bits_of_single_ones(cell: str, gain: str) -> None:
+    pytest.importorskip("llvmlite")
+    base = cp.Scenario.load(cell).replace(duration=0.1, events=())
+    template, simulator = Template(base, [f"controller.gains.{gain}"]), BatchSimulator()
+    values = [0.1 * base.clock.period * (1.0 + number) for number in range(5)]
+    scenarios = [template.pattern.filled([value]) for value in values]
+    runs = simulator.prepare_alike(scenarios, template.pattern, np.array(values)[:, None])
+    assert (runs is not None) == ALIKE[cell, gain]
+    for run, scenario in zip(runs or (), scenarios, strict=False):
+        alone = simulator.prepare(scenario)
+        assert run.values.tobytes() == alone.values.tobytes()
+        assert run.kind == alone.kind
+        assert leaves(run.controller()) == leaves(alone.controller())
+
+
+def test_sums_that_libraries_may_round_otherwise_are_found() -> None:
+    tape = Tape()
+    x, y = inputs(tape, 2)
+    alike = {"x / y": x / y, "x + y": x + y, "x * y / 3": x * y / 3.0, "1 / x + 1 / y": 1.0 / x + 1.0 / y}
+    others = {"x * y + x": x * y + x, "x + y + 1": x + y + 1.0, "|x|": abs(x)}
+    for text, value in (alike | others).items():
+        assert tape.rounds_alike(operands(tape, [value])) == (text in alike), text

@@ -8,6 +8,7 @@ import pytest
 from batches import require_same_bits, require_same_samples
 from cells import SCENARIOS
 from numpy.testing import assert_allclose
+from test_batch_sensing import SETTINGS
 from test_compliant_grasps import anchored, moved, with_grasps
 
 import coop_pin as cp
@@ -38,9 +39,7 @@ def compliant(name: str, arms=None, **changes) -> cp.Scenario:
 
 def sensed(name: str) -> cp.Scenario:
     """The same with noise at encoders and wrists, and a late force path."""
-    wrist = {"force_noise": 0.1, "torque_noise": 0.01, "delay": 1}
-    encoders = {"position_noise": 1e-6, "velocity": "difference"}
-    return compliant(name, **{"sensors": encoders | {"wrist": wrist}, "controller.force_path.delay": 1})
+    return compliant(name, **SETTINGS["everything at once"])
 
 
 def test_free_flyer_is_that_of_pinocchio():

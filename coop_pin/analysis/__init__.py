@@ -5,12 +5,13 @@ from coop_pin import lazy_names
 from coop_pin.analysis.admittance_stability import AdmittanceStability, admittance_stability
 from coop_pin.analysis.carry_plan import CarryPlan, plan_carry
 from coop_pin.analysis.cell_summary import CellSummary, cell_summary, maximum_reach
-from coop_pin.analysis.closed_loop import ClosedLoop, LoopMode, eigenvalues
+from coop_pin.analysis.closed_loop import ClosedLoop, eigenvalues
 from coop_pin.analysis.feasibility import closure_problem
 from coop_pin.analysis.grasp_stability import GraspStability, grasp_stability
 from coop_pin.analysis.internal_moment import InternalMoment, internal_moment, positional_torques
 from coop_pin.analysis.least_squeeze import LeastSqueeze, least_squeeze
 from coop_pin.analysis.loop_stability import LoopStability, loop_stability
+from coop_pin.analysis.modes import Mode
 from coop_pin.analysis.new_cell import new_cell
 from coop_pin.analysis.own_inertia import OwnInertia, deflection_bias, own_inertia, own_inertia_proposal
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
@@ -18,14 +19,12 @@ from coop_pin.analysis.path_parameterization import PathLimits, fastest
 from coop_pin.analysis.plausibility import implausible_numbers, large_record, run_warnings
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
 from coop_pin.analysis.root_locus import RootLocus, root_locus
-from coop_pin.analysis.sampled_motion import Mode, SampledMotion, sampled_motion
+from coop_pin.analysis.sampled_motion import SampledMotion, sampled_motion
 from coop_pin.analysis.sampled_stability import (
     SampledStability,
-    StepStability,
     motion_stability,
     sampled_stability,
     start_stability,
-    step_stability,
 )
 from coop_pin.analysis.statics import (
     ArmStatics,
@@ -39,6 +38,7 @@ from coop_pin.analysis.statics import (
 )
 from coop_pin.analysis.steady_errors import SteadyErrors, anchor_biases, steady_errors
 from coop_pin.analysis.step_size import StepSize, fewest_steps
+from coop_pin.analysis.step_stability import StepStability, step_stability
 from coop_pin.analysis.suggestion import Suggestion, suggest
 from coop_pin.analysis.task_inertia import MotionWrenches, TaskInertia, motion_wrenches, task_inertia
 from coop_pin.analysis.tuning_rule import GainProposal, gain_proposal
@@ -57,7 +57,6 @@ __all__ = [
     "InternalMoment",
     "JointLimitMargin",
     "LeastSqueeze",
-    "LoopMode",
     "LoopStability",
     "Mode",
     "MotionWrenches",

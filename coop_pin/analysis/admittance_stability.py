@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.analysis.sampled_motion import NEUTRAL
+from coop_pin.analysis.modes import NEUTRAL
 from coop_pin.arrays import Array, typed
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.control import Admittance

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.analysis.carried_path import CarriedPath
-from coop_pin.analysis.path_parameterization import PathLimits, fastest, times_of
+from coop_pin.analysis.path_parameterization import PathLimits, fastest, smoothed
 from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell
 from coop_pin.errors import InfeasibleMotionError
@@ -19,8 +19,6 @@ from coop_pin.spatial import rotate_vector6, shift_wrench
 
 KNOTS = 201
 """Entries of the table s(t) of a motion, at least."""
-_PER_WIDTH = 8
-"""Entries of it within the width of the moving average, at least."""
 _SAMPLES = 801
 """Times at which limits are looked at, at least; four for each entry of a table."""
 _ROUNDS = 4
@@ -136,7 +134,7 @@ class CarryLimits(NamedTuple):
             limits = self.along(path, friction)
             x = fastest(limits._replace(c=np.minimum(limits.c, _RESERVED * resting)))
             friction = path.friction(np.sqrt(x))
-        times, fractions = _moving_average(path.places, x, smoothing)
+        times, fractions = smoothed(path.places, x, smoothing, KNOTS)
         return self.stretched(line.replace(times=times, fractions=fractions))
 
     def stretched(self, motion: TimedLineMotion) -> TimedLineMotion:
@@ -207,26 +205,6 @@ def _moved(begun: CarryTiming, splines: list[Array], p: Array) -> CarryTiming:
     """Return a motion plus splines times p."""
     changes = [spline @ p for spline in splines]
     return CarryTiming(begun.times, *(part + change for part, change in zip(begun[1:], changes, strict=True)))
-
-
-def _moving_average(places: Array, x: Array, width: float) -> tuple[Array, Array]:
-    """Return times and fractions of a motion with constant u between places, averaged over a time."""
-    ends, v, u = times_of(places, x), np.sqrt(x), np.diff(x) / (2.0 * np.diff(places))
-    spans = np.diff(ends)
-    areas = places[:-1] * spans + v[:-1] * spans**2 / 2.0 + u * spans**3 / 6.0
-    before = np.concatenate(([0.0], np.cumsum(areas)))
-
-    def integral(t: Array) -> Array:
-        i = np.clip(np.searchsorted(ends, t, side="right") - 1, 0, len(u) - 1)
-        h = np.clip(t, 0.0, ends[-1]) - ends[i]
-        whole = before[i] + places[i] * h + v[i] * h**2 / 2.0 + u[i] * h**3 / 6.0
-        return np.asarray(whole + np.maximum(t - ends[-1], 0.0))
-
-    count = max(KNOTS, int(_PER_WIDTH * (ends[-1] / width + 1.0)) + 1)
-    times = np.linspace(0.0, ends[-1] + width, count)
-    fractions = (integral(times) - integral(times - width)) / width
-    fractions[0], fractions[-1] = 0.0, 1.0
-    return times, fractions
 
 
 def _pad_rows(cell: Cell, name: str, reserve: float) -> Array:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coop_pin.analysis.sampled_motion import NEUTRAL, damping_ratio
+from coop_pin.analysis.modes import NEUTRAL, Mode
 from coop_pin.analysis.tick_map import MEMORY, TickMap
 from coop_pin.arrays import Array, as_number, typed
 from coop_pin.build_controller import build_controller, controlled_arm
@@ -22,36 +22,12 @@ _GONE = 1e-6
 """``|z|`` below which a mode is gone after a tick."""
 
 
-class LoopMode(NamedTuple):
-    """A mode of the sampled closed loop.
-
-    Attributes:
-        z: factor from tick to tick.
-        name: name of what moves: "payload along x", "posture of left", "internal force along x", "memory".
-        period: T, s.
-    """
-
-    z: complex
-    name: str
-    period: float
-
-    @property
-    def damping(self) -> float:
-        """Damping ratio of the mode, -Re(ln z) / ``|ln z|``."""
-        return damping_ratio(self.z)
-
-    @property
-    def rate(self) -> float:
-        """Decay -ln ``|z|`` / T, 1/s; negative if the mode grows."""
-        return -float(np.log(abs(self.z))) / self.period
-
-
 class ClosedLoop(NamedTuple):
     """Sampled closed loop, linear about a state: ``x[k + N] = A x[k]``.
 
     x holds the n motions that the closures leave, their speeds, the forces of the drives, and the memories of
-    drives, servos, sensors, force path and law. Closure errors are not in it, and so no modes of Baumgarte's.
-    What no tick changes (starting values that a law keeps) is left out and counted.
+    drives, servos, sensors, network, force path and law. Closure errors are not in it, and so no modes of
+    Baumgarte's. What no tick changes (starting values that a law keeps) is left out and counted.
 
     Attributes:
         matrix: A, shape (x, x).
@@ -59,12 +35,12 @@ class ClosedLoop(NamedTuple):
         structural: names of the modes with z = 1: what nothing controls, for example internal directions
             without anchor or leak, or spare joints without a spring.
         constants: number of memories that never change.
-        ticks: N, the period of the slowest sensor.
+        ticks: N, the period of the slowest sensor or message.
         time: time of the state, s.
     """
 
     matrix: Array
-    modes: tuple[LoopMode, ...]
+    modes: tuple[Mode, ...]
     structural: tuple[str, ...]
     constants: int
     ticks: int
@@ -86,16 +62,16 @@ class ClosedLoop(NamedTuple):
         return self.radius < 1.0 + NEUTRAL
 
     @property
-    def slowest(self) -> LoopMode:
+    def slowest(self) -> Mode:
         """Mode of motion or internal wrenches that decays slowest, or grows."""
         return self._moving()[0]
 
     @property
-    def least_damped(self) -> LoopMode:
+    def least_damped(self) -> Mode:
         """Mode of motion or internal wrenches with the smallest damping ratio."""
         return min(self._moving(), key=lambda mode: mode.damping)
 
-    def _moving(self) -> list[LoopMode]:
+    def _moving(self) -> list[Mode]:
         return [mode for mode in self.modes if mode.name != MEMORY] or [*self.modes]
 
     def summary(self) -> str:
@@ -117,7 +93,8 @@ def eigenvalues(scenario: Scenario, *, time: float = 0.0) -> ClosedLoop:
 
     With F the whole of N ticks of a run, as ``Simulation`` makes them, A = dF/dx at the state that the run,
     without its events and quantisation, has at a time, once every wrench sensor has given a sample. Where
-    the run is at rest this is its linear model; while it moves it is that of the moment.
+    the run is at rest this is its linear model; while it moves it is that of the moment. No message is lost
+    or rounded.
 
     ``sampled_motion`` is the motion's part of it alone, in closed form, without friction, force path and
     memories: much faster, for many poses and lags.
@@ -138,10 +115,14 @@ def eigenvalues(scenario: Scenario, *, time: float = 0.0) -> ClosedLoop:
     if not 0.0 <= as_number("time", time) < np.inf:
         raise OutOfRangeError("time", time, "at least 0 and finite")
     period = scenario.clock.period
-    age = max(controlled_arm(scenario, name).oldest_wrench for name in scenario.cell.arms)
-    N = int(np.lcm.reduce([wrist.every for wrist in scenario.wrists] or [1]))
-    before = int(np.ceil(time / period - NEUTRAL)) + age + 2
-    smooth = _smooth(scenario).replace(duration=(before + N + 1) * period)
+    smooth, arms = _smooth(scenario), list(scenario.cell.arms)
+    age = max(controlled_arm(smooth, name).oldest_wrench for name in arms)
+    cycles = [wrist.every for wrist in smooth.wrists]
+    if (network := smooth.network) is not None:
+        age += network.oldest_of(arms, smooth.clock)
+        cycles += [network.channel(edge).ticks_per_message(smooth.clock) for edge in network.edges(arms)]
+    N, before = int(np.lcm.reduce(cycles or [1])), int(np.ceil(time / period - NEUTRAL)) + age + 2
+    smooth = smooth.replace(duration=(before + N + 1) * period)
     simulation = Simulation(smooth, build_controller(smooth))
     for _ in range(before):
         simulation.tick()
@@ -154,7 +135,7 @@ def eigenvalues(scenario: Scenario, *, time: float = 0.0) -> ClosedLoop:
     ]
     is_one = np.abs(z - 1.0) < _ONE
     order = [k for k in np.argsort(-np.abs(z)) if abs(z[k]) > _GONE]
-    modes = [LoopMode(complex(z[k] ** (1.0 / N)), names[k], period) for k in order if not is_one[k]]
+    modes = [Mode(complex(z[k] ** (1.0 / N)), names[k], period) for k in order if not is_one[k]]
     ones = [names[k] for k in order if is_one[k]]
     structural = tuple(sorted(name for name in ones if name != MEMORY))
     return ClosedLoop(A, tuple(modes), structural, constants + ones.count(MEMORY), N, before * period)
@@ -162,8 +143,11 @@ def eigenvalues(scenario: Scenario, *, time: float = 0.0) -> ClosedLoop:
 
 def _require_smooth(scenario: Scenario) -> None:
     """Raise ArgumentError if the law has no linear model near rest."""
-    if scenario.network is not None:
-        raise ArgumentError("messages on their way are not in the map of a tick; leave the network out")
+    network = scenario.network
+    if network is not None and any(
+        network.channel(edge).jitter for edge in network.edges([*scenario.cell.arms])
+    ):
+        raise ArgumentError("messages that are late by chance have no map of a tick; state network.jitter 0")
     law: Any = scenario.controller
     switching = getattr(law, "switching", None)
     if switching is not None and not switching.is_smooth and np.any(law.gains.sign_gain):
@@ -174,7 +158,7 @@ def _require_smooth(scenario: Scenario) -> None:
 
 
 def _smooth(scenario: Scenario) -> Scenario:
-    """Return a scenario without events, quantisation and missed ticks, with any gains allowed."""
+    """Return a scenario without events, quantisation and losses, with any gains allowed."""
 
     def continuous(sensors: Sensors) -> Sensors:
         return sensors.replace(encoder=sensors.encoder.replace(resolution=0.0))
@@ -182,6 +166,7 @@ def _smooth(scenario: Scenario) -> Scenario:
     return scenario.replace(
         events=(),
         beyond_bound=True,
+        network=None if scenario.network is None else scenario.network.exact,
         sensors=continuous(scenario.sensors),
         arm_sensors={name: continuous(sensors) for name, sensors in scenario.arm_sensors.items()},
         actuators=scenario.actuators.replace(missed_ticks=0.0),

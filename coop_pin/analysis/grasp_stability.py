@@ -9,8 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.analysis.sampled_motion import NEUTRAL, sampled_motion
-from coop_pin.analysis.sampled_stability import SampledStability, plant_matrix, start_stability
+from coop_pin.analysis.modes import NEUTRAL
+from coop_pin.analysis.sampled_motion import sampled_motion
+from coop_pin.analysis.sampled_stability import SampledStability, start_stability
+from coop_pin.analysis.step_stability import plant_matrix
 from coop_pin.arrays import Array, typed
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError
@@ -132,7 +134,7 @@ class _GraspLoop:
     def __init__(self, simulation: Simulation) -> None:
         self._simulation, q, errors = simulation, simulation.plant.q, _wrench_errors(simulation)
         motion = sampled_motion(simulation, q, 0.0)
-        self._N, self._law = motion.basis, np.array((motion.feedback, motion.integral))
+        self._N, self._law = motion.motions.basis, np.array((motion.feedback, motion.integral))
         self._by_wrench = 0.0 * self._law
         if errors is not None:
             fed = sampled_motion(simulation, q, 0.0, errors)

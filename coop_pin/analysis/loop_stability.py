@@ -6,12 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from coop_pin.analysis.modes import NEUTRAL, Mode
 from coop_pin.analysis.reachability import Reachability
-from coop_pin.analysis.sampled_motion import LEAST_DAMPING, NEUTRAL, Mode, SampledMotion, sampled_motion
+from coop_pin.analysis.sampled_motion import SampledMotion, sampled_motion
 from coop_pin.analysis.sampled_stability import configurations_along
 from coop_pin.arrays import typed
 from coop_pin.simulation import Simulation
 
+LEAST_DAMPING = 0.55
+"""Damping ratio below which a motion swings."""
 _LARGEST_LAG, _LAG_ERROR = 1.0, 1e-6
 """Largest lag that is tried, and that to which the largest one is found, s."""
 _POSES = 6
@@ -52,7 +55,7 @@ class LoopStability(NamedTuple):
     @property
     def spare_rate(self) -> float:
         """Decay of the slowest mode of the spare joints, 1/s; negative if it grows, inf without any."""
-        return np.inf if self.spare is None else -float(np.log(abs(self.spare.z))) / self.period
+        return np.inf if self.spare is None else self.spare.rate
 
     @property
     def damping(self) -> float:

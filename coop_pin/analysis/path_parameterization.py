@@ -9,6 +9,8 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.errors import InfeasibleMotionError
 
+_PER_WIDTH = 8
+"""Times within the width of a moving average, at least."""
 _FLAT = 1e-12
 """A coefficient of u below this part of a row's largest is none."""
 
@@ -108,3 +110,30 @@ def times_of(places: Array, x: Array) -> Array:
     """Return the time at every place, s: u is constant between two, shape (n,)."""
     v = np.sqrt(x)
     return np.concatenate(([0.0], np.cumsum(2.0 * np.diff(places) / (v[1:] + v[:-1]))))
+
+
+def smoothed(places: Array, x: Array, width: float, least: int) -> tuple[Array, Array]:
+    """Return times, s, and fractions of a motion with constant u between places, averaged over a time.
+
+    Args:
+        places: s, shape (n,).
+        x: s'^2 at each, 1/s^2, shape (n,).
+        width: Time of the moving average, s.
+        least: Number of times, at least; there are eight within the width.
+    """
+    ends, v, u = times_of(places, x), np.sqrt(x), np.diff(x) / (2.0 * np.diff(places))
+    spans = np.diff(ends)
+    areas = places[:-1] * spans + v[:-1] * spans**2 / 2.0 + u * spans**3 / 6.0
+    before = np.concatenate(([0.0], np.cumsum(areas)))
+
+    def integral(t: Array) -> Array:
+        i = np.clip(np.searchsorted(ends, t, side="right") - 1, 0, len(u) - 1)
+        h = np.clip(t, 0.0, ends[-1]) - ends[i]
+        whole = before[i] + places[i] * h + v[i] * h**2 / 2.0 + u[i] * h**3 / 6.0
+        return np.asarray(whole + np.maximum(t - ends[-1], 0.0))
+
+    count = max(least, int(_PER_WIDTH * (ends[-1] / width + 1.0)) + 1)
+    times = np.linspace(0.0, ends[-1] + width, count)
+    fractions = (integral(times) - integral(times - width)) / width
+    fractions[0], fractions[-1] = 0.0, 1.0
+    return times, fractions

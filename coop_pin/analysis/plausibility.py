@@ -13,8 +13,9 @@ from coop_pin.analysis.grasp_stability import grasp_stability
 from coop_pin.analysis.least_squeeze import least_squeeze
 from coop_pin.analysis.loop_stability import loop_stability
 from coop_pin.analysis.reachability import reachability
-from coop_pin.analysis.sampled_stability import start_stability, step_stability
+from coop_pin.analysis.sampled_stability import start_stability
 from coop_pin.analysis.statics import start_torques
+from coop_pin.analysis.step_stability import step_stability
 from coop_pin.arrays import Array, require_type
 from coop_pin.control import CellController
 from coop_pin.description.cell import Cell

@@ -8,53 +8,19 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.analysis.sampled_stability import fastest_joints
+from coop_pin.analysis.modes import NEUTRAL, Mode, Motions, fastest_joints
+from coop_pin.analysis.resting_law import RestingLaw
 from coop_pin.arrays import Array
-from coop_pin.build_controller import build_controller
-from coop_pin.chain import ClosedChain
 from coop_pin.control.bounds import lag_pole
 from coop_pin.description.sensors import Sensors
-from coop_pin.schema.pose import Pose
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.encoder import Encoders, EncoderState
-from coop_pin.simulation.sensing import Sensing
 
 _SMALL = 1e-6
 """Displacement of differences, rad or m; speeds likewise."""
 _SETTLED = 1e6
 """A time at which the transients of the start are gone, s."""
-NEUTRAL = 1e-6
-"""Growth in a tick, and part of a singular value, that count as none."""
-LEAST_DAMPING = 0.55
-"""Damping ratio below which a motion swings."""
-_SPARE = 0.5
-"""Part of a mode's square that must leave the task rows at rest for it to be one of spare joints."""
 _IDEAL_VELOCITY: Array = np.array([[0.0, 1.0]])
-
-
-class Mode(NamedTuple):
-    """A mode of the sampled motion.
-
-    Attributes:
-        z: factor from tick to tick.
-        joints: joints that move most, as arm/joint, the fastest first.
-        is_spare: whether most of it leaves the task rows of the payload at rest.
-    """
-
-    z: complex
-    joints: tuple[str, ...]
-    is_spare: bool
-
-    @property
-    def name(self) -> str:
-        """Name of the mode: that of the spare joints with their arms, or its joints."""
-        arms = " and ".join(sorted({joint.partition("/")[0] for joint in self.joints}))
-        return f"elbow (spare joints) of {arms}" if self.is_spare else f"motion of {', '.join(self.joints)}"
-
-    @property
-    def damping(self) -> float:
-        """Damping ratio of the mode."""
-        return damping_ratio(self.z)
 
 
 class SampledMotion(NamedTuple):
@@ -70,8 +36,7 @@ class SampledMotion(NamedTuple):
     Attributes:
         feedback: G, 1/s^2 and 1/s, shape (n, 2 n).
         integral: H, likewise.
-        basis: velocity of the chain by each motion, shape (nv, n).
-        at_rest: projection of the motions on those that leave the task rows at rest, shape (n, n).
+        motions: the n motions.
         velocity: measured speed and the estimate's next states by [y, w, e], shape (1 + e, 2 + e).
         period: T, s.
         time: time of the pose, s.
@@ -79,8 +44,7 @@ class SampledMotion(NamedTuple):
 
     feedback: Array
     integral: Array
-    basis: Array
-    at_rest: Array
+    motions: Motions
     velocity: Array
     period: float
     time: float
@@ -101,25 +65,17 @@ class SampledMotion(NamedTuple):
             lag: Time constant of the drives, s.
         """
         z, vectors = np.linalg.eig(self.matrix(lag))
-        y = vectors[: len(self.feedback)]
-        size = np.linalg.norm(y, axis=0)
-        is_spare = np.linalg.norm(self.at_rest @ y, axis=0) ** 2 > _SPARE * size**2
-        joints = [fastest_joints(simulation, speeds) for speeds in np.abs(self.basis @ y).T]
-        return [Mode(complex(z[k]), joints[k], bool(is_spare[k])) for k in np.flatnonzero(size > 0.0)]
+        z, y = z.astype(complex), vectors[: len(self.feedback)]
+        z, y = z[moves := np.linalg.norm(y, axis=0) > 0.0], y[:, moves]
+        joints = [fastest_joints(simulation, speeds) for speeds in np.abs(self.motions.basis @ y).T]
+        parts = zip(z.tolist(), joints, self.motions.is_spare(y).tolist(), strict=True)
+        return [Mode(z, _mode_name(*of), self.period, *of) for z, *of in parts]
 
 
-def damping_ratio(z: complex) -> float:
-    """Return -Re(ln z) / ``|ln z|``; 1 for a mode that is gone after a tick, or does not move in one."""
-    if z == 0.0 or abs(log := np.log(complex(z))) < NEUTRAL:
-        return 1.0
-    return float(-log.real / abs(log))
-
-
-def motion_basis(chain: ClosedChain, q: Array) -> Array:
-    """Return an orthonormal basis of the velocities that the closures leave, shape (nv, n)."""
-    unit = np.eye(chain.model.nv)
-    basis, singular, _ = np.linalg.svd(np.column_stack([chain.project_velocity(q, row) for row in unit]))
-    return np.asarray(basis[:, singular > NEUTRAL])
+def _mode_name(joints: tuple[str, ...], is_spare: bool) -> str:
+    """Return the name of the spare joints with their arms, or of the joints."""
+    arms = " and ".join(sorted({joint.partition("/")[0] for joint in joints}))
+    return f"elbow (spare joints) of {arms}" if is_spare else f"motion of {', '.join(joints)}"
 
 
 def tick_matrix(
@@ -172,53 +128,34 @@ def sampled_motion(
     Raises:
         SingularJacobianError: an arm is singular there.
     """
-    plant, law, scenario = simulation.plant, simulation.controller, simulation.scenario
-    chain, rest, X_WP = plant.chain.mechanism, np.zeros(len(plant.v)), plant.chain.payload_pose(q)
-    is_zeroed = getattr(scenario.controller, "zero_at_grasp", False)
-    if is_zeroed:  # at this pose, not where the start is
-        law = build_controller(scenario.replace(start=Pose.from_matrix(X_WP)))
-    ideal = scenario.with_ideal_sensors
-    actuation = simulation.actuation
-    holding = actuation.holding_commands(q)
-    sensing = Sensing(ideal, plant.chain.model.arms, holding_torques=lambda _q: holding)
-    first = sensing.start(q, rest, simulation.references(time))
-    references = [
-        reference._replace(pose=X_WP if is_zeroed else seen.payload_pose, twist=0.0 * reference.twist)
-        for reference, seen in zip(simulation.references(time), first, strict=True)
-    ]
-    N = motion_basis(chain, q)
+    plant, scenario = simulation.plant, simulation.scenario
+    chain, rest = plant.chain.mechanism, np.zeros(len(plant.v))
+    law, motions = RestingLaw(simulation, q, time, seen_at=_SETTLED), Motions.at(plant.chain, q)
+    N = motions.basis
 
-    def step(q: Array, v: Array, state: object) -> tuple[Array, object]:
-        # Drives cut nothing here: what the law asked for a tick ago is what acted.
-        measured: Any = sensing.start(q, v, references)
-        seen = [arm._replace(time=_SETTLED, reported_torque=None) for arm in measured]
+    def step(seen: Any, q: Array, v: Array, state: object) -> tuple[Array, object]:
         if wrench_errors is not None:
             seen = [
                 arm._replace(internal_wrench=arm.internal_wrench + error, internal_wrench_age=0.0)
                 for arm, error in zip(seen, wrench_errors(q, v), strict=True)
             ]
-        seen = simulation.exchange.at_once(law, seen, references, state)
-        command = law.step(seen, references, state)
-        torques = zip(actuation.torques_of(command), actuation.carried(q), strict=True)
-        torque = plant.transmission.torque([tau + weight for tau, weight in torques])
-        return N.T @ chain.forward_dynamics(q, rest, torque).acceleration, command.state
+        torque, state = law.step(seen, state)
+        torque = torque + plant.transmission.torque(simulation.actuation.carried(q))
+        return N.T @ chain.forward_dynamics(q, rest, torque).acceleration, state
 
-    def response(moved: Array, v: Array) -> Array:
-        now, state = step(moved, v, start)
-        kept = step(q, rest, state)[0] if scenario.controller.has_linear_integral else 0.0 * now
+    def response(seen: Any, moved: Array, v: Array) -> Array:
+        now, state = step(seen, moved, v, law.state)
+        kept = step(law.at_rest, q, rest, state)[0] if scenario.controller.has_linear_integral else 0.0 * now
         return np.concatenate((now, kept))
 
-    start = law.init(simulation.exchange.at_once(law, first, references, None), references)
-    moved = [
-        [response(pin.integrate(chain.model, q, h * row), rest), response(q, h * row)]
-        for row in N.T
-        for h in (_SMALL, -_SMALL)
-    ]
-    slopes = (np.array(moved[::2]) - np.array(moved[1::2])) / (2.0 * _SMALL)
+    def responses(y: Array) -> list[Array]:
+        moved = pin.integrate(chain.model, q, y)
+        return [response(law.measured(moved), moved, rest), response(law.moving(y), q, y)]
+
+    ends = np.array([responses(h * row) for row in N.T for h in (_SMALL, -_SMALL)])
+    slopes = (ends[::2] - ends[1::2]) / (2.0 * _SMALL)
     G, H = np.split(np.hstack((slopes[:, 0].T, slopes[:, 1].T)), 2)
-    J = scenario.cell.task_rows.select(plant.chain.payload_jacobian(q)) @ N
-    at_rest = np.eye(len(G)) - np.linalg.pinv(J) @ J
-    return SampledMotion(G, H, N, at_rest, _velocity_estimate(simulation), scenario.clock.period, time)
+    return SampledMotion(G, H, motions, _velocity_estimate(simulation), scenario.clock.period, time)
 
 
 def _velocity_estimate(simulation: Simulation) -> Array:

@@ -1,40 +1,26 @@
-"""Stability of damping in discrete time: a controller's under zero-order hold, friction in plant steps."""
+"""Stability of a controller's damping in discrete time, under zero-order hold."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from coop_pin.analysis.modes import damping_matrix, fastest_joints
 from coop_pin.analysis.reachability import Reachability
-from coop_pin.arrays import Array, frozen, require_type, typed
+from coop_pin.analysis.resting_law import RestingLaw
+from coop_pin.arrays import Array, require_type, typed
 from coop_pin.build_controller import build_controller
-from coop_pin.chain.partner import partner_matrices
-from coop_pin.description.events import Partner
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.sensing import Sensing
 
 STABILITY_LIMIT = 2.0
 """Sampled damping is stable below this: v[k+1] = (1 - value) v[k]."""
 
-REAL_STABILITY = {"rk4": 2.785293563405282, "semi-implicit-euler": 2.0}
-"""Largest h lambda for which an integrator's solution of v' = -lambda v decays: for RK4 the real root of
-x^3 - 4 x^2 + 12 x - 24."""
-
 _UNDAMPED = 1e-6
-_POSES, _STEP_POSES = 9, 21
-_SLOW = 1e-6
-"""A speed at which Coulomb friction is linear, rad/s or m/s."""
-_SHARE_OF_MODE = 0.3
-_NEUTRAL_POLE = 1.0
-"""Size of a pole that only rounding and slow friction have, 1/s."""
+_POSES = 9
 _FACTOR_BISECTIONS = 40
-_LONGEST, _LIMIT_ERROR = 4.0, 1e-4
-"""Beyond the stability region of RK4; accuracy of its border."""
 
 
 class SampledStability(NamedTuple):
@@ -78,45 +64,6 @@ class SampledStability(NamedTuple):
         )
 
 
-class StepStability(NamedTuple):
-    """Stability of the plant's integration under joint friction and compliant grasps, with the critical mode.
-
-    Attributes:
-        value: ``h |lambda|``, with h the plant's step and lambda the fastest decay by friction alone; with
-            compliant grasps the mode of springs, dampers and friction that is nearest to its limit.
-        limit: stability limit of the integrator for it.
-        steps_per_tick: plant steps in a tick.
-        joints: the joints that move most in that mode, as arm/joint.
-        time: time of the pose at which it is so, s.
-        cause: origin of the mode, "friction", "compliant grasps" or "partner".
-    """
-
-    value: float
-    limit: float
-    steps_per_tick: int
-    joints: tuple[str, ...]
-    time: float = 0.0
-    cause: str = "friction"
-
-    @property
-    def ok(self) -> bool:
-        """Whether it is integrated stably."""
-        return self.value <= self.limit
-
-    def summary(self) -> str:
-        """Return the finding as text, in one line."""
-        at = f" at t = {self.time:.3g} s" if self.time else ""
-        text = f"h*lambda = {self.value:.3g} of the {self.cause} of {', '.join(self.joints)}{at}"
-        if self.ok:
-            return f"{text} is within the stability limit {self.limit:.3g} of the plant's steps"
-        steps = math.ceil(self.steps_per_tick * self.value / self.limit)
-        remedy = "lower the friction" if self.cause == "friction" else "use a softer or less damped element"
-        return (
-            f"! {text} exceeds the stability limit {self.limit:.3g} of the plant's steps."
-            f" Raise clock.steps_per_tick from {self.steps_per_tick} to {steps}, or {remedy}"
-        )
-
-
 def sampled_stability(scenario: Scenario) -> SampledStability:
     """Return the stability of a controller's damping under zero-order hold, linearised at the start.
 
@@ -145,8 +92,8 @@ def start_stability(simulation: Simulation) -> SampledStability:
 def motion_stability(simulation: Simulation, cell_reach: Reachability) -> SampledStability:
     """Return the sampled stability where it is least along the motion of a simulation that has not begun.
 
-    At up to nine poses as ``sampled_stability`` at the start, with the law's state of the start. Gains that
-    change with time, such as those of a funnel, are those of the pose's time.
+    At up to nine poses as ``sampled_stability`` at the start; at each the law begins anew, at rest. Gains
+    that change with time, such as those of a funnel, are those of the pose's time.
 
     Args:
         simulation: Simulation of a law.
@@ -180,7 +127,14 @@ def configurations_along(
 
 def _stability_at(simulation: Simulation, q: Array, time: float) -> SampledStability:
     """Return the sampled stability at a configuration and a time."""
-    D = _damping(simulation, q, _torque_of(simulation, q, time))
+    law, speed = RestingLaw(simulation, q, time), simulation.scenario.controller.linear_speed
+
+    def torque(v: Array, hears_rest: bool = False) -> Array:
+        # Laws are linear in small speeds but for bounded signs, which cancel between opposite large ones.
+        seen = law.moving(speed * v)
+        return law.step(seen, law.state, law.at_rest if hears_rest else seen)[0] / speed
+
+    D = damping_matrix(simulation, q, torque)
     eigenvalues, modes = np.linalg.eig(D)
     clock, network = simulation.scenario.clock, simulation.scenario.network
     values = np.array([_stability_value(clock.period * entry) for entry in eigenvalues])
@@ -190,7 +144,7 @@ def _stability_at(simulation: Simulation, q: Array, time: float) -> SampledStabi
     )
     if network is None or not (late := network.oldest_of(list(simulation.scenario.cell.arms), clock)):
         return stability
-    D_now = _damping(simulation, q, _torque_of(simulation, q, time, hears_rest=True))
+    D_now = damping_matrix(simulation, q, lambda v: torque(v, hears_rest=True))
     factor = _delayed_factor(clock.period * D_now, clock.period * (D - D_now), late)
     return stability._replace(limit=factor * stability.value, delay=late) if factor < np.inf else stability
 
@@ -220,165 +174,8 @@ def _delayed_factor(now: Array, late: Array, delay: int) -> float:
     return low
 
 
-@typed
-def step_stability(simulation: Simulation, cell_reach: Reachability | None = None) -> StepStability:
-    """Return the stability of the plant's steps under friction and grasps, where it is least on the motion.
-
-    D is that of sampled_stability for the friction. With compliant grasps it is looked at for every payload
-    that the events bring. Coulomb friction is steepest at rest, where its slope is
-    coulomb / coulomb_velocity: a joint that turns back along the motion passes it. Beyond the limit energy
-    appears from nothing.
-
-    Args:
-        simulation: Simulation that has not begun.
-        cell_reach: Reachability of its scenario, in which every arm holds the start; up to 21 poses of the
-            motion are looked at. The start alone when omitted.
-    """
-    poses = [(0.0, simulation.plant.q)]
-    if cell_reach is not None:
-        poses += configurations_along(simulation, cell_reach, _STEP_POSES)[1:]
-    stabilities = [_steps_at(simulation, *pose) for pose in poses]
-    scenario = simulation.scenario
-    if scenario.cell.compliant or any(isinstance(event, Partner) for event in scenario.events):
-        stabilities += [_grasp_steps_at(simulation, *pose) for pose in poses]
-    return max(stabilities, key=lambda stability: stability.value / stability.limit)
-
-
-def _grasp_steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:
-    """Return the stability of the plant's steps under grasps and friction, for the payload that is worst."""
-    scenario, chain = simulation.scenario, simulation.plant.chain
-    instants, stabilities = {0.0, *(event.time for event in scenario.events)}, list[StepStability]()
-    for surroundings in map(scenario.surroundings_at, instants):
-        chain.surround(surroundings)
-        A, N = plant_matrix(simulation, q, partners=surroundings.partners)
-        s, vectors = np.linalg.eig(A)
-        modes = N @ vectors[len(A) // 2 :]
-        limits = np.array([_ray_limit(entry) for entry in s])
-        worst = int(np.argmax(np.abs(s) / limits))
-        steps = scenario.clock.steps_per_tick
-        value, joints = float(np.abs(s[worst])), fastest_joints(simulation, np.abs(modes[:, worst]))
-        value *= scenario.clock.period / steps
-        cause = "compliant grasps" if scenario.cell.compliant else "partner"
-        stabilities.append(StepStability(value, float(limits[worst]), steps, joints, time, cause))
-    chain.surround(simulation.plant.surroundings)
-    return max(stabilities, key=lambda stability: stability.value / stability.limit)
-
-
-def plant_matrix(
-    simulation: Simulation, q: Array, stiffer: float = 1.0, partners: Sequence[Partner] = ()
-) -> tuple[Array, Array]:
-    """Return the matrix of [y, w] under force elements and friction, and the basis N of the n motions.
-
-    N has shape (nv, n), and v = N w.
-
-    Args:
-        simulation: Simulation of a cell.
-        q: Configuration, with the payload at rest.
-        stiffer: Factor of all stiffnesses of grasps, at the same damping ratios.
-        partners: Partners that hold the payload.
-    """
-    plant = simulation.plant
-    chain, rest, friction = plant.chain.mechanism, np.zeros(len(plant.v)), plant.transmission.friction
-    basis, singular, _ = np.linalg.svd(
-        np.column_stack([chain.project_velocity(q, row) for row in np.eye(len(rest))])
-    )
-    N = basis[:, singular > _UNDAMPED]
-    K, D = plant.chain.springs.matrices(q)
-    K, D = stiffer * K, math.sqrt(stiffer) * D
-    for partner in partners:
-        held = partner_matrices(partner, partner.time, plant.chain.payload_jacobian(q))
-        K, D = K + held[0], D + held[1]
-    D -= np.column_stack([friction(_SLOW * row) / _SLOW for row in np.eye(len(rest))])
-    still = chain.forward_dynamics(q, rest, rest).acceleration
-    forces = np.hstack((K @ N, D @ N)).T
-    response = [chain.forward_dynamics(q, rest, force).acceleration - still for force in forces]
-    n = N.shape[1]
-    return np.vstack((np.eye(n, 2 * n, n), -N.T @ np.column_stack(response))), N
-
-
-def _ray_limit(pole: complex) -> float:
-    """Return the largest ``h |s|`` at which RK4 does not let the mode of a pole s grow."""
-    direction = pole / abs(pole) if abs(pole) > _NEUTRAL_POLE else -1.0
-    low, high = 0.0, _LONGEST
-    while high - low > _LIMIT_ERROR:
-        middle = (low + high) / 2.0
-        x = middle * direction
-        is_stable = abs(1.0 + x + x**2 / 2.0 + x**3 / 6.0 + x**4 / 24.0) <= 1.0 + _UNDAMPED
-        low, high = (middle, high) if is_stable else (low, middle)
-    return low
-
-
-def _steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:
-    """Return the stability of the plant's steps at a configuration and its time."""
-    friction, scenario = simulation.plant.transmission.friction, simulation.scenario
-    eigenvalues, modes = np.linalg.eig(_damping(simulation, q, lambda v: friction(_SLOW * v) / _SLOW))
-    worst = int(np.argmax(np.abs(eigenvalues)))
-    steps = scenario.clock.steps_per_tick
-    value = float(np.abs(eigenvalues[worst])) * scenario.clock.period / steps
-    joints = fastest_joints(simulation, np.abs(modes[:, worst]))
-    return StepStability(value, REAL_STABILITY[scenario.plant.integrator], steps, joints, time)
-
-
-def _damping(simulation: Simulation, q: Array, torque: Callable[[Array], Array]) -> Array:
-    """Return D = -d(acceleration)/dv through a torque, with the closures closed."""
-    chain, rest = simulation.plant.chain.mechanism, np.zeros(len(simulation.plant.v))
-
-    def acceleration(v: Array) -> Array:
-        return chain.forward_dynamics(q, rest, torque(v)).acceleration
-
-    speeds = [chain.project_velocity(q, row) for row in np.eye(len(rest))]
-    return np.column_stack([(acceleration(-v) - acceleration(v)) / 2.0 for v in speeds])
-
-
 def _stability_value(entry: complex) -> float:
     """Return ``|T lambda|^2 / Re(T lambda)``: zero without damping, infinity if the motion is driven."""
     if abs(entry) < _UNDAMPED:
         return 0.0
     return abs(entry) ** 2 / entry.real if entry.real > 0.0 else float("inf")
-
-
-def _torque_of(
-    simulation: Simulation, q: Array, time: float, *, hears_rest: bool = False
-) -> Callable[[Array], Array]:
-    """Return the controller's generalised force at a pose and time as a function of the velocity.
-
-    Measured internal wrenches are as desired, joints are measured as they are. Torque limits play no part.
-
-    Args:
-        simulation: Simulation that has not begun.
-        q: Configuration of the chain.
-        time: Time of the pose, s.
-        hears_rest: Whether messages are those of arms at rest; else they arrive at once.
-    """
-    plant, start, references = simulation.plant, simulation.references(0.0), simulation.references(time)
-    ideal = simulation.scenario.with_ideal_sensors
-    sensing = Sensing(ideal, plant.chain.model.arms, holding_torques=simulation.actuation.holding_commands)
-    law, at_once, rest = simulation.controller, simulation.exchange.at_once, np.zeros(len(plant.v))
-    state = law.init(at_once(law, sensing.start(plant.q, rest, start), start, None), start)
-    # Laws are linear in small speeds but for bounded signs, which cancel between opposite large ones.
-    speed, slots = simulation.scenario.controller.linear_speed, plant.chain.model.arms
-    at_rest = [seen._replace(time=time, reported_torque=None) for seen in sensing.start(q, rest, references)]
-
-    def torque(v: Array) -> Array:
-        rates = [frozen(slot.drive.dot(speed * v[slot.v_slice])) for slot in slots]
-        measurements = [
-            seen._replace(v=rate, payload_twist=frozen(seen.payload_jacobian.dot(rate)))
-            for seen, rate in zip(at_rest, rates, strict=True)
-        ]
-        told = at_once(law, at_rest if hears_rest else measurements, references, state)
-        heard = [one._replace(messages=each.messages) for one, each in zip(measurements, told, strict=True)]
-        command = law.step(heard, references, state)
-        return plant.transmission.torque(simulation.actuation.torques_of(command)) / speed
-
-    return torque
-
-
-def fastest_joints(simulation: Simulation, mode: Array) -> tuple[str, ...]:
-    """Return the joints that move fastest in a mode, the fastest first."""
-    speeds = {
-        name: float(speed)
-        for slot in simulation.plant.chain.model.arms
-        for name, speed in zip(slot.angles.names, mode[slot.v_slice], strict=True)
-    }
-    fastest = sorted(speeds, key=lambda name: -speeds[name])
-    return tuple(name for name in fastest if speeds[name] >= _SHARE_OF_MODE * speeds[fastest[0]])[:4]

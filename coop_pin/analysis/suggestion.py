@@ -23,8 +23,9 @@ from coop_pin.analysis.loop_stability import LoopStability, loop_stability
 from coop_pin.analysis.own_inertia import own_inertia_proposal
 from coop_pin.analysis.plausibility import implausible_numbers
 from coop_pin.analysis.reachability import Reachability, reachability
-from coop_pin.analysis.sampled_stability import start_stability, step_stability
+from coop_pin.analysis.sampled_stability import start_stability
 from coop_pin.analysis.statics import statics_along
+from coop_pin.analysis.step_stability import step_stability
 from coop_pin.analysis.task_inertia import with_spare_motion
 from coop_pin.analysis.tuning_rule import GainProposal, force_path_of, gain_proposal
 from coop_pin.arrays import as_count, require_type

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from coop_pin.analysis.sampled_motion import motion_basis
+from coop_pin.analysis.modes import Motions
 from coop_pin.arrays import Array
 from coop_pin.errors import ArgumentError
 from coop_pin.simulation import Simulation
@@ -28,8 +28,6 @@ _MICRO = 1e6
 """A mode moves if it does so by more um and urad than N and N m of internal wrench: fast ones need forces."""
 _SEEN = 1e-4
 """Part of a mode below which neither motion, um and urad, nor internal wrench is in it."""
-_SPARE = 0.5
-"""Part of a mode's square that must leave the task rows at rest for it to be one of spare joints."""
 
 
 class TickMap:
@@ -37,7 +35,7 @@ class TickMap:
 
     x holds the motions y that the closures leave, their speeds w, and memories: forces of the drives just
     before the tick, torques in lag, torques that drives have reported, sensors and force path, the law,
-    servos.
+    servos, messages.
     """
 
     def __init__(self, simulation: Simulation, ticks: int) -> None:
@@ -49,7 +47,7 @@ class TickMap:
         """
         self._simulation, self._ticks, self._origin = simulation, ticks, simulation.state()
         chain, q = simulation.plant.chain, simulation.plant.q
-        self._chain, self._basis = chain.mechanism, motion_basis(chain.mechanism, q)
+        self._chain, self._motions = chain.mechanism, Motions.at(chain, q)
         self._arms, self._rows, self._R_WP = (
             chain.model.arms,
             chain.cell.task_rows,
@@ -57,8 +55,7 @@ class TickMap:
         )
         self._driven = np.concatenate([np.r_[slot.v_slice] for slot in self._arms])
         self._shares = np.array([chain.cell.share(slot.name) for slot in self._arms])
-        self._payload = self._rows.select(chain.payload_jacobian(q)) @ self._basis
-        self._at_rest = np.eye(self._basis.shape[1]) - np.linalg.pinv(self._payload) @ self._payload
+        self._basis = self._motions.basis
         self._end = self._origin
 
     def jacobian(self) -> tuple[Array, Array, int]:
@@ -109,10 +106,10 @@ class TickMap:
             of_arm = f" of {self._arms[arm].name}" if len(self._arms) > 2 else ""
             kind = "moment" if self._rows.indices[row] > 2 else "force"
             return f"internal {kind} {_axis(self._rows.axes[row])}{of_arm}"
-        if np.linalg.norm(self._at_rest @ y) ** 2 > _SPARE * np.linalg.norm(y) ** 2:
+        if self._motions.is_spare(y):
             speeds = np.abs(self._basis @ y)
             return f"posture of {max(self._arms, key=lambda slot: np.linalg.norm(speeds[slot.v_slice])).name}"
-        return f"payload {_axis(self._rows.axes[np.argmax(np.abs(self._payload @ y))])}"
+        return f"payload {_axis(self._rows.axes[np.argmax(np.abs(self._motions.payload @ y))])}"
 
     def _response(self, deviation: Array) -> Array:
         """Return x' and internal wrenches after N ticks from a deviation x."""
@@ -141,7 +138,7 @@ class TickMap:
         return [*_numbers(self._memories(state))]
 
     def _memories(self, state: RunState) -> tuple[Any, ...]:
-        """Return the memories of a state: of drives, sensors, law and servos."""
+        """Return the memories of a state: of drives, sensors, law, servos and network."""
         assert state.applied is not None
         assert state.sensing is not None
         torque, response = None, self._simulation.actuation.drives.response
@@ -149,7 +146,8 @@ class TickMap:
             torque = response.at(state.actuation.drives.response, self._simulation.scenario.clock.period)
         force, drives = state.plant.force[self._driven], state.actuation.drives
         inner = drives.servos, drives.held
-        return force, torque, state.applied.reported, state.sensing.sensors, state.controller_state, inner
+        seen, reported = state.sensing.sensors, state.applied.reported
+        return force, torque, reported, seen, state.controller_state, inner, state.network
 
     def _moved(self, deviation: Array) -> RunState:
         """Return the origin with a deviation, on the closures."""
@@ -159,7 +157,7 @@ class TickMap:
         q = pin.integrate(self._chain.model, state.plant.q, self._basis @ deviation[:n])
         q = self._chain.project_configuration(q)
         v = self._chain.project_velocity(q, state.plant.v + self._basis @ deviation[n : 2 * n])
-        driven, torque, reported, sensors, law, (servos, held) = _moved(
+        driven, torque, reported, sensors, law, (servos, held), network = _moved(
             self._memories(state), iter(deviation[2 * n :].tolist())
         )
         force, drives = state.plant.force.copy(), state.actuation.drives._replace(servos=servos, held=held)
@@ -172,6 +170,7 @@ class TickMap:
             applied=state.applied._replace(reported=reported),
             sensing=state.sensing._replace(sensors=sensors),
             controller_state=law,
+            network=network,
         )
 
 

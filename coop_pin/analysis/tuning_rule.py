@@ -11,8 +11,9 @@ import numpy as np
 
 from coop_pin.analysis.feasibility import part_held
 from coop_pin.analysis.internal_moment import internal_moment, positional_torques
+from coop_pin.analysis.modes import damping_ratio
 from coop_pin.analysis.reachability import Reachability
-from coop_pin.analysis.sampled_motion import damping_ratio, tick_matrix
+from coop_pin.analysis.sampled_motion import tick_matrix
 from coop_pin.analysis.task_inertia import MotionWrenches, motion_wrenches, task_inertia
 from coop_pin.arrays import Array, typed
 from coop_pin.control.force_path import ForcePath, LateForcePath, sampled_loop

@@ -178,6 +178,6 @@ class Lane:
         kept = {name: values[:count] for name, values in self._kept.items()}
         result = RunResult(self._scenario, kept | plant.labels, attributes)
         pose = plant.run.motion.at(result.end).X_WP_d
-        if remarks := self._prepared.controller.remarks(pose, self._code.law_state(self._block[0])):
+        if remarks := self._prepared.controller().remarks(pose, self._code.law_state(self._block[0])):
             attributes[RunResult.REMARKS] = "\n".join(remarks)
         return result

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import functools
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -19,9 +19,13 @@ from coop_pin.build_controller import build_controller, controlled_arm
 from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.control import CellController
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import TracingError
+from coop_pin.errors import CoopPinError, TracingError
 from coop_pin.results.quantities import QUANTITIES, quantities
+from coop_pin.schema.parts import Pattern
 from coop_pin.simulation import Simulation
+from coop_pin.tracing.numpy_machine import evaluate
+from coop_pin.tracing.tape import Tape, operands
+from coop_pin.tracing.traced_array import inputs
 from coop_pin.tracing.tree import flattened, leaves
 
 _NOT_OF_THE_PLANT = {"controller", "beyond_bound", "seed", "name", "summary", "trust"}
@@ -79,6 +83,7 @@ class PreparedPlant:
         self.times = _times(scenario)
         self._known = {id(arm): flattened(arm) for arm in self.arms}
         self._last: tuple[Hashable, ...] = ()
+        self._untraced = list[Hashable]()  # numbers whose controllers are built one by one
         self.begins = {name: leaves(part) for name, part in self.start._asdict().items()}
         self.begins["surroundings"] = leaves(self.constants.changes[0])
         ticks = range(self.run.timeline.ticks + 1)[:most_ticks]
@@ -113,6 +118,32 @@ class PreparedPlant:
         self._last = self._last if kind == self._last else kind  # the same object: no more to compare
         return controller, np.concatenate((self.values, np.array(numbers, dtype=np.float64))), self._last
 
+    def columns(self, pattern: Pattern, numbers: Array, structure: Hashable) -> Array | None:
+        """Return the numbers of the controllers of runs of this plant, shape (runs, leaves), by tracing one.
+
+        None where the building cannot be traced, or may round otherwise than traced code.
+
+        Args:
+            pattern: Pattern of the scenarios, which differ in their controllers.
+            numbers: Their numbers in it, shape (runs, numbers).
+            structure: Structure of the controllers.
+        """
+        if (untraced := (pattern.names, structure)) in self._untraced:
+            return None
+        tape = Tape()
+        try:
+            scenario = pattern.filled([inputs(tape) for _ in pattern.names])
+            entries, traced = flattened(scenario.controller.build(scenario, self.arms), self._known)
+            outputs = operands(tape, entries)
+            is_alike = traced == structure and tape.rounds_alike(outputs)
+        except (CoopPinError, TypeError, ValueError, AttributeError):
+            is_alike = False
+        if not is_alike:
+            self._untraced.append(untraced)
+            return None
+        columns = evaluate(tape, outputs, list(numbers.T))
+        return np.stack([np.broadcast_to(column, len(numbers)) for column in columns], axis=1)
+
     def signals(self, scenario: Scenario) -> Array:
         """Return the signals of a run of this plant at the ticks of ``desired``, shape (n, entries)."""
         if scenario.seed not in self._signals:
@@ -134,7 +165,7 @@ class Prepared(NamedTuple):
         scenarios: scenarios to run.
         plants: plant of each; runs with equal plants share one.
         signals: signals of each at the ticks of its plant's desired motion, shape (n, entries).
-        controller: controller of the first run.
+        controller: function that returns the controller of the first run.
         values: leaves of the constants, the controller's last, shape (runs, leaves).
         kind: family of the runs: what they share besides numbers and times.
     """
@@ -142,14 +173,14 @@ class Prepared(NamedTuple):
     scenarios: Sequence[Scenario]
     plants: Sequence[PreparedPlant]
     signals: Sequence[Array]
-    controller: CellController
+    controller: Callable[[], CellController]
     values: Array
     kind: tuple[Hashable, ...]
 
     @property
     def constants(self) -> RunConstants:
         """Numbers of the first run."""
-        return self.plants[0].constants._replace(controller=self.controller)
+        return self.plants[0].constants._replace(controller=self.controller())
 
     def part(self, runs: slice) -> Prepared:
         """Return the batch of some of the runs."""
@@ -188,7 +219,29 @@ class Prepared(NamedTuple):
             CoopPinError: the run cannot start.
         """
         controller, values, kind = plant.with_controller(scenario)
-        return cls([scenario], [plant], [plant.signals(scenario)], controller, values[None], kind)
+        return cls([scenario], [plant], [plant.signals(scenario)], lambda: controller, values[None], kind)
+
+    def alike(self, scenarios: Sequence[Scenario], pattern: Pattern, numbers: Array) -> list[Prepared] | None:
+        """Return runs of this plant that differ from this one in numbers of the law; None where they may not.
+
+        Args:
+            scenarios: Scenarios of the runs.
+            pattern: Pattern of them.
+            numbers: Their numbers in it, shape (runs, numbers).
+        """
+        (plant,) = self.plants
+        values = plant.columns(pattern, numbers, self.kind[1])
+        if values is None:
+            return None
+        return [
+            self._replace(
+                scenarios=[scenario],
+                signals=[plant.signals(scenario)],
+                controller=functools.partial(scenario.controller.build, scenario, plant.arms),
+                values=np.concatenate((plant.values, row))[None],
+            )
+            for scenario, row in zip(scenarios, values, strict=True)
+        ]
 
     @classmethod
     def joined(cls, runs: Sequence[Prepared]) -> Prepared:

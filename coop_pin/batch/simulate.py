@@ -18,7 +18,7 @@ from coop_pin.batch.schedule import RunProgram, varying
 from coop_pin.batch.single_runs import checked, require_agreement
 from coop_pin.batch.support import require_traceable
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import ArgumentError
+from coop_pin.errors import ArgumentError, CoopPinError
 from coop_pin.memory import require_memory
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import all_metrics
@@ -26,6 +26,7 @@ from coop_pin.results.quantities import Samples
 from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.results.trust import TrustMonitor
 from coop_pin.results.window import Windows
+from coop_pin.schema.parts import Pattern
 from coop_pin.tracing.kernel import Layout, Machine, Program
 from coop_pin.tracing.llvm_machine import LlvmMachine, native_width
 
@@ -37,6 +38,10 @@ _COPIES = 3
 _KEPT = 8
 """Plants, and families with their code, that are kept, those used last; the tapes of one may take 60 MB.
 Of a family, so many orders of its kernels."""
+
+
+_ALIKE = 4
+"""Runs from which on the numbers of their laws are made together."""
 
 
 class BatchResult:
@@ -207,6 +212,37 @@ class BatchSimulator:
         plant = PreparedPlant(scenario, cover=cover) if index is None else self._plants.pop(index)[1]
         self._plants.insert(0, (fields, plant))  # the next scenario shares more objects with this one
         return Prepared.of_run(scenario, plant)
+
+    def prepare_alike(
+        self, scenarios: Sequence[Scenario], pattern: Pattern, numbers: Array, cover: Cover | None = None
+    ) -> list[Prepared] | None:
+        """Return runs that differ in numbers of a law of the package, before they run.
+
+        The first and the last are prepared by themselves, and the others must agree with them.
+
+        Args:
+            scenarios: Scenarios of the runs.
+            pattern: Pattern of them.
+            numbers: Their numbers in it, shape (runs, numbers).
+            cover: Provisions of the code, as of prepare.
+
+        Returns:
+            The runs; None where each must be prepared by itself.
+        """
+        of_the_law = all(name.startswith("controller.") for name in pattern.names)
+        if not of_the_law or len(scenarios) < _ALIKE or scenarios[0].controller.user_code:
+            return None
+        try:
+            ends = [self.prepare(scenarios[end], cover) for end in (0, -1)]
+        except CoopPinError:
+            return None
+        if ends[0].plants != ends[1].plants or ends[0].kind != ends[1].kind:
+            return None
+        runs = ends[0].alike(scenarios, pattern, numbers)
+        if runs is None:
+            return None
+        pairs = zip(ends, (runs[0], runs[-1]), strict=True)
+        return runs if all(end.values.tobytes() == run.values.tobytes() for end, run in pairs) else None
 
     def run_prepared(self, runs: Sequence[Prepared]) -> BatchResult:
         """Return the results of runs; raises as simulate_batch."""

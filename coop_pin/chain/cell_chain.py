@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -16,6 +15,7 @@ from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.contact_patches import ContactPatches, ContactState
 from coop_pin.chain.force_elements import ForceElements, Joints
 from coop_pin.chain.friction_cones import Squeeze, friction_squeeze
+from coop_pin.chain.grasp_frames import GraspFrames
 from coop_pin.chain.grasp_springs import GraspsHeld, GraspSprings
 from coop_pin.chain.inverse_dynamics import Count, over_states
 from coop_pin.chain.inverse_kinematics import solve_ik
@@ -30,12 +30,11 @@ from coop_pin.description.plant import PlantOptions
 from coop_pin.errors import ArgumentError, NameNotFoundError, OpenClosureError
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.cell_model import CellModel
-from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, symmetric
+from coop_pin.model.pinocchio_model import symmetric
 from coop_pin.model.transmission import Transmission
 from coop_pin.spatial import rotate_vector6, shift_wrench, weight_wrench
 
 _NO_WRENCH = np.zeros(6)
-_CLOSED_BY_TREE = ClosureError(0.0, 0.0)
 _INDETERMINATE = 1e-6
 _SINGULAR = 1e10
 _SUM_ALLOWED = 1e-6
@@ -133,9 +132,8 @@ class CellChain:
         self.patches = ContactPatches(cell, self.model, joints)
         parts: tuple[GraspSprings | ContactPatches, ...] = (self.springs, self.patches)
         self.elements = ForceElements(joints, [part for part in parts if len(part)])
-        self._data = self.mechanism.model.createData()
+        self._frames = GraspFrames(self.model)
         self._welded = [index for index, name in enumerate(cell.arms) if name in self.model.closed_by_tree]
-        self._grasps = [frame_id(self.mechanism.model, f"payload/{name}") for name in cell.arms]
 
     def surround(self, surroundings: Surroundings) -> None:
         """Set the payload's inertia and gravity, from the next call on; the push is an argument of each."""
@@ -264,8 +262,8 @@ class CellChain:
             OpenClosureError: with the arm and its closure error.
         """
         frames, X_WP, allowed = self._at(self._q(q)), as_pose("X_WP", X_WP), as_number("allowed", allowed)
-        for arm in self.model.arms:
-            X_EG = frames[arm.tip].actInv(pin.SE3(X_WP @ self.cell.grasps[arm.name].matrix))
+        for arm, X_WE in zip(self.model.arms, frames.tips, strict=True):
+            X_EG = X_WE.actInv(pin.SE3(X_WP @ self.cell.grasps[arm.name].matrix))
             gap = ClosureError(
                 float(np.linalg.norm(X_EG.translation)), float(np.linalg.norm(pin.log3(X_EG.rotation)))
             )
@@ -274,13 +272,11 @@ class CellChain:
 
     def payload_pose(self, q: ArrayLike) -> Array:
         """Return X_WP, shape (4, 4)."""
-        return self._at(self._q(q))[self.model.payload_frame].homogeneous
+        return self._at(self._q(q)).payload.homogeneous
 
     def payload_jacobian(self, q: ArrayLike) -> Array:
         """Return J_WP with V_WP = J_WP v for the velocity v of the tree, shape (6, nv)."""
-        model, payload = self.mechanism.model, self.model.payload_frame
-        J = pin.computeFrameJacobian(model, self._data, self._q(q), payload, pin.LOCAL_WORLD_ALIGNED)
-        return jacobian_matrix(J)
+        return self._frames.payload_jacobian(self._q(q))
 
     def payload_twist(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return V_WP, shape (6,)."""
@@ -288,11 +284,11 @@ class CellChain:
 
     def tip_positions(self, q: ArrayLike) -> Array:
         """Return the position of every tip in the world, m, shape (m, 3)."""
-        return self._tips(self._at(self._q(q)))
+        return self._at(self._q(q)).tip_positions()
 
     def closure_errors(self, q: ArrayLike) -> list[ClosureError]:
         """Return the closure error between tip and grasp of each arm."""
-        return self._closure_errors(self._at(self._q(q)))
+        return self._at(self._q(q)).closure_errors(self.rigid.closed)
 
     def acceleration(self, q: Array, v: Array, tau: Array) -> tuple[Array, float]:
         """Return a, shape (nv,), and the power that the force elements dissipate, W.
@@ -332,8 +328,8 @@ class CellChain:
         Raises:
             OutOfRangeError: a wrench is not finite.
         """
-        frames, grasps, contacts = self._moving(q, v, tau)
-        wrenches = self._wrenches(frames, self.mechanism.solver.wrenches(), push, grasps, contacts)
+        elements = self._move(q, v, tau)
+        wrenches = self._wrenches(self.mechanism.solver.forces(), push, *elements)
         return require_finite("the interaction wrenches", wrenches)
 
     def observe(self, q: Array, v: Array, tau: Array, push: Array) -> Observation:
@@ -412,21 +408,21 @@ class CellChain:
         applied, wrenches = self.payload_jacobian(q).T @ push, None
         applied += 0.0 if friction is None else friction
         frames = self._at(q, v, a)
-        X_WP = frames[self.model.payload_frame]
+        X_WP = frames.payload
         W = np.kron(np.eye(2), X_WP.rotation)
         if internal is not None:
             _require_internal(internal)
-            F = np.outer(self.cell.shares, push - W @ self._payload_balance(X_WP)) + internal
+            F = np.outer(self.cell.shares, push - W @ frames.payload_balance()) + internal
             wrenches = np.array(
                 [
-                    X_WP.actInv(frames[self.model.arms[index].tip]).actInv(pin.Force(W.T @ F[index])).vector
+                    X_WP.actInv(frames.tips[index]).actInv(pin.Force(W.T @ F[index])).vector
                     for index in self.rigid.closed
                 ]
             ).reshape(-1, 6)
         solution = self.mechanism.inverse_dynamics(
             q, v, a, closure_wrenches=wrenches, motors=motors, applied=applied
         )
-        F = self._wrenches(frames, solution.closure_wrenches, push)
+        F = self._wrenches([pin.Force(wrench) for wrench in solution.closure_wrenches], push)
         return CellTorques(solution.torque, F, solution.rank)
 
     def friction(self, v: ArrayLike) -> Array:
@@ -467,9 +463,9 @@ class CellChain:
     def _least_squeeze(self, q: Array, v: Array, a: Array, push: Array) -> Squeeze:
         """Return the least squeeze at one state."""
         rows = determinate_rows(self, q)
-        X_WP = self._at(q, v, a)[self.model.payload_frame]
-        load = push - np.kron(np.eye(2), X_WP.rotation) @ self._payload_balance(X_WP)
-        return friction_squeeze(self.cell, X_WP.homogeneous, np.outer(self.cell.shares, load), rows)
+        frames = self._at(q, v, a)
+        load = push - np.kron(np.eye(2), frames.payload.rotation) @ frames.payload_balance()
+        return friction_squeeze(self.cell, frames.payload.homogeneous, np.outer(self.cell.shares, load), rows)
 
     def effective_inertia(self, q: ArrayLike) -> Array:
         """Return the inertia of the whole cell at P, as a wrench on the payload feels it, on the task rows.
@@ -518,16 +514,14 @@ class CellChain:
 
     def _observed(self, q: Array, v: Array, tau: Array, push: Array) -> tuple[Any, ...]:
         """Return the parts of an Observation at a state."""
-        model, data, payload = self.mechanism.model, self._data, self.model.payload_frame
-        frames, grasps, contacts = self._moving(q, v, tau)
+        elements, frames = self._move(q, v, tau), self._frames
         return (
-            frames[payload].homogeneous,
-            pin.getFrameVelocity(model, data, payload, pin.LOCAL_WORLD_ALIGNED).vector,
-            self._tips(frames),
-            self._wrenches(frames, self.mechanism.solver.wrenches(), push, grasps, contacts),
-            pin.computeKineticEnergy(model, data),
-            pin.computePotentialEnergy(model, data),
-            *self._of_elements(grasps, contacts),
+            frames.payload.homogeneous,
+            frames.payload_twist(),
+            frames.tip_positions(),
+            self._wrenches(self.mechanism.solver.forces(), push, *elements),
+            *frames.energies(),
+            *self._of_elements(*elements),
         )
 
     def _of_elements(self, grasps: SpringState | None, contacts: ContactState | None) -> tuple[Any, ...]:
@@ -548,67 +542,45 @@ class CellChain:
     def _v(self, name: str, v: ArrayLike) -> Array:
         return as_array(name, v, self.mechanism.model.nv)
 
-    def _at(self, q: Array, *rates: Array) -> Any:
-        """Return the frames at (q, v, a): Pinocchio's own buffers, which the next call overwrites."""
-        pin.forwardKinematics(self.mechanism.model, self._data, q, *rates)
-        pin.updateFramePlacements(self.mechanism.model, self._data)
-        return self._data.oMf
+    def _at(self, q: Array, *rates: Array) -> GraspFrames:
+        """Return the frames at (q, v, a), until the next call."""
+        self._frames.move(q, *rates)
+        return self._frames
 
-    def _moving(self, q: Array, v: Array, tau: Array) -> tuple[Any, SpringState | None, ContactState | None]:
-        """Return the frames under a generalised force, compliant grasps and contacts; None without any."""
+    def _move(self, q: Array, v: Array, tau: Array) -> tuple[SpringState | None, ContactState | None]:
+        """Move the frames under a generalised force; return compliant grasps and contacts, None without."""
         force = tau + self.elements.force(q, v)[0] if self.elements.elements else tau
         grasps = self.springs.seen() if self.springs.arms else None
         contacts = self.patches.seen() if len(self.patches) else None
-        return self._at(q, v, self.mechanism.solver.acceleration(q, v, force)), grasps, contacts
-
-    def _tips(self, frames: Any) -> Array:
-        return np.array([frames[arm.tip].translation for arm in self.model.arms])
-
-    def _closure_errors(self, frames: Any) -> list[ClosureError]:
-        closure_errors = [_CLOSED_BY_TREE] * len(self.model.arms)
-        for index, X_GE in self.rigid.closed.items():
-            X_WG = frames[self._grasps[index]]
-            grasp = X_WG if X_GE is None else X_WG * X_GE
-            error = pin.log6(frames[self.model.arms[index].tip].actInv(grasp)).vector.tolist()
-            closure_errors[index] = ClosureError(math.hypot(*error[:3]), math.hypot(*error[3:]))
-        return closure_errors
+        self._frames.move(q, v, self.mechanism.solver.acceleration(q, v, force))
+        return grasps, contacts
 
     def _wrenches(
         self,
-        frames: Any,
-        closure_wrenches: Array,
+        of_closures: Sequence[pin.Force],
         push: Array,
         grasps: SpringState | None = None,
         contacts: ContactState | None = None,
     ) -> Array:
         """Return the interaction wrenches, about P in world axes, of those of closures and elements."""
-        X_WP, arms = frames[self.model.payload_frame], self.model.arms
-        in_payload = np.zeros((len(arms), 6))
-        for index, F_E in zip(self.rigid.closed, closure_wrenches, strict=False):
-            X_PE = X_WP.actInv(frames[arms[index].tip])
-            in_payload[index] = X_PE.act(pin.Force(F_E)).vector
+        X_WP, tips = self._frames.payload, self._frames.tips
+        in_payload = np.zeros((len(tips), 6))
+        for index, F_E in zip(self.rigid.closed, of_closures, strict=False):
+            in_payload[index] = X_WP.actInv(tips[index]).act(F_E).vector
         if grasps is not None:
             in_payload[self.springs.arms] = [X_WP.actInv(pin.Force(F)).vector for F in grasps.on_body]
-        by_tables = np.zeros(6)
+        by_tables = _NO_WRENCH
         if contacts is not None:
             about_P = np.array([X_WP.actInv(pin.Force(F)).vector for F in contacts.on_bodies])
             arms_touch = len(self.patches.arms)
             in_payload[self.patches.arms] = about_P[:arms_touch]
             by_tables = about_P[arms_touch:].sum(axis=0)
         for index in self._welded:
-            in_payload[index] = by_tables - self._payload_balance(X_WP) - np.add.reduce(in_payload)
+            in_payload[index] = by_tables - self._frames.payload_balance() - np.add.reduce(in_payload)
         wrenches: Array = in_payload.reshape(-1, 3).dot(X_WP.rotation.T).reshape(-1, 6)
         for index in self._welded:
             wrenches[index] += push
         return wrenches
-
-    def _payload_balance(self, X_WP: pin.SE3) -> Array:
-        """Return M_0 xddot + Q_0 xdot + W_0 of eq. (5): the resultant wrench on the payload in its axes."""
-        model, data = self.mechanism.model, self._data
-        frame, inertia = self.model.payload_frame, self.model.payload_inertia
-        V = pin.getFrameVelocity(model, data, frame, pin.LOCAL)
-        A = pin.getFrameAcceleration(model, data, frame, pin.LOCAL) - X_WP.actInv(model.gravity)
-        return (inertia * A + V.cross(inertia * V)).vector
 
 
 def _require_internal(f: Array) -> None:

@@ -187,19 +187,21 @@ class VectorRungeKutta(Integrator):
         C[1, :, 1, 2:] = A[1:]
         C[2, :, 0, 2:] = A[1:] @ A[:stages]
         self._shape, self._polynomials = C.shape[1:], C.reshape(3, -1)
-        self._h, self._stages, self._weights = math.nan, np.empty(0), np.empty(0)  # of the last step's length
+        self._h, self._weights = math.nan, np.empty(0)  # of the last step's length
+        self._stages = list[tuple[float, Array]]()  # c_i h and C_i(h)
 
     def step(self, rate: Rate, t: float, q: Array, v: Array, h: float) -> Step:
         """Return the state at t + h."""
         if h != self._h:
-            self._stages = np.array((1.0, h, h * h)).dot(self._polynomials).reshape(self._shape)
+            C = np.array((1.0, h, h * h)).dot(self._polynomials).reshape(self._shape)
+            self._stages = [(c * h, C_i) for c, C_i in zip(self.tableau.c, C, strict=True)]
             self._h, self._weights = h, h * self.tableau.b
         known = np.zeros((self._shape[2], len(q)))
         known[0], known[1] = q, v
         stage, powers = known, []
-        for i, c in enumerate(self.tableau.c):
-            known[i + 2], power = rate(t + c * h, stage[0], stage[1])
-            stage = self._stages[i].dot(known)
+        for i, (delay, C_i) in enumerate(self._stages, start=2):
+            known[i], power = rate(t + delay, stage[0], stage[1])
+            stage = C_i.dot(known)
             powers.append(power)
         return Step(stage[0], stage[1], self._weights.dot(np.array(powers)))
 

@@ -127,6 +127,10 @@ class KKTSolver:
         self._solution = state, svd.left.dot(b / svd.values)
         return svd.solve_LT(y + svd.right.dot(b))
 
+    def forces(self) -> list[pin.Force]:
+        """Return the closure wrenches of the last solution, as of ``wrenches``."""
+        return [pin.Force(wrench) for wrench in self.wrenches()]
+
     def wrenches(self) -> Array:
         """Return the closure wrenches (see ChainDynamics) of the last solution, shape (closures, 6)."""
         if self._solution is None:

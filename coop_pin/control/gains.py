@@ -9,7 +9,8 @@ from pydantic import AfterValidator, BeforeValidator
 
 from coop_pin.arrays import Array
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, number_or_row, number_row_or_rows, refilled
+from coop_pin.schema.base import Description, number_or_row, number_row_or_rows
+from coop_pin.schema.parts import refilled
 from coop_pin.spatial.generic_numbers import identity
 
 MatrixGain = Annotated[Any, BeforeValidator(number_row_or_rows)]
@@ -61,6 +62,8 @@ def gain_matrix(gain: Any, size: int, path: str = "") -> Array:
     Raises:
         FieldError: its number of entries does not fit.
     """
+    if not isinstance(gain, tuple | list | np.ndarray):
+        return gain * identity(size)
     rows = np.array(gain, dtype=float)
     if rows.ndim and len(rows) != size:
         raise FieldError(f"has {len(rows)} entries; it must be a number or have {size}", path)

@@ -8,7 +8,7 @@ arms; DecentralisedController combines one ArmController for each arm into a Cel
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -357,12 +357,8 @@ class DecentralisedController(CellController):
         Raises:
             SingularJacobianError: an arm's Jacobian is singular.
         """
-        return tuple(
-            self._for_arm(name, controller.init, *inputs)
-            for (name, controller), *inputs in zip(
-                self.controllers.items(), measurements, references, strict=True
-            )
-        )
+        laws = self.controllers.values()
+        return tuple(self._for_arms([law.init for law in laws], measurements, references))
 
     def step(
         self,
@@ -375,12 +371,8 @@ class DecentralisedController(CellController):
         Raises:
             SingularJacobianError: an arm's Jacobian is singular.
         """
-        commands = [
-            self._for_arm(name, controller.step, *inputs)
-            for (name, controller), *inputs in zip(
-                self.controllers.items(), measurements, references, state, strict=True
-            )
-        ]
+        laws = self.controllers.values()
+        commands = self._for_arms([law.step for law in laws], measurements, references, state)
         return CellCommand.of_arms(commands)
 
     def messages(
@@ -398,10 +390,13 @@ class DecentralisedController(CellController):
         pairs = zip(self.controllers.items(), state, strict=True)
         return [f"{name}: {text}" for (name, law), one in pairs for text in law.remarks(pose, one)]
 
-    @staticmethod
-    def _for_arm(name: str, function: Any, *inputs: Any) -> Any:
-        """Call an arm's controller and put the arm's name, which it does not know, into its error."""
+    def _for_arms(self, functions: Sequence[Callable[..., Any]], *inputs: Sequence[Any]) -> list[Any]:
+        """Return the results of all arms; errors get the name of the arm, which its controller lacks."""
+        results = list[Any]()
         try:
-            return function(*inputs)
+            for function, arguments in zip(functions, zip(*inputs, strict=True), strict=True):
+                results.append(function(*arguments))
         except SingularJacobianError as error:
+            name = list(self.controllers)[len(results)]
             raise SingularJacobianError(error.condition, error.time, error.limit, name) from None
+        return results

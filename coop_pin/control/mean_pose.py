@@ -358,25 +358,29 @@ class MeanPose(PayloadSpace):
         """Return lambda, 1/s: none where the integrals agree by themselves."""
         return super()._leak(gains) if self.measures or gains.leak is not None else 0.0
 
+    def controller_of(self, arm: ControlledArm, gains: PayloadSpaceGains, scenario: Any) -> ArmController:
+        """Return the law of one arm; without messages all integrals are equal, and leak nothing."""
+        law = super().controller_of(arm, gains, scenario)
+        if self.leak_to == "start" or not isinstance(law, PayloadSpaceController):
+            return law
+        return replace(law, leak=0.0) if scenario.network is None else AgreedIntegral(law, arm.name)
+
     def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
         """Return the controller of the cell, or those of the arms where messages cross; see Law."""
         laws = super().build(scenario, arms)
         network = scenario.network
         if network is None or not isinstance(laws, DecentralisedController):
             return MeanPoseController(laws)
-        controllers: Mapping[str, Any] = laws.controllers
-        if self.leak_to == "mean":
-            controllers = {name: AgreedIntegral(law, name) for name, law in controllers.items()}
         if self.averaging == "consensus":
-            return self._by_consensus(network, controllers)
-        names, edges = list(controllers), network.edges_at(0.0, list(controllers))
+            return self._by_consensus(network, laws.controllers)
+        names, edges = list(laws.controllers), network.edges_at(0.0, list(laws.controllers))
         pairs = [(one, other) for one in names for other in names if one != other]
         if missing := [f"{other} does not hear {one}" for one, other in pairs if (one, other) not in edges]:
             detail = f"leaves arms unheard ({', '.join(missing)}); 'mean-pose' averages all views: take 'all'"
             raise FieldError(detail, "network.graph")
         skips = self.on_loss == "skip"
         return DecentralisedController(
-            {name: MeanPoseByMessages(law, name, skips) for name, law in controllers.items()}
+            {name: MeanPoseByMessages(law, name, skips) for name, law in laws.controllers.items()}
         )
 
     def _by_consensus(self, network: Any, laws: Mapping[str, ArmController]) -> CellController:

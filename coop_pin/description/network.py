@@ -136,6 +136,12 @@ class Network(Channel):
         present = {edge for graph in graphs for edge in edges_of(graph, arms)}
         return tuple((one, other) for one in arms for other in arms if (one, other) in present)
 
+    @property
+    def exact(self) -> Network:
+        """The network without losses and rounding."""
+        links = tuple(link.replace(loss=None, resolution=None) for link in self.links)
+        return self.replace(loss=0.0, resolution=0.0, links=links)
+
     def channel(self, edge: Edge) -> Channel:
         """Return the channel of an edge; an arm hears itself without loss and jitter."""
         values: dict[str, Any] = {name: getattr(self, name) for name in Channel.model_fields}

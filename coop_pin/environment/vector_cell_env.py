@@ -145,15 +145,15 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         """Return a run with the law acted on."""
         run = self._simulator.prepare(scenario)
         plant = run.plants[0]
-        law = self.task.acted(scenario, run.controller, drives_of(plant.run))
+        law = self.task.acted(scenario, run.controller(), drives_of(plant.run))
         numbers, structure = flattened(law)
         values = np.array([[*plant.values, *numbers]], dtype=np.float64)
-        return run._replace(controller=law, values=values, kind=(plant.kind, structure))
+        return run._replace(controller=lambda: law, values=values, kind=(plant.kind, structure))
 
     def _compile(self, prepared: Prepared) -> None:
         """Trace and compile the code; what actions add, and what differs between lanes or seeds, is input."""
         plant = prepared.plants[0]
-        self._run, law = plant.run, cast(ActedLaw, prepared.controller)
+        self._run, law = plant.run, cast(ActedLaw, prepared.controller())
         self._law = law
         first = len(plant.values)
         added = slice(first, first + len(flattened((law.squeeze, law.commands))[0]))
@@ -204,7 +204,8 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
             "interaction_wrench": np.where(determined, kernel.read("wrenches"), np.nan),
         }
         twist_error = kernel.read("V_WP") - desired.twist
-        observed = Observed(kernel.read("q"), kernel.read("v"), samples, twist_error)
+        joints = sum(drives_of(self._run))  # a payload on compliant grasps has its own coordinates after them
+        observed = Observed(kernel.read("q")[:joints], kernel.read("v")[:joints], samples, twist_error)
         with np.errstate(invalid="ignore"):  # NaN in rows that are not determined
             observation, reward = self.task.outcome(observed, kernel.read("shares"))
         kernel.write("observation", observation)

@@ -122,11 +122,13 @@ class Transmission:
         The level is coulomb + excess exp(-(w / stribeck_velocity)^2), see JointFriction. A is D for friction
         at the drives; for friction of the URDF it picks the joint velocities.
         """
-        viscous: Array = self._viscous.dot(v)
+        force: Array = self._viscous.dot(v)
         if not self._has_coulomb:
-            return viscous
-        direction = np.tanh(self._to_scaled_speed.dot(v))
-        if not self._has_stiction:
-            return viscous + self._coulomb.dot(direction)
-        peak = np.exp(-(self._to_stribeck_speed.dot(v) ** 2))
-        return viscous + self._coulomb.dot(direction) + self._excess.dot(peak * direction)
+            return force
+        direction = self._to_scaled_speed.dot(v)
+        np.tanh(direction, direction)
+        force += self._coulomb.dot(direction)
+        if self._has_stiction:
+            peak = np.exp(-(self._to_stribeck_speed.dot(v) ** 2))
+            force += self._excess.dot(peak * direction)
+        return force

@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from numbers import Real
-from typing import Annotated, Any, ClassVar, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import (
@@ -272,23 +272,6 @@ class Description(BaseModel, metaclass=_Listed):  # type: ignore[metaclass]
             ScenarioError: a path does not exist, or the copy has mistakes.
         """
         return type(self)(**overridden(self, changes))
-
-
-Model = TypeVar("Model", bound=BaseModel)
-_OF_PYDANTIC = ("__pydantic_fields_set__", "__pydantic_extra__", "__pydantic_private__")
-"""What an object has besides its fields."""
-
-
-def refilled(description: Model, parts: Mapping[str, Any]) -> Model:
-    """Return a copy of a validated value with other parts, not validated, and with nothing precomputed."""
-    kind, fields = type(description), vars(description)
-    copied = object.__new__(kind)  # pydantic's own copy takes three times as long
-    if len(fields) > len(names := kind.__pydantic_fields__):
-        fields = {name: fields[name] for name in names}
-    object.__setattr__(copied, "__dict__", {**fields, **parts})
-    for name in _OF_PYDANTIC:
-        object.__setattr__(copied, name, getattr(description, name))
-    return copied
 
 
 class WithLaterFields(Description):

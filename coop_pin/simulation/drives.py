@@ -154,6 +154,7 @@ class ArmDrives(NamedTuple):
 
     Attributes:
         limit: torque limits, N m, shape (k,).
+        lowest: their negatives.
         carried: 1 + mass_error of the robot's gravity compensation; None without.
         misses: whether ticks may be missed.
         entries: entries of the values of all drives that are its own.
@@ -161,6 +162,7 @@ class ArmDrives(NamedTuple):
     """
 
     limit: Array
+    lowest: Array
     carried: float | None
     misses: bool
     entries: slice
@@ -184,7 +186,7 @@ class ArmDrives(NamedTuple):
         """
         arrived = np.where(missed, last, command) if self.misses else command
         requested = arrived if weight is None else arrived + weight
-        torque = np.minimum(np.maximum(requested, -self.limit), self.limit)
+        torque = np.minimum(np.maximum(requested, self.lowest), self.limit)
         is_cut, reported = np.not_equal(torque, requested), command + (torque - requested)
         return requested, torque, frozen(is_cut), frozen(reported), arrived if self.misses else last
 
@@ -380,7 +382,8 @@ def _arm_drives(
         path = f"{scenario.actuators_path(slot.name)}.servo"
         servo = JointServo.of(options.servo, scenario.clock.period, inertia(), path)
     misses = options.missed_ticks > 0.0
-    return ArmDrives(limits.torque, carried or None, misses, slot.v_slice, servo)
+    limit = limits.torque
+    return ArmDrives(limit, -limit, carried or None, misses, slot.v_slice, servo)
 
 
 def _response(scenario: Scenario, names: Sequence[str], arms: Sequence[ArmDrives]) -> TorqueResponse | None:

@@ -111,6 +111,7 @@ class Plant:
         self._forces = np.zeros((len(_ALL), model.nv))
         self._integrator = INTEGRATORS[options.integrator](model)
         self._project = options.project == "step"
+        self._rate = self._elastic_rate if self._is_elastic else self._rigid_rate
         self._errors: tuple[Array | None, list[ClosureError]] = None, []
         self.surround(chain.cell.surroundings)
 
@@ -228,9 +229,10 @@ class Plant:
             OutOfRangeError: a wrench is not finite.
         """
         tau = force + np.array([self.transmission.friction(rates) for rates in v])
-        states = [*zip(q, v, time.tolist(), strict=True)]
-        wrenches = np.array([self.payload_wrench(*state) for state in states])
+        wrenches = np.zeros((len(q), 6))
         if self._pushed:
+            states = zip(q, v, time.tolist(), strict=True)
+            wrenches = np.array([self.payload_wrench(*state) for state in states])
             jacobians = map(self.chain.payload_jacobian, q)
             tau += np.array([J.T.dot(F) for J, F in zip(jacobians, wrenches, strict=True)])
         return self.chain.observe(q, v, tau, wrenches)
@@ -263,14 +265,16 @@ class Plant:
         if self._is_elastic and len(self.chain.patches):
             self.work[-1] -= self.chain.patches.settle(self.q)
 
-    def _rate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+    def _rigid_rate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the acceleration, shape (nv,), and powers in the order of ``work``, the first of them."""
         forces = self._apply(q, v, t)
-        if not self._is_elastic:
-            return self.chain.mechanism.solver.acceleration(q, v, _ALL.dot(forces)), forces.dot(v)
-        a, dissipated = self.chain.acceleration(q, v, _ALL.dot(forces))
-        power = np.zeros(len(self.work))
-        power[:3], power[-1] = forces.dot(v), dissipated
+        return self.chain.mechanism.solver.acceleration(q, v, _ALL.dot(forces)), forces.dot(v)
+
+    def _elastic_rate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return the same of a cell with force elements."""
+        forces, power = self._apply(q, v, t), np.zeros(len(self.work))
+        a, power[-1] = self.chain.acceleration(q, v, _ALL.dot(forces))
+        power[:3] = forces.dot(v)
         return a, power
 
     def _apply(self, q: Array, v: Array, time: float) -> Array:

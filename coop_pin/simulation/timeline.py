@@ -51,12 +51,14 @@ class Timeline:
     def steps(self, tick: int) -> Iterator[PlantStep]:
         """Yield the plant steps of a tick, cut at event times."""
         start, end, step = self.time(tick), self.time(tick + 1), self._step
-        edges: Iterable[float] = (start + index * step for index in range(self._per_tick))
-        edges = itertools.chain(edges, (end,))
+        ends: Iterable[float] = (start + index * step for index in range(1, self._per_tick))
+        ends = itertools.chain(ends, (end,))
         if self._instants and (cuts := self._cuts(start, end)):
-            edges = heapq.merge(edges, cuts)
-        for left, right in itertools.pairwise(edges):
+            ends = heapq.merge(ends, cuts)
+        left = start
+        for right in ends:
             yield PlantStep(left, right - left)
+            left = right
 
     def happens_at(self, time: float) -> bool:
         """Return whether any event starts or ends at this time."""

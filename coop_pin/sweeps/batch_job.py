@@ -5,10 +5,13 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
+import itertools
 import logging
 import sys
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
+
+import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.batch import BatchSimulator
@@ -45,9 +48,7 @@ def run_batch(jobs: Sequence[Job]) -> list[Outcome | None]:
     for code in {job.code for job in jobs}:
         require_unchanged(code)
     families = list[dict[int, Prepared]]()
-    cover = Cover.of_all(job.scenario for job in jobs)
-    for index, job in enumerate(jobs):
-        run = _attempted(job, _simulator.prepare, separate(job.scenario), cover)
+    for index, run in enumerate(_prepared(jobs)):
         if run is None or run.kind in _untraceable:
             continue
         same = (each for each in families if next(iter(each.values())).kind == run.kind)
@@ -58,6 +59,21 @@ def run_batch(jobs: Sequence[Job]) -> list[Outcome | None]:
     for family in families:
         outcomes |= _attempted(jobs[next(iter(family))], _of_family, jobs, family, preparation) or {}
     return [outcomes.get(index) for index in range(len(jobs))]
+
+
+def _prepared(jobs: Sequence[Job]) -> Iterator[Prepared | None]:
+    """Yield jobs prepared for a batch, those of a pattern together; None for one that cannot be."""
+    cover = Cover.of_all(job.scenario for job in jobs)
+    for _, group in itertools.groupby(jobs, lambda job: id(job.pattern)):
+        alike = list(group)
+        scenarios, pattern = [separate(job.scenario) for job in alike], alike[0].pattern
+        numbers = np.array([job.numbers for job in alike], dtype=np.float64)
+        runs = None if pattern is None else _simulator.prepare_alike(scenarios, pattern, numbers, cover)
+        if runs is not None:
+            yield from runs
+            continue
+        for job, scenario in zip(alike, scenarios, strict=True):
+            yield _attempted(job, _simulator.prepare, scenario, cover)
 
 
 def _of_family(

@@ -182,8 +182,8 @@ class Session:
     ) -> Iterator[Job]:
         """Yield the jobs still to be computed, and note the points whose scenario has mistakes."""
         for keyed in keyed_points(plan):
-            point, key, scenario, code = keyed
-            self._require_files(code)
+            point, key, scenario = keyed.point, keyed.key, keyed.example
+            self._require_files(keyed.code)
             self.keys.append(key)
             self._is_foreign |= isinstance(scenario, Scenario) and bool(scenario.controller.user_code)
             kind, keep = self.store.known.get(key), plan.keeps(point.number)
@@ -204,7 +204,8 @@ class Session:
         """Return the job of a point whose scenario has no mistakes."""
         point, limits = keyed.point, (plan.time_limit_s, int(plan.memory_limit_gb * 1e9))
         keep, scenario = plan.keeps(point.number), cast(Scenario, keyed.scenario)
-        return Job(keyed.key, scenario, point.changes, plan.metrics, *limits, keep, keyed.code, plan.engine)
+        options = (point.changes, plan.metrics, *limits, keep, keyed.code, plan.engine)
+        return Job(keyed.key, scenario, *options, keyed.pattern, keyed.numbers)
 
     def _require_files(self, code: Sequence[tuple[str, Sequence[str]]]) -> None:
         """Refuse code of a script or notebook that workers cannot import, or whose edits go undetected."""

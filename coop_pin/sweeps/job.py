@@ -23,6 +23,7 @@ from coop_pin.errors import CoopPinError, FieldError, FileReadError, RunTimeoutE
 from coop_pin.results import RunResult
 from coop_pin.results.netcdf import to_netcdf
 from coop_pin.run_scenario import run
+from coop_pin.schema.parts import Pattern
 from coop_pin.schema.user_code import load_function
 from coop_pin.sweeps.run_key import Code, require_unchanged
 from coop_pin.user_files import printable
@@ -153,6 +154,8 @@ class Job(NamedTuple):
         code: digests of the user's code that the key covers.
         engine: "pinocchio" or "traced", or "batch" for a run that is simulated together with others if it can
             be.
+        pattern: pattern of the scenario, if others differ from it in plain numbers.
+        numbers: numbers of the run in the pattern.
     """
 
     key: str
@@ -164,6 +167,8 @@ class Job(NamedTuple):
     keep: bool = False
     code: Code = ()
     engine: Engine = "pinocchio"
+    pattern: Pattern | None = None
+    numbers: tuple[float, ...] = ()
 
 
 class Outcome(NamedTuple):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import json
 import logging
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +23,7 @@ from coop_pin.results import RunResult
 from coop_pin.results.netcdf import written_netcdf
 from coop_pin.run_scenario import run
 from coop_pin.sweeps.plan import COLUMNS, SweepPlan
-from coop_pin.sweeps.run_key import keyed_points
+from coop_pin.sweeps.run_key import file_digest, keyed_points
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.table import FAILED, MISSING, OK, PointResult, describe, read_runs
 
@@ -127,9 +128,13 @@ class SweepResult:
     def write_tables(self) -> None:
         """Write table.csv and table.nc, and times.csv apart from them; FileWriteError on a full disk.
 
-        What has not changed is left: table.nc takes the time of some hundred rows.
+        What has not changed is left: table.nc takes the time of some hundred rows. tables.json has digests of
+        the tables and of what they were made from; while they hold, nothing is read but for these.
         """
         times, folder = ["wall_s", "cpu_s"], self.store.folder
+        seal = folder / "tables.json"
+        if seal.is_file() and seal.read_bytes() == self._seal():
+            return
         table, content = folder / "table.csv", self.table.drop(columns=times).to_csv().encode()
         self.store.write_with(folder / "times.csv", self.table[[*times, "key"]].to_csv)
         if not self._is_written(content):
@@ -137,6 +142,13 @@ class SweepResult:
             write = functools.partial(Path.write_bytes, data=written_netcdf(self.data).getbuffer())
             self.store.write_with(folder / "table.nc", write)
         self.store.write_changed(table, content)
+        self.store.write_changed(seal, self._seal())
+
+    def _seal(self) -> bytes:
+        """Return the digests of the tables, the plan and the stored runs, as JSON."""
+        names = ("plan.json", "table.csv", "table.nc", "times.csv")
+        paths = [path for path in (self.store.folder / name for name in names) if path.is_file()]
+        return json.dumps({path.name: file_digest(path) for path in paths + self.store.segments()}).encode()
 
     def _is_written(self, content: bytes) -> bool:
         """Return whether table.nc was written for these bytes of table.csv, and after the plan."""

@@ -12,12 +12,13 @@ import sysconfig
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from modulefinder import ModuleFinder
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from coop_pin import __version__
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import CodeChangedError, CoopPinError, ScenarioError
+from coop_pin.schema.parts import Pattern
 from coop_pin.sweeps.plan import Point, SweepPlan
 from coop_pin.sweeps.template import Number, Template, Templates
 
@@ -34,7 +35,8 @@ def file_digest(path: Path) -> str:
     Raises:
         OSError: the file cannot be read.
     """
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 # ---------------------------------------------------------------- the user's code
@@ -226,14 +228,29 @@ class KeyedPoint(NamedTuple):
     Attributes:
         point: the run.
         key: key of the run, by ``run_key`` or ``unresolved_key``.
-        scenario: scenario of the run, or the error if the changed scenario has mistakes.
+        made: scenario of the run, or the error if the changed scenario has mistakes; None where a pattern has
+            it.
         code: digests of the user's code that the key covers.
+        pattern: pattern of the scenario, if it is one of several that differ in plain numbers.
+        numbers: numbers of the run in the pattern.
     """
 
     point: Point
     key: str
-    scenario: Scenario | ScenarioError
+    made: Scenario | ScenarioError | None
     code: Code = ()
+    pattern: Pattern | None = None
+    numbers: tuple[float, ...] = ()
+
+    @property
+    def scenario(self) -> Scenario | ScenarioError:
+        """Scenario of the run, or the error if the changed scenario has mistakes."""
+        return self.made or cast(Pattern, self.pattern).filled(self.numbers)
+
+    @property
+    def example(self) -> Scenario | ScenarioError:
+        """Scenario of the run, or one that differs from it in plain numbers."""
+        return self.scenario if self.pattern is None else self.pattern.first
 
 
 class _KeyTemplate:
@@ -254,7 +271,7 @@ class _KeyTemplate:
 
 
 def keyed_points(
-    plan: SweepPlan, numbers: Iterable[int] | None = None, *, version: str = ""
+    plan: SweepPlan, runs: Iterable[int] | None = None, *, version: str = ""
 ) -> Iterator[KeyedPoint]:
     """Yield points of a plan, all without numbers, with their keys; every file is looked at once."""
     digests, digest, text = functools.cache(code_digests), functools.cache(file_digest), ScenarioTexts()
@@ -265,15 +282,17 @@ def keyed_points(
 
     @functools.lru_cache(1)
     def shared(template: Template) -> tuple[_KeyTemplate, Code]:
-        code = code_for(template.first)
-        content = _content(template.first, metrics, code, digest, engine, version)
+        first = template.pattern.first
+        code = code_for(first)
+        content = _content(first, metrics, code, digest, engine, version)
         return _KeyTemplate(template, content), code
 
-    for point in plan.points(numbers):
+    for point in plan.points(runs):
         template = templates.of(point)
         if template is not None and (values := template.numbers(point.changes)) is not None:
             keys, code = shared(template)
-            yield KeyedPoint(point, keys.key(values), template.scenario(values), code)
+            numbers = tuple(number.value for number in values)
+            yield KeyedPoint(point, keys.key(values), None, code, template.pattern, numbers)
             continue
         scenario = plan.resolved(point)
         if isinstance(scenario, ScenarioError):

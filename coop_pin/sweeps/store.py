@@ -128,7 +128,7 @@ class SweepStore:
         Args:
             damaged: takes the lines that are no records.
         """
-        for segment in sorted(path for path in (self.folder / "runs").glob("*.jsonl") if path.is_file()):
+        for segment in self.segments():
             with segment.open("rb") as file:
                 for line in filter(None, map(bytes.strip, _lines(file))):
                     try:
@@ -138,6 +138,10 @@ class SweepStore:
                             damaged.append(line)
                     else:
                         yield record
+
+    def segments(self) -> list[Path]:
+        """Return the segments in the order they were begun."""
+        return sorted(path for path in (self.folder / "runs").glob("*.jsonl") if path.is_file())
 
     def families(self) -> dict[str, str]:
         """Return the families of runs of users' laws in batches, by key."""

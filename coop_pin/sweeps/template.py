@@ -18,7 +18,7 @@ from pydantic import BaseModel, TypeAdapter
 
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ScenarioError
-from coop_pin.schema.base import refilled
+from coop_pin.schema.parts import Pattern, Tree, part_of, refilled, tree_of, with_parts
 from coop_pin.sweeps.dimensions import Dimension
 from coop_pin.sweeps.plan import Point, SweepPlan
 
@@ -26,9 +26,6 @@ _FEWEST, _MOST = 16, 64
 """Runs of a template from which on it pays, and templates that are kept."""
 _VALUES = 4096
 """Validated values of a field that are kept."""
-
-Tree = dict[str, Any]
-"""Parts by name, of an object or of an object within it."""
 
 
 class Number(NamedTuple):
@@ -60,7 +57,7 @@ class Template:
     """Template of scenarios that differ in plain numbers.
 
     Attributes:
-        first: one of the scenarios.
+        pattern: pattern of the scenarios; its numbers are in the order of ``texts``.
         texts: JSON before, between and after the numbers.
     """
 
@@ -75,28 +72,28 @@ class Template:
             TypeError, LookupError, AttributeError, ScenarioError: They are not.
         """
         holes = {name: _Hole(index) for index, name in enumerate(names)}
-        with_holes = _tried(first, _tree(holes))
+        with_holes = _tried(first, tree_of(holes))
         text = with_holes.__pydantic_serializer__.to_json(with_holes, warnings=False, fallback=_mark).decode()
         marks = {name: json.dumps(_mark(hole)) for name, hole in holes.items()}
-        self.first, self.texts = first, list[str]()
-        self._names = sorted(names, key=lambda name: text.index(marks[name]))
-        for name in self._names:
+        self.texts = list[str]()
+        self.pattern = Pattern(first, tuple(sorted(names, key=lambda name: text.index(marks[name]))))
+        for name in self.pattern.names:
             before, text = text.split(marks[name])
             self.texts.append(before)
         self.texts.append(text)
-        self._checks = [_check(first, name) for name in self._names]
-        self._tree = _tree({name: index for index, name in enumerate(self._names)})
+        self._checks = {name: _check(first, name) for name in self.pattern.names}
 
     def numbers(self, changes: Mapping[str, Any]) -> list[Number] | None:
         """Return the numbers of a run, validated; None if a field refuses one."""
         try:
-            return [check(changes[name]) for check, name in zip(self._checks, self._names, strict=True)]
+            return [check(changes[name]) for name, check in self._checks.items()]
         except (ValueError, ScenarioError):
             return None
 
     def scenario(self, numbers: Sequence[Number]) -> Scenario:
         """Return the scenario of a run."""
-        return _filled(self.first, self._tree, numbers)
+        scenario: Scenario = self.pattern.filled([number.value for number in numbers])
+        return scenario
 
     def text(self, numbers: Iterable[Number]) -> str:
         """Return the scenario of a run as JSON."""
@@ -173,53 +170,17 @@ def _is_of_numbers(dimension: Dimension) -> bool:
     )
 
 
-# ---------------------------------------------------------------- trees of parts
-
-
-def _tree(parts: Mapping[str, Any]) -> Tree:
-    """Return parts by dotted path as a tree."""
-    tree: Tree = {}
-    for path, part in parts.items():
-        *names, last = path.split(".")
-        functools.reduce(lambda node, name: node.setdefault(name, {}), names, tree)[last] = part
-    return tree
-
-
-def _part(node: Any, name: str) -> Any:
-    if isinstance(node, BaseModel):
-        return getattr(node, name)
-    return node[int(name)] if isinstance(node, tuple) else node[name]
-
-
-def _with_parts(node: Any, parts: Tree) -> Any:
-    """Return a copy of a validated object, a table or a tuple with other parts."""
-    if isinstance(node, BaseModel):
-        return refilled(node, parts)
-    if isinstance(node, tuple):
-        return tuple(parts.get(str(index), part) for index, part in enumerate(node))
-    return {**node, **parts}
-
-
-def _filled(node: Any, tree: Tree, numbers: Sequence[Number]) -> Any:
-    """Return a copy of an object with the numbers of which a tree has the indices."""
-    parts = {
-        name: numbers[part].value if isinstance(part, int) else _filled(_part(node, name), part, numbers)
-        for name, part in tree.items()
-    }
-    return _with_parts(node, parts)
-
-
 def _tried(node: Any, tree: Tree) -> Any:
     """Return a copy of an object with holes; classes around those with a hole validate it anew."""
-    inner = {name: _tried(_part(node, name), part) for name, part in tree.items() if type(part) is dict}
+    inner = {name: _tried(part_of(node, name), part) for name, part in tree.items() if type(part) is dict}
     if inner and isinstance(node, BaseModel):
         node = type(node)(**{name: getattr(node, name) for name in type(node).model_fields} | inner)
     elif inner:
-        node = _with_parts(node, inner)
+        node = with_parts(node, inner)
     holes = {name: hole for name, hole in tree.items() if name not in inner}
     if holes and not isinstance(node, BaseModel):
         raise LookupError("a number in a table or a row")
-    return _with_parts(node, holes) if holes else node
+    return with_parts(node, holes) if holes else node
 
 
 def _mark(hole: Any) -> str:
@@ -234,7 +195,7 @@ def _check(scenario: Scenario, path: str) -> Callable[[Any], Number]:
         LookupError: What the class writes may depend on the number.
     """
     *names, name = path.split(".")
-    owner = functools.reduce(_part, names, scenario)
+    owner = functools.reduce(part_of, names, scenario)
     kind, rules = type(owner), type(owner).__pydantic_decorators__
     is_seed = path == "seed"  # no validator and no serializer of a scenario looks at it
     if (rules.model_serializers or rules.field_serializers) and not is_seed:

@@ -16,6 +16,9 @@ from coop_pin.errors import ArgumentError
 from coop_pin.tracing.kernel import Instruction, Machine, Program
 from coop_pin.tracing.llvm_emitter import llvm_text
 
+_AT_ONCE = 2_000
+"""Instructions of one call: some 40 ms with 64 runs of two arms with seven joints."""
+
 
 class LlvmMachine(Machine):
     """Machine that runs compiled code; its width is that of a vector register."""
@@ -50,18 +53,20 @@ class LlvmMachine(Machine):
         loads = loads[:, :, lane].reshape(*loads.shape[:2], groups, width)
         loads = np.ascontiguousarray(np.moveaxis(loads, 2, 0))
         uniforms = np.ascontiguousarray(uniforms)
-        self._run(
-            groups,
-            len(self._instructions),
-            self._instructions.ctypes.data,
-            slots.ctypes.data,
-            uniforms.ctypes.data,
-            8 * uniforms.shape[1],
-            loads.ctypes.data,
-            loads.shape[1],
-            record.ctypes.data,
-            8 * groups * width,
-        )
+        for first in range(0, len(self._instructions), _AT_ONCE):  # Python sees Ctrl-C in between
+            instructions = self._instructions[first : first + _AT_ONCE]
+            self._run(
+                groups,
+                len(instructions),
+                instructions.ctypes.data,
+                slots.ctypes.data,
+                uniforms.ctypes.data,
+                8 * uniforms.shape[1],
+                loads.ctypes.data,
+                loads.shape[1],
+                record.ctypes.data,
+                8 * groups * width,
+            )
         block[:] = slots.swapaxes(0, 1).reshape(len(block), -1)[:, :lanes]
         return record[:, :, :lanes]
 

@@ -136,6 +136,17 @@ class Tape:
             waiting += [operand for operand in operands if isinstance(operand, int) and name != "input"]
         return sorted(needed)
 
+    def rounds_alike(self, outputs: Sequence[Operand]) -> bool:
+        """Return whether the outputs have the bits that numpy gives, however its libraries order operations.
+
+        They may fuse a product with a sum, add in another order, and invert in another way.
+        """
+        names = {index: self.operations[index].name for index in self.live(outputs)}
+        sums = [self.operations[index].operands for index, name in names.items() if name in ("add", "sub")]
+        terms = {names[term] for each in sums for term in each if isinstance(term, int)}
+        plain = {"input", "neg", "mul", "div", "sqrt", "add", "sub"}
+        return {*names.values()} <= plain and not terms & {"mul", "add", "sub"}
+
     def _record(self, operation: Operation) -> int:
         """Return the index of an operation, which is recorded unless an equal one was."""
         key = (operation.name, operation.subroutine, *map(_key, operation.operands))
