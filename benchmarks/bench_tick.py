@@ -54,7 +54,6 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
     law, state = controller.controllers["left"], run.controller_state
     command = controller.step(measured, references, state)
     applied, free = run.actuation.apply(t, command), measured[0].saturated
-    none_saturated = [arm.saturated for arm in measured]
     q, v, tau, h = (
         plant.q,
         plant.v,
@@ -67,6 +66,10 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
     def measured_by_one_arm() -> ArmMeasurement:
         view, T = sensing._view(q, 0, None), place.drive
         return ArmMeasurement(t, *measured_motion(view, T.dot(angles), T.dot(rates)), None, free)
+
+    def recorded() -> None:
+        run.recorder.count = TICK
+        run.recorder.record(TICK, t, measured, applied, target, squeeze, shares)
 
     seen = [np.tile(part, (100, 1)) for part in (q, v, plant.force)]
     shares = run.sensing.sensors.shares
@@ -81,15 +84,13 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         "  SlidingModeController.step": lambda: law.step(measured[0], references[0], state[0]),
         "    jacobian_inverse": lambda: jacobian_inverse(measured[0].payload_jacobian, t),
         "    pose_error": lambda: law.arm.rows.pose_error(measured[0].payload_pose, references[0].pose),
-        BOTH: lambda: controller.step(
-            run.sensing.measure(t, plant, none_saturated, command.torques), references, state
-        ),
+        BOTH: lambda: controller.step(run.sensing.measure(t, plant, applied), references, state),
         "Actuation.apply": lambda: run.actuation.apply(t, command),
         "references": lambda: run.references(t),
         STEP: lambda: plant._integrator.step(plant._rate, t, q, v, h),
         "  rate (one of its four)": lambda: plant._rate(t, q, v),
         "    friction": lambda: plant.transmission.friction(v),
-        RECORD: lambda: run.recorder.record(TICK, t, measured, applied, target, squeeze, shares),
+        RECORD: recorded,
         "100 ticks of Plant.observe": lambda: plant.observe(*seen, np.full(100, t)),
         "closure error": lambda: chain.closure_errors(plant.q),
     }

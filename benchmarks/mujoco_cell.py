@@ -123,7 +123,7 @@ class MujocoRun:
             t = loop.timeline.time(tick)
             references = loop.references(t)
             measurements = (
-                loop.sensing.measure(t, loop.plant, applied.saturated, applied.reported)
+                loop.sensing.measure(t, loop.plant, applied)
                 if applied
                 else loop.sensing.start(loop.plant.q, loop.plant.v, references)
             )

@@ -298,7 +298,7 @@ class JointLimitError(UnreachablePoseError):
 class InfeasibleMotionError(CoopPinError, ValueError):
     """A motion beyond a cell.
 
-    ``cause`` is "rank", "reach", "singularity", "limits", "torque" or "stability".
+    ``cause`` is "rank", "reach", "singularity", "limits", "torque", "stability" or "friction".
     """
 
     def __init__(self, cause: str, detail: str) -> None:

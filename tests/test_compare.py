@@ -468,3 +468,24 @@ def test_the_template_of_the_page_runs_in_a_cell_of_any_kind(name, tmp_path, mon
     found = cp.compare(name, {"mine": "template_law:Law"}, ["nominal"], out=tmp_path, **quick)
     assert found.data.trustworthy.item() == 1
     assert found.table["gains"].item() == "given"
+
+
+@pytest.mark.slow
+def test_palms_hold_or_drop_the_payload_and_the_table_says_which(tmp_path):
+    """Two planar arms, whose grasps are on faces of the bar: enough squeeze, and half of the least."""
+    scenario = cp.Scenario.load("adept-anchored", {"duration": 0.35, "events": ()})
+    scenario = scenario.replace(motion=cp.HoldMotion(pose=scenario.start))
+    palms = standard_trials(benchmark_scenario(scenario))["held by palms"].changes
+    assert {grasp["kind"] for grasp in palms["cell.grasps"].values()} == {"patch"}
+    least = 11.2 * 9.81 / (2.0 * 0.6)
+    assert_allclose(palms["squeeze"]["wrenches"]["right"][0], 1.5 * least, rtol=2e-3)
+    slack = {arm: (sign * least / 2.0, *5 * (0.0,)) for arm, sign in (("left", -1.0), ("right", 1.0))}
+    trials = {"palms": palms, "slack": palms | {"squeeze": {"kind": "constant", "wrenches": slack}}}
+    found = cp.compare(
+        scenario, ["printed"], trials, out=tmp_path, execution=cp.Execution(workers=0, quiet=True)
+    )
+    assert found.data.dropped.values.ravel().tolist() == [0, 1]
+    assert found.summary().count("dropped") == 1
+    page = page_data((tmp_path / "comparison.html").read_text(encoding="utf-8"))
+    assert page["notes"]["dropped"]["texts"] == ["0", "1"]
+    assert "held by palms" not in standard_trials(benchmark_scenario(cp.Scenario.load("two-pandas-box")))

@@ -205,10 +205,13 @@ def test_a_block_slides_at_mu_m_g(name):
     assert_allclose(np.polyfit(since, np.gradient(free[:, 4], since), 1), (2.0 * MU * G, 0.0), atol=0.1)
 
 
-def test_energy_of_a_fall_is_explained_the_better_the_smaller_the_step():
+@pytest.mark.parametrize(
+    ("name", "k"), [pytest.param("planar", 2e5, marks=pytest.mark.slow), ("spatial", 1e5)]
+)
+def test_energy_of_a_fall_is_explained_the_better_the_smaller_the_step(name, k):
     left = []
     for h in (1e-3, 5e-4):
-        bench = Bench("spatial", height=0.07, k=1e5)
+        bench = Bench(name, height=0.07, k=k)
         bench.throw(linear=(0.5, 0.0, 0.0), angular=(1.0, 0.5, 2.0))
         rows = bench.run(0.3, h)
         assert rows[:, 10].min() >= 0.0

@@ -8,9 +8,13 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.analysis import least_squeeze
+from coop_pin.analysis.least_squeeze import with_enough_squeeze
 from coop_pin.analysis.plausibility import implausible_numbers
 from coop_pin.batch import support
-from coop_pin.errors import CoopPinError, FieldError
+from coop_pin.errors import CoopPinError, FieldError, InfeasibleMotionError
+from coop_pin.figures import friction_figure
+from coop_pin.viz.curves import cell_curves
+from coop_pin.viz.frames import run_samples
 
 MU, N = 0.5, 40.0
 
@@ -89,6 +93,12 @@ def test_pads_of_rigid_grasps_use_what_patches_use():
     assert "would slip" in rigid.verdict()
     assert_allclose(use.reserve[-1], (use.normal * (1.0 - use.used))[-1], rtol=1e-9)
     assert rigid.metrics()["squeeze_reserve_min_N"] < 0.0
+    samples = run_samples(rigid)
+    shown = [curve.values(samples) for curve in cell_curves(samples, cell) if curve.plot == "friction"]
+    assert_allclose(shown, 100.0 * np.minimum(use.used, 2.0).T)
+    drawn = [line.get_ydata() for panel in friction_figure(rigid).axes for line in panel.lines]
+    assert_allclose(drawn[0], shown[0])
+    assert_allclose(drawn[-2], use.reserve[:, 1])
     assert np.isnan(rigid.dropped_at)
     assert "pads" in (support(rigid.scenario.override({"plant.payload": "welded"})) or "")
 
@@ -131,3 +141,42 @@ def test_pads_that_cannot_be_are_refused():
             cell.rigid.replace(pads={"left": pad})
     with pytest.raises(FieldError, match="does not have"):
         cell.rigid.replace(pads={"middle": {"mu": 0.5, "radius": 0.01}})
+
+
+def test_least_squeeze_follows_the_plan_of_the_grasps_and_pushes():
+    """Two of three arms press 75 N along the line between their palms, which is 0.125 off the normals."""
+    task = cp.Scenario.load("pick-carry-place")
+    still = {"motion": {"kind": "hold", "pose": task.start}}
+    found = least_squeeze(task.override(still))
+    normal = 75.0 / np.hypot(1.0, 0.125)
+    r, y = task.cell.patches["second"].torsion_radius, 0.05 / 2.0
+    # Tip forces bear no moment about the line u of two tips: each tip gets half of it, and turns by u_x.
+    u, W = np.array((0.4, -0.05, 0.0)) / np.hypot(0.4, 0.05), np.array((0.0, 0.0, -3.0 * 9.81))
+    half = u @ -np.cross((0.0, y, 0.0), W) / 2.0 * u[0]
+    across = np.hypot(W[2] / 2.0, 0.125 * normal)
+    assert_allclose(found.stated, normal, rtol=2e-2)
+    assert_allclose(found.force, np.hypot(across, half / r) / 0.6, rtol=2e-2)
+    assert 0.0 < found.use < 1.0
+    assert found.time < 7.7  # afterwards a table bears the load
+    push = {"kind": "wrench-pulse", "time": 1.0, "duration": 0.5, "wrench": (0.0, 20.0, 0.0, 0.0, 0.0, 0.0)}
+    pushed = least_squeeze(palms(events=[push]))
+    assert_allclose(pushed.force, np.hypot(3.0 * 9.81, 20.0) / 2.0 / 0.6, rtol=1e-9)
+
+
+def test_a_squeeze_with_a_margin_is_proposed():
+    kept, text = with_enough_squeeze(palms())
+    assert (kept, text) == (palms(), ())
+    for squeeze in ({"kind": "tip-force", "force": 20.0}, {}):
+        raised, text = with_enough_squeeze(palms(squeeze=squeeze))
+        assert_allclose(raised.squeeze.force, 1.5 * 3.0 * 9.81 / 1.2, rtol=2e-3)
+        assert "36.8 N" in text[0]
+
+
+@pytest.mark.slow
+def test_a_squeeze_off_the_normals_is_raised_too_or_refused():
+    task = cp.Scenario.load("pick-carry-place", {"cell.payload.mass": 6.0})
+    raised, _ = with_enough_squeeze(task)
+    assert_allclose(least_squeeze(raised).use, 1.0 / 1.5, rtol=2e-3)
+    slippery = {f"cell.grasps.{arm}.mu": 0.1 for arm in task.cell.arms}
+    with pytest.raises(InfeasibleMotionError, match="friction"):  # its squeeze is 0.125 off the normals
+        with_enough_squeeze(task.override(slippery))

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import multiprocessing
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
+from coop_pin.analysis import least_squeeze
 from coop_pin.analysis.plausibility import implausible_numbers
 from coop_pin.description.grasp_plan import grasp_plan
 from coop_pin.errors import CoopPinError
@@ -135,6 +140,10 @@ def test_without_a_put_down_the_table_is_pressed_more_and_more():
     assert np.polyfit(data.time.values[-300:], table[-300:], 1)[0] > 5.0
 
 
+LIMITS = {"carried": 2e-3, "pressed": 40.0, "jump": 1e-3}
+"""Position error while carried, m, force on the second table, N, motion on opening, m."""
+
+
 def outcome(scenario: cp.Scenario) -> dict[str, float]:
     """Figures of a whole task."""
     result = cp.run(scenario, warn=False)
@@ -143,7 +152,9 @@ def outcome(scenario: cp.Scenario) -> dict[str, float]:
     lies = data.patch_points.sel(patch=["pick", "place"]).values.sum(axis=1) > 0.0
     opened = time > 7.75
     position = data.payload_position.values[opened]
+    slip = data.patch_slip.sel(patch=list(scenario.cell.arms)).values
     return {
+        "slid": float(slip.max()),
         "carried": float(error[~lies].max()),
         "pressed": float(data.patch_wrench.sel(patch="place", axis="z").max()),
         "jump": float(np.linalg.norm(position - position[0], axis=1).max()),
@@ -161,34 +172,52 @@ def test_the_whole_task():
     found = outcome(task())
     print(f"\n{found}")
     assert found["sound"]
-    assert found["carried"] < 2e-3
-    assert found["pressed"] < 40.0
-    assert found["jump"] < 1e-3
+    assert all(found[name] < most for name, most in LIMITS.items())
     assert_allclose(found["placed"], 1.0, rtol=1e-6)
 
 
+POINTS = 0.925
+"""Part of the ellipsoid's friction that the nine points of a patch bear at least, with torsion."""
+
+
 def varied(seed: int) -> cp.Scenario:
-    """The task with another mass, friction above the least, and another height of the second table."""
-    rng, scenario = np.random.default_rng(seed), task()
-    mass = rng.uniform(1.5, 4.0)
-    least = mass * 9.81 / (2.0 * 75.0)
-    mu = rng.uniform(1.5 * least + 0.1, 0.9)  # 0.1 for the squeeze that is not normal to the faces
-    height = 0.2 + rng.uniform(-3e-3, 3e-3)
-    grasps = {f"cell.grasps.{arm}.mu": mu for arm in scenario.cell.arms}
-    return scenario.override(
-        grasps | {"cell.payload.mass": mass, "cell.tables.place.xyz": (0.0, 0.25, height)}
-    )
+    """The task with another mass, friction above the least of its whole motion, and another second table."""
+    rng = np.random.default_rng(seed)
+    mass, height = rng.uniform(1.5, 4.0), 0.2 + rng.uniform(-3e-3, 3e-3)
+    scenario = task(**{"cell.payload.mass": mass, "cell.tables.place.xyz": (0.0, 0.25, height)})
+    least = least_squeeze(scenario)
+    assert not least.by_moment
+    # The load is across the normals, so that the least friction goes with that of the scenario.
+    mu = rng.uniform(least.use * scenario.cell.patches["first"].mu / POINTS, 0.9)
+    return scenario.override({f"cell.grasps.{arm}.mu": mu for arm in scenario.cell.arms})
 
 
-def check_variations(seeds: range) -> None:
-    """None of these is dropped: each lies on the second table in the end."""
-    found = [outcome(varied(seed)) for seed in seeds]
-    worst = {name: max(one[name] for one in found) for name in ("carried", "pressed", "jump")}
-    print(f"\n{len(found)} variations: {worst}, dropped {sum(one['dropped'] for one in found):g}")
-    assert not any(one["dropped"] for one in found)
-    assert_allclose([one["placed"] for one in found], 1.0, rtol=1e-3)
+def outcomes(seeds: Sequence[int]) -> list[dict[str, float]]:
+    """Figures of varied tasks, one line each."""
+    found = list[dict[str, float]]()
+    for seed in seeds:
+        scenario = varied(seed)
+        numbers = {
+            "seed": seed,
+            "mass": scenario.cell.payload.mass,
+            "mu": scenario.cell.patches["first"].mu,
+            "least": least_squeeze(scenario).use,
+            "height": scenario.cell.tables["place"].xyz[2] - 0.2,
+        }
+        found.append(numbers | outcome(scenario))
+        print(json.dumps(found[-1]), flush=True)
+    return found
 
 
 @pytest.mark.slow
 def test_two_hundred_variations():
-    check_variations(range(200))
+    """None is dropped: each lies on the second table in the end. The figures beside it are for one run."""
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(2) as pool:
+        halves = pool.map(outcomes, [range(0, 200, 2), range(1, 200, 2)])
+    found = [one for half in halves for one in half]
+    beyond = {name: sum(one[name] > most for one in found) for name, most in LIMITS.items()}
+    print(f"\n{len(found)} variations; beyond the limits of the one run: {beyond}")
+    assert not any(one["dropped"] for one in found)
+    assert_allclose([one["placed"] for one in found], 1.0, rtol=1e-3)
+    assert max(one["jump"] for one in found) < LIMITS["jump"]

@@ -16,6 +16,7 @@ from coop_pin.control.bounds import force_gain_bound
 from coop_pin.control.interface import ArmMeasurement
 from coop_pin.figures.run_figures import internal_force_figure
 from coop_pin.simulation import Simulation
+from coop_pin.simulation.drives import Applied
 from coop_pin.simulation.encoder import Encoders
 from coop_pin.simulation.signals import SensorSignals, generator
 from coop_pin.simulation.wrist import Wrist
@@ -49,15 +50,14 @@ def started(scenario, ticks=1):
 def measured(simulation, count):
     """Measurements of all arms at ``count`` more ticks during which the plant stays as it is."""
     return [
-        simulation.sensing.measure(simulation.time, simulation.plant, *at_rest(simulation))
+        simulation.sensing.measure(simulation.time, simulation.plant, at_rest(simulation))
         for _ in range(count)
     ]
 
 
 def at_rest(simulation):
     """No torque cut, and none reported."""
-    torques = [np.zeros(len(place.drive)) for place in simulation.plant.chain.model.arms]
-    return [torque > 0.0 for torque in torques], torques
+    return Applied.at_rest([len(place.drive) for place in simulation.plant.chain.model.arms])
 
 
 def of_arm(measurements, arm, field):
@@ -200,8 +200,8 @@ def test_ideal_wrist_sensors_report_the_true_wrenches_and_their_internal_part(na
     sensed = started(scenario_of(name, changes | {"sensors.wrist": {}}), 6)
     assert_allclose(ideal.plant.q, sensed.plant.q, rtol=0, atol=1e-12)
     rows, truth = sensed.scenario.cell.task_rows, sensed.plant.interaction_wrenches()
-    seen = sensed.sensing.measure(sensed.time, sensed.plant, *at_rest(sensed))
-    other = ideal.sensing.measure(ideal.time, ideal.plant, *at_rest(ideal))
+    seen = sensed.sensing.measure(sensed.time, sensed.plant, at_rest(sensed))
+    other = ideal.sensing.measure(ideal.time, ideal.plant, at_rest(ideal))
     scale = np.abs(truth).max()
     for arm, F in zip(seen, truth, strict=True):
         assert_allclose(arm.interaction_wrench, rows.select(F), rtol=0, atol=1e-9 * scale)
@@ -552,7 +552,7 @@ def test_holding_torques_keep_the_cell_at_rest_without_internal_wrench(name, rob
     internal = internal_wrenches(plant.interaction_wrenches(), scenario.cell.shares)
     assert np.abs([rows.select(wrench) for wrench in internal]).max() < 1e-10
     simulation.tick()
-    later = simulation.sensing.measure(0.0, plant, *at_rest(simulation))
+    later = simulation.sensing.measure(0.0, plant, at_rest(simulation))
     assert [measurement.holding_torque for measurement in later] == [None] * len(first)
 
 

@@ -271,8 +271,7 @@ def test_full_turns_between_kept_samples_are_counted():
     for tick in range(1, 9):
         angle = first + 2.0 * tick
         run.plant.q[entry : entry + 2] = np.cos(angle), np.sin(angle)
-        saturated, reported = run._applied.saturated, run._applied.reported
-        measurements = run.sensing.measure(run.time, run.plant, saturated, reported)
+        measurements = run.sensing.measure(run.time, run.plant, run._applied)
         target, squeeze = run.motion.at(0.0), run.squeeze.at(0.0, scenario.cell.grasps)
         run.recorder.record(tick, tick / 80.0, measurements, run._applied, target, squeeze, squeeze[:, 0])
     assert run.result().data["joint_position"].values[-1, 0, joint] == pytest.approx(first + 16.0)

@@ -16,7 +16,12 @@ from coop_pin.analysis.new_cell import new_cell
 from coop_pin.analysis.own_inertia import OwnInertia, deflection_bias, own_inertia, own_inertia_proposal
 from coop_pin.analysis.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
 from coop_pin.analysis.path_parameterization import PathLimits, fastest
-from coop_pin.analysis.plausibility import implausible_numbers, large_record, run_warnings
+from coop_pin.analysis.plausibility import (
+    gains_are_known,
+    implausible_numbers,
+    large_record,
+    run_warnings,
+)
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
 from coop_pin.analysis.root_locus import RootLocus, root_locus
 from coop_pin.analysis.sampled_motion import SampledMotion, sampled_motion
@@ -85,6 +90,7 @@ __all__ = [
     "fewest_steps",
     "force_reserve",
     "gain_proposal",
+    "gains_are_known",
     "grasp_stability",
     "implausible_numbers",
     "internal_moment",

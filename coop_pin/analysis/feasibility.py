@@ -201,7 +201,9 @@ def with_best_postures(scenario: Scenario, poses: int) -> tuple[Scenario, tuple[
         if not isinstance(reach.start_error, JointLimitError):  # a turn may help against limits only
             _require_reach(reach)
         best, stated = _best_posture(scenario, name, count)
-        for roll in _ROLLS if stated.position < _NARROW else ():
+        patch = scenario.cell.patches.get(name)
+        may_turn = patch is None or (patch.size is None and patch.press in ("z", "-z"))  # about its normal
+        for roll in _ROLLS if may_turn and stated.position < _NARROW else ():
             tried, margin = _best_posture(_rolled(scenario, name, roll), name, count)
             if margin.position > max(stated.position, 0.0) + _OPENED and margin.least > stated.least:
                 best = tried

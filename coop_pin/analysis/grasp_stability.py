@@ -1,4 +1,4 @@
-"""Stability of a law on compliant grasps: sampled loop of springs, arms and law, and stiffness needed."""
+"""Stability of a law on grasps that give: sampled loop of springs, arms and law, and stiffness needed."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from coop_pin.arrays import Array, typed
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError
 from coop_pin.simulation import Simulation
-from coop_pin.spatial import internal_wrenches
+from coop_pin.spatial import internal_wrenches, rotate_vector6
 
 _STIFFEST, _STRIDE, _FACTOR_ERROR = 1e5, 1.2, 1e-3
 """Largest factor of the stiffness that is tried, ratio of those tried below it, error of the one found."""
 
 
 class GraspStability(NamedTuple):
-    """Stability of a law on compliant grasps, linearised at the start.
+    """Stability of a law on compliant grasps and on patches that stick, linearised at the start.
 
     Attributes:
         radius: largest ``|z|`` of the sampled motion of springs, arms and law.
@@ -33,11 +33,12 @@ class GraspStability(NamedTuple):
         window: factors of the widest range below ``holds_from`` in which it does not grow either: the springs
             that it is unstable with above are those that the ticks see as slower ones; None without.
         alone: sampled damping of each arm alone: below 2 no grasp is too soft for it.
-        stiffness: smallest translational stiffness of a grasp, N/m.
+        stiffness: smallest translational stiffness of a grasp, of a patch its springs' or bristles', N/m.
         distance: largest displacement of a tip from its grasp at the start, m.
         angle: largest rotation, rad.
-        bias: largest distance of P as an arm sees it there from the mean of all that have a compliant grasp,
-            m; a kinematic bias, which ``zero_at_grasp`` of the law removes.
+        bias: largest distance of P as an arm sees it there from the mean of all whose grasps give, m; a
+            kinematic bias, which ``zero_at_grasp`` of the law removes.
+        grasps: the grasps, "compliant grasps" or "patches that stick".
     """
 
     radius: float
@@ -48,6 +49,7 @@ class GraspStability(NamedTuple):
     distance: float
     angle: float
     bias: float
+    grasps: str = "compliant grasps"
 
     @property
     def ok(self) -> bool:
@@ -63,7 +65,7 @@ class GraspStability(NamedTuple):
         if self.window is not None:
             low, high = (f"{factor * self.stiffness:.3g}" for factor in self.window)
             remedy += f", and between {low} and {high} N/m"
-        modes = f"|z| = {self.radius:.5f} on compliant grasps of {self.stiffness:.3g} N/m"
+        modes = f"|z| = {self.radius:.5f} on {self.grasps} of {self.stiffness:.3g} N/m"
         verdict = "the motion is stable" if self.ok else f"the gains are too large: {remedy}"
         start = (
             f"at the start the grasps give by {1e3 * self.distance:.3g} mm and {1e3 * self.angle:.3g} mrad;"
@@ -75,61 +77,78 @@ class GraspStability(NamedTuple):
 
 @typed
 def grasp_stability(simulation: Simulation) -> GraspStability:
-    """Return the stability of a law on compliant grasps, at the start.
+    """Return the stability of a law on compliant grasps and patches, at the start.
 
     The motions of arms and payload with springs, dampers and friction, linear and without the load's
-    prestress, over a tick in closed form; all gains of the law and the lag of the drives. Where no grasp is
-    rigid and the law measures internal wrenches, their feedback is in it, without filter and delay; an
-    estimate of the speed is not.
+    prestress, over a tick in closed form; all gains of the law and the lag of the drives. Patches stick, and
+    the payload is off all tables. Where no grasp is rigid and the law measures internal wrenches, their
+    feedback is in it, without filter and delay; an estimate of the speed is not.
 
     Args:
-        simulation: Simulation of a law of coop_pin that has not begun, with compliant grasps.
+        simulation: Simulation of a law of coop_pin that has not begun, with grasps that give.
 
     Raises:
-        ArgumentError: no grasp is compliant.
+        ArgumentError: all grasps are rigid.
         SingularJacobianError: an arm is singular.
     """
     cell, plant = simulation.scenario.cell, simulation.plant
-    if not cell.compliant:
-        raise ArgumentError("grasp_stability needs a compliant grasp; loop_stability is for rigid ones")
+    if not cell.unclosed:
+        raise ArgumentError(
+            "grasp_stability needs a compliant grasp or a patch; loop_stability is for rigid ones"
+        )
     loop = _GraspLoop(simulation)
     radius = loop.radius(1.0)
     is_stable = radius < 1.0 + NEUTRAL
     holds_from = 1.0 if is_stable else loop.least_factor()
-    springs = plant.chain.springs
-    deflection = springs.at(plant.q, plant.v).deflection
-    seen = np.array([X_WP.translation for X_WP in springs.seen_poses(plant.q)])
+    springs, patches = plant.chain.springs, plant.chain.patches
+    deflection = springs.at(plant.q, plant.v).deflection if springs.arms else np.zeros((0, 6))
+    gaps = [patches.gap(number, plant.q) for number in range(len(patches.arms))]
+    distances = [*np.linalg.norm(deflection[:, :3], axis=1), *(gap.distance for gap in gaps)]
+    angles = [*np.linalg.norm(deflection[:, 3:], axis=1), *(gap.angle for gap in gaps)]
+    seen = np.array([X.translation for part in (springs, patches) for X in part.seen_poses(plant.q)])
+    soft = [min(grasp.stiffness[:3]) for grasp in cell.compliant.values()]
+    soft += [min(grasp.stiffness, grasp.shear_stiffness) for grasp in cell.patches.values()]
     return GraspStability(
         radius,
         holds_from,
         None if is_stable else loop.widest_window(holds_from),
         start_stability(simulation),
-        min(min(grasp.stiffness[:3]) for grasp in cell.compliant.values()),
-        float(np.linalg.norm(deflection[:, :3], axis=1).max()),
-        float(np.linalg.norm(deflection[:, 3:], axis=1).max()),
+        min(soft),
+        float(max(distances)),
+        float(max(angles)),
         float(np.linalg.norm(seen - seen.mean(axis=0), axis=1).max()),
+        "compliant grasps" if cell.compliant else "patches that stick",
     )
 
 
 def _wrench_errors(simulation: Simulation) -> Callable[[Array, Array], Array] | None:
     """Return the internal wrenches at a state minus those at the start; None if they are not fed back."""
     scenario, plant = simulation.scenario, simulation.plant
-    cell, springs = scenario.cell, plant.chain.springs
-    if not scenario.controller.force_path.measures or len(cell.compliant) < len(cell.arms):
+    cell, chain, plan = scenario.cell, plant.chain, scenario.grasp_plan_at(0.0)
+    if not scenario.controller.force_path.measures or len(cell.unclosed) < len(cell.arms):
         return None
+    springs, patches = chain.springs, chain.patches
 
     def internal(q: Array, v: Array) -> Array:
-        p_WP = plant.chain.payload_pose(q)[:3, 3]
-        about_P = springs.at(q, v).on_body
-        about_P[:, 3:] -= np.cross(p_WP, about_P[:, :3])
-        return np.array([cell.task_rows.select(f) for f in internal_wrenches(about_P, cell.shares)])
+        X_WP, about_P = chain.payload_pose(q), np.zeros((len(cell.arms), 6))
+        if springs.arms:
+            about_P[springs.arms] = springs.at(q, v).on_body
+        if patches.arms:
+            about_P[patches.arms] = patches.at(q, v).on_bodies[: len(patches.arms)]
+        about_P[:, 3:] -= np.cross(X_WP[:3, 3], about_P[:, :3])
+        if plan.linkage is None:
+            f = internal_wrenches(about_P, cell.shares)
+        else:
+            in_payload = rotate_vector6(X_WP[:3, :3].T, about_P.sum(axis=0))
+            f = about_P - rotate_vector6(X_WP[:3, :3], plan.linkage @ in_payload)
+        return np.array([cell.task_rows.select(each) for each in f])
 
     start = internal(plant.q, plant.v)
     return lambda q, v: internal(q, v) - start
 
 
 class _GraspLoop:
-    """Sampled loop of a law on compliant grasps, linear at the start."""
+    """Sampled loop of a law on grasps that give, linear at the start."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation, q, errors = simulation, simulation.plant.q, _wrench_errors(simulation)

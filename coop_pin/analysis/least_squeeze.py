@@ -1,4 +1,4 @@
-"""Least squeeze with which patches or pads carry the payload along the desired motion."""
+"""Least squeeze with which patches or pads carry the payload along a motion, and one with a margin."""
 
 from __future__ import annotations
 
@@ -9,15 +9,22 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell
 from coop_pin.description.contact import Pad
+from coop_pin.description.events import Surroundings
 from coop_pin.description.scenario import Scenario
+from coop_pin.errors import InfeasibleMotionError
+from coop_pin.reference.squeeze import TipForceSqueeze
 from coop_pin.spatial import rotate_vector6, shift_wrench
-from coop_pin.spatial.internal_wrench import linkage_loads
 
-_POSES = 401
+_POSES, _FEWER = 401, 101
+MARGIN = 1.5
+"""Proposed squeeze over the least one: points slide up to 1.08 times above the ellipsoid's least, and where a
+payload of unknown weight left a table, the law asked for 1.09 times what its motion does."""
+_MOST, _CLOSE = 1e4, 1e-3
+"""Normal force from which on no squeeze carries the payload, N; error of the proposed one."""
 
 
 class LeastSqueeze(NamedTuple):
-    """Normal force that friction needs at a patch or pad, where it exceeds the stated one by most.
+    """Normal force that friction needs at a patch or pad, where it is the largest part of the stated one.
 
     Attributes:
         force: least normal force besides that of the load, N.
@@ -38,6 +45,13 @@ class LeastSqueeze(NamedTuple):
         """Whether the stated squeeze carries the payload."""
         return self.stated > self.force
 
+    @property
+    def use(self) -> float:
+        """Least part of the stated one, of which friction needs 1 at the onset of slip; inf if none is."""
+        if self.force <= 0.0:
+            return 0.0
+        return self.force / self.stated if self.stated > 0.0 else np.inf
+
     def summary(self) -> str:
         """Return the forces as one line."""
         why = "the moment on the patch" if self.by_moment else "friction"
@@ -48,53 +62,83 @@ class LeastSqueeze(NamedTuple):
         return text if self.ok else f"! {text}: the payload would slip; squeeze more, or move slower"
 
 
-def least_squeeze(scenario: Scenario) -> LeastSqueeze | None:
+def least_squeeze(scenario: Scenario, *, poses: int = _POSES) -> LeastSqueeze | None:
     """Return the least squeeze of the cell's patches and pads along the motion; None without any.
 
-    With the load (f, N_0, m) that the motion puts on a patch of torsion radius r, by the split of the law,
-    slip asks for N >= sqrt(f . f + (m / r)^2) / mu (the ellipsoid), and the moment m_t about axes in the
-    plane for N >= |m_t / l| with the levers l of the pad; N_0 counts. Friction of arms, errors of the law
-    and events are not in it.
+    With the load (f, N_0, m) that the motion puts on a patch of torsion radius r, and the part (f_d, N_d,
+    m_d) of the squeeze, by the law's split and the plan of grasps, slip asks for
+
+        N >= sqrt(|f + f_d|^2 + ((m + m_d) / r)^2) / mu        (the ellipsoid of ``friction_use``)
+
+    and the moment m_t of both in the plane for N >= |m_t / l| with the levers l of the pad; N_0 counts, and
+    N_d is what is stated. Changes of payload and gravity, and pushes, are in it; friction of arms, partners
+    and errors of the law are not. A table bears nothing before a put-down begins, and all after it.
 
     Args:
         scenario: Scenario with motion and squeeze.
+        poses: Number of poses looked at along the motion.
     """
-    cell = scenario.cell
+    cell, motion = scenario.cell, scenario.motion.replace()
     if not cell.padded:
         return None
-    worst: LeastSqueeze | None = None
-    motion, L = scenario.motion.replace(), _loads(scenario)
-    for time in np.linspace(0.0, scenario.duration, _POSES).tolist():
-        target, squeeze = motion.at(time), scenario.squeeze.at(time, cell.grasps)
-        resultant = _resultant(cell, target.X_WP_d[:3, :3], target.V_WP_d, target.A_WP_d)
+    candidates = list[LeastSqueeze]()
+    for time in np.linspace(0.0, scenario.duration, poses).tolist():
+        target, plan = motion.at(time), scenario.grasp_plan_at(time)
+        if plan.borne == 0.0:
+            break
+        load = _resultant(scenario.surroundings_at(time), target.X_WP_d[:3, :3], target.V_WP_d, target.A_WP_d)
+        linkage = plan.carried_linkage
+        parts = plan.carried[:, None, None] * np.eye(6) if linkage is None else linkage
+        squeeze = plan.squeeze(scenario.squeeze.at(time, cell.grasps))
         for index, name in enumerate(cell.arms):
-            if name not in cell.padded:
-                continue
-            pad: Pad = cell.patches.get(name) or cell.pads[name]
-            load, stated = (_in_plane(cell, name, pad, F) for F in (L[index] @ resultant, squeeze[index]))
-            slip = np.hypot(np.linalg.norm(load[:2]), load[5] / pad.torsion_radius) / pad.mu
-            tilt = float(np.linalg.norm(load[3:5] / pad.levers))
-            force = max(float(slip), tilt) - float(load[2])
-            least = LeastSqueeze(force, float(stated[2]), name, time, tilt > slip)
-            if worst is None or least.stated - least.force < worst.stated - worst.force:
-                worst = least
-    return worst
+            if name in cell.padded and plan.loads[index] > 0.0:
+                pad: Pad = cell.patches.get(name) or cell.pads[name]
+                borne, pressed = (
+                    _in_plane(cell, name, pad, F) for F in (parts[index] @ load, squeeze[index])
+                )
+                candidates.append(_least(name, time, pad, borne, pressed))
+    return max(candidates, key=lambda least: least.use)
 
 
-def _loads(scenario: Scenario) -> Array:
-    """Return L_i with the load L_i sum_j F_j of each arm by the split of the law, shape (m, 6, 6)."""
-    cell = scenario.cell
-    if scenario.controller.force_path.split == "shares":
-        return cell.shares[:, None, None] * np.eye(6)
-    return linkage_loads(np.array([grasp.matrix[:3, 3] for grasp in cell.grasps.values()]))
+def with_enough_squeeze(scenario: Scenario) -> tuple[Scenario, tuple[str, ...]]:
+    """Return a scenario of patches with at least 1.5 times the least squeeze, and a sentence if it is raised.
+
+    The stated squeeze is scaled; without one the tips press along the lines between them.
+
+    Raises:
+        InfeasibleMotionError: cause "friction": no multiple carries the payload, or it is a function.
+    """
+    squeeze = scenario.squeeze
+    if not scenario.squeeze_wrenches.any():
+        scenario = scenario.replace(squeeze=TipForceSqueeze(force=1.0))
+    while True:
+        least = least_squeeze(scenario, poses=_FEWER)
+        if least is None or MARGIN * least.use <= 1.0 + _CLOSE:
+            break
+        if least.stated <= 0.0 or least.stated > _MOST:
+            why = f"no multiple of the squeeze holds the patch of arm {least.arm!r} at {least.time:.3g} s"
+            raise InfeasibleMotionError("friction", f"{why}: press across it, or raise mu")
+        scenario = scenario.replace(squeeze=scenario.squeeze.scaled(MARGIN * least.use))
+    if least is None or scenario.squeeze == squeeze:
+        return scenario, ()
+    text = f"squeeze RAISED to {least.stated:.3g} N at arm {least.arm!r}, {MARGIN:g} times the least squeeze"
+    return scenario, (text,)
 
 
-def _resultant(cell: Cell, R: Array, V: Array, A: Array) -> Array:
+def _least(arm: str, time: float, pad: Pad, load: Array, squeeze: Array) -> LeastSqueeze:
+    """Return the least normal force of a pad under the wrenches of load and squeeze in axes of its plane."""
+    F = load + squeeze
+    slip = float(np.hypot(np.linalg.norm(F[:2]), F[5] / pad.torsion_radius)) / pad.mu
+    tilt = float(np.linalg.norm(F[3:5] / pad.levers))
+    return LeastSqueeze(max(slip, tilt) - float(load[2]), float(squeeze[2]), arm, time, tilt > slip)
+
+
+def _resultant(surroundings: Surroundings, R: Array, V: Array, A: Array) -> Array:
     """Return the wrench that the moving payload puts on the arms about P in payload axes, shape (6,)."""
-    payload, inertia = cell.payload, cell.payload.inertia_matrix
+    mass, inertia, gravity, push, _ = surroundings
     omega, alpha = R.T @ V[3:], R.T @ A[3:]
-    force = payload.mass * (R.T @ (np.array(cell.gravity) - A[:3]))
-    return np.concatenate((force, -inertia @ alpha - np.cross(omega, inertia @ omega)))
+    force = R.T @ (mass * (gravity - A[:3]) + push[:3])
+    return np.concatenate((force, R.T @ push[3:] - inertia @ alpha - np.cross(omega, inertia @ omega)))
 
 
 def _in_plane(cell: Cell, name: str, pad: Pad, F: Array) -> Array:

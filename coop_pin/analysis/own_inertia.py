@@ -189,8 +189,8 @@ def _law(
 def deflection_bias(scenario: Scenario, G: Array) -> tuple[float, float]:
     """Return how far the payload is, as an arm sees it, from the mean that G weights, m and rad.
 
-    Compliant grasps give by C_i F_i under load share and squeeze, the largest along the motion, so that the
-    arms see the payload at b_i = C_i F_i, about P in payload axes; with ``zero_at_grasp`` less b_i(t_0)::
+    Grasps that give do so by C_i F_i under load and squeeze, the largest along the motion, so that the arms
+    see the payload at b_i = C_i F_i, about P in payload axes; with ``zero_at_grasp`` less b_i(t_0)::
 
         max_i |b_i - G^-1 sum G_j b_j|
 
@@ -199,7 +199,8 @@ def deflection_bias(scenario: Scenario, G: Array) -> tuple[float, float]:
         G: Gains G_i in payload axes, shape (m, k_0, k_0).
     """
     cell, motion = scenario.cell, scenario.motion.replace()
-    rows, shares = cell.task_rows, cell.shares[:, None]
+    rows, linkage = cell.task_rows, scenario.grasp_plan_at(0.0).linkage
+    parts = cell.shares[:, None, None] * np.eye(6) if linkage is None else linkage
     C, weight = (
         np.array([_compliance(cell, name) for name in cell.arms]),
         weight_wrench(cell.payload.mass, cell.gravity),
@@ -207,8 +208,8 @@ def deflection_bias(scenario: Scenario, G: Array) -> tuple[float, float]:
     is_zeroed, seen = getattr(scenario.controller, "zero_at_grasp", False), list[Array]()
     for time in np.linspace(0.0, scenario.duration, _INSTANTS).tolist():
         R = (motion.at(time).X_WP_d if time else scenario.start.matrix)[:3, :3]
-        force = shares * np.concatenate((R.T @ weight[:3], R.T @ weight[3:]))
-        if time:  # at the start the squeeze is not on
+        force = parts @ np.concatenate((R.T @ weight[:3], R.T @ weight[3:]))
+        if time or cell.patches:  # on compliant grasps the squeeze is not on at the start
             force = force + scenario.squeeze.at(time, cell.grasps)
         seen.append(np.array([rows.select(b) for b in np.einsum("ijk,ik->ij", C, force)]))
     b = np.array(seen) - is_zeroed * seen[0]
@@ -219,8 +220,12 @@ def deflection_bias(scenario: Scenario, G: Array) -> tuple[float, float]:
 
 def _compliance(cell: Cell, name: str) -> Array:
     """Return C, displacement about P in payload axes by a wrench there, m/N and rad/(N m), shape (6, 6)."""
-    if name not in cell.compliant:
+    if name in cell.compliant:
+        X, K = cell.compliant[name].matrix, np.array(cell.compliant[name].stiffness)
+    elif name in cell.patches:
+        grasp = cell.patches[name]
+        X, K = grasp.matrix @ grasp.plane, np.array(grasp.stiffnesses)
+    else:
         return np.zeros((6, 6))
-    grasp = cell.compliant[name]
-    A = pin.SE3(grasp.matrix).toActionMatrix()  # of twists, from grasp to payload axes
-    return A @ np.diag(1.0 / np.array(grasp.stiffness)) @ A.T
+    A = pin.SE3(X).toActionMatrix()  # of twists, from grasp to payload axes
+    return A @ np.diag(1.0 / K) @ A.T

@@ -66,13 +66,21 @@ def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str
         yield from (f"arm {arm.arm!r} {problem}" for arm in path.arms for problem in arm.problems())
         reach = reachability(scenario, poses=_LOOP_POSES) if path.ok else None
         stable: list[Any] = [step_stability(simulation, reach)]
-        law, cell = scenario.controller, scenario.cell
-        is_known = not (law.user_code or scenario.has_servos or cell.has_contacts)
-        if is_known and scenario.cell.compliant:
+        if gains_are_known(scenario) and scenario.cell.unclosed:
             stable.append(grasp_stability(simulation))
-        elif is_known:
+        elif gains_are_known(scenario):
             stable += [start_stability(simulation), loop_stability(simulation, reach)]
         yield from (finding.summary().removeprefix("! ") for finding in stable if not finding.ok)
+
+
+def gains_are_known(scenario: Scenario) -> bool:
+    """Return whether analyses of the sampled loop know its gains and grasps.
+
+    Not those of a user's law and of servos, nor of rigid grasps that lay a payload on a table.
+    """
+    cell = scenario.cell
+    on_tables = bool(cell.tables) and not cell.unclosed
+    return not (scenario.controller.user_code or scenario.has_servos or on_tables)
 
 
 def large_record(scenario: Scenario) -> str:

@@ -39,7 +39,7 @@ class StepStability(NamedTuple):
         steps_per_tick: plant steps in a tick.
         joints: the joints that move most in that mode, as arm/joint.
         time: time of the pose at which it is so, s.
-        cause: origin of the mode, "friction", "compliant grasps" or "partner".
+        cause: origin of the mode, "friction", "compliant grasps", "patches" or "partner".
     """
 
     value: float
@@ -87,14 +87,14 @@ def step_stability(simulation: Simulation, cell_reach: Reachability | None = Non
         poses += configurations_along(simulation, cell_reach, _POSES)[1:]
     stabilities = [_steps_at(simulation, *pose) for pose in poses]
     scenario = simulation.scenario
-    if scenario.cell.compliant or any(isinstance(event, Partner) for event in scenario.events):
+    if scenario.cell.unclosed or any(isinstance(event, Partner) for event in scenario.events):
         stabilities += [_grasp_steps_at(simulation, *pose) for pose in poses]
     return max(stabilities, key=lambda stability: stability.value / stability.limit)
 
 
 def _grasp_steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:
     """Return the stability of the plant's steps under grasps and friction, for the payload that is worst."""
-    scenario, chain = simulation.scenario, simulation.plant.chain
+    scenario, chain, cell = simulation.scenario, simulation.plant.chain, simulation.scenario.cell
     instants, stabilities = {0.0, *(event.time for event in scenario.events)}, list[StepStability]()
     for surroundings in map(scenario.surroundings_at, instants):
         chain.surround(surroundings)
@@ -106,7 +106,8 @@ def _grasp_steps_at(simulation: Simulation, time: float, q: Array) -> StepStabil
         steps = scenario.clock.steps_per_tick
         value, joints = float(np.abs(s[worst])), fastest_joints(simulation, np.abs(modes[:, worst]))
         value *= scenario.clock.period / steps
-        cause = "compliant grasps" if scenario.cell.compliant else "partner"
+        kinds = {"compliant grasps": cell.compliant, "patches": cell.patches}
+        cause = next((kind for kind, grasps in kinds.items() if grasps), "partner")
         stabilities.append(StepStability(value, float(limits[worst]), steps, joints, time, cause))
     chain.surround(simulation.plant.surroundings)
     return max(stabilities, key=lambda stability: stability.value / stability.limit)
@@ -128,7 +129,8 @@ def plant_matrix(
     plant = simulation.plant
     chain, rest, friction = plant.chain.mechanism, np.zeros(len(plant.v)), plant.transmission.friction
     N = motion_basis(chain, q)
-    K, D = plant.chain.springs.matrices(q)
+    elements = plant.chain.springs, plant.chain.patches
+    K, D = (sum(parts) for parts in zip(*(element.matrices(q) for element in elements), strict=True))
     K, D = stiffer * K, math.sqrt(stiffer) * D
     for partner in partners:
         held = partner_matrices(partner, partner.time, plant.chain.payload_jacobian(q))

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from coop_pin.analysis.feasibility import (
     with_best_postures,
 )
 from coop_pin.analysis.grasp_stability import grasp_stability
+from coop_pin.analysis.least_squeeze import least_squeeze, with_enough_squeeze
 from coop_pin.analysis.loop_stability import LoopStability, loop_stability
 from coop_pin.analysis.own_inertia import own_inertia_proposal
 from coop_pin.analysis.plausibility import implausible_numbers
@@ -27,10 +29,11 @@ from coop_pin.analysis.sampled_stability import start_stability
 from coop_pin.analysis.statics import statics_along
 from coop_pin.analysis.step_stability import step_stability
 from coop_pin.analysis.task_inertia import with_spare_motion
-from coop_pin.analysis.tuning_rule import GainProposal, force_path_of, gain_proposal
+from coop_pin.analysis.tuning_rule import GainProposal, force_path_of, gain_proposal, rounded_down
 from coop_pin.arrays import as_count, require_type
 from coop_pin.build_controller import build_controller
-from coop_pin.control.payload_space import PayloadSpace
+from coop_pin.control.payload_space import SLIP_GUARD, PayloadSpace
+from coop_pin.description.grasp_events import PutDown
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, InfeasibleMotionError, ScenarioWarning
 from coop_pin.simulation import Simulation
@@ -91,6 +94,10 @@ def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
     ``T lambda_max(Lambda_i^-1 c_i K_i) = 0.5``, k_I = 0.4 lambda_min, gamma up to 0.1 lambda_min, and an
     ``anchor_bias`` that has the deflection in it. The sampled loop of springs, arms and law must be stable.
 
+    Patches ask for the same, and for the split of the virtual linkage, ``zero_at_grasp``, guards, and a
+    squeeze of at least 1.5 times ``least_squeeze``: stated ones are raised, and without one the tips press
+    along the lines between them. A put-down leaves the anchor without a bound.
+
     Args:
         scenario: cell, motion and squeeze, or a name or file of them, in which gains may be missing; its
             controller gives force_path and zero_at_grasp only.
@@ -100,17 +107,22 @@ def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
         InfeasibleMotionError: the cell cannot do it, with the cause: rank, reach, singularity, limits, torque
             or stability.
         UrdfError, NameNotFoundError, FileReadError: an arm or the motion cannot be built.
-        ArgumentError: a grasp is held by friction, or the cell has tables.
+        ArgumentError: patches hold together with other grasps, or tables are under rigid ones.
     """
     if isinstance(scenario, str | Path):
         scenario = Scenario.load(scenario, draft=True)
     require_type("scenario", scenario, Scenario)
     poses = as_count("poses", poses, 5)
-    if scenario.cell.has_contacts:
-        names = [*scenario.cell.patches, *scenario.cell.tables]
+    cell, pressed = scenario.cell, tuple[str, ...]()
+    if cell.has_contacts and len(cell.patches) < len(cell.arms):
+        names = [*cell.patches, *cell.tables]
         raise ArgumentError(
-            f"suggest is for rigid and compliant grasps, and {names} hold or bear by friction"
+            "suggest is for cells whose grasps are all patches, or that have none and no tables;"
+            f" {names} hold or bear by friction beside others"
         )
+    if cell.patches:
+        law = scenario.controller.replace(force_path=force_path_of(scenario), zero_at_grasp=True)
+        scenario, pressed = with_enough_squeeze(scenario.replace(controller=law))
     for number in implausible_numbers(scenario):
         warnings.warn(number, ScenarioWarning, stacklevel=2)
     require_rank(scenario.cell)
@@ -121,6 +133,10 @@ def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
     part = squeeze_part(statics)
     if part < 1.0:
         scenario = scenario.replace(squeeze=scenario.squeeze.scaled(part))
+        if (least := least_squeeze(scenario)) is not None and not least.ok:
+            raise InfeasibleMotionError(
+                "torque", f"{least.summary().removeprefix('! ')}; the drives hold no more"
+            )
     proposal, suggested, loop = _held(scenario, cell_reach)
     simulation = Simulation(suggested, build_controller(suggested))
     steps = step_stability(simulation, cell_reach)
@@ -130,13 +146,14 @@ def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
     cut = f"squeeze CUT to {part:.2f} of what is stated: all that the drives hold beside weight and load"
     lines = (
         *_gain_limits(scenario, proposal),
+        *_friction(suggested),
         *_null_space(proposal, loop),
         *_moment(scenario, proposal),
         *(_posture_limit(arm) for arm in posture_margins(scenario, cell_reach, statics)),
         "squeeze: as stated" if part == 1.0 else f"squeeze: {part:.2f} of what is stated, by the drives",
         f"plant: {suggested.clock.steps_per_tick} steps in a tick; {start_stability(simulation).summary()}",
     )
-    changes = (*([cut] if part < 1.0 else []), *turned)
+    changes = (*pressed, *([cut] if part < 1.0 else []), *turned)
     return Suggestion(suggested, proposal, lines, changes)
 
 
@@ -147,12 +164,12 @@ def _held(scenario: Scenario, cell_reach: Reachability) -> tuple[GainProposal, S
         InfeasibleMotionError: cause "stability": the sampled motion grows, or no spring holds them.
     """
     stiffness = 0.0
-    propose = own_inertia_proposal if scenario.cell.compliant else gain_proposal
+    propose = own_inertia_proposal if scenario.cell.unclosed else gain_proposal
     while True:
         proposal = propose(scenario, cell_reach, least_stiffness=stiffness)
         suggested = _with_gains(scenario, proposal)
         rigid = (
-            suggested.replace(cell=suggested.cell.rigid, events=()) if suggested.cell.compliant else suggested
+            suggested.replace(cell=suggested.cell.rigid, events=()) if suggested.cell.unclosed else suggested
         )
         loop = loop_stability(Simulation(rigid, build_controller(rigid)), cell_reach)
         if (
@@ -178,7 +195,7 @@ def _stable_on_springs(proposal: GainProposal, scenario: Scenario) -> tuple[Gain
     Raises:
         InfeasibleMotionError: cause "stability": it is not.
     """
-    while scenario.cell.compliant:
+    while scenario.cell.unclosed:
         stability = grasp_stability(Simulation(scenario, build_controller(scenario)))
         g = proposal.gains.anchor_gain
         if stability.ok:
@@ -207,9 +224,43 @@ def _with_gains(scenario: Scenario, proposal: GainProposal) -> Scenario:
         posture=proposal.posture,
         force_path=force_path_of(scenario),
         zero_at_grasp=getattr(scenario.controller, "zero_at_grasp", False),
+        **_on_patches(scenario),
     )
     clock = clock.replace(rate_hz=proposal.rate_hz, steps_per_tick=steps)
     return scenario.replace(controller=controller, clock=clock)
+
+
+def _on_patches(scenario: Scenario) -> dict[str, Any]:
+    """Return the fields of the law that patches and a put-down ask for."""
+    fields, least = dict[str, Any](), least_squeeze(scenario)
+    if scenario.cell.patches and least is not None:
+        reach = min(float(grasp.reach.min()) for grasp in scenario.cell.patches.values())
+        fields["slip_guard"] = min(SLIP_GUARD, reach / 2.0)
+        if len(scenario.wrists) == len(scenario.cell.arms):
+            fields["normal_guard"] = rounded_down(least.stated / 4.0)
+    if _lays(scenario):
+        fields["anchor_bias"] = "none"
+    return fields
+
+
+def _lays(scenario: Scenario) -> bool:
+    """Return whether the load goes over to a table."""
+    return any(isinstance(event, PutDown) for event in scenario.events)
+
+
+def _friction(scenario: Scenario) -> Iterator[str]:
+    """Yield squeeze, split and guards of patches."""
+    least, law = least_squeeze(scenario), scenario.controller
+    if not scenario.cell.patches or least is None or not isinstance(law, PayloadSpace):
+        return
+    yield least.summary()
+    yield (
+        f"split of the load: {law.force_path.split}; a patch bears no moments of equal shares"
+        if law.measures
+        else "force path: none, so that nothing keeps the squeeze: add --controller.force-path.kind late"
+    )
+    normal = f", and below {law.normal_guard:.3g} N at its own wrist" if law.normal_guard else ""
+    yield f"guards: an arm gives up its squeeze at {1e3 * law.slip_guard:.3g} mm of slip{normal}"
 
 
 def _gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
@@ -227,7 +278,9 @@ def _gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
         )
         position, angle = proposal.law.anchor_bias
         yield (
-            f"anchor_bias: {1e3 * position:.3g} mm and {1e3 * angle:.3g} mrad, by the usual bias and the"
+            "anchor_bias: none, by the put-down: a bounded anchor would keep the load that the table gets"
+            if _lays(scenario)
+            else f"anchor_bias: {1e3 * position:.3g} mm and {1e3 * angle:.3g} mrad, by the usual bias and the"
             " deflection of the grasps under load and squeeze; the layer is twice as wide"
         )
         parts = "0.4", "a tenth to a fortieth"

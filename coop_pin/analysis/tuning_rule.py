@@ -279,11 +279,14 @@ def slowest_lag(scenario: Scenario) -> float:
 
 
 def force_path_of(scenario: Scenario) -> ForcePath:
-    """Return the scenario's force path; the latest wrench where it has none but all wrists have sensors."""
+    """Return the scenario's force path; the latest wrench where it has none but all wrists have sensors.
+
+    The virtual linkage splits the load of patches, which bear hardly any moment.
+    """
     path = scenario.controller.force_path
     if not path.measures and len(scenario.wrists) == len(scenario.cell.arms):
-        return LateForcePath()
-    return path
+        path = LateForcePath()
+    return path.replace(split="virtual-linkage") if scenario.cell.patches and path.by_sensors else path
 
 
 def posture_gains(

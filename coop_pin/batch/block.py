@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from coop_pin.batch.plant_code import observed
 from coop_pin.batch.signals import RunSignals
 from coop_pin.control import ArmReference
 from coop_pin.results.quantities import Quantity, shape_of
+from coop_pin.simulation.drives import Applied
 from coop_pin.tracing.kernel import Kernel, Layout
 from coop_pin.tracing.traced_array import traced
 from coop_pin.tracing.tree import leaves, rebuilt
@@ -46,6 +47,7 @@ class RunBlock:
         uniforms: numbers that all runs share at a row.
         recorded: number of slots that are recorded, the first ones.
         loaded: number of slots after them that are loaded at each tick.
+        applied: torques before the first tick.
         read: functions that read quantities at a tick, see Quantity, and whether they are of drives, by name.
     """
 
@@ -73,6 +75,9 @@ class RunBlock:
         )
         m, N, k_0 = len(constants.arms), constants.cell.joints, constants.sensors.rows.size
         nq, nv, works = constants.cell.sizes
+        rest = Applied.at_rest([len(arm.drive) for arm in constants.arms])
+        masks: Any = rest.torques
+        self.applied = rest._replace(saturated=masks)  # as numbers
         self.lanes, self.uniforms = lanes, uniforms = Layout(), Layout()
         lanes.add(q=(nq,), v=(nv,), work=(works,), is_valid=(), **observed(constants.cell))
         lanes.add(jacobians=(k_0 * N,), condition_bounds=(m,))
@@ -80,7 +85,7 @@ class RunBlock:
         self.recorded = lanes.size
         lanes.add(signals=(int(signals.is_loaded.sum()),))
         self.loaded = lanes.size - self.recorded
-        lanes.add(force=(N,), rates=(nv + works,), holding=(N,), reported=(N,))
+        lanes.add(force=(N,), rates=(nv + works,), holding=(N,), applied=(len(leaves(self.applied)),))
         lanes.add(drives=(len(leaves(start.drives)),), constants=(int(differs.sum()),))
         lanes.add(surroundings=(len(leaves(constants.changes[0])),))
         uniforms.add(h=(), s=(), gives=(2, m), signals=(int(signals.is_uniform.sum()),))

@@ -20,6 +20,7 @@ from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
 from coop_pin.simulation import Simulation
+from coop_pin.simulation.drives import Applied
 from coop_pin.simulation.sensors import Truth
 from coop_pin.simulation.signals import SensorSignals
 from coop_pin.tracing.tree import structure
@@ -134,8 +135,9 @@ def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -
             time=time,
             angles=angles,
             rates=split(_SPREAD * rng.normal(size=sum(sizes))),
-            saturated=split(rng.random(sum(sizes)) < _SATURATED),
-            reported=split(_TORQUE * rng.normal(size=sum(sizes))),
+            applied=Applied(*map(split, _TORQUE * rng.normal(size=(5, sum(sizes)))))._replace(
+                saturated=split(rng.random(sum(sizes)) < _SATURATED)
+            ),
             wrenches=_WRENCH * rng.normal(size=(len(sizes), 6)),
             R_WP=np.eye(3),
             signals=signals,

@@ -95,15 +95,14 @@ class TickCode:
 
     def _truth(self, kernel: Kernel, constants: RunConstants, signals: RunSignals) -> tuple[Truth, View]:
         """Return what the sensors sense at a tick, and the kinematics of the arms."""
-        names = ("q", "v", "saturated", "reported")
-        q, v, saturated, reported = (constants.cell.by_arm(kernel.read(name)) for name in names)
+        q, v = (constants.cell.by_arm(kernel.read(name)) for name in "qv")
+        applied: Applied = rebuilt(self._block.applied, iter(kernel.read("applied")))
         truth = Truth(
             time=signals.desired.time,
             angles=q,
             rates=v,
             signals=signals.sensors,
-            saturated=[masks(cut) for cut in saturated],
-            reported=reported,
+            applied=applied._replace(saturated=[masks(cut) for cut in applied.saturated]),
             wrenches=kernel.read("wrenches"),
             R_WP=kernel.read("R_WP"),
         )
@@ -135,7 +134,7 @@ class TickCode:
         kernel.write("sensors", sensors)
         kernel.write("network", network)
         kernel.write("drives", drives)
-        kernel.write("reported", np.concatenate(applied.reported))
+        kernel.write("applied", applied._replace(servo_commands=()))
         self._hold(kernel, constants, applied.torques)
         self._record(kernel, measurements, applied)
         self._guard(kernel, [elementary.less(abs(u), TORQUE_LIMIT) for part in commanded for u in part])

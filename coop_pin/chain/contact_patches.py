@@ -247,13 +247,46 @@ class ContactPatches:
             loads: Wrenches of the arms with other grasps, about P in world axes, shape (m, 6).
         """
         loads, on_bodies = loads.copy(), self.at(q, self._rest).on_bodies
-        for index, (name, grasp), (A, _), F in zip(
-            self.arms, self._cell.patches.items(), self._sides, on_bodies, strict=False
-        ):
-            assert name == self._tree.arms[index].name
-            seen = A.pose * pin.SE3(grasp.matrix @ grasp.plane).inverse()
-            loads[index] = pin.SE3(np.eye(3), seen.translation).actInv(pin.Force(F)).vector
+        for index, X_WP, F in zip(self.arms, self.seen_poses(q), on_bodies, strict=False):
+            loads[index] = pin.SE3(np.eye(3), X_WP.translation).actInv(pin.Force(F)).vector
         return loads
+
+    def seen_poses(self, q: Array) -> list[pin.SE3]:
+        """Return X_WP as each arm with a patch sees it by its own kinematics at a configuration."""
+        self._bodies.move(q, self._rest)
+        grasps = self._cell.patches.values()
+        return [
+            A.pose * pin.SE3(grasp.matrix @ grasp.plane).inverse()
+            for grasp, (A, _) in zip(grasps, self._sides, strict=False)
+        ]
+
+    def matrices(self, q: Array) -> tuple[Array, Array]:
+        """Return stiffness and damping of the arms' patches while all points stick, shape (nv, nv) each.
+
+        They are J^T k J and J^T c J, with J v the velocities of the points on A in the planes, and k and c
+        those of springs and bristles; the load's prestress is not in them, and no table.
+        """
+        nv, bodies, points = self._tree.model.nv, self._bodies, self.points
+        K, D = np.zeros((2, nv, nv))
+        bodies.move(q, self._rest)
+        pin.computeJointJacobians(bodies.model, bodies.data, q)
+        of_point = (
+            (points.shear_stiffness, points.shear_stiffness, points.stiffness),
+            (
+                points.shear_damping,
+                points.shear_damping,
+                points.damping,
+            ),
+        )
+        k, c = (np.stack(part, axis=1) for part in of_point)
+        for (A, B), part in zip(self._sides, self._slices[: len(self.arms)], strict=False):
+            to_plane = pin.SE3(B.pose.rotation, A.pose.translation).toActionMatrixInverse()
+            V, R_BA = to_plane @ (self._jacobian(A) - self._jacobian(B)), B.pose.rotation.T @ A.pose.rotation
+            for r, k_r, c_r in zip(self._r[part] @ R_BA.T, k[part], c[part], strict=True):
+                J = V[:3] - pin.skew(r) @ V[3:]
+                K += J.T * k_r @ J
+                D += J.T * c_r @ J
+        return K, D
 
     def _side(self, frame: int, X: Array) -> Side:
         """Return the side of a frame's joint, at a pose in the frame."""

@@ -24,7 +24,8 @@ class Check:
     with the lag of the drives along the motion, the slowest and the least damped mode of the whole loop at
     the start, and the joint friction in the plant's steps; say what the law
     measures and what a kinematic bias and an unknown load leave; the proposal of 'coop-pin suggest'
-    for these postures follows; on compliant grasps also the stiffness from which the gains hold.
+    for these postures follows; on compliant grasps and patches also the stiffness from which the gains hold.
+    Patches have the least squeeze that carries the payload along the motion.
     Every field of the scenario can be changed as in 'coop-pin run'.
 
     Attributes:
@@ -52,8 +53,7 @@ class Check:
         scenario = load_scenario(self.scenario, self.fields)
         reach = analysis.reachability(scenario, poses=self.poses)
         is_feasible = self._feasible(scenario, reach)
-        is_checked = not (scenario.controller.user_code or scenario.has_servos or scenario.cell.has_contacts)
-        if not reach.ok or not is_checked:
+        if not reach.ok or not analysis.gains_are_known(scenario):
             return OK if is_feasible else FAILED
         simulation = Simulation(scenario, build_controller(scenario))
         is_stable = self._stable(simulation, reach)
@@ -78,8 +78,8 @@ class Check:
                 lines.append(f"the arms have servos, and gains and errors at rest are not checked: {error}")
         lines.append(analysis.large_record(scenario))
         lines.append("" if squeeze is None else squeeze.summary())
-        if scenario.cell.has_contacts:
-            lines.append("the payload is held by friction, or may lie on a table: gains are not checked")
+        if scenario.cell.tables and not scenario.cell.unclosed:
+            lines.append("the payload may lie on a table: gains are not checked")
         _print_lines(lines)
         return reach.ok and torques.ok and is_stable and not singular and (squeeze is None or squeeze.ok)
 
@@ -95,14 +95,13 @@ class Check:
             if limp > 1.0
         ]
         findings: list[Any] = [analysis.step_stability(simulation, reach)]
-        if scenario.cell.compliant:
+        if scenario.cell.unclosed:
             findings.insert(0, analysis.grasp_stability(simulation))
         else:
             of_motion = analysis.motion_stability(simulation, reach)
             findings[:0] = of_motion, analysis.loop_stability(simulation, reach)
         lines += [finding.summary() for finding in findings]
-        is_compliant = bool(scenario.cell.compliant)
-        propose = analysis.own_inertia_proposal if is_compliant else analysis.gain_proposal
+        propose = analysis.own_inertia_proposal if scenario.cell.unclosed else analysis.gain_proposal
         lines.append(propose(scenario, reach).summary())
         try:
             lines.append(analysis.eigenvalues(scenario).summary())

@@ -13,7 +13,7 @@ import pandas as pd
 
 from coop_pin.arrays import as_count, require_path, require_type, typed
 from coop_pin.comparison.controllers import GAINS, Controllers, controllers_for, gains_used
-from coop_pin.comparison.measures import measures
+from coop_pin.comparison.measures import DROPPED, measures
 from coop_pin.comparison.table import CELL, COLUMNS, Comparison, bootstrap_interval
 from coop_pin.comparison.trials import Trial, benchmark_scenario, changes_of, standard_trials
 from coop_pin.description.scenario import Scenario
@@ -253,6 +253,7 @@ def _cells(part: _Part, result: SweepResult) -> pd.DataFrame:
         "runs": finished.shape[1],
         "finished": finished.sum(axis=1),
         "trustworthy": (finished & trusted).sum(axis=1),
+        DROPPED: (table.get(DROPPED, none).to_numpy(dtype=float).reshape(shape) == 1.0).sum(axis=1),
         "merged": (table["merged"].to_numpy() == 1.0).reshape(shape).sum(axis=1),
     }
     for name in COLUMNS:

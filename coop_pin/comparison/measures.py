@@ -22,10 +22,12 @@ MEASURES = {
     "chatter_rms_Nm": "chatter: changes of torque, rms (N m)",
 }
 """Measures and their texts; with settling_time_s and trustworthy of every run they make the table."""
+DROPPED = "dropped"
+"""Whether patches lost the payload, beside the measures of a run: 1 or 0."""
 
 
 def measures(result: RunResult) -> dict[str, float]:
-    """Return the measures of a run, from 0.4 of its duration to its end.
+    """Return the measures of a run, from 0.4 of its duration to its end, and whether it dropped the payload.
 
     Effort is the rms of all drive torques, chatter that of their changes from one record to the next. Events
     in the window count: what a push leaves is measured, too.
@@ -37,7 +39,7 @@ def measures(result: RunResult) -> dict[str, float]:
     internal = map(_rms, wrenches)
     distance, angle = (_rms(np.linalg.norm(part, axis=1)) for part in (error[:, :3], error[:, 3:]))
     values = (1e3 * distance, 1e3 * angle, *internal, _rms(torque), _rms(np.diff(torque, axis=0)))
-    return dict(zip(MEASURES, values, strict=True))
+    return dict(zip(MEASURES, values, strict=True)) | {DROPPED: float(math.isfinite(result.dropped_at))}
 
 
 def tuning_cost(result: RunResult) -> dict[str, float]:

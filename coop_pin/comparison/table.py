@@ -11,7 +11,7 @@ import pandas as pd
 import xarray as xr
 
 from coop_pin.arrays import Array, as_count, require_path, require_type
-from coop_pin.comparison.measures import MEASURES
+from coop_pin.comparison.measures import DROPPED, MEASURES
 from coop_pin.errors import FileReadError, InvalidStateError, NameNotFoundError
 from coop_pin.heat_map import cell_text, write_heat_map
 from coop_pin.results import RunResult
@@ -23,7 +23,9 @@ COLUMNS = MEASURES | {"settling_time_s": "settling time (s)"}
 CELL = ("scenario", "controller", "trial")
 """What names a cell of the table."""
 _RESAMPLES = 1000
-_COUNTS = ("runs", "finished", "trustworthy", "merged")
+_COUNTS = ("runs", "finished", "trustworthy", DROPPED, "merged")
+_LATER = (DROPPED, "merged")
+"""Columns that tables of 0.1.0 do not have."""
 _TEXTS = (*CELL, "information", "gains", "failure")
 _BYTES = 1 << 28
 """Largest table that is read."""
@@ -35,8 +37,9 @@ class Comparison:
     Attributes:
         data: table with ``<measure>`` of each measure, the median over the seeds, with ``<measure>_low`` and
             ``<measure>_high``, the bootstrap interval of the median at 95 %; ``runs``, ``finished`` and
-            ``trustworthy`` count, and ``merged`` those taken over from other folders; ``information`` is what
-            the law has besides its own arm's joints, ``gains`` is "tuned", "untuned" or "given", ``failure``
+            ``trustworthy`` count, ``dropped`` those that lost a payload held by friction, ``merged`` those
+            taken over from other folders; ``information`` is what the law has besides its own arm's joints,
+            ``gains`` is "tuned", "untuned" or "given", ``failure``
             the first failed run's error; dimensions scenario, controller, trial. A failed run has the measure
             inf, a cell that was not run nan.
         folder: folder of the runs; None if there is only the table.
@@ -64,7 +67,7 @@ class Comparison:
         content = read_user_file(file, limit=_BYTES, kind="the table of a comparison")
         try:
             cells = pd.read_csv(io.BytesIO(content), keep_default_na=False, dtype=dict.fromkeys(_TEXTS, str))
-            cells = cells.assign(merged=cells.get("merged", 0))  # tables of 0.1.0 have no such column
+            cells = cells.assign(**{name: cells.get(name, 0) for name in _LATER})
             cells = cells.astype(dict.fromkeys((*_COUNTS, *COLUMNS), float))
             return cls.of_cells(cells.set_index(list(CELL)), folder)
         except (KeyError, ValueError) as error:
@@ -156,6 +159,7 @@ class Comparison:
         """Return for each scenario tracking in mm and internal force in N, controllers by trials, as text.
 
         A star marks cells whose runs are not all trustworthy, # cells with merged runs; failures are listed.
+        "dropped" stands where half of the runs or more lost the payload.
         """
         force = (self.data["axial_rms_N"] ** 2 + self.data["shear_rms_N"] ** 2) ** 0.5
         lines = []
@@ -235,5 +239,7 @@ def _cell_text(data: xr.Dataset, force: xr.DataArray, controller: Any, trial: An
     if not np.isfinite(cell["tracking_rms_mm"]):
         return "failed"
     mark = ("" if cell["trustworthy"] == cell["runs"] else " *") + (" #" if cell["merged"] > 0 else "")
+    if 2.0 * cell[DROPPED] >= cell["finished"]:
+        return f"dropped{mark}"
     newtons = float(force.sel(controller=controller, trial=trial))
     return f"{float(cell['tracking_rms_mm']):.2g} / {newtons:.2g}{mark}"

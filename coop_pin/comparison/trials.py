@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from coop_pin.analysis.least_squeeze import with_enough_squeeze
+from coop_pin.analysis.tuning_rule import force_path_of
 from coop_pin.arrays import typed
+from coop_pin.description.contact import PRESSES, PatchGrasp
 from coop_pin.description.scenario import Scenario
+from coop_pin.errors import FieldError
 from coop_pin.model.transmission import friction
 
 _NO_FRICTION = 1e-9
 """Friction is scaled by it rather than by 0, so that a model with the nominal friction is a factor away."""
 _RATES_HZ = (80.0, 250.0, 1000.0)
+_TINY = 1e-3
+"""Radius with which faces are looked for, m."""
+_PALM_MU, _PALM_RADIUS, _PALM_RATE_HZ = 0.6, 0.03, 1000.0
+"""Friction of palms, their largest radius, m, and least control rate: each arm alone needs a high one."""
 BENCHMARK = (
     "adept-anchored",
     "two-pandas-box",
@@ -64,7 +73,9 @@ def standard_trials(scenario: Scenario) -> dict[str, Trial]:
 
     The first arm is the one with a bias, the last one loses its torque, or its commands: then the robot goes
     on to carry its own weight. The push is the payload's weight on
-    Earth for a fifth of a second. Cells without friction have no friction trials.
+    Earth for a fifth of a second. Cells without friction have no friction trials. Where all grasps lie on
+    flat faces of the payload, palms hold it by friction alone in one, with at least 1.5 times the least
+    squeeze: whether they drop it is an outcome.
 
     Args:
         scenario: scenario, as of ``benchmark_scenario``.
@@ -91,6 +102,7 @@ def standard_trials(scenario: Scenario) -> dict[str, Trial]:
             else {}
         ),
         "push": Trial({"events": [pulse]}),
+        **({"held by palms": Trial(palms)} if (palms := _palms(scenario)) else {}),
         "bias 0.1 mm": Trial({f"{error}.tip.xyz": [1e-4, 0.0, 0.0]}),
         "bias 1 mm": Trial({f"{error}.tip.xyz": [1e-3, 0.0, 0.0]}),
         "base turned by 1 mrad": Trial({f"{error}.base.rpy": [0.0, 0.0, 1e-3]}),
@@ -129,6 +141,31 @@ def changes_of(scenario: Scenario, trial: Trial, controller: dict[str, Any]) -> 
         changed = fields | {"model": model | {"friction": model.get("friction", 1.0) / factor}}
         controller = controller | {"options": changed} if "options" in controller else changed
     return friction_changes(scenario, factor) | {"controller": controller} | trial.changes
+
+
+def _palms(scenario: Scenario) -> dict[str, Any]:
+    """Return the changes to patches in place of all grasps; none where one is not on a flat face."""
+    cell, grasps = scenario.cell, dict[str, PatchGrasp]()
+    for name, grasp in cell.grasps.items():
+        for press in PRESSES:
+            palm = PatchGrasp(
+                xyz=grasp.xyz, rpy=grasp.rpy, kind="patch", mu=_PALM_MU, radius=_TINY, press=press
+            )
+            with contextlib.suppress(FieldError):
+                edge = float(np.abs(palm.bounds(cell.payload)).min())
+                grasps[name] = palm.replace(radius=min(_PALM_RADIUS, edge))
+    if len(grasps) < len(cell.arms) or not any(cell.gravity):
+        return {}
+    held = scenario.override({"cell.grasps": grasps, "cell.pads": {}, "plant.payload": "free"})
+    law = held.controller.replace(force_path=force_path_of(held))
+    squeeze, _ = with_enough_squeeze(held.replace(controller=law))
+    return {
+        "cell.grasps": {name: grasp.model_dump() for name, grasp in grasps.items()},
+        "cell.pads": {},
+        "plant.payload": "free",
+        "squeeze": squeeze.squeeze.model_dump(),
+        **_rate(scenario, max(_PALM_RATE_HZ, scenario.clock.rate_hz)),
+    }
 
 
 def _mass(mass: float) -> dict[str, Any]:

@@ -20,7 +20,8 @@ _ALONG = 1e-3
 """Largest entry of a patch's normal across the normal of that face."""
 _RING = np.arange(8) * np.pi / 4.0
 _CORNERS = np.array([(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)])
-_PRESS = ("x", "-x", "y", "-y", "z", "-z")
+PRESSES = ("x", "-x", "y", "-y", "z", "-z")
+"""Axes of the grasp frame along which an arm may press."""
 
 
 def _edges(value: object) -> object:
@@ -85,7 +86,7 @@ class Pad(Description):
     @property
     def plane(self) -> Array:
         """X_GF: plane of the face in the grasp frame; its z axis points out of the payload, shape (4, 4)."""
-        axis, X = _PRESS.index(self.press), np.eye(4)
+        axis, X = PRESSES.index(self.press), np.eye(4)
         normal = np.zeros(3)
         normal[axis // 2] = -1.0 if axis % 2 == 0 else 1.0
         first = np.eye(3)[(axis // 2 + 1) % 3]
@@ -136,6 +137,13 @@ class PatchGrasp(Pose, DryContact, Pad):
 
     kind: Literal["patch"]
     face: Edges | None = None
+
+    @property
+    def stiffnesses(self) -> tuple[float, ...]:
+        """Diagonal of K in axes of the plane while all points stick, N/m and N m/rad, shape (6,)."""
+        x, y, _ = (self.points**2).mean(axis=0).tolist()
+        k, shear = self.stiffness, self.shear_stiffness
+        return shear, shear, k, k * y, k * x, shear * (x + y)
 
     def bounds(self, payload: Payload) -> Array:
         """Return lower and upper corner of the payload's face in the plane, m, shape (2, 2).

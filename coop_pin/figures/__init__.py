@@ -8,6 +8,7 @@ from coop_pin import lazy_names
 _PUBLIC = {
     "comparison_figure": "coop_pin.figures.comparison_figures",
     "error_figure": "coop_pin.figures.run_figures",
+    "friction_figure": "coop_pin.figures.grasp_figures",
     "internal_force_figure": "coop_pin.figures.run_figures",
     "motion_figure": "coop_pin.figures.run_figures",
     "pareto_figure": "coop_pin.figures.sweep_figures",

@@ -73,8 +73,8 @@ class SqueezeReference(Description):
             InfeasibleMotionError: it is a function, which cannot be scaled.
         """
         if not self.tables():
-            detail = f"the drives can hold {part:g} of the squeeze; scale its function"
-            raise InfeasibleMotionError("torque", detail)
+            cause, who = ("torque", "the drives can hold") if part < 1.0 else ("friction", "the patches need")
+            raise InfeasibleMotionError(cause, f"{who} {part:.3g} of the squeeze; scale its function")
         return self.replace(
             **{
                 field or "wrenches": {arm: tuple(part * np.array(wrench)) for arm, wrench in table.items()}

@@ -14,6 +14,8 @@ from coop_pin.spatial import rotations, shift_wrench
 
 _WHOLE = 1.0 - 1e-9
 """Part of a load share from which it is whole; less is rounding."""
+SHOWN = 2.0
+"""Part of the friction above which pictures draw this much."""
 _SLID = 1e-5
 """Slip from which a patch has slid, m; stuck bristles give less."""
 

@@ -44,6 +44,12 @@ class Applied(NamedTuple):
     reported: Sequence[Array]
     servo_commands: Sequence[Array | None] = ()
 
+    @classmethod
+    def at_rest(cls, drives: Sequence[int]) -> Applied:
+        """Return what arms with numbers of drives have before the first tick: no torque, and nothing cut."""
+        rest = [frozen(np.zeros(count)) for count in drives]
+        return cls(rest, rest, rest, [frozen(torque > 0.0) for torque in rest], rest)
+
 
 class Given(NamedTuple):
     """What the arms give from a time on: 1.0 each, or 0.0 for an arm that has lost it.

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array, Mask, frozen
+from coop_pin.arrays import Array, frozen
 from coop_pin.control.interface import ArmMeasurement, ArmReference
 from coop_pin.description.grasp_plan import GraspPlan
 from coop_pin.description.scenario import Scenario
@@ -16,6 +16,7 @@ from coop_pin.model.arm_model import ArmKinematics, PayloadKinematics
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import per_joint
+from coop_pin.simulation.drives import Applied
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.sensors import SensorState, Truth, View, cell_sensors, sensors_path
 from coop_pin.simulation.signals import CellSignals, SensorSignals
@@ -111,14 +112,13 @@ class Sensing:
         ``F_i = c_i [m_0 g, 0]``, without internal wrench; on patches, what presses them.
         """
         cell, first = self._scenario.cell, self._slots[0]
-        rest = [frozen(np.zeros(len(slot.drive))) for slot in self._slots]
-        free = [frozen(torque > 0.0) for torque in rest]
+        applied = Applied.at_rest([len(slot.drive) for slot in self._slots])
         self._signals, self._slip_errors = self._signals_after(0), slip_errors(self._scenario, 1)
         loads, R_WP = self.sensors.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity), _NONE
         loads = loads if self._loads is None else self._loads(q)
         if self.sensors.wrists:
             R_WP = CellArm(cell, first.name).payload_pose(q[first.q_slice])[:3, :3]
-        truth, view = self._truth(0.0, q, v, free, rest, loads, R_WP), partial(self._view, q)
+        truth, view = self._truth(0.0, q, v, applied, loads, R_WP), partial(self._view, q)
         measured = self._step(self.sensors.start(truth, view, references), truth, view, self._slips.start())
         return [
             reading._replace(holding_torque=frozen(torque * factor))
@@ -127,15 +127,13 @@ class Sensing:
             )
         ]
 
-    def measure(
-        self, time: float, plant: Plant, saturated: Sequence[Mask], reported: Sequence[Array]
-    ) -> list[ArmMeasurement]:
-        """Return the measurements of a later tick; ``saturated`` and ``reported`` are of the tick before."""
+    def measure(self, time: float, plant: Plant, applied: Applied) -> list[ArmMeasurement]:
+        """Return the measurements of a later tick, after the torques of the tick before."""
         q = plant.q
         wrenches = plant.interaction_wrenches() if self._needs_wrenches else _NONE
         R_WP = plant.chain.payload_pose(q)[:3, :3] if self.sensors.wrists else _NONE
         assert self.state is not None  # start() came first
-        truth = self._truth(time, q, plant.v, saturated, reported, wrenches, R_WP)
+        truth = self._truth(time, q, plant.v, applied, wrenches, R_WP)
         patches, slips, slip = plant.chain.patches, self.state.slips, None
         if patches.arms:
             holds = self._holds[patches.arms]

@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array, Mask, frozen
+from coop_pin.arrays import Array, frozen
 from coop_pin.control.interface import ArmMeasurement, ArmReference
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import PayloadKinematics
 from coop_pin.model.cell_model import ArmPlace
+from coop_pin.simulation.drives import Applied
 from coop_pin.simulation.encoder import Encoders, EncoderState
 from coop_pin.simulation.signals import CellSignals
 from coop_pin.simulation.wrist import ForcePath, ForcePathState, Wrist
@@ -43,8 +44,7 @@ class Truth(NamedTuple):
         angles: joint angles of each arm, shape (k,) each.
         rates: joint rates of each arm, shape (k,) each.
         signals: errors of the sensors, and when samples arrive.
-        saturated: masks of the drive torques that were cut over the last tick, shape (k,) each.
-        reported: parts of the last commands that acted, N m, shape (k,) each; zero at the first.
+        applied: torques of the drives at the last tick; those at rest at the first.
         wrenches: F_i on each arm by the payload about P in world axes, just before the tick, shape (m, 6);
             not read unless ``CellSensors.needs_wrenches``.
         R_WP: orientation of the payload, shape (3, 3); not read without wrist sensors.
@@ -54,8 +54,7 @@ class Truth(NamedTuple):
     angles: Sequence[Array]
     rates: Sequence[Array]
     signals: CellSignals
-    saturated: Sequence[Mask]
-    reported: Sequence[Array]
+    applied: Applied
     wrenches: Array
     R_WP: Array
 
@@ -159,12 +158,12 @@ class CellSensors(NamedTuple):
                 truth.time,
                 *measured_motion(*joint),
                 None if path is None else path.measured[index],
-                truth.saturated[index],
+                truth.applied.saturated[index],
                 signals.age,
                 frozen(self.rows.select(wrenches[index])) if arm.has_wrist else None,
                 signals.arms[index].wrist_age,
                 None,
-                truth.reported[index],
+                truth.applied.reported[index],
             )
             for index, (arm, joint) in enumerate(zip(self.arms, joints, strict=True))
         ]

@@ -330,8 +330,7 @@ class Simulation:
             if self._applied is None:
                 measurements = self.sensing.start(self.plant.q, self.plant.v, references)
             else:
-                saturated, reported = self._applied.saturated, self._applied.reported
-                measurements = self.sensing.measure(time, self.plant, saturated, reported)
+                measurements = self.sensing.measure(time, self.plant, self._applied)
             for index, clock in self._clocks.items():
                 measurements[index] = measurements[index]._replace(time=clock.reading(time))
             self._apply_events(time)

@@ -11,6 +11,7 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.description.cell import Cell
 from coop_pin.figures import palette
+from coop_pin.results.friction import SHOWN, friction_use
 from coop_pin.results.quantities import Samples
 
 _MOST_SAMPLES = 2400
@@ -60,6 +61,7 @@ PLOTS = (
     Plot("tracking", "payload off its path", "mm", "off path"),
     Plot("torque", "drive torques", "N m"),
     Plot("share", "drive torques: share of each drive's limit", "%"),
+    Plot("friction", "friction used: slip from 100 on, cut at 200", "%"),
     Plot("V_rate_3", "sum of V̇₃, which the convergence proof needs ≤ 0", "W"),
 )
 
@@ -107,6 +109,10 @@ def cell_curves(samples: Samples, cell: Cell) -> tuple[Curve, ...]:
         plot, limit, scale = ("share", 100.0, 100.0 / limits[drive]) if is_share else ("torque", None, 1.0)
         values = _column("torque", drive, scale)
         curves.append(Curve(plot, f"{arms[arm]} {joint + 1}", colour, "actual", values, limit))
+    curves += [
+        Curve("friction", name, palette.arm(arms.index(name)), "actual", _friction(cell, number), 100.0)
+        for number, name in enumerate(cell.padded)
+    ]
     if "V_rate_3_sum" in samples:
         curves.append(Curve("V_rate_3", "sum", palette.INTERNAL, "actual", lambda s: s["V_rate_3_sum"]))
     return tuple(curves)
@@ -152,6 +158,10 @@ def plot_table(curves: Sequence[Curve]) -> list[dict[str, Any]]:
 
 def _column(name: str, number: int, scale: float = 1.0) -> Callable[[Samples], Array]:
     return lambda samples: scale * samples[name].reshape(len(samples[name]), -1)[:, number]
+
+
+def _friction(cell: Cell, number: int) -> Callable[[Samples], Array]:
+    return lambda samples: 100.0 * np.minimum(friction_use(samples, cell).used[:, number], SHOWN)
 
 
 def _error(axes: slice) -> Callable[[Samples], Array]:

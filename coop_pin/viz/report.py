@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from coop_pin import __version__
 from coop_pin.arrays import typed
+from coop_pin.figures.grasp_figures import friction_figure
 from coop_pin.figures.run_figures import (
     error_figure,
     internal_force_figure,
@@ -150,6 +151,7 @@ def report_html(result: RunResult) -> str:
             internal_force_figure(result),
             "axial force, shear force and moment of the internal wrench on each arm",
         ),
+        friction=_friction(result),
         torque=_image(torque_figure(result), "drive torques of every joint"),
         errors=_image(error_figure(result), "pose errors, closure drift and energy balance"),
         singularity=_image(singularity_figure(result), "condition number of each payload Jacobian"),
@@ -202,6 +204,14 @@ def _tiles(result: RunResult) -> str:
         for name, value, unit, note in tiles
         if not math.isnan(value)
     )
+
+
+def _friction(result: RunResult) -> str:
+    """Return the figure of the friction of a cell with patches or pads."""
+    if not result.scenario.cell.padded:
+        return ""
+    image = _image(friction_figure(result), "friction used, and normal force beyond what it needs")
+    return f"<figure>{image}</figure>"
 
 
 def _metrics(rows: list[MetricRow]) -> str:

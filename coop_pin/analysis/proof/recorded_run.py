@@ -104,7 +104,7 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Record
             measured = sensing.start(plant.q, plant.v, references)
         else:
             plant.surround(simulation.scenario.surroundings_at(t - beside))
-            measured = sensing.measure(t, plant, applied.saturated, applied.reported)
+            measured = sensing.measure(t, plant, applied)
         plant.surround(simulation.scenario.surroundings_at(t + beside))
         torques, commanded = (
             [tau[: len(slot.drive)] for tau, slot in zip(recorded[name][k], slots, strict=True)]
