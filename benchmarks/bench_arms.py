@@ -11,7 +11,7 @@ import argparse
 
 import numpy as np
 import pinocchio as pin
-from common import interleaved, ratio
+from common import elsewhere, interleaved, ratio
 
 import coop_pin as cp
 from coop_pin.chain import CellChain
@@ -146,4 +146,5 @@ def main(argv: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with elsewhere():
+        main()

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from common import interleaved, ratio
+from common import elsewhere, interleaved, ratio
 
 import coop_pin as cp
 from coop_pin.batch import BatchSimulator
@@ -126,4 +126,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with elsewhere():
+        main()

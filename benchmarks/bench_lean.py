@@ -25,7 +25,7 @@ import mujoco.rollout
 import numpy as np
 from bench_batch import loop, measured, scenarios
 from bench_mujoco import LADDER, OVERRIDES, SOLREF
-from common import interleaved, ratio
+from common import elsewhere, interleaved, ratio
 from mujoco_cell import mjcf
 
 import coop_pin as cp
@@ -298,4 +298,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    with elsewhere():
+        main()

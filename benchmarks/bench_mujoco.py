@@ -15,11 +15,12 @@ from __future__ import annotations
 import argparse
 import itertools
 import re
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from common import interleaved, ratio, shortened
+from common import elsewhere, interleaved, ratio, shortened
 from mujoco_cell import MujocoRun, Recorded
 
 import coop_pin as cp
@@ -203,4 +204,6 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    words = [str(Path(word).resolve()) if word.endswith(".md") else word for word in sys.argv[1:]]
+    with elsewhere():
+        main(words)

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
+import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
 import coop_pin as cp
 
 Task = Callable[[], object]
+
+
+@contextlib.contextmanager
+def elsewhere() -> Iterator[None]:
+    """Work in a temporary folder: MuJoCo writes MUJOCO_LOG.TXT into the present one."""
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        yield
 
 
 def interleaved(tasks: Mapping[str, Task], blocks: int, calls: int) -> dict[str, np.ndarray]:

@@ -456,7 +456,7 @@ def test_a_leak_to_the_mean_in_ten_minutes():
     assert worst_force(agreed_law(on_loss="skip"), LOSSY, 600.0) < 2.0
     told = {"leak_to": "mean", "gains.leak": 2.0}
     assert spatial_force_errors(LOSSY, CARRIED, **told)[25:].max() < 1e-3
-    assert spatial_force_errors(LOSSY, CARRIED, on_loss="skip", **told)[25:].max() < 0.1
+    assert spatial_force_errors(LOSSY, CARRIED, on_loss="skip", **told)[25:].max() < 0.5
 
 
 def noisy_force(law, loss):
