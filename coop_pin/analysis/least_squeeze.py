@@ -70,9 +70,9 @@ def least_squeeze(scenario: Scenario, *, poses: int = _POSES) -> LeastSqueeze | 
 
         N >= sqrt(|f + f_d|^2 + ((m + m_d) / r)^2) / mu        (the ellipsoid of ``friction_use``)
 
-    and the moment m_t of both in the plane for N >= |m_t / l| with the levers l of the pad; N_0 counts, and
-    N_d is what is stated. Changes of payload and gravity, and pushes, are in it; friction of arms, partners
-    and errors of the law are not. A table bears nothing before a put-down begins, and all after it.
+    and the moment m_t of both in the plane for ``N >= |m_t / l|`` with the levers l of the pad; N_0 counts,
+    and N_d is what is stated. Changes of payload and gravity, and pushes, are in it; friction of arms,
+    partners and errors of the law are not. A table bears nothing before a put-down begins, and all after it.
 
     Args:
         scenario: Scenario with motion and squeeze.

@@ -77,6 +77,9 @@ def gains_are_known(scenario: Scenario) -> bool:
     """Return whether analyses of the sampled loop know its gains and grasps.
 
     Not those of a user's law and of servos, nor of rigid grasps that lay a payload on a table.
+
+    Args:
+        scenario: the scenario.
     """
     cell = scenario.cell
     on_tables = bool(cell.tables) and not cell.unclosed
