@@ -29,7 +29,7 @@ def made_up(scenarios, controllers, trials, largest):
         cells[name] = np.where(fails, np.inf, largest ** rng.random(len(cells)))
     cells["gains"] = np.where(cells["controller"].str.len() > 30, "untuned", "tuned")
     cells["information"] = cells["controller"].map(lambda name: "model" if name[-1] == "x" else "blind")
-    cells = cells.assign(runs=1, finished=1 - fails, merged=0, failure="")
+    cells = cells.assign(runs=1, finished=1 - fails, dropped=0, merged=0, failure="")
     cells["trustworthy"] = cells["finished"] * (rng.random(len(cells)) < 0.8)
     return Comparison.of_cells(cells.set_index(list(CELL)))
 

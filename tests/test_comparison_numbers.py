@@ -94,14 +94,16 @@ def made_up_run(rng):
     samples = {"pose_error": (("time", "axis"), error), "torque": (("time", "arm", "joint"), torque)}
     samples |= {name: ("time", values) for name, values in parts.items()}
     data = xr.Dataset(samples, {"time": time})
-    result = types.SimpleNamespace(data=data, scenario=types.SimpleNamespace(duration=1.0))
+    scenario = types.SimpleNamespace(duration=1.0)
+    result = types.SimpleNamespace(arrays=data, scenario=scenario, dropped_at=math.nan)
     return result, error[4:], torque[4:].reshape(7, 6)[:, :5], [values[4:] for values in parts.values()]
 
 
 def test_measures_are_of_the_samples_from_four_tenths_on():
     result, error, torque, internal = made_up_run(np.random.default_rng(3))
     found = measures(result)
-    assert list(found) == list(MEASURES)
+    assert list(found) == [*MEASURES, "dropped"]
+    assert found.pop("dropped") == 0.0
     expected = [1e3 * np.sqrt((error[:, part] ** 2).sum(axis=1).mean()) for part in (slice(3), slice(3, 6))]
     expected += [np.sqrt((values**2).mean()) for values in internal]
     expected += [np.sqrt((torque**2).mean()), np.sqrt((np.diff(torque, axis=0) ** 2).mean())]
@@ -116,7 +118,7 @@ def table_of(**columns):
         cells[name] = columns.get(name, [1.0, 2.0, 3.0])
     texts = {"information": "blind", "gains": ["tuned", "tuned", "untuned"], "failure": columns["failure"]}
     return Comparison.of_cells(
-        cells.assign(runs=4, finished=[4, 4, 1], trustworthy=[4, 3, 1], merged=0, **texts)
+        cells.assign(runs=4, finished=[4, 4, 1], trustworthy=[4, 3, 1], dropped=0, merged=0, **texts)
     )
 
 

@@ -66,7 +66,7 @@ def least_squeeze(scenario: Scenario, *, poses: int = _POSES) -> LeastSqueeze | 
     """Return the least squeeze of the cell's patches and pads along the motion; None without any.
 
     With the load (f, N_0, m) that the motion puts on a patch of torsion radius r, and the part (f_d, N_d,
-    m_d) of the squeeze, by the law's split and the plan of grasps, slip asks for
+    m_d) of the squeeze, by the law's split and the plan of grasps, slip asks for::
 
         N >= sqrt(|f + f_d|^2 + ((m + m_d) / r)^2) / mu        (the ellipsoid of ``friction_use``)
 
