@@ -80,7 +80,7 @@ class Pad(Description):
 
     @property
     def levers(self) -> Array:
-        """Levers l of moments m about the axes of the plane, m, shape (2,): it tips from ``|m / l| = N`` on."""
+        """Levers l of moments m about the axes of the plane, m, shape (2,): it tips from m = N l on."""
         return np.full(2, self.torsion_radius) if self.size is None else self.points[-1, 1::-1]
 
     @property
