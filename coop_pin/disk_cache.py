@@ -13,9 +13,9 @@ from pathlib import Path
 from coop_pin.atomic_write import write_atomically
 
 _DIGEST = 32
-"""Bytes of the checksum in front of a file of code."""
+"""Bytes of the checksum in front of a file."""
 _LARGEST, _ALL = 1 << 26, 1 << 28
-"""Largest file of code, and size of all of them, bytes."""
+"""Largest file, and size of all of them, bytes."""
 _ABANDONED_S = 3600.0
 """Age at which the file of an unfinished write is one of a process that was killed, s."""
 
@@ -30,7 +30,7 @@ def package_digest() -> str:
 
 
 def _path(key: bytes) -> Path:
-    """Return the file of code, in the folder of the user's caches.
+    """Return the file of a key, in the folder of the user's caches.
 
     Raises:
         OSError: there is neither an absolute XDG_CACHE_HOME nor a home.
@@ -45,10 +45,10 @@ def _path(key: bytes) -> Path:
 
 
 def kept(key: bytes) -> bytes | None:
-    """Return code that this user kept; None if there is none, or it is damaged.
+    """Return what this user kept; None if there is none, or it is damaged.
 
-    Code is run, so that a file that others own or may write is not read. The checksum covers the key: a file
-    under another name is another program.
+    It may be code that is run: a file that others own or may write is not read. The checksum covers the key,
+    so that a file under another name is another program.
     """
     try:
         # A pipe in its place must not be waited for.
@@ -70,7 +70,7 @@ def _open_without_waiting(path: str, flags: int) -> int:
 
 
 def keep(key: bytes, code: bytes) -> None:
-    """Keep code; a folder that cannot be written costs the time to compile it again."""
+    """Keep bytes; a folder that cannot be written costs the time to make them again."""
 
     def write(part: Path) -> None:
         part.write_bytes(hashlib.sha256(key + code).digest() + code)

@@ -100,7 +100,7 @@ class CarryLimits(NamedTuple):
             raise InfeasibleMotionError("torque", f"{detail}; carry or squeeze less, or take another line")
         slips = np.einsum("rmi,nmi->nr", self.pads, self.path.wrench[2]) > 0.0
         for i, row in np.argwhere(slips).tolist():
-            detail = f"the pad of {cell.padded[row // (_DIRECTIONS + _SIDES)]!r} would slip or tip at rest"
+            detail = f"the pad of {[*cell.padded][row // (_DIRECTIONS + _SIDES)]!r} would slip or tip at rest"
             detail += f" at s = {places[i]:.3g} of the line"
             raise InfeasibleMotionError("torque", f"{detail}; squeeze more, or carry less")
 

@@ -78,8 +78,8 @@ def least_squeeze(scenario: Scenario, *, poses: int = _POSES) -> LeastSqueeze | 
         scenario: Scenario with motion and squeeze.
         poses: Number of poses looked at along the motion.
     """
-    cell, motion = scenario.cell, scenario.motion.replace()
-    if not cell.padded:
+    cell, motion, pads = scenario.cell, scenario.motion.replace(), scenario.cell.padded
+    if not pads:
         return None
     candidates = list[LeastSqueeze]()
     for time in np.linspace(0.0, scenario.duration, poses).tolist():
@@ -91,8 +91,8 @@ def least_squeeze(scenario: Scenario, *, poses: int = _POSES) -> LeastSqueeze | 
         parts = plan.carried[:, None, None] * np.eye(6) if linkage is None else linkage
         squeeze = plan.squeeze(scenario.squeeze.at(time, cell.grasps))
         for index, name in enumerate(cell.arms):
-            if name in cell.padded and plan.loads[index] > 0.0:
-                pad: Pad = cell.patches.get(name) or cell.pads[name]
+            if name in pads and plan.loads[index] > 0.0:
+                pad = pads[name]
                 borne, pressed = (
                     _in_plane(cell, name, pad, F) for F in (parts[index] @ load, squeeze[index])
                 )

@@ -200,9 +200,10 @@ class Cell(WithLaterFields):
         return (grasp.matrix @ grasp.plane)[:3, 2] if isinstance(grasp, PatchGrasp) else -grasp.matrix[:3, 2]
 
     @property
-    def padded(self) -> list[str]:
-        """Arms with a patch or a pad, in their order."""
-        return [name for name in self.arms if name in self.patches or name in self.pads]
+    def padded(self) -> dict[str, Pad]:
+        """Patch or pad of each arm that has one, in the order of the arms."""
+        faces: dict[str, Pad] = {**self.pads, **self.patches}
+        return {name: faces[name] for name in self.arms if name in faces}
 
     @property
     def unclosed(self) -> list[str]:

@@ -58,7 +58,7 @@ def friction_use(data: Arrays, cell: Cell) -> FrictionUse:
         data: Arrays of a run.
         cell: Cell of the run.
     """
-    pads: dict[str, Pad] = {name: cell.patches.get(name) or cell.pads[name] for name in cell.padded}
+    pads = cell.padded
     wrenches = [pad_wrench(data, cell, name, pad) for name, pad in pads.items()]
     F = np.stack(wrenches, axis=1) if wrenches else np.zeros((len(np.asarray(data["time"])), 0, 6))
     mu = np.array([pad.mu for pad in pads.values()])

@@ -50,7 +50,7 @@ def contact_items(cell: Cell, partners: Sequence[Partner]) -> Iterator[Item]:
     The apex of a cone is in the middle of its patch; its axis is the normal out of the payload. The force of
     the payload on the arm points along the needle, which is inside the cone while friction holds.
     """
-    for name, pad in _pads(cell):
+    for name, pad in cell.padded.items():
         X_PF = cell.grasps[name].matrix @ pad.plane @ make_pose((0.0, 0.0, _PAD_M / 2.0))
         shape = Cylinder(pad.radius, _PAD_M) if pad.radius else Box((*(pad.size or (0.0, 0.0)), _PAD_M))
         yield Item("payload", shape, _PAD_COLOUR, X_PF)
@@ -80,7 +80,7 @@ def contact_poses(
     """
     R, p = rotations(samples["payload_quaternion"]), samples["payload_position"]
     poses, codes = [np.zeros((len(p), 0, 7))], [np.zeros((len(p), 0), dtype=np.int8)]
-    for name, pad in _pads(cell):
+    for name, pad in cell.padded.items():
         X_PF, F = cell.grasps[name].matrix @ pad.plane, pad_wrench(samples, cell, name, pad)
         apex, R_WF = p + R @ X_PF[:3, 3], R @ X_PF[:3, :3]
         poses.append(np.stack([_poses(apex, turn) for turn in (R_WF, R_WF @ _turns(F[:, :3]))], axis=1))
@@ -90,12 +90,6 @@ def contact_poses(
         poses.append(pose[:, None])
         codes.append(np.where(is_held, HOLDS, ABSENT)[:, None].astype(np.int8))
     return np.concatenate(poses, axis=1), np.concatenate(codes, axis=1)
-
-
-def _pads(cell: Cell) -> Iterator[tuple[str, Pad]]:
-    """Yield arms with their patch or pad."""
-    for name in cell.padded:
-        yield name, cell.patches.get(name) or cell.pads[name]
 
 
 def _codes(F: Array, slides: Mask) -> NDArray[np.int8]:
