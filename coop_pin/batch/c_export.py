@@ -101,7 +101,7 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     run = Simulation(scenario, DecentralisedController({**controller.controllers, arm: recorded}))
     for _ in range(min(ticks, run.timeline.ticks + 1)):
         run.tick()
-    constants = [arm_constants(scenario, slot) for slot in run.plant.chain.model.arms if slot.name == arm]
+    constants = [arm_constants(each) for each in run.plant.chain.arms if each.name == arm]
     cell_ticks, alone = [[tick] for tick in recorded.ticks], {arm: controller.controllers[arm]}
     try:
         law, rows = DecentralisedController(alone), scenario.cell.task_rows

@@ -120,7 +120,7 @@ def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -
     """
     rng, controller, ticks = np.random.default_rng(0), build_controller(scenario), list[list[LawTick]]()
     before = _attributes(scenario, controller)
-    begun, sensors = start(run), constants.sensors
+    begun, sensors = start(run.plant, run.actuation, run.sensing), constants.sensors
     sizes = [len(arm.drive) for arm in constants.arms]
     joints = begun.q[: sum(sizes)]
     split = partial(np.split, indices_or_sections=np.cumsum(sizes)[:-1])
