@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections import ChainMap
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from typing import Any, NamedTuple, cast
 
@@ -249,8 +250,15 @@ class BatchSimulator:
         pairs = zip(ends, (runs[0], runs[-1]), strict=True)
         return runs if all(end.values.tobytes() == run.values.tobytes() for end, run in pairs) else None
 
-    def run_prepared(self, runs: Sequence[Prepared]) -> BatchResult:
-        """Return the results of runs; raises as simulate_batch."""
+    def run_prepared(
+        self, runs: Sequence[Prepared], compiled: AbstractContextManager[None] | None = None
+    ) -> BatchResult:
+        """Return the results of runs; raises as simulate_batch.
+
+        Args:
+            runs: Runs of one family with the same times.
+            compiled: Context in which compiled code runs.
+        """
         prepared = Prepared.joined(runs)
         del self._plants[_KEPT:]
         code, orders = (family := self.family([prepared])).code, family.orders
@@ -260,11 +268,12 @@ class BatchSimulator:
             require_sample_memory(machine, count)
         block, loads = code.begin(prepared)
         parts = [slice(first, first + LARGEST_BLOCK) for first in range(0, count, LARGEST_BLOCK)]
-        memories, records = list[Array](), list[Array]()
-        for part in parts:
-            lanes = block[:, part]
-            memories.append(self._memory(machine.record_size(lanes.shape[1])))
-            records.append(machine.run(lanes, uniforms, loads[:, :, part], memories[-1]))
+        memories = [self._memory(machine.record_size(block[:, part].shape[1])) for part in parts]
+        with compiled or nullcontext():
+            records = [
+                machine.run(block[:, part], uniforms, loads[:, :, part], memory)
+                for part, memory in zip(parts, memories, strict=True)
+            ]
         is_valid = block[program.lanes.slots("is_valid")] == 1.0
         return BatchResult(prepared, program.lanes, records, is_valid, partial(self._give_back, memories))
 

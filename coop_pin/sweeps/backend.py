@@ -50,9 +50,19 @@ def outcomes_here(jobs: Iterator[Job]) -> Generator[list[Outcome]]:
             if batch[0].engine != "batch":
                 yield [run_job(job) for job in batch]
             else:
-                from coop_pin.sweeps.batch_job import run_batch  # slow to load
+                yield from _batch_here(batch)
 
-                yield from _with_singles(batch, run_batch(batch), lambda job: [run_job(job)])
+
+def _batch_here(batch: Sequence[Job]) -> Iterator[list[Outcome]]:
+    """Yield the outcomes of a batch that this process computes; other threads work while its code runs."""
+    from coop_pin.sweeps.batch_job import IN_PYTHON, run_batch  # slow to load
+
+    with IN_PYTHON:
+        yield from _with_singles(batch, run_batch(batch), lambda job: [run_job(job)])
+
+
+def _batch_in_thread(batch: Sequence[Job]) -> list[Outcome]:
+    return list(itertools.chain.from_iterable(_batch_here(batch)))
 
 
 def _with_singles(
@@ -240,8 +250,11 @@ def close_workers(sweep: str) -> None:
 class LocalBackend:
     """Execution backend on local workers, until it is closed.
 
+    They are processes, but threads of this one for batches in which nothing of a user's runs: compiled code
+    holds up no other thread.
+
     Args:
-        workers: number of processes that compute at once.
+        workers: number of workers that compute at once.
     """
 
     def __init__(self, workers: int) -> None:
@@ -254,10 +267,11 @@ class LocalBackend:
 
     def submit(self, batch: Sequence[Job]) -> futures.Future[list[Outcome]]:
         """Send a batch to the next free worker."""
+        if batch[0].engine == "batch" and not any(job.code for job in batch):
+            return self._threads.submit(_batch_in_thread, batch)
         return self._threads.submit(run_in_thread, self._name, batch)
 
     def close(self) -> None:
-        """End all workers, also those at work."""
+        """End all workers, also those at work; what is compiled ends by itself."""
         self._threads.shutdown(wait=False, cancel_futures=True)
         close_workers(self._name)
-        self._threads.shutdown()

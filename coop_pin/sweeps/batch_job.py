@@ -8,6 +8,7 @@ import functools
 import itertools
 import logging
 import sys
+import threading
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -24,6 +25,8 @@ from coop_pin.sweeps.run_key import require_unchanged
 
 _simulator = BatchSimulator()
 """With plants, code and memory of the last families, for all batches of a process."""
+IN_PYTHON = threading.Lock()
+"""Held by the thread that works on a batch, but while compiled code runs."""
 _untraceable = list[Hashable]()
 """Families that were refused: their later batches are not traced again."""
 _LOG = logging.getLogger("coop_pin.sweeps")
@@ -132,6 +135,16 @@ def _warn_once(message: str) -> None:
     _LOG.warning("%s", message)
 
 
+@contextlib.contextmanager
+def _compiled() -> Iterator[None]:
+    """Let other threads work on their batches, while compiled code runs."""
+    IN_PYTHON.release()
+    try:
+        yield
+    finally:
+        IN_PYTHON.acquire()
+
+
 def _together(jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array) -> list[Outcome | None]:
     """Return the outcomes of runs of a family; None for one that breaks a guard: a single run has its error.
 
@@ -147,7 +160,7 @@ def _together(jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array)
     """
     start = times()
     try:
-        batch = _simulator.run_prepared(runs)
+        batch = _simulator.run_prepared(runs, _compiled())
         metrics = batch.metrics()
     except TracingError:
         raise
