@@ -92,9 +92,14 @@ def assert_not_blank(image: bytes) -> None:
     assert pixels.std(axis=0).max() > 20
 
 
+def next_frame(page) -> None:
+    """Wait until the page has drawn its next frame, with which its labels are placed."""
+    page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
 def drawn(page) -> bytes:
     """Screenshot of the page after its next frame."""
-    page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    next_frame(page)
     return page.screenshot()
 
 
@@ -314,7 +319,7 @@ def test_names_of_arms_go_with_their_bases_and_do_not_overlap(name, end, tmp_pat
         boxes = []
         for time in (0.0, end):
             page.evaluate(f"coopPin.seek({time})")
-            page.wait_for_timeout(300)  # the labels are placed with the next frame
+            next_frame(page)
             names = [page.get_by_text(arm, exact=True).first for arm in result.scenario.cell.arms]
             boxes.append([[*each.bounding_box().values()] for each in names])
         axial, wanted = (
@@ -337,7 +342,7 @@ def test_a_name_stands_above_a_base_that_the_payload_hides_and_numbers_of_met_st
     save_replay(result, tmp_path / "replay.html")
     with offline_page(tmp_path / "replay.html", 1400, 900) as page:
         page.evaluate("coopPin.seek(2.5)")
-        page.wait_for_timeout(300)
+        next_frame(page)
         raised, pane = [], page.locator("#pane").bounding_box()
         for arm, description in result.scenario.cell.arms.items():
             camera = "coopPin.viewer.camera"

@@ -23,6 +23,7 @@ ALL = """
 import os, runpy, signal, sys
 from pathlib import Path
 import coop_pin as cp
+import matplotlib.font_manager  # builds its list of fonts, and says so on stderr where that takes long
 
 [getattr(cp, name) for name in cp.__all__]
 out, examples = Path(sys.argv[1]), sys.argv[2:]
