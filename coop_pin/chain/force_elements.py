@@ -21,6 +21,7 @@ class Joints:
         X_WJ: poses as [R^T; p^T], shape (njoints, 4, 3).
         V_J: twists in axes of the joints, shape (njoints, 2, 3).
         F_J: wrenches on the bodies about the joints' origins in their axes, N and N m, shape (njoints, 6).
+        rows: those three in a row each, as memory that is copied at once.
         model: the tree without gravity, so that inverse dynamics at rest is J^T of the wrenches.
         data: data of the model at the state.
     """
@@ -34,6 +35,12 @@ class Joints:
         self.X_WJ = _rows(self.data.oMi[0].rotation, count, 4, 3)
         self.V_J = _rows(self.data.v[0].linear, count, 2, 3)
         self.F_J = _rows(self._forces[0].linear, count, 6)
+        self.rows = [memoryview(each.reshape(-1)) for each in (self.X_WJ, self.V_J, self.F_J)]
+        self._zeros = memoryview(np.zeros(self.F_J.size))
+
+    def free(self) -> None:
+        """Set F_J to zero."""
+        self.rows[2][:] = self._zeros
 
     def move(self, q: Array, v: Array) -> None:
         """Move the joints to a state."""
@@ -70,7 +77,7 @@ class ForceElements:
     def act(self, q: Array, v: Array) -> float:
         """Move the joints, write the wrenches of all elements on them, return the power dissipated, W."""
         self.joints.move(q, v)
-        self.joints.F_J[:] = 0.0
+        self.joints.free()
         power = 0.0
         for element in self.elements:
             power += element.act()

@@ -225,10 +225,9 @@ class FreeFlyerRungeKutta(Integrator):
         lanes, machine = _free_flyer_stages(joints, tuple(map(tuple, tableau.A)), tuple(tableau.b))
         block, self._h = np.zeros(lanes.size), np.zeros((1, 1))
         self._call = machine.bound(block, self._h)
-        self._q, self._v, self._q_i, self._v_i, *self._a = (
-            block[lanes.slots(name)[0] :][: len(lanes.slots(name))]
-            for name in ("q", "v", "q_i", "v_i", *(f"a_{i}" for i in range(len(tableau.b))))
-        )
+        at = lanes.views(block)
+        self._q, self._v, self._q_i, self._v_i = (at[name] for name in ("q", "v", "q_i", "v_i"))
+        self._a = [at[f"a_{i}"] for i in range(len(tableau.b))]
 
     def step(self, rate: Rate, t: float, q: Array, v: Array, h: float) -> Step:
         """Return the state at t + h."""

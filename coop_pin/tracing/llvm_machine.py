@@ -14,7 +14,7 @@ from coop_pin.arrays import Array
 from coop_pin.disk_cache import keep, kept
 from coop_pin.errors import ArgumentError
 from coop_pin.tracing.kernel import Instruction, Machine, Program
-from coop_pin.tracing.llvm_emitter import llvm_text
+from coop_pin.tracing.llvm_emitter import ARGUMENTS, llvm_text
 
 _AT_ONCE = 2_000
 """Instructions of one call: some 40 ms with 64 runs of two arms with seven joints."""
@@ -39,9 +39,7 @@ class LlvmMachine(Machine):
             detail = f"the text of the program is not for {self.width} lanes"
             raise ArgumentError(f"{detail}; take that width, or a program of kernels")
         self._engine = _engine(text)
-        pointer, whole = ctypes.c_void_p, ctypes.c_int64
-        kinds = (whole, whole, pointer, pointer, pointer, whole, pointer, whole, pointer, whole)
-        self._run = ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address("run"))
+        self._run = ctypes.CFUNCTYPE(None, ctypes.c_void_p)(self._engine.get_function_address("run"))
         self._instructions = _table(program.instructions)
 
     def run(self, block: Array, uniforms: Array, loads: Array, out: Array | None = None) -> Array:
@@ -52,21 +50,9 @@ class LlvmMachine(Machine):
         slots = np.ascontiguousarray(block[:, lane].reshape(-1, groups, width).swapaxes(0, 1))
         loads = loads[:, :, lane].reshape(*loads.shape[:2], groups, width)
         loads = np.ascontiguousarray(np.moveaxis(loads, 2, 0))
-        uniforms = np.ascontiguousarray(uniforms)
-        for first in range(0, len(self._instructions), _AT_ONCE):  # Python sees Ctrl-C in between
-            instructions = self._instructions[first : first + _AT_ONCE]
-            self._run(
-                groups,
-                len(instructions),
-                instructions.ctypes.data,
-                slots.ctypes.data,
-                uniforms.ctypes.data,
-                8 * uniforms.shape[1],
-                loads.ctypes.data,
-                loads.shape[1],
-                record.ctypes.data,
-                8 * groups * width,
-            )
+        call, count = self.bound(slots, np.ascontiguousarray(uniforms), record, loads), len(self._instructions)
+        for first in range(0, count, _AT_ONCE):  # Python sees Ctrl-C in between
+            call(first, min(_AT_ONCE, count - first))
         block[:] = slots.swapaxes(0, 1).reshape(len(block), -1)[:, :lanes]
         return record[:, :, :lanes]
 
@@ -98,14 +84,15 @@ class LlvmMachine(Machine):
         run, instructions = self._run, self._instructions if order is None else _table(order)
         start, size = instructions.ctypes.data, instructions.itemsize * instructions.shape[1]
         groups = block.size // (self.program.lanes.size * self.width)
-        loaded = (None, 0) if loads is None else (loads.ctypes.data, loads.shape[1])
-        inputs = block.ctypes.data, uniforms.ctypes.data, 8 * uniforms.shape[1], *loaded
-        memory = *inputs, None if record is None else record.ctypes.data, 8 * groups * self.width
-
-        kept = self, instructions, block, uniforms, record, loads
+        memory = groups, block.ctypes.data, uniforms.ctypes.data, 8 * uniforms.shape[1]
+        loaded = (0, 0) if loads is None else (loads.ctypes.data, loads.shape[1])
+        recorded = 0 if record is None else record.ctypes.data, 8 * groups * self.width
+        arguments = (ctypes.c_int64 * len(ARGUMENTS))(0, 0, *memory, *loaded, *recorded)
+        kept, pointer = (self, instructions, block, uniforms, record, loads), ctypes.addressof(arguments)
 
         def call(first: int, count: int, _kept: object = kept) -> None:
-            run(groups, count, start + first * size, *memory)
+            arguments[0], arguments[1] = count, start + first * size
+            run(pointer)
 
         return call
 
