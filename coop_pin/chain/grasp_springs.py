@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.chain.closure_set import ClosureError
-from coop_pin.chain.force_elements import Joints
+from coop_pin.chain.force_elements import ForceElements
 from coop_pin.chain.spring_damper import MovingFrame, SpringDamper, SpringState, spring_state
 from coop_pin.description.cell import Cell
 from coop_pin.errors import FieldError
@@ -88,7 +88,7 @@ def _moving(X_WJ: Array, X_JF: Array, V_J: Array) -> MovingFrame:
 
 @cache
 def _compiled(joints: tuple[tuple[int, int], ...], count: int) -> tuple[Layout, LlvmMachine]:
-    """Return the slots of grasps between pairs of a tree's joints, count in all, and the code that fills them."""
+    """Return the slots of grasps between pairs of a tree's joints and the code that fills them."""
     lanes, n = Layout(), len(joints)
     lanes.add(X_WJ=(count, 4, 3), V_J=(count, 2, 3), F_J=(count, 6), dissipated=())
     lanes.add(frames=(n, 2, 4, 3), stiffness=(n, 6), damping=(n, 6))
@@ -131,13 +131,13 @@ class GraspSprings:
         holds: grasps that hold, shape (n,); the others have no wrench.
     """
 
-    def __init__(self, cell: Cell, tree: CellModel, bodies: Joints) -> None:
+    def __init__(self, cell: Cell, tree: CellModel, bodies: ForceElements) -> None:
         """Find the frames of the compliant grasps.
 
         Args:
             cell: Description.
             tree: Tree of the cell, which is kept.
-            bodies: Joints of the tree, on which the springs act.
+            bodies: Joints of the tree and the wrenches on them, to which the springs add theirs.
         """
         names, grasps, model = list(cell.arms), cell.compliant, tree.model
         self.arms = [names.index(name) for name in grasps]
@@ -153,8 +153,8 @@ class GraspSprings:
             pairs = tuple((arm.joint, payload.joint) for arm, payload in self._sides)
             lanes, machine = _compiled(pairs, model.njoints)
             block = np.zeros(lanes.size)
-            self._call, self._at = machine.bound(block, np.zeros((1, 0))), lanes.views(block)
-            self._rows = [memoryview(self._at[name].reshape(-1)) for name in _OF_JOINTS]
+            (self._call,), self._at = machine.single(block, np.zeros((1, 0))), lanes.views(block)
+            self._rows = [self._at[name].reshape(-1).data for name in _OF_JOINTS]
         stiffness = np.array([grasp.stiffness for grasp in grasps.values()]).reshape(-1, 6)
         damping = [np.zeros(6) if g.damping is None else np.array(g.damping) for g in grasps.values()]
         self.springs, self.holds = (
@@ -169,10 +169,12 @@ class GraspSprings:
 
     def act(self) -> float:
         """Add the wrenches at the state of the joints to theirs; return the power of the dampers, W."""
-        (X_WJ, V_J, F_J, dissipated), bodies = self._rows, self._bodies
-        X_WJ[:], V_J[:], F_J[:] = bodies.rows
-        self._call(0, 1)
-        bodies.rows[2][:] = F_J
+        (X_WJ, V_J, F_J, dissipated), (poses, twists, wrenches) = self._rows, self._bodies.rows
+        X_WJ[:] = poses
+        V_J[:] = twists
+        F_J[:] = wrenches
+        self._call()
+        wrenches[:] = F_J
         return dissipated[0]
 
     def of_arms(self, values: Array) -> Array:

@@ -48,7 +48,7 @@ ARGUMENTS = {
     "record": "ptr",
     "slot_bytes": "i64",
 }
-"""Arguments of ``run`` with their types, eight bytes each: a call with one pointer to them is the quickest."""
+"""Arguments of ``run`` with their types, eight bytes each: one pointer to them makes the quickest call."""
 
 
 def llvm_text(program: Program, width: int) -> str:
