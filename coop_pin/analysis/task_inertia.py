@@ -111,7 +111,7 @@ def _between(times: Array, t: Array, x: Array) -> Array:
         t: s, increasing, shape (m,).
         x: values at t, shape (m, k).
     """
-    slopes = np.gradient(x, t, axis=0, edge_order=min(2, len(t) - 1))
+    slopes = np.gradient(x, t, axis=0, edge_order=2 if len(t) > 2 else 1)
     i = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
     h = np.diff(t)[i, None]
     u = (times[:, None] - t[i, None]) / h
