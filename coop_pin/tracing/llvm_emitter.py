@@ -61,9 +61,9 @@ def llvm_text(program: Program, width: int) -> str:
         LOAD=LOAD,
         RECORD=RECORD,
         arguments="\n".join(
-            f"  %{name}.p = getelementptr i64, ptr %arguments, i64 {place}\n"
+            f"  %{name}.p = getelementptr i64, ptr %arguments, i64 {index}\n"
             f"  %{name} = load {kind}, ptr %{name}.p, align 8"
-            for place, (name, kind) in enumerate(ARGUMENTS.items())
+            for index, (name, kind) in enumerate(ARGUMENTS.items())
         ),
         block=size * program.lanes.size,
         vector=size,
