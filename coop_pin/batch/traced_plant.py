@@ -9,9 +9,9 @@ import numpy as np
 from coop_pin.arrays import Array, require_finite
 from coop_pin.batch.cell_dynamics import CellNumbers, GraspNumbers
 from coop_pin.batch.plant_code import STEPS_AT_ONCE, PlantCode, varying
-from coop_pin.batch.support import plant_reason
 from coop_pin.chain.cell_chain import CellChain, Observation
 from coop_pin.chain.closure_set import ClosureError
+from coop_pin.description.code_family import plant_reason
 from coop_pin.description.events import Surroundings
 from coop_pin.description.grasp_events import Regrasp
 from coop_pin.description.plant import PlantOptions
