@@ -11,13 +11,29 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array, Mask
-from coop_pin.batch.constants import Cover, RunConstants, Start, changes, run_constants, start
+from coop_pin.batch.constants import (
+    RunConstants,
+    Start,
+    changes,
+    covered_constants,
+    covered_start,
+    run_constants,
+    start,
+)
 from coop_pin.batch.hidden_state import digest, of_classes
-from coop_pin.batch.signals import Desired, SignalSource, clocked_of, columns, desired_of, first_of, squeezed
-from coop_pin.batch.support import plant_reason
+from coop_pin.batch.signals import (
+    Desired,
+    SignalSource,
+    clocked_of,
+    columns,
+    desired_of,
+    first_of,
+    squeezed,
+)
 from coop_pin.build_controller import controlled_arm
 from coop_pin.control import CellController
 from coop_pin.description.cell import Cell
+from coop_pin.description.code_family import Cover, plant_reason
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError, TracingError
 from coop_pin.results.quantities import QUANTITIES
@@ -120,8 +136,8 @@ class PreparedPlant:
         """Set the numbers of a run and its start; return the structure of the numbers."""
         constants, cover = self._needed, self._cover
         if cover is not None:
-            constants = cover.constants(constants, scenario, self.run.timeline)
-            begun = cover.start(begun, constants)
+            constants = covered_constants(cover, constants, scenario, self.run.timeline)
+            begun = covered_start(begun, constants)
         self.constants, self.start = constants, begun
         numbers, structure = flattened(constants, self._known)
         self.values = np.array(numbers, dtype=np.float64)
