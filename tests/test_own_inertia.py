@@ -22,7 +22,7 @@ from coop_pin.analysis import (
 )
 from coop_pin.build_controller import build_controller
 from coop_pin.description.grasp import STIFFNESSES
-from coop_pin.errors import ArgumentError, FieldError
+from coop_pin.errors import ArgumentError, DivergedError, FieldError
 from coop_pin.simulation import Simulation
 
 FULL = {
@@ -210,6 +210,32 @@ def test_the_printed_law_is_refused_on_soft_grasps_with_the_stiffness_that_it_ne
         scenario, tuple(1.01 * found.holds_from * np.array(STIFFNESSES["firm"])), damping_ratio=0.3
     )
     assert grasp_stability(Simulation(stiffer, build_controller(stiffer))).ok
+
+
+@pytest.mark.slow
+def test_the_printed_law_holds_on_the_paper_s_300_kN_per_m_and_diverges_on_100():
+    """A finding: a prototype's gains were said to need more."""
+    printed = cp.Scenario.load("adept-paper").replace(events=(), duration=6.0, beyond_bound=True)
+
+    def on(k):
+        scenario = with_grasps(printed, (k,) * 3 + (k / 100.0,) * 3, damping_ratio=0.3)
+        found = grasp_stability(Simulation(scenario, build_controller(scenario)))
+        return stable_steps(scenario, 0.6), found.ok
+
+    scenario, holds = on(3e5)
+    data = cp.run(scenario, engine="traced", warn=False).data.sel(time=slice(3.0, 6.0))
+    error, force = data.pose_error.values, (data.internal_wrench - data.desired_internal_wrench).values
+    rows = [row for row in scenario.cell.task_rows.indices if row < 3]
+    distance = 1e3 * np.linalg.norm(error[:, rows], axis=1).max()
+    most = np.linalg.norm(force[:, 0, rows], axis=1).max()
+    print(f"\n300 kN/m: {distance:.2f} mm, {most:.1f} N at most after 3 s")
+    assert holds
+    assert distance < 0.6
+    assert most < 7.0
+    scenario, holds = on(1e5)
+    assert not holds
+    with pytest.raises(DivergedError):
+        cp.run(scenario.replace(duration=1.0), engine="traced", warn=False)
 
 
 TABLE = {
