@@ -92,9 +92,14 @@ def test_uneven_pose_gains_belong_to_no_axes():
         build_controller(at_rest("planar", gains=gains, gain_axes="payload"))
 
 
+def test_mean_pose_knows_no_deflection():
+    with pytest.raises(FieldError, match="mean of the poses"):
+        cp.MeanPose(gains=ANCHORED["planar"].gains, knows_deflection=True)
+
+
 def test_the_usual_axes_are_not_written():
     law = ANCHORED["spatial"]
-    assert "gain_axes" not in law.model_dump()
+    assert not {"gain_axes", "knows_deflection"} & {*law.model_dump()}
     assert law.replace(gain_axes="payload").model_dump()["gain_axes"] == "payload"
 
 
