@@ -82,9 +82,11 @@ def _cgroups(listed: Path, root: Path) -> list[tuple[Path, tuple[str, str, str]]
         groups = [line.split(":", 2)[1:] for line in listed.read_text("utf-8").splitlines()]
     except OSError:  # not Linux
         return []
-    found = list[tuple[Path, tuple[str, str, str]]]()
+    folders = list[tuple[Path, tuple[str, str, str]]]()
     for name, path in groups:
         if names := _CGROUP_FILES.get(name):
             group = root / name / path.lstrip("/")
-            found += [(folder, names) for folder in (group, *group.parents) if (folder / names[0]).is_file()]
-    return found
+            folders += [
+                (folder, names) for folder in (group, *group.parents) if (folder / names[0]).is_file()
+            ]
+    return folders
