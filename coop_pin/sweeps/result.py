@@ -128,20 +128,17 @@ class SweepResult:
     def write_tables(self) -> None:
         """Write table.csv and table.nc, and times.csv apart from them; FileWriteError on a full disk.
 
-        What has not changed is left: table.nc takes the time of some hundred rows. tables.json has digests of
-        the tables and of what they were made from; while they hold, nothing is read but for these.
+        tables.json has digests of the tables and of what they were made from; while they hold, nothing is
+        read but for these.
         """
         times, folder = ["wall_s", "cpu_s"], self.store.folder
         seal = folder / "tables.json"
         if seal.is_file() and seal.read_bytes() == self._seal():
             return
-        table, content = folder / "table.csv", self.table.drop(columns=times).to_csv().encode()
         self.store.write_with(folder / "times.csv", self.table[[*times, "key"]].to_csv)
-        if not self._is_written(content):
-            table.unlink(missing_ok=True)  # written last: it tells that table.nc is whole
-            write = functools.partial(Path.write_bytes, data=written_netcdf(self.data).getbuffer())
-            self.store.write_with(folder / "table.nc", write)
-        self.store.write_changed(table, content)
+        self.store.write_with(folder / "table.csv", self.table.drop(columns=times).to_csv)
+        write = functools.partial(Path.write_bytes, data=written_netcdf(self.data).getbuffer())
+        self.store.write_with(folder / "table.nc", write)
         self.store.write_changed(seal, self._seal())
 
     def _seal(self) -> bytes:
@@ -149,13 +146,6 @@ class SweepResult:
         names = ("plan.json", "table.csv", "table.nc", "times.csv")
         paths = [path for path in (self.store.folder / name for name in names) if path.is_file()]
         return json.dumps({path.name: file_digest(path) for path in paths + self.store.segments()}).encode()
-
-    def _is_written(self, content: bytes) -> bool:
-        """Return whether table.nc was written for these bytes of table.csv, and after the plan."""
-        table, file, plan = (self.store.folder / name for name in ("table.csv", "table.nc", "plan.json"))
-        if not (table.is_file() and file.is_file() and plan.is_file()):
-            return False
-        return table.read_bytes() == content and file.stat().st_mtime_ns >= plan.stat().st_mtime_ns
 
     def write_html(self, path: str | Path, metric: str = "") -> None:
         """Write all runs as one page that is explored: a heat map with filters, which loads nothing.

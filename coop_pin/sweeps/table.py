@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import itertools
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 import xarray as xr
+from numpy.typing import NDArray
 
+from coop_pin.arrays import Array
 from coop_pin.errors import FieldError
 from coop_pin.results.metrics import NO_STEADY_METRICS
+from coop_pin.sweeps.job import Record
 from coop_pin.sweeps.plan import COLUMNS, SweepPlan
 from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
 
 OK, FAILED, MISSING = "ok", "failed", "missing"
-_STORED = ["key", "failure", "message", "failed_at_s", "merged", "wall_s", "cpu_s"]
-"""Parts of a record that are columns, beside its metrics."""
+_TEXTS, _NUMBERS = ("failure", "message"), ("failed_at_s", "merged", "wall_s", "cpu_s")
+"""Parts of a record that are columns, beside its key and its metrics."""
+_CHUNK = 1000
+"""Records that are read at once."""
 
 
 class PointResult(NamedTuple):
@@ -53,29 +58,44 @@ def read_runs(plan: SweepPlan, store: SweepStore, keys: Sequence[str] | None = N
         keys: keys of all points, where they are known.
     """
     keys = [each.key for each in keyed_points(plan)] if keys is None else keys
-    members = set(keys)
-    rows = (
-        record.metrics | {name: getattr(record, name) for name in _STORED}
-        for record in store.records()
-        if record.key in members
-    )
-    chunks = [pd.DataFrame(chunk) for chunk in iter(lambda: list(itertools.islice(rows, 1000)), [])]
-    stored = pd.concat(chunks or [pd.DataFrame(columns=_STORED)]).drop_duplicates("key", keep="last")
-    table = stored.set_index("key").reindex(keys).reset_index()
-    status = np.select([table["failure"].isna(), table["failure"] != ""], [MISSING, FAILED], OK)
-    texts = table[["failure", "message", "key"]].fillna("").astype(object)
-    numbers = table.drop(columns=[*texts]).astype(float).sort_index(axis="columns")
-    require_own_names(plan, set(numbers) - set(_STORED))
+    places = {key: place for place, key in enumerate(dict.fromkeys(keys))}
+    texts, numbers = _columns(store.records(), places)
+    require_own_names(plan, {*numbers} - {*_NUMBERS})
+    conditions = [texts["failure"] == None, texts["failure"] != ""]  # noqa: E711  of each entry
+    status = np.select(conditions, [MISSING, FAILED], OK).astype(object)
     if "trustworthy" in numbers:
-        numbers.loc[status == FAILED, "trustworthy"] = 0.0
-    columns = {"number": np.arange(len(plan)), "status": status.astype(object)}
-    columns |= {name: x.to_numpy() for name, x in (*texts.items(), *numbers.items())}
+        numbers["trustworthy"][status == FAILED] = 0.0
+    rows, texts["key"] = [places[key] for key in keys], np.array([*places], dtype=object)
+    texts |= {name: np.where(status == MISSING, "", texts[name]) for name in _TEXTS}
+    columns = {"number": np.arange(len(plan)), "status": status[rows]}
+    columns |= {name: x[rows] for name, x in (*texts.items(), *sorted(numbers.items()))}
     dims = [dimension.name for dimension in plan.dimensions]
     coordinates: dict[str, Any] = {}
     for dimension in plan.dimensions:
         labels = [dimension.labels(index) for index in range(dimension.size)]
         coordinates |= {name: (dimension.name, np.array([at[name] for at in labels])) for name in labels[0]}
     return xr.Dataset({name: (dims, x.reshape(plan.shape)) for name, x in columns.items()}, coordinates)
+
+
+def _columns(
+    records: Iterator[Record], places: Mapping[str, int]
+) -> tuple[dict[str, NDArray[Any]], dict[str, Array]]:
+    """Return the texts and the numbers of the last record of each key, None and NaN without one."""
+    size = len(places)
+    texts = {name: np.full(size, None, dtype=object) for name in _TEXTS}
+    numbers = {name: np.full(size, np.nan) for name in _NUMBERS}
+    wanted = (record for record in records if record.key in places)
+    while chunk := list(itertools.islice(wanted, _CHUNK)):
+        at = [places[record.key] for record in chunk]
+        for name in _TEXTS:
+            texts[name][at] = [getattr(record, name) for record in chunk]
+        for name in _NUMBERS:
+            numbers[name][at] = np.array([getattr(record, name) for record in chunk], dtype=np.float64)
+        for name in {*itertools.chain.from_iterable(record.metrics for record in chunk)} - {*numbers}:
+            numbers[name] = np.full(size, np.nan)
+        for name in {*numbers} - {*_NUMBERS}:
+            numbers[name][at] = [record.metrics.get(name, np.nan) for record in chunk]
+    return texts, numbers
 
 
 def require_own_names(plan: SweepPlan, metrics: Iterable[str]) -> None:
