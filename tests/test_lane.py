@@ -75,11 +75,11 @@ def test_a_lane_is_the_run_on_pinocchio(name):
 
 
 def test_other_gains_need_no_other_code(tmp_path, monkeypatch):
-    from coop_pin.batch import traced_code
+    from coop_pin.batch import schedule
 
-    made, original = [], traced_code.TickCode
+    made, original = [], schedule.TickCode
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(traced_code, "TickCode", lambda *a, **b: made.append(a) or original(*a, **b))
+    monkeypatch.setattr(schedule, "TickCode", lambda *a, **b: made.append(a) or original(*a, **b))
     for gain in (0.05, 0.13, 0.2):
         changes = {"duration": 0.2, "events": [], "controller.gains.sign_gain": gain}
         scenario = cp.Scenario.load("adept-anchored", changes)

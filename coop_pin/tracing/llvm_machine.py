@@ -52,21 +52,10 @@ class LlvmMachine(Machine):
         slots = np.ascontiguousarray(block[:, lane].reshape(-1, groups, width).swapaxes(0, 1))
         loads = loads[:, :, lane].reshape(*loads.shape[:2], groups, width)
         loads = np.ascontiguousarray(np.moveaxis(loads, 2, 0))
-        uniforms = np.ascontiguousarray(uniforms)
-        for first in range(0, len(self._instructions), _AT_ONCE):  # Python sees Ctrl-C in between
-            instructions = self._instructions[first : first + _AT_ONCE]
-            self._run(
-                groups,
-                len(instructions),
-                instructions.ctypes.data,
-                slots.ctypes.data,
-                uniforms.ctypes.data,
-                8 * uniforms.shape[1],
-                loads.ctypes.data,
-                loads.shape[1],
-                record.ctypes.data,
-                8 * groups * width,
-            )
+        call = self.bound(slots, np.ascontiguousarray(uniforms), record, loads)
+        count = len(self._instructions)
+        for first in range(0, count, _AT_ONCE):  # Python sees Ctrl-C in between
+            call(first, min(_AT_ONCE, count - first))
         block[:] = slots.swapaxes(0, 1).reshape(len(block), -1)[:, :lanes]
         return record[:, :, :lanes]
 
@@ -82,8 +71,6 @@ class LlvmMachine(Machine):
         uniforms: Array,
         record: Array | None = None,
         loads: Array | None = None,
-        *,
-        order: Sequence[Instruction] | None = None,
     ) -> Callable[[int, int], None]:
         """Return a function that runs some instructions of the program, by first and count, on runs.
 
@@ -93,9 +80,8 @@ class LlvmMachine(Machine):
             uniforms: Numbers that all runs share, read at every call, shape (rows, uniforms).
             record: Memory that RECORD writes, as of new_record; for programs that record.
             loads: Numbers that LOAD fills in, shape (groups, rows, loaded, width); for programs that load.
-            order: Instructions in place of the program's.
         """
-        run, instructions = self._run, self._instructions if order is None else _table(order)
+        run, instructions = self._run, self._instructions
         start, size = instructions.ctypes.data, instructions.itemsize * instructions.shape[1]
         groups = block.size // (self.program.lanes.size * self.width)
         loaded = (None, 0) if loads is None else (loads.ctypes.data, loads.shape[1])
