@@ -19,7 +19,6 @@ from coop_pin.analysis.step_stability import step_stability
 from coop_pin.arrays import Array, require_type
 from coop_pin.control import CellController
 from coop_pin.description.cell import Cell
-from coop_pin.description.grasp_events import PutDown
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError
 from coop_pin.memory import free_memory
@@ -146,8 +145,7 @@ def _plan(scenario: Scenario) -> Iterator[str]:
             f"the law {law.kind!r} does not read the plan of the grasps: {consequence}; 'payload-space' reads"
             " it"
         )
-    lays = any(isinstance(event, PutDown) for event in scenario.events)
-    if lays and not (law.user_code or law.puts_down):
+    if scenario.put_downs and not (law.user_code or law.puts_down):
         yield (
             f"the law {law.kind!r} does not let go of the load at a put-down, so that its integral presses on"
             " the table: 'payload-space' does with a force_path, gains.anchor_gain and anchor_bias = 'none'"

@@ -33,7 +33,6 @@ from coop_pin.analysis.tuning_rule import GainProposal, force_path_of, gain_prop
 from coop_pin.arrays import as_count, require_type
 from coop_pin.build_controller import build_controller
 from coop_pin.control.payload_space import SLIP_GUARD, PayloadSpace
-from coop_pin.description.grasp_events import PutDown
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, InfeasibleMotionError, ScenarioWarning
 from coop_pin.simulation import Simulation
@@ -238,14 +237,9 @@ def _on_patches(scenario: Scenario) -> dict[str, Any]:
         fields["slip_guard"] = min(SLIP_GUARD, reach / 2.0)
         if len(scenario.wrists) == len(scenario.cell.arms):
             fields["normal_guard"] = rounded_down(least.stated / 4.0)
-    if _lays(scenario):
+    if scenario.put_downs:
         fields["anchor_bias"] = "none"
     return fields
-
-
-def _lays(scenario: Scenario) -> bool:
-    """Return whether the load goes over to a table."""
-    return any(isinstance(event, PutDown) for event in scenario.events)
 
 
 def _friction(scenario: Scenario) -> Iterator[str]:
@@ -279,7 +273,7 @@ def _gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
         position, angle = proposal.law.anchor_bias
         yield (
             "anchor_bias: none, by the put-down: a bounded anchor would keep the load that the table gets"
-            if _lays(scenario)
+            if scenario.put_downs
             else f"anchor_bias: {1e3 * position:.3g} mm and {1e3 * angle:.3g} mrad, by the usual bias and the"
             " deflection of the grasps under load and squeeze; the layer is twice as wide"
         )

@@ -1,6 +1,7 @@
 """Single runs that check a batch of a user's law: the first of its runs and a random one, to the end.
 
-The first ticks show what a law computes, not what it counts, draws or reads besides; a whole run shows that, too.
+The first ticks show what a law computes, not what it counts, draws or reads besides; a whole run shows
+that, too.
 """
 
 from __future__ import annotations
