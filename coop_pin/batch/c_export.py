@@ -102,7 +102,7 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     run = Simulation(scenario, recorded)
     for _ in range(min(ticks, run.timeline.ticks + 1)):
         run.tick()
-    own, constants = [tick[index] for tick in recorded.ticks], arm_constants(scenario, run, index)
+    arm_ticks, constants = [tick[index] for tick in recorded.ticks], arm_constants(scenario, run, index)
     law, rows, exact = (
         controller.controllers[arm],
         scenario.cell.task_rows,
@@ -110,18 +110,20 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     )
     try:
         alone = DecentralisedController({arm: law})
-        start, step = trace_law(alone, [constants], rows, own[:1], exact=exact)
-        require_agreement(start, step, [[tick] for tick in own])
+        start, step = trace_law(alone, [constants], rows, arm_ticks[:1], exact=exact)
+        require_agreement(start, step, [[tick] for tick in arm_ticks])
         code: tuple[LawCode, ...] = start, step
-        if len(own[0].message):
-            code += trace_messages(law, constants, rows, own[0], exact=exact)
+        if len(arm_ticks[0].message):
+            code += trace_messages(law, constants, rows, arm_ticks[0], exact=exact)
     except TracingError as error:
         raise TracingError(f"the law of arm {arm!r} cannot be exported: it {error}") from None
     name = _identifier(arm, list(scenario.cell.arms))
     header, source, test = (Path(folder) / f"{name}{ending}" for ending in (".h", ".c", "_self_test.c"))
     Path(folder).mkdir(parents=True, exist_ok=True)
-    messages = message_texts(name, own, recorded.first_messages[index] if len(code) > 2 else np.zeros(0))
-    texts = _texts(name, scenario, law.command_kind, own, code, messages | {"arm": arm})
+    messages = message_texts(
+        name, arm_ticks, recorded.first_messages[index] if len(code) > 2 else np.zeros(0)
+    )
+    texts = _texts(name, scenario, law.command_kind, arm_ticks, code, messages | {"arm": arm})
     for file, text in zip((header, source, test), texts, strict=True):
         write_atomically(file, partial(Path.write_text, data=text, encoding="utf-8"))
     return CLaw(header, source, test, _flops(code[1]))
