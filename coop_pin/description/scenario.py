@@ -283,9 +283,14 @@ class Scenario(WithLaterFields):
         return grasp_plan(self.cell, self.events, time, missed, self.controller.force_path.split)
 
     @property
+    def put_downs(self) -> tuple[PutDown, ...]:
+        """Events at which tables take the load."""
+        return tuple(event for event in self.events if isinstance(event, PutDown))
+
+    @property
     def has_grasp_plan(self) -> bool:
         """Whether grasps open or close, or a table takes the load."""
-        return any(isinstance(event, GraspEvent | PutDown) for event in self.events)
+        return bool(self.grasp_events or self.put_downs)
 
     @property
     def squeeze_wrenches(self) -> Array:
