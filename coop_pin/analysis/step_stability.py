@@ -87,7 +87,7 @@ def step_stability(simulation: Simulation, cell_reach: Reachability | None = Non
         poses += configurations_along(simulation, cell_reach, _POSES)[1:]
     stabilities = [_steps_at(simulation, *pose) for pose in poses]
     scenario = simulation.scenario
-    if scenario.cell.unclosed or any(isinstance(event, Partner) for event in scenario.events):
+    if scenario.cell.unclosed or scenario.partners:
         stabilities += [_grasp_steps_at(simulation, *pose) for pose in poses]
     return max(stabilities, key=lambda stability: stability.value / stability.limit)
 

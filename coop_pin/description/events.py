@@ -6,8 +6,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from pydantic import AfterValidator, Field, field_validator
@@ -62,6 +62,8 @@ class PayloadEvent(Description):
 
     title: ClassVar[str]
     """Name of the event, in a few words."""
+    is_foreseen: ClassVar[bool] = False
+    """Whether it is of the scenario from the start on, and cannot be added to a run that goes on."""
 
     kind: str
     time: NotNegative
@@ -110,6 +112,18 @@ class PayloadEvent(Description):
         detail = f"the run ends at {duration:g} s: lengthen it or move the event"
         return [FieldError(f"ends at t = {self.end:g} s; {detail}", "time")]
 
+    def problem(self, earlier: Any) -> FieldError | None:
+        """Return what is wrong with the event, given the scenario with the events before it alone."""
+        return None
+
+    def actuated(self, arm: str, actuators: Actuators) -> Actuators:
+        """Return the actuators of an arm with what the event does to them."""
+        return actuators
+
+    def borne(self, time: float) -> float:
+        """Return the part of the load that the arms bear at a time: all, unless a table takes it."""
+        return 1.0
+
     def apply(self, surroundings: Surroundings, time: float) -> Surroundings:
         """Return the surroundings at a time; fields that the event leaves alone stay the same objects.
 
@@ -126,6 +140,14 @@ class PayloadEvent(Description):
             surroundings: Surroundings before the event.
         """
         return self.title
+
+
+AnyEvent = TypeVar("AnyEvent", bound=PayloadEvent)
+
+
+def of_kind(events: Iterable[PayloadEvent], kind: type[AnyEvent]) -> tuple[AnyEvent, ...]:
+    """Return the events of a kind, in their order."""
+    return tuple(event for event in events if isinstance(event, kind))
 
 
 class PayloadChange(PayloadEvent):
@@ -208,15 +230,16 @@ class LoseArm(PayloadEvent):
     arm: str
     form: Literal["limp", "braked", "own weight"] = "limp"
     title = "loss of an arm"
+    is_foreseen = True
 
     def text(self, surroundings: Surroundings) -> str:
         """Return the arm, and what is left of it."""
         return f"{self.arm} fails, {self.form}"
 
-    def lost(self, actuators: Actuators) -> Actuators:
-        """Return the actuators of the arm with the failure."""
+    def actuated(self, arm: str, actuators: Actuators) -> Actuators:
+        """Return the actuators of an arm, of its own with the failure."""
         field = "commands_lost_at" if self.form == "own weight" else "torque_lost_at"
-        return actuators.replace(**{field: self.time})
+        return actuators.replace(**{field: self.time}) if arm == self.arm else actuators
 
     @property
     def told(self) -> str:
@@ -233,10 +256,11 @@ class LoseArm(PayloadEvent):
         if self.form == "braked":
             plant.brake(arms.index(self.arm))
 
-    def problem(self, arms: Collection[str], actuators: Actuators) -> FieldError | None:
-        """Return what is wrong with the arm, given its actuators without the event."""
-        if unknown := unknown_arms([self.arm], arms):
+    def problem(self, earlier: Any) -> FieldError | None:
+        """Return what is wrong with the arm, given the scenario with the events before it alone."""
+        if unknown := unknown_arms([self.arm], earlier.cell.arms):
             return FieldError(unknown[0].detail, "arm")
+        actuators = earlier.actuators_of(self.arm)
         if actuators.lost_at is not None:
             detail = f"fails at {actuators.lost_at:g} s already, by its actuators or another event"
             return FieldError(f"is {self.arm!r}, which {detail}", "arm")

@@ -12,6 +12,7 @@ from pydantic import Field
 from coop_pin.description.cell import Cell
 from coop_pin.description.events import (
     MISSED,
+    AnyEvent,
     GravityTurn,
     LoseArm,
     Partner,
@@ -20,6 +21,7 @@ from coop_pin.description.events import (
     Surroundings,
     UserEvent,
     WrenchPulse,
+    of_kind,
 )
 from coop_pin.errors import FieldError
 from coop_pin.reference.quintic import quintic
@@ -230,7 +232,7 @@ class PutDown(PayloadEvent):
         return problems
 
     def borne(self, time: float) -> float:
-        """Return the part of the load that the arms bear at a time: one minus the quintic of it."""
+        """Return one minus the quintic of the time."""
         return 1.0 - quintic(time, self.time, self.duration).value
 
 
@@ -252,14 +254,13 @@ Event = Annotated[
 def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
     """Return what is wrong with the order of grasp events among the events of a run."""
     problems, holding, since = partner_problems(events), dict.fromkeys(cell.arms, True), dict[str, float]()
-    laid = min((event.end for event in events if isinstance(event, PutDown)), default=math.inf)
-    numbered = [(event, str(index)) for index, event in enumerate(events) if isinstance(event, GraspEvent)]
-    numbered.sort(key=lambda pair: pair[0].time)
-    for (event, _), (other, path) in itertools.pairwise(numbered):
+    laid = min((event.end for event in of_kind(events, PutDown)), default=math.inf)
+    at_grasps = _in_order(events, GraspEvent)
+    for (event, _), (other, path) in itertools.pairwise(at_grasps):
         if other.time == event.time:
             detail = f"is {other.time:g} s, as that of another grasp event; let one come a tick later"
             problems.append(FieldError(detail, f"{path}.time"))
-    for event, path in numbered:
+    for event, path in at_grasps:
         if event.arm not in holding:
             continue
         if event.time < since.get(event.arm, 0.0):
@@ -278,11 +279,15 @@ def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
 
 def partner_problems(events: Sequence[Any]) -> list[FieldError]:
     """Return which partners among the events of a run take hold before the one before has let go."""
-    numbered = [(event, str(index)) for index, event in enumerate(events) if isinstance(event, Partner)]
-    numbered.sort(key=lambda pair: pair[0].time)
     detail = "is {:g} s, but the partner before it holds until {:g} s"
     return [
         FieldError(detail.format(after.time, before.end), f"{path}.time")
-        for (before, _), (after, path) in itertools.pairwise(numbered)
+        for (before, _), (after, path) in itertools.pairwise(_in_order(events, Partner))
         if after.time < before.end
     ]
+
+
+def _in_order(events: Sequence[Any], kind: type[AnyEvent]) -> list[tuple[AnyEvent, str]]:
+    """Return the events of a kind in the order of their times, each with its number among all."""
+    numbered = [(event, str(index)) for index, each in enumerate(events) for event in of_kind([each], kind)]
+    return sorted(numbered, key=lambda pair: pair[0].time)

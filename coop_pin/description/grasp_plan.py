@@ -17,7 +17,8 @@ import numpy as np
 from coop_pin.arrays import Array, Mask
 from coop_pin.control.force_path import Split
 from coop_pin.description.cell import Cell
-from coop_pin.description.grasp_events import GraspEvent, PutDown
+from coop_pin.description.events import of_kind
+from coop_pin.description.grasp_events import GraspEvent
 from coop_pin.reference.quintic import quintic
 from coop_pin.spatial import internal_wrenches
 from coop_pin.spatial.internal_wrench import linkage_loads
@@ -79,7 +80,7 @@ def grasp_plan(
     """
     m = len(cell.arms)
     holds, loads, retreats = np.ones(m, dtype=bool), np.ones(m), np.zeros((m, 3))
-    at_grasps = [event for event in events if isinstance(event, GraspEvent)]
+    at_grasps = of_kind(events, GraspEvent)
     for index, name in enumerate(cell.arms):
         mine = sorted((event for event in at_grasps if event.arm == name), key=lambda event: event.time)
         for event, before in zip(mine, [None, *mine], strict=False):
@@ -91,8 +92,7 @@ def grasp_plan(
     shares = loads * cell.shares
     if loads.any():
         shares = shares / shares.sum()
-    laid = [event for event in events if isinstance(event, PutDown) and event.time <= time]
-    borne = min((event.borne(time) for event in laid), default=1.0)
+    borne = min((event.borne(time) for event in events), default=1.0)
     linkage = _linkage(cell, loads) if split == "virtual-linkage" else None
     return GraspPlan(holds, loads, shares, retreats, borne, linkage)
 

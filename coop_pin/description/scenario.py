@@ -17,7 +17,7 @@ from coop_pin.control.interface import CellTiming
 from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller
-from coop_pin.description.events import LoseArm, Surroundings
+from coop_pin.description.events import Partner, Surroundings, of_kind
 from coop_pin.description.grasp_events import Event, GraspEvent, PutDown, sequence_problems
 from coop_pin.description.grasp_plan import GraspPlan, grasp_plan
 from coop_pin.description.network import ArmClock, Network
@@ -158,8 +158,7 @@ class Scenario(WithLaterFields):
         """Return the actuators of one arm, with its failure."""
         actuators = self.arm_actuators.get(arm, self.actuators)
         for event in self.events:
-            if isinstance(event, LoseArm) and event.arm == arm:
-                actuators = event.lost(actuators)
+            actuators = event.actuated(arm, actuators)
         return actuators
 
     def actuators_path(self, arm: str) -> str:
@@ -181,10 +180,8 @@ class Scenario(WithLaterFields):
     @model_validator(mode="after")
     def _each_arm_fails_once(self) -> Self:
         for index, event in enumerate(self.events):
-            if isinstance(event, LoseArm):
-                before = self.model_copy(update={"events": self.events[:index]})
-                if problem := event.problem(self.cell.arms, before.actuators_of(event.arm)):
-                    raise problem.below(f"events.{index}")
+            if problem := event.problem(self.model_copy(update={"events": self.events[:index]})):
+                raise problem.below(f"events.{index}")
         return self
 
     @model_validator(mode="after")
@@ -276,16 +273,21 @@ class Scenario(WithLaterFields):
     @property
     def grasp_events(self) -> tuple[GraspEvent, ...]:
         """Events at grasps."""
-        return tuple(event for event in self.events if isinstance(event, GraspEvent))
+        return of_kind(self.events, GraspEvent)
+
+    @property
+    def put_downs(self) -> tuple[PutDown, ...]:
+        """Events that hand the load to a table."""
+        return of_kind(self.events, PutDown)
+
+    @property
+    def partners(self) -> tuple[Partner, ...]:
+        """Persons or machines at handles."""
+        return of_kind(self.events, Partner)
 
     def grasp_plan_at(self, time: float, missed: Sequence[GraspEvent] = ()) -> GraspPlan:
         """Return the plan of the grasps from a time on, s, without the events that did not happen."""
         return grasp_plan(self.cell, self.events, time, missed, self.controller.force_path.split)
-
-    @property
-    def put_downs(self) -> tuple[PutDown, ...]:
-        """Events at which tables take the load."""
-        return tuple(event for event in self.events if isinstance(event, PutDown))
 
     @property
     def has_grasp_plan(self) -> bool:

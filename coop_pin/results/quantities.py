@@ -15,7 +15,6 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.description.arm import Miscalibration
-from coop_pin.description.events import Partner
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import Sensors
 from coop_pin.spatial import internal_wrenches, log3, quaternions, rotate_vector6
@@ -260,7 +259,7 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     "servo": lambda scenario: scenario.has_servos,
     "grasps": lambda scenario: bool(scenario.cell.compliant),
     "plan": lambda scenario: bool(scenario.cell.compliant or scenario.has_grasp_plan),
-    "partner": lambda scenario: any(isinstance(event, Partner) for event in scenario.events),
+    "partner": lambda scenario: bool(scenario.partners),
     "patches": lambda scenario: scenario.cell.has_contacts,
     "elements": lambda scenario: scenario.cell.has_force_elements,
     "encoder": lambda scenario: not all(s.joints_are_ideal for s in _sensors(scenario)),

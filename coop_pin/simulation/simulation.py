@@ -15,7 +15,7 @@ import numpy as np
 from coop_pin.arrays import Array, as_number, frozen, require_type
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.control.interface import ArmMeasurement, ArmReference, CellCommand, CellController, Message
-from coop_pin.description.events import LoseArm, PayloadEvent
+from coop_pin.description.events import PayloadEvent
 from coop_pin.description.grasp_events import Event
 from coop_pin.description.grasp_plan import GraspPlan
 from coop_pin.description.scenario import Scenario
@@ -269,7 +269,7 @@ class Simulation:
                 drives are those of the scenario.
         """
         require_type("event", event, PayloadEvent)
-        if isinstance(event, LoseArm):
+        if event.is_foreseen:
             raise FieldError(f"is {event.kind!r}; state it in the scenario", "event.kind")
         earliest = self.timeline.time(self.ticks_done + (self._inputs is not None))
         if event.time < earliest:

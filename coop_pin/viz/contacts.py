@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +31,6 @@ HOLDS, SLIDES, ABSENT = 0, 4, 5
 
 _SLID_M = 1e-7
 """Slip between two frames from which a patch slides, m."""
-
-
-def partners_of(events: Iterable[object]) -> tuple[Partner, ...]:
-    """Return the partners among the events of a run."""
-    return tuple(event for event in events if isinstance(event, Partner))
 
 
 def contact_nodes(cell: Cell, partners: Sequence[Partner]) -> tuple[str, ...]:

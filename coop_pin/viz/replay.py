@@ -18,7 +18,6 @@ from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult
 from coop_pin.viz.arrows import LINEAR_M, ArrowScales, recorded_scales
 from coop_pin.viz.cell_scene import cell_scene
-from coop_pin.viz.contacts import partners_of
 from coop_pin.viz.curves import Curve, cell_curves, curve_rows, thinned_rows
 from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, frame_samples, run_samples
 from coop_pin.viz.highlights import events_text, instants, spans, telling_instant, trust_text
@@ -116,7 +115,7 @@ class NotebookView:
 def _packed(result: RunResult, curves: tuple[Curve, ...], instants: list[float]) -> dict[str, Any]:
     """Return a run as the page reads it, with the frames of some instants."""
     cell, samples = result.scenario.cell, run_samples(result)
-    partners = partners_of(result.scenario.events)
+    partners = result.scenario.partners
     frames = CellFrames(cell, CellVisuals(cell, result.scenario.plant.payload), partners)
     numbers = sum(frames.blocks.values()) + 1 + len(curves)
     rate = min(FRAMES_PER_SECOND, _MOST_NUMBERS / (numbers * max(result.end, 1.0)))
