@@ -98,10 +98,10 @@ def table_force(
     assert isinstance(law, PayloadSpace)
     put_down = scenario.put_downs[0]
     X_WP = scenario.motion.replace().at(put_down.time).X_WP_d
-    place = _table_below(scenario, X_WP)
-    if place is None:
+    below = _table_below(scenario, X_WP)
+    if below is None:
         return None
-    depth, table, n = place
+    depth, table, n = below
     G, part, gamma, alpha, beta = _gains_along(scenario, law, put_down.time, X_WP, n)
     height = max(depth, table_error)
     times, x, rate = _errors(scenario, put_down, n, height + lag / part)

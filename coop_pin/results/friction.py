@@ -136,8 +136,8 @@ def _losses(data: Arrays, cell: Cell) -> list[tuple[int, str, str]]:
         steps = np.diff(np.asarray(data["patch_slip"])[:, number], prepend=0.0)
         slid = np.cumsum(np.where(bears, np.maximum(steps, 0.0), 0.0)) > _SLID
         opened = bears & (points[:, number] == 0.0) & points.any(axis=1)
-        found = {"slides from {} on": slid, "opens at {}": opened}
-        losses += [(int(mask.argmax()), verb, arm) for verb, mask in found.items() if mask.any()]
+        marks = {"slides from {} on": slid, "opens at {}": opened}
+        losses += [(int(mask.argmax()), verb, arm) for verb, mask in marks.items() if mask.any()]
     return sorted(losses)
 
 
