@@ -286,6 +286,8 @@ def _gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
             " the arm go unstable"
         )
         yield _anchor_limit(proposal.law.anchor_bias)
+        if proposal.law.knows_deflection:
+            yield "knows_deflection: the arms give up no squeeze to what it deflects"
         parts = "0.4", "a tenth to a fortieth"
     yield (
         f"k_I: {proposal.integral_rate:.3g} /s, by {parts[0]} of lambda_min = {proposal.lambda_min:.3g} /s"
