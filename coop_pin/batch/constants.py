@@ -34,12 +34,10 @@ class ArmConstants(NamedTuple):
 
     Attributes:
         model: the arm as its own kinematics have it, calibration errors included.
-        drive: T, shape (k, k).
         to_joints: T^-1, shape (k, k).
     """
 
     model: SerialArm
-    drive: Numbers
     to_joints: Numbers
 
     def view(self, rows: TaskRows, angles: Numbers) -> PayloadKinematics:
@@ -92,21 +90,6 @@ class RunConstants(NamedTuple):
         return self.arms[index].view(self.sensors.rows, angles[index] if measured is None else measured)
 
 
-class Start(NamedTuple):
-    """Start of a run.
-
-    Attributes:
-        q: joint positions of all arms, of continuous joints near the posture, then position and quaternion of
-            a free payload, shape (N,) or (N + 7,).
-        holding: torques that the drives report, N m, shape (N,).
-        drives: memory of the drives.
-    """
-
-    q: Array
-    holding: Array
-    drives: DriveState
-
-
 def covered_constants(
     cover: Cover, needed: RunConstants, scenario: Scenario, timeline: Timeline
 ) -> RunConstants:
@@ -125,13 +108,12 @@ def covered_constants(
     return needed._replace(sensors=sensors, drives=drives, changes=changes(scenario, timeline, cover))
 
 
-def covered_start(needed: Start, constants: RunConstants) -> Start:
-    """Return the start of a run with what the code of its constants provides besides."""
+def covered_drives(needed: DriveState, constants: RunConstants) -> DriveState:
+    """Return the memory of the drives at the start with what the code of the constants provides besides."""
     response = constants.drives.response
-    if response is None or needed.drives.response is not None:
+    if response is None or needed.response is not None:
         return needed
-    at_rest = response.start(np.zeros(len(needed.q)))  # drives without lag do not read it
-    return needed._replace(drives=needed.drives._replace(response=at_rest))
+    return needed._replace(response=response.start(np.zeros(constants.cell.joints)))  # lag alone reads it
 
 
 def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
@@ -166,7 +148,6 @@ def arm_constants(arm: CellArm) -> ArmConstants:
     X_JP = model.frames[model.getFrameId("payload")].placement
     return ArmConstants(
         model=SerialArm.from_model(model, range(1, model.njoints), X_JP, pin.Inertia.Zero()),
-        drive=arm.drive,
         to_joints=arm.from_drive,
     )
 
@@ -189,9 +170,13 @@ def changes(scenario: Scenario, timeline: Timeline, cover: Cover | None = None) 
     return tuple({name: getattr(each, name) for name in names} for each in present)
 
 
-def start(plant: Plant, actuation: Actuation, sensing: Sensing) -> Start:
-    """Return the start of a run by its parts."""
+def start(plant: Plant, actuation: Actuation, sensing: Sensing) -> dict[str, Array]:
+    """Return what a run starts from, by name.
+
+    ``q``, joint positions of all arms, of continuous joints near the posture, then position and quaternion of
+    a free payload, shape (N,) or (N + 7,); ``holding``, the torques that the drives report, N m, shape (N,).
+    """
     q, slots = plant.q, plant.chain.model.arms
     angles = [arm.angles.near(q[arm.q_slice], arm.posture) for arm in slots]
     holding = np.concatenate(actuation.holding_commands(q)) * np.concatenate(sensing.holding_factors)
-    return Start(np.concatenate((*angles, q[slots[-1].q_slice.stop :])), holding, actuation.state)
+    return {"q": np.concatenate((*angles, q[slots[-1].q_slice.stop :])), "holding": holding}

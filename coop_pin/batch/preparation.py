@@ -13,10 +13,9 @@ import numpy as np
 from coop_pin.arrays import Array, Mask
 from coop_pin.batch.constants import (
     RunConstants,
-    Start,
     changes,
     covered_constants,
-    covered_start,
+    covered_drives,
     run_constants,
     start,
 )
@@ -70,7 +69,7 @@ class PreparedPlant:
         arms: numbers of the arms that controllers know.
         constants: numbers of the runs, without a controller.
         values: leaves of the constants, shape (leaves,).
-        start: initial state of the runs.
+        drives: memory of the drives at the start.
         begins: numbers of the fields of a block that the plant begins with, by name.
         desired: desired motion and squeeze at all ticks, of a long run at its first ones.
         example: signals of a tick.
@@ -108,7 +107,7 @@ class PreparedPlant:
         self._cover, self._needed = cover, run_constants(scenario, self.run)._replace(controller=None)
         fixed = self._needed.cell.arms, self._needed.arms, self._needed.sensors
         self._known = {id(part): flattened(part) for part in (*self.arms, *fixed)}
-        structure = self._begin(scenario, start(self.run.plant, self.run.actuation, self.run.sensing))
+        structure = self._begin(scenario, self.run.plant, self.run.actuation)
         self.times = _times(scenario)
         self._last: tuple[Hashable, ...] = ()
         self._untraced = list[Hashable]()  # numbers whose controllers are built one by one
@@ -132,17 +131,17 @@ class PreparedPlant:
         names, samples = tuple(each.name for each in self.read), tuple(self.constants.drives.samples())
         self.kind = structure, tuple(scenario.cell.arms), names, samples
 
-    def _begin(self, scenario: Scenario, begun: Start) -> Hashable:
+    def _begin(self, scenario: Scenario, plant: Plant, actuation: Actuation) -> Hashable:
         """Set the numbers of a run and its start; return the structure of the numbers."""
-        constants, cover = self._needed, self._cover
+        constants, self.drives, cover = self._needed, actuation.state, self._cover
         if cover is not None:
             constants = covered_constants(cover, constants, scenario, self.run.timeline)
-            begun = covered_start(begun, constants)
-        self.constants, self.start = constants, begun
-        numbers, structure = flattened(constants, self._known)
+            self.drives = covered_drives(self.drives, constants)
+        self.constants, (numbers, structure) = constants, flattened(constants, self._known)
         self.values = np.array(numbers, dtype=np.float64)
-        self.begins = {name: leaves(part) for name, part in self.start._asdict().items()}
-        self.begins["surroundings"] = leaves(constants.changes[0])
+        others = {"drives": self.drives, "surroundings": constants.changes[0]}
+        begins = start(plant, actuation, self.run.sensing) | others
+        self.begins = {name: leaves(part) for name, part in begins.items()}
         return structure
 
     def carrying(self, scenario: Scenario, cover: Cover | None) -> PreparedPlant | None:
@@ -169,7 +168,7 @@ class PreparedPlant:
             drives=actuation.drives,
             changes=changes(scenario, run.timeline),
         )
-        structure = prepared._begin(scenario, start(plant, actuation, run.sensing))
+        structure = prepared._begin(scenario, plant, actuation)
         return prepared if structure == self.kind[0] else None
 
     @property

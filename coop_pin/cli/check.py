@@ -25,7 +25,8 @@ class Check:
     the start, and the joint friction in the plant's steps; say what the law
     measures and what a kinematic bias and an unknown load leave; the proposal of 'coop-pin suggest'
     for these postures follows; on compliant grasps and patches also the stiffness from which the gains hold.
-    Patches have the least squeeze that carries the payload along the motion.
+    Patches have the least squeeze that carries the payload along the motion, and a put-down the force with
+    which the arms press a table that is higher than planned.
     Every field of the scenario can be changed as in 'coop-pin run'.
 
     Attributes:
@@ -34,6 +35,7 @@ class Check:
         bias: kinematic bias of one arm's tip, m.
         bias_turn: angle by which the base of one arm is off, rad.
         load: constant force on the payload that the law does not know, N.
+        table_error: height by which a table on which the payload is put down may be higher than planned, m.
         fields: fields of the scenario, as typed.
     """
 
@@ -42,6 +44,7 @@ class Check:
     bias: float = 1e-3
     bias_turn: float = 0.0
     load: float = 10.0
+    table_error: float = 2e-3
     fields: TypedFields = dataclasses.field(default_factory=dict)
 
     def execute(self) -> int:
@@ -77,7 +80,8 @@ class Check:
             except ArgumentError as error:
                 lines.append(f"the arms have servos, and gains and errors at rest are not checked: {error}")
         lines.append(analysis.large_record(scenario))
-        lines.append("" if squeeze is None else squeeze.summary())
+        pressed = analysis.table_force(scenario, table_error=self.table_error)
+        lines += [forces.summary() for forces in (squeeze, pressed) if forces is not None]
         if scenario.cell.tables and not scenario.cell.unclosed:
             lines.append("the payload may lie on a table: gains are not checked")
         _print_lines(lines)
@@ -101,8 +105,11 @@ class Check:
             of_motion = analysis.motion_stability(simulation, reach)
             findings[:0] = of_motion, analysis.loop_stability(simulation, reach)
         lines += [finding.summary() for finding in findings]
-        propose = analysis.own_inertia_proposal if scenario.cell.unclosed else analysis.gain_proposal
-        lines.append(propose(scenario, reach).summary())
+        if scenario.cell.unclosed:
+            proposal = analysis.own_inertia_proposal(scenario, reach, table_error=self.table_error)
+        else:
+            proposal = analysis.gain_proposal(scenario, reach)
+        lines.append(proposal.summary())
         try:
             lines.append(analysis.eigenvalues(scenario).summary())
         except (ArgumentError, DivergedError) as error:  # the steps or gains named above

@@ -145,12 +145,14 @@ class Suggest:
             and may be missing.
         out: file to write the proposed scenario to, ready for 'coop-pin run'; none when omitted.
         poses: number of poses looked at along the motion.
+        table_error: height by which a table on which the payload is put down may be higher than planned, m.
         fields: fields of the scenario, as typed.
     """
 
     scenario: ScenarioName
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     poses: int = 101
+    table_error: float = 2e-3
     fields: TypedFields = dataclasses.field(default_factory=dict)
 
     def execute(self) -> int:
@@ -161,7 +163,8 @@ class Suggest:
         """
         from coop_pin.analysis import suggest
 
-        suggested = suggest(load_scenario(self.scenario, self.fields, draft=True), poses=self.poses)
+        draft = load_scenario(self.scenario, self.fields, draft=True)
+        suggested = suggest(draft, poses=self.poses, table_error=self.table_error)
         print_wrapped(suggested.summary())
         if self.out is not None:
             suggested.scenario.save(self.out)
