@@ -260,24 +260,14 @@ class BatchSimulator:
             require_sample_memory(machine, count)
         (block, loads), lanes = family.code.begin(prepared), family.code.program.lanes
         parts = [slice(first, first + LARGEST_BLOCK) for first in range(0, count, LARGEST_BLOCK)]
-<<<<<<< HEAD
         memories = [self._memory(machine.record_size(block[:, part].shape[1])) for part in parts]
         with compiled or nullcontext():
             records = [
-                machine.run(block[:, part], uniforms, loads[:, :, part], memory)
+                machine.run(block[:, part], order.uniforms, loads[:, :, part], memory)
                 for part, memory in zip(parts, memories, strict=True)
             ]
-        is_valid = block[program.lanes.slots("is_valid")] == 1.0
-        return BatchResult(prepared, program.lanes, records, is_valid, partial(self._give_back, memories))
-=======
-        memories, records = list[Array](), list[Array]()
-        for part in parts:
-            slots = block[:, part]
-            memories.append(self._memory(machine.record_size(slots.shape[1])))
-            records.append(machine.run(slots, order.uniforms, loads[:, :, part], memories[-1]))
         is_valid = block[lanes.slots("is_valid")] == 1.0
         return BatchResult(prepared, lanes, records, is_valid, partial(self._give_back, memories))
->>>>>>> columns
 
     def _memory(self, size: int) -> Array:
         """Return memory for ``size`` numbers or more.
