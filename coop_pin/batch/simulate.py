@@ -127,8 +127,10 @@ class BatchResult:
             metrics = all_metrics(data, windows, turns=first.cell.controls_turns)
             trustworthy &= ~(metrics["joint_drift_rad"] > first.trust.joint_drift)
         columns = {"trustworthy": trustworthy} | metrics
-        rows = np.stack(np.broadcast_arrays(*columns.values(), subok=False)).astype(float).T.tolist()
-        return [dict(zip(columns, row, strict=True)) for row in rows]
+        table = np.empty((len(columns), len(labels)))
+        for row, values in zip(table, columns.values(), strict=True):
+            row[:] = values
+        return [dict(zip(columns, row, strict=True)) for row in table.T.tolist()]
 
 
 class Family(NamedTuple):

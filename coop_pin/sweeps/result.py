@@ -28,8 +28,12 @@ from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.table import FAILED, MISSING, OK, PointResult, describe, read_runs
 
 _LOG = logging.getLogger("coop_pin.sweeps")
-_APART = ["message", "wall_s", "cpu_s", "key"]
-"""Columns that are not in the dataset: durations differ from machine to machine."""
+_TIMES = ["wall_s", "cpu_s"]
+"""Durations, which differ from machine to machine."""
+_APART = ["message", *_TIMES, "key"]
+"""Columns that are not in the dataset."""
+_AT_ONCE = 10_000
+"""Rows that are written at once."""
 
 
 class SweepResult:
@@ -78,9 +82,12 @@ class SweepResult:
     @functools.cached_property
     def table(self) -> pd.DataFrame:
         """Table of all runs by number: varied fields, status, error, metrics, durations and key."""
+        return self._rows(slice(None))
+
+    def _rows(self, rows: slice) -> pd.DataFrame:
         runs: Any = self._runs
         whole = {name: runs.variables[name].set_dims(runs["number"].sizes) for name in (*runs.coords, *runs)}
-        return pd.DataFrame({name: x.values.ravel() for name, x in whole.items()}).set_index("number")
+        return pd.DataFrame({name: x.values.ravel()[rows] for name, x in whole.items()}).set_index("number")
 
     def at(self, fields: Mapping[str, Any]) -> Self:
         """Return the part of the sweep in which fields have given values.
@@ -131,15 +138,23 @@ class SweepResult:
         tables.json has digests of the tables and of what they were made from; while they hold, nothing is
         read but for these.
         """
-        times, folder = ["wall_s", "cpu_s"], self.store.folder
+        folder = self.store.folder
         seal = folder / "tables.json"
         if seal.is_file() and seal.read_bytes() == self._seal():
             return
-        self.store.write_with(folder / "times.csv", self.table[[*times, "key"]].to_csv)
-        self.store.write_with(folder / "table.csv", self.table.drop(columns=times).to_csv)
+        for name, columns in (("times.csv", [*_TIMES, "key"]), ("table.csv", None)):
+            self.store.write_with(folder / name, functools.partial(self._write_rows, columns))
         write = functools.partial(Path.write_bytes, data=written_netcdf(self.data).getbuffer())
         self.store.write_with(folder / "table.nc", write)
         self.store.write_changed(seal, self._seal())
+
+    def _write_rows(self, columns: list[str] | None, path: Path) -> None:
+        """Write some columns of the table as CSV, all but the times when None; some rows after the other."""
+        with path.open("w", encoding="utf-8", newline="") as file:
+            for first in range(0, self._runs["number"].size, _AT_ONCE):
+                rows = self._rows(slice(first, first + _AT_ONCE))
+                rows = rows.drop(columns=_TIMES) if columns is None else rows[columns]
+                rows.to_csv(file, header=not first, lineterminator="\n")
 
     def _seal(self) -> bytes:
         """Return the digests of the tables, the plan and the stored runs, as JSON."""
