@@ -12,7 +12,6 @@ import numpy as np
 import pandas as pd
 
 from coop_pin.arrays import Array, as_count, typed
-from coop_pin.batch import export_c
 from coop_pin.build_controller import build_controller
 from coop_pin.comparison.controllers import Controllers, controllers_for
 from coop_pin.comparison.trials import benchmark_scenario
@@ -104,6 +103,8 @@ def _operations(scenario: Scenario, needs: Sequence[str]) -> tuple[float, str]:
     """Return the operations of a tick of the first arm's law, or why they cannot be counted."""
     if {"model", "regressor"} & {*needs}:
         return math.nan, "its model is Pinocchio's compiled code"
+    from coop_pin.batch import export_c  # slow to load
+
     try:
         with tempfile.TemporaryDirectory() as folder:
             law = export_c(scenario, next(iter(scenario.cell.arms)), folder)
