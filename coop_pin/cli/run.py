@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
@@ -13,9 +13,6 @@ from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, NOT_TRUSTWORTHY, OK
 from coop_pin.cli.overrides import NO_FIELDS, ScenarioName, TypedFields, load_scenario
 from coop_pin.engines import Engine
 from coop_pin.errors import CoopPinError, RunInterruptedError
-
-if TYPE_CHECKING:
-    from coop_pin.results import RunResult
 
 
 def run(
@@ -92,11 +89,11 @@ def run(
     return NOT_TRUSTWORTHY if is_breached else OK
 
 
-def _warn(result: RunResult, verbose: bool) -> None:
+def _warn(result: Any, verbose: bool) -> None:
     print(f"coop-pin: {result.verdict()}", *_details(result, verbose), sep="\n", file=sys.stderr)
 
 
-def _details(result: RunResult, verbose: bool) -> list[str]:
+def _details(result: Any, verbose: bool) -> list[str]:
     """Return every breach as a line if asked for, otherwise how to ask when there are several."""
     breaches = result.breaches()
     if verbose:
