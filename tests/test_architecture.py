@@ -63,7 +63,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "schema": (set(), {"pydantic", "pydantic_core"}),
     "reference": ({"schema", "user_files"}, {"pydantic", "scipy"}),
     "control": ({"schema"}, {"pydantic"}),
-    "disk_cache": (set(), set()),
+    "disk_cache": ({"user_files"}, set()),
     "tracing": ({"schema", "disk_cache"}, {"llvmlite"}),
     "heat_map": (set(), {"pandas"}),
     "progress_bar": (set(), {"tqdm"}),

@@ -18,6 +18,7 @@ def check(
     bias: float = 1e-3,
     bias_turn: float = 0.0,
     load: float = 10.0,
+    table_error: float = 2e-3,
     fields: TypedFields = NO_FIELDS,
 ) -> int:
     """Check reachability, distance to singularities, limits and static torques along the desired motion.
@@ -30,7 +31,8 @@ def check(
     the start, and the joint friction in the plant's steps; say what the law
     measures and what a kinematic bias and an unknown load leave; the proposal of 'coop-pin suggest'
     for these postures follows; on compliant grasps and patches also the stiffness from which the gains hold.
-    Patches have the least squeeze that carries the payload along the motion.
+    Patches have the least squeeze that carries the payload along the motion, and a put-down the force with
+    which the arms press a table that is higher than planned.
     Every field of the scenario can be changed as in 'coop-pin run'.
 
     Args:
@@ -39,6 +41,7 @@ def check(
         bias: kinematic bias of one arm's tip, m.
         bias_turn: angle by which the base of one arm is off, rad.
         load: constant force on the payload that the law does not know, N.
+        table_error: height by which a table on which the payload is put down may be higher than planned, m.
         fields: fields of the scenario, as typed.
     """
     from coop_pin import analysis
@@ -47,16 +50,16 @@ def check(
 
     chosen = load_scenario(scenario, fields)
     reach = analysis.reachability(chosen, poses=poses)
-    is_feasible = _feasible(chosen, reach)
+    is_feasible = _feasible(chosen, reach, table_error)
     if not reach.ok or not analysis.gains_are_known(chosen):
         return OK if is_feasible else FAILED
     simulation = Simulation(chosen, build_controller(chosen))
-    is_stable = _stable(simulation, reach)
+    is_stable = _stable(simulation, reach, table_error)
     _errors(simulation, reach, bias, bias_turn, load)
     return OK if is_feasible and is_stable else FAILED
 
 
-def _feasible(scenario: Any, reach: Any) -> bool:
+def _feasible(scenario: Any, reach: Any, table_error: float) -> bool:
     """Print what does not depend on the law, and return whether the cell can do the motion."""
     from coop_pin import analysis
 
@@ -73,14 +76,15 @@ def _feasible(scenario: Any, reach: Any) -> bool:
         except ArgumentError as error:
             lines.append(f"the arms have servos, and gains and errors at rest are not checked: {error}")
     lines.append(analysis.large_record(scenario))
-    lines.append("" if squeeze is None else squeeze.summary())
+    pressed = analysis.table_force(scenario, table_error=table_error)
+    lines += [forces.summary() for forces in (squeeze, pressed) if forces is not None]
     if scenario.cell.tables and not scenario.cell.unclosed:
         lines.append("the payload may lie on a table: gains are not checked")
     _print_lines(lines)
     return reach.ok and torques.ok and is_stable and not singular and (squeeze is None or squeeze.ok)
 
 
-def _stable(simulation: Any, reach: Any) -> bool:
+def _stable(simulation: Any, reach: Any, table_error: float) -> bool:
     """Print what gains, sampling and drives allow, and return whether the law is stable."""
     from coop_pin import analysis
 
@@ -98,8 +102,11 @@ def _stable(simulation: Any, reach: Any) -> bool:
         of_motion = analysis.motion_stability(simulation, reach)
         findings[:0] = of_motion, analysis.loop_stability(simulation, reach)
     lines += [finding.summary() for finding in findings]
-    propose = analysis.own_inertia_proposal if scenario.cell.unclosed else analysis.gain_proposal
-    lines.append(propose(scenario, reach).summary())
+    if scenario.cell.unclosed:
+        proposal = analysis.own_inertia_proposal(scenario, reach, table_error=table_error)
+    else:
+        proposal = analysis.gain_proposal(scenario, reach)
+    lines.append(proposal.summary())
     try:
         lines.append(analysis.eigenvalues(scenario).summary())
     except (ArgumentError, DivergedError) as error:  # the steps or gains named above

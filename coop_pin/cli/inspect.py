@@ -115,6 +115,7 @@ def suggest(
     scenario: ScenarioName,
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     poses: int = 101,
+    table_error: float = 2e-3,
     fields: TypedFields = NO_FIELDS,
 ) -> None:
     """Propose control rate, gains of the payload-space law, postures and squeeze, and say what limits each.
@@ -127,6 +128,7 @@ def suggest(
             and may be missing.
         out: file to write the proposed scenario to, ready for 'coop-pin run'; none when omitted.
         poses: number of poses looked at along the motion.
+        table_error: height by which a table on which the payload is put down may be higher than planned, m.
         fields: fields of the scenario, as typed.
 
     Raises:
@@ -134,7 +136,8 @@ def suggest(
     """
     from coop_pin import analysis
 
-    suggested = analysis.suggest(load_scenario(scenario, fields, draft=True), poses=poses)
+    draft = load_scenario(scenario, fields, draft=True)
+    suggested = analysis.suggest(draft, poses=poses, table_error=table_error)
     print_wrapped(suggested.summary())
     if out is not None:
         suggested.scenario.save(out)

@@ -62,8 +62,8 @@ def parse(words: Sequence[str]) -> Command:
         options, fields = split_fields(options, command)
 
     @functools.wraps(command)
-    def with_options(**given: Any) -> Command:
-        return functools.partial(command, **given | ({"fields": fields} if fields else {}))
+    def with_options(**values: Any) -> Command:
+        return functools.partial(command, **values | ({"fields": fields} if fields else {}))
 
     return tyro.cli(with_options, prog=f"coop-pin {name}", args=options)
 
