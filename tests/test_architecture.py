@@ -73,7 +73,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     ),
     "model": ({"description", "limited_process"}, {"collada", "pinocchio"}),
     "chain": ({"description", "model", "tracing"}, {"pinocchio", "scipy"}),
-    "results": ({"description", "user_files"}, {"h5netcdf", "h5py", "pandas", "xarray"}),
+    "results": ({"description", "user_files"}, {"h5py", "pandas", "xarray"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
     "model_based": ({"control", "description", "model"}, {"pinocchio", "proxsuite"}),
     "build_controller": ({"control", "description", "model"}, set()),
