@@ -268,10 +268,9 @@ class Exchange:
 
     def first(self, messages: Sequence[Array]) -> list[dict[str, Message]]:
         """Return what each arm hears before the first tick; it is said again at the first."""
-        assert self.network is not None
-        messages = self._checked(messages)
-        signals = next(MessageSignals(self._scenario).rows())
-        return self.network.step(self.network.start(messages), messages, signals)[0]
+        received = self.step(messages)
+        self.restore(None, self._scenario, 0)
+        return received
 
     def at_once(
         self,
@@ -322,17 +321,11 @@ class Exchange:
             ShapeError: an arm says another number of numbers than at the first tick.
         """
         assert self.network is not None
-        messages = self._checked(messages)
-        state = self.network.start(messages) if self.state is None else self.state
-        received, self.state = self.network.step(state, messages, next(self._rows))
+        said = [np.asarray(message, dtype=np.float64) for message in messages]
+        for index, (name, message) in enumerate(zip(self.network.arms, said, strict=True)):
+            expected = message.shape[:1] if self.state is None else self.state.sent[index].shape[1:]
+            if message.ndim != 1 or message.shape != expected:
+                raise ShapeError(f"message of arm {name!r}", message.shape, expected or (1,))
+        state = self.network.start(said) if self.state is None else self.state
+        received, self.state = self.network.step(state, said, next(self._rows))
         return received
-
-    def _checked(self, messages: Sequence[Array]) -> list[Array]:
-        """Return messages as arrays of the same sizes as at the first tick."""
-        assert self.network is not None
-        arrays = [np.asarray(message, dtype=np.float64) for message in messages]
-        for index, (name, array) in enumerate(zip(self.network.arms, arrays, strict=True)):
-            expected = array.shape[:1] if self.state is None else self.state.sent[index].shape[1:]
-            if array.ndim != 1 or array.shape != expected:
-                raise ShapeError(f"message of arm {name!r}", array.shape, expected or (1,))
-        return arrays
