@@ -227,7 +227,7 @@ def heard(
     measurements: Sequence[ArmMeasurement],
     references: Sequence[ArmReference],
     state: Any,
-    exchange: Callable[[Sequence[Array]], Sequence[Mapping[str, Message]]],
+    exchange: Callable[[Sequence[Array]], Sequence[Mapping[str, Message] | None]],
 ) -> list[ArmMeasurement]:
     """Return measurements with the messages of the arms; without any where the law says nothing.
 
@@ -272,32 +272,15 @@ class Exchange:
         self.restore(None, self._scenario, 0)
         return received
 
-    def at_once(
-        self,
-        controller: CellController,
-        measurements: Sequence[ArmMeasurement],
-        references: Sequence[ArmReference],
-        state: Any,
-    ) -> list[ArmMeasurement]:
-        """Return measurements with the messages of all arms, which arrive at once and exactly.
-
-        Args:
-            controller: Controller of the cell.
-            measurements: Measurements of a tick.
-            references: References of a tick.
-            state: State of the controller; None before ``init``.
-        """
+    def at_once(self, messages: Sequence[Array]) -> list[dict[str, Message] | None]:
+        """Return what each arm hears of messages that arrive at once and exactly; None without a network."""
         if (network := self.network) is None:
-            return list(measurements)
-
-        def exchange(messages: Sequence[Array]) -> list[dict[str, Message]]:
-            said = dict(zip(network.arms, messages, strict=True))
-            return [
-                {one: Message(said[one], 0.0) for one, other in network.edges if other == name}
-                for name in network.arms
-            ]
-
-        return heard(controller, measurements, references, state, exchange)
+            return [None] * len(messages)
+        said = dict(zip(network.arms, messages, strict=True))
+        return [
+            {one: Message(said[one], 0.0) for one, other in network.edges if other == name}
+            for name in network.arms
+        ]
 
     def traffic(self, messages: Sequence[Array]) -> Traffic:
         """Return what crosses a tick along the graph of the start; what an arm tells itself does not cross.
