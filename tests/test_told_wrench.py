@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from batches import require_same_samples
+from cells import SCENARIOS
 from numpy.testing import assert_allclose
 from test_network import BIASED, CELLS, Silent, samples
 
@@ -18,9 +19,8 @@ from coop_pin.control import (
     ControlledArm,
     estimator_radius,
 )
-from coop_pin.control.averaged_wrench import AveragedState
+from coop_pin.control.averaged_wrench import AveragedState, ConsensusForcePath
 from coop_pin.control.consensus import MeanGains, averaged_loop_radius, graph_eigenvalues
-from coop_pin.control.force_path import ConsensusForcePath
 from coop_pin.control.mean_pose import ConsensusState
 from coop_pin.description.network import edges_of
 from coop_pin.errors import FieldError, ScenarioError
@@ -296,3 +296,22 @@ def test_they_need_a_network_and_wrists():
     for missing in ({"network": None}, {"sensors.wrist": None}):
         with pytest.raises(ScenarioError, match=r"network|wrist"):
             in_a_line("three planar", {"kind": "consensus"}, **missing)
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_a_told_law_commands_velocities_and_remarks_like_the_law_itself(cell):
+    scenario = SCENARIOS[cell]()
+    law = {"kind": "admittance", "force_path": {"kind": "learned-load"}, "zero_at_grasp": True}
+    servo = {"command": "velocity", "rate_hz": scenario.clock.rate_hz}
+    told = scenario.replace(
+        events=(),
+        duration=0.02,
+        beyond_bound=True,
+        network={},
+        sensors={"wrist": {}},
+        actuators={"servo": servo},
+        controller=law,
+    )
+    result = cp.run(told, warn=False)
+    assert {build_controller(told).commands_of(arm) for arm in told.cell.arms} == {"velocity"}
+    assert result.data.attrs[result.REMARKS].count("it has learned a payload") == len(told.cell.arms)

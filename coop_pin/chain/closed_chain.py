@@ -21,8 +21,7 @@ from coop_pin.chain.minimal_coordinates import MinimalCoordinates, MinimalForm, 
 from coop_pin.chain.projection import Projected, Projection
 from coop_pin.chain.proximal_solver import DynamicsDerivatives, ProximalSolver
 from coop_pin.chain.trajectory import ChainState, Energy, Propagator, TorqueLaw, Trajectory, time_grid
-from coop_pin.description.baumgarte import Stabilisation
-from coop_pin.description.plant import Formulation
+from coop_pin.description.plant import Formulation, Stabilisation
 from coop_pin.errors import ArgumentError, ConstraintSolveError
 from coop_pin.model.mechanism_model import configuration_at, mechanism_model, velocity_at
 from coop_pin.model.pinocchio_model import frame_id

@@ -117,8 +117,8 @@ class Show:
 
         path, robots, scenarios = Path(self.what), robot_files(), scenario_names()
         if self.what in scenarios or path.suffix == ".toml":
-            for option in ("package_dirs", "xacro_args"):
-                if getattr(self, option):
+            for option, values in (("package_dirs", self.package_dirs), ("xacro_args", self.xacro_args)):
+                if values:
                     message = f"is an option for robots only; give it to each arm: cell.arms.NAME.{option}"
                     raise FieldError(message, f"--{option.replace('_', '-')}")
             scenario = load_scenario(self.what, self.fields)
@@ -214,8 +214,7 @@ class New:
         path = path if path.suffix == ".toml" else path.with_name(f"{path.name}.toml")
         if path.exists():
             raise FieldError(f"{path} exists; name another file, or remove it", "NAME_OR_FILE")
-        options = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        del options["scenario"]
+        options = {name: value for name, value in vars(self).items() if name != "scenario"}
         suggested = new_cell(**options, name=path.stem)
         suggested.scenario.save(path, commented=True)
         print_wrapped(suggested.summary())

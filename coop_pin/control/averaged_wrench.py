@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from coop_pin.arrays import Array
 from coop_pin.control.consensus import (
@@ -15,8 +16,8 @@ from coop_pin.control.consensus import (
     estimator_radius,
     graph_eigenvalues,
 )
-from coop_pin.control.exchanged_wrench import heard, less_load, own_wrench
-from coop_pin.control.force_path import INSIST, ConsensusForcePath
+from coop_pin.control.exchanged_wrench import less_load, own_wrench
+from coop_pin.control.force_path import INSIST, PlainForcePath
 from coop_pin.control.interface import (
     ArmCommand,
     ArmController,
@@ -24,7 +25,9 @@ from coop_pin.control.interface import (
     ArmReference,
     ControlledArm,
 )
+from coop_pin.control.told_law import TellingLaw, heard
 from coop_pin.errors import FieldError
+from coop_pin.schema.base import NotNegative, Positive
 
 
 class AveragedState(NamedTuple):
@@ -44,7 +47,7 @@ class AveragedState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class AveragedWrench(ArmController):
+class AveragedWrench(TellingLaw):
     """A law that measures the internal wrench over any connected graph: ``f_i = F_i - c_i m nu_i``.
 
     nu_i follows the mean of the m wrist wrenches by proportional-integral average consensus::
@@ -69,18 +72,15 @@ class AveragedWrench(ArmController):
 
     needs: ClassVar[tuple[str, ...]] = ("messages", "wrenches of all arms")
 
-    law: ArmController
     arm: ControlledArm
     path: ConsensusForcePath
     arms: int
 
-    def message(
+    def said(
         self, measurement: ArmMeasurement, reference: ArmReference, state: AveragedState | None
     ) -> Array:
-        """Return nu_i, eta_i and what the law says, shape (2 k_0 + w,)."""
-        nu, eta = self._mean(measurement, state)
-        law = None if state is None else state.law
-        return np.concatenate((nu, eta, self.law.message(measurement, reference, law)))
+        """Return nu_i and eta_i, shape (2 k_0,)."""
+        return np.concatenate(self._mean(measurement, state))
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> AveragedState:
         """Return nu = F, eta = 0 and the first state of the law; raises as the law."""
@@ -104,10 +104,6 @@ class AveragedWrench(ArmController):
         )
         return replace(command, state=later)
 
-    def remarks(self, pose: Array, state: AveragedState) -> list[str]:
-        """Return the sentences of the law."""
-        return self.law.remarks(pose, state.law)
-
     def _mean(self, measurement: ArmMeasurement, state: AveragedState | None) -> tuple[Array, Array]:
         """Return nu and eta; until the wrist has a first sample, F and 0."""
         F = own_wrench(measurement, self.arm)
@@ -120,7 +116,31 @@ class AveragedWrench(ArmController):
         return less_load(measurement, reference, self.arm, self.arms * nu, 2 * len(nu))
 
 
-def require_decay(path: ConsensusForcePath, scenario: Any) -> None:
+class ConsensusForcePath(PlainForcePath):
+    """Internal wrench over any connected graph, by consensus on the mean of the wrenches: AveragedWrench.
+
+    Attributes:
+        input_gain: gamma, part of its own wrench that an arm's mean takes up in a tick.
+        proportional_gain: k_P, on the disagreement with the arms that are heard.
+        integral_gain: k_I, likewise.
+    """
+
+    kind: Literal["consensus"] = "consensus"
+    input_gain: float = Field(default=0.2, gt=0.0, lt=2.0)
+    proportional_gain: NotNegative = 0.25
+    integral_gain: Positive = 0.2
+
+    def law_told(self, law: ArmController, arm: ControlledArm, scenario: Any) -> ArmController:
+        """Return the law of an arm, told by AveragedWrench.
+
+        Raises:
+            FieldError: means or feedback on them grow, or the graph is not connected both ways.
+        """
+        _require_decay(self, scenario)
+        return AveragedWrench(law, arm, self, len(scenario.cell.arms))
+
+
+def _require_decay(path: ConsensusForcePath, scenario: Any) -> None:
     """Refuse gains with which the means of a scenario's arms, or its law's feedback on them, grow.
 
     Raises:

@@ -1,13 +1,26 @@
-"""Stability bounds of sampled force feedback, K_f and g, for filters, delays and slow sensors."""
+"""Sampled force feedback over a force path: its timing, and the bounds of K_f and g."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from functools import cache, partial
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from coop_pin.arrays import Array, typed
-from coop_pin.errors import OutOfRangeError
+from coop_pin.control.averaged_wrench import ConsensusForcePath
+from coop_pin.control.exchanged_wrench import MessageForcePath
+from coop_pin.control.force_path import INSIST, LateForcePath, LowPassForcePath, NoForcePath
+from coop_pin.control.interface import SampledWrist
+from coop_pin.control.learned_load import LearnedForcePath
+from coop_pin.errors import FieldError, OutOfRangeError
+
+_Paths = (
+    NoForcePath | LateForcePath | LowPassForcePath | MessageForcePath | ConsensusForcePath | LearnedForcePath
+)
+ForcePath = Annotated[_Paths, Field(discriminator="kind")]
 
 _BISECTIONS = 50
 
@@ -127,3 +140,89 @@ def force_loop_is_stable(
     if anchor_gain == 0.0:
         period = period[:integral, :integral]
     return bool(np.abs(np.linalg.eigvals(period)).max() < 1.0)
+
+
+class SampledLoop(NamedTuple):
+    """Feedback of measured wrenches, sampled.
+
+    Attributes:
+        pole: p of the filter.
+        delay: D of force path and wrists together, ticks.
+        every: Ticks from one sample to the next.
+        lag: Time constant of the slowest drives, ticks.
+        force_gain: K_f, by which a wrench acts at once.
+        anchor_gain: g, by which it moves an integral.
+    """
+
+    pole: float
+    delay: int
+    every: int
+    lag: float
+    force_gain: float = 0.0
+    anchor_gain: float = 0.0
+
+    @property
+    def anchor_bound(self) -> float:
+        """The anchor gain at which the loop is unstable, with these other numbers."""
+        return anchor_gain_bound(**self.numbers())
+
+    def is_stable(self, further: int = 0) -> bool:
+        """Return whether the loop decays, with a further delay, ticks."""
+        return force_loop_is_stable(self.anchor_gain, **self._replace(delay=self.delay + further).numbers())
+
+    def numbers(self) -> dict[str, Any]:
+        """Return everything but the anchor gain, by name."""
+        return {name: value for name, value in self._asdict().items() if name != "anchor_gain"}
+
+
+def sampled_loop(path: ForcePath, wrists: Collection[SampledWrist], lag: float) -> SampledLoop:
+    """Return the timing of the slowest feedback over a force path, or over the wrists alone without one."""
+    slowest = max((wrist.delay for wrist in wrists), default=0)
+    every = max((wrist.every for wrist in wrists), default=1)
+    return SampledLoop(path.pole, path.delay + slowest, every, lag)
+
+
+def force_gain_problems(
+    path: ForcePath, wrists: Collection[SampledWrist], lag: float, largest: float
+) -> list[FieldError]:
+    """Return the problem of a force gain without measured force, or with unstable sampled feedback.
+
+    Args:
+        path: Force path.
+        wrists: Wrist sensors that the arms have.
+        lag: Largest time constant of the arms' drives, ticks.
+        largest: Largest force gain of the arms.
+    """
+    allowed, detail = (
+        largest == 0.0,
+        "measures no force; set the gain to 0, or the kind to 'late' or 'low-pass'",
+    )
+    reason = f"but force_path.kind 'none' {detail}"
+    if path.measures:
+        # A sample that arrives before the next is taken is in time: the loop closes once for each sample.
+        delay = max(((path.delay + w.delay) // w.every for w in wrists), default=path.delay)
+        every = max((wrist.every for wrist in wrists), default=1)
+        bound = min(force_gain_bound(path.pole, delay, lag=each / every) for each in {0.0, lag})
+        loop, allowed = f"{path.kind!r}{_late(delay, lag)}", largest < bound
+        reason = f"but feedback over {loop} is unstable from {bound:g} on; lower it, {INSIST}"
+    return [] if allowed else [FieldError(f"is {largest:g}, {reason}", "gains.force_gain")]
+
+
+def anchor_gain_problems(path: ForcePath, loop: SampledLoop) -> list[FieldError]:
+    """Return the problem of an anchor gain with which the sampled internal loop is unstable."""
+    if loop.anchor_gain == 0.0:
+        return []
+    # Drives of different lags lie between those of none and of the largest.
+    bound = min(loop._replace(lag=lag).anchor_bound for lag in {0.0, loop.lag})
+    if loop.anchor_gain < bound:
+        return []
+    detail = (
+        f"is {loop.anchor_gain:g}, but the anchored integral over {path.kind!r}{_late(loop.delay, loop.lag)}"
+        f" with K_f = {loop.force_gain:g} is unstable from {bound:.4g} on; lower it, {INSIST}"
+    )
+    return [FieldError(detail, "gains.anchor_gain")]
+
+
+def _late(delay: int, lag: float) -> str:
+    late = f" with a delay of {delay}" if delay else ""
+    return f"{late} and drives with a lag of {lag:.3g} ticks" if lag else late
