@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal, NamedTuple, TypeAlias, get_args
+from collections.abc import Sequence
+from typing import Literal, NamedTuple, TypeAlias, get_args
 
+from coop_pin.description.code_family import family_of, law_reason, plant_reason
 from coop_pin.description.scenario import Scenario
 from coop_pin.engines import PREVIOUS, Engine
 from coop_pin.errors import NameNotFoundError, ScenarioError
@@ -21,17 +22,6 @@ _TICKS_PER_JOINT = 250
 A tick on Pinocchio costs nearly the same in all cells; code grows with the joints (benchmarks/README.md)."""
 _LANE_COST = 0.1
 """Cost of a tick of compiled code, in ticks on Pinocchio (benchmarks/README.md)."""
-_NUMBERS_ALONE = {
-    "friction",
-    "clock",
-    "duration",
-    "events",
-    "sensors",
-    "arm_sensors",
-    "actuators",
-    "arm_actuators",
-}
-"""Fields that runs of one code need not share; ``_kind`` adds what they must."""
 
 
 class EngineChoice(NamedTuple):
@@ -69,11 +59,8 @@ def choose_engines(
     """
     if engine == "pinocchio" or engine == "traced":
         return [EngineChoice(engine)] * len(scenarios)
-    kinds, ticks, choices = (
-        list(map(_kind, scenarios)),
-        defaultdict[str, float](float),
-        dict[str, EngineChoice](),
-    )
+    kinds = [str(each) if isinstance(each, ScenarioError) else family_of(each) for each in scenarios]
+    ticks, choices = defaultdict[str, float](float), dict[str, EngineChoice]()
     for kind, scenario, count in zip(kinds, scenarios, runs, strict=True):
         ticks[kind] += count * _ticks(scenario)
     for kind, scenario in zip(kinds, scenarios, strict=True):
@@ -81,38 +68,6 @@ def choose_engines(
             asked = ticks[kind] if engine == "auto" else None
             choices[kind] = _choice(scenario, asked, traces_user_code)
     return [choices[kind] for kind in kinds]
-
-
-def _kind(scenario: Scenario | ScenarioError) -> str:
-    """Return what runs with one code have in common, as far as the scenario shows it.
-
-    They may differ in numbers, in rates, times and events, in the delay of wrist sensors, and in what is lost
-    (see coop_pin.batch.constants.Cover).
-    """
-    if isinstance(scenario, ScenarioError):
-        return str(scenario)
-    fields = scenario.model_dump(exclude={"name", "summary", "seed", "trust"})
-    sensors = map(scenario.sensors_of, scenario.cell.arms)
-    actuators = map(scenario.actuators_of, scenario.cell.arms)
-    partners = [event.apply(scenario.cell.surroundings, event.time).partners for event in scenario.events]
-    common = (
-        [(each.wrist is None, each.joints_are_ideal, each.velocity.kind) for each in sensors],
-        [
-            (a.gravity_compensation is None, a.missed_ticks > 0.0, a.servo, a.lag > 0.0, a.rate_limit is None)
-            for a in actuators
-        ],
-        list(filter(None, partners)),
-    )
-    return repr((_without_numbers(fields), common))
-
-
-def _without_numbers(value: Any) -> Any:
-    """Return a value without its floats, and without what runs of one code need not share."""
-    if isinstance(value, Mapping):
-        return {key: _without_numbers(each) for key, each in value.items() if key not in _NUMBERS_ALONE}
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return list(map(_without_numbers, value))
-    return "number" if isinstance(value, float) else value
 
 
 def _ticks(scenario: Scenario | ScenarioError) -> float:
@@ -124,8 +79,6 @@ def _ticks(scenario: Scenario | ScenarioError) -> float:
 
 def _choice(scenario: Scenario | ScenarioError, ticks: float | None, traces_user_code: bool) -> EngineChoice:
     """Return the engine of runs like a scenario, by the ticks of all of them unless that is None."""
-    from coop_pin.batch import law_reason, plant_reason, support  # slow to load
-
     if isinstance(scenario, ScenarioError):
         return EngineChoice("pinocchio", "scenario", str(scenario))
     if text := plant_reason(scenario.plant, scenario.cell, scenario.events):
@@ -137,6 +90,8 @@ def _choice(scenario: Scenario | ScenarioError, ticks: float | None, traces_user
             return EngineChoice("pinocchio", "few runs", f"{reason}, and there are {runs}")
         text = law_reason(scenario.controller)
         if traces_user_code and scenario.controller.user_code:
+            from coop_pin.batch import support  # slow to load
+
             text = support(scenario)
     except Exception as error:  # a user's class may raise anything; the run itself reports it
         return EngineChoice("pinocchio", "scenario", str(error))
@@ -167,8 +122,6 @@ def choose_engine(scenario: Scenario, *, is_live: bool = False) -> EngineChoice:
     Raises:
         CoopPinError: an arm cannot be loaded.
     """
-    from coop_pin.batch import law_reason, plant_reason  # slow to load
-
     if text := plant_reason(scenario.plant, scenario.cell, scenario.events):
         return EngineChoice("pinocchio", "plant", text)
     needed, ticks = _ticks_of_compiling(scenario), scenario.clock.ticks(scenario.duration)

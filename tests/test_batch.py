@@ -14,12 +14,13 @@ import coop_pin as cp
 from coop_pin.batch import simulate_batch, support
 from coop_pin.batch.arm_dynamics import ArmInput, ArmNumbers, arm_terms
 from coop_pin.batch.cell_dynamics import CellNumbers, CellState, cell_motion, closure_error
-from coop_pin.batch.constants import Cover
 from coop_pin.batch.preparation import Prepared
 from coop_pin.batch.serial_arm import SerialArm
 from coop_pin.batch.simulate import BatchSimulator
 from coop_pin.batch.tick import TickCode
 from coop_pin.chain.cell_chain import CellChain
+from coop_pin.description.code_family import Cover, family_of
+from coop_pin.engine_choice import choose_engines
 from coop_pin.errors import ArgumentError, InvalidStateError, NotEnoughMemoryError
 from coop_pin.model.transmission import Transmission
 from coop_pin.results.metrics import STEADY_METRICS
@@ -277,6 +278,30 @@ TRIALS = {
     "commands": {"arm_actuators": {"right": {"commands_lost_at": 0.05}}},
 }
 """Changes that runs of one code may have."""
+
+
+OWN_CODE = {
+    "lag": {"actuators.lag": 0.01},
+    "missed ticks": {"actuators.missed_ticks": 0.1},
+    "rate limit": {"actuators.rate_limit": 50.0},
+    "no wrist": {"sensors.wrist": None},
+    "encoder": {"sensors.encoder.resolution": 1e-5},
+    "speed": {"sensors.velocity.kind": "difference"},
+}
+"""Changes that need code of their own."""
+
+
+@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
+def test_the_engine_is_decided_for_those_runs_together_that_share_their_code(name):
+    base = cp.Scenario.load(name, {"duration": 0.1, "events": [], "sensors.wrist": {}})
+    changed = {change: base.override(fields) for change, fields in {**TRIALS, **OWN_CODE}.items()}
+    cover, simulator = Cover.of_all([base, *changed.values()]), BatchSimulator()
+    code = {change: simulator.prepare(scenario, cover).kind for change, scenario in changed.items()}
+    shared = {change for change in changed if code[change] == code["nominal"]}
+    assert shared == {change for change in changed if family_of(changed[change]) == family_of(base)}
+    assert shared == {*TRIALS}
+    release = base.override({"events": [{"kind": "lose-arm", "time": 0.05, "arm": "left", "form": "braked"}]})
+    assert [choice.obstacle for choice in choose_engines([base, release], "batch", [1, 1])] == [None, "plant"]
 
 
 @pytest.mark.parametrize(

@@ -97,11 +97,11 @@ def test_generalised_force_is_the_gradient_of_the_energy_and_the_damper_takes_po
         for row in np.eye(model.nv)
         for energy in [springs.energy(springs.at(pin.integrate(model, q, -h * row), rest))]
     ]
-    still, power = chain.elements.force(q, rest)
+    power, still = chain.elements.act(q, rest), chain.elements.force(q)
     assert_allclose(still, -np.array(slopes) / 2.0, rtol=0, atol=1e-6 * np.abs(still).max())
     assert power == 0.0
     springs.damp(q)
-    force, power = chain.elements.force(q, v)
+    power, force = chain.elements.act(q, v), chain.elements.force(q)
     damped = springs.seen()
     assert_allclose(power, (force - still) @ v, rtol=1e-10)
     assert power < 0.0
@@ -149,7 +149,8 @@ def test_payload_moves_by_the_wrenches_that_are_recorded(name):
     tau = np.concatenate((np.random.default_rng(5).normal(size=len(v) - 6), np.zeros(6)))  # of the arms
     J = chain.payload_jacobian(q)
     F = chain.interaction_wrenches(q, v, tau + J.T @ push, push)
-    a = chain.mechanism.solver.acceleration(q, v, tau + J.T @ push + chain.elements.force(q, v)[0])
+    chain.elements.act(q, v)
+    a = chain.mechanism.solver.acceleration(q, v, tau + J.T @ push + chain.elements.force(q))
     R, w, h = chain.payload_pose(q)[:3, :3], (J @ v)[3:], 1e-6
     model, payload = chain.mechanism.model, scenario.cell.payload
     ahead, behind = (pin.integrate(model, q, s * h * v) for s in (1, -1))

@@ -329,16 +329,19 @@ def test_stiffness_of_patches_that_stick_is_the_slope_of_their_forces(name):
     plant = Simulation(scenario, build_controller(scenario)).plant
     elements, q, still = plant.chain.elements, plant.q, np.zeros(len(plant.v))
     model = plant.chain.mechanism.model
+
+    def force(q, v):
+        elements.act(q, v)
+        return elements.force(q)
+
     K, D = plant.chain.patches.matrices(q)
     h = 1e-7
     moved = [
-        [elements.force(pin.integrate(model, q, sign * h * row), still)[0] for sign in (1.0, -1.0)]
+        [force(pin.integrate(model, q, sign * h * row), still) for sign in (1.0, -1.0)]
         for row in np.eye(len(still))
     ]
     slope = np.array([(a - b) / (2.0 * h) for a, b in moved]).T
-    damping = np.array(
-        [elements.force(q, h * row)[0] - elements.force(q, -h * row)[0] for row in np.eye(len(still))]
-    )
+    damping = np.array([force(q, h * row) - force(q, -h * row) for row in np.eye(len(still))])
     scale = np.abs(K).max()
     assert_allclose(-slope, K, rtol=0, atol=2e-3 * scale)  # the prestress of the squeeze is not in K
     assert_allclose(-damping.T / (2.0 * h), D, rtol=0, atol=1e-6 * np.abs(D).max())

@@ -101,9 +101,7 @@ def fastest_joints(simulation: Simulation, mode: Array) -> tuple[str, ...]:
 def damping_matrix(simulation: Simulation, q: Array, torque: Callable[[Array], Array]) -> Array:
     """Return D = -d(acceleration)/dv through a torque, with the closures closed."""
     chain, rest = simulation.plant.chain.mechanism, np.zeros(len(simulation.plant.v))
-
-    def acceleration(v: Array) -> Array:
-        return chain.forward_dynamics(q, rest, torque(v)).acceleration
-
     speeds = [chain.project_velocity(q, row) for row in np.eye(len(rest))]
-    return np.column_stack([(acceleration(-v) - acceleration(v)) / 2.0 for v in speeds])
+    torques = [rest, *((torque(-v) - torque(v)) / 2.0 for v in speeds)]
+    still, *damped = (chain.forward_dynamics(q, rest, tau).acceleration for tau in torques)
+    return np.column_stack(damped) - still[:, None]

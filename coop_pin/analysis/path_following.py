@@ -214,10 +214,9 @@ class PathFollowing:
         self.sigma_min = frozen(sigma[:, -1])
         with np.errstate(divide="ignore"):
             self.condition = frozen(sigma[:, 0] / sigma[:, -1])
-        drive_rates = [
-            np.linalg.pinv(J) @ rows.select(V) for J, V in zip(self._jacobians, path.twists, strict=True)
-        ]
-        self._rates = np.stack(drive_rates) @ model.from_drive.T
+        V = np.stack([rows.select(twist) for twist in path.twists])
+        drive_rates = np.linalg.pinv(self._jacobians) @ V[..., None]
+        self._rates = drive_rates[..., 0] @ model.from_drive.T
 
     def unreachable(self) -> Unreachable | None:
         """Return when the arm first cannot follow, to a millionth of the spacing, and the largest gap."""

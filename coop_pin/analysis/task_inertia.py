@@ -103,6 +103,24 @@ def _decayed(u: Array, decay: float) -> Array:
     return y
 
 
+def _between(times: Array, t: Array, x: Array) -> Array:
+    """Return x at times by cubic Hermite polynomials, whose slopes are differences; see numpy.gradient.
+
+    Args:
+        times: s, shape (n,), within t.
+        t: s, increasing, shape (m,).
+        x: values at t, shape (m, k).
+    """
+    slopes = np.gradient(x, t, axis=0, edge_order=2 if len(t) > 2 else 1)
+    i = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
+    h = np.diff(t)[i, None]
+    u = (times[:, None] - t[i, None]) / h
+    a, b = x[i], x[i + 1]
+    chord = b - a
+    bend = (1.0 - u) * (h * slopes[i] - chord) - u * (h * slopes[i + 1] - chord)
+    return np.asarray(a + u * chord + u * (1.0 - u) * bend)
+
+
 @typed
 def task_inertia(scenario: Scenario, cell_reach: Reachability) -> TaskInertia:
     """Return the task-space inertia at the configurations of a scenario's reachability.
@@ -122,10 +140,9 @@ def task_inertia(scenario: Scenario, cell_reach: Reachability) -> TaskInertia:
     times, arms = cell_reach.arms[0].times, [CellArm(cell, reach.arm) for reach in cell_reach.arms]
     A = _payload_inertia(scenario, cell_reach)
     for model, reach in zip(arms, cell_reach.arms, strict=True):
-        for at, q in enumerate(reach.q):
-            J = model.payload_jacobian(q)
-            moves = J @ np.linalg.solve(model.mass_matrix(q), J.T)
-            A[at] += np.linalg.inv(moves + _RIGID * np.trace(moves) * np.eye(6))
+        J, M = (np.array(list(map(f, reach.q))) for f in (model.payload_jacobian, model.mass_matrix))
+        moves = J @ np.linalg.solve(M, J.mT)
+        A += np.linalg.inv(moves + _RIGID * np.trace(moves, axis1=1, axis2=2)[:, None, None] * np.eye(6))
     mobility = np.asarray(np.linalg.inv(A)[np.ix_(range(len(times)), rows, rows)], dtype=np.float64)
     return TaskInertia(times, mobility)
 
@@ -230,19 +247,15 @@ class HeldArm:
         """
         if self.is_redundant and self.rows.size == 6 and bool(self.damping.any()):
             return self._with_spare_motion(times, q[0])
-        from scipy.interpolate import make_interp_spline  # slow to load
-
-        turned = make_interp_spline(t, self._unwound(q), k=min(3, len(t) - 1))(times)
-        between = [pin.integrate(self.model.model, q[0], step) for step in turned]
+        model = self.model
+        desired = [self.motion.at(time).X_WP_d for time in times.tolist()]
+        between = [pin.integrate(model.model, q[0], step) for step in _between(times, t, self._unwound(q))]
         for _ in range(_NEWTON_STEPS):
-            between = [self._corrected(q_k, time) for q_k, time in zip(between, times.tolist(), strict=True)]
+            errors = map(self.rows.pose_error, desired, map(model.payload_pose, between))
+            J_plus = np.linalg.pinv(np.array(list(map(model.task_jacobian, between))))
+            steps = model.from_drive @ J_plus @ np.array(list(errors))[..., None]
+            between = [pin.integrate(model.model, *pair) for pair in zip(between, steps[..., 0], strict=True)]
         return np.array(between)
-
-    def _corrected(self, q: Array, time: float) -> Array:
-        """Return a configuration nearer to the reference by a Newton step."""
-        error = self.rows.pose_error(self.motion.at(time).X_WP_d, self.model.payload_pose(q))
-        step = self.model.from_drive @ np.linalg.pinv(self.model.task_jacobian(q)) @ error
-        return np.asarray(pin.integrate(self.model.model, q, step))
 
     def missing(self, t: Array, q: Array) -> Array:
         """Return M qdd + h + friction - what the torques hold besides the law's wrench, N m, shape (n, k)."""
@@ -265,12 +278,12 @@ class HeldArm:
 
     def wrenches(self, t: Array, q: Array) -> Array:
         """Return a_i along a path of configurations, shape (n, k_0)."""
-        model, wrenches = self.model, []
-        for q_k, tau in zip(q, self.missing(t, q), strict=True):
-            J, M = self.rows.select(model.payload_jacobian(q_k)), model.mass_matrix(q_k)
-            weighted = np.linalg.solve(M, J.T)
-            wrenches.append(np.linalg.lstsq(J @ weighted, weighted.T @ tau, rcond=None)[0])
-        return np.array(wrenches)
+        J, M = (np.array(list(map(f, q))) for f in (self.model.payload_jacobian, self.model.mass_matrix))
+        J = J[:, self.rows.indices]
+        weighted = np.linalg.solve(M, J.mT)
+        moves = np.linalg.pinv(J @ weighted, rcond=self.rows.size * np.finfo(np.float64).eps)
+        wrenches: Array = moves @ weighted.mT @ self.missing(t, q)[..., None]
+        return wrenches[..., 0]
 
     def _with_spare_motion(self, t: Array, q_0: Array) -> Array:
         """Return the path on which the spare joints move.

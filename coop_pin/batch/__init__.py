@@ -19,7 +19,8 @@ other:
 from coop_pin.batch.c_export import CLaw, export_c
 from coop_pin.batch.lane import Lane
 from coop_pin.batch.simulate import BatchResult, BatchSimulator, simulate_batch
-from coop_pin.batch.support import law_reason, plant_reason, support
+from coop_pin.batch.support import support
+from coop_pin.description.code_family import law_reason, plant_reason
 
 __all__ = [
     "BatchResult",

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from operator import attrgetter
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +11,7 @@ import pinocchio as pin
 from coop_pin.arrays import Array
 from coop_pin.batch.cell_dynamics import CellNumbers
 from coop_pin.batch.serial_arm import Numbers, SerialArm, frames, payload_jacobian
+from coop_pin.description.code_family import Cover
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmKinematics, PayloadKinematics
 from coop_pin.model.cell_model import ArmPlace
@@ -103,68 +103,31 @@ class Start(NamedTuple):
     drives: DriveState
 
 
-class Cover(NamedTuple):
-    """What code provides, so that runs of which only some need it can share it; none of it changes a bit.
-
-    Attributes:
-        delay: Longest delay of a wrist sensor, ticks.
-        responds: Whether the torques of an arm may be lost between ticks.
-        changed: Fields of the surroundings that events change.
-        instants: Number of instants of events.
-    """
-
-    delay: int = 0
-    responds: bool = False
-    changed: frozenset[str] = frozenset()
-    instants: int = 0
-
-    @classmethod
-    def of(cls, scenario: Scenario) -> Cover:
-        """Return what a scenario needs."""
-        actuators = [scenario.actuators_of(arm) for arm in scenario.cell.arms]
-        responds = any(each.torque_lost_at is not None for each in actuators)
-        events, start = scenario.events, scenario.cell.surroundings
-        after = [event.apply(start, event.time) for event in events]
-        changed = (
-            name
-            for name in start._fields
-            for each in after
-            if getattr(each, name) is not getattr(start, name)
+def covered_constants(
+    cover: Cover, needed: RunConstants, scenario: Scenario, timeline: Timeline
+) -> RunConstants:
+    """Return the numbers of a run with what the code provides besides."""
+    sensors, drives = needed.sensors, needed.drives
+    if sensors.wrists and cover.delay:
+        delays = [len(wrist.late) for wrist in sensors.wrists]
+        arms = tuple(
+            arm._replace(delays=np.eye(cover.delay + 1)[delay])
+            for arm, delay in zip(sensors.arms, delays, strict=True)
         )
-        instants = {time for event in events for time in (event.time, event.end)}
-        delay = max((wrist.delay for wrist in scenario.wrists), default=0)
-        return cls(delay, responds, frozenset(changed), len(instants))
+        sensors = sensors._replace(arms=arms, wrists=(Wrist.at_rest(cover.delay),) * len(arms))
+    if cover.responds and drives.response is None:
+        size = sum(len(arm.limit) for arm in drives.arms)
+        drives = drives._replace(response=TorqueResponse.of_drives(np.zeros(size), np.full(size, np.inf)))
+    return needed._replace(sensors=sensors, drives=drives, changes=changes(scenario, timeline, cover))
 
-    @classmethod
-    def of_all(cls, scenarios: Iterable[Scenario]) -> Cover:
-        """Return what some scenarios need together; those with the same objects are asked once."""
-        parts = attrgetter("sensors", "arm_sensors", "actuators", "arm_actuators", "events")
-        different = {tuple(map(id, parts(scenario))): scenario for scenario in scenarios}
-        delays, responds, changed, instants = zip(*map(cls.of, different.values()), strict=True)
-        return cls(max(delays), any(responds), frozenset().union(*changed), max(instants))
 
-    def constants(self, needed: RunConstants, scenario: Scenario, timeline: Timeline) -> RunConstants:
-        """Return the numbers of a run with what the code provides besides."""
-        sensors, drives = needed.sensors, needed.drives
-        if sensors.wrists and self.delay:
-            delays = [len(wrist.late) for wrist in sensors.wrists]
-            arms = tuple(
-                arm._replace(delays=np.eye(self.delay + 1)[delay])
-                for arm, delay in zip(sensors.arms, delays, strict=True)
-            )
-            sensors = sensors._replace(arms=arms, wrists=(Wrist.at_rest(self.delay),) * len(arms))
-        if self.responds and drives.response is None:
-            size = sum(len(arm.limit) for arm in drives.arms)
-            drives = drives._replace(response=TorqueResponse.of_drives(np.zeros(size), np.full(size, np.inf)))
-        return needed._replace(sensors=sensors, drives=drives, changes=changes(scenario, timeline, self))
-
-    def start(self, needed: Start, constants: RunConstants) -> Start:
-        """Return the start of a run with what the code provides besides."""
-        response = constants.drives.response
-        if response is None or needed.drives.response is not None:
-            return needed
-        at_rest = response.start(np.zeros(len(needed.q)))  # drives without lag do not read it
-        return needed._replace(drives=needed.drives._replace(response=at_rest))
+def covered_start(needed: Start, constants: RunConstants) -> Start:
+    """Return the start of a run with what the code of its constants provides besides."""
+    response = constants.drives.response
+    if response is None or needed.drives.response is not None:
+        return needed
+    at_rest = response.start(np.zeros(len(needed.q)))  # drives without lag do not read it
+    return needed._replace(drives=needed.drives._replace(response=at_rest))
 
 
 def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:

@@ -17,7 +17,7 @@ from coop_pin.batch.preparation import Prepared, PreparedPlant
 from coop_pin.batch.samples import RunSamples, kept_of
 from coop_pin.batch.simulate import BatchSimulator, Family, require_sample_memory
 from coop_pin.batch.single_runs import require_agreement_at_first
-from coop_pin.batch.support import law_reason
+from coop_pin.description.code_family import law_reason
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
 from coop_pin.results import RunResult

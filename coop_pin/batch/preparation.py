@@ -11,13 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array, Mask
-from coop_pin.batch.constants import Cover, RunConstants, run_constants, start
+from coop_pin.batch.constants import RunConstants, covered_constants, covered_start, run_constants, start
 from coop_pin.batch.hidden_state import digest, of_classes
 from coop_pin.batch.signals import SignalSource, clocked_of, columns, desired_of, first_of
-from coop_pin.batch.support import plant_reason
 from coop_pin.build_controller import build_controller, controlled_arm
 from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.control import CellController
+from coop_pin.description.code_family import Cover, plant_reason
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError, TracingError
 from coop_pin.results.quantities import QUANTITIES, quantities
@@ -76,8 +76,8 @@ class PreparedPlant:
         self.constants = run_constants(scenario, self.run)._replace(controller=None)
         self.start = start(self.run)
         if cover is not None:
-            self.constants = cover.constants(self.constants, scenario, self.run.timeline)
-            self.start = cover.start(self.start, self.constants)
+            self.constants = covered_constants(cover, self.constants, scenario, self.run.timeline)
+            self.start = covered_start(self.start, self.constants)
         numbers, structure = flattened(self.constants)
         self.values = np.array(numbers, dtype=np.float64)
         self.times = _times(scenario)

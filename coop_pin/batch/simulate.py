@@ -11,12 +11,12 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from coop_pin.arrays import Array, Mask, require_type, typed
-from coop_pin.batch.constants import Cover
 from coop_pin.batch.preparation import Prepared, PreparedPlant, plant_fields
 from coop_pin.batch.samples import RunSamples
 from coop_pin.batch.schedule import RunProgram, varying
 from coop_pin.batch.single_runs import checked, require_agreement
 from coop_pin.batch.support import require_traceable
+from coop_pin.description.code_family import Cover
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, CoopPinError
 from coop_pin.memory import require_memory

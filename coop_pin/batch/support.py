@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -13,10 +12,7 @@ from coop_pin.batch.hidden_state import Contents, of_classes, of_objects, requir
 from coop_pin.batch.law_code import LawTick, require_agreement, trace_law
 from coop_pin.build_controller import build_controller
 from coop_pin.control import CellController
-from coop_pin.description.cell import Cell
-from coop_pin.description.controller import Controller
-from coop_pin.description.events import PayloadEvent
-from coop_pin.description.plant import PlantOptions
+from coop_pin.description.code_family import law_reason, plant_reason
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
 from coop_pin.simulation import Simulation
@@ -51,39 +47,6 @@ def support(scenario: Scenario) -> str | None:
         require_traceable(scenario, run, run_constants(scenario, run))
     except TracingError as error:
         return str(error)
-    return None
-
-
-@typed
-def law_reason(law: Controller) -> str | None:
-    """Return None if a law of the package can be traced, otherwise the reason why it cannot."""
-    if {"model", "regressor"} & {*law.needs}:
-        return f"its controller {law.kind!r} computes with a model of Pinocchio"
-    return None
-
-
-@typed
-def plant_reason(plant: PlantOptions, cell: Cell, events: Sequence[PayloadEvent] = ()) -> str | None:
-    """Return None if a plant can be traced, otherwise the reason why it cannot.
-
-    Args:
-        plant: Options of the plant.
-        cell: Cell, whose grasps must be rigid.
-        events: Events of the run.
-    """
-    for event in events:
-        if event.requires:
-            return f"its event {event.kind!r} needs {event.requires}; the traced plant is compiled without"
-    if cell.has_contacts:
-        names = [*cell.patches, *cell.tables]
-        return f"the contacts {names} have friction; the traced plant has rigid grasps and no tables"
-    if cell.pads:
-        return f"its pads {list(cell.pads)} have margins of friction, which batches do not compute"
-    if plant.payload != "welded":
-        return "its plant has a free payload; the traced one has it welded to the first arm"
-    if plant.integrator != "rk4" or plant.project != "start":
-        options = f"integrator {plant.integrator!r} and project {plant.project!r}"
-        return f"its plant has {options}; the traced one has 'rk4' and 'start'"
     return None
 
 

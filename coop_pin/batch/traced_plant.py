@@ -9,9 +9,9 @@ import numpy as np
 from coop_pin.arrays import Array, require_finite
 from coop_pin.batch.cell_dynamics import CellNumbers, GraspNumbers
 from coop_pin.batch.plant_code import STEPS_AT_ONCE, PlantCode, varying
-from coop_pin.batch.support import plant_reason
 from coop_pin.chain.cell_chain import CellChain, Observation
 from coop_pin.chain.closure_set import ClosureError
+from coop_pin.description.code_family import plant_reason
 from coop_pin.description.events import Surroundings
 from coop_pin.description.grasp_events import Regrasp
 from coop_pin.description.plant import PlantOptions
@@ -47,11 +47,7 @@ class TracedPlant(Plant):
         self._is_observed = False
         self._block, self._lengths = np.zeros(code.lanes.size), np.zeros((STEPS_AT_ONCE, 1))
         self._call = self._machine.bound(self._block, self._lengths)
-        self._at = dict[str, Array]()
-        for name in code.lanes.names:
-            slots = self._slots(name)
-            start = int(slots.flat[0]) if slots.size else 0
-            self._at[name] = self._block[start : start + slots.size].reshape(slots.shape)
+        self._at = code.lanes.views(self._block)
         self._names, self._joints = code.observed, len(self._at["force"])
         self._arms, self._is_vector = chain.model.arms, all(a.angles.is_vector for a in chain.model.arms)
         super().__init__(chain, options, q)

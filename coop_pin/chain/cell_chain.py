@@ -13,7 +13,7 @@ from coop_pin.arrays import Array, Mask, as_array, as_number, as_pose, require_f
 from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.contact_patches import ContactPatches, ContactState
-from coop_pin.chain.force_elements import ForceElements, Joints
+from coop_pin.chain.force_elements import ForceElements
 from coop_pin.chain.friction_cones import Squeeze, friction_squeeze
 from coop_pin.chain.grasp_frames import GraspFrames
 from coop_pin.chain.grasp_springs import GraspsHeld, GraspSprings
@@ -127,12 +127,12 @@ class CellChain:
         self.transmission = Transmission(cell, self.model.arms, self.model.model.nv)
         self.rigid = RigidGrasps(cell, self.model, options)
         self.mechanism: ClosedChain = self.rigid.mechanism
-        joints = Joints(self.model)
-        self.springs = GraspSprings(cell, self.model, joints)
-        self.patches = ContactPatches(cell, self.model, joints)
-        parts: tuple[GraspSprings | ContactPatches, ...] = (self.springs, self.patches)
-        self.elements = ForceElements(joints, [part for part in parts if len(part)])
-        self._frames = GraspFrames(self.model)
+        self.elements = ForceElements(self.model)
+        self.springs = GraspSprings(cell, self.model, self.elements)
+        self.patches = ContactPatches(cell, self.model, self.elements)
+        parts: tuple[GraspSprings | ContactPatches, ...] = self.springs, self.patches
+        self.elements.elements = [part for part in parts if len(part)]
+        self._frames, self._free_data = GraspFrames(self.model), self.model.model.createData()
         self._welded = [index for index, name in enumerate(cell.arms) if name in self.model.closed_by_tree]
 
     def surround(self, surroundings: Surroundings) -> None:
@@ -300,13 +300,13 @@ class CellChain:
             v: velocity, shape (nv,).
             tau: generalised force of everything but grasps and force elements, shape (nv,).
         """
-        if not self.elements.elements:
-            return self.mechanism.solver.acceleration(q, v, tau), 0.0
-        if self.mechanism.closures.closures:
-            force, power = self.elements.force(q, v)
-            return self.mechanism.solver.acceleration(q, v, tau + force), power
-        power = self.elements.act(q, v)
-        return self.elements.joints.acceleration(q, v, tau), power
+        elements, closed = self.elements, self.mechanism
+        if not elements.elements:
+            return closed.solver.acceleration(q, v, tau), 0.0
+        power = elements.act(q, v)
+        if closed.closures.closures:
+            return closed.solver.acceleration(q, v, tau + elements.force(q)), power
+        return pin.aba(closed.model, self._free_data, q, v, tau, elements.wrenches), power
 
     def interaction_wrenches(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, push: ArrayLike = _NO_WRENCH
@@ -549,10 +549,10 @@ class CellChain:
 
     def _move(self, q: Array, v: Array, tau: Array) -> tuple[SpringState | None, ContactState | None]:
         """Move the frames under a generalised force; return compliant grasps and contacts, None without."""
-        force = tau + self.elements.force(q, v)[0] if self.elements.elements else tau
+        a = self.acceleration(q, v, tau)[0]
         grasps = self.springs.seen() if self.springs.arms else None
         contacts = self.patches.seen() if len(self.patches) else None
-        self._frames.move(q, v, self.mechanism.solver.acceleration(q, v, force))
+        self._frames.move(q, v, a)
         return grasps, contacts
 
     def _wrenches(

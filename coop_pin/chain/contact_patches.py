@@ -14,7 +14,7 @@ import pinocchio as pin
 from coop_pin.arrays import Array, Mask
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.contact_points import ContactPoints
-from coop_pin.chain.force_elements import Joints
+from coop_pin.chain.force_elements import ForceElements
 from coop_pin.chain.grasp_springs import Side, changed, reached
 from coop_pin.description.cell import Cell
 from coop_pin.description.contact import DryContact, corners
@@ -97,13 +97,13 @@ class ContactPatches:
         state: memory, replaced by ``settle``.
     """
 
-    def __init__(self, cell: Cell, tree: CellModel, bodies: Joints) -> None:
+    def __init__(self, cell: Cell, tree: CellModel, bodies: ForceElements) -> None:
         """Find the frames of the contacts.
 
         Args:
             cell: Description.
             tree: Tree of the cell, which is kept.
-            bodies: Joints of the tree, on which the contacts act.
+            bodies: Joints of the tree and the wrenches on them, to which the contacts add theirs.
         """
         self._cell, self._tree, self._bodies, model = cell, tree, bodies, tree.model
         self.names = [*cell.patches, *cell.tables]

@@ -12,43 +12,6 @@ from coop_pin.arrays import Array
 from coop_pin.model.cell_model import CellModel
 
 
-class Joints:
-    """Joints of a tree at a state, in Pinocchio's own memory, with the wrenches of force elements on them.
-
-    Looking up single objects of Pinocchio takes longer than all the rest.
-
-    Attributes:
-        X_WJ: poses as [R^T; p^T], shape (njoints, 4, 3).
-        V_J: twists in axes of the joints, shape (njoints, 2, 3).
-        F_J: wrenches on the bodies about the joints' origins in their axes, N and N m, shape (njoints, 6).
-        model: the tree without gravity, so that inverse dynamics at rest is J^T of the wrenches.
-        data: data of the model at the state.
-    """
-
-    def __init__(self, tree: CellModel) -> None:
-        self._tree, self.model, self._rest = tree.model, tree.model.copy(), np.zeros(tree.model.nv)
-        self.model.gravity.setZero()
-        self.data, count = self.model.createData(), self.model.njoints
-        self._forces = pin.StdVec_Force([pin.Force.Zero()] * count)
-        self._solution = self.model.createData()
-        self.X_WJ = _rows(self.data.oMi[0].rotation, count, 4, 3)
-        self.V_J = _rows(self.data.v[0].linear, count, 2, 3)
-        self.F_J = _rows(self._forces[0].linear, count, 6)
-
-    def move(self, q: Array, v: Array) -> None:
-        """Move the joints to a state."""
-        pin.forwardKinematics(self.model, self.data, q, v)
-
-    def force(self, q: Array) -> Array:
-        """Return the generalised force of F_J at the configuration of the joints, shape (nv,)."""
-        rest = self._rest
-        return -pin.rnea(self.model, self._solution, q, rest, rest, self._forces)
-
-    def acceleration(self, q: Array, v: Array, tau: Array) -> Array:
-        """Return a of the tree without closures under tau and F_J, by articulated bodies, shape (nv,)."""
-        return pin.aba(self._tree, self._solution, q, v, tau, self._forces)
-
-
 class ForceElement(Protocol):
     """Wrenches between frames of a tree: a function of poses, twists and the element's own state."""
 
@@ -57,29 +20,51 @@ class ForceElement(Protocol):
 
 
 class ForceElements:
-    """All force elements of a cell.
+    """Force elements of a cell, with the joints of its tree at a state in Pinocchio's own memory.
+
+    Looking up single objects of Pinocchio takes longer than all the rest.
 
     Attributes:
-        joints: joints of the tree on which they act.
-        elements: the elements.
+        elements: the elements, which read poses and twists and add to the wrenches.
+        X_WJ: poses of the joints as [R^T; p^T], shape (njoints, 4, 3).
+        V_J: twists in axes of the joints, shape (njoints, 2, 3).
+        F_J: wrenches on the bodies about the joints' origins in their axes, N and N m, shape (njoints, 6).
+        wrenches: the same as F_J, as Pinocchio takes them.
+        rows: X_WJ, V_J and F_J in a row each, as memory that is copied at once.
+        model: the tree without gravity, so that inverse dynamics at rest is J^T of the wrenches.
+        data: data of the model at the state.
     """
 
-    def __init__(self, joints: Joints, elements: Sequence[ForceElement]) -> None:
-        self.joints, self.elements = joints, elements
+    def __init__(self, tree: CellModel) -> None:
+        self.elements: Sequence[ForceElement] = ()
+        self.model, self._rest = tree.model.copy(), np.zeros(tree.model.nv)
+        self.model.gravity.setZero()
+        self.data, count = self.model.createData(), self.model.njoints
+        self.wrenches = pin.StdVec_Force([pin.Force.Zero()] * count)
+        self._solution = self.model.createData()
+        self.X_WJ = _rows(self.data.oMi[0].rotation, count, 4, 3)
+        self.V_J = _rows(self.data.v[0].linear, count, 2, 3)
+        self.F_J = _rows(self.wrenches[0].linear, count, 6)
+        self.rows = [each.reshape(-1).data for each in (self.X_WJ, self.V_J, self.F_J)]
+        self._F_J, self._no_wrenches = self.rows[2], np.zeros(self.F_J.size).data
+
+    def move(self, q: Array, v: Array) -> None:
+        """Move the joints to a state."""
+        pin.forwardKinematics(self.model, self.data, q, v)
 
     def act(self, q: Array, v: Array) -> float:
         """Move the joints, write the wrenches of all elements on them, return the power dissipated, W."""
-        self.joints.move(q, v)
-        self.joints.F_J[:] = 0.0
+        pin.forwardKinematics(self.model, self.data, q, v)
+        self._F_J[:] = self._no_wrenches
         power = 0.0
         for element in self.elements:
             power += element.act()
         return power
 
-    def force(self, q: Array, v: Array) -> tuple[Array, float]:
-        """Return the generalised force of all elements, shape (nv,), and the power that they dissipate, W."""
-        power = self.act(q, v)
-        return self.joints.force(q), power
+    def force(self, q: Array) -> Array:
+        """Return the generalised force of F_J at the configuration of the joints, shape (nv,)."""
+        rest = self._rest
+        return -pin.rnea(self.model, self._solution, q, rest, rest, self.wrenches)
 
 
 def _rows(first: Array, count: int, *shape: int) -> Array:

@@ -1,12 +1,12 @@
 """Springs and dampers of compliant grasps: force elements between the tips of arms and the payload.
 
 ``GraspSprings`` has the places of ``spring_state`` in the tree of a cell. The steps of a run ask for it some
-thousand times a second: ``_write_wrenches`` is compiled, once for all cells, and runs for every grasp.
+thousand times a second: ``_write_wrenches`` is compiled for the joints of its tree.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.chain.closure_set import ClosureError
-from coop_pin.chain.force_elements import Joints
+from coop_pin.chain.force_elements import ForceElements
 from coop_pin.chain.spring_damper import MovingFrame, SpringDamper, SpringState, spring_state
 from coop_pin.description.cell import Cell
 from coop_pin.errors import FieldError
@@ -31,6 +31,8 @@ _SETTLED = 1e-14
 """Last step of those searches, m and rad."""
 _BALANCED = 1e-9
 """Moment that a spring at rest may lack, as a part of its stiffness."""
+_OF_JOINTS = "X_WJ", "V_J", "F_J", "dissipated"
+"""Fields of the code that every rate reads or writes."""
 _SPREAD = 1e-6
 """Singular value of an arm's Jacobian, as a part of the largest, in whose direction a tip does not move."""
 
@@ -54,21 +56,26 @@ class Side(NamedTuple):
         return self.X_WJ * self.X_JF
 
 
-def _write_wrenches(kernel: Kernel) -> None:
-    """Write the state of a grasp between frames E of the arm and G of the payload, on a joint J each.
+def _write_wrenches(kernel: Kernel, joints: Sequence[Sequence[int]]) -> None:
+    """Write the states of grasps between frames E of the arms and G of the payload; add to F_J of the joints.
 
-    A pose is [R^T; p^T], shape (4, 3). A wrench on the body of J is about the joint's origin in its axes.
+    A pose is [R^T; p^T], shape (4, 3). A wrench on the body of a joint is about its origin in its axes.
     """
-    placed = list(zip(*(kernel.read(name) for name in ("joints", "frames", "twists")), strict=True))
-    spring = SpringDamper.of(kernel.read("stiffness")[None], kernel.read("damping")[None])
-    state = spring_state(spring, *(_moving(*side) for side in placed))
-    on_joints = list[Array]()
-    for sign, (X_WJ, _, _) in zip((1.0, -1.0), placed, strict=True):
-        f, m = sign * state.on_body[:3], sign * state.on_body[3:]
-        on_joints += [X_WJ[:3] @ f, X_WJ[:3] @ (m - np.cross(X_WJ[3], f))]
-    kernel.write("on_joints", np.concatenate(on_joints))
-    for name, value in state._asdict().items():
-        kernel.write(name, value)
+    X_WJ, V_J, F_J = (kernel.read(name).copy() for name in ("X_WJ", "V_J", "F_J"))
+    frames, stiffness, damping = (kernel.read(name) for name in ("frames", "stiffness", "damping"))
+    states = list[SpringState]()
+    for i, pair in enumerate(joints):
+        spring = SpringDamper.of(stiffness[i][None], damping[i][None])
+        E, G = (_moving(X_WJ[joint], frames[i][side], V_J[joint]) for side, joint in enumerate(pair))
+        states.append(spring_state(spring, E, G))
+        for sign, joint in zip((1.0, -1.0), pair, strict=True):
+            f, m = sign * states[i].on_body[:3], sign * states[i].on_body[3:]
+            R_JW, p = X_WJ[joint][:3], X_WJ[joint][3]
+            F_J[joint] = F_J[joint] + np.concatenate((R_JW @ f, R_JW @ (m - np.cross(p, f))))
+    kernel.write("F_J", F_J)
+    kernel.write("dissipated", sum(state.power for state in states))
+    for name in SpringState._fields:
+        kernel.write(name, np.stack([getattr(state, name) for state in states]))
 
 
 def _moving(X_WJ: Array, X_JF: Array, V_J: Array) -> MovingFrame:
@@ -80,13 +87,14 @@ def _moving(X_WJ: Array, X_JF: Array, V_J: Array) -> MovingFrame:
 
 
 @cache
-def _compiled() -> tuple[Layout, LlvmMachine]:
-    """Return the slots of a grasp and the code that fills them."""
-    lanes = Layout()
-    lanes.add(joints=(2, 4, 3), twists=(2, 2, 3), frames=(2, 4, 3), stiffness=(6,), damping=(6,))
-    lanes.add(on_joints=(2, 6), on_body=(6,), wrench=(6,), power=(), position=(3,), rotation=(3, 3))
-    kernel = Kernel("grasp", lanes, Layout())
-    _write_wrenches(kernel)
+def _compiled(joints: tuple[tuple[int, int], ...], count: int) -> tuple[Layout, LlvmMachine]:
+    """Return the slots of grasps between pairs of a tree's joints and the code that fills them."""
+    lanes, n = Layout(), len(joints)
+    lanes.add(X_WJ=(count, 4, 3), V_J=(count, 2, 3), F_J=(count, 6), dissipated=())
+    lanes.add(frames=(n, 2, 4, 3), stiffness=(n, 6), damping=(n, 6))
+    lanes.add(on_body=(n, 6), wrench=(n, 6), power=(n,), position=(n, 3), rotation=(n, 3, 3))
+    kernel = Kernel("grasps", lanes, Layout())
+    _write_wrenches(kernel, joints)
     return lanes, LlvmMachine(Program([kernel], lanes, 0, 0, [Instruction(0, 0)]), width=1)
 
 
@@ -123,13 +131,13 @@ class GraspSprings:
         holds: grasps that hold, shape (n,); the others have no wrench.
     """
 
-    def __init__(self, cell: Cell, tree: CellModel, bodies: Joints) -> None:
+    def __init__(self, cell: Cell, tree: CellModel, bodies: ForceElements) -> None:
         """Find the frames of the compliant grasps.
 
         Args:
             cell: Description.
             tree: Tree of the cell, which is kept.
-            bodies: Joints of the tree, on which the springs act.
+            bodies: Joints of the tree and the wrenches on them, to which the springs add theirs.
         """
         names, grasps, model = list(cell.arms), cell.compliant, tree.model
         self.arms = [names.index(name) for name in grasps]
@@ -141,20 +149,12 @@ class GraspSprings:
         ]
         self._X_JP = model.frames[tree.payload_frame].placement.copy()
         self._poses = np.array([grasp.matrix for grasp in grasps.values()]).reshape(-1, 4, 4)
-        self._joints = np.array([[side.joint for side in sides] for sides in self._sides], dtype=int)
-        # Sums the wrenches on arms and payload by joint.
-        self._by_joint = np.zeros((model.njoints, 2 * len(grasps)))
-        self._by_joint[self._joints.ravel(), np.arange(2 * len(grasps))] = 1.0
-        self._at = dict[str, Array]()
         if grasps:
-            lanes, machine = _compiled()
-            block = np.zeros((len(grasps), lanes.size))
-            self._call: Callable[[int, int], None] = machine.bound(block, np.zeros((1, 0)))
-            for name in lanes.names:
-                slots = lanes.slots(name)
-                start = int(slots.flat[0])
-                self._at[name] = block[:, start : start + slots.size].reshape(-1, *slots.shape)
-            self._slots = [self._at[name] for name in ("joints", "twists", "on_joints", "power")]
+            pairs = tuple((arm.joint, payload.joint) for arm, payload in self._sides)
+            lanes, machine = _compiled(pairs, model.njoints)
+            block = np.zeros(lanes.size)
+            (self._call,), self._at = machine.single(block, np.zeros((1, 0))), lanes.views(block)
+            self._rows = [self._at[name].reshape(-1).data for name in _OF_JOINTS]
         stiffness = np.array([grasp.stiffness for grasp in grasps.values()]).reshape(-1, 6)
         damping = [np.zeros(6) if g.damping is None else np.array(g.damping) for g in grasps.values()]
         self.springs, self.holds = (
@@ -169,13 +169,13 @@ class GraspSprings:
 
     def act(self) -> float:
         """Add the wrenches at the state of the joints to theirs; return the power of the dampers, W."""
-        bodies, (X_WJ, V_J, on_joints, power) = self._bodies, self._slots
-        bodies.X_WJ.take(self._joints, 0, X_WJ, "clip")
-        bodies.V_J.take(self._joints, 0, V_J, "clip")
-        self._call(0, 1)
-        F_J = bodies.F_J
-        F_J += self._by_joint.dot(on_joints.reshape(-1, 6))
-        return sum(power.tolist())
+        (X_WJ, V_J, F_J, dissipated), (poses, twists, wrenches) = self._rows, self._bodies.rows
+        X_WJ[:] = poses
+        V_J[:] = twists
+        F_J[:] = wrenches
+        self._call()
+        wrenches[:] = F_J
+        return dissipated[0]
 
     def of_arms(self, values: Array) -> Array:
         """Return values of grasps, shape (..., n, k), as those of all arms, NaN of others, (..., m, k)."""

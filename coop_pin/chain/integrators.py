@@ -224,22 +224,24 @@ class FreeFlyerRungeKutta(Integrator):
         self.tableau = tableau
         lanes, machine = _free_flyer_stages(joints, tuple(map(tuple, tableau.A)), tuple(tableau.b))
         block, self._h = np.zeros(lanes.size), np.zeros((1, 1))
-        self._call = machine.bound(block, self._h)
-        self._q, self._v, self._q_i, self._v_i, *self._a = (
-            block[lanes.slots(name)[0] :][: len(lanes.slots(name))]
-            for name in ("q", "v", "q_i", "v_i", *(f"a_{i}" for i in range(len(tableau.b))))
-        )
+        self._calls = machine.single(block, self._h)
+        at = lanes.views(block)
+        self._q_i, self._v_i, self._weights = at["q_i"], at["v_i"], np.empty(0)
+        copied: list[Any] = [at[name].data for name in ("q", "v", *(f"a_{i}" for i in range(len(tableau.b))))]
+        self._q, self._v, *self._a = copied  # memory, which is written sooner than an array
 
     def step(self, rate: Rate, t: float, q: Array, v: Array, h: float) -> Step:
         """Return the state at t + h."""
-        self._q[:], self._v[:], self._h[0] = q, v, h
+        if h != self._h[0, 0]:
+            self._h[0], self._weights = h, h * self.tableau.b
+        self._q[:], self._v[:] = q, v
         q_i, v_i, powers = q, v, []
         for i, c in enumerate(self.tableau.c):
             self._a[i][:], power = rate(t + c * h, q_i, v_i)
             powers.append(power)
-            self._call(i, 1)
+            self._calls[i]()
             q_i, v_i = self._q_i, self._v_i
-        return Step(q_i.copy(), v_i.copy(), (h * self.tableau.b).dot(np.array(powers)))
+        return Step(q_i.copy(), v_i.copy(), self._weights.dot(np.array(powers)))
 
 
 @cache

@@ -11,8 +11,8 @@ from coop_pin.arrays import Array, Mask, as_count, require_type
 from coop_pin.batch.preparation import Prepared
 from coop_pin.batch.schedule import RunProgram
 from coop_pin.batch.simulate import BatchSimulator
-from coop_pin.batch.support import law_reason
 from coop_pin.chain.cell_chain import determinate_rows
+from coop_pin.description.code_family import law_reason
 from coop_pin.description.scenario import Scenario
 from coop_pin.environment.acted_law import ActedLaw
 from coop_pin.environment.task import Observed, Task, drives_of

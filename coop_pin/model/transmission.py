@@ -116,13 +116,13 @@ class Transmission:
         """Return the generalised force of drive torques, N m, shape (nv,)."""
         return self._map.T.dot(np.concatenate(drive_torques))
 
-    def friction(self, v: Array) -> Array:
+    def friction(self, v: Array, out: Array | None = None) -> Array:
         """Return -A^T (viscous w + level tanh(w / coulomb_velocity)) with w = A v, N m, shape (nv,).
 
         The level is coulomb + excess exp(-(w / stribeck_velocity)^2), see JointFriction. A is D for friction
-        at the drives; for friction of the URDF it picks the joint velocities.
+        at the drives; for friction of the URDF it picks the joint velocities. It is written to ``out``.
         """
-        force: Array = self._viscous.dot(v)
+        force: Array = self._viscous.dot(v, out)
         if not self._has_coulomb:
             return force
         direction = self._to_scaled_speed.dot(v)

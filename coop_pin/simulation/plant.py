@@ -26,9 +26,6 @@ from coop_pin.description.grasp_events import Regrasp
 from coop_pin.description.plant import PlantOptions
 from coop_pin.results.quantities import WORK, WORK_OF_GRASPS
 
-_ALL = np.ones(len(WORK) - 1)
-"""Sums the forces that do work on the chain besides gravity, in the order of WORK."""
-
 
 class MissedGrasp(NamedTuple):
     """Grasp that did not happen, because its tip was too far away.
@@ -104,14 +101,15 @@ class Plant:
         model = chain.mechanism.model
         self.chain, self.transmission = chain, chain.transmission
         self._is_elastic = bool(chain.elements.elements)
-        works = (*WORK, *WORK_OF_GRASPS) if self._is_elastic else WORK
-        self.q, self.v, self.work, self.time = q, np.zeros(model.nv), np.zeros(len(works)), 0.0
+        works = len(WORK) + self._is_elastic * len(WORK_OF_GRASPS)
+        self.q, self.v, self.work, self.time = q, np.zeros(model.nv), np.zeros(works), 0.0
         self.missed: tuple[MissedGrasp, ...] = ()
         chain.damp(q)
-        self._forces = np.zeros((len(_ALL), model.nv))
+        # Rows in the order of the works that a rate does, their sum, and what sums them.
+        self._forces = np.zeros((works if self._is_elastic else works - 1, model.nv))
+        self._friction, self._sum, self._all = self._forces[1], np.zeros(model.nv), np.ones(len(self._forces))
         self._integrator = INTEGRATORS[options.integrator](model)
         self._project = options.project == "step"
-        self._rate = self._elastic_rate if self._is_elastic else self._rigid_rate
         self._errors: tuple[Array | None, list[ClosureError]] = None, []
         self.surround(chain.cell.surroundings)
 
@@ -214,7 +212,7 @@ class Plant:
 
     def generalised_force(self) -> Array:
         """Return the generalised force of torques, friction and push at the present state, shape (nv,)."""
-        return _ALL.dot(self._apply(self.q, self.v, self.time))
+        return self._force(self.time, self.q, self.v).copy()
 
     def observe(self, q: Array, v: Array, force: Array, time: Array) -> Observation:
         """Return poses, wrenches and energy at n states in the present surroundings.
@@ -265,22 +263,17 @@ class Plant:
         if self._is_elastic and len(self.chain.patches):
             self.work[-1] -= self.chain.patches.settle(self.q)
 
-    def _rigid_rate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+    def _rate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the acceleration, shape (nv,), and powers in the order of ``work``, the first of them."""
-        forces = self._apply(q, v, t)
-        return self.chain.mechanism.solver.acceleration(q, v, _ALL.dot(forces)), forces.dot(v)
-
-    def _elastic_rate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return the same of a cell with force elements."""
-        forces, power = self._apply(q, v, t), np.zeros(len(self.work))
-        a, power[-1] = self.chain.acceleration(q, v, _ALL.dot(forces))
-        power[:3] = forces.dot(v)
+        tau, power = self._force(t, q, v), self._forces.dot(v)
+        if not self._is_elastic:
+            return self.chain.mechanism.solver.acceleration(q, v, tau), power
+        a, power[-1] = self.chain.acceleration(q, v, tau)
         return a, power
 
-    def _apply(self, q: Array, v: Array, time: float) -> Array:
-        """Return the generalised force of drives, friction and payload wrench, shape (3, nv)."""
-        forces = self._forces
-        forces[1] = self.transmission.friction(v)
+    def _force(self, t: float, q: Array, v: Array) -> Array:
+        """Return the generalised force of drives, friction and payload wrench until the next call, (nv,)."""
+        self.transmission.friction(v, self._friction)
         if self._pushed:
-            forces[2] = self.chain.payload_jacobian(q).T.dot(self.payload_wrench(q, v, time))
-        return forces
+            self._forces[2] = self.chain.payload_jacobian(q).T.dot(self.payload_wrench(q, v, t))
+        return self._all.dot(self._forces, self._sum)

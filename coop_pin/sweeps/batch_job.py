@@ -15,9 +15,9 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.batch import BatchSimulator
-from coop_pin.batch.constants import Cover
 from coop_pin.batch.hidden_state import digest
 from coop_pin.batch.preparation import Prepared
+from coop_pin.description.code_family import Cover
 from coop_pin.errors import CoopPinError, TracingError
 from coop_pin.sweeps.job import CtrlC, Job, Outcome, Record, outcome_of, run_job, separate, times
 from coop_pin.sweeps.run_key import require_unchanged

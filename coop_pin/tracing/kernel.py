@@ -69,6 +69,13 @@ class Layout:
         start, shape = self._fields[name]
         return start + np.arange(math.prod(shape)).reshape(shape)
 
+    def views(self, block: Array) -> dict[str, Array]:
+        """Return all fields of one run as views of its block, shape (size,)."""
+        return {
+            name: block[start : start + math.prod(shape)].reshape(shape)
+            for name, (start, shape) in self._fields.items()
+        }
+
 
 class Kernel:
     """Code that reads slots and numbers common to all runs, and writes slots.

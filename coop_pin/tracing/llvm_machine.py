@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -14,10 +15,17 @@ from coop_pin.arrays import Array
 from coop_pin.disk_cache import keep, kept
 from coop_pin.errors import ArgumentError
 from coop_pin.tracing.kernel import Instruction, Machine, Program
-from coop_pin.tracing.llvm_emitter import llvm_text
+from coop_pin.tracing.llvm_emitter import ARGUMENTS, llvm_text
 
 _AT_ONCE = 2_000
 """Instructions of one call: some 40 ms with 64 runs of two arms with seven joints."""
+
+
+class _Arguments(ctypes.Structure):
+    """Arguments of ``run``."""
+
+    _fields_ = [(name, ctypes.c_int64) for name in ARGUMENTS]
+    kept: Any
 
 
 class LlvmMachine(Machine):
@@ -39,9 +47,9 @@ class LlvmMachine(Machine):
             detail = f"the text of the program is not for {self.width} lanes"
             raise ArgumentError(f"{detail}; take that width, or a program of kernels")
         self._engine = _engine(text)
-        pointer, whole = ctypes.c_void_p, ctypes.c_int64
-        kinds = (whole, whole, pointer, pointer, pointer, whole, pointer, whole, pointer, whole)
-        self._run = ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address("run"))
+        self._run = ctypes.CFUNCTYPE(None, ctypes.POINTER(_Arguments))(
+            self._engine.get_function_address("run")
+        )
         self._instructions = _table(program.instructions)
 
     def run(self, block: Array, uniforms: Array, loads: Array, out: Array | None = None) -> Array:
@@ -52,21 +60,12 @@ class LlvmMachine(Machine):
         slots = np.ascontiguousarray(block[:, lane].reshape(-1, groups, width).swapaxes(0, 1))
         loads = loads[:, :, lane].reshape(*loads.shape[:2], groups, width)
         loads = np.ascontiguousarray(np.moveaxis(loads, 2, 0))
-        uniforms = np.ascontiguousarray(uniforms)
-        for first in range(0, len(self._instructions), _AT_ONCE):  # Python sees Ctrl-C in between
-            instructions = self._instructions[first : first + _AT_ONCE]
-            self._run(
-                groups,
-                len(instructions),
-                instructions.ctypes.data,
-                slots.ctypes.data,
-                uniforms.ctypes.data,
-                8 * uniforms.shape[1],
-                loads.ctypes.data,
-                loads.shape[1],
-                record.ctypes.data,
-                8 * groups * width,
-            )
+        call, count = (
+            self.bound(slots, np.ascontiguousarray(uniforms), record, loads),
+            len(self._instructions),
+        )
+        for first in range(0, count, _AT_ONCE):  # Python sees Ctrl-C in between
+            call(first, min(_AT_ONCE, count - first))
         block[:] = slots.swapaxes(0, 1).reshape(len(block), -1)[:, :lanes]
         return record[:, :, :lanes]
 
@@ -96,18 +95,44 @@ class LlvmMachine(Machine):
             order: Instructions in place of the program's.
         """
         run, instructions = self._run, self._instructions if order is None else _table(order)
-        start, size = instructions.ctypes.data, instructions.itemsize * instructions.shape[1]
-        groups = block.size // (self.program.lanes.size * self.width)
-        loaded = (None, 0) if loads is None else (loads.ctypes.data, loads.shape[1])
-        inputs = block.ctypes.data, uniforms.ctypes.data, 8 * uniforms.shape[1], *loaded
-        memory = *inputs, None if record is None else record.ctypes.data, 8 * groups * self.width
+        arguments = self._arguments(instructions, block, uniforms, record, loads)
+        start, size = arguments.program, instructions.itemsize * instructions.shape[1]
 
-        kept = self, instructions, block, uniforms, record, loads
-
-        def call(first: int, count: int, _kept: object = kept) -> None:
-            run(groups, count, start + first * size, *memory)
+        def call(first: int, count: int) -> None:
+            arguments.count, arguments.program = count, start + first * size
+            run(arguments)
 
         return call
+
+    def single(self, block: Array, uniforms: Array) -> list[Callable[[], object]]:
+        """Return a function for each instruction of the program, half as long in the call as ``bound``."""
+        rows = [self._instructions[i : i + 1] for i in range(len(self._instructions))]
+        return [partial(self._run, self._arguments(row, block, uniforms)) for row in rows]
+
+    def _arguments(
+        self,
+        instructions: NDArray[np.int64],
+        block: Array,
+        uniforms: Array,
+        record: Array | None = None,
+        loads: Array | None = None,
+    ) -> _Arguments:
+        """Return the arguments of ``run`` for memory as of ``bound``, which they keep."""
+        groups = block.size // (self.program.lanes.size * self.width)
+        arguments = _Arguments(
+            count=len(instructions),
+            program=instructions.ctypes.data,
+            groups=groups,
+            blocks=block.ctypes.data,
+            uniforms=uniforms.ctypes.data,
+            uniform_bytes=8 * uniforms.shape[1],
+            loads=0 if loads is None else loads.ctypes.data,
+            load_rows=0 if loads is None else loads.shape[1],
+            record=0 if record is None else record.ctypes.data,
+            slot_bytes=8 * groups * self.width,
+        )
+        arguments.kept = self, instructions, block, uniforms, record, loads
+        return arguments
 
 
 def _table(instructions: Sequence[Instruction]) -> NDArray[np.int64]:
