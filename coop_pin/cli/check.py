@@ -8,13 +8,13 @@ import textwrap
 from typing import Any
 
 from coop_pin.cli.exit_codes import FAILED, OK
-from coop_pin.cli.inspect import ScenarioName, print_wrapped
-from coop_pin.cli.overrides import TypedFields, load_scenario
+from coop_pin.cli.inspect import print_wrapped
+from coop_pin.cli.overrides import ScenarioCommand
 from coop_pin.errors import ArgumentError, DivergedError
 
 
-@dataclasses.dataclass(frozen=True)
-class Check:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Check(ScenarioCommand):
     """Check reachability, distance to singularities, limits and static torques along the desired motion.
 
     Nothing is simulated. Static torques are those that hold the arms, the payload and the squeeze at rest. A
@@ -29,20 +29,16 @@ class Check:
     Every field of the scenario can be changed as in 'coop-pin run'.
 
     Attributes:
-        scenario: a name listed by 'coop-pin list', or a TOML file.
         poses: number of poses checked along the motion.
         bias: kinematic bias of one arm's tip, m.
         bias_turn: angle by which the base of one arm is off, rad.
         load: constant force on the payload that the law does not know, N.
-        fields: fields of the scenario, as typed.
     """
 
-    scenario: ScenarioName
     poses: int = 401
     bias: float = 1e-3
     bias_turn: float = 0.0
     load: float = 10.0
-    fields: TypedFields = dataclasses.field(default_factory=dict)
 
     def execute(self) -> int:
         """Print the results; the exit code is OK if the motion is feasible."""
@@ -50,7 +46,7 @@ class Check:
         from coop_pin.build_controller import build_controller
         from coop_pin.simulation import Simulation
 
-        scenario = load_scenario(self.scenario, self.fields)
+        scenario = self.loaded()
         reach = analysis.reachability(scenario, poses=self.poses)
         is_feasible = self._feasible(scenario, reach)
         if not reach.ok or not analysis.gains_are_known(scenario):

@@ -9,29 +9,25 @@ from typing import Annotated
 import tyro
 
 from coop_pin.cli.exit_codes import OK
-from coop_pin.cli.overrides import TypedFields, load_scenario
+from coop_pin.cli.overrides import ScenarioCommand
 
 
-@dataclasses.dataclass(frozen=True)
-class ExportC:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ExportC(ScenarioCommand):
     """Write the law of one arm as C99: forward kinematics, Jacobian and law, with a self-test.
 
     Every field of the scenario can be changed as in 'coop-pin run'. The code is straight-line: it allocates
     nothing, and its state goes in and out.
 
     Attributes:
-        scenario: a name listed by 'coop-pin list', or a TOML file.
         arm: name of the arm.
         out: output folder; out/, the scenario's name and -c when omitted.
         ticks: number of ticks of the self-test, recorded from the start of the scenario.
-        fields: fields of the scenario, as typed.
     """
 
-    scenario: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
     arm: str
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     ticks: int = 20
-    fields: TypedFields = dataclasses.field(default_factory=dict)
 
     def execute(self) -> int:
         """Write the files, and print their names and the operations of a step.
@@ -41,7 +37,7 @@ class ExportC:
         """
         from coop_pin.batch import export_c  # slow to load
 
-        scenario = load_scenario(self.scenario, self.fields)
+        scenario = self.loaded()
         folder = self.out or Path("out") / f"{scenario.name}-c"
         law = export_c(scenario, self.arm, folder, ticks=self.ticks)
         print(law.summary())

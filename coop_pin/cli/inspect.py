@@ -13,7 +13,7 @@ import tyro
 
 from coop_pin.catalogue import scenario_file, scenario_names, scenario_tables
 from coop_pin.cli.exit_codes import FAILED, OK
-from coop_pin.cli.overrides import TypedFields, load_scenario, refuse_fields
+from coop_pin.cli.overrides import ScenarioCommand, ScenarioName, TypedFields, load_scenario, refuse_fields
 from coop_pin.disk_cache import keep, kept, package_digest
 from coop_pin.errors import FieldError, NameNotFoundError
 
@@ -22,7 +22,6 @@ _COLUMNS = 99
 
 _Folders = Annotated[tuple[str, ...], tyro.conf.arg(metavar="FOLDER...")]
 _Assignments = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE...")]
-ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
 
 
 def print_wrapped(*texts: object, sep: str = " ") -> None:
@@ -133,8 +132,8 @@ class Show:
         return OK
 
 
-@dataclasses.dataclass(frozen=True)
-class Suggest:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Suggest(ScenarioCommand):
     """Propose control rate, gains of the payload-space law, postures and squeeze, and say what limits each.
 
     Nothing is simulated. Where the cell cannot do the motion, the cause is named: rank, reach, singularity,
@@ -145,13 +144,11 @@ class Suggest:
             and may be missing.
         out: file to write the proposed scenario to, ready for 'coop-pin run'; none when omitted.
         poses: number of poses looked at along the motion.
-        fields: fields of the scenario, as typed.
     """
 
     scenario: ScenarioName
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     poses: int = 101
-    fields: TypedFields = dataclasses.field(default_factory=dict)
 
     def execute(self) -> int:
         """Print the proposal and write its scenario.

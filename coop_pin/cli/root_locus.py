@@ -9,35 +9,31 @@ from typing import Annotated
 import tyro
 
 from coop_pin.cli.exit_codes import OK
-from coop_pin.cli.overrides import TypedFields, field_path, load_scenario
+from coop_pin.cli.overrides import ScenarioCommand, field_path
 
 
-@dataclasses.dataclass(frozen=True)
-class Locus:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Locus(ScenarioCommand):
     """Draw the eigenvalues of the sampled closed loop over a gain, and print where it is stable.
 
     Every field of the scenario can be changed as in 'coop-pin run'. A
     law with sgn needs a boundary layer: --controller.switching.kind tanh --controller.switching.width 0.1.
 
     Attributes:
-        scenario: a name listed by 'coop-pin list', or a TOML file.
         gain: field to multiply, a number or a row: controller.gains.sliding-gain, actuators.lag.
         low: smallest factor of its value.
         high: largest factor.
         count: number of factors, evenly spaced in ratio.
         time: time of the state, s.
         out: figure to write, PNG or SVG; none when omitted.
-        fields: fields of the scenario, as typed.
     """
 
-    scenario: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
     gain: Annotated[str, tyro.conf.arg(metavar="FIELD")]
     low: float = 0.1
     high: float = 10.0
     count: int = 21
     time: float = 0.0
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    fields: TypedFields = dataclasses.field(default_factory=dict)
 
     def execute(self) -> int:
         """Print the stable factors and the loop at the scenario's own value, and write the figure.
@@ -51,7 +47,7 @@ class Locus:
         from coop_pin.analysis import eigenvalues, root_locus
         from coop_pin.arrays import as_count, as_positive
 
-        scenario = load_scenario(self.scenario, self.fields)
+        scenario = self.loaded()
         ends = as_positive("low", self.low), as_positive("high", self.high)
         factors = np.geomspace(*ends, as_count("count", self.count, 1))
         print(eigenvalues(scenario, time=self.time).summary())

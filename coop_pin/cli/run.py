@@ -12,13 +12,13 @@ import tyro
 
 from coop_pin import viz
 from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, NOT_TRUSTWORTHY, OK
-from coop_pin.cli.overrides import TypedFields, load_scenario
+from coop_pin.cli.overrides import ScenarioCommand
 from coop_pin.engines import Engine
 from coop_pin.errors import CoopPinError, RunInterruptedError
 
 
-@dataclasses.dataclass(frozen=True)
-class Run:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Run(ScenarioCommand):
     """Run a scenario and write its results into a folder.
 
     Every field of the scenario can be changed: --controller.gains.sign-gain 0.5 --cell.arms.left.posture 1 2
@@ -27,7 +27,6 @@ class Run:
     The exit code is 3 if the run is not trustworthy: it breached a threshold in the scenario's table 'trust'.
 
     Attributes:
-        scenario: a name listed by 'coop-pin list', or a TOML file.
         out: output folder; out/ and the scenario's name when omitted.
         quiet: no progress bar and no table.
         verbose: list every breach of the trust thresholds.
@@ -37,10 +36,8 @@ class Run:
         figures: write the figures, as PNG.
         svg: write the figures as SVG as well.
         report: write report.html, the whole run on one page.
-        fields: fields of the scenario, as typed.
     """
 
-    scenario: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     quiet: bool = False
     verbose: bool = False
@@ -50,7 +47,6 @@ class Run:
     figures: bool = True
     svg: bool = False
     report: bool = False
-    fields: TypedFields = dataclasses.field(default_factory=dict)
 
     def execute(self) -> int:
         """Run the scenario, write its folder, print its metrics, and return the exit code.
@@ -65,7 +61,7 @@ class Run:
         from coop_pin.run_folder import RunFolder, Stopwatch
         from coop_pin.run_scenario import run
 
-        scenario = load_scenario(self.scenario, self.fields)
+        scenario = self.loaded()
         folder = RunFolder(self.out or Path("out") / scenario.name)
         folder.path.mkdir(parents=True, exist_ok=True)  # a folder that cannot be made must not cost a run
         if self.engine == "auto" and not self.quiet:

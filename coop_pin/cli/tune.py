@@ -12,12 +12,12 @@ import tyro
 from coop_pin import sweeps
 from coop_pin.cli.execution import HERE, ExecutionOptions
 from coop_pin.cli.exit_codes import OK
-from coop_pin.cli.overrides import TypedFields, changes, field_path, load_scenario
+from coop_pin.cli.overrides import ScenarioCommand, changes, field_path
 from coop_pin.errors import FieldError
 
 
-@dataclasses.dataclass(frozen=True)
-class Tune:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Tune(ScenarioCommand):
     """Search fields of a scenario for the smallest value of a metric.
 
     Every field of the scenario can be changed as in 'coop-pin run'. Every run is kept: the same command
@@ -28,7 +28,6 @@ class Tune:
     --vary controller.gains.sign_gain 0 1 --vary controller.gains.pose_gain 1 5
 
     Attributes:
-        scenario: a name listed by 'coop-pin list', or a TOML file.
         minimize: metric, for example position_rms_m or torque_peak_Nm; metrics.json of any run has their
             names.
         vary: field with its lowest and highest value; once for each field. 'coop-pin fields SCENARIO' lists
@@ -42,10 +41,8 @@ class Tune:
             population x fields runs in all.
         seed: seed of the search; another seed tries other values.
         execution: workers, engine and folders to merge.
-        fields: fields of the scenario, as typed.
     """
 
-    scenario: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
     minimize: Annotated[str, tyro.conf.arg(metavar="METRIC")]
     vary: Annotated[
         tuple[tuple[str, float, float], ...],
@@ -59,7 +56,6 @@ class Tune:
     population: Annotated[int, tyro.conf.arg(metavar="N")] = 8
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0
     execution: ExecutionOptions = HERE
-    fields: TypedFields = dataclasses.field(default_factory=dict)
 
     def execute(self) -> int:
         """Search, print the best run, and return the exit code.
@@ -68,7 +64,7 @@ class Tune:
             FieldError: a field has two ranges, or a range and a value.
             CoopPinError: whatever ``tune`` raises.
         """
-        scenario = load_scenario(self.scenario, self.fields)
+        scenario = self.loaded()
         fixed = changes(self.fields, scenario.cell.arms)
         folder = self.out or Path("out") / f"tune-{Path(self.scenario).stem}"
         ranges: dict[str, tuple[float, float]] = {}
