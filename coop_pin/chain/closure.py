@@ -60,9 +60,9 @@ class Closure:
             WrongTypeError: name is not text.
             ShapeError, OutOfRangeError: X_AC or X_BC is not a pose.
         """
-        for name in ("X_AC", "X_BC"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, frozen(as_pose(name, getattr(self, name))))
+        for name, pose in (("X_AC", self.X_AC), ("X_BC", self.X_BC)):
+            if pose is not None:
+                object.__setattr__(self, name, frozen(as_pose(name, pose)))
         require_type("name", self.name, str)
         object.__setattr__(self, "name", self.name or f"{self.frame_a} - {self.frame_b}")
 
