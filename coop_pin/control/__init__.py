@@ -6,11 +6,16 @@ from coop_pin.control.admittance import (
     AdmittanceGains,
     FollowingController,
 )
-from coop_pin.control.averaged_wrench import AveragedWrench, ConsensusForcePath
+from coop_pin.control.averaged_wrench import (
+    AveragedWrench,
+    ConsensusForcePath,
+    averaged_loop_radius,
+    estimator_radius,
+)
 from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
 from coop_pin.control.calibration import ZeroedController
-from coop_pin.control.consensus import MeanGains, averaged_loop_radius, consensus_bound, estimator_radius
+from coop_pin.control.consensus import consensus_bound
 from coop_pin.control.exchanged_wrench import ExchangedWrench, MessageForcePath
 from coop_pin.control.feed_forward import FeedForward, FeedForwardController
 from coop_pin.control.force_path import LateForcePath, LowPassForcePath, NoForcePath
@@ -90,7 +95,6 @@ __all__ = [
     "LearnedForcePath",
     "LearnedLoad",
     "LowPassForcePath",
-    "MeanGains",
     "MeanPose",
     "MeanPoseByMessages",
     "MeanPoseController",

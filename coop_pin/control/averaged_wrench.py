@@ -9,13 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from coop_pin.arrays import Array
-from coop_pin.control.consensus import (
-    MeanGains,
-    averaged_loop_radius,
-    disagreement,
-    estimator_radius,
-    graph_eigenvalues,
-)
+from coop_pin.control.consensus import disagreement, graph_eigenvalues
 from coop_pin.control.exchanged_wrench import less_load, own_wrench
 from coop_pin.control.force_path import INSIST, PlainForcePath
 from coop_pin.control.interface import (
@@ -28,6 +22,9 @@ from coop_pin.control.interface import (
 from coop_pin.control.told_law import TellingLaw, heard
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import NotNegative, Positive
+
+_AT_REST = 1e-9
+"""Distance from 1 of a factor that counts as it: of an integral without an anchor."""
 
 
 class AveragedState(NamedTuple):
@@ -130,6 +127,21 @@ class ConsensusForcePath(PlainForcePath):
     proportional_gain: NotNegative = 0.25
     integral_gain: Positive = 0.2
 
+    def modes(self, eigenvalue: float, delay: int) -> Array:
+        """Return the polynomial of a mode of the disagreement, times z^2D.
+
+        (z - 1 + gamma + k_P lambda z^-D)(z - 1) + (k_I lambda z^-D)^2, of Freeman, Yang and Lynch (2006) in
+        discrete time.
+
+        Args:
+            eigenvalue: lambda of the graph's L.
+            delay: D, ticks by which messages are late.
+        """
+        late, step = np.append(1.0, np.zeros(delay)), np.array([1.0, -1.0])
+        alone = np.polymul(np.polymul([1.0, self.input_gain - 1.0], step), np.polymul(late, late))
+        told = self.proportional_gain * eigenvalue * np.polymul(step, late)
+        return np.polyadd(np.polyadd(alone, told), [(self.integral_gain * eigenvalue) ** 2])
+
     def law_told(self, law: ArmController, arm: ControlledArm, scenario: Any) -> ArmController:
         """Return the law of an arm, told by AveragedWrench.
 
@@ -140,6 +152,56 @@ class ConsensusForcePath(PlainForcePath):
         return AveragedWrench(law, arm, self, len(scenario.cell.arms))
 
 
+def estimator_radius(eigenvalues: Array, path: ConsensusForcePath, delay: int = 0) -> float:
+    """Return the largest ``|z|`` of average consensus, by which it converges in a tick.
+
+    That of the mean is 1 - gamma.
+
+    Args:
+        eigenvalues: lambda of the graph's L, the first of them 0, shape (m,).
+        path: Gains.
+        delay: D, ticks by which messages are late.
+    """
+    sizes = [np.abs(np.roots(path.modes(eigenvalue, delay))).max() for eigenvalue in eigenvalues[1:]]
+    return float(max([abs(1.0 - path.input_gain), *sizes]))
+
+
+def averaged_loop_radius(
+    eigenvalues: Array,
+    path: ConsensusForcePath,
+    delay: int = 0,
+    *,
+    anchor_gain: float,
+    force_gain: float = 0.0,
+    wrist_delay: int = 0,
+) -> float:
+    """Return the largest ``|z|`` of anchor and force feedback on internal wrenches by average consensus.
+
+    f = F - c m nu is the own wrench but for what nu follows of it, H = gamma (z - 1) z^2D / modes(z), with
+    equal shares c m = 1. With Z[k] = Z[k-1] - g f_m[k] and a wrist that is late by D_w ticks::
+
+        (z - 1) z^(D_w + 1) + (g z + K_f (z - 1)) (1 - H(z)) = 0
+
+    Args:
+        eigenvalues: lambda of the graph's L, the first of them 0, shape (m,).
+        path: Gains of the consensus.
+        delay: D, ticks by which messages are late.
+        anchor_gain: g.
+        force_gain: K_f.
+        wrist_delay: D_w.
+    """
+    step, sizes = np.array([1.0, -1.0]), [0.0]
+    loop = np.append(step, np.zeros(wrist_delay + 1))
+    feedback = np.array([anchor_gain + force_gain, -force_gain])
+    followed = path.input_gain * np.append(step, np.zeros(2 * delay))
+    for eigenvalue in eigenvalues[1:]:
+        modes = path.modes(eigenvalue, delay)
+        fed_back = np.polymul(feedback, np.polysub(modes, followed))
+        z = np.roots(np.polyadd(np.polymul(loop, modes), fed_back))
+        sizes.append(float(np.abs(z[np.abs(z - 1.0) > _AT_REST]).max(initial=0.0)))
+    return max(sizes)
+
+
 def _require_decay(path: ConsensusForcePath, scenario: Any) -> None:
     """Refuse gains with which the means of a scenario's arms, or its law's feedback on them, grow.
 
@@ -147,15 +209,20 @@ def _require_decay(path: ConsensusForcePath, scenario: Any) -> None:
         FieldError: they do, or the graph is not connected both ways.
     """
     names, network = list(scenario.cell.arms), scenario.network
-    gains = MeanGains(path.input_gain, path.proportional_gain, path.integral_gain, network.slowest_of(names))
-    eigenvalues = graph_eigenvalues(network.edges_at(0.0, names), names)
-    late = f"over this graph with messages {gains.delay} ticks late"
-    if (radius := estimator_radius(eigenvalues, gains)) >= 1.0:
+    eigenvalues, delay = graph_eigenvalues(network.edges_at(0.0, names), names), network.slowest_of(names)
+    late = f"over this graph with messages {delay} ticks late"
+    if (radius := estimator_radius(eigenvalues, path, delay)) >= 1.0:
         detail = f"grows by {radius:.4g} a tick {late}; lower its gains"
         raise FieldError(detail, "controller.force_path")
     loop = scenario.controller.loop(scenario.timing)
-    fed_back = {"anchor_gain": loop.anchor_gain, "force_gain": loop.force_gain, "delay": loop.delay}
-    radius = averaged_loop_radius(eigenvalues, gains, **fed_back)
+    radius = averaged_loop_radius(
+        eigenvalues,
+        path,
+        delay,
+        anchor_gain=loop.anchor_gain,
+        force_gain=loop.force_gain,
+        wrist_delay=loop.delay,
+    )
     if radius >= 1.0 and not scenario.beyond_bound:
         detail = f"is {loop.anchor_gain:g}, but the anchored integral on means grows by {radius:.4g} a tick"
         raise FieldError(f"{detail} {late}; lower it, {INSIST}", "controller.gains.anchor_gain")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from functools import cache, partial
-from typing import Annotated, Any, NamedTuple
+from functools import cache
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -23,6 +23,52 @@ _Paths = (
 ForcePath = Annotated[_Paths, Field(discriminator="kind")]
 
 _BISECTIONS = 50
+
+
+class SampledLoop(NamedTuple):
+    """Feedback of measured wrenches, sampled.
+
+    Attributes:
+        pole: p of the filter.
+        delay: D of force path and wrists together, ticks.
+        every: Ticks from one sample to the next.
+        lag: Time constant of the slowest drives, ticks.
+        force_gain: K_f, by which a wrench acts at once.
+        anchor_gain: g, by which it moves an integral.
+    """
+
+    pole: float = 0.0
+    delay: int = 0
+    every: int = 1
+    lag: float = 0.0
+    force_gain: float = 0.0
+    anchor_gain: float = 0.0
+
+    @property
+    def anchor_bound(self) -> float:
+        """The anchor gain at which the loop is unstable, with these other numbers."""
+        pole, delay, every, lag, force_gain, _ = self
+        return anchor_gain_bound(pole=pole, delay=delay, every=every, force_gain=force_gain, lag=lag)
+
+    def is_stable(self, further: int = 0) -> bool:
+        """Return whether the loop decays, with a further delay, ticks.
+
+        The eigenvalues are those of one period of the sensor. The state is [f[k-1], ..., f[k-1-D], f_m, Z]
+        before tick k. Without an anchor Z rests, and its eigenvalue 1 does not count.
+        """
+        delay, r = self.delay + further, lag_pole(self.lag)
+        filtered, integral, unit = delay + 1, delay + 2, np.eye(delay + 3)
+        sample: Array = np.eye(delay + 3)
+        sample[filtered] = (1.0 - self.pole) * unit[delay] + self.pole * unit[filtered]
+        sample[integral] -= self.anchor_gain * sample[filtered]
+        shift: Array = np.eye(delay + 3)
+        shift[1 : delay + 1] = unit[:delay]
+        shift[0] = r * unit[0]
+        shift[0] += (1.0 - r) * (unit[integral] - self.force_gain * unit[filtered])
+        period = np.linalg.matrix_power(shift, self.every) @ sample
+        if self.anchor_gain == 0.0:
+            period = period[:integral, :integral]
+        return bool(np.abs(np.linalg.eigvals(period)).max() < 1.0)
 
 
 @typed
@@ -99,80 +145,16 @@ def anchor_gain_bound(
         raise OutOfRangeError(name, value, f"at least {least}")
     # Of filter and lag alone; delay and K_f lower it, a slow sensor does not raise it.
     low, high = 0.0, 2.0 * force_gain_bound(pole, lag=lag)
-    decays = partial(
-        force_loop_is_stable, pole=pole, delay=delay, every=every, force_gain=force_gain, lag=lag
-    )
-    if not decays(0.0):
+    loop = SampledLoop(pole, delay, every, lag, force_gain)
+    if not loop.is_stable():
         return 0.0
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2.0
-        if decays(middle):
+        if loop._replace(anchor_gain=middle).is_stable():
             low = middle
         else:
             high = middle
     return low
-
-
-def force_loop_is_stable(
-    anchor_gain: float,
-    *,
-    pole: float = 0.0,
-    delay: int = 0,
-    every: int = 1,
-    force_gain: float = 0.0,
-    lag: float = 0.0,
-) -> bool:
-    """Return whether the sampled loop of anchor and force feedback decays; arguments as anchor_gain_bound.
-
-    The eigenvalues are those of one period of the sensor. The state is [f[k-1], ..., f[k-1-D], f_m, Z] before
-    tick k. Without an anchor Z rests, and its eigenvalue 1 does not count.
-    """
-    size, r = delay + 3, lag_pole(lag)
-    filtered, integral = delay + 1, delay + 2
-    sample: Array = np.eye(size)
-    sample[filtered] = (1.0 - pole) * np.eye(size)[delay] + pole * np.eye(size)[filtered]
-    sample[integral] -= anchor_gain * sample[filtered]
-    shift: Array = np.eye(size)
-    shift[1 : delay + 1] = np.eye(size)[:delay]
-    shift[0] = r * np.eye(size)[0]
-    shift[0] += (1.0 - r) * (np.eye(size)[integral] - force_gain * np.eye(size)[filtered])
-    period = np.linalg.matrix_power(shift, every) @ sample
-    if anchor_gain == 0.0:
-        period = period[:integral, :integral]
-    return bool(np.abs(np.linalg.eigvals(period)).max() < 1.0)
-
-
-class SampledLoop(NamedTuple):
-    """Feedback of measured wrenches, sampled.
-
-    Attributes:
-        pole: p of the filter.
-        delay: D of force path and wrists together, ticks.
-        every: Ticks from one sample to the next.
-        lag: Time constant of the slowest drives, ticks.
-        force_gain: K_f, by which a wrench acts at once.
-        anchor_gain: g, by which it moves an integral.
-    """
-
-    pole: float
-    delay: int
-    every: int
-    lag: float
-    force_gain: float = 0.0
-    anchor_gain: float = 0.0
-
-    @property
-    def anchor_bound(self) -> float:
-        """The anchor gain at which the loop is unstable, with these other numbers."""
-        return anchor_gain_bound(**self.numbers())
-
-    def is_stable(self, further: int = 0) -> bool:
-        """Return whether the loop decays, with a further delay, ticks."""
-        return force_loop_is_stable(self.anchor_gain, **self._replace(delay=self.delay + further).numbers())
-
-    def numbers(self) -> dict[str, Any]:
-        """Return everything but the anchor gain, by name."""
-        return {name: value for name, value in self._asdict().items() if name != "anchor_gain"}
 
 
 def sampled_loop(path: ForcePath, wrists: Collection[SampledWrist], lag: float) -> SampledLoop:

@@ -142,8 +142,8 @@ class Network(Channel):
             return Channel(**values | {"loss": 0.0, "jitter": 0})
         for link in self.links:
             if (link.sender, link.receiver) == edge:
-                own = fields_of(link).items()
-                values |= {name: part for name, part in own if name in values and part is not None}
+                stated = {name: part for name, part in fields_of(link).items() if part is not None}
+                values |= {name: stated[name] for name in values.keys() & stated.keys()}
         return Channel(**values)
 
     def slowest_of(self, arms: Sequence[str]) -> int:
