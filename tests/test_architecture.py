@@ -112,6 +112,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "description",
             "disk_cache",
             "model",
+            "reference",
             "results",
             "build_controller",
             "schema",

@@ -244,7 +244,7 @@ def test_runs_with_equal_plants_share_one_and_have_the_numbers_of_their_own():
         for found in (first, again):
             assert_array_equal(found.values[run], alone.values[0])
             assert_array_equal(found.signals[run], alone.signals[0])
-            assert_array_equal(found.plants[run].start.holding, alone.plants[0].start.holding)
+            assert_array_equal(found.plants[run].begins["holding"], alone.plants[0].begins["holding"])
     numbers = first.values[:, np.isfinite(first.values).all(axis=0)]
     assert (np.ptp(numbers, axis=0) > 0.0).sum() > 1
 

@@ -14,7 +14,7 @@ from coop_pin.build_controller import build_controller
 from coop_pin.errors import CoopPinError
 from coop_pin.results.metrics import energy_balance
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.slip import SlipSensors, slip_errors
+from coop_pin.simulation.sensing import SlipSensors, slip_errors
 from coop_pin.spatial import weight_wrench
 from coop_pin.spatial.internal_wrench import linkage_loads, virtual_linkage_internal_wrenches
 from coop_pin.viz.highlights import telling_instant

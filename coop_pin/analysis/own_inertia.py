@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from coop_pin.analysis.reachability import Reachability
 from coop_pin.analysis.task_inertia import motion_wrenches
@@ -24,7 +23,6 @@ from coop_pin.analysis.tuning_rule import (
 from coop_pin.arrays import Array, typed
 from coop_pin.control.payload_space import PayloadSpace, PayloadSpaceGains
 from coop_pin.control.sliding_surface import Saturation
-from coop_pin.description.cell import Cell
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.spatial import spatial_inertia, weight_wrench
@@ -182,6 +180,7 @@ def _law(
         anchor_bias=b_0,
         anchor_bias_answered=b_max,
         gain_axes="payload",
+        knows_deflection=bool(cell.compliant),
     )
 
 
@@ -202,7 +201,7 @@ def deflection_bias(scenario: Scenario, G: Array) -> tuple[float, float]:
     rows, linkage = cell.task_rows, scenario.grasp_plan_at(0.0).linkage
     parts = cell.shares[:, None, None] * np.eye(6) if linkage is None else linkage
     C, weight = (
-        np.array([_compliance(cell, name) for name in cell.arms]),
+        np.array([cell.compliance(name) for name in cell.arms]),
         weight_wrench(cell.payload.mass, cell.gravity),
     )
     is_zeroed, seen = getattr(scenario.controller, "zero_at_grasp", False), list[Array]()
@@ -216,16 +215,3 @@ def deflection_bias(scenario: Scenario, G: Array) -> tuple[float, float]:
     off = b - np.linalg.solve(G.sum(axis=0), np.einsum("ijk,tik->tj", G, b).T).T[:, None]
     sizes = np.linalg.norm(rows.expand(off).reshape(*off.shape[:2], 2, 3), axis=-1).max(axis=(0, 1))
     return float(sizes[0]), float(sizes[1])
-
-
-def _compliance(cell: Cell, name: str) -> Array:
-    """Return C, displacement about P in payload axes by a wrench there, m/N and rad/(N m), shape (6, 6)."""
-    if name in cell.compliant:
-        X, K = cell.compliant[name].matrix, np.array(cell.compliant[name].stiffness)
-    elif name in cell.patches:
-        grasp = cell.patches[name]
-        X, K = grasp.matrix @ grasp.plane, np.array(grasp.stiffnesses)
-    else:
-        return np.zeros((6, 6))
-    A = pin.SE3(X).toActionMatrix()  # of twists, from grasp to payload axes
-    return A @ np.diag(1.0 / K) @ A.T

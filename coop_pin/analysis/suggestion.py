@@ -277,6 +277,8 @@ def _gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
             else f"anchor_bias: {1e3 * position:.3g} mm and {1e3 * angle:.3g} mrad, by the usual bias and the"
             " deflection of the grasps under load and squeeze; the layer is twice as wide"
         )
+        if proposal.law.knows_deflection:
+            yield "knows_deflection: the arms give up no squeeze to what it deflects"
         parts = "0.4", "a tenth to a fortieth"
     yield (
         f"k_I: {proposal.integral_rate:.3g} /s, by {parts[0]} of lambda_min = {proposal.lambda_min:.3g} /s"

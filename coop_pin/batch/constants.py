@@ -14,7 +14,6 @@ from coop_pin.batch.serial_arm import Numbers, SerialArm, frames, payload_jacobi
 from coop_pin.description.code_family import Cover
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import ArmKinematics, PayloadKinematics
-from coop_pin.model.cell_model import ArmPlace
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.drives import CellDrives, DriveState, TorqueResponse
 from coop_pin.simulation.network import CellNetwork
@@ -30,12 +29,10 @@ class ArmConstants(NamedTuple):
 
     Attributes:
         model: the arm as its own kinematics have it, calibration errors included.
-        drive: T, shape (k, k).
         to_joints: T^-1, shape (k, k).
     """
 
     model: SerialArm
-    drive: Numbers
     to_joints: Numbers
 
     def view(self, rows: TaskRows, angles: Numbers) -> PayloadKinematics:
@@ -88,21 +85,6 @@ class RunConstants(NamedTuple):
         return self.arms[index].view(self.sensors.rows, angles[index] if measured is None else measured)
 
 
-class Start(NamedTuple):
-    """Start of a run.
-
-    Attributes:
-        q: joint positions of all arms, of continuous joints near the posture, then position and quaternion of
-            a free payload, shape (N,) or (N + 7,).
-        holding: torques that the drives report, N m, shape (N,).
-        drives: memory of the drives.
-    """
-
-    q: Array
-    holding: Array
-    drives: DriveState
-
-
 def covered_constants(
     cover: Cover, needed: RunConstants, scenario: Scenario, timeline: Timeline
 ) -> RunConstants:
@@ -121,13 +103,12 @@ def covered_constants(
     return needed._replace(sensors=sensors, drives=drives, changes=changes(scenario, timeline, cover))
 
 
-def covered_start(needed: Start, constants: RunConstants) -> Start:
-    """Return the start of a run with what the code of its constants provides besides."""
+def covered_drives(needed: DriveState, constants: RunConstants) -> DriveState:
+    """Return the memory of the drives at the start with what the code of the constants provides besides."""
     response = constants.drives.response
-    if response is None or needed.drives.response is not None:
+    if response is None or needed.response is not None:
         return needed
-    at_rest = response.start(np.zeros(len(needed.q)))  # drives without lag do not read it
-    return needed._replace(drives=needed.drives._replace(response=at_rest))
+    return needed._replace(response=response.start(np.zeros(constants.cell.joints)))  # lag alone reads it
 
 
 def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
@@ -142,7 +123,7 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
     """
     return RunConstants(
         cell=CellNumbers.from_chain(run.plant.chain),
-        arms=tuple(arm_constants(scenario, slot) for slot in run.plant.chain.model.arms),
+        arms=tuple(arm_constants(scenario, run, index) for index in range(len(scenario.cell.arms))),
         sensors=run.sensing.sensors,
         drives=run.actuation.drives,
         network=run.exchange.network,
@@ -151,22 +132,23 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
     )
 
 
-def arm_constants(scenario: Scenario, slot: ArmPlace) -> ArmConstants:
+def arm_constants(scenario: Scenario, run: Simulation, index: int) -> ArmConstants:
     """Return the numbers of one arm.
 
     Args:
         scenario: Scenario with its cell.
-        slot: Position of the arm in the cell's model.
+        run: Simulation of it.
+        index: Index of the arm.
 
     Raises:
         TracingError: the arm is no serial chain.
     """
-    cell, name = scenario.cell, slot.name
+    cell, slot = scenario.cell, run.plant.chain.model.arms[index]
+    name = slot.name
     model = ArmKinematics(cell.arms[name], cell.grasps[name].matrix, cell.task_rows).model
     X_JP = model.frames[model.getFrameId("payload")].placement
     return ArmConstants(
         model=SerialArm.from_model(model, range(1, model.njoints), X_JP, pin.Inertia.Zero()),
-        drive=slot.drive,
         to_joints=slot.from_drive,
     )
 
@@ -189,10 +171,14 @@ def changes(scenario: Scenario, timeline: Timeline, cover: Cover | None = None) 
     return tuple({name: getattr(each, name) for name in names} for each in present)
 
 
-def start(run: Simulation) -> Start:
-    """Return the start of a run."""
+def start(run: Simulation) -> dict[str, Array]:
+    """Return what a run starts from, by name.
+
+    ``q``, joint positions of all arms, of continuous joints near the posture, then position and quaternion of
+    a free payload, shape (N,) or (N + 7,); ``holding``, the torques that the drives report, N m, shape (N,).
+    """
     q, measurements = run.plant.q, run.sensing.start(run.plant.q, run.plant.v, run.references(0.0))
     angles = [arm.angles.near(q[arm.q_slice], arm.posture) for arm in run.plant.chain.model.arms]
     holding = [np.asarray(measurement.holding_torque) for measurement in measurements]
     free = q[run.plant.chain.model.arms[-1].q_slice.stop :]
-    return Start(np.concatenate((*angles, free)), np.concatenate(holding), run.actuation.state)
+    return {"q": np.concatenate((*angles, free)), "holding": np.concatenate(holding)}

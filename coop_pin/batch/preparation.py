@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array, Mask
-from coop_pin.batch.constants import RunConstants, covered_constants, covered_start, run_constants, start
+from coop_pin.batch.constants import RunConstants, covered_constants, covered_drives, run_constants, start
 from coop_pin.batch.hidden_state import digest, of_classes
 from coop_pin.batch.signals import SignalSource, clocked_of, columns, desired_of, first_of
 from coop_pin.build_controller import build_controller, controlled_arm
@@ -45,7 +45,7 @@ class PreparedPlant:
         arms: numbers of the arms that controllers know.
         constants: numbers of the runs, without a controller.
         values: leaves of the constants, shape (leaves,).
-        start: initial state of the runs.
+        drives: memory of the drives at the start.
         begins: numbers of the fields of a block that the plant begins with, by name.
         desired: desired motion and squeeze at all ticks, of a long run at its first ones.
         example: signals of a tick.
@@ -74,18 +74,18 @@ class PreparedPlant:
         self.run = Simulation(scenario, build_controller(scenario))
         self.arms = [controlled_arm(scenario, name) for name in scenario.cell.arms]
         self.constants = run_constants(scenario, self.run)._replace(controller=None)
-        self.start = start(self.run)
+        self.drives = self.run.actuation.state
         if cover is not None:
             self.constants = covered_constants(cover, self.constants, scenario, self.run.timeline)
-            self.start = covered_start(self.start, self.constants)
+            self.drives = covered_drives(self.drives, self.constants)
         numbers, structure = flattened(self.constants)
         self.values = np.array(numbers, dtype=np.float64)
         self.times = _times(scenario)
         self._known = {id(arm): flattened(arm) for arm in self.arms}
         self._last: tuple[Hashable, ...] = ()
         self._untraced = list[Hashable]()  # numbers whose controllers are built one by one
-        self.begins = {name: leaves(part) for name, part in self.start._asdict().items()}
-        self.begins["surroundings"] = leaves(self.constants.changes[0])
+        begins = start(self.run) | {"drives": self.drives, "surroundings": self.constants.changes[0]}
+        self.begins = {name: leaves(part) for name, part in begins.items()}
         ticks = range(self.run.timeline.ticks + 1)[:most_ticks]
         self.desired = desired_of(self.run, ticks)
         self._clocked = clocked_of(self.run, ticks)

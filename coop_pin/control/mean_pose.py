@@ -294,6 +294,7 @@ class MeanPose(PayloadSpace):
         "leak_to",
         "slip_guard",
         "normal_guard",
+        "knows_deflection",
     )
 
     kind: Literal["mean-pose"] = "mean-pose"  # type: ignore[assignment]  # names the class, not its base
@@ -304,6 +305,9 @@ class MeanPose(PayloadSpace):
 
     @model_validator(mode="after")
     def _leaks_somewhere(self) -> Self:
+        if self.knows_deflection:
+            detail = "is true, but the mean of the poses that all arms see has no deflection by a squeeze"
+            raise FieldError(f"{detail}; leave it out", "knows_deflection")
         if self.leak_to == "mean" and (self.measures or not self.gains.leak):
             why = "a measured wrench anchors the integral" if self.measures else "gains.leak is its rate"
             detail = f"is 'mean', but {why}; " + ("take 'start'" if self.measures else "state one above 0")
@@ -321,7 +325,7 @@ class MeanPose(PayloadSpace):
 
     def controller_of(self, arm: ControlledArm, gains: PayloadSpaceGains, scenario: Any) -> ArmController:
         """Return the law of one arm; without messages all integrals are equal, and leak nothing."""
-        law = self.payload_space_controller(arm, gains)
+        law = self.payload_space_controller(arm, gains, scenario)
         if self.leak_to == "start":
             return law
         return replace(law, leak=0.0) if scenario.network is None else AgreedIntegral(law, arm.name)

@@ -254,26 +254,15 @@ class Actuation:
             ArgumentError: an arm is not commanded what it takes.
             ShapeError: not one value for each drive of each arm.
         """
-        outputs = command.torques if not self.has_servos else self._outputs(command)
-        torques = [np.asarray(torque, dtype=np.float64) for torque in outputs]
-        if len(torques) != len(self._names):
-            raise ShapeError(
-                "the list of torques, one entry for each arm,", (len(torques),), (len(self._names),)
-            )
-        for name, torque, arm in zip(self._names, torques, self.drives.arms, strict=True):
-            if torque.shape != arm.limit.shape:
-                raise ShapeError(f"{arm.takes} of arm {name!r}", torque.shape, arm.limit.shape)
-        return torques
-
-    def _outputs(self, command: CellCommand) -> list[Array]:
-        """Return what each arm takes of a command; raises as ``commanded``."""
-        outputs, m = list[Array](), len(self._names)
-        for index, arm in enumerate(self.drives.arms):
-            values = command.of(arm.takes)
+        commanded, m = list[Array](), len(self._names)
+        for index, (name, arm) in enumerate(zip(self._names, self.drives.arms, strict=True)):
+            values = command.torques if arm.servo is None else command.of(arm.takes)
             if len(values) != m:
                 raise ShapeError(f"the list of {arm.takes} commands, one for each arm,", (len(values),), (m,))
             if values[index] is None:
-                name = self._names[index]
                 raise ArgumentError(f"the command has no {arm.takes} for arm {name!r}, which takes one")
-            outputs.append(values[index])
-        return outputs
+            value = np.asarray(values[index], dtype=np.float64)
+            if value.shape != arm.limit.shape:
+                raise ShapeError(f"{arm.takes} of arm {name!r}", value.shape, arm.limit.shape)
+            commanded.append(value)
+        return commanded

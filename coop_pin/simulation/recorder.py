@@ -258,10 +258,8 @@ class Recorder:
 
     def snapshot(self) -> Snapshot:
         """Return the sample of the last recorded tick."""
-        self.observe()
         self._is_shared = True
-        last = slice(self.count - 1, self.count)
-        values = computed(self._table, self._kept(last), self._cell.shares, Snapshot._fields)
+        values = computed(self._table, self.sample(), self._cell.shares, Snapshot._fields)
         arrays = {n: frozen(values[n][0]) for n in Snapshot._fields if n != "time" and n in values}
         return Snapshot(time=float(values["time"][0]), **arrays)
 
@@ -288,9 +286,7 @@ class Recorder:
 
     def breaches(self) -> tuple[Breach, ...]:
         """Return the breaches of the trust thresholds at the last recorded tick; call it at every tick."""
-        self.observe()
-        samples = self._kept(slice(self.count - 1, self.count))
-        return self._monitor.breaches(computed(self._table, samples, self._cell.shares, _WATCHED))
+        return self._monitor.breaches(computed(self._table, self.sample(), self._cell.shares, _WATCHED))
 
     @property
     def joints(self) -> list[tuple[str, list[str]]]:
