@@ -204,7 +204,7 @@ def deflection_bias(scenario: Scenario, G: Array) -> tuple[float, float]:
         np.array([cell.compliance(name) for name in cell.arms]),
         weight_wrench(cell.payload.mass, cell.gravity),
     )
-    is_zeroed, seen = getattr(scenario.controller, "zero_at_grasp", False), list[Array]()
+    is_zeroed, seen = scenario.controller.is_zeroed, list[Array]()
     for time in np.linspace(0.0, scenario.duration, _INSTANTS).tolist():
         R = (motion.at(time).X_WP_d if time else scenario.start.matrix)[:3, :3]
         force = parts @ np.concatenate((R.T @ weight[:3], R.T @ weight[3:]))

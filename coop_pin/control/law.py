@@ -132,6 +132,11 @@ class Law(WithLaterFields):
         return False
 
     @property
+    def is_zeroed(self) -> bool:
+        """Whether the arms place their payload frames at the start pose, once."""
+        return False
+
+    @property
     def has_linear_integral(self) -> bool:
         """Whether the law keeps an integral that is linear near rest."""
         return False
@@ -297,6 +302,11 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
 
     arm_gains: dict[str, G] = Field(default_factory=dict)
     zero_at_grasp: bool = False
+
+    @property
+    def is_zeroed(self) -> bool:
+        """Whether ``zero_at_grasp`` is stated."""
+        return self.zero_at_grasp
 
     def gains_of(self, arm: str) -> G:
         """Return the gains of one arm."""

@@ -30,7 +30,7 @@ from coop_pin.control.interface import (
     ControlledArm,
 )
 from coop_pin.control.law import LawController, PostureGains
-from coop_pin.control.sliding_surface import Saturation, Sign, SurfaceGains, SurfaceLaw, Switching
+from coop_pin.control.sliding_surface import Saturation, SurfaceGains, SurfaceLaw, Switching
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.terms import Posture, is_new, jacobian_inverse, null_space_part, right_inverse
 from coop_pin.errors import FieldError
@@ -468,7 +468,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
         """
         K, gamma, alpha = gains.sliding_gain, gains.pose_gain, gains.sign_gain.diagonal()
         anchors = self.force_path.measures and gains.anchor_gain > 0.0 and bool(alpha.all())
-        if not anchors or self.anchor_bias == "none" or isinstance(self.switching, Sign):
+        if not anchors or self.anchor_bias == "none" or not self.switching.is_smooth:
             return None
         width, pole = self.switching.width, self.force_path.pole
         age = period * (ticks + pole / (1.0 - pole))

@@ -6,6 +6,7 @@ scenario (``kind`` and fields) and is called by the law.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Generic, Literal, TypeVar
 
@@ -31,6 +32,8 @@ class Sign(Description):
     """
 
     is_smooth: ClassVar[bool] = False
+    width: ClassVar[float] = math.nan
+    """It has no layer."""
 
     kind: Literal["sign"] = "sign"
     dead_zone: NotNegative = 1e-9

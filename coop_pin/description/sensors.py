@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -41,6 +42,9 @@ class Encoder(Description):
 class IdealVelocity(Description):
     """The velocity of the plant."""
 
+    filter_hz: ClassVar[float] = math.inf
+    """Frequency of its filter, Hz; as in the other kinds."""
+
     kind: Literal["ideal"] = "ideal"
 
 
@@ -56,6 +60,11 @@ class DifferencedVelocity(Description):
     kind: Literal["difference"] = "difference"
     cutoff_hz: Positive = 20.0
 
+    @property
+    def filter_hz(self) -> float:
+        """Cutoff frequency of the filter, Hz."""
+        return self.cutoff_hz
+
 
 class ObservedVelocity(Description):
     """Observer of a constant velocity, corrected by the encoder's reading; both of its poles are p.
@@ -69,6 +78,11 @@ class ObservedVelocity(Description):
 
     kind: Literal["observer"] = "observer"
     bandwidth_hz: Positive = 20.0
+
+    @property
+    def filter_hz(self) -> float:
+        """Bandwidth of the observer, Hz."""
+        return self.bandwidth_hz
 
 
 Velocity = Annotated[IdealVelocity | DifferencedVelocity | ObservedVelocity, Field(discriminator="kind")]
