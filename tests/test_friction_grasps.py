@@ -164,6 +164,7 @@ def test_a_squeeze_that_is_too_small_drops_the_payload_and_the_arms_stay(name):
     assert 0.05 < result.dropped_at < 0.2
     assert result.metrics()["dropped_at_s"] == result.dropped_at
     assert f"drops at {result.dropped_at:.3g} s" in result.verdict()
+    assert all(f"of {arm!r} slides from" in result.verdict() for arm in scenario.cell.arms)
     assert f"drops at {result.dropped_at:.3g} s" in telling_instant(result).text
     assert any("least squeeze" in warning for warning in run_warnings(scenario, build_controller(scenario)))
     assert float(data.patch_points[-1].sum()) == 0.0

@@ -102,12 +102,9 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     run = Simulation(scenario, recorded)
     for _ in range(min(ticks, run.timeline.ticks + 1)):
         run.tick()
-    arm_ticks, constants = [tick[index] for tick in recorded.ticks], arm_constants(scenario, run, index)
-    law, rows, exact = (
-        controller.controllers[arm],
-        scenario.cell.task_rows,
-        bool(scenario.controller.user_code),
-    )
+    arm_ticks, law = [tick[index] for tick in recorded.ticks], controller.controllers[arm]
+    constants, rows = arm_constants(run.plant.chain.arms[index]), scenario.cell.task_rows
+    exact = bool(scenario.controller.user_code)
     try:
         alone = DecentralisedController({arm: law})
         start, step = trace_law(alone, [constants], rows, arm_ticks[:1], exact=exact)

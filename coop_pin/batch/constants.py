@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,10 +14,14 @@ from coop_pin.batch.cell_dynamics import CellNumbers
 from coop_pin.batch.serial_arm import Numbers, SerialArm, frames, payload_jacobian
 from coop_pin.description.code_family import Cover
 from coop_pin.description.scenario import Scenario
-from coop_pin.model.arm_model import ArmKinematics, PayloadKinematics
+from coop_pin.model.arm_model import PayloadKinematics
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation import Simulation
+from coop_pin.simulation.actuation import Actuation
 from coop_pin.simulation.drives import CellDrives, DriveState, TorqueResponse
 from coop_pin.simulation.network import CellNetwork
+from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.sensing import Sensing
 from coop_pin.simulation.sensors import CellSensors
 from coop_pin.simulation.timeline import Timeline
 from coop_pin.simulation.wrist import Wrist
@@ -123,7 +128,7 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
     """
     return RunConstants(
         cell=CellNumbers.from_chain(run.plant.chain),
-        arms=tuple(arm_constants(scenario, run, index) for index in range(len(scenario.cell.arms))),
+        arms=tuple(map(arm_constants, run.plant.chain.arms)),
         sensors=run.sensing.sensors,
         drives=run.actuation.drives,
         network=run.exchange.network,
@@ -132,24 +137,18 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
     )
 
 
-def arm_constants(scenario: Scenario, run: Simulation, index: int) -> ArmConstants:
-    """Return the numbers of one arm.
-
-    Args:
-        scenario: Scenario with its cell.
-        run: Simulation of it.
-        index: Index of the arm.
+@lru_cache(64)
+def arm_constants(arm: CellArm) -> ArmConstants:
+    """Return the numbers of an arm of a chain.
 
     Raises:
         TracingError: the arm is no serial chain.
     """
-    cell, slot = scenario.cell, run.plant.chain.model.arms[index]
-    name = slot.name
-    model = ArmKinematics(cell.arms[name], cell.grasps[name].matrix, cell.task_rows).model
+    model = arm.kinematics.model
     X_JP = model.frames[model.getFrameId("payload")].placement
     return ArmConstants(
         model=SerialArm.from_model(model, range(1, model.njoints), X_JP, pin.Inertia.Zero()),
-        to_joints=slot.from_drive,
+        to_joints=arm.from_drive,
     )
 
 
@@ -171,14 +170,13 @@ def changes(scenario: Scenario, timeline: Timeline, cover: Cover | None = None) 
     return tuple({name: getattr(each, name) for name in names} for each in present)
 
 
-def start(run: Simulation) -> dict[str, Array]:
+def start(plant: Plant, actuation: Actuation, sensing: Sensing) -> dict[str, Array]:
     """Return what a run starts from, by name.
 
     ``q``, joint positions of all arms, of continuous joints near the posture, then position and quaternion of
     a free payload, shape (N,) or (N + 7,); ``holding``, the torques that the drives report, N m, shape (N,).
     """
-    q, measurements = run.plant.q, run.sensing.start(run.plant.q, run.plant.v, run.references(0.0))
-    angles = [arm.angles.near(q[arm.q_slice], arm.posture) for arm in run.plant.chain.model.arms]
-    holding = [np.asarray(measurement.holding_torque) for measurement in measurements]
-    free = q[run.plant.chain.model.arms[-1].q_slice.stop :]
-    return {"q": np.concatenate((*angles, free)), "holding": np.concatenate(holding)}
+    q, slots = plant.q, plant.chain.model.arms
+    angles = [arm.angles.near(q[arm.q_slice], arm.posture) for arm in slots]
+    holding = np.concatenate(actuation.holding_commands(q)) * np.concatenate(sensing.holding_factors)
+    return {"q": np.concatenate((*angles, q[slots[-1].q_slice.stop :])), "holding": holding}

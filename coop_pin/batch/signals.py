@@ -50,10 +50,16 @@ class RunSignals(NamedTuple):
 
 def desired_of(run: Simulation, ticks: range, clock: ArmClock | None = None) -> Desired:
     """Return desired motion and squeeze at ticks of a run, or at what a clock shows then."""
-    grasps, times = run.scenario.cell.grasps, list(map(run.timeline.time, ticks))
+    times = list(map(run.timeline.time, ticks))
     times = times if clock is None else list(map(clock.reading, times))
     target = PoseTarget(*map(np.array, zip(*map(run.motion.at, times), strict=True)))
-    return Desired(np.array(times), target, np.array([run.squeeze.at(time, grasps) for time in times]))
+    return squeezed(Desired(np.array(times), target, np.empty(0)), run)
+
+
+def squeezed(desired: Desired, run: Simulation) -> Desired:
+    """Return the same desired motion with the squeeze of a run."""
+    grasps, times = run.scenario.cell.grasps, desired.time.tolist()
+    return desired._replace(squeeze=np.array([run.squeeze.at(time, grasps) for time in times]))
 
 
 def clocked_of(run: Simulation, ticks: range) -> tuple[Desired | tuple[()], ...]:

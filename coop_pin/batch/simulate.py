@@ -202,7 +202,12 @@ class BatchSimulator:
         """
         fields = cover, *plant_fields(scenario)
         index = next((i for i, (other, _) in enumerate(self._plants) if other == fields), None)
-        plant = PreparedPlant(scenario, cover=cover) if index is None else self._plants.pop(index)[1]
+        like = self._plants[0][1] if self._plants else None
+        if index is not None:
+            plant = self._plants.pop(index)[1]
+        else:
+            varied = like and like.carrying(scenario, cover)
+            plant = varied or PreparedPlant(scenario, cover=cover, like=like)
         self._plants.insert(0, (fields, plant))  # the next scenario shares more objects with this one
         return Prepared.of_run(scenario, plant)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from typing import Annotated, Any, TypeAlias
@@ -12,28 +11,14 @@ import tyro
 
 from coop_pin.errors import FieldError
 
+ScenarioName: TypeAlias = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
+"""Name listed by 'coop-pin list', or TOML file, as typed."""
 TypedFields: TypeAlias = Annotated[Mapping[str, Sequence[str]], tyro.conf.Suppress]
 """Fields of a scenario as typed on the command line: the words for each."""
-ScenarioName: TypeAlias = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
+NO_FIELDS: Mapping[str, Sequence[str]] = {}
+"""Default of commands that take fields."""
 
 _FLAGS = {"beyond_bound", "project_start"}
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class ScenarioCommand:
-    """Command on a scenario, each field of which can be changed.
-
-    Attributes:
-        scenario: a name listed by 'coop-pin list', or a TOML file.
-        fields: fields of the scenario, as typed.
-    """
-
-    scenario: ScenarioName
-    fields: TypedFields = dataclasses.field(default_factory=dict)
-
-    def loaded(self) -> Any:
-        """Return the Scenario with the typed fields; raises as ``load_scenario``."""
-        return load_scenario(self.scenario, self.fields)
 
 
 def load_scenario(name_or_file: str, fields: Mapping[str, Sequence[str]], *, draft: bool = False) -> Any:

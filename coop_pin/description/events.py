@@ -94,6 +94,10 @@ class PayloadEvent(Description):
         """Return whether a remark of a run says that the event did not happen."""
         return False
 
+    def needs_pinocchio(self, cell: Any) -> bool:
+        """Return whether the traced plant of a run by itself does not have what it requires, either."""
+        return bool(self.requires)
+
     def act(self, plant: Any, arms: Sequence[str]) -> None:
         """Change the plant itself at the event's instant: grasps and brakes.
 

@@ -50,6 +50,10 @@ class GraspEvent(PayloadEvent):
         unknown = unknown_arms([self.arm], cell.arms)
         return [*problems, *(FieldError(one.detail, "arm") for one in unknown)]
 
+    def needs_pinocchio(self, cell: Any) -> bool:
+        """Return whether the grasp is not compliant: the traced plant opens and closes those alone."""
+        return self.arm not in cell.compliant
+
     @property
     def heading(self) -> str:
         """Name and arm."""

@@ -9,13 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array, Mask, frozen
+from coop_pin.chain.cell_chain import CellChain
 from coop_pin.control.interface import ArmMeasurement, ArmReference
 from coop_pin.description.grasp_plan import GraspPlan
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import SlipSensor
-from coop_pin.model.arm_model import ArmKinematics, PayloadKinematics
-from coop_pin.model.cell_arm import CellArm
-from coop_pin.model.cell_model import ArmPlace
+from coop_pin.model.arm_model import PayloadKinematics
 from coop_pin.model.joint_limits import per_joint
 from coop_pin.simulation.drives import Applied
 from coop_pin.simulation.plant import Plant
@@ -94,12 +93,13 @@ class Sensing:
     Attributes:
         sensors: the sensors.
         state: memory of the sensors; None before the first tick.
+        holding_factors: holding torques of each arm's drives as measured over the true ones, shape (k,) each.
     """
 
     def __init__(
         self,
         scenario: Scenario,
-        slots: Sequence[ArmPlace],
+        chain: CellChain,
         *,
         holding_torques: Callable[[Array], Sequence[Array]],
         loads: Callable[[Array], Array] | None = None,
@@ -108,7 +108,7 @@ class Sensing:
 
         Args:
             scenario: Cell, sensors and force path.
-            slots: Positions of the arms in the cell's model.
+            chain: Chain of the cell.
             holding_torques: Torques of the drives of each arm at rest, as a function of the cell's
                 configuration.
             loads: Wrenches on the arms at rest likewise, shape (m, 6); load shares of the weight when None.
@@ -116,15 +116,15 @@ class Sensing:
         Raises:
             FieldError: a row of values for each joint has another size.
         """
-        self._slots, self._holding_torques, self._loads = slots, holding_torques, loads
+        self._slots, self._arms = slots, arms = chain.model.arms, chain.arms
+        self._holding_torques, self._loads = holding_torques, loads
         self._turning = [(i, slot) for i, slot in enumerate(slots) if not slot.angles.is_vector]
-        self._kinematics, self._holding_factors = [], []
+        self._kinematics, self.holding_factors = [arm.kinematics for arm in arms], []
         for slot in slots:
-            arm, grasp, k = scenario.cell.arms[slot.name], scenario.cell.grasps[slot.name], len(slot.drive)
-            self._kinematics.append(ArmKinematics(arm, grasp.matrix, scenario.cell.task_rows))
+            k = len(slot.drive)
             error = np.array(scenario.sensors_of(slot.name).holding_torque_error)
             path = f"{sensors_path(scenario, slot.name)}.holding_torque_error"
-            self._holding_factors.append(1.0 + per_joint(error, k, path))
+            self.holding_factors.append(1.0 + per_joint(error, k, path))
         self.sensors = cell_sensors(scenario, slots)
         self._needs_wrenches = self.sensors.needs_wrenches
         self._holds, self._slips = np.ones(len(slots), dtype=bool), SlipSensors.of(scenario)
@@ -158,19 +158,19 @@ class Sensing:
         They alone hold the holding torques. At rest, each arm carries its load share of the payload's weight,
         ``F_i = c_i [m_0 g, 0]``, without internal wrench; on patches, what presses them.
         """
-        cell, first, payload = self._scenario.cell, self._slots[0], self._scenario.cell.surroundings
+        payload = self._scenario.cell.surroundings
         applied = Applied.at_rest([len(slot.drive) for slot in self._slots])
         self._signals, self._slip_errors = self._signals_after(0), slip_errors(self._scenario, 1)
         loads = self.sensors.at_rest(payload.mass, payload.gravity) if self._loads is None else self._loads(q)
         R_WP = _NONE
         if self.sensors.wrists:
-            R_WP = CellArm(cell, first.name).payload_pose(q[first.q_slice])[:3, :3]
+            R_WP = self._arms[0].payload_pose(q[self._slots[0].q_slice])[:3, :3]
         truth, view = self._truth(0.0, q, v, applied, loads, R_WP), partial(self._view, q)
         measured = self._step(self.sensors.start(truth, view, references), truth, view, self._slips.start())
         return [
             reading._replace(holding_torque=frozen(torque * factor))
             for reading, torque, factor in zip(
-                measured, self._holding_torques(q), self._holding_factors, strict=True
+                measured, self._holding_torques(q), self.holding_factors, strict=True
             )
         ]
 

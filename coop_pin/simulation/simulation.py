@@ -20,7 +20,6 @@ from coop_pin.description.grasp_events import Event
 from coop_pin.description.grasp_plan import GraspPlan
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import DivergedError, FieldError, InvalidStateError, OutOfRangeError
-from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseReference, PoseTarget, SqueezeReference, retreated
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.simulation.actuation import Actuation
@@ -40,7 +39,7 @@ _OPEN_START = 1e-6
 """Stated starting angles may leave a closure error of this, m or rad; the rest is projected out."""
 
 
-def _start(chain: CellChain, scenario: Scenario) -> Array:
+def start_configuration(chain: CellChain, scenario: Scenario) -> Array:
     """Return the configuration at t = 0 by inverse kinematics, or from the stated angles.
 
     Raises:
@@ -120,17 +119,16 @@ class Simulation:
         self.ticks_done = 0
         self._schedule()
         chain = CellChain(scenario.cell, scenario.plant)
-        self.plant = plant(chain, scenario.plant, _start(chain, scenario))
-        limits = [JointLimits(arm, name) for name, arm in scenario.cell.arms.items()]
-        self.actuation = Actuation(scenario, self.plant, limits)
+        self.plant = plant(chain, scenario.plant, start_configuration(chain, scenario))
+        self.actuation = Actuation(scenario, self.plant)
         if controller is not None:
             self.actuation.require_taken(controller)
         holding, loads = self.actuation.holding_commands, chain.loads if chain.patches.arms else None
-        self.sensing = Sensing(scenario, chain.model.arms, holding_torques=holding, loads=loads)
+        self.sensing = Sensing(scenario, chain, holding_torques=holding, loads=loads)
         self.exchange = Exchange(scenario)
         self.motion: PoseReference = scenario.motion.replace()  # reads a CSV table again
         self.squeeze: SqueezeReference = scenario.squeeze
-        self.recorder = Recorder(scenario, self.plant, self.timeline, limits)
+        self.recorder = Recorder(scenario, self.plant, self.timeline)
         self._grasps, self._rows = scenario.cell.grasps, scenario.cell.task_rows
         self._applied: Applied | None = None
         self._inputs: TickInputs | None = None
