@@ -16,6 +16,7 @@ from coop_pin.analysis.reachability import reachability
 from coop_pin.analysis.sampled_stability import start_stability
 from coop_pin.analysis.statics import start_torques
 from coop_pin.analysis.step_stability import step_stability
+from coop_pin.analysis.table_force import table_force
 from coop_pin.arrays import Array, require_type
 from coop_pin.control import CellController
 from coop_pin.description.cell import Cell
@@ -56,8 +57,9 @@ def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str
     with contextlib.suppress(CoopPinError):  # the run ends with it
         yield from filter(None, [large_record(scenario)])
     with contextlib.suppress(Exception):  # a user's motion may fail: the run tells it
-        if (squeeze := least_squeeze(scenario)) is not None and not squeeze.ok:
-            yield squeeze.summary().removeprefix("! ")
+        for forces in (least_squeeze(scenario), table_force(scenario)):
+            if forces is not None and not forces.ok:
+                yield forces.summary().removeprefix("! ")
     with contextlib.suppress(Exception):
         simulation = Simulation(scenario, controller)
         yield from map(str, start_torques(simulation).overloaded)

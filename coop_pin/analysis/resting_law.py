@@ -43,9 +43,8 @@ class RestingLaw:
         self._simulation, self._time = simulation, time if seen_at is None else seen_at
         self._rest, X_WP = np.zeros(len(plant.v)), plant.chain.payload_pose(q)
         holding = simulation.actuation.holding_commands(q)
-        self._sensing = Sensing(
-            scenario.with_ideal_sensors, plant.chain.model.arms, holding_torques=lambda _q: holding
-        )
+        ideal = scenario.with_ideal_sensors
+        self._sensing = Sensing(ideal, plant.chain, holding_torques=lambda _q: holding)
         self._law, is_zeroed = simulation.controller, getattr(scenario.controller, "zero_at_grasp", False)
         if is_zeroed:  # at this pose, not where the start is
             self._law = build_controller(scenario.replace(start=Pose.from_matrix(X_WP)))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import pinocchio as pin
@@ -135,10 +137,25 @@ class CellChain:
         self._frames, self._free_data = GraspFrames(self.model), self.model.model.createData()
         self._welded = [index for index, name in enumerate(cell.arms) if name in self.model.closed_by_tree]
 
+    @cached_property
+    def arms(self) -> tuple[CellArm, ...]:
+        """Model of each arm, without the payload."""
+        return tuple(CellArm(self.cell, name) for name in self.cell.arms)
+
     def surround(self, surroundings: Surroundings) -> None:
         """Set the payload's inertia and gravity, from the next call on; the push is an argument of each."""
         require_type("surroundings", surroundings, Surroundings)
         self.model.surround(surroundings)
+
+    def carrying(self, cell: Cell) -> Self:
+        """Return the chain of a cell with another payload in rigid grasps, on the tree of this one.
+
+        The tree carries the other payload from then on.
+        """
+        chain = copy.copy(self)
+        chain.cell = cell
+        chain.surround(cell.surroundings)
+        return chain
 
     def damp(self, q: Array) -> None:
         """Set the damping of grasps that is stated as a ratio, by the mobility at a configuration."""
@@ -202,9 +219,7 @@ class CellChain:
             FieldError: a compliant grasp is too soft for its share.
         """
         X = as_pose("X_WP", X_WP)
-        configurations = [
-            solve_ik(CellArm(self.cell, name), X, posture=arm.posture) for name, arm in self.cell.arms.items()
-        ]
+        configurations = [solve_ik(arm, X, posture=arm.description.posture) for arm in self.arms]
         return self.settled(self.model.configuration(configurations, X), squeeze)
 
     def settled(self, q: ArrayLike, squeeze: ArrayLike | None = None) -> Array:

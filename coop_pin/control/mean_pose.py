@@ -343,6 +343,9 @@ class MeanPose(PayloadSpace):
 
     @model_validator(mode="after")
     def _leaks_somewhere(self) -> Self:
+        if self.knows_deflection:
+            detail = "is true, but the mean of the poses that all arms see has no deflection by a squeeze"
+            raise FieldError(f"{detail}; leave it out", "knows_deflection")
         if self.leak_to == "mean" and (self.measures or not self.gains.leak):
             why = "a measured wrench anchors the integral" if self.measures else "gains.leak is its rate"
             detail = f"is 'mean', but {why}; " + ("take 'start'" if self.measures else "state one above 0")

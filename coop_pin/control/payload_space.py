@@ -120,7 +120,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
     ::
 
         e        = exp(-kappa (t - t_0))
-        s        = xtildedot + gamma xtilde - s_x(t_0) e
+        s        = xtildedot + gamma (xtilde + R C (f_d - f_d(t_0) e)) - s_x(t_0) e
         f_r      = R (f_d - f_d(t_0) e)
         start    Z = Z_hold = -(J^+)^T tau_hold              for a pressed patch less f_d, and f_r = R f_d
         anchor   Z <- Z - g (fhat - f_r),  Z_hold <- Z       before the torque, once for each new measurement
@@ -130,8 +130,9 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
 
     s_x = xtildedot + gamma xtilde, R turns payload axes as this arm sees them (of a pressed patch as desired,
     so that f_r of all arms sum to zero although their patches tilt), N = I - J^+ J, and pull is the
-    spring and damper of the spare joints. Inside a saturation layer of half width w the integral is that of a
-    PI controller, k_I = alpha / w.
+    spring and damper of the spare joints. C is the compliance of a grasp that the arm knows, or zero: the
+    squeeze deflects the grasp by -C f_d, and what the arm sees of it is no error. Inside a saturation layer
+    of half width w the integral is that of a PI controller, k_I = alpha / w.
 
     What is measured decides what fhat is:
 
@@ -154,6 +155,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             page "The bounded anchor".
         most_slip: slip of a patch from which on f_r = 0 and the anchor rests, m.
         turns: whether K is in payload axes and turns with them: R K R^T in place of K.
+        compliance: C about P in payload axes, m/N and rad/(N m), shape (k_0, k_0); None for zero.
         least_normal: normal force of this arm's own wrist below which they do, N.
     """
 
@@ -165,6 +167,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
     bound: BoundedAnchor | None = None
     most_slip: float = np.inf
     turns: bool = False
+    compliance: Array | None = None
     least_normal: float = 0.0
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> PayloadSpaceState:
@@ -217,9 +220,10 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         T, c, pose = arm.period, arm.load_share, measurement.payload_pose
         e = np.exp(-gains.transient_rate * (measurement.time - state.start_time))
         s = self._surface(measurement, reference) - state.start_surface * e
-        f_r = arm.rows.turn(
-            self._squeeze_axes(measurement, reference), reference.internal_wrench - state.start_squeeze * e
-        )
+        squeeze = reference.internal_wrench - state.start_squeeze * e
+        f_r = arm.rows.turn(self._squeeze_axes(measurement, reference), squeeze)
+        if self.compliance is not None:
+            s = s + gains.pose_gain.dot(arm.rows.turn(pose, self.compliance.dot(squeeze)))
         holds, grip = state.holds, 1.0
         if arm.pressed:
             holds = grip = holds * self._grips(measurement, reference, f_r)
@@ -334,9 +338,11 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             it need not come to rest. At most the norm of the edges of the layer. Equal to b_0: a fixed bound.
         gain_axes: Axes of ``sliding_gain``: "world", or "payload", in which a matrix turns with the payload
             as each arm sees it. Then ``pose_gain`` is one value for positions and one for rotations.
+        knows_deflection: Whether the arms know the stiffness of compliant grasps, and count on how far the
+            squeeze deflects them; else they give up a part of the squeeze to what they see of it.
     """
 
-    later_fields: ClassVar[tuple[str, ...]] = ("gain_axes",)
+    later_fields: ClassVar[tuple[str, ...]] = ("gain_axes", "knows_deflection")
 
     equal_gains: ClassVar[Mapping[str, str]] = {
         **SurfaceLaw.equal_gains,
@@ -356,6 +362,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     slip_guard: Positive = SLIP_GUARD
     gain_axes: Literal["world", "payload"] = "world"
     normal_guard: NotNegative = 0.0
+    knows_deflection: bool = False
 
     @model_validator(mode="before")
     @classmethod
@@ -422,9 +429,16 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             posture=self.posture.term(arm) if arm.drives > arm.rows.size else None,
             most_slip=self.slip_guard,
             turns=self._turns(arm.rows, gains),
+            compliance=self._compliance(arm, scenario),
             least_normal=self.normal_guard,
             bound=self._bound(arm.rows, gains, arm.load_share, arm.period, 1 + arm.oldest_wrench),
         )
+
+    def _compliance(self, arm: ControlledArm, scenario: Any) -> Array | None:
+        """Return C on the task rows, shape (k_0, k_0); None where it is zero, or not known."""
+        if not self.knows_deflection or arm.name not in scenario.cell.compliant:
+            return None
+        return np.array(scenario.cell.compliance(arm.name)[np.ix_(arm.rows.indices, arm.rows.indices)])
 
     def _turns(self, rows: TaskRows, gains: PayloadSpaceGains) -> bool:
         """Return whether K turns with the payload.

@@ -28,7 +28,7 @@ from coop_pin.schema.base import (
     unknown_arms,
 )
 from coop_pin.schema.pose import Pose
-from coop_pin.spatial import inverse_pose
+from coop_pin.spatial import inverse_pose, rotate_vector6, shift_wrench
 from coop_pin.spatial.task_rows import RowsName, TaskRows, task_rows
 
 
@@ -193,6 +193,21 @@ class Cell(WithLaterFields):
     def patches(self) -> dict[str, PatchGrasp]:
         """Grasps by friction by arm, in their order."""
         return {name: grasp for name, grasp in self.grasps.items() if isinstance(grasp, PatchGrasp)}
+
+    def compliance(self, arm: str) -> Array:
+        """Return C of a grasp that gives, from a wrench about P to the displacement there, shape (6, 6).
+
+        In payload axes, m/N and rad/(N m); zero for a rigid grasp.
+        """
+        grasp = self.grasps[arm]
+        if isinstance(grasp, PatchGrasp):
+            X, stiffness = grasp.matrix @ grasp.plane, grasp.stiffnesses
+        elif isinstance(grasp, CompliantGrasp):
+            X, stiffness = grasp.matrix, grasp.stiffness
+        else:
+            return np.zeros((6, 6))
+        to_grasp = rotate_vector6(X[:3, :3].T, shift_wrench(np.eye(6), np.tile(-X[:3, 3], (6, 1))))
+        return to_grasp @ np.diag(1.0 / np.array(stiffness)) @ to_grasp.T
 
     def way_out(self, arm: str) -> Array:
         """Return the axis of the payload on which an arm retreats from its grasp, shape (3,)."""

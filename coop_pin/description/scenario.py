@@ -234,6 +234,12 @@ class Scenario(WithLaterFields):
         ]
 
     @property
+    def oldest_wrench(self) -> int:
+        """Age of the oldest wrench that a law is given, ticks."""
+        sampled = (wrist.delay + wrist.every - 1 for wrist in self.wrists)
+        return self.controller.force_path.delay + max(sampled, default=0)
+
+    @property
     def timing(self) -> CellTiming:
         """Arms, wrists and drives, against which the controller is checked."""
         rows, period = self.cell.task_rows.size, self.clock.period

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -19,7 +19,7 @@ from coop_pin.control.interface import (
 from coop_pin.description.network import Channel, Edge, Network
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ShapeError
-from coop_pin.simulation.signals import EARLY, LARGEST_BLOCK, generator
+from coop_pin.simulation.signals import EARLY, generator, in_blocks
 from coop_pin.spatial.generic_numbers import known, where
 
 _NUMBER_BYTES = 8
@@ -189,11 +189,8 @@ class MessageSignals:
         return NetworkSignals(np.stack(arrived, axis=1), np.stack(age, axis=1))
 
     def rows(self) -> Iterator[NetworkSignals]:
-        """Yield the timing of one tick after the other."""
-        count = 1
-        while True:
-            yield from map(NetworkSignals, *(part.tolist() for part in self.draw(count)))
-            count = min(2 * count, LARGEST_BLOCK)
+        """Return the timing of one tick after the other."""
+        return in_blocks(lambda count: map(NetworkSignals, *(part.tolist() for part in self.draw(count))))
 
 
 # ---------------------------------------------------------------- in a run
@@ -223,6 +220,29 @@ class Traffic(NamedTuple):
             f"between the arms cross {self.messages:g} messages, {self.numbers:g} numbers and"
             f" {self.bytes:g} bytes a tick: {1e-3 * self.bytes * rate_hz:.3g} kB/s"
         )
+
+
+def heard(
+    controller: CellController,
+    measurements: Sequence[ArmMeasurement],
+    references: Sequence[ArmReference],
+    state: Any,
+    exchange: Callable[[Sequence[Array]], Sequence[Mapping[str, Message]]],
+) -> list[ArmMeasurement]:
+    """Return measurements with the messages of the arms; without any where the law says nothing.
+
+    Args:
+        controller: Controller of the cell.
+        measurements: Measurements of a tick.
+        references: References of a tick.
+        state: State of the controller; None before ``init``.
+        exchange: Function of the messages of all arms that returns what each hears, by the sender's name.
+    """
+    messages = controller.messages(measurements, references, state)
+    if not any(map(len, messages)):
+        return list(measurements)
+    pairs = zip(measurements, exchange(messages), strict=True)
+    return [seen._replace(messages=received) for seen, received in pairs]
 
 
 class Exchange:
@@ -268,16 +288,17 @@ class Exchange:
             references: References of a tick.
             state: State of the controller; None before ``init``.
         """
-        messages = [] if self.network is None else controller.messages(measurements, references, state)
-        if self.network is None or not any(map(len, messages)):
+        if (network := self.network) is None:
             return list(measurements)
-        said = dict(zip(self.network.arms, messages, strict=True))
-        return [
-            seen._replace(
-                messages={one: Message(said[one], 0.0) for one, other in self.network.edges if other == name}
-            )
-            for name, seen in zip(self.network.arms, measurements, strict=True)
-        ]
+
+        def exchange(messages: Sequence[Array]) -> list[dict[str, Message]]:
+            said = dict(zip(network.arms, messages, strict=True))
+            return [
+                {one: Message(said[one], 0.0) for one, other in network.edges if other == name}
+                for name in network.arms
+            ]
+
+        return heard(controller, measurements, references, state, exchange)
 
     def traffic(self, messages: Sequence[Array]) -> Traffic:
         """Return what crosses a tick along the graph of the start; what an arm tells itself does not cross.
