@@ -285,7 +285,7 @@ def motion_figure(result: RunResult) -> Figure:
     scale = min(_WIDTH / extent[0], _MAX_HEIGHT / sum(extent[second] for _, second in views))
     heights = [scale * extent[second] + _MARGIN for _, second in views]
     size = (max(scale * extent[0], _MIN_WIDTH) + 2.0 * _MARGIN, sum(heights) + 2.0 * _MARGIN)
-    shape = {"sharex": True, "squeeze": False, "height_ratios": heights}
+    shape: Any = {"sharex": True, "squeeze": False, "height_ratios": heights}
     with plain_figure(*size, len(views), **shape) as (figure, grid):
         for panel, view in zip(grid.flat, views, strict=True):
             _draw_motion(panel, result, view)
