@@ -102,7 +102,7 @@ def closed_tick(free: Array, by_u: Array, G: Array, H: Array, velocity: Array = 
 
     Args:
         free: Map of [y, w, b] over a tick, shape (3 n, 3 n).
-        by_u: What a held acceleration by torques makes of them, shape (3 n, n).
+        by_u: Map of a held acceleration by torques to them, shape (3 n, n).
         G: Acceleration that the law's torque asks for by [y, w_m], shape (n, 2 n).
         H: Acceleration that it adds for all later ticks, likewise.
         velocity: Measured speed and next states, as in SampledMotion.
