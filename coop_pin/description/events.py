@@ -97,6 +97,10 @@ class PayloadEvent(Description):
         """What it needs of a plant besides torques, payload, push and gravity; empty for nothing."""
         return ""
 
+    def needs_pinocchio(self, cell: Any) -> bool:
+        """Return whether the traced plant of a run by itself does not have what it requires, either."""
+        return bool(self.requires)
+
     def act(self, plant: Any, arms: Sequence[str]) -> None:
         """Change the plant itself at the event's instant: grasps and brakes.
 

@@ -54,6 +54,10 @@ class GraspEvent(PayloadEvent):
         """A plant whose grasps open and close."""
         return "grasps that open and close"
 
+    def needs_pinocchio(self, cell: Any) -> bool:
+        """Return whether the grasp is not compliant: the traced plant opens and closes those alone."""
+        return self.arm not in cell.compliant
+
     @property
     def heading(self) -> str:
         """Name and arm."""
