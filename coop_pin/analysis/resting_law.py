@@ -46,7 +46,7 @@ class RestingLaw:
         holding = simulation.actuation.holding_commands(q)
         ideal = scenario.with_ideal_sensors
         self._sensing = Sensing(ideal, plant.chain, holding_torques=lambda _q: holding)
-        self._law, is_zeroed = simulation.controller, getattr(scenario.controller, "zero_at_grasp", False)
+        self._law, is_zeroed = simulation.controller, scenario.controller.is_zeroed
         if is_zeroed:  # at this pose, not where the start is
             self._law = build_controller(scenario.replace(start=Pose.from_matrix(X_WP)))
         first = self._sensing.start(q, self._rest, simulation.references(time))

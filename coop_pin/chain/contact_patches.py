@@ -14,12 +14,13 @@ import pinocchio as pin
 from coop_pin.arrays import Array, Mask
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.contact_points import ContactPoints
-from coop_pin.chain.force_elements import ForceElements
-from coop_pin.chain.grasp_springs import Side, changed, reached
+from coop_pin.chain.equilibrium import reached
+from coop_pin.chain.force_elements import ForceElements, as_seen
+from coop_pin.chain.grasp_springs import changed
 from coop_pin.description.cell import Cell
 from coop_pin.description.contact import DryContact, corners
 from coop_pin.model.cell_model import CellModel
-from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, symmetric
+from coop_pin.model.pinocchio_model import frame_id, symmetric
 from coop_pin.spatial import weight_wrench
 from coop_pin.spatial.internal_wrench import linkage_loads
 
@@ -111,11 +112,10 @@ class ContactPatches:
         self._rest = np.zeros(model.nv)
         frames = [(frame_id(model, f"payload/{name}"), grasp.plane) for name, grasp in cell.patches.items()]
         self._sides = [
-            (self._side(tree.arms[index].tip, plane), self._side(face, plane))
+            (bodies.side(tree.arms[index].tip, plane), bodies.side(face, plane))
             for index, (face, plane) in zip(self.arms, frames, strict=True)
         ] + [
-            (self._side(tree.payload_frame, np.eye(4)), self._side(0, table.matrix))
-            for table in cell.tables.values()
+            (bodies.side(tree.payload_frame), bodies.side(0, table.matrix)) for table in cell.tables.values()
         ]
         contacts: list[DryContact] = [*cell.patches.values(), *cell.tables.values()]
         points = [grasp.points for grasp in cell.patches.values()] + [corners(cell.payload)] * len(
@@ -209,7 +209,7 @@ class ContactPatches:
         damping = np.zeros((2, len(self)))
         for number, ((A, B), contact) in enumerate(zip(self._sides, self._contacts, strict=True)):
             axes = pin.SE3(B.pose.rotation, A.pose.translation).toActionMatrixInverse()[:3]
-            J = axes @ (self._jacobian(A) - self._jacobian(B))
+            J = axes @ (bodies.jacobian(A) - bodies.jacobian(B))
             mobility = np.diagonal(J @ np.linalg.solve(M, J.T))
             k = np.array((contact.stiffness, contact.shear_stiffness))
             W = np.array((mobility[2], mobility[:2].mean()))
@@ -246,10 +246,7 @@ class ContactPatches:
             q: Configuration.
             loads: Wrenches of the arms with other grasps, about P in world axes, shape (m, 6).
         """
-        loads, on_bodies = loads.copy(), self.at(q, self._rest).on_bodies
-        for index, X_WP, F in zip(self.arms, self.seen_poses(q), on_bodies, strict=False):
-            loads[index] = pin.SE3(np.eye(3), X_WP.translation).actInv(pin.Force(F)).vector
-        return loads
+        return as_seen(loads, self.arms, self.seen_poses(q), self.at(q, self._rest).on_bodies)
 
     def seen_poses(self, q: Array) -> list[pin.SE3]:
         """Return X_WP as each arm with a patch sees it by its own kinematics at a configuration."""
@@ -281,18 +278,15 @@ class ContactPatches:
         k, c = (np.stack(part, axis=1) for part in of_point)
         for (A, B), part in zip(self._sides, self._slices[: len(self.arms)], strict=False):
             to_plane = pin.SE3(B.pose.rotation, A.pose.translation).toActionMatrixInverse()
-            V, R_BA = to_plane @ (self._jacobian(A) - self._jacobian(B)), B.pose.rotation.T @ A.pose.rotation
+            V, R_BA = (
+                to_plane @ (bodies.jacobian(A) - bodies.jacobian(B)),
+                B.pose.rotation.T @ A.pose.rotation,
+            )
             for r, k_r, c_r in zip(self._r[part] @ R_BA.T, k[part], c[part], strict=True):
                 J = V[:3] - pin.skew(r) @ V[3:]
                 K += J.T * k_r @ J
                 D += J.T * c_r @ J
         return K, D
-
-    def _side(self, frame: int, X: Array) -> Side:
-        """Return the side of a frame's joint, at a pose in the frame."""
-        named, data = self._tree.model.frames[frame], self._bodies.data
-        joint = int(named.parentJoint)
-        return Side(joint, named.placement * pin.SE3(X), data.oMi[joint])
 
     def _now(self) -> _Now:
         """Return the contacts at the state of the joints."""
@@ -321,14 +315,9 @@ class ContactPatches:
         parts = zip(self._slices, poses, strict=True)
         return np.concatenate([self._r[part] @ X.rotation.T + X.translation for part, X in parts])
 
-    def _jacobian(self, side: Side) -> Array:
-        """Return the Jacobian of a side's joint about the world's origin, shape (6, nv)."""
-        J = pin.getJointJacobian(self._bodies.model, self._bodies.data, side.joint, pin.WORLD)
-        return jacobian_matrix(J)
-
     def _payload_pose(self, q: Array) -> Any:
         self._bodies.move(q, self._rest)
-        return self._side(self._tree.payload_frame, np.eye(4)).pose
+        return self._bodies.side(self._tree.payload_frame).pose
 
     def lies(self, q: Array) -> bool:
         """Return whether a free payload is at the height of a table."""

@@ -129,7 +129,7 @@ class _EdgeTiming:
     """Timing of the messages of one edge, drawn in blocks of ticks that follow each other."""
 
     def __init__(self, scenario: Scenario, edge: Edge, channel: Channel) -> None:
-        self._channel, self._every = channel, channel.ticks_per_message(scenario.clock)
+        self._channel, self._every = channel, scenario.clock.ticks_between(channel.rate_hz)
         source = f"{edge[0]} to {edge[1]}/network"
         self._loss = generator(scenario.seed, f"{source}/loss")
         self._jitter = generator(scenario.seed, f"{source}/jitter")
@@ -292,7 +292,7 @@ class Exchange:
         if network is None or not messages:
             return Traffic(0.0, 0.0)
         sizes, edges = dict(zip(arms, map(len, messages), strict=True)), network.edges_at(0.0, arms)
-        every = [network.channel(edge).ticks_per_message(self._scenario.clock) for edge in edges]
+        every = [self._scenario.clock.ticks_between(network.channel(edge).rate_hz) for edge in edges]
         counts = [sizes[sender] / ticks for (sender, _), ticks in zip(edges, every, strict=True)]
         said = sum(size > 0 for size in counts)
         return Traffic(sum(counts), sum(1.0 / ticks for ticks in every) if said else 0.0)
