@@ -287,7 +287,7 @@ cp.run(sys.argv[1], {"duration": 0.2}).save(sys.argv[2])
 """
 
 
-@pytest.mark.parametrize("kernel", ["Nehalem", "Haswell"])
+@pytest.mark.parametrize("kernel", [pytest.param("Nehalem", marks=pytest.mark.slow), "Haswell"])
 def test_another_openblas_kernel_gives_the_same_run_but_for_rounding(kernel, tmp_path):
     """What another processor does: OpenBLAS sums in another order. Where it knows no such kernel, nothing."""
     file = tmp_path / "result.nc"

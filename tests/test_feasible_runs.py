@@ -61,7 +61,7 @@ def test_a_path_out_of_reach_is_refused_with_arm_and_distance(cell, tmp_path):
 
 
 @NO_RUNS
-@CELLS
+@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
 def test_a_trial_and_a_case_that_no_scenario_can_have_are_refused_by_name(cell, tmp_path):
     base, gain = scenario(cell), "controller.gains.sliding_gain"
     for trial, cause in ((BAD, ScenarioError), (AWAY, InfeasibleMotionError)):

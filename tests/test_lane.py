@@ -219,9 +219,10 @@ def test_auto_chooses_by_length_law_and_what_happens_at_ticks():
         assert choose_engine(scenario, is_live=is_live)[:2] == expected
 
 
-def test_auto_takes_compliant_grasps_and_leaves_their_events_to_pinocchio():
+def test_auto_takes_compliant_grasps_and_leaves_their_events_to_single_runs():
     assert choose_engine(cp.Scenario.load("adept-compliant"))[0] == "batch"
-    assert choose_engine(cp.Scenario.load("three-ur5-handover"))[:2] == ("pinocchio", "plant")
+    assert choose_engine(cp.Scenario.load("three-ur5-handover"))[:2] == ("traced", "plant")
+    assert choose_engine(cp.Scenario.load("human-partner"))[:2] == ("pinocchio", "plant")
 
 
 def test_auto_runs_what_it_chooses():
