@@ -16,8 +16,8 @@ class Execution:
     """Execution of the runs of a sweep, a search or a comparison.
 
     Attributes:
-        workers: number of processes, 0 for this process; one for each processor when omitted. Batches in which
-            nothing of a user's runs are computed by as many threads.
+        workers: number of processes, 0 for this process; one for each processor when omitted.
+            Batches in which nothing of a user's runs are computed by as many threads.
         scheduler: address of a dask scheduler to use instead of local processes, for example
             ``tcp://127.0.0.1:8786``.
         engine: pinocchio or traced, each run alone; batch simulates runs together by compiled code; auto

@@ -92,7 +92,7 @@ class SweepPlan(Description):
         zipped: groups of fields that vary together.
         sample: points over the ranges of several fields.
         metrics: user functions, "module:function", that take a RunResult and return numbers by name.
-        time_limit_s: wall time after which a run is aborted, s. Not applied to batches of compiled code alone.
+        time_limit_s: wall time after which a run is aborted, s. Not applied to batches in threads.
         memory_limit_gb: memory of a worker, GB; a run that needs more fails. Not applied in this process.
         keep: runs whose full results are stored: their places in the plan, or "all", or "none".
         engine: "pinocchio" or "traced", each run alone; "batch", runs of one kind together by compiled code,
