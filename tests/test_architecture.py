@@ -425,7 +425,7 @@ stiff = PayloadSpaceGains(
     pose_gain=2.0, sliding_gain=(800.0, 800.0, 40.0), sign_gain=0.25, transient_rate=5.0
 )
 anchored = PayloadSpaceController(arm, stiff.sized(3, 3), Saturation(), 0.2)
-zeroed = ZeroedController(rows, anchored, make_pose((0.6, 0.1, 0.0)))
+zeroed = ZeroedController(anchored, rows, make_pose((0.6, 0.1, 0.0)))
 first = measurement._replace(time=0.0, internal_wrench_age=0.0, holding_torque=np.array([1.0, 2.0, 3.0]))
 state = zeroed.init(first, reference)
 for k in range(3):

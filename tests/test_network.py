@@ -89,8 +89,11 @@ def test_by_messages_before_the_step_it_is_the_law_of_the_cell_bit_for_bit(cell)
 class LateMean(MeanPoseController):
     """Mean pose of the views of the tick before; at the first, each arm has its own only."""
 
+    def remarks(self, pose, state):
+        return self.laws.remarks(pose, state[0])
+
     def init(self, measurements, references):
-        own = [self._agreed([seen], [one])[0] for seen, one in zip(measurements, references, strict=True)]
+        own = [self.seen([seen], [one])[0][0] for seen, one in zip(measurements, references, strict=True)]
         return self.laws.init(own, references), None
 
     def step(self, measurements, references, state):
@@ -102,7 +105,7 @@ class LateMean(MeanPoseController):
         means = seen if views is None else [sum(views) / len(views)] * len(seen)
         said = [Message(mean, 0.0) for mean in means]
         heard = [one._replace(messages={"": mean}) for one, mean in zip(measurements, said, strict=True)]
-        placed = [MeanPoseByMessages(None, "")._agreed(*pair) for pair in zip(heard, references, strict=True)]
+        placed = [MeanPoseByMessages(None, "").seen(*pair) for pair in zip(heard, references, strict=True)]
         command = self.laws.step(placed, references, law)
         return cp.CellCommand(command.torques, (command.state, seen))
 
@@ -356,10 +359,10 @@ def test_no_drift_in_ten_minutes_in_space():
 class ExactOwn(MeanPoseByMessages):
     """Averages its own view as it is, and those of the others as they were sent."""
 
-    def _agreed(self, measurement, reference):
+    def seen(self, measurement, reference):
         own = Message(self.message(measurement, reference, None), 0.0)
         heard = dict(measurement.messages) | {self.name: own}
-        return super()._agreed(measurement._replace(messages=heard), reference)
+        return super().seen(measurement._replace(messages=heard), reference)
 
 
 @pytest.mark.slow

@@ -120,7 +120,7 @@ def eigenvalues(scenario: Scenario, *, time: float = 0.0) -> ClosedLoop:
     cycles = [wrist.every for wrist in smooth.wrists]
     if (network := smooth.network) is not None:
         age += network.oldest_of(arms, smooth.clock)
-        cycles += [network.channel(edge).ticks_per_message(smooth.clock) for edge in network.edges(arms)]
+        cycles += [smooth.clock.ticks_between(network.channel(edge).rate_hz) for edge in network.edges(arms)]
     N, before = int(np.lcm.reduce(cycles or [1])), int(np.ceil(time / period - NEUTRAL)) + age + 2
     smooth = smooth.replace(duration=(before + N + 1) * period)
     simulation = Simulation(smooth, build_controller(smooth))

@@ -26,7 +26,7 @@ from coop_pin.analysis.tuning_rule import (
 from coop_pin.arrays import Array, typed
 from coop_pin.control.law import PostureGains
 from coop_pin.control.payload_space import PayloadSpace, PayloadSpaceGains
-from coop_pin.control.switching import Saturation
+from coop_pin.control.sliding_surface import Saturation
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.spatial import spatial_inertia, weight_wrench
@@ -208,7 +208,7 @@ def _law(
         anchor_bias="none" if scenario.put_downs else b_0,
         anchor_bias_answered=b_max,
         gain_axes="payload",
-        knows_deflection=bool(cell.compliant),
+        knows_deflection=bool(cell.compliant) and getattr(scenario.controller, "zero_at_grasp", False),
     )
 
 
@@ -232,7 +232,7 @@ def deflection_bias(scenario: Scenario, G: Array) -> tuple[float, float]:
         np.array([cell.compliance(name) for name in cell.arms]),
         weight_wrench(cell.payload.mass, cell.gravity),
     )
-    is_zeroed, seen = getattr(scenario.controller, "zero_at_grasp", False), list[Array]()
+    is_zeroed, seen = scenario.controller.is_zeroed, list[Array]()
     for time in np.linspace(0.0, scenario.duration, _INSTANTS).tolist():
         R = (motion.at(time).X_WP_d if time else scenario.start.matrix)[:3, :3]
         force = parts @ np.concatenate((R.T @ weight[:3], R.T @ weight[3:]))

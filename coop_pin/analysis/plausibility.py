@@ -25,6 +25,7 @@ from coop_pin.errors import CoopPinError
 from coop_pin.memory import free_memory
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.schema.base import Description
+from coop_pin.schema.parts import fields_of
 from coop_pin.schema.pose import Pose
 from coop_pin.simulation import Simulation
 from coop_pin.spatial import inverse_pose, pose_error
@@ -167,7 +168,7 @@ def _pads(cell: Cell) -> Iterator[str]:
 def _units(value: Any, path: str) -> Iterator[str]:
     """Yield poses and sizes in a likely wrong unit, in all fields below one."""
     if isinstance(value, Description):
-        fields = {name: getattr(value, name) for name in type(value).model_fields}
+        fields = fields_of(value)
         if isinstance(value, Pose):
             yield from _pose(value, path)
         if max(size := fields.get("size") or (0.0,)) > _LARGEST_M:

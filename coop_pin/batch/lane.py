@@ -108,7 +108,7 @@ class Lane:
         ):
             while self._done <= ticks:
                 self._advance()
-                if not self._is_valid():
+                if self._block[0, self._code.program.lanes.slots("is_valid")] != 1.0:
                     return None
                 if progress is not None:
                     progress(self._done - 1, ticks)
@@ -146,9 +146,6 @@ class Lane:
         self._prepared = self._prepared._replace(plants=[plant], signals=[signals])
         self._order = self._order.later(signals)
         self._bind(self._machine)
-
-    def _is_valid(self) -> bool:
-        return bool(self._block[0, self._code.program.lanes.slots("is_valid")] == 1.0)
 
     def _samples(self) -> Samples:
         """Return the samples of the ticks of the present part that are done."""

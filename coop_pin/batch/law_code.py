@@ -129,8 +129,9 @@ def fields(tick: LawTick) -> tuple[Values, Values]:
     absent |= {f"{name}_age" for name in absent}
     desired = {name: getattr(tick.reference, name) for name in DESIRED}
     present = {name: value for name, value in measured.items() if name not in absent}
-    for name, message in zip(heard_fields(tick.measurement), _heard(tick.measurement), strict=True):
-        present |= {name: message.numbers, f"{name}_age": message.age}
+    messages = tick.measurement.messages or {}
+    for name, sender in heard_fields(tick.measurement).items():
+        present |= {name: messages[sender].numbers, f"{name}_age": messages[sender].age}
     return present, desired
 
 
@@ -138,10 +139,6 @@ def heard_fields(measurement: ArmMeasurement) -> dict[str, str]:
     """Return the names of the fields with messages, and from whom they come."""
     heard = measurement.messages or {}
     return {f"heard_{index}_{re.sub(r'[^A-Za-z0-9]', '_', name)}": name for index, name in enumerate(heard)}
-
-
-def _heard(measurement: ArmMeasurement) -> list[Message]:
-    return list((measurement.messages or {}).values())
 
 
 def trace_law(

@@ -85,18 +85,15 @@ class ShakenLaw(RecordedLaw):
         draw = self._random.random
         seen = [each._replace(saturated=draw(each.q.shape) < _SATURATED) for each in measurements]
         command = super().step(seen, references, state)
-        torques, *motions = (
-            [
-                each if each is None else each + size * self._random.normal(size=np.shape(each))
-                for each in part
-            ]
-            for part, size in (
-                (command.torques, _TORQUE),
-                (command.velocities, _MOTION),
-                (command.positions, _MOTION),
-            )
+        velocities, positions = (
+            self._shaken(part, _MOTION) for part in (command.velocities, command.positions)
         )
-        return CellCommand(torques, command.state, *motions)
+        return CellCommand(self._shaken(command.torques, _TORQUE), command.state, velocities, positions)
+
+    def _shaken(self, values: Sequence[Any], size: float) -> list[Any]:
+        """Return values of the arms that have some, with random ones of a size added."""
+        draw = self._random.normal
+        return [each if each is None else each + size * draw(size=np.shape(each)) for each in values]
 
 
 def shaken_ticks(scenario: Scenario) -> list[list[LawTick]]:

@@ -17,6 +17,7 @@ from coop_pin.comparison.trials import benchmark_scenario
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, TracingError
 from coop_pin.simulation import Simulation
+from coop_pin.simulation.network import heard
 
 _TICKS = 100
 
@@ -66,9 +67,9 @@ def _least_us(scenario: Scenario) -> float:
     run.tick()
     while not run.is_finished:
         measurements, references, *_ = run.observe()
-        heard = run.exchange.at_once(law, measurements, references, run.controller_state)
+        inputs = heard(law, measurements, references, run.controller_state, run.exchange.at_once)
         start = time.perf_counter()
-        command = law.step(heard, references, run.controller_state)
+        command = law.step(inputs, references, run.controller_state)
         times.append(time.perf_counter() - start)
         run.step(command)
     return 1e6 * min(times) / len(scenario.cell.arms)

@@ -20,7 +20,7 @@ from pydantic import (
 
 from coop_pin.arrays import Array
 from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
-from coop_pin.control.force_path import SampledLoop
+from coop_pin.control.bounds import SampledLoop
 from coop_pin.control.gains import PositiveGain
 from coop_pin.control.interface import (
     ArmCommand,
@@ -30,9 +30,8 @@ from coop_pin.control.interface import (
     ControlledArm,
 )
 from coop_pin.control.law import LawController, PostureGains
-from coop_pin.control.sliding_surface import SurfaceGains, SurfaceLaw
+from coop_pin.control.sliding_surface import Saturation, SurfaceGains, SurfaceLaw, Switching
 from coop_pin.control.steady_state import SteadyDirection
-from coop_pin.control.switching import Saturation, Sign, Switching
 from coop_pin.control.terms import Posture, is_new, jacobian_inverse, null_space_part, right_inverse
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import NotNegative, Positive, number_or_row
@@ -228,8 +227,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         if arm.pressed:
             holds = grip = holds * self._grips(measurement, reference, f_r)
             f_r = grip * f_r
-        share = arm.load_share if reference.load_share is None else reference.load_share
-        fhat, age = self._measured_wrench(measurement, f_r, share)
+        fhat, age = self._measured_wrench(measurement, f_r, reference.share(arm))
         error = fhat - f_r
 
         fresh, stale = is_new(age, state.wrench_age), age > self.stale_after
@@ -342,7 +340,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             squeeze deflects them; else they give up a part of the squeeze to what they see of it.
     """
 
-    later_fields: ClassVar[tuple[str, ...]] = ("gain_axes", "knows_deflection")
+    later_fields: ClassVar[tuple[str, ...]] = ("gain_axes", "slip_guard", "normal_guard", "knows_deflection")
 
     equal_gains: ClassVar[Mapping[str, str]] = {
         **SurfaceLaw.equal_gains,
@@ -368,7 +366,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     @classmethod
     def _without_bound(cls, fields: Any) -> Any:
         """Return the fields of a record without ``anchor_bias``: of a law that bounds no anchor."""
-        omitted = {*_BOUND, "payload_mass", "slip_guard", "normal_guard", *cls.later_fields}
+        omitted = {*_BOUND, "payload_mass", *cls.later_fields}
         is_record = isinstance(fields, Mapping) and {*cls.model_fields} - omitted <= {*fields} - {*_BOUND}
         return {"anchor_bias": "none"} | dict(fields) if is_record else fields
 
@@ -382,10 +380,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
 
     @model_serializer(mode="wrap")
     def _written(self, fields_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        fields = super()._written(fields_of)
-        without: tuple[str, ...] = _BOUND if self.anchor_bias == "none" else ()
-        without += ("slip_guard",) if self.slip_guard == SLIP_GUARD else ()
-        without += ("normal_guard",) if self.normal_guard == 0.0 else ()
+        fields, without = super()._written(fields_of), _BOUND if self.anchor_bias == "none" else ()
         return {name: value for name, value in fields.items() if name not in without}
 
     @property
@@ -415,6 +410,12 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
 
     def controller_of(self, arm: ControlledArm, gains: PayloadSpaceGains, scenario: Any) -> ArmController:
         """Return the law of one arm."""
+        return self.payload_space_controller(arm, gains, scenario)
+
+    def payload_space_controller(
+        self, arm: ControlledArm, gains: PayloadSpaceGains, scenario: Any
+    ) -> PayloadSpaceController:
+        """Return the payload-space law of one arm."""
         leak, fastest, mass = self._leak(gains), 1.0 / arm.period, self.payload_mass
         if leak * arm.period > 1.0:  # the integral would overshoot its goal
             detail = f"is {leak:g} /s; at {fastest:g} Hz it can be at most {fastest:g}: state a smaller one"
@@ -467,7 +468,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
         """
         K, gamma, alpha = gains.sliding_gain, gains.pose_gain, gains.sign_gain.diagonal()
         anchors = self.force_path.measures and gains.anchor_gain > 0.0 and bool(alpha.all())
-        if not anchors or self.anchor_bias == "none" or isinstance(self.switching, Sign):
+        if not anchors or self.anchor_bias == "none" or not self.switching.is_smooth:
             return None
         width, pole = self.switching.width, self.force_path.pole
         age = period * (ticks + pole / (1.0 - pole))

@@ -253,8 +253,8 @@ def _miscalibrate(model: pin.Model, arm: Arm) -> None:
     """
     error, X_WB = arm.calibration_error, arm.base.matrix
     offset, stretch = (
-        per_joint(np.array(getattr(error, name)), int(model.nv), f"calibration_error.{name}")
-        for name in ("joint_offset", "link_length")
+        per_joint(np.array(value), int(model.nv), f"calibration_error.{name}")
+        for name, value in (("joint_offset", error.joint_offset), ("link_length", error.link_length))
     )
     if stretch.any():
         for joint in range(1, model.njoints):

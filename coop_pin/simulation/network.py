@@ -129,7 +129,7 @@ class _EdgeTiming:
     """Timing of the messages of one edge, drawn in blocks of ticks that follow each other."""
 
     def __init__(self, scenario: Scenario, edge: Edge, channel: Channel) -> None:
-        self._channel, self._every = channel, channel.ticks_per_message(scenario.clock)
+        self._channel, self._every = channel, scenario.clock.ticks_between(channel.rate_hz)
         source = f"{edge[0]} to {edge[1]}/network"
         self._loss = generator(scenario.seed, f"{source}/loss")
         self._jitter = generator(scenario.seed, f"{source}/jitter")
@@ -227,7 +227,7 @@ def heard(
     measurements: Sequence[ArmMeasurement],
     references: Sequence[ArmReference],
     state: Any,
-    exchange: Callable[[Sequence[Array]], Sequence[Mapping[str, Message]]],
+    exchange: Callable[[Sequence[Array]], Sequence[Mapping[str, Message] | None]],
 ) -> list[ArmMeasurement]:
     """Return measurements with the messages of the arms; without any where the law says nothing.
 
@@ -268,37 +268,19 @@ class Exchange:
 
     def first(self, messages: Sequence[Array]) -> list[dict[str, Message]]:
         """Return what each arm hears before the first tick; it is said again at the first."""
-        assert self.network is not None
-        messages = self._checked(messages)
-        signals = next(MessageSignals(self._scenario).rows())
-        return self.network.step(self.network.start(messages), messages, signals)[0]
+        received = self.step(messages)
+        self.restore(None, self._scenario, 0)
+        return received
 
-    def at_once(
-        self,
-        controller: CellController,
-        measurements: Sequence[ArmMeasurement],
-        references: Sequence[ArmReference],
-        state: Any,
-    ) -> list[ArmMeasurement]:
-        """Return measurements with the messages of all arms, which arrive at once and exactly.
-
-        Args:
-            controller: Controller of the cell.
-            measurements: Measurements of a tick.
-            references: References of a tick.
-            state: State of the controller; None before ``init``.
-        """
+    def at_once(self, messages: Sequence[Array]) -> list[dict[str, Message] | None]:
+        """Return what each arm hears of messages that arrive at once and exactly; None without a network."""
         if (network := self.network) is None:
-            return list(measurements)
-
-        def exchange(messages: Sequence[Array]) -> list[dict[str, Message]]:
-            said = dict(zip(network.arms, messages, strict=True))
-            return [
-                {one: Message(said[one], 0.0) for one, other in network.edges if other == name}
-                for name in network.arms
-            ]
-
-        return heard(controller, measurements, references, state, exchange)
+            return [None] * len(messages)
+        said = dict(zip(network.arms, messages, strict=True))
+        return [
+            {one: Message(said[one], 0.0) for one, other in network.edges if other == name}
+            for name in network.arms
+        ]
 
     def traffic(self, messages: Sequence[Array]) -> Traffic:
         """Return what crosses a tick along the graph of the start; what an arm tells itself does not cross.
@@ -310,7 +292,7 @@ class Exchange:
         if network is None or not messages:
             return Traffic(0.0, 0.0)
         sizes, edges = dict(zip(arms, map(len, messages), strict=True)), network.edges_at(0.0, arms)
-        every = [network.channel(edge).ticks_per_message(self._scenario.clock) for edge in edges]
+        every = [self._scenario.clock.ticks_between(network.channel(edge).rate_hz) for edge in edges]
         counts = [sizes[sender] / ticks for (sender, _), ticks in zip(edges, every, strict=True)]
         said = sum(size > 0 for size in counts)
         return Traffic(sum(counts), sum(1.0 / ticks for ticks in every) if said else 0.0)
@@ -322,17 +304,11 @@ class Exchange:
             ShapeError: an arm says another number of numbers than at the first tick.
         """
         assert self.network is not None
-        messages = self._checked(messages)
-        state = self.network.start(messages) if self.state is None else self.state
-        received, self.state = self.network.step(state, messages, next(self._rows))
+        said = [np.asarray(message, dtype=np.float64) for message in messages]
+        for index, (name, message) in enumerate(zip(self.network.arms, said, strict=True)):
+            expected = message.shape[:1] if self.state is None else self.state.sent[index].shape[1:]
+            if message.ndim != 1 or message.shape != expected:
+                raise ShapeError(f"message of arm {name!r}", message.shape, expected or (1,))
+        state = self.network.start(said) if self.state is None else self.state
+        received, self.state = self.network.step(state, said, next(self._rows))
         return received
-
-    def _checked(self, messages: Sequence[Array]) -> list[Array]:
-        """Return messages as arrays of the same sizes as at the first tick."""
-        assert self.network is not None
-        arrays = [np.asarray(message, dtype=np.float64) for message in messages]
-        for index, (name, array) in enumerate(zip(self.network.arms, arrays, strict=True)):
-            expected = array.shape[:1] if self.state is None else self.state.sent[index].shape[1:]
-            if array.ndim != 1 or array.shape != expected:
-                raise ShapeError(f"message of arm {name!r}", array.shape, expected or (1,))
-        return arrays

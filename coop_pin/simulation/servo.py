@@ -88,9 +88,10 @@ class JointServo(NamedTuple):
         Raises:
             FieldError: A row of values has another size than k.
         """
+        fields = dict(servo)
 
         def row(name: str) -> Array:
-            value = getattr(servo, name)
+            value = fields[name]
             return per_joint(np.array(_NO_LIMIT if value is None else value), len(inertia), f"{path}.{name}")
 
         return cls(

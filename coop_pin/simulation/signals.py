@@ -112,7 +112,7 @@ class Sampling(NamedTuple):
             [math.ceil(interval[side] / clock.period - EARLY) for interval in sensor.lost] for side in (0, 1)
         )
         lost = sorted(zip(first, end, strict=True), reverse=True)
-        return cls(sensor.ticks_per_sample(clock), sensor.delay, tuple(lost))
+        return cls(clock.ticks_between(sensor.rate_hz), sensor.delay, tuple(lost))
 
     def newest(self, ticks: Array) -> Array:
         """Return the tick of the newest sample that has arrived by each tick, -inf for none."""
