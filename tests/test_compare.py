@@ -240,12 +240,11 @@ def test_a_search_covers_several_scenarios_and_its_table_is_used_and_marked(scen
         names[:1],
         out=tmp_path,
         generations=0,
-        size=5,
         duration=0.02,
         execution=cp.Execution(workers=0, quiet=True),
     )
     assert [row["scenario"] for row in rows] == ["planar", "spatial"]
-    assert all(row["runs"] == 20 and row["duration_s"] == 0.02 for row in rows)
+    assert all(row["runs"] == 24 and row["duration_s"] == 0.02 for row in rows)
     gains = tmp_path / "gains.csv"
     chosen = controllers_for(scenarios[1], names, gains=gains)
     assert chosen["payload-pd"]["gains"]["pose_gain"] == float(rows[1]["value"])
@@ -262,7 +261,7 @@ def test_gains_beyond_the_sampled_bound_are_not_taken(scenarios, tmp_path):
     """K of the spatial cell has T lambda over 1 along the motion, whatever the pose gain."""
     execution = cp.Execution(workers=0, quiet=True)
     none = tune_controllers(
-        scenarios[1], ["payload-pd"], out=tmp_path, generations=0, size=5, duration=0.02, execution=execution
+        scenarios[1], ["payload-pd"], out=tmp_path, generations=0, size=2, duration=0.02, execution=execution
     )
     assert none == []
     law = controllers_for(scenarios[1], ["payload-pd"], tuned=False)["payload-pd"]
