@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from coop_pin.arrays import Array, Mask, as_array, as_number, as_pose, require_finite, require_type, shaped
 from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closure_set import ClosureError
+from coop_pin.chain.contact_equilibrium import started
 from coop_pin.chain.contact_patches import ContactPatches, ContactState
 from coop_pin.chain.force_elements import ForceElements
 from coop_pin.chain.friction_cones import Squeeze, friction_squeeze
@@ -238,9 +239,8 @@ class CellChain:
         if not len(self.patches):
             return q
         m = len(self.cell.arms)
-        return self.patches.started(
-            q, np.zeros((m, 6)) if squeeze is None else as_array("squeeze", squeeze, m, 6)
-        )
+        pressed = np.zeros((m, 6)) if squeeze is None else as_array("squeeze", squeeze, m, 6)
+        return started(self.patches, q, pressed)
 
     def loads(self, q: ArrayLike) -> Array:
         """Return the wrench on each arm at rest about P as the arm's own kinematics see it, shape (m, 6).
