@@ -58,7 +58,7 @@ def read_runs(plan: SweepPlan, store: SweepStore, keys: Sequence[str] | None = N
         keys: keys of all points, where they are known.
     """
     keys = [each.key for each in keyed_points(plan)] if keys is None else keys
-    places = {key: place for place, key in enumerate(dict.fromkeys(keys))}
+    places = {key: row for row, key in enumerate(dict.fromkeys(keys))}
     texts, numbers = _columns(store.records(), places)
     require_own_names(plan, {*numbers} - {*_NUMBERS})
     conditions = [texts["failure"] == None, texts["failure"] != ""]  # noqa: E711  of each entry
@@ -84,8 +84,8 @@ def _columns(
     size = len(places)
     texts = {name: np.full(size, None, dtype=object) for name in _TEXTS}
     numbers = {name: np.full(size, np.nan) for name in _NUMBERS}
-    wanted = (record for record in records if record.key in places)
-    while chunk := list(itertools.islice(wanted, _CHUNK)):
+    known = (record for record in records if record.key in places)
+    while chunk := list(itertools.islice(known, _CHUNK)):
         at = [places[record.key] for record in chunk]
         for name in _TEXTS:
             texts[name][at] = [getattr(record, name) for record in chunk]
