@@ -240,12 +240,11 @@ def test_a_search_covers_several_scenarios_and_its_table_is_used_and_marked(scen
         names[:1],
         out=tmp_path,
         generations=0,
-        size=3,
         duration=0.02,
         execution=cp.Execution(workers=0, quiet=True),
     )
     assert [row["scenario"] for row in rows] == ["planar", "spatial"]
-    assert all(row["runs"] == 12 and row["duration_s"] == 0.02 for row in rows)
+    assert all(row["runs"] == 24 and row["duration_s"] == 0.02 for row in rows)
     gains = tmp_path / "gains.csv"
     chosen = controllers_for(scenarios[1], names, gains=gains)
     assert chosen["payload-pd"]["gains"]["pose_gain"] == float(rows[1]["value"])
