@@ -40,10 +40,10 @@ def loop(runs: list[cp.Scenario], width: int) -> Callable[[], object]:
     prepared = [simulator.prepare(run) for run in runs]
     batch = Prepared.joined(prepared)
     family = simulator.family([batch])
-    code, machine = family.code, family.machine
-    block, loads = code.begin(batch)
+    _, machine, order = family.orders[batch.times]
+    block, loads = family.code.begin(batch)
     memory = np.empty(machine.record_size(len(runs)))
-    return lambda: machine.run(block.copy(), code.uniforms, loads, out=memory)
+    return lambda: machine.run(block.copy(), order.uniforms, loads, out=memory)
 
 
 def measured(simulator: BatchSimulator, runs: list[cp.Scenario]) -> Callable[[], object]:

@@ -1,9 +1,10 @@
 """A comparison by engine "auto" against single runs: 14 laws, 12 trials of 2 s, whole processes.
 
 Prints the processor time of the processes, s: single runs; "auto" without code on disk, and with it; the laws
-that no engine but Pinocchio runs; and the first comparison called again, from its start on.
+that no engine but Pinocchio runs; and the first comparison called again, from its start on. With --six the
+ratio of "auto" to single runs where there are six runs: one law in six trials, and six laws in one.
 
-Usage: python benchmarks/bench_compare.py [--cell NAME] [--rounds N]
+Usage: python benchmarks/bench_compare.py [--cell NAME] [--rounds N] [--six]
 """
 
 from __future__ import annotations
@@ -27,8 +28,13 @@ left_out = {"friction x0", "friction x3", "bias 0.1 mm", "mass x0.5", "80 Hz", "
 known = standard_trials(benchmark_scenario(cp.Scenario.load(cell), 2.0))
 trials = [name for name in known if name not in left_out]
 laws = [name for name in controller_names() if name != "adaptive-verginis"]
-if part == "models":
-    laws = [law for law in laws if law.startswith(("computed", "object", "adaptive", "torque"))]
+models = [law for law in laws if law.startswith(("computed", "object", "adaptive", "torque"))]
+laws, trials = {
+    "all": (laws, trials),
+    "models": (models, trials),
+    "six trials": (laws[:1], trials[:6]),
+    "six laws": (laws[:6], trials[:1]),
+}[part]
 start, here = time.process_time(), cp.Execution(workers=0, quiet=True, engine=engine)
 cp.compare(cell, laws, trials, out=out, seeds=1, duration=2.0, execution=here)
 print(time.process_time() - start)
@@ -50,8 +56,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cell", default="adept-anchored")
     parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--six", action="store_true")
     chosen, times = parser.parse_args(), dict[str, list[float]]()
     for _ in range(chosen.rounds):
+        if chosen.six:
+            for part in ("six trials", "six laws"):
+                with tempfile.TemporaryDirectory() as folder:
+                    auto = seconds(chosen.cell, "auto", part, folder, "auto")[0]
+                    times.setdefault(part, []).append(
+                        auto / seconds(chosen.cell, "pinocchio", part, folder, "single")[0]
+                    )
+            continue
         with tempfile.TemporaryDirectory() as folder:
             tasks = (("single", "pinocchio", "all"), ("cold", "auto", "all"), ("on disk", "auto", "all"))
             for name, *task in (*tasks, ("models alone", "auto", "models")):

@@ -25,7 +25,7 @@ from coop_pin.batch.arm_dynamics import newton_euler
 from coop_pin.batch.law_code import RecordedLaw
 from coop_pin.batch.serial_arm import RigidInertia, SerialArm, force_cross, frames, join, motion_cross
 from coop_pin.build_controller import build_controller
-from coop_pin.control import ArmCommand, ArmController, DecentralisedController
+from coop_pin.control import ArmCommand, ArmController
 from coop_pin.control.terms import right_inverse
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.transmission import friction
@@ -185,19 +185,14 @@ def compiled_costs(law: cp.batch.CLaw, folder: Path) -> tuple[float, float]:
 
 def model_error(scenario: cp.Scenario) -> float:
     """Return how far torques of computed torque are off those by Pinocchio, relative, over 20 ticks."""
-    run = Simulation(scenario, build_controller(scenario))
-    arm = next(iter(scenario.cell.arms))
-    traced_law, own = (
-        RecordedLaw(run.controller.controllers[arm]),
-        scenario.override({"controller": COMPUTED_TORQUE}),
-    )
-    run.controller = DecentralisedController({**run.controller.controllers, arm: traced_law})
+    arm, recorded = next(iter(scenario.cell.arms)), RecordedLaw(build_controller(scenario))
+    own, run = scenario.override({"controller": COMPUTED_TORQUE}), Simulation(scenario, recorded)
     for _ in range(20):
         run.tick()
-    law = build_controller(own).controllers[arm]
-    state = law.init(traced_law.ticks[0].measurement, traced_law.ticks[0].reference)
+    law, ticks = build_controller(own).controllers[arm], [first for first, *_ in recorded.ticks]
+    state = law.init(ticks[0].measurement, ticks[0].reference)
     worst, scale = 0.0, 0.0
-    for tick in traced_law.ticks:
+    for tick in ticks:
         torque, state = law.step(tick.measurement, tick.reference, state)
         worst, scale = max(worst, np.abs(torque - tick.torque).max()), max(scale, np.abs(torque).max())
     return worst / scale

@@ -20,7 +20,7 @@ def build_controller(scenario: Scenario) -> CellController:
             arm.
         NameNotFoundError: a user's module or class does not exist.
     """
-    arms = [controlled_arm(scenario, name) for name in scenario.cell.arms]
+    arms = [controlled_arm(scenario, ArmModel(arm, name=name)) for name, arm in scenario.cell.arms.items()]
     law, added = scenario.controller.build(scenario, arms), scenario.feed_forward
     if added is None:
         return law
@@ -34,10 +34,9 @@ def build_controller(scenario: Scenario) -> CellController:
     return FeedForwardController(law, lambda time, _: added.at(time))
 
 
-def controlled_arm(scenario: Scenario, name: str) -> ControlledArm:
+def controlled_arm(scenario: Scenario, model: ArmModel) -> ControlledArm:
     """Return what a law may know of an arm besides measurements."""
-    cell, path = scenario.cell, scenario.controller.force_path
-    model = ArmModel(cell.arms[name], name=name)
+    cell, name = scenario.cell, model.name
     posture = model.drive @ model.posture(cell.arms[name].posture) if model.nq == model.nv else None
     return ControlledArm(
         name=name,
@@ -49,8 +48,7 @@ def controlled_arm(scenario: Scenario, name: str) -> ControlledArm:
         posture=posture,
         gravity=np.array(cell.gravity),
         start_pose=scenario.start.matrix,
-        oldest_wrench=path.delay
-        + max((wrist.delay + wrist.every - 1 for wrist in scenario.wrists), default=0),
+        oldest_wrench=scenario.oldest_wrench,
         base_drives=model.base_joints,
         way_out=cell.way_out(name) if name in cell.patches else None,
     )

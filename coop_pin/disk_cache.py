@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 from coop_pin.atomic_write import write_atomically
+from coop_pin.user_files import open_without_waiting
 
 _DIGEST = 32
 """Bytes of the checksum in front of a file."""
@@ -51,8 +52,7 @@ def kept(key: bytes) -> bytes | None:
     so that a file under another name is another program.
     """
     try:
-        # A pipe in its place must not be waited for.
-        with open(_path(key), "rb", opener=_open_without_waiting) as file:
+        with open(_path(key), "rb", opener=open_without_waiting) as file:
             status = os.fstat(file.fileno())
             is_mine = status.st_uid == os.geteuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
             if not (is_mine and stat.S_ISREG(status.st_mode) and status.st_size <= _LARGEST):
@@ -63,10 +63,6 @@ def kept(key: bytes) -> bytes | None:
         return None
     digest, code = data[:_DIGEST], data[_DIGEST:]
     return code if hashlib.sha256(key + code).digest() == digest else None
-
-
-def _open_without_waiting(path: str, flags: int) -> int:
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def keep(key: bytes, code: bytes) -> None:

@@ -122,12 +122,15 @@ def choose_engine(scenario: Scenario, *, is_live: bool = False) -> EngineChoice:
     Raises:
         CoopPinError: an arm cannot be loaded.
     """
-    if text := plant_reason(scenario.plant, scenario.cell, scenario.events):
+    plant, cell, events = scenario.plant, scenario.cell, scenario.events
+    if text := plant_reason(plant, cell, [event for event in events if event.needs_pinocchio(cell)]):
         return EngineChoice("pinocchio", "plant", text)
     needed, ticks = _ticks_of_compiling(scenario), scenario.clock.ticks(scenario.duration)
     reason = f"compiling takes as long as {needed} ticks on Pinocchio, and there are {ticks}"
     if ticks < needed:
         return EngineChoice("pinocchio", "few runs", reason)
+    if text := plant_reason(plant, cell, events):
+        return EngineChoice("traced", "plant", text)
     if scenario.controller.user_code:
         text = "a user's law is compiled only if engine 'batch' is named"
     if text := text or law_reason(scenario.controller):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import sys
 from collections.abc import Iterator
@@ -67,15 +68,25 @@ def _address_space() -> int:
 
 def _cgroup_memory() -> Iterator[int]:
     """Yield what the limits of the process's control groups and of the groups around them leave, bytes."""
+    for folder, (limit, used, cache) in _cgroups(_CGROUP_LIST, _CGROUPS):
+        with contextlib.suppress(OSError, ValueError):  # no number: the group has no limit
+            most = int((folder / limit).read_text("ascii"))
+            counts = dict(map(str.split, (folder / "memory.stat").read_text("ascii").splitlines()))
+            yield most + int(counts.get(cache, 0)) - int((folder / used).read_text("ascii"))
+
+
+@functools.cache  # a process stays in its groups
+def _cgroups(listed: Path, root: Path) -> list[tuple[Path, tuple[str, str, str]]]:
+    """Return the folders of the control groups that may have a limit, and the names of their files."""
     try:
-        groups = [line.split(":", 2)[1:] for line in _CGROUP_LIST.read_text("utf-8").splitlines()]
+        groups = [line.split(":", 2)[1:] for line in listed.read_text("utf-8").splitlines()]
     except OSError:  # not Linux
-        return
-    for controller, path in groups:
-        limit, used, cache = _CGROUP_FILES.get(controller, ("", "", ""))
-        group = _CGROUPS / controller / path.lstrip("/")
-        for folder in (group, *group.parents) if limit else ():
-            with contextlib.suppress(OSError, ValueError):  # no such file or number: the group has no limit
-                counts = dict(map(str.split, (folder / "memory.stat").read_text("ascii").splitlines()))
-                taken = int((folder / used).read_text("ascii")) - int(counts.get(cache, 0))
-                yield int((folder / limit).read_text("ascii")) - taken
+        return []
+    folders = list[tuple[Path, tuple[str, str, str]]]()
+    for name, path in groups:
+        if names := _CGROUP_FILES.get(name):
+            group = root / name / path.lstrip("/")
+            folders += [
+                (folder, names) for folder in (group, *group.parents) if (folder / names[0]).is_file()
+            ]
+    return folders

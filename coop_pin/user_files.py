@@ -66,7 +66,7 @@ def head_of_user_file(path: str | Path, *, limit: int, kind: str) -> tuple[bytes
 def _read(path: str | Path, count: int, limit: int, kind: str) -> tuple[bytes, int]:
     """Return the first bytes of a regular file, at most ``count``, and its size."""
     try:
-        with open(path, "rb", opener=_open_without_waiting) as file:
+        with open(path, "rb", opener=open_without_waiting) as file:
             status = os.fstat(file.fileno())
             if not stat.S_ISREG(status.st_mode):
                 raise FileReadError(f"is no regular file; give the path of {kind}", str(path))
@@ -97,7 +97,8 @@ def _unzipped_size(content: bytes) -> int:
         return 0
 
 
-def _open_without_waiting(path: str, flags: int) -> int:
+def open_without_waiting(path: str, flags: int) -> int:
+    """Open a file for reading, as an opener of ``open``: a pipe in its place is not waited for."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 

@@ -4,6 +4,8 @@
 import inspect
 import json
 import re
+import shutil
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -66,30 +68,31 @@ def benchmark_run(scenario: str, controller: str, trial: str) -> coop_pin.RunRes
     return coop_pin.run(base, changes_of(base, standard_trials(base)[trial], law), warn=False)
 
 
-def write_replays(folder: Path, **changes: Any) -> None:
+def write_replays(folder: Path, *, is_draft: bool) -> None:
     """Write the replay that a page embeds, those of the gallery, and the explorer with its own.
 
     Args:
         folder: static files of the site.
-        changes: changes of all runs but the first, for a draft.
+        is_draft: one short replay stands for all, which take a third of the time of a site.
     """
-    coop_pin.viz.save_replay(coop_pin.run("adept-paper", {"duration": 12.0}), folder / "replay.html")
-    replays = folder / REPLAYS
+    first, replays = folder / "replay.html", folder / REPLAYS
+    changes = {"duration": 0.1, "events": ()} if is_draft else {"duration": 12.0}
+    coop_pin.viz.save_replay(coop_pin.run("adept-paper", changes, warn=False), first)
     replays.mkdir(parents=True, exist_ok=True)
-    for name in scenario_names():
-        coop_pin.viz.save_replay(coop_pin.run(name, changes, warn=False), replays / f"{name}.html")
-    for cell in TELLING:
-        # A draft takes the cell's own trial: what fails later in a trial is not in its short runs.
-        result = coop_pin.run(cell[0], changes, warn=False) if changes else benchmark_run(*cell)
-        coop_pin.viz.save_replay(result, replays / replay_file([cell]))
+    shown = {f"{name}.html": partial(coop_pin.run, name, warn=False) for name in scenario_names()}
+    shown |= {replay_file([cell]): partial(benchmark_run, *cell) for cell in TELLING}
+    for name, run in shown.items():
+        if is_draft:
+            shutil.copy(first, replays / name)
+        else:
+            coop_pin.viz.save_replay(run(), replays / name)
     table = Path(__file__).parents[1] / "studies" / "benchmark.csv"
     Comparison.load(table).write_html(folder / "comparison.html")
 
 
 def _write_replays(app: Any) -> None:
     if app.builder.format == "html":
-        short = {"duration": 0.1, "events": ()} if app.tags.has("draft") else {}
-        write_replays(Path(app.outdir) / "_static", **short)
+        write_replays(Path(app.outdir) / "_static", is_draft=app.tags.has("draft"))
 
 
 def _write_texts(app: Any, problem: Exception | None) -> None:

@@ -29,8 +29,9 @@ def require_same_bits(scenarios):
     )  # whose program has the kernels: any width can have a text
     runs = [simulator.prepare(scenario) for scenario in scenarios]
     prepared = Prepared.joined(runs)
-    code = simulator.family([prepared]).code
-    program, uniforms, (block, loads) = code.program, code.uniforms, code.begin(prepared)
+    family = simulator.family([prepared])
+    _, machine, order = family.orders[prepared.times]
+    program, uniforms, (block, loads) = machine.program, order.uniforms, family.code.begin(prepared)
     machines = [LlvmMachine(program, width) for width in (8, 4, 1)] + [NumpyMachine(program)]
     records = [machine.run(block.copy(), uniforms, loads) for machine in machines]
     for record in records:

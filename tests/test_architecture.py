@@ -63,7 +63,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "schema": (set(), {"pydantic", "pydantic_core"}),
     "reference": ({"schema", "user_files"}, {"pydantic", "scipy"}),
     "control": ({"schema"}, {"pydantic"}),
-    "disk_cache": (set(), set()),
+    "disk_cache": ({"user_files"}, set()),
     "tracing": ({"schema", "disk_cache"}, {"llvmlite"}),
     "heat_map": (set(), {"pandas"}),
     "progress_bar": (set(), {"tqdm"}),
@@ -73,7 +73,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     ),
     "model": ({"description", "limited_process"}, {"collada", "pinocchio"}),
     "chain": ({"description", "model", "tracing"}, {"pinocchio", "scipy"}),
-    "results": ({"description", "user_files"}, {"h5netcdf", "h5py", "pandas", "xarray"}),
+    "results": ({"description", "user_files"}, {"h5py", "pandas", "xarray"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
     "model_based": ({"control", "description", "model"}, {"pinocchio", "proxsuite"}),
     "build_controller": ({"control", "description", "model"}, set()),
@@ -112,6 +112,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "description",
             "disk_cache",
             "model",
+            "reference",
             "results",
             "build_controller",
             "schema",
@@ -424,7 +425,7 @@ stiff = PayloadSpaceGains(
     pose_gain=2.0, sliding_gain=(800.0, 800.0, 40.0), sign_gain=0.25, transient_rate=5.0
 )
 anchored = PayloadSpaceController(arm, stiff.sized(3, 3), Saturation(), 0.2)
-zeroed = ZeroedController(rows, anchored, make_pose((0.6, 0.1, 0.0)))
+zeroed = ZeroedController(anchored, rows, make_pose((0.6, 0.1, 0.0)))
 first = measurement._replace(time=0.0, internal_wrench_age=0.0, holding_torque=np.array([1.0, 2.0, 3.0]))
 state = zeroed.init(first, reference)
 for k in range(3):

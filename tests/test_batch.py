@@ -14,7 +14,7 @@ import coop_pin as cp
 from coop_pin.batch import simulate_batch, support
 from coop_pin.batch.arm_dynamics import ArmInput, ArmNumbers, arm_terms
 from coop_pin.batch.cell_dynamics import CellNumbers, CellState, cell_motion, closure_error
-from coop_pin.batch.preparation import Prepared
+from coop_pin.batch.preparation import Prepared, PreparedPlant
 from coop_pin.batch.serial_arm import SerialArm
 from coop_pin.batch.simulate import BatchSimulator
 from coop_pin.batch.tick import TickCode
@@ -244,9 +244,26 @@ def test_runs_with_equal_plants_share_one_and_have_the_numbers_of_their_own():
         for found in (first, again):
             assert_array_equal(found.values[run], alone.values[0])
             assert_array_equal(found.signals[run], alone.signals[0])
-            assert_array_equal(found.plants[run].start.holding, alone.plants[0].start.holding)
+            assert_array_equal(found.plants[run].begins["holding"], alone.plants[0].begins["holding"])
     numbers = first.values[:, np.isfinite(first.values).all(axis=0)]
     assert (np.ptp(numbers, axis=0) > 0.0).sum() > 1
+
+
+@pytest.mark.parametrize("name", RIGID)
+def test_a_plant_with_another_payload_has_the_bits_of_one_built_anew(name):
+    """Also with other numbers of an event; what holds the payload in another way is built anew."""
+    late = {"kind": "payload-change", "time": 0.5, "mass": 3.0}
+    base = cp.Scenario.load(name).override({"duration": 1.0, "events": [late], "beyond_bound": True})
+    heavy = base.override({"cell.payload.mass": 1.7 * base.cell.payload.mass, "events.0.mass": 0.9})
+    built, cover = PreparedPlant(heavy), None
+    carried = PreparedPlant(base).carrying(heavy, cover)
+    assert carried.values.tobytes() == built.values.tobytes()
+    assert carried.begins == built.begins
+    assert PreparedPlant(base).carrying(base.override({"events.0.time": 0.6}), cover) is None
+    assert PreparedPlant(base).carrying(base.override({"duration": 0.8}), cover) is None
+    first, *_ = base.cell.arms
+    moved = base.override({f"cell.arms.{first}.calibration_error.joint_offset": 1e-4})
+    assert carried.carrying(moved, cover) is None
 
 
 @pytest.mark.slow
@@ -255,7 +272,7 @@ def test_batches_of_one_simulator_share_their_code_and_have_the_bits_of_any_othe
     simulator = BatchSimulator(machine=NumpyMachine)
     whole, (family,) = simulator.run(scenarios).samples, simulator._families
     alone = simulator.run(scenarios[2:]).samples  # numbers that were inputs stay inputs
-    assert simulator._families[0] is family
+    assert simulator._families[0].code is family.code
     folded = BatchSimulator(machine=NumpyMachine).run(scenarios[2:]).samples  # no number is an input
     for name, values in folded.items():
         assert_array_equal(values[0], whole[name][2], err_msg=name)

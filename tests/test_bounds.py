@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.control import anchor_gain_bound, force_gain_bound
-from coop_pin.control.bounds import force_loop_is_stable
+from coop_pin.control.bounds import SampledLoop
 from coop_pin.errors import FieldError, OutOfRangeError
 
 
@@ -72,9 +72,8 @@ def test_bound_is_sharp_on_the_scalar_recursion(loop):
 def test_the_force_gain_bound_with_a_lag_is_sharp_on_the_scalar_recursion(pole, delay, lag):
     bound = force_gain_bound(pole, delay, lag=lag)
     for factor in (0.97, 1.03):
-        assert force_loop_is_stable(0.0, pole=pole, delay=delay, force_gain=factor * bound, lag=lag) == (
-            factor < 1.0
-        )
+        loop = SampledLoop(pole, delay, lag=lag, force_gain=factor * bound)
+        assert loop.is_stable() == (factor < 1.0)
 
 
 def test_a_lag_of_the_drives_counts_in_the_bound_that_a_scenario_is_refused_at():
@@ -110,10 +109,10 @@ def test_without_an_anchor_the_bound_is_that_of_the_force_gain():
 
 
 def test_a_loop_has_no_filter_no_delay_and_a_sensor_at_the_control_rate_unless_stated():
-    assert force_loop_is_stable(1.5)
-    assert not force_loop_is_stable(2.1)
-    assert not force_loop_is_stable(1.5, delay=1)
-    assert force_loop_is_stable(1.5, delay=1, every=2)
+    assert SampledLoop(anchor_gain=1.5).is_stable()
+    assert not SampledLoop(anchor_gain=2.1).is_stable()
+    assert not SampledLoop(delay=1, anchor_gain=1.5).is_stable()
+    assert SampledLoop(delay=1, every=2, anchor_gain=1.5).is_stable()
 
 
 @pytest.mark.parametrize(("name", "value"), [("pole", 1.0), ("pole", -0.1), ("delay", -1), ("every", 0)])

@@ -17,7 +17,7 @@ from coop_pin.control import CellController
 from coop_pin.control.interface import CellCommand
 from coop_pin.description import Arm, Cell, Payload, PlantOptions, Pose
 from coop_pin.description.cell import grasps_from_configuration
-from coop_pin.description.relative_paths import anchor_files
+from coop_pin.description.scenario_file import anchor_files
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import (

@@ -92,13 +92,18 @@ def assert_not_blank(image: bytes) -> None:
     assert pixels.std(axis=0).max() > 20
 
 
+def next_frame(page) -> None:
+    """Wait until the page has drawn its next frame, with which its labels are placed."""
+    page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
 def drawn(page) -> bytes:
     """Screenshot of the page after its next frame."""
-    page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    next_frame(page)
     return page.screenshot()
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", [pytest.param("planar", marks=pytest.mark.slow), "spatial"])
 def test_the_live_page_draws_the_cell_follows_the_run_and_has_it_after_a_reload(name):
     scenario = SCENARIOS[name]().replace(duration=1.0, events=())
     scene = LiveScene(initial_scene(scenario))
@@ -144,63 +149,66 @@ def test_the_live_page_draws_the_cell_follows_the_run_and_has_it_after_a_reload(
 
 
 @pytest.mark.parametrize("name", [*SCENARIOS, "three-ur5-plate"])
-def test_a_squeeze_ends_at_the_grasps_and_a_pull_leaves_them(name):
+def test_arrows_and_struts_show_squeezes_and_pulls(name):
     scenario = cp.Scenario.load(name) if name == "three-ur5-plate" else SCENARIOS[name]()
     view, snapshot = open_view(scenario), initial_scene(scenario).snapshot
+    shown = iter(np.arange(0.1, 1.0, 0.1).tolist())
+    with browser_page() as page:
+        page.goto(view.url)
+        page.wait_for_function("window.coopPin !== undefined")
+
+        def show(wrench) -> None:
+            time = next(shown)
+            view.show(snapshot._replace(time=time, internal_wrench=wrench, interaction_wrench=wrench))
+            page.wait_for_function(f"Math.abs({NOW} - {time}) < 1e-6")
+
+        assert_a_squeeze_ends_at_the_grasps_and_a_pull_leaves_them(page, show, scenario, snapshot)
+        assert_struts_show_what_acts_between_every_two_grasps(page, show, scenario, snapshot)
+    view.close()
+
+
+def assert_a_squeeze_ends_at_the_grasps_and_a_pull_leaves_them(page, show, scenario, snapshot) -> None:
     tips = snapshot.tip_position
     inwards = tips.sum(axis=0) - len(tips) * tips
     inwards /= np.linalg.norm(inwards, axis=1, keepdims=True)
-    with browser_page() as page:
-        page.goto(view.url)
-        page.wait_for_function("window.coopPin !== undefined")
-        for number, newtons in enumerate((10.0, -10.0), start=1):
-            wrench = np.zeros((len(tips), 6))
-            wrench[:, :3] = -newtons * inwards  # on the arms
-            view.show(snapshot._replace(time=0.1 * number, internal_wrench=wrench, interaction_wrench=wrench))
-            page.wait_for_function(f"Math.abs({NOW} - {0.1 * number}) < 1e-6")
-            found = page.evaluate(ARROWS)
-            for arm, tip, inward in zip(scenario.cell.arms, tips, inwards, strict=True):
-                _, head, tail = np.array(found[f"forces/{arm}/internal"][:-1]).reshape(3, 3)
-                assert_allclose(head if newtons > 0.0 else tail, tip, atol=1e-6)
-                other = tail if newtons > 0.0 else head
-                assert (other - tip) @ inward < -0.05  # outside the payload
-            assert page.locator("#tiles div").first.inner_text().split("\n")[0] == (
-                "squeeze" if newtons > 0.0 else "pull apart"
-            )
-    view.close()
+    for newtons in (10.0, -10.0):
+        wrench = np.zeros((len(tips), 6))
+        wrench[:, :3] = -newtons * inwards  # on the arms
+        show(wrench)
+        found = page.evaluate(ARROWS)
+        for arm, tip, inward in zip(scenario.cell.arms, tips, inwards, strict=True):
+            _, head, tail = np.array(found[f"forces/{arm}/internal"][:-1]).reshape(3, 3)
+            assert_allclose(head if newtons > 0.0 else tail, tip, atol=1e-6)
+            other = tail if newtons > 0.0 else head
+            assert (other - tip) @ inward < -0.05  # outside the payload
+        assert page.locator("#tiles div").first.inner_text().split("\n")[0] == (
+            "squeeze" if newtons > 0.0 else "pull apart"
+        )
 
 
-@pytest.mark.parametrize("name", [*SCENARIOS, "three-ur5-plate"])
-def test_struts_show_a_squeeze_and_a_pull_between_every_two_grasps(name):
+def assert_struts_show_what_acts_between_every_two_grasps(page, show, scenario, snapshot) -> None:
     """Tensions follow from forces towards the middle of the other tips, by the forces' components."""
-    scenario = cp.Scenario.load(name) if name == "three-ur5-plate" else SCENARIOS[name]()
-    view, snapshot = open_view(scenario), initial_scene(scenario).snapshot
     tips, arms = snapshot.tip_position, list(scenario.cell.arms)
     centre, per_metre = snapshot.payload_pose[:3, 3], LiveScene(initial_scene(scenario)).scales[0]
     pairs = [(i, j) for i in range(len(arms)) for j in range(i + 1, len(arms))]
-    with browser_page() as page:
-        page.goto(view.url)
-        page.wait_for_function("window.coopPin !== undefined")
-        for number, newtons in enumerate((10.0, -3.0), start=1):  # a pull, then a squeeze, of each strut
-            wrench = np.where(np.isnan(snapshot.interaction_wrench), np.nan, 0.0)
-            for i, j in pairs:
+    for newtons in (10.0, -3.0):  # a pull, then a squeeze, of each strut
+        wrench = np.where(np.isnan(snapshot.interaction_wrench), np.nan, 0.0)
+        for i, j in pairs:
+            u = (tips[j] - tips[i]) / np.linalg.norm(tips[j] - tips[i])
+            for end, force in ((i, newtons * u), (j, -newtons * u)):
+                wrench[end] += np.concatenate((force, np.cross(tips[end] - centre, force)))
+        show(wrench)
+        found = page.evaluate(STRUTS)
+        assert [strut[0] for strut in found] == [f"{arms[i]} to {arms[j]}" for i, j in pairs]
+        desired = snapshot.desired_internal_wrench[:, :3]
+        for (i, j), (_, tension, twist, wanted, radius, text) in zip(pairs, found, strict=True):
+            assert (tension, twist) == (pytest.approx(newtons, abs=1e-4), pytest.approx(0.0, abs=1e-4))
+            assert text.startswith("pulled apart 10 N" if newtons > 0.0 else "squeezed 3 N")
+            assert wanted < 0.0  # every cell wants a squeeze
+            if len(arms) == 2:
                 u = (tips[j] - tips[i]) / np.linalg.norm(tips[j] - tips[i])
-                for end, force in ((i, newtons * u), (j, -newtons * u)):
-                    wrench[end] += np.concatenate((force, np.cross(tips[end] - centre, force)))
-            view.show(snapshot._replace(time=0.1 * number, internal_wrench=wrench, interaction_wrench=wrench))
-            page.wait_for_function(f"Math.abs({NOW} - {0.1 * number}) < 1e-6")
-            found = page.evaluate(STRUTS)
-            assert [strut[0] for strut in found] == [f"{arms[i]} to {arms[j]}" for i, j in pairs]
-            desired = snapshot.desired_internal_wrench[:, :3]
-            for (i, j), (_, tension, twist, wanted, radius, text) in zip(pairs, found, strict=True):
-                assert (tension, twist) == (pytest.approx(newtons, abs=1e-4), pytest.approx(0.0, abs=1e-4))
-                assert text.startswith("pulled apart 10 N" if newtons > 0.0 else "squeezed 3 N")
-                assert wanted < 0.0  # every cell wants a squeeze
-                if len(arms) == 2:
-                    u = (tips[j] - tips[i]) / np.linalg.norm(tips[j] - tips[i])
-                    assert wanted == pytest.approx(desired[i] @ u, rel=1e-5)
-                assert radius == pytest.approx(0.1 * drawn_length([newtons], per_metre), rel=1e-5)
-    view.close()
+                assert wanted == pytest.approx(desired[i] @ u, rel=1e-5)
+            assert radius == pytest.approx(0.1 * drawn_length([newtons], per_metre), rel=1e-5)
 
 
 def test_saturated_links_change_their_colour_and_get_it_back():
@@ -303,15 +311,15 @@ def test_the_replay_opens_paused_plays_seeks_zooms_and_switches_layers_with_the_
         assert above[2] > 10 * abs(above[0]) + 10 * abs(above[1])
 
 
-@pytest.mark.parametrize(("name", "moves"), [("three-driven-ur5", True), ("baxter-box", False)])
-def test_names_of_arms_go_with_their_bases_and_do_not_overlap(name, moves, tmp_path):
-    result = cp.run(name, {"duration": 3.0}, warn=False)
+@pytest.mark.parametrize(("name", "end"), [("three-driven-ur5", 3.0), ("baxter-box", 0.5)])
+def test_names_of_arms_go_with_their_bases_and_do_not_overlap(name, end, tmp_path):
+    result = cp.run(name, {"duration": end}, warn=False)
     save_replay(result, tmp_path / "replay.html")
     with offline_page(tmp_path / "replay.html") as page:
         boxes = []
-        for time in (0.0, 3.0):
+        for time in (0.0, end):
             page.evaluate(f"coopPin.seek({time})")
-            page.wait_for_timeout(300)  # the labels are placed with the next frame
+            next_frame(page)
             names = [page.get_by_text(arm, exact=True).first for arm in result.scenario.cell.arms]
             boxes.append([[*each.bounding_box().values()] for each in names])
         axial, wanted = (
@@ -321,10 +329,11 @@ def test_names_of_arms_go_with_their_bases_and_do_not_overlap(name, moves, tmp_p
         tile = page.locator("#tiles div").first.inner_text().replace("−", "-").split("\n")
         assert float(tile[1].split()[0]) == pytest.approx(axial[arm], rel=0.06)
         assert float(tile[2].split()[1]) == pytest.approx(wanted[arm], rel=0.02)
-        start, end = np.array(boxes)
-        assert (np.abs(end - start)[:, :2].max(axis=1) > 5.0).tolist() == [moves] * len(start)
-        for x, y, width, _ in end:
-            others = [other for other in end if other[0] != x or other[1] != y]
+        before, after = np.array(boxes)
+        moved = np.abs(after - before)[:, :2].max(axis=1) > 5.0
+        assert moved.tolist() == [name == "three-driven-ur5"] * len(after)
+        for x, y, width, _ in after:
+            others = [other for other in after if other[0] != x or other[1] != y]
             assert all(a + w <= x or x + width <= a or abs(b - y) >= 16.0 for a, b, w, _ in others)
 
 
@@ -333,7 +342,7 @@ def test_a_name_stands_above_a_base_that_the_payload_hides_and_numbers_of_met_st
     save_replay(result, tmp_path / "replay.html")
     with offline_page(tmp_path / "replay.html", 1400, 900) as page:
         page.evaluate("coopPin.seek(2.5)")
-        page.wait_for_timeout(300)
+        next_frame(page)
         raised, pane = [], page.locator("#pane").bounding_box()
         for arm, description in result.scenario.cell.arms.items():
             camera = "coopPin.viewer.camera"
@@ -524,6 +533,7 @@ def test_the_report_plays_fits_narrow_windows_and_prints_with_the_network_off(tm
         assert not page.locator("figure.paper").is_visible()
 
 
+@pytest.mark.slow
 def test_a_report_with_events_has_at_most_four_sheets_of_a4(tmp_path):
     save_report(cp.run("adept-anchored"), tmp_path / "report.html")  # every metric applies to it
     with offline_page(tmp_path / "report.html") as page:

@@ -19,6 +19,8 @@ from coop_pin.spatial import shift_wrench
 
 QUIET = {"events": [], "duration": 10.0}
 CHANGES = {name: {} if name in CATALOGUE_CELLS else QUIET for name in cp.scenario_names()}
+QUICK_PLANTS = ["adept-paper", "adept-anchored", "five-joint-pair", "two-pandas-box", "human-partner"]
+"""Cells that run on every plant in the default tier, too: in a plane, in space, on positional rows, held."""
 LARGE_CELLS = ["baxter-box", "four-ur5-plate", "three-driven-ur5"]  # tested in test_robots
 for other in [
     "adept-paper",
@@ -34,7 +36,13 @@ for other in [
     del CHANGES[other]
 
 
-@pytest.fixture(scope="module", params=CHANGES)
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(name, marks=[pytest.mark.slow] * (name in ("panda-ur5-bar", "three-ur5-plate")))
+        for name in CHANGES
+    ],
+)
 def result(request):
     return cp.run(request.param, CHANGES[request.param])
 
@@ -255,7 +263,13 @@ def beyond_allowed_by_plant(name, duration, plants):
     return {plant: beyond_allowed(cp.run(scenario, PLANTS[plant]).data, expected) for plant in plants}
 
 
-@pytest.mark.parametrize("name", cp.scenario_names())
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK_PLANTS))
+        for name in cp.scenario_names()
+    ],
+)
 def test_every_plant_gives_the_same_run(name):
     """A start at rest on the reference is where sgn would turn rounding into torque."""
     assert beyond_allowed_by_plant(name, 0.2, ["free payload", "KKT"]) == {"free payload": {}, "KKT": {}}
@@ -273,7 +287,7 @@ cp.run(sys.argv[1], {"duration": 0.2}).save(sys.argv[2])
 """
 
 
-@pytest.mark.parametrize("kernel", ["Nehalem", "Haswell"])
+@pytest.mark.parametrize("kernel", [pytest.param("Nehalem", marks=pytest.mark.slow), "Haswell"])
 def test_another_openblas_kernel_gives_the_same_run_but_for_rounding(kernel, tmp_path):
     """What another processor does: OpenBLAS sums in another order. Where it knows no such kernel, nothing."""
     file = tmp_path / "result.nc"

@@ -17,7 +17,7 @@ import coop_pin as cp
 from coop_pin.cli import main
 from coop_pin.cli.overrides import changes, literal
 from coop_pin.cli.parsing import split_fields
-from coop_pin.cli.run import Run
+from coop_pin.cli.run import run
 from coop_pin.run_folder import RunFolder, Timing
 
 NUMBERS = ["--no-replay", "--no-figures"]
@@ -133,8 +133,7 @@ def test_a_warning_is_told_without_the_source_line_that_gave_it():
     """In a process of its own: pytest catches warnings before they are written."""
     code = "import sys, warnings\nfrom coop_pin.cli import main, parsing\n"
     code += "from coop_pin.errors import UrdfWarning\n"
-    code += "class Warns:\n    def execute(self):\n        warnings.warn('look', UrdfWarning); return 0\n"
-    code += "parsing.parse = lambda words: Warns(); sys.exit(main([]))"
+    code += "parsing.parse = lambda words: lambda: warnings.warn('look', UrdfWarning); sys.exit(main([]))"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert (ended.stdout, ended.stderr) == ("", "coop-pin: warning: look\n")
 
@@ -250,7 +249,7 @@ def test_own_words_are_told_apart_from_fields_in_any_order():
         "-h",
     ]
     own = ["run", "a.toml", "--out", "d", "--no-figures", "--quiet", "-h"]
-    assert split_fields(words, Run) == (own, {"a.b": ["1", "-2"], "c": ["3"], "flag": []})
+    assert split_fields(words, run) == (own, {"a.b": ["1", "-2"], "c": ["3"], "flag": []})
 
 
 @pytest.mark.parametrize(

@@ -245,7 +245,9 @@ def test_the_command_draws_a_root_locus(tmp_path, capsys):
 
 
 def test_the_figure_shows_every_eigenvalue_the_own_ones_and_the_bounds():
-    locus = cp.root_locus(cp.Scenario.load("adept-anchored"), "controller.gains.sliding_gain", [1.0, 3.0])
+    locus = cp.root_locus(
+        cp.Scenario.load("adept-anchored"), "controller.gains.sliding_gain", [1.0, 2.4, 2.7]
+    )
     plane, radius, _ = cp.figures.root_locus_figure(locus).axes
     assert len(plane.collections[0].get_offsets()) == sum(len(loop.z) for loop in locus.loops)
     assert len(plane.lines[1].get_xdata()) == len(locus.loops[0].z)

@@ -261,7 +261,7 @@ def test_gains_beyond_the_sampled_bound_are_not_taken(scenarios, tmp_path):
     """K of the spatial cell has T lambda over 1 along the motion, whatever the pose gain."""
     execution = cp.Execution(workers=0, quiet=True)
     none = tune_controllers(
-        scenarios[1], ["payload-pd"], out=tmp_path, generations=0, duration=0.02, execution=execution
+        scenarios[1], ["payload-pd"], out=tmp_path, generations=0, size=2, duration=0.02, execution=execution
     )
     assert none == []
     law = controllers_for(scenarios[1], ["payload-pd"], tuned=False)["payload-pd"]

@@ -298,7 +298,8 @@ def test_a_squeeze_of_20_N_at_5_kN_per_m_is_20_N(name):
     changes = {
         "duration": 0.8,
         "controller.gains.transient_rate": 15.0,
-        "controller.gains.sign_gain": 0.01,  # the deflection is a bias, which leaves k_I K b / beta
+        "controller.knows_deflection": True,  # else it is a bias, on which the integral pulls
+        "controller.zero_at_grasp": True,  # so is the deflection by the weight
         "clock.steps_per_tick": {"planar": 8, "spatial": 1}[name],
     }
     data = cp.run(scenario.replace(squeeze=squeeze, motion=motion).override(changes), warn=False).data

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import coop_pin as cp
 from coop_pin.batch import support
 from coop_pin.chain import CellChain
+from coop_pin.chain.contact_equilibrium import laid, lies
 from coop_pin.chain.contact_points import ContactPoints
 from coop_pin.description.plant import PlantOptions
 from coop_pin.errors import ArgumentError, CoopPinError, FieldError
@@ -49,7 +50,7 @@ class Bench:
         X_WP[:3, 3] += height * self.R[:, 2]
         q = self.chain.model.configuration([slot.posture for slot in self.chain.model.arms], X_WP)
         patches, model = self.chain.patches, self.chain.model
-        self.plant = Plant(self.chain, options, patches.laid(q) if patches.lies(q) else q)
+        self.plant = Plant(self.chain, options, laid(patches, q) if lies(patches, q) else q)
         self.start = int(model.model.idx_vs[model.payload_joint])
         self.zero, self.time = self._balance(), 0.0
 

@@ -323,7 +323,7 @@ def test_the_line_for_conda_names_all_requirements_but_pinocchio():
         "concepts/internal-force.md",
         "concepts/measurements.md",
         "concepts/commands.md",
-        "howto/arm.md",
+        pytest.param("howto/arm.md", marks=pytest.mark.slow),
         "howto/mechanism.md",
         "howto/scenario.md",
         "quickstart.md",

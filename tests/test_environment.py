@@ -25,7 +25,8 @@ TASKS = {
     "velocity": Task("velocity", scale=0.02),
     "velocity alone": Task("velocity", scale=0.02, law=False),
 }
-SLOW = "torque", "velocity alone"
+SLOW = {"planar": ["torque", "velocity alone"], "spatial": [*TASKS][1:]}
+"""Tasks whose code is compiled in the slow tier only."""
 GAINS = Task("gains", scale=0.5, gains=("sliding_gain", "anchor_gain"))
 
 
@@ -87,16 +88,19 @@ def test_gymnasium_finds_nothing_wrong_with_force_elements(name):
         assert np.array_equal(env.simulation.plant.q, run.plant.q)
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
 @pytest.mark.parametrize(
-    "task",
-    [pytest.param(task, marks=pytest.mark.slow) if task in SLOW else task for task in TASKS],
+    ("name", "task"),
+    [
+        pytest.param(name, task, marks=[pytest.mark.slow] * (task in SLOW[name]))
+        for name in SCENARIOS
+        for task in TASKS
+    ],
 )
 def test_lanes_are_single_runs(name, task):
     compare_lanes(with_noise(name, TASKS[task].action), TASKS[task])
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
 def test_arms_of_lanes_talk_to_each_other(name):
     """By a network that is late, loses messages and carries noise, in a single environment and in lanes."""
     network = {"delay": 1, "jitter": 1, "loss": 0.2}

@@ -1,6 +1,7 @@
 """Every example runs as a user runs it, in a folder of its own, and shows what it promises."""
 
 import ast
+import functools
 import re
 import subprocess
 import sys
@@ -9,9 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from built_once import built_once
+from test_docs import missing_names
 
 FOLDER = Path(__file__).parent.parent / "examples"
 EXAMPLES = sorted(FOLDER.glob("*.py"))
+LONG = {"compare_laws", "four_bar", "motions", "one_draw", "sweep_force_gain"}
+"""Examples of many or long runs: two thirds of the time of all. What they call runs in tests of its own."""
 README = (FOLDER.parent / "README.md").read_text(encoding="utf-8")
 
 
@@ -19,6 +23,7 @@ ALL = """
 import os, runpy, signal, sys
 from pathlib import Path
 import coop_pin as cp
+import matplotlib.font_manager  # builds its list of fonts, and says so on stderr where that takes long
 
 [getattr(cp, name) for name in cp.__all__]
 out, examples = Path(sys.argv[1]), sys.argv[2:]
@@ -40,13 +45,19 @@ for example in examples:
 """Runs each example in a process and a folder of its own, all forked from one that has imported coop_pin."""
 
 
-def run_all(folder):
-    subprocess.run([sys.executable, "-c", ALL, str(folder), *map(str, EXAMPLES)], check=True)
+def run_all(folder, examples):
+    subprocess.run([sys.executable, "-c", ALL, str(folder), *map(str, examples)], check=True)
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, marks=[pytest.mark.slow] * (path.stem in LONG), id=path.stem) for path in EXAMPLES],
+)
 def test_an_example_runs_and_shows_what_it_promises(path, tmp_path_factory):
-    folder = built_once(tmp_path_factory, "examples", run_all)
+    is_long = path.stem in LONG
+    examples = [other for other in EXAMPLES if (other.stem in LONG) == is_long]
+    build = functools.partial(run_all, examples=examples)
+    folder = built_once(tmp_path_factory, "long examples" if is_long else "examples", build)
     code, out, err = ((folder / f"{path.stem}.{kind}").read_text() for kind in ("code", "stdout", "stderr"))
     assert code == "0", err
     assert err == ""
@@ -217,7 +228,10 @@ PROMISES = {
 }
 
 
-def test_each_example_has_a_title_and_a_promise():
+def test_each_example_has_a_title_and_a_promise_and_uses_what_exists():
     assert set(PROMISES) == {path.stem for path in EXAMPLES}
     titles = [ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))).split("\n") for path in EXAMPLES]
     assert [title for title, *rest in titles if len(title) < 20 or "".join(rest[:1])] == []
+    assert {path.stem: [*missing_names(path.read_text(encoding="utf-8"))] for path in EXAMPLES} == {
+        path.stem: [] for path in EXAMPLES
+    }

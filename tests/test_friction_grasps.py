@@ -14,7 +14,7 @@ from coop_pin.build_controller import build_controller
 from coop_pin.errors import CoopPinError
 from coop_pin.results.metrics import energy_balance
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.slip import SlipSensors, slip_errors
+from coop_pin.simulation.sensing import SlipSensors, slip_errors
 from coop_pin.spatial import weight_wrench
 from coop_pin.spatial.internal_wrench import linkage_loads, virtual_linkage_internal_wrenches
 from coop_pin.viz.highlights import telling_instant
@@ -164,6 +164,7 @@ def test_a_squeeze_that_is_too_small_drops_the_payload_and_the_arms_stay(name):
     assert 0.05 < result.dropped_at < 0.2
     assert result.metrics()["dropped_at_s"] == result.dropped_at
     assert f"drops at {result.dropped_at:.3g} s" in result.verdict()
+    assert all(f"of {arm!r} slides from" in result.verdict() for arm in scenario.cell.arms)
     assert f"drops at {result.dropped_at:.3g} s" in telling_instant(result).text
     assert any("least squeeze" in warning for warning in run_warnings(scenario, build_controller(scenario)))
     assert float(data.patch_points[-1].sum()) == 0.0

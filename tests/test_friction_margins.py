@@ -13,6 +13,7 @@ from coop_pin.analysis.plausibility import implausible_numbers
 from coop_pin.batch import support
 from coop_pin.errors import CoopPinError, FieldError, InfeasibleMotionError
 from coop_pin.figures import friction_figure
+from coop_pin.results.friction import friction_text
 from coop_pin.viz.curves import cell_curves
 from coop_pin.viz.frames import run_samples
 
@@ -180,3 +181,25 @@ def test_a_squeeze_off_the_normals_is_raised_too_or_refused():
     slippery = {f"cell.grasps.{arm}.mu": 0.1 for arm in task.cell.arms}
     with pytest.raises(InfeasibleMotionError, match="friction"):  # its squeeze is 0.125 off the normals
         with_enough_squeeze(task.override(slippery))
+
+
+def test_every_patch_that_opens_or_slides_is_named_with_its_time():
+    """Left slides at 0.2 s and opens at 0.4 s, right slides at 0.3 s; both drop the crate at 0.5 s."""
+    time = np.linspace(0.0, 0.6, 7)
+    F = np.zeros((7, 2, 6))
+    F[..., 2] = 20.0
+    data = {
+        "time": time,
+        "patch_wrench": F,
+        "patch_points": 9.0 * np.stack((time < 0.35, time < 0.45), axis=1),
+        "patch_slip": 1e-3 * np.stack((time > 0.15, time > 0.25), axis=1),
+    }
+    said = friction_text(data, palms().cell)
+    parts = (
+        "at 0.5 s",
+        "of 'left' slides from 0.2 s",
+        "of 'right' slides from 0.3 s",
+        "of 'left' opens at 0.4 s",
+    )
+    assert [said.count(part) for part in parts] == [1, 1, 1, 1]
+    assert sorted(parts, key=said.index) == list(parts)

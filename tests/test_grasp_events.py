@@ -454,7 +454,9 @@ def test_a_law_that_does_not_read_the_plan_is_told(kind):
 def test_the_page_tells_what_happened_and_shows_a_free_arm():
     """The sentence on top, and the colour of an arm that holds nothing."""
     result = cp.run(scenario_with("spatial", *CYCLE), warn=False)
-    assert events_text(result) == "Right hands over and lets go at 0.04 s; right takes hold at 0.06 s."
+    assert events_text(result) == (
+        "Right hands over and lets go at 0.04 s (left holds it); right takes hold at 0.06 s (all hold it)."
+    )
     assert events_text(result) in html.unescape(replay_html(result))
     samples, cell = run_samples(result), result.scenario.cell
     frames = CellFrames(cell, CellVisuals(cell, result.scenario.plant.payload))
@@ -466,7 +468,9 @@ def test_the_page_tells_what_happened_and_shows_a_free_arm():
     assert not (codes[:, ~np.array(right)] == FREE).any()
     near = cp.Regrasp(time=0.06, arm="right", duration=0.02, tolerance=1e-9)
     missed = events_text(cp.run(scenario_with("spatial", CYCLE[0], near), warn=False))
-    assert missed.startswith("Right hands over and lets go at 0.04 s. Grasp by 'right' at 0.06 s did not")
+    assert missed.startswith(
+        "Right hands over and lets go at 0.04 s (left holds it). Grasp by 'right' at 0.06 s did not"
+    )
     lost = cp.run(scenario_with("spatial", cp.LoseArm(time=0.01, arm="left"), duration=0.02), warn=False)
     assert events_text(lost) == "Left fails at 0.01 s (limp)."
 

@@ -26,7 +26,9 @@ def run_moments(scenario, start=0.0):
     return data.time.values, np.linalg.norm(error, axis=-1).max(axis=1)
 
 
-@pytest.mark.parametrize("arms", POSITIONAL)
+@pytest.mark.parametrize(
+    "arms", [pytest.param(arms, marks=[pytest.mark.slow] * ("six" in arms)) for arms in POSITIONAL]
+)
 def test_the_moment_that_no_row_controls_is_that_of_a_run(arms):
     scenario = short(carry("positional", POSITIONAL[arms], by=(0.0, 0.03, 0.05), rows="positional"))
     suggestion = cp.suggest(scenario, poses=21)
@@ -39,7 +41,7 @@ def test_the_moment_that_no_row_controls_is_that_of_a_run(arms):
     assert any(line.startswith("internal moment") for line in suggestion.limits)
 
 
-@pytest.mark.parametrize("arms", ["two of five joints", "six and five"])
+@pytest.mark.parametrize("arms", ["two of five joints", pytest.param("six and five", marks=pytest.mark.slow)])
 def test_the_torques_on_positional_rows_are_those_of_a_run_and_the_drives_hold_the_spring(arms):
     """At rest, where the closures hold the spare joints against springs and squeeze."""
     scenario = short(carry("positional", POSITIONAL[arms], by=(0.0, 0.05, 0.15), rows="positional"))

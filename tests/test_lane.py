@@ -75,11 +75,11 @@ def test_a_lane_is_the_run_on_pinocchio(name):
 
 
 def test_other_gains_need_no_other_code(tmp_path, monkeypatch):
-    from coop_pin.batch import traced_code
+    from coop_pin.batch import schedule
 
-    made, original = [], traced_code.TickCode
+    made, original = [], schedule.TickCode
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(traced_code, "TickCode", lambda *a, **b: made.append(a) or original(*a, **b))
+    monkeypatch.setattr(schedule, "TickCode", lambda *a, **b: made.append(a) or original(*a, **b))
     for gain in (0.05, 0.13, 0.2):
         changes = {"duration": 0.2, "events": [], "controller.gains.sign_gain": gain}
         scenario = cp.Scenario.load("adept-anchored", changes)
@@ -128,8 +128,7 @@ def test_a_lane_in_parts_is_the_run_on_pinocchio(case, every, monkeypatch):
     ramp = {"kind": "ramp", "start": tables[0], "goal": tables[1], "duration": 0.1, "start_time": 25 * period}
     scenario = scenario.override({"squeeze": ramp})
     run, whole = lane.Lane(scenario), finished(scenario, "pinocchio")
-    kinds = [family.first.kind for family in lane._simulator._families]
-    assert run._prepared.kind not in kinds
+    lane._simulator._families.clear()
     gc.collect()  # the machine's memory with it, if nothing else held it
     result = run.run()
     require_same_samples(result.data, whole.data)
@@ -220,9 +219,10 @@ def test_auto_chooses_by_length_law_and_what_happens_at_ticks():
         assert choose_engine(scenario, is_live=is_live)[:2] == expected
 
 
-def test_auto_takes_compliant_grasps_and_leaves_their_events_to_pinocchio():
+def test_auto_takes_compliant_grasps_and_leaves_their_events_to_single_runs():
     assert choose_engine(cp.Scenario.load("adept-compliant"))[0] == "batch"
-    assert choose_engine(cp.Scenario.load("three-ur5-handover"))[:2] == ("pinocchio", "plant")
+    assert choose_engine(cp.Scenario.load("three-ur5-handover"))[:2] == ("traced", "plant")
+    assert choose_engine(cp.Scenario.load("human-partner"))[:2] == ("pinocchio", "plant")
 
 
 def test_auto_runs_what_it_chooses():

@@ -22,7 +22,10 @@ CELLS = {
 }
 
 
-@pytest.fixture(scope="module", params=CELLS)
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(name, marks=[pytest.mark.slow] * (name == "three")) for name in CELLS],
+)
 def made(request):
     arms, options = CELLS[request.param]
     return request.param, cp.new_cell(arms, name=request.param, **options)

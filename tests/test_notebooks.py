@@ -1,12 +1,14 @@
 """Every notebook runs from top to bottom, has no outputs in the repository, and equals its .py twin."""
 
 import ast
+import asyncio
 import importlib
 from pathlib import Path
 
 import jupytext
 import nbformat
 import pytest
+from jupyter_client import AsyncKernelManager
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
 from nbformat import v4
@@ -26,15 +28,42 @@ SHORT = {
 """Short mode: the source of the cell tagged "parameters"; notebooks not listed here are short already."""
 
 
-def run(notebook, folder):
-    """Execute a notebook from top to bottom in a folder of its own; the first cell that fails raises."""
-    NotebookClient(
-        notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": folder}}
-    ).execute()
+@pytest.fixture(scope="module")
+def kernel():
+    """A kernel that runs one notebook after the other: to start it takes as long as to run a short one."""
+    manager = AsyncKernelManager(kernel_name="python3")
+    yield manager
+    asyncio.run(manager.shutdown_kernel(now=True))
 
 
-def assert_it_runs_and_shows_its_replay(notebook, folder):
-    run(notebook, folder)
+AFRESH = """
+%reset -f
+import os
+from matplotlib import pyplot
+pyplot.close("all")
+os.chdir({folder!r})
+"""
+
+
+def run(notebook, folder, kernel=None):
+    """Execute a notebook from top to bottom in a folder of its own; the first cell that fails raises.
+
+    A kernel that is given forgets all names first; without one, a new kernel is started and ended.
+    """
+    if kernel is None:
+        NotebookClient(notebook, timeout=300, resources={"metadata": {"path": folder}}).execute()
+        return
+    afresh = v4.new_notebook(cells=[v4.new_code_cell(AFRESH.format(folder=str(folder)))])
+    for each in (afresh, notebook):
+        client = NotebookClient(each, km=kernel, timeout=300)
+        try:
+            client.execute()
+        finally:
+            client.kc.stop_channels()
+
+
+def assert_it_runs_and_shows_its_replay(notebook, folder, kernel=None):
+    run(notebook, folder, kernel)
     outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
     assert not [output for output in outputs if output.get("name") == "stderr"]
     shown = [output.data for output in outputs if "data" in output]
@@ -54,8 +83,8 @@ def in_short(path):
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_runs_in_its_short_mode_and_shows_its_replay(path, tmp_path):
-    assert_it_runs_and_shows_its_replay(in_short(path), tmp_path)
+def test_a_notebook_runs_in_its_short_mode_and_shows_its_replay(path, tmp_path, kernel):
+    assert_it_runs_and_shows_its_replay(in_short(path), tmp_path, kernel)
 
 
 @pytest.mark.slow
@@ -66,12 +95,12 @@ def test_a_notebook_runs_at_its_full_length(name, tmp_path):
     )
 
 
-def test_a_notebook_that_fails_is_caught(tmp_path):
+def test_a_notebook_that_fails_is_caught(tmp_path, kernel):
     """Without this the tests above would prove nothing."""
     cells = [v4.new_code_cell(code) for code in ("print('so far')", "assert 1 == 2", "print('not reached')")]
     notebook = v4.new_notebook(cells=cells)
     with pytest.raises(CellExecutionError):
-        run(notebook, tmp_path)
+        run(notebook, tmp_path, kernel)
     assert notebook.cells[0].outputs[0].text == "so far\n"
     assert notebook.cells[2].execution_count is None
 

@@ -313,7 +313,7 @@ def test_zero_at_grasp_undoes_a_bias_that_is_fixed_in_the_tip(name):
 
     fields = {"payload_weight": np.ones(rows.size), "anchor_gain": 0.1, "force_gain": 0.0}
     plain = law(rows, **fields)
-    zeroed = ZeroedController(rows, law(rows, **fields), true[0])
+    zeroed = ZeroedController(law(rows, **fields), rows, true[0])
     commands = []
     for controller, offset in ((plain, np.eye(4)), (zeroed, G)):
         state = controller.init(*seen(0.0, true[0], offset))

@@ -1,5 +1,7 @@
 """Results: the dataset has what its table declares; axial, shear and moment follow their definitions."""
 
+import io
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -195,6 +197,18 @@ def copied(path, **sizes):
 
 
 MB = 1_000_000
+
+
+def test_files_have_what_xarray_writes():
+    """Also coordinates besides dimensions, texts, and dimensions without a variable."""
+    names = {"case": ("run", ["a", "b", "\u00e4"]), "run": [3, 1, 2]}
+    variables = {"x": (("run", "axis"), np.arange(6.0).reshape(3, 2), {"units": "m"}), "y": ((), True)}
+    data = xr.Dataset(variables, names, {"title": "t"})
+    ours, theirs = (
+        xr.load_dataset(io.BytesIO(bytes(content)), engine="h5netcdf")
+        for content in (netcdf.written_netcdf(data).getbuffer(), data.to_netcdf(engine="h5netcdf"))
+    )
+    assert ours.identical(theirs)
 
 
 @pytest.mark.parametrize(

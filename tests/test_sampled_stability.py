@@ -311,7 +311,8 @@ def test_along_the_motion_the_steps_are_those_of_the_pose_that_asks_for_most(cel
     assert_allclose(found.value, steps_of(moved).value, rtol=1e-6)
 
 
-@pytest.mark.parametrize(("seed", "number"), [(1, 17), pytest.param(2, 19, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "number"), [(1, 17), (2, 19)])
 def test_a_proposal_has_steps_for_the_friction_along_the_motion(seed, number):
     """Two random cells in which joint 1 or 3 of an xArm7 turns back on its way: energy came from nothing."""
     scenario = cp.suggest(random_cell(seed, number), poses=21).scenario

@@ -437,7 +437,6 @@ def test_what_a_cell_cannot_do_is_named_before_a_run(six):
         == "limits"
     )
     assert refused(six.override({"cell.payload.mass": 200.0})) == "torque"
-    assert refused(carry("so100", [SO100] * 2)) == "rank"
 
 
 def test_suggest_and_check_say_the_proposal(six, suggestion, tmp_path, capsys):

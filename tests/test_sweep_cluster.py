@@ -169,6 +169,7 @@ def test_a_scheduler_with_tls_gives_the_bits_of_a_single_process(tmp_path, elsew
     assert (tmp_path / "there" / "table.csv").read_bytes() == (tmp_path / "here" / "table.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_workers_elsewhere_load_edited_code_anew_for_every_sweep(tmp_path, elsewhere, code, monkeypatch):
     monkeypatch.syspath_prepend(code)
     peaks = []
@@ -179,6 +180,7 @@ def test_workers_elsewhere_load_edited_code_anew_for_every_sweep(tmp_path, elsew
     assert peaks == [1.0, 2.0]
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_is_killed_is_a_typed_error_and_no_finished_run_is_lost(tmp_path, elsewhere):
     """The last test of this scheduler."""
 
@@ -265,7 +267,9 @@ def test_what_is_no_address_is_refused_at_its_field(tmp_path, address):
         cp.sweep("adept-paper", out=tmp_path, execution=cp.Execution(scheduler=address, quiet=True))
 
 
-@pytest.mark.parametrize("address", ["no-such-host.invalid:8786", "tcp://127.0.0.1:9"])
+@pytest.mark.parametrize(
+    "address", ["no-such-host.invalid:8786", pytest.param("tcp://127.0.0.1:9", marks=pytest.mark.slow)]
+)
 def test_where_no_scheduler_answers_the_error_is_typed(tmp_path, address):
     nowhere = Elsewhere(address, None, os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)})
     said = nowhere.sweep(EDITED.replace(changes=SHORT), tmp_path / "out")

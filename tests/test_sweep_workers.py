@@ -122,7 +122,7 @@ KINDS = {
 @pytest.mark.parametrize(
     "modes",
     [
-        ("hang", "exit", "memory", "KeyboardInterrupt", "none"),
+        ("hang", "exit", "memory", "none"),
         pytest.param(tuple(KINDS) * 2, marks=pytest.mark.slow),
     ],
 )
@@ -273,6 +273,7 @@ def test_workers_end_with_their_parent_however_it_ends():
     assert psutil.wait_procs(children, timeout=30)[1] == []
 
 
+@pytest.mark.slow
 def test_a_worker_stopped_for_ever_is_killed_at_its_time_limit_and_its_run_repeated(tmp_path):
     laws = {"stops": law("stop once", marker=str(tmp_path / "stopped")), "runs": law("none")}
     plan = SweepPlan(

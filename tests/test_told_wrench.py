@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from batches import require_same_samples
+from cells import SCENARIOS
 from numpy.testing import assert_allclose
 from test_network import BIASED, CELLS, Silent, samples
 
@@ -18,9 +19,8 @@ from coop_pin.control import (
     ControlledArm,
     estimator_radius,
 )
-from coop_pin.control.averaged_wrench import AveragedState
-from coop_pin.control.consensus import MeanGains, averaged_loop_radius, graph_eigenvalues
-from coop_pin.control.force_path import ConsensusForcePath
+from coop_pin.control.averaged_wrench import AveragedState, ConsensusForcePath, averaged_loop_radius
+from coop_pin.control.consensus import graph_eigenvalues
 from coop_pin.control.mean_pose import ConsensusState
 from coop_pin.description.network import edges_of
 from coop_pin.errors import FieldError, ScenarioError
@@ -95,7 +95,7 @@ def test_pi_consensus_converges_at_its_rate_from_any_state(arms):
     """The property of Freeman, Yang and Lynch: no error of constants, from any state of the estimators."""
     laws, *ring = arms_on_a_ring(arms, lambda arm: AveragedWrench(Silent(), arm, GAINS, arms))
     errors = mean_errors(laws, *ring, 600)
-    radius = estimator_radius(graph_eigenvalues(*ring[1:]), MeanGains(0.2, 0.25, 0.2))
+    radius = estimator_radius(graph_eigenvalues(*ring[1:]), GAINS)
     tail = errors[(errors > 1e-9) & (np.arange(600) > 60)]
     assert_allclose((tail[-1] / tail[0]) ** (1.0 / (len(tail) - 1)), radius, rtol=0.005)
     assert errors[-1] < 1e-9
@@ -108,9 +108,8 @@ def test_pi_consensus_is_stable_where_its_modes_are(delay):
     low, high = 0.0, 2.0
     for _ in range(40):
         k = (low + high) / 2.0
-        low, high = (
-            (k, high) if estimator_radius(eigenvalues, MeanGains(0.2, k, 0.4 * k, delay)) < 1.0 else (low, k)
-        )
+        path = GAINS.replace(proportional_gain=k, integral_gain=0.4 * k)
+        low, high = (k, high) if estimator_radius(eigenvalues, path, delay) < 1.0 else (low, k)
     for part, decays in ((0.97, True), (1.03, False)):
         path = GAINS.replace(proportional_gain=part * low, integral_gain=part * 0.4 * low)
         laws, *ring = arms_on_a_ring(4, lambda arm, path=path: AveragedWrench(Silent(), arm, path, 4))
@@ -214,10 +213,10 @@ def test_the_anchor_on_means_has_its_own_bound(cell, delay):
     even = {"cell.load_shares": dict.fromkeys(arms, 1.0 / 3.0), "controller.anchor_bias": "none"}
     scenario = scenario.override({"network.delay": delay, "sensors.wrist.delay": 1} | even)
     eigenvalues = graph_eigenvalues(scenario.network.edges_at(0.0, arms), arms)
-    gains, low, high = MeanGains(0.2, 0.15, 0.1, delay), 0.0, 2.0
+    path, low, high = scenario.controller.force_path, 0.0, 2.0
     for _ in range(40):
         g = (low + high) / 2.0
-        stable = averaged_loop_radius(eigenvalues, gains, anchor_gain=g, delay=1) < 1.0
+        stable = averaged_loop_radius(eigenvalues, path, delay, anchor_gain=g, wrist_delay=1) < 1.0
         low, high = (g, high) if stable else (low, g)
     assert_allclose(low, {0: 1.027, 2: 0.901}[delay], atol=1e-3)
     below, above = (
@@ -296,3 +295,22 @@ def test_they_need_a_network_and_wrists():
     for missing in ({"network": None}, {"sensors.wrist": None}):
         with pytest.raises(ScenarioError, match=r"network|wrist"):
             in_a_line("three planar", {"kind": "consensus"}, **missing)
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_a_told_law_commands_velocities_and_remarks_like_the_law_itself(cell):
+    scenario = SCENARIOS[cell]()
+    law = {"kind": "admittance", "force_path": {"kind": "learned-load"}, "zero_at_grasp": True}
+    servo = {"command": "velocity", "rate_hz": scenario.clock.rate_hz}
+    told = scenario.replace(
+        events=(),
+        duration=0.02,
+        beyond_bound=True,
+        network={},
+        sensors={"wrist": {}},
+        actuators={"servo": servo},
+        controller=law,
+    )
+    result = cp.run(told, warn=False)
+    assert {build_controller(told).commands_of(arm) for arm in told.cell.arms} == {"velocity"}
+    assert result.data.attrs[result.REMARKS].count("it has learned a payload") == len(told.cell.arms)

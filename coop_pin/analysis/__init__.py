@@ -45,6 +45,7 @@ from coop_pin.analysis.steady_errors import SteadyErrors, anchor_biases, steady_
 from coop_pin.analysis.step_size import StepSize, fewest_steps
 from coop_pin.analysis.step_stability import StepStability, step_stability
 from coop_pin.analysis.suggestion import Suggestion, suggest
+from coop_pin.analysis.table_force import TableForce, table_force
 from coop_pin.analysis.task_inertia import MotionWrenches, TaskInertia, motion_wrenches, task_inertia
 from coop_pin.analysis.tuning_rule import GainProposal, gain_proposal
 
@@ -77,6 +78,7 @@ __all__ = [
     "StepSize",
     "StepStability",
     "Suggestion",
+    "TableForce",
     "TaskInertia",
     "Unreachable",
     "admittance_stability",
@@ -118,6 +120,7 @@ __all__ = [
     "steady_errors",
     "step_stability",
     "suggest",
+    "table_force",
     "task_inertia",
     "theorem_monitor",
 ]

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from coop_pin.analysis.bisection import factor_edge
 from coop_pin.analysis.modes import NEUTRAL
 from coop_pin.arrays import Array, typed
 from coop_pin.chain.cell_chain import CellChain
@@ -16,7 +17,8 @@ from coop_pin.errors import ArgumentError
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.spatial import spatial_inertia
 
-_BISECTIONS = 30
+_ERROR = 1e-8
+"""Accuracy of the least damping, as a part of it."""
 _STIFFEST = 1e3
 """A damping that may be divided by it counts as without a bound."""
 
@@ -98,13 +100,10 @@ def admittance_stability(scenario: Scenario) -> AdmittanceStability:
     def radius(factor: float) -> float:
         return _radius(_tick_matrix(scenario, arms, factor))
 
-    low, high = 1.0 / _STIFFEST, _STIFFEST
-    if radius(low) < 1.0:
+    if radius(1.0 / _STIFFEST) < 1.0:
         return AdmittanceStability(radius(1.0), 0.0)
-    for _ in range(_BISECTIONS):
-        middle = float(np.sqrt(low * high))
-        low, high = (low, middle) if radius(middle) < 1.0 else (middle, high)
-    return AdmittanceStability(radius(1.0), high)
+    least = factor_edge(lambda factor: radius(factor) < 1.0, _STIFFEST, 1.0 / _STIFFEST, _ERROR)
+    return AdmittanceStability(radius(1.0), least)
 
 
 def _arms(scenario: Scenario) -> _Arms:

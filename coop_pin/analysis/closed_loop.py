@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from coop_pin.analysis.modes import NEUTRAL, Mode
 from coop_pin.analysis.tick_map import MEMORY, TickMap
 from coop_pin.arrays import Array, as_number, typed
-from coop_pin.build_controller import build_controller, controlled_arm
+from coop_pin.build_controller import build_controller
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import Sensors
 from coop_pin.errors import ArgumentError, OutOfRangeError
@@ -116,11 +116,11 @@ def eigenvalues(scenario: Scenario, *, time: float = 0.0) -> ClosedLoop:
         raise OutOfRangeError("time", time, "at least 0 and finite")
     period = scenario.clock.period
     smooth, arms = _smooth(scenario), list(scenario.cell.arms)
-    age = max(controlled_arm(smooth, name).oldest_wrench for name in arms)
+    age = smooth.oldest_wrench
     cycles = [wrist.every for wrist in smooth.wrists]
     if (network := smooth.network) is not None:
         age += network.oldest_of(arms, smooth.clock)
-        cycles += [network.channel(edge).ticks_per_message(smooth.clock) for edge in network.edges(arms)]
+        cycles += [smooth.clock.ticks_between(network.channel(edge).rate_hz) for edge in network.edges(arms)]
     N, before = int(np.lcm.reduce(cycles or [1])), int(np.ceil(time / period - NEUTRAL)) + age + 2
     smooth = smooth.replace(duration=(before + N + 1) * period)
     simulation = Simulation(smooth, build_controller(smooth))

@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from coop_pin.analysis.bisection import factor_edge
 from coop_pin.analysis.modes import NEUTRAL
-from coop_pin.analysis.sampled_motion import sampled_motion
+from coop_pin.analysis.sampled_motion import closed_tick, sampled_motion
 from coop_pin.analysis.sampled_stability import SampledStability, start_stability
 from coop_pin.analysis.step_stability import plant_matrix
 from coop_pin.arrays import Array, typed
@@ -167,7 +168,7 @@ class _GraspLoop:
         low = high = _STIFFEST
         while low > 1.0 and self._is_stable(low):
             low, high = low / _STRIDE, low
-        return math.inf if low == _STIFFEST else self._edge(low, high)
+        return math.inf if low == _STIFFEST else self._edge(high, low)
 
     def widest_window(self, below: float) -> tuple[float, float] | None:
         """Return the widest range of factors from 1 to another in which the motion does not grow; or None.
@@ -180,20 +181,17 @@ class _GraspLoop:
         for low, high in itertools.pairwise(factors):
             was, stays = self._is_stable(low), self._is_stable(high)
             if stays and not was:
-                start = self._edge(low, high)
+                start = self._edge(high, low)
             if was and not stays:
-                windows.append((start, self._edge(high, low)))
+                windows.append((start, self._edge(low, high)))
         return max(windows, key=lambda window: window[1] / window[0], default=None)
 
     def _is_stable(self, factor: float) -> bool:
         return self.radius(factor) < 1.0 + NEUTRAL
 
-    def _edge(self, unstable: float, stable: float) -> float:
+    def _edge(self, stable: float, unstable: float) -> float:
         """Return the stable side of the edge between two factors."""
-        while max(stable / unstable, unstable / stable) > 1.0 + _FACTOR_ERROR:
-            middle = math.sqrt(unstable * stable)
-            unstable, stable = (unstable, middle) if self._is_stable(middle) else (middle, stable)
-        return stable
+        return factor_edge(self._is_stable, stable, unstable, _FACTOR_ERROR)
 
     def radius(self, stiffer: float) -> float:
         """Return the largest ``|z|`` with the stiffness times a factor, at the same damping ratios."""
@@ -201,14 +199,8 @@ class _GraspLoop:
         turn = np.kron(np.eye(2), basis.T @ self._N)  # both are bases of the same motions
         A, n = turn.T @ A @ turn, len(A) // 2
         springs = np.repeat((stiffer, math.sqrt(stiffer)), n)  # wrenches of springs, and of dampers
-        G, H = self._law + springs * self._by_wrench
-        basis, singular, _ = np.linalg.svd(H)
-        U = basis[:, singular > NEUTRAL * np.abs(G).max()]
-        free, by_u = _held(A, self._simulation.scenario)
-        feedback = np.hstack((G, np.zeros((n, n)), U))
-        kept = np.hstack((U.T @ H, np.zeros((U.shape[1], n)), np.eye(U.shape[1])))
-        motion = np.hstack((free, np.zeros((3 * n, U.shape[1])))) + by_u @ feedback
-        return float(np.abs(np.linalg.eigvals(np.vstack((motion, kept)))).max())
+        tick = closed_tick(*_held(A, self._simulation.scenario), *(self._law + springs * self._by_wrench))
+        return float(np.abs(np.linalg.eigvals(tick)).max())
 
 
 def _held(A: Array, scenario: Scenario) -> tuple[Array, Array]:

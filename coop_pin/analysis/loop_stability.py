@@ -6,10 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from coop_pin.analysis.bisection import edge
 from coop_pin.analysis.modes import NEUTRAL, Mode
 from coop_pin.analysis.reachability import Reachability
 from coop_pin.analysis.sampled_motion import SampledMotion, sampled_motion
-from coop_pin.analysis.sampled_stability import configurations_along
+from coop_pin.analysis.sampled_stability import start_and_later
 from coop_pin.arrays import typed
 from coop_pin.simulation import Simulation
 
@@ -100,11 +101,8 @@ def loop_stability(simulation: Simulation, cell_reach: Reachability | None = Non
         ArgumentError: a grasp is compliant.
     """
     simulation.scenario.cell.require_rigid("loop_stability")
-    poses = [(0.0, simulation.plant.q)]
-    if cell_reach is not None:
-        poses += configurations_along(simulation, cell_reach, _POSES)[1:]
     stabilities, bound = list[LoopStability](), _LARGEST_LAG
-    for time, q in poses:
+    for time, q in start_and_later(simulation, cell_reach, _POSES):
         stabilities.append(_stability(simulation, sampled_motion(simulation, q, time), bound))
         bound = stabilities[-1].largest_lag
     worst = max(stabilities, key=lambda stability: stability.radius)
@@ -144,7 +142,4 @@ def _largest_lag(motion: SampledMotion, lag: float, bound: float) -> float:
         return high
     if not is_stable(low):
         return 0.0
-    while high - low > _LAG_ERROR:
-        middle = (low + high) / 2.0
-        low, high = (middle, high) if is_stable(middle) else (low, middle)
-    return low
+    return edge(is_stable, low, high, _LAG_ERROR)

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from coop_pin.analysis.reachability import Reachability
-from coop_pin.analysis.task_inertia import motion_wrenches
+from coop_pin.analysis.table_force import TABLE_ERROR, table_force
+from coop_pin.analysis.task_inertia import MotionWrenches, motion_wrenches
 from coop_pin.analysis.tuning_rule import (
     GainProposal,
     anchor_of,
     control_rates,
     damped,
     expected_internal_errors,
+    force_path_of,
     posture_gains,
     rounded_down,
     sampled_damping,
@@ -22,9 +24,9 @@ from coop_pin.analysis.tuning_rule import (
     squeeze_rate,
 )
 from coop_pin.arrays import Array, typed
+from coop_pin.control.law import PostureGains
 from coop_pin.control.payload_space import PayloadSpace, PayloadSpaceGains
-from coop_pin.control.switching import Saturation
-from coop_pin.description.cell import Cell
+from coop_pin.control.sliding_surface import Saturation
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.spatial import spatial_inertia, weight_wrench
@@ -36,6 +38,9 @@ _INTEGRAL, _FASTEST, _SLOWEST = 0.4, 0.1, 0.025
 """k_I, and the largest and smallest gamma, as parts of lambda_min(A^-1 G)."""
 _TRACKED = 5e-6
 """Error to expect while moving for which gamma is not raised, m: the force of a bias goes with it."""
+_LESS, _AIM = 0.98, 0.95
+"""Factor by which K, gamma and k_I are lowered at a time for a table, or more: its force has their product;
+and the part of the allowed force to which: a lower g, which patches may ask for, adds some."""
 _TRANSIENT = 2.0
 """Least kappa as a multiple of gamma: with kappa = gamma an error of the start stays longest."""
 _INSTANTS = 21
@@ -85,7 +90,11 @@ def turn_matrix(rows: TaskRows, X_WP: Array) -> Array:
 
 @typed
 def own_inertia_proposal(
-    scenario: Scenario, cell_reach: Reachability, *, least_stiffness: float = 0.0
+    scenario: Scenario,
+    cell_reach: Reachability,
+    *,
+    least_stiffness: float = 0.0,
+    table_error: float = TABLE_ERROR,
 ) -> GainProposal:
     """Return gains with which every arm alone is stable, so that no grasp is too soft for the damping.
 
@@ -98,35 +107,52 @@ def own_inertia_proposal(
     gamma is lower, down to 0.025 lambda_min, where the motion asks for less: a bias leaves a force in
     proportion to it.
     The bound of the anchor bears the deflection besides its usual bias, and the layer twice of that.
+    Where a table takes the load, there is no bound, and kappa is lowered until the largest ``table_force``
+    is below 4/3 of the weight.
 
     Args:
         scenario: Cell, motion, sensors and clock.
         cell_reach: Reachability of the scenario, in which every arm holds the start.
         least_stiffness: Stiffness of the posture's spring, N m/rad.
+        table_error: Height by which a table may be higher than planned, m.
     """
-    inertia = own_inertia(scenario, cell_reach)
+    inertia, part = own_inertia(scenario, cell_reach), 1.0
+    wrenches = cache(partial(motion_wrenches, scenario, cell_reach))
     for rate in control_rates(scenario):
-        proposal = _at_rate(scenario, cell_reach, inertia, rate, least_stiffness)
+        posture = posture_gains(scenario, cell_reach, 1.0 / rate, least_stiffness)
+        proposal = _at_rate(scenario, inertia, rate, posture, wrenches(posture))
         if proposal.is_accurate:
             break
+    while (use := _table_use(scenario, proposal, table_error)) > _AIM:
+        part *= min(_LESS, (_AIM / use) ** (1.0 / 3.0))
+        proposal = _at_rate(scenario, inertia, rate, posture, wrenches(posture), part)
     return proposal
 
 
+def _table_use(scenario: Scenario, proposal: GainProposal, table_error: float) -> float:
+    """Return the force on the table of a put-down as ``TableForce.use``; 0 without one."""
+    assert proposal.law is not None
+    law, clock = proposal.law.replace(force_path=force_path_of(scenario)), scenario.clock
+    planned = scenario.replace(controller=law, clock=clock.replace(rate_hz=proposal.rate_hz))
+    force = table_force(planned, table_error=table_error, lag=proposal.tracking)
+    return 0.0 if force is None else force.use
+
+
 def _at_rate(
-    scenario: Scenario, cell_reach: Reachability, inertia: OwnInertia, rate: float, least_stiffness: float
+    scenario: Scenario,
+    inertia: OwnInertia,
+    rate: float,
+    posture: PostureGains,
+    needed: MotionWrenches,
+    part: float = 1.0,
 ) -> GainProposal:
-    """Return the gains at a control rate, and the errors to expect on rigid grasps."""
+    """Return the gains at a control rate and a part of kappa, and the errors to expect on rigid grasps."""
     T, lag, cell, first = 1.0 / rate, slowest_lag(scenario), scenario.cell, inertia.arms[:, 0]
     alone = float(np.linalg.eigvals(np.linalg.solve(inertia.arms, first[:, None])).real.max())
-    G = rounded_down(min(_KAPPA, _ALONG / alone) / (T + 2.0 * lag)) * first
+    G = rounded_down(part * min(_KAPPA, _ALONG / alone) / (T + 2.0 * lag)) * first
     rates = np.linalg.eigvals(np.linalg.solve(inertia.cell, G.sum(axis=0))).real
     lambda_min, fastest = float(rates.min()), float(rates.max())
-    posture = posture_gains(scenario, cell_reach, T, least_stiffness)
-    needed, Q = (
-        motion_wrenches(scenario, cell_reach, posture),
-        turn_matrix(cell.task_rows, scenario.start.matrix),
-    )
-    linear = np.array(cell.task_rows.indices) < 3
+    Q, linear = turn_matrix(cell.task_rows, scenario.start.matrix), np.array(cell.task_rows.indices) < 3
 
     def tracking(gamma: float, k_I: float) -> float:
         x = needed.tracking(Q @ G.sum(axis=0) @ Q.T, gamma, k_I)
@@ -179,9 +205,10 @@ def _law(
         gains=next(iter(arm_gains.values())),
         arm_gains=arm_gains,
         switching=Saturation(width=width),
-        anchor_bias=b_0,
+        anchor_bias="none" if scenario.put_downs else b_0,
         anchor_bias_answered=b_max,
         gain_axes="payload",
+        knows_deflection=bool(cell.compliant) and getattr(scenario.controller, "zero_at_grasp", False),
     )
 
 
@@ -202,10 +229,10 @@ def deflection_bias(scenario: Scenario, G: Array) -> tuple[float, float]:
     rows, linkage = cell.task_rows, scenario.grasp_plan_at(0.0).linkage
     parts = cell.shares[:, None, None] * np.eye(6) if linkage is None else linkage
     C, weight = (
-        np.array([_compliance(cell, name) for name in cell.arms]),
+        np.array([cell.compliance(name) for name in cell.arms]),
         weight_wrench(cell.payload.mass, cell.gravity),
     )
-    is_zeroed, seen = getattr(scenario.controller, "zero_at_grasp", False), list[Array]()
+    is_zeroed, seen = scenario.controller.is_zeroed, list[Array]()
     for time in np.linspace(0.0, scenario.duration, _INSTANTS).tolist():
         R = (motion.at(time).X_WP_d if time else scenario.start.matrix)[:3, :3]
         force = parts @ np.concatenate((R.T @ weight[:3], R.T @ weight[3:]))
@@ -216,16 +243,3 @@ def deflection_bias(scenario: Scenario, G: Array) -> tuple[float, float]:
     off = b - np.linalg.solve(G.sum(axis=0), np.einsum("ijk,tik->tj", G, b).T).T[:, None]
     sizes = np.linalg.norm(rows.expand(off).reshape(*off.shape[:2], 2, 3), axis=-1).max(axis=(0, 1))
     return float(sizes[0]), float(sizes[1])
-
-
-def _compliance(cell: Cell, name: str) -> Array:
-    """Return C, displacement about P in payload axes by a wrench there, m/N and rad/(N m), shape (6, 6)."""
-    if name in cell.compliant:
-        X, K = cell.compliant[name].matrix, np.array(cell.compliant[name].stiffness)
-    elif name in cell.patches:
-        grasp = cell.patches[name]
-        X, K = grasp.matrix @ grasp.plane, np.array(grasp.stiffnesses)
-    else:
-        return np.zeros((6, 6))
-    A = pin.SE3(X).toActionMatrix()  # of twists, from grasp to payload axes
-    return A @ np.diag(1.0 / K) @ A.T

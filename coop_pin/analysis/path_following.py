@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from coop_pin.analysis.bisection import edge
 from coop_pin.arrays import Array, frozen
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.chain.ik_solver import IKSolver
@@ -16,7 +17,8 @@ from coop_pin.errors import UnreachablePoseError
 from coop_pin.model.cell_arm import CellArm
 
 _APPROACH_POSES = 20
-_BISECTIONS = 20
+_PART_ERROR = 2.0**-20
+"""Accuracy of the edge of the reach between two poses, as a part of the way."""
 _TURN_STEPS, _CLOSED = 30, 1e-9
 """Largest number of Newton steps from pose to pose, and the error that they leave, m or rad."""
 _PROBES, _RESTING = 401, 0.1
@@ -235,13 +237,12 @@ class PathFollowing:
     def _last_reached(self, first: int) -> float:
         """Return the last time before an unreachable pose at which the arm still follows, by bisection, s."""
         before, after = (self._solver.tip_target(self._path.poses[index]) for index in (first - 1, first))
-        reached, missed, q = 0.0, 1.0, self.q[first - 1]
-        for _ in range(_BISECTIONS):
-            part = (reached + missed) / 2.0
+
+        def is_reached(part: float) -> bool:
             target = pin.SE3.Interpolate(before, after, part)
-            is_reached = self._solver.follow_step(before, target, q).is_closed
-            reached, missed = (part, missed) if is_reached else (reached, part)
-        return self._time_between(first - 1, reached)
+            return self._solver.follow_step(before, target, self.q[first - 1]).is_closed
+
+        return self._time_between(first - 1, edge(is_reached, 0.0, 1.0, _PART_ERROR))
 
     def nearest_singularity(self) -> NearlySingular | None:
         """Return the pose of the smallest singular value; it is zero if the determinant changes its sign.

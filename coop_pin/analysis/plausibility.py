@@ -16,6 +16,7 @@ from coop_pin.analysis.reachability import reachability
 from coop_pin.analysis.sampled_stability import start_stability
 from coop_pin.analysis.statics import start_torques
 from coop_pin.analysis.step_stability import step_stability
+from coop_pin.analysis.table_force import table_force
 from coop_pin.arrays import Array, require_type
 from coop_pin.control import CellController
 from coop_pin.description.cell import Cell
@@ -24,6 +25,7 @@ from coop_pin.errors import CoopPinError
 from coop_pin.memory import free_memory
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.schema.base import Description
+from coop_pin.schema.parts import fields_of
 from coop_pin.schema.pose import Pose
 from coop_pin.simulation import Simulation
 from coop_pin.spatial import inverse_pose, pose_error
@@ -56,8 +58,9 @@ def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str
     with contextlib.suppress(CoopPinError):  # the run ends with it
         yield from filter(None, [large_record(scenario)])
     with contextlib.suppress(Exception):  # a user's motion may fail: the run tells it
-        if (squeeze := least_squeeze(scenario)) is not None and not squeeze.ok:
-            yield squeeze.summary().removeprefix("! ")
+        for forces in (least_squeeze(scenario), table_force(scenario)):
+            if forces is not None and not forces.ok:
+                yield forces.summary().removeprefix("! ")
     with contextlib.suppress(Exception):
         simulation = Simulation(scenario, controller)
         yield from map(str, start_torques(simulation).overloaded)
@@ -165,7 +168,7 @@ def _pads(cell: Cell) -> Iterator[str]:
 def _units(value: Any, path: str) -> Iterator[str]:
     """Yield poses and sizes in a likely wrong unit, in all fields below one."""
     if isinstance(value, Description):
-        fields = {name: getattr(value, name) for name in type(value).model_fields}
+        fields = fields_of(value)
         if isinstance(value, Pose):
             yield from _pose(value, path)
         if max(size := fields.get("size") or (0.0,)) > _LARGEST_M:

@@ -12,6 +12,7 @@ from coop_pin.build_controller import build_controller
 from coop_pin.control.interface import ArmMeasurement
 from coop_pin.schema.pose import Pose
 from coop_pin.simulation import Simulation
+from coop_pin.simulation.network import heard
 from coop_pin.simulation.sensing import Sensing
 
 
@@ -43,10 +44,9 @@ class RestingLaw:
         self._simulation, self._time = simulation, time if seen_at is None else seen_at
         self._rest, X_WP = np.zeros(len(plant.v)), plant.chain.payload_pose(q)
         holding = simulation.actuation.holding_commands(q)
-        self._sensing = Sensing(
-            scenario.with_ideal_sensors, plant.chain.model.arms, holding_torques=lambda _q: holding
-        )
-        self._law, is_zeroed = simulation.controller, getattr(scenario.controller, "zero_at_grasp", False)
+        ideal = scenario.with_ideal_sensors
+        self._sensing = Sensing(ideal, plant.chain, holding_torques=lambda _q: holding)
+        self._law, is_zeroed = simulation.controller, scenario.controller.is_zeroed
         if is_zeroed:  # at this pose, not where the start is
             self._law = build_controller(scenario.replace(start=Pose.from_matrix(X_WP)))
         first = self._sensing.start(q, self._rest, simulation.references(time))
@@ -54,8 +54,8 @@ class RestingLaw:
             reference._replace(pose=X_WP if is_zeroed else seen.payload_pose, twist=0.0 * reference.twist)
             for reference, seen in zip(simulation.references(time), first, strict=True)
         ]
-        heard = simulation.exchange.at_once(self._law, first, self.references, None)
-        self.state = self._law.init(heard, self.references)
+        first = heard(self._law, first, self.references, None, simulation.exchange.at_once)
+        self.state = self._law.init(first, self.references)
         self.at_rest = self.measured(q)
 
     def measured(self, q: Array) -> list[ArmMeasurement]:
@@ -83,8 +83,8 @@ class RestingLaw:
             told: Measurements of which messages tell; ``seen`` when omitted.
         """
         simulation, told = self._simulation, seen if told is None else told
-        messages = simulation.exchange.at_once(self._law, told, self.references, state)
-        heard = [arm._replace(messages=each.messages) for arm, each in zip(seen, messages, strict=True)]
-        command = self._law.step(heard, self.references, state)
+        messages = heard(self._law, told, self.references, state, simulation.exchange.at_once)
+        seen = [arm._replace(messages=each.messages) for arm, each in zip(seen, messages, strict=True)]
+        command = self._law.step(seen, self.references, state)
         torques = simulation.actuation.torques_of(command)
         return simulation.plant.transmission.torque(torques), command.state

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
 
 from coop_pin.analysis.closed_loop import ClosedLoop, eigenvalues
+from coop_pin.analysis.modes import NEUTRAL
 from coop_pin.arrays import Array, as_positive, typed
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, FieldError
 
-_BISECTIONS = 10
-"""Halvings of the interval in which an eigenvalue crosses the unit circle."""
+_ACCURACY = 1e-4
+"""Of a factor at which an eigenvalue crosses the unit circle."""
 
 
 class RootLocus(NamedTuple):
@@ -51,7 +54,7 @@ class RootLocus(NamedTuple):
 def root_locus(scenario: Scenario, field: str, factors: Iterable[float], *, time: float = 0.0) -> RootLocus:
     """Return the eigenvalues of the sampled closed loop over factors of a gain, and where it is stable.
 
-    Bounds are searched by bisection between factors of which one is stable.
+    Bounds are searched between factors of which one is stable, by Brent's method.
 
     Args:
         scenario: Scenario, as of ``eigenvalues``.
@@ -73,16 +76,17 @@ def root_locus(scenario: Scenario, field: str, factors: Iterable[float], *, time
     def loop(factor: float) -> ClosedLoop:
         return eigenvalues(free.override({field: (factor * value).tolist()}), time=time)
 
-    loops = tuple(map(loop, ordered.tolist()))
-    bounds = list[float]()
-    for k in range(len(loops) - 1):
-        is_stable, (low, high) = loops[k].ok, ordered[k : k + 2].tolist()
-        if is_stable != loops[k + 1].ok:
-            for _ in range(_BISECTIONS):
-                middle = (low + high) / 2.0
-                low, high = (middle, high) if loop(middle).ok == is_stable else (low, middle)
-            bounds.append(low)
-    return RootLocus(field, value, ordered, loops, tuple(bounds))
+    loops = {factor: loop(factor) for factor in ordered.tolist()}
+
+    def growth(factor: float) -> float:
+        return (loops.get(factor) or loop(factor)).radius - 1.0 - NEUTRAL
+
+    bounds = tuple(
+        float(brentq(growth, low, high, xtol=_ACCURACY * low))
+        for low, high in pairwise(loops)
+        if loops[low].ok != loops[high].ok
+    )
+    return RootLocus(field, value, ordered, tuple(loops.values()), bounds)
 
 
 def _value(scenario: Scenario, field: str) -> Array:

@@ -90,19 +90,32 @@ def tick_matrix(
         lag: Time constant of the drives, s.
         velocity: Measured speed and next states, as in SampledMotion.
     """
-    basis, singular, _ = np.linalg.svd(H)
-    U, eye, T = basis[:, singular > NEUTRAL * np.abs(G).max()], np.eye(len(G)), period
-    r = lag_pole(lag / T)
+    r, T, eye = lag_pole(lag / period), period, np.eye(len(G))
     held = lag * (1.0 - r)  # the integral of exp(-s / lag) over the tick
     free = np.array([[1.0, T, lag * (T - held)], [0.0, 1.0, held], [0.0, 0.0, r]])
     by_u = np.array([[T * T / 2.0 - free[0, 2]], [T - held], [1.0 - r]])
-    n, k, e = len(eye), U.shape[1], len(velocity) - 1
+    return closed_tick(np.kron(free, eye), np.kron(by_u, eye), G, H, velocity)
+
+
+def closed_tick(free: Array, by_u: Array, G: Array, H: Array, velocity: Array = _IDEAL_VELOCITY) -> Array:
+    """Return the matrix of [y, w, b, h, e] over a tick of a plant under a law.
+
+    Args:
+        free: Map of [y, w, b] over a tick, shape (3 n, 3 n).
+        by_u: Map of a held acceleration by torques to them, shape (3 n, n).
+        G: Acceleration that the law's torque asks for by [y, w_m], shape (n, 2 n).
+        H: Acceleration that it adds for all later ticks, likewise.
+        velocity: Measured speed and next states, as in SampledMotion.
+    """
+    basis, singular, _ = np.linalg.svd(H)
+    U = basis[:, singular > NEUTRAL * np.abs(G).max()]
+    n, k, e = len(G), U.shape[1], len(velocity) - 1
     # [y, w, e] from the states, then [y, w_m] and the next e.
-    slots = np.eye(3 * n + k + e * n)
+    slots, eye = np.eye(3 * n + k + e * n), np.eye(n)
     seen = np.vstack((slots[: 2 * n], slots[3 * n + k :]))
     measured = np.vstack((slots[:n], np.kron(velocity[:1], eye) @ seen))
     h = slots[3 * n : 3 * n + k]
-    motion = np.kron(free, eye) @ slots[: 3 * n] + np.kron(by_u, G @ measured + U @ h)
+    motion = free @ slots[: 3 * n] + by_u @ (G @ measured + U @ h)
     return np.vstack((motion, h + U.T @ H @ measured, np.kron(velocity[1:], eye) @ seen))
 
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from coop_pin.analysis.bisection import edge
 from coop_pin.analysis.modes import damping_matrix, fastest_joints
 from coop_pin.analysis.reachability import Reachability
 from coop_pin.analysis.resting_law import RestingLaw
@@ -20,7 +21,8 @@ STABILITY_LIMIT = 2.0
 
 _UNDAMPED = 1e-6
 _POSES = 9
-_FACTOR_BISECTIONS = 40
+_FACTOR_ERROR = 2.0**-40
+"""Accuracy of the factor of a limit, as a part of the largest one."""
 
 
 class SampledStability(NamedTuple):
@@ -104,6 +106,14 @@ def motion_stability(simulation: Simulation, cell_reach: Reachability) -> Sample
     return max(stabilities, key=lambda stability: stability.value / stability.limit)
 
 
+def start_and_later(
+    simulation: Simulation, cell_reach: Reachability | None, most: int
+) -> list[tuple[float, Array]]:
+    """Return the configuration of the start, and those of ``configurations_along`` later than that."""
+    later = [] if cell_reach is None else configurations_along(simulation, cell_reach, most)[1:]
+    return [(0.0, simulation.plant.q), *later]
+
+
 def configurations_along(
     simulation: Simulation, cell_reach: Reachability, most: int
 ) -> list[tuple[float, Array]]:
@@ -167,11 +177,8 @@ def _delayed_factor(now: Array, late: Array, delay: int) -> float:
         matrix[:m, -m:] -= factor * late
         return float(np.abs(np.linalg.eigvals(matrix)).max())
 
-    low, high = 0.0, STABILITY_LIMIT / max(np.abs(np.linalg.eigvals(now + late)).max(), _UNDAMPED)
-    for _ in range(_FACTOR_BISECTIONS):
-        middle = (low + high) / 2.0
-        low, high = (middle, high) if radius(middle) < 1.0 else (low, middle)
-    return low
+    largest = STABILITY_LIMIT / max(np.abs(np.linalg.eigvals(now + late)).max(), _UNDAMPED)
+    return edge(lambda factor: radius(factor) < 1.0, 0.0, largest, _FACTOR_ERROR * largest)
 
 
 def _stability_value(entry: complex) -> float:

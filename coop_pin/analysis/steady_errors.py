@@ -10,7 +10,7 @@ import numpy as np
 
 from coop_pin.arrays import Array, as_number, as_positive, typed
 from coop_pin.chain.cell_chain import CellChain
-from coop_pin.control.force_path import SampledLoop
+from coop_pin.control.bounds import SampledLoop
 from coop_pin.control.steady_state import LARGEST_SAG, SteadyDirection
 from coop_pin.control.terms import jacobian_inverse
 from coop_pin.description.scenario import Scenario

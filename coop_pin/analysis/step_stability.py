@@ -10,7 +10,7 @@ import numpy as np
 
 from coop_pin.analysis.modes import NEUTRAL, damping_matrix, fastest_joints, motion_basis
 from coop_pin.analysis.reachability import Reachability
-from coop_pin.analysis.sampled_stability import configurations_along
+from coop_pin.analysis.sampled_stability import start_and_later
 from coop_pin.arrays import Array, typed
 from coop_pin.chain.partner import partner_matrices
 from coop_pin.description.events import Partner
@@ -82,9 +82,7 @@ def step_stability(simulation: Simulation, cell_reach: Reachability | None = Non
         cell_reach: Reachability of its scenario, in which every arm holds the start; up to 21 poses of the
             motion are looked at. The start alone when omitted.
     """
-    poses = [(0.0, simulation.plant.q)]
-    if cell_reach is not None:
-        poses += configurations_along(simulation, cell_reach, _POSES)[1:]
+    poses = start_and_later(simulation, cell_reach, _POSES)
     stabilities = [_steps_at(simulation, *pose) for pose in poses]
     scenario = simulation.scenario
     if scenario.cell.unclosed or scenario.partners:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from coop_pin.analysis.reachability import Reachability, reachability
 from coop_pin.analysis.sampled_stability import start_stability
 from coop_pin.analysis.statics import statics_along
 from coop_pin.analysis.step_stability import step_stability
+from coop_pin.analysis.table_force import TABLE_ERROR, table_force
 from coop_pin.analysis.task_inertia import with_spare_motion
 from coop_pin.analysis.tuning_rule import GainProposal, force_path_of, gain_proposal, rounded_down
 from coop_pin.arrays import as_count, require_type
@@ -76,7 +78,9 @@ class Suggestion:
         )
 
 
-def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
+def suggest(
+    scenario: Scenario | str | Path, *, poses: int = 101, table_error: float = TABLE_ERROR
+) -> Suggestion:
     """Return a proposal for the payload-space law: what limits each value, and a scenario that runs with it.
 
     The tuning rule along the whole motion is T lambda_max(A^-1 K) <= 1, k_I T <= 1/4, k_I <= lambda_min / 2,
@@ -95,12 +99,15 @@ def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
 
     Patches ask for the same, and for the split of the virtual linkage, ``zero_at_grasp``, guards, and a
     squeeze of at least 1.5 times ``least_squeeze``: stated ones are raised, and without one the tips press
-    along the lines between them. A put-down leaves the anchor without a bound.
+    along the lines between them. A put-down leaves the anchor without a bound, and lowers
+    the gains until a table that is ``table_error`` higher than planned is pressed with at most 4/3 of the
+    payload's weight.
 
     Args:
         scenario: cell, motion and squeeze, or a name or file of them, in which gains may be missing; its
             controller gives force_path and zero_at_grasp only.
         poses: number of poses looked at along the motion.
+        table_error: height by which a table on which the payload is put down may be higher than planned, m.
 
     Raises:
         InfeasibleMotionError: the cell cannot do it, with the cause: rank, reach, singularity, limits, torque
@@ -136,7 +143,8 @@ def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
             raise InfeasibleMotionError(
                 "torque", f"{least.summary().removeprefix('! ')}; the drives hold no more"
             )
-    proposal, suggested, loop = _held(scenario, cell_reach)
+    propose = partial(own_inertia_proposal, table_error=table_error) if cell.unclosed else gain_proposal
+    proposal, suggested, loop = _held(scenario, cell_reach, propose)
     simulation = Simulation(suggested, build_controller(suggested))
     steps = step_stability(simulation, cell_reach)
     count = math.ceil(steps.steps_per_tick * steps.value / (_STEP_PART * steps.limit))
@@ -146,6 +154,7 @@ def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
     lines = (
         *_gain_limits(scenario, proposal),
         *_friction(suggested),
+        *_table(suggested, table_error, proposal.tracking),
         *_null_space(proposal, loop),
         *_moment(scenario, proposal),
         *(_posture_limit(arm) for arm in posture_margins(scenario, cell_reach, statics)),
@@ -156,14 +165,15 @@ def suggest(scenario: Scenario | str | Path, *, poses: int = 101) -> Suggestion:
     return Suggestion(suggested, proposal, lines, changes)
 
 
-def _held(scenario: Scenario, cell_reach: Reachability) -> tuple[GainProposal, Scenario, LoopStability]:
+def _held(
+    scenario: Scenario, cell_reach: Reachability, propose: Callable[..., GainProposal]
+) -> tuple[GainProposal, Scenario, LoopStability]:
     """Return the proposal whose spring holds the spare joints along the motion, its scenario and its loop.
 
     Raises:
         InfeasibleMotionError: cause "stability": the sampled motion grows, or no spring holds them.
     """
     stiffness = 0.0
-    propose = own_inertia_proposal if scenario.cell.unclosed else gain_proposal
     while True:
         proposal = propose(scenario, cell_reach, least_stiffness=stiffness)
         suggested = _with_gains(scenario, proposal)
@@ -222,7 +232,7 @@ def _with_gains(scenario: Scenario, proposal: GainProposal) -> Scenario:
     controller = law.replace(
         posture=proposal.posture,
         force_path=force_path_of(scenario),
-        zero_at_grasp=getattr(scenario.controller, "zero_at_grasp", False),
+        zero_at_grasp=scenario.controller.is_zeroed,
         **_on_patches(scenario),
     )
     clock = clock.replace(rate_hz=proposal.rate_hz, steps_per_tick=steps)
@@ -230,15 +240,13 @@ def _with_gains(scenario: Scenario, proposal: GainProposal) -> Scenario:
 
 
 def _on_patches(scenario: Scenario) -> dict[str, Any]:
-    """Return the fields of the law that patches and a put-down ask for."""
+    """Return the fields of the law that patches ask for."""
     fields, least = dict[str, Any](), least_squeeze(scenario)
     if scenario.cell.patches and least is not None:
         reach = min(float(grasp.reach.min()) for grasp in scenario.cell.patches.values())
         fields["slip_guard"] = min(SLIP_GUARD, reach / 2.0)
         if len(scenario.wrists) == len(scenario.cell.arms):
             fields["normal_guard"] = rounded_down(least.stated / 4.0)
-    if scenario.put_downs:
-        fields["anchor_bias"] = "none"
     return fields
 
 
@@ -257,6 +265,12 @@ def _friction(scenario: Scenario) -> Iterator[str]:
     yield f"guards: an arm gives up its squeeze at {1e3 * law.slip_guard:.3g} mm of slip{normal}"
 
 
+def _table(scenario: Scenario, table_error: float, lag: float) -> Iterator[str]:
+    """Yield the force on the table of a put-down."""
+    if (force := table_force(scenario, table_error=table_error, lag=lag)) is not None:
+        yield force.summary()
+
+
 def _gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
     """Yield what limits rate and gains."""
     stated, T = scenario.clock.rate_hz, 1.0 / proposal.rate_hz
@@ -268,15 +282,12 @@ def _gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
     else:
         yield (
             f"K: by T lambda_max(Lambda_i^-1 c_i K_i) = {proposal.t_lambda_max:.2g} of each arm alone along"
-            " the motion; it is 2 where a soft grasp lets the arm go unstable"
+            f" the motion{', or by the table' * bool(scenario.put_downs)}; it is 2 where a soft grasp lets"
+            " the arm go unstable"
         )
-        position, angle = proposal.law.anchor_bias
-        yield (
-            "anchor_bias: none, by the put-down: a bounded anchor would keep the load that the table gets"
-            if scenario.put_downs
-            else f"anchor_bias: {1e3 * position:.3g} mm and {1e3 * angle:.3g} mrad, by the usual bias and the"
-            " deflection of the grasps under load and squeeze; the layer is twice as wide"
-        )
+        yield _anchor_limit(proposal.law.anchor_bias)
+        if proposal.law.knows_deflection:
+            yield "knows_deflection: the arms give up no squeeze to what it deflects"
         parts = "0.4", "a tenth to a fortieth"
     yield (
         f"k_I: {proposal.integral_rate:.3g} /s, by {parts[0]} of lambda_min = {proposal.lambda_min:.3g} /s"
@@ -291,6 +302,16 @@ def _gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
     else:
         kind, g = force_path_of(scenario).kind, proposal.gains.anchor_gain
         yield f"force path: {kind}; g {g:.3g}, unstable from {proposal.anchor_bound:.3g} on"
+
+
+def _anchor_limit(bias: Any) -> str:
+    """Return what limits the bound of the anchor."""
+    if bias == "none":
+        return "anchor_bias: none, by the put-down: a bounded anchor would keep the load that the table gets"
+    return (
+        f"anchor_bias: {1e3 * bias[0]:.3g} mm and {1e3 * bias[1]:.3g} mrad, by the usual bias and the"
+        " deflection of the grasps under load and squeeze; the layer is twice as wide"
+    )
 
 
 def _null_space(proposal: GainProposal, loop: LoopStability) -> Iterator[str]:

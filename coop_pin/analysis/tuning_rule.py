@@ -16,7 +16,8 @@ from coop_pin.analysis.reachability import Reachability
 from coop_pin.analysis.sampled_motion import tick_matrix
 from coop_pin.analysis.task_inertia import MotionWrenches, motion_wrenches, task_inertia
 from coop_pin.arrays import Array, typed
-from coop_pin.control.force_path import ForcePath, LateForcePath, sampled_loop
+from coop_pin.control.bounds import ForcePath, sampled_loop
+from coop_pin.control.force_path import LateForcePath
 from coop_pin.control.law import PostureGains
 from coop_pin.control.payload_space import PayloadSpace, PayloadSpaceGains
 from coop_pin.description.scenario import Scenario
@@ -272,9 +273,7 @@ def control_rates(scenario: Scenario) -> Iterator[float]:
 def slowest_lag(scenario: Scenario) -> float:
     """Return the largest time constant between a velocity and the torque that answers it, s."""
     arms = scenario.cell.arms
-    cutoffs = [getattr(scenario.sensors_of(name).velocity, "cutoff_hz", np.inf) for name in arms]
-    bands = [getattr(scenario.sensors_of(name).velocity, "bandwidth_hz", np.inf) for name in arms]
-    filters = [1.0 / (2.0 * np.pi * cutoff) for cutoff in (*cutoffs, *bands)]
+    filters = [1.0 / (2.0 * np.pi * scenario.sensors_of(name).velocity.filter_hz) for name in arms]
     return float(max((*filters, *(scenario.actuators_of(name).lag for name in arms))))
 
 

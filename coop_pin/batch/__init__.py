@@ -7,11 +7,11 @@ other:
 
 - physics: serial_arm (kinematics), arm_dynamics, cell_dynamics (closures, forces on the payload);
 - numbers of runs: constants (what differs folds or is an input), signals (what changes in time);
-- code: plant_code (a Runge-Kutta step), law_code (a law), block (slots of the runs), tick (kernels of
-  sensors, law, drives, observation, events);
-- checks of users' laws: hidden_state (attributes), support (random ticks), single_runs (whole runs);
-- runs: preparation (what runs must share), traced_code (code of a family, on disk), schedule (the order of
-  the kernels), samples (what was recorded), simulate (families, blocks of runs);
+- code: plant_code (a Runge-Kutta step), law_code (a law);
+- checks of users' laws: hidden_state (attributes), support (shaken ticks), single_runs (whole runs);
+- runs: preparation (what runs must share), block (slots of the runs), tick (kernels of sensors, law, drives,
+  observation, events), schedule (traced code on disk, the order of the kernels), samples (what was recorded),
+  simulate (families, blocks of runs);
 - other uses of the same code: lane (one run, interruptible), c_messages and c_export (what a law tells and
   hears, and the law, as C99), traced_plant (the plant of a single run).
 """

@@ -2,38 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
-
-from coop_pin.arrays import Array, Mask
+from coop_pin.arrays import Mask
 from coop_pin.batch.cell_dynamics import CellNumbers
-from coop_pin.batch.constants import RunConstants, Start
+from coop_pin.batch.constants import RunConstants
 from coop_pin.batch.plant_code import observed
-from coop_pin.batch.signals import RunSignals
+from coop_pin.batch.preparation import Prepared
+from coop_pin.batch.signals import Desired, RunSignals
 from coop_pin.control import ArmReference
-from coop_pin.results.quantities import Quantity, shape_of
+from coop_pin.results.quantities import shape_of
 from coop_pin.simulation.drives import Applied
+from coop_pin.simulation.simulation import arm_references
 from coop_pin.tracing.kernel import Kernel, Layout
-from coop_pin.tracing.traced_array import traced
 from coop_pin.tracing.tree import leaves, rebuilt
-
-
-class SignalSplit(NamedTuple):
-    """Signals of all runs, split by what must be given to the code.
-
-    Attributes:
-        example: signals of a tick, for their names and shapes.
-        constants: entries that never change, else anything, shape (entries,).
-        is_uniform: mask of the entries that change in time, alike in all runs, shape (entries,).
-        is_loaded: mask of the entries that differ between runs, shape (entries,).
-    """
-
-    example: RunSignals
-    constants: Array
-    is_uniform: Mask
-    is_loaded: Mask
 
 
 class RunBlock:
@@ -41,8 +23,10 @@ class RunBlock:
 
     Attributes:
         constants: constants of one of them.
-        start: start of that run.
-        signals: signals of all runs.
+        drives: memory of the drives at the start of that run.
+        differs: mask of the leaves of the constants that are slots, shape (leaves,).
+        is_uniform: mask of the signals that change in time, alike in all runs, shape (entries,).
+        is_loaded: mask of the signals that differ between runs, shape (entries,).
         lanes: slots of a block.
         uniforms: numbers that all runs share at a row.
         recorded: number of slots that are recorded, the first ones.
@@ -51,31 +35,23 @@ class RunBlock:
         read: functions that read quantities at a tick, see Quantity, and whether they are of drives, by name.
     """
 
-    def __init__(
-        self,
-        constants: RunConstants,
-        start: Start,
-        differs: Mask,
-        signals: SignalSplit,
-        table: Sequence[Quantity],
-    ) -> None:
+    def __init__(self, first: Prepared, differs: Mask, is_uniform: Mask, is_loaded: Mask) -> None:
         """Lay out the block.
 
         Args:
-            constants: Constants of one of them.
-            start: Start of that run.
-            differs: Leaves of the constants that differ between the runs.
-            signals: Signals of all runs.
-            table: Quantities of the runs.
+            first: Batch whose first run has the numbers that fold.
+            differs: Mask of the constants, as the attribute.
+            is_uniform: Mask of signals, likewise.
+            is_loaded: Mask of signals, likewise.
         """
-        self.constants, self.signals, self._differs = constants, signals, differs
-        self.start, self.read = (
-            start,
-            {each.name: (each.read, each.dims == "arm joint") for each in table if each.read},
-        )
+        plant = first.plants[0]
+        self.constants, self.drives, self._signals = first.constants, plant.drives, first.signals[0][0]
+        self.differs, self.is_uniform, self.is_loaded = differs, is_uniform, is_loaded
+        self._example, constants, table = plant.example, self.constants, plant.read
+        self.read = {each.name: (each.read, each.dims == "arm joint") for each in table if each.read}
         m, N, k_0 = len(constants.arms), constants.cell.joints, constants.sensors.rows.size
         nq, nv, works = constants.cell.sizes
-        rest = Applied.at_rest([len(arm.drive) for arm in constants.arms])
+        rest = Applied.at_rest([len(arm.drive) for arm in constants.sensors.arms])
         masks: Any = rest.torques
         self.applied = rest._replace(saturated=masks)  # as numbers
         self.lanes, self.uniforms = lanes, uniforms = Layout(), Layout()
@@ -83,12 +59,12 @@ class RunBlock:
         lanes.add(jacobians=(k_0 * N,), condition_bounds=(m,))
         lanes.add(**{each.name: shape_of(each, m, N, k_0) for each in table if each.read})
         self.recorded = lanes.size
-        lanes.add(signals=(int(signals.is_loaded.sum()),))
+        lanes.add(signals=(int(is_loaded.sum()),))
         self.loaded = lanes.size - self.recorded
         lanes.add(force=(N,), rates=(nv + works,), holding=(N,), applied=(len(leaves(self.applied)),))
-        lanes.add(drives=(len(leaves(start.drives)),), constants=(int(differs.sum()),))
+        lanes.add(drives=(len(leaves(self.drives)),), constants=(int(differs.sum()),))
         lanes.add(surroundings=(len(leaves(constants.changes[0])),))
-        uniforms.add(h=(), s=(), gives=(2, m), signals=(int(signals.is_uniform.sum()),))
+        uniforms.add(h=(), s=(), gives=(2, m), signals=(int(is_uniform.sum()),))
 
     def kernel(self, name: str) -> tuple[Kernel, RunConstants]:
         """Return an empty kernel and the constants as it reads them."""
@@ -97,7 +73,7 @@ class RunBlock:
         numbers = leaves(self.constants)
         entries = (
             next(inputs) if differs else number
-            for number, differs in zip(numbers, self._differs.tolist(), strict=True)
+            for number, differs in zip(numbers, self.differs.tolist(), strict=True)
         )
         return kernel, rebuilt(self.constants, entries)
 
@@ -108,22 +84,16 @@ class RunBlock:
 
     def signals_at(self, kernel: Kernel) -> RunSignals:
         """Return the signals at the kernel's tick."""
-        split, entries = self.signals, np.empty(len(self.signals.constants), dtype=object)
-        entries[:] = split.constants
-        entries[split.is_uniform] = kernel.uniform("signals")
-        entries[split.is_loaded] = kernel.read("signals")
-        return rebuilt(split.example, iter(entries))
+        entries = self._signals.astype(object)
+        entries[self.is_uniform] = kernel.uniform("signals")
+        entries[self.is_loaded] = kernel.read("signals")
+        return rebuilt(self._example, iter(entries))
 
     def references(self, signals: RunSignals) -> list[ArmReference]:
         """Return the reference of each arm at a tick."""
-        rows, exact = self.constants.sensors.rows, [signals.desired] * len(self.constants.arms)
-        desired = [clocked or each for clocked, each in zip(signals.clocked or exact, exact, strict=True)]
-        return [
-            ArmReference(
-                each.pose,
-                traced(rows.select(each.twist)),
-                traced(rows.select(each.acceleration)),
-                traced(rows.select(each.squeeze[index])),
-            )
-            for index, each in enumerate(desired)
-        ]
+        rows, desired = self.constants.sensors.rows, signals.desired
+        references = arm_references(rows, desired.target, desired.squeeze)
+        for index, clocked in enumerate(signals.clocked):
+            if isinstance(clocked, Desired):
+                references[index] = arm_references(rows, clocked.target, clocked.squeeze)[index]
+        return references

@@ -17,10 +17,11 @@ import numpy as np
 from coop_pin import __version__
 from coop_pin.arrays import as_count, typed
 from coop_pin.atomic_write import write_atomically
-from coop_pin.batch.c_messages import MessageTexts
+from coop_pin.batch.c_messages import meanings, message_texts
 from coop_pin.batch.constants import arm_constants
 from coop_pin.batch.law_code import (
     LawCode,
+    LawTick,
     RecordedLaw,
     Values,
     fields,
@@ -97,26 +98,29 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     controller = build_controller(scenario)
     if not isinstance(controller, DecentralisedController):
         raise ArgumentError("the scenario's controller sees all arms; only laws of one arm can be exported")
-    recorded = RecordedLaw(controller.controllers[arm])
-    run = Simulation(scenario, DecentralisedController({**controller.controllers, arm: recorded}))
+    recorded, index = RecordedLaw(controller), list(scenario.cell.arms).index(arm)
+    run = Simulation(scenario, recorded)
     for _ in range(min(ticks, run.timeline.ticks + 1)):
         run.tick()
-    constants = [arm_constants(scenario, slot) for slot in run.plant.chain.model.arms if slot.name == arm]
-    cell_ticks, alone = [[tick] for tick in recorded.ticks], {arm: controller.controllers[arm]}
+    arm_ticks, law = [tick[index] for tick in recorded.ticks], controller.controllers[arm]
+    constants, rows = arm_constants(run.plant.chain.arms[index]), scenario.cell.task_rows
+    exact = bool(scenario.controller.user_code)
     try:
-        law, rows = DecentralisedController(alone), scenario.cell.task_rows
-        exact, first = bool(scenario.controller.user_code), recorded.ticks[0]
-        start, step = trace_law(law, constants, rows, cell_ticks[0], exact=exact)
-        require_agreement(start, step, cell_ticks)
+        alone = DecentralisedController({arm: law})
+        start, step = trace_law(alone, [constants], rows, arm_ticks[:1], exact=exact)
+        require_agreement(start, step, [[tick] for tick in arm_ticks])
         code: tuple[LawCode, ...] = start, step
-        if len(first.message):
-            code += trace_messages(alone[arm], constants[0], rows, first, exact=exact)
+        if len(arm_ticks[0].message):
+            code += trace_messages(law, constants, rows, arm_ticks[0], exact=exact)
     except TracingError as error:
         raise TracingError(f"the law of arm {arm!r} cannot be exported: it {error}") from None
     name = _identifier(arm, list(scenario.cell.arms))
     header, source, test = (Path(folder) / f"{name}{ending}" for ending in (".h", ".c", "_self_test.c"))
     Path(folder).mkdir(parents=True, exist_ok=True)
-    texts = _texts(name, scenario, arm, recorded, code)
+    messages = message_texts(
+        name, arm_ticks, recorded.first_messages[index] if len(code) > 2 else np.zeros(0)
+    )
+    texts = _texts(name, scenario, law.command_kind, arm_ticks, code, messages | {"arm": arm})
     for file, text in zip((header, source, test), texts, strict=True):
         write_atomically(file, partial(Path.write_text, data=text, encoding="utf-8"))
     return CLaw(header, source, test, _flops(code[1]))
@@ -203,47 +207,39 @@ int main(void)
 
 
 def _texts(
-    name: str, scenario: Scenario, arm: str, law: RecordedLaw, code: tuple[LawCode, ...]
+    name: str,
+    scenario: Scenario,
+    output: str,
+    ticks: Sequence[LawTick],
+    code: tuple[LawCode, ...],
+    others: Mapping[str, str],
 ) -> tuple[str, str, str]:
     """Return header, source and self-test."""
-    ticks, output = law.ticks, law.command_kind
-    (_, step, *_), (measured, desired), joints = code, fields(ticks[0]), len(ticks[0].torque)
-    messages = MessageTexts.of_law(name, law)
-    header = _HEADER.format(
-        arm=arm,
-        scenario=scenario.name,
-        version=__version__,
-        name=name,
-        upper=name.upper(),
-        joints=joints,
-        output=output,
-        unit=COMMANDS[output],
-        rows=scenario.cell.task_rows.size,
-        kind=scenario.cell.rows,
-        period=scenario.clock.period,
-        flops=sum(_flops(step).values()),
-        exchange=messages.exchange,
-        messages=messages.declared,
-        measurement=_struct(measured, MEASURED | messages.comments),
-        reference=_struct(desired, DESIRED),
-        states=max(len(step.state), 1),
-    )
-    tables = [[_initialiser(fields) for fields in fields(tick)] for tick in ticks]
-    test = _SELF_TEST.format(
-        name=name,
-        joints=joints,
-        output=output,
-        unit=COMMANDS[output],
-        ticks=len(ticks),
-        measured=",\n".join(table[0] for table in tables),
-        desired=",\n".join(table[1] for table in tables),
-        expected=",\n".join(_list(tick.torque) for tick in ticks),
-        tolerance=c_number(tolerance([ticks])),
-        said=messages.said,
-        before=messages.before,
-        at_tick=messages.at_tick,
-    )
-    return header, _source(name, measured, desired, code, output), test
+    step, (measured, desired) = code[1], fields(ticks[0])
+    tables = zip(*([_initialiser(values) for values in fields(tick)] for tick in ticks), strict=True)
+    texts = {
+        "scenario": scenario.name,
+        "version": __version__,
+        "name": name,
+        "upper": name.upper(),
+        "joints": len(ticks[0].torque),
+        "output": output,
+        "unit": COMMANDS[output],
+        "rows": scenario.cell.task_rows.size,
+        "kind": scenario.cell.rows,
+        "period": scenario.clock.period,
+        "flops": sum(_flops(step).values()),
+        "measurement": _struct(measured, MEASURED | meanings(ticks[0].measurement)),
+        "reference": _struct(desired, DESIRED),
+        "states": max(len(step.state), 1),
+        "ticks": len(ticks),
+        **dict(zip(("measured", "desired"), map(",\n".join, tables), strict=True)),
+        "expected": ",\n".join(_list(tick.torque) for tick in ticks),
+        "tolerance": c_number(tolerance([ticks])),
+        **others,
+    }
+    source = _source(name, measured, desired, code, output)
+    return _HEADER.format(**texts), source, _SELF_TEST.format(**texts)
 
 
 def _source(name: str, measured: Values, desired: Values, codes: tuple[LawCode, ...], output: str) -> str:
@@ -252,20 +248,21 @@ def _source(name: str, measured: Values, desired: Values, codes: tuple[LawCode, 
     read = [f"measurement->{entry}" for entry in _entries(measured)]
     read += [f"reference->{entry}" for entry in _entries(desired)]
     read += [f"state->value[{index}]" for index in range(len(codes[0].state))]
-    last = "return is_regular != 0.0;"
-    for what, code, argument in zip(("start", "step"), codes[:2], ("", f", double *{output}"), strict=True):
+    state = f"{name}_state *state"
+    for what, code, arguments in zip(
+        ("start", "step", "first_message", "message"),
+        codes,
+        (state, f"{state}, double *{output}", "double *message", f"const {state}, double *message"),
+        strict=False,
+    ):
+        target = "message" if "message" in what else output
         stores = [(f"state->value[{index}]", number) for index, number in enumerate(code.state)]
-        stores += [(f"{output}[{index}]", number) for index, number in enumerate(code.torque)]
+        stores += [(f"{target}[{index}]", number) for index, number in enumerate(code.torque)]
         stores.append(("const double is_regular", code.is_regular))
-        head = f"int {name}_{what}({inputs}, {name}_state *state{argument})"
-        unread = "(void)measurement, (void)reference, (void)state; /* a law need not read them */"
-        emitter.define(head, code.tape, stores, read.__getitem__, first=unread, last=last)
-    said = {"first_message": "", "message": f", const {name}_state *state"}
-    for (what, argument), code in zip(said.items(), codes[2:], strict=False):
-        stores = [(f"message[{index}]", number) for index, number in enumerate(code.torque)]
-        stores.append(("const double is_regular", code.is_regular))
-        head = f"int {name}_{what}({inputs}{argument}, double *message)"
-        unread = f"(void)measurement, (void)reference{', (void)state' if argument else ''};"
+        read_of = [text for text in ("measurement", "reference", "state") if f"*{text}" in inputs + arguments]
+        unread = f"{', '.join(f'(void){text}' for text in read_of)}; /* a law need not read them */"
+        head = f"int {name}_{what}({inputs}, {arguments})"
+        last = "return is_regular != 0.0;"
         emitter.define(head, code.tape, stores, read.__getitem__, first=unread, last=last)
     return f'#include "{name}.h"\n{emitter.text()}'
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 
-from coop_pin.batch.law_code import AGREEMENT, RecordedLaw, heard_fields
+from coop_pin.arrays import Array
+from coop_pin.batch.law_code import AGREEMENT, LawTick, heard_fields
+from coop_pin.control import ArmMeasurement
 from coop_pin.tracing.c_emitter import c_number
 
 _EXCHANGE = """   At every tick the arm tells the others {size} numbers before any arm steps: {name}_message.
@@ -47,45 +49,37 @@ _AT_TICK = """
         good &= is_said(message, said[tick + 1]);"""
 
 
-class MessageTexts(NamedTuple):
-    """Parts of header and self-test; empty for a law that says nothing.
+def meanings(measurement: ArmMeasurement) -> dict[str, str]:
+    """Return the meaning of each field with a message, or its age, that an arm hears."""
+    senders = heard_fields(measurement).items()
+    latest = {field: f"latest message of arm {sender!r}" for field, sender in senders}
+    return latest | {f"{field}_age": f"ticks since arm {sender!r} said it" for field, sender in senders}
 
-    Attributes:
-        exchange: sentences of the header.
-        declared: declarations of the header.
-        said: expected messages of the self-test.
-        before: statements of the self-test before the first tick.
-        at_tick: statements at a tick.
-        comments: meanings of the fields with messages.
+
+def message_texts(name: str, ticks: Sequence[LawTick], first: Array) -> dict[str, str]:
+    """Return the parts of header and self-test, by name; empty for a law that says nothing.
+
+    Args:
+        name: Name of the files.
+        ticks: Ticks of the law.
+        first: Message before the first of them.
     """
-
-    exchange: str
-    declared: str
-    said: str
-    before: str
-    at_tick: str
-    comments: dict[str, str]
-
-    @classmethod
-    def of_law(cls, name: str, law: RecordedLaw) -> MessageTexts:
-        """Return the parts of a recorded law with the name of its files."""
-        senders, ticks = heard_fields(law.ticks[0].measurement), law.ticks
-        comments = {field: f"latest message of arm {sender!r}" for field, sender in senders.items()}
-        comments |= {
-            f"{field}_age": f"ticks since arm {sender!r} said it" for field, sender in senders.items()
-        }
-        messages = [law.first_message, *(tick.message for tick in ticks)]
-        if not len(law.first_message):
-            return cls("", "", "", "", "", comments)
-        rows = [", ".join(c_number(float(number)) for number in message) for message in messages]
-        numbers = {
-            "name": name,
-            "size": len(law.first_message),
-            "heard": ", ".join(map(repr, senders.values())),
-            "said": ",\n".join(f"    {{{row}}}" for row in rows),
-            "tolerance": c_number(AGREEMENT * float(np.abs(messages).max())),
-        }
-        exchange, declared, said, before, at_tick = (
-            text.format(**numbers) for text in (_EXCHANGE, _DECLARED, _SAID, _BEFORE, _AT_TICK)
-        )
-        return cls(exchange, declared, said, before, at_tick, comments)
+    texts = {
+        "exchange": _EXCHANGE,
+        "messages": _DECLARED,
+        "said": _SAID,
+        "before": _BEFORE,
+        "at_tick": _AT_TICK,
+    }
+    if not len(first):
+        return dict.fromkeys(texts, "")
+    messages = [first, *(tick.message for tick in ticks)]
+    rows = [", ".join(c_number(float(number)) for number in message) for message in messages]
+    numbers = {
+        "name": name,
+        "size": len(first),
+        "heard": ", ".join(map(repr, heard_fields(ticks[0].measurement).values())),
+        "said": ",\n".join(f"    {{{row}}}" for row in rows),
+        "tolerance": c_number(AGREEMENT * float(np.abs(messages).max())),
+    }
+    return {part: text.format(**numbers) for part, text in texts.items()}

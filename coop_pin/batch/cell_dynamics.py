@@ -38,6 +38,7 @@ from coop_pin.chain.spring_damper import MovingFrame, SpringDamper, SpringState,
 from coop_pin.description.events import Surroundings
 from coop_pin.model.transmission import Friction, friction
 from coop_pin.results.quantities import WORK, WORK_OF_GRASPS
+from coop_pin.tracing.elementary import polynomial
 from coop_pin.tracing.kernel import Kernel
 from coop_pin.tracing.tape import Number, Traced
 from coop_pin.tracing.traced_array import parts, plain, traced
@@ -325,11 +326,11 @@ def _spring_states(
     cell: CellNumbers, terms: Sequence[ArmResponse], body: MovingFrame
 ) -> dict[int, SpringState]:
     """Return the states of the compliant grasps by their arms."""
-    states = {}
-    for i, grasp in cell.compliant.items():
-        E = _fixed(MovingFrame(terms[i].R_WP, terms[i].p_WP, terms[i].V), grasp.X_PE)
-        states[i] = spring_state(grasp.spring, E, _fixed(body, grasp.X_PG))
-    return states
+    tips = {i: MovingFrame(terms[i].R_WP, terms[i].p_WP, terms[i].V) for i in cell.compliant}
+    return {
+        i: spring_state(grasp.spring, _fixed(tips[i], grasp.X_PE), _fixed(body, grasp.X_PG))
+        for i, grasp in cell.compliant.items()
+    }
 
 
 def _fixed(body: MovingFrame, X: Numbers) -> MovingFrame:
@@ -359,10 +360,8 @@ def _free_acceleration(acting: Surroundings, body: MovingFrame, W: Numbers, V_P:
 
 def _elastic_energy(cell: CellNumbers, springs: Mapping[int, SpringState]) -> Number:
     """Return the energy in all springs, J."""
-    energy: Number = 0.0
-    for i, grasp in cell.compliant.items():
-        energy = energy + grasp.spring.energy(springs[i].position[None], springs[i].rotation[None])[0]
-    return energy
+    states = {i: (spring.position[None], spring.rotation[None]) for i, spring in springs.items()}
+    return sum((grasp.spring.energy(*states[i])[0] for i, grasp in cell.compliant.items()), 0.0)
 
 
 def _with_payload(motion: CellMotion, acting: Surroundings) -> CellMotion:
@@ -401,16 +400,9 @@ def closure_error(R_0: Numbers, p_0: Numbers, R_i: Numbers, p_i: Numbers) -> Num
     R = R_0 @ R_i.T
     p = p_0 - R @ p_i
     sine = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]], dtype=object)
-    w = _series(sine @ sine, _ROTATION) * sine
+    w = polynomial(sine @ sine, _ROTATION) * sine
     wp = cross(w, p)
-    return -join(p - 0.5 * wp + _series(w @ w, _TRANSLATION) * cross(w, wp), w)
-
-
-def _series(x: Any, coefficients: Sequence[float]) -> Number:
-    value: Number = coefficients[0]
-    for coefficient in coefficients[1:]:
-        value = value * x + coefficient
-    return value
+    return -join(p - 0.5 * wp + polynomial(w @ w, _TRANSLATION) * cross(w, wp), w)
 
 
 def _arm_inputs(cell: CellNumbers, payload: RigidInertia, *states: Sequence[Numbers]) -> list[ArmInput]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,11 +14,14 @@ from coop_pin.batch.cell_dynamics import CellNumbers
 from coop_pin.batch.serial_arm import Numbers, SerialArm, frames, payload_jacobian
 from coop_pin.description.code_family import Cover
 from coop_pin.description.scenario import Scenario
-from coop_pin.model.arm_model import ArmKinematics, PayloadKinematics
-from coop_pin.model.cell_model import ArmPlace
+from coop_pin.model.arm_model import PayloadKinematics
+from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation import Simulation
+from coop_pin.simulation.actuation import Actuation
 from coop_pin.simulation.drives import CellDrives, DriveState, TorqueResponse
 from coop_pin.simulation.network import CellNetwork
+from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.sensing import Sensing
 from coop_pin.simulation.sensors import CellSensors
 from coop_pin.simulation.timeline import Timeline
 from coop_pin.simulation.wrist import Wrist
@@ -30,12 +34,10 @@ class ArmConstants(NamedTuple):
 
     Attributes:
         model: the arm as its own kinematics have it, calibration errors included.
-        drive: T, shape (k, k).
         to_joints: T^-1, shape (k, k).
     """
 
     model: SerialArm
-    drive: Numbers
     to_joints: Numbers
 
     def view(self, rows: TaskRows, angles: Numbers) -> PayloadKinematics:
@@ -88,21 +90,6 @@ class RunConstants(NamedTuple):
         return self.arms[index].view(self.sensors.rows, angles[index] if measured is None else measured)
 
 
-class Start(NamedTuple):
-    """Start of a run.
-
-    Attributes:
-        q: joint positions of all arms, of continuous joints near the posture, then position and quaternion of
-            a free payload, shape (N,) or (N + 7,).
-        holding: torques that the drives report, N m, shape (N,).
-        drives: memory of the drives.
-    """
-
-    q: Array
-    holding: Array
-    drives: DriveState
-
-
 def covered_constants(
     cover: Cover, needed: RunConstants, scenario: Scenario, timeline: Timeline
 ) -> RunConstants:
@@ -121,13 +108,12 @@ def covered_constants(
     return needed._replace(sensors=sensors, drives=drives, changes=changes(scenario, timeline, cover))
 
 
-def covered_start(needed: Start, constants: RunConstants) -> Start:
-    """Return the start of a run with what the code of its constants provides besides."""
+def covered_drives(needed: DriveState, constants: RunConstants) -> DriveState:
+    """Return the memory of the drives at the start with what the code of the constants provides besides."""
     response = constants.drives.response
-    if response is None or needed.drives.response is not None:
+    if response is None or needed.response is not None:
         return needed
-    at_rest = response.start(np.zeros(len(needed.q)))  # drives without lag do not read it
-    return needed._replace(drives=needed.drives._replace(response=at_rest))
+    return needed._replace(response=response.start(np.zeros(constants.cell.joints)))  # lag alone reads it
 
 
 def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
@@ -142,7 +128,7 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
     """
     return RunConstants(
         cell=CellNumbers.from_chain(run.plant.chain),
-        arms=tuple(arm_constants(scenario, slot) for slot in run.plant.chain.model.arms),
+        arms=tuple(map(arm_constants, run.plant.chain.arms)),
         sensors=run.sensing.sensors,
         drives=run.actuation.drives,
         network=run.exchange.network,
@@ -151,23 +137,18 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
     )
 
 
-def arm_constants(scenario: Scenario, slot: ArmPlace) -> ArmConstants:
-    """Return the numbers of one arm.
-
-    Args:
-        scenario: Scenario with its cell.
-        slot: Position of the arm in the cell's model.
+@lru_cache(64)
+def arm_constants(arm: CellArm) -> ArmConstants:
+    """Return the numbers of an arm of a chain.
 
     Raises:
         TracingError: the arm is no serial chain.
     """
-    cell, name = scenario.cell, slot.name
-    model = ArmKinematics(cell.arms[name], cell.grasps[name].matrix, cell.task_rows).model
+    model = arm.kinematics.model
     X_JP = model.frames[model.getFrameId("payload")].placement
     return ArmConstants(
         model=SerialArm.from_model(model, range(1, model.njoints), X_JP, pin.Inertia.Zero()),
-        drive=slot.drive,
-        to_joints=slot.from_drive,
+        to_joints=arm.from_drive,
     )
 
 
@@ -189,10 +170,13 @@ def changes(scenario: Scenario, timeline: Timeline, cover: Cover | None = None) 
     return tuple({name: getattr(each, name) for name in names} for each in present)
 
 
-def start(run: Simulation) -> Start:
-    """Return the start of a run."""
-    q, measurements = run.plant.q, run.sensing.start(run.plant.q, run.plant.v, run.references(0.0))
-    angles = [arm.angles.near(q[arm.q_slice], arm.posture) for arm in run.plant.chain.model.arms]
-    holding = [np.asarray(measurement.holding_torque) for measurement in measurements]
-    free = q[run.plant.chain.model.arms[-1].q_slice.stop :]
-    return Start(np.concatenate((*angles, free)), np.concatenate(holding), run.actuation.state)
+def start(plant: Plant, actuation: Actuation, sensing: Sensing) -> dict[str, Array]:
+    """Return what a run starts from, by name.
+
+    ``q``, joint positions of all arms, of continuous joints near the posture, then position and quaternion of
+    a free payload, shape (N,) or (N + 7,); ``holding``, the torques that the drives report, N m, shape (N,).
+    """
+    q, slots = plant.q, plant.chain.model.arms
+    angles = [arm.angles.near(q[arm.q_slice], arm.posture) for arm in slots]
+    holding = np.concatenate(actuation.holding_commands(q)) * np.concatenate(sensing.holding_factors)
+    return {"q": np.concatenate((*angles, q[slots[-1].q_slice.stop :])), "holding": holding}

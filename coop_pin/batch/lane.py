@@ -16,7 +16,7 @@ from coop_pin.arrays import Array, Mask
 from coop_pin.batch.preparation import Prepared, PreparedPlant
 from coop_pin.batch.samples import RunSamples, kept_of
 from coop_pin.batch.simulate import BatchSimulator, Family, require_sample_memory
-from coop_pin.batch.single_runs import require_agreement_at_first
+from coop_pin.batch.single_runs import require_agreement
 from coop_pin.description.code_family import law_reason
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
@@ -53,13 +53,9 @@ class LaneSimulator(BatchSimulator):
         signals = hashlib.sha256(run.signals[0].tobytes()).digest()
         run = run._replace(kind=(signals, run.times, *run.kind))
         try:
-            family = self.family([run])
+            return run, self.family([run])
         except TracingError:  # a law that needs its own numbers while it is traced: they fold
-            family = self._folding.family([run])
-        if is_long:  # its order of kernels goes on
-            self.forget(family)
-            self._folding.forget(family)
-        return run, family
+            return run, self._folding.family([run])
 
     def _inputs(self, first: Prepared, prepared: Prepared) -> Mask:
         is_law = np.arange(first.values.shape[1]) >= len(first.plants[0].values)
@@ -86,15 +82,14 @@ class Lane:
         """
         self._scenario, self._every = scenario, scenario.clock.record_every
         self._prepared, family = _simulator.lane(scenario)
-        self._code, self._machine = family.code, cast(LlvmMachine, family.machine)
-        plant = self._prepared.plants[0]
-        require_sample_memory(self._machine, 1)
+        _, machine, self._order = family.orders[self._prepared.times]
+        self._code, plant = family.code, self._prepared.plants[0]
+        require_sample_memory(machine, 1)
         block, _ = self._code.begin(self._prepared)
-        self._block, self._record = np.ascontiguousarray(block.T), self._machine.new_record(1)
+        self._block, self._record = np.ascontiguousarray(block.T), machine.new_record(1)
         self._timeline, self._done, self._first = plant.run.timeline, 0, 0
         self._kept, self._count, self._running = dict[str, Array](), 0, RunningMetrics(scenario, plant.labels)
-        self._call = self._machine.bound(self._block, self._code.uniforms, self._record)
-        self._starts = [*self._code.ticks, len(self._code.program.instructions)]
+        self._bind(cast(LlvmMachine, machine))
 
     def run(self, progress: Progress | None = None) -> RunResult | None:
         """Return the result; None where the run breaks a guard, so that a single run must tell its error.
@@ -113,14 +108,21 @@ class Lane:
         ):
             while self._done <= ticks:
                 self._advance()
-                if not self._is_valid():
+                if self._block[0, self._code.program.lanes.slots("is_valid")] != 1.0:
                     return None
                 if progress is not None:
                     progress(self._done - 1, ticks)
         result = self._result()
         if self._prepared.is_foreign:
-            require_agreement_at_first(result)
+            require_agreement(self._scenario, result.arrays, to_the_end=False)
         return result
+
+    def _bind(self, machine: LlvmMachine) -> None:
+        """Let the next calls run the order that was laid out last, by a machine in any order."""
+        order = self._order
+        self._machine = machine.in_order(order.instructions)
+        self._call = self._machine.bound(self._block, order.uniforms, self._record)
+        self._starts = [*order.ticks, len(order.instructions)]
 
     def _advance(self) -> None:
         """Run the next chunk of ticks."""
@@ -142,12 +144,8 @@ class Lane:
         ticks = range(self._first, min(self._first + _PART, self._timeline.ticks + 1))
         plant, signals = self._prepared.plants[0].later(ticks)
         self._prepared = self._prepared._replace(plants=[plant], signals=[signals])
-        order, uniforms, starts = self._code.next_ticks(signals)
-        self._call = self._machine.bound(self._block, uniforms, self._record, order=order)
-        self._starts = [*starts, len(order)]
-
-    def _is_valid(self) -> bool:
-        return bool(self._block[0, self._code.program.lanes.slots("is_valid")] == 1.0)
+        self._order = self._order.later(signals)
+        self._bind(self._machine)
 
     def _samples(self) -> Samples:
         """Return the samples of the ticks of the present part that are done."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple, TypeAlias
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.batch.constants import ArmConstants
-from coop_pin.control import ArmCommand, ArmController, ArmMeasurement, ArmReference, CellController
+from coop_pin.control import ArmController, ArmMeasurement, ArmReference, CellCommand, CellController
 from coop_pin.control.interface import DESIRED, MEASURED, Message
 from coop_pin.errors import TracingError
 from coop_pin.simulation.sensors import measured_motion
@@ -49,41 +50,48 @@ class LawTick(NamedTuple):
     message: Array = _NOTHING
 
 
-class RecordedLaw(ArmController):
+class RecordedLaw(CellController):
     """Law whose ticks are recorded.
 
     Attributes:
-        ticks: Ticks so far.
-        first_message: Message before the first tick.
+        ticks: Ticks so far, of each arm.
+        first_messages: Messages of the arms before the first tick; none of a law that says nothing.
     """
 
-    def __init__(self, law: ArmController) -> None:
-        self._law, self.ticks = law, list[LawTick]()
-        self.first_message = self._message = _NOTHING
-        self._holding: Array | None = None
+    def __init__(self, law: CellController) -> None:
+        self._law, self.ticks = law, list[list[LawTick]]()
+        self.first_messages = self._said = list[Array]()
+        self._first: Sequence[ArmMeasurement] = ()
 
-    @property
-    def command_kind(self) -> str:
-        """What the law commands."""
-        return self._law.command_kind
+    def commands_of(self, arm: str) -> str:
+        """Return what the law commands to an arm."""
+        return self._law.commands_of(arm)
 
-    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
-        """Return the law's message."""
-        self._message = self._law.message(measurement, reference, state)
+    def messages(
+        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
+    ) -> list[Array]:
+        """Return the law's messages."""
+        self._said = self._law.messages(measurements, references, state)
         if state is None:
-            self.first_message = self._message
-        return self._message
+            self.first_messages = self._said
+        return self._said
 
-    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> Any:
+    def init(self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]) -> Any:
         """Return the law's state at the first tick."""
-        self._holding = measurement.holding_torque
-        return self._law.init(measurement, reference)
+        self._first = measurements
+        return self._law.init(measurements, references)
 
-    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> ArmCommand:
+    def step(
+        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
+    ) -> CellCommand:
         """Return the law's command."""
-        command = self._law.step(measurement, reference, state)
-        measurement = measurement._replace(holding_torque=self._holding)
-        self.ticks.append(LawTick(measurement, reference, command.values, self._message))
+        command = self._law.step(measurements, references, state)
+        seen = [
+            measurement._replace(holding_torque=first.holding_torque)
+            for measurement, first in zip(measurements, self._first, strict=True)
+        ]
+        torques, said = map(np.asarray, command.values), self._said or [_NOTHING] * len(seen)
+        self.ticks.append(list(map(LawTick, seen, references, torques, said)))
         return command
 
 
@@ -121,8 +129,9 @@ def fields(tick: LawTick) -> tuple[Values, Values]:
     absent |= {f"{name}_age" for name in absent}
     desired = {name: getattr(tick.reference, name) for name in DESIRED}
     present = {name: value for name, value in measured.items() if name not in absent}
-    for name, message in zip(heard_fields(tick.measurement), _heard(tick.measurement), strict=True):
-        present |= {name: message.numbers, f"{name}_age": message.age}
+    messages = tick.measurement.messages or {}
+    for name, sender in heard_fields(tick.measurement).items():
+        present |= {name: messages[sender].numbers, f"{name}_age": messages[sender].age}
     return present, desired
 
 
@@ -130,10 +139,6 @@ def heard_fields(measurement: ArmMeasurement) -> dict[str, str]:
     """Return the names of the fields with messages, and from whom they come."""
     heard = measurement.messages or {}
     return {f"heard_{index}_{re.sub(r'[^A-Za-z0-9]', '_', name)}": name for index, name in enumerate(heard)}
-
-
-def _heard(measurement: ArmMeasurement) -> list[Message]:
-    return list((measurement.messages or {}).values())
 
 
 def trace_law(
@@ -156,23 +161,23 @@ def trace_law(
     Raises:
         TracingError: The controller cannot be traced.
     """
-    record = partial(_inputs_of, arms, rows, first)
-    tape, measurements, references = record()
-    with law_code(tape, exact=exact):
-        first_state = controller.init(measurements, references)
-        require_state(first_state)
-        start = LawCode.of(tape, first_state, ())
-    tape, measurements, references = record()
-    state = rebuilt(first_state, iter([inputs(tape) for _ in start.state]))
-    with law_code(tape, exact=exact):
-        measurements = [measurement._replace(holding_torque=None) for measurement in measurements]
-        command = controller.step(measurements, references, state)
-        state = command.state
-        require_state(state)
-        torque = [entry for values in command.values for entry in plain(values).flat]
+    trace = partial(_traced_call, arms, rows, first, exact)
+
+    def init(measured: list[ArmMeasurement], desired: list[ArmReference], _: Any) -> tuple[Any, list[Number]]:
+        return controller.init(measured, desired), []
+
+    def step(
+        measured: list[ArmMeasurement], desired: list[ArmReference], state: Any
+    ) -> tuple[Any, list[Number]]:
+        measured = [each._replace(holding_torque=None) for each in measured]
+        values, state = controller.step(measured, desired, state)
+        return state, [entry for arm in values for entry in plain(arm).flat]
+
+    start, first_state = trace(init)
+    code, state = trace(step, first_state)
     if structure(state) != structure(first_state):
         raise TracingError("returns another kind of state from step than from init")
-    return start, LawCode.of(tape, state, torque)
+    return start, code
 
 
 def trace_messages(
@@ -190,21 +195,42 @@ def trace_messages(
     Raises:
         TracingError: The law cannot be traced.
     """
+    trace = partial(_traced_call, [arm], rows, [first], exact)
 
-    def code(tape: Tape, measured: list[ArmMeasurement], desired: list[ArmReference], state: Any) -> LawCode:
-        with law_code(tape, exact=exact):
-            (silent,) = [each._replace(messages=None, holding_torque=None) for each in measured]
-            return LawCode.of(tape, (), list(plain(law.message(silent, desired[0], state)).flat))
+    def say(
+        measured: list[ArmMeasurement], desired: list[ArmReference], state: Any
+    ) -> tuple[Any, list[Number]]:
+        (silent,) = [each._replace(messages=None, holding_torque=None) for each in measured]
+        return (), list(plain(law.message(silent, desired[0], state)).flat)
 
-    record = partial(_inputs_of, [arm], rows, [first])
-    tape, measured, desired = record()
-    before = code(tape, measured, desired, None)
-    tape, measured, desired = record()
+    _, first_state = trace(lambda measured, desired, _: (law.init(measured[0], desired[0]), []))
+    return trace(say)[0], trace(say, first_state)[0]
+
+
+def _traced_call(
+    arms: Sequence[ArmConstants],
+    rows: TaskRows,
+    first: Sequence[LawTick],
+    exact: bool,
+    function: Callable[[list[ArmMeasurement], list[ArmReference], Any], tuple[Any, list[Number]]],
+    state: Any = None,
+) -> tuple[LawCode, Any]:
+    """Return the traced code of a function of a law, and the state that it returned.
+
+    Args:
+        arms: Numbers of each arm.
+        rows: Task rows of the cell.
+        first: Tick of each arm, whose fields that are not None become inputs.
+        exact: Mode of tracing, as of law_code.
+        function: Function of measurements, references and a state; returns a state and numbers.
+        state: State like that which it is given.
+    """
+    tape, measurements, references = _inputs_of(arms, rows, first)
+    state = rebuilt(state, (inputs(tape) for _ in itertools.count()))
     with law_code(tape, exact=exact):
-        first_state = law.init(measured[0], desired[0])
-    tape, measured, desired = record()
-    state = rebuilt(first_state, iter([inputs(tape) for _ in leaves(first_state)]))
-    return before, code(tape, measured, desired, state)
+        state, numbers = function(measurements, references, state)
+        require_state(state)
+        return LawCode.of(tape, state, numbers), state
 
 
 def _inputs_of(

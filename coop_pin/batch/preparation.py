@@ -11,18 +11,36 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array, Mask
-from coop_pin.batch.constants import RunConstants, covered_constants, covered_start, run_constants, start
+from coop_pin.batch.constants import (
+    RunConstants,
+    changes,
+    covered_constants,
+    covered_drives,
+    run_constants,
+    start,
+)
 from coop_pin.batch.hidden_state import digest, of_classes
-from coop_pin.batch.signals import SignalSource, clocked_of, columns, desired_of, first_of
-from coop_pin.build_controller import build_controller, controlled_arm
-from coop_pin.chain.cell_chain import determinate_rows
+from coop_pin.batch.signals import (
+    Desired,
+    SignalSource,
+    clocked_of,
+    columns,
+    desired_of,
+    first_of,
+    squeezed,
+)
+from coop_pin.build_controller import controlled_arm
 from coop_pin.control import CellController
+from coop_pin.description.cell import Cell
 from coop_pin.description.code_family import Cover, plant_reason
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError, TracingError
-from coop_pin.results.quantities import QUANTITIES, quantities
+from coop_pin.results.quantities import QUANTITIES
 from coop_pin.schema.parts import Pattern
 from coop_pin.simulation import Simulation
+from coop_pin.simulation.actuation import Actuation
+from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.simulation import start_configuration
 from coop_pin.tracing.numpy_machine import evaluate
 from coop_pin.tracing.tape import Tape, operands
 from coop_pin.tracing.traced_array import inputs
@@ -31,8 +49,14 @@ from coop_pin.tracing.tree import flattened, leaves
 _NOT_OF_THE_PLANT = {"controller", "beyond_bound", "seed", "name", "summary", "trust"}
 """Fields of a scenario that do not make the plant; of the controller, its force path does."""
 _PLANT = attrgetter("controller.force_path", *sorted({*Scenario.model_fields} - _NOT_OF_THE_PLANT))
-
-
+_UNLOADED = attrgetter(
+    "controller.force_path",
+    *sorted({*Scenario.model_fields} - _NOT_OF_THE_PLANT - {"cell", "events"}),
+    *(f"cell.{name}" for name in Cell.model_fields if name != "payload"),
+)
+"""Fields of the plant besides the payload and the events."""
+_MOTION, _SQUEEZE = attrgetter("motion", "clock", "duration", "network"), attrgetter("squeeze", "cell.grasps")
+"""Fields on which the desired motion at the ticks depends, and further ones of the squeeze."""
 _NOTHING = digest({})
 """Digest of what a law of the package reads besides."""
 
@@ -45,7 +69,7 @@ class PreparedPlant:
         arms: numbers of the arms that controllers know.
         constants: numbers of the runs, without a controller.
         values: leaves of the constants, shape (leaves,).
-        start: initial state of the runs.
+        drives: memory of the drives at the start.
         begins: numbers of the fields of a block that the plant begins with, by name.
         desired: desired motion and squeeze at all ticks, of a long run at its first ones.
         example: signals of a tick.
@@ -57,13 +81,20 @@ class PreparedPlant:
         times: times that the runs of a batch share.
     """
 
-    def __init__(self, scenario: Scenario, most_ticks: int | None = None, cover: Cover | None = None) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        most_ticks: int | None = None,
+        cover: Cover | None = None,
+        like: PreparedPlant | None = None,
+    ) -> None:
         """Build the plant.
 
         Args:
             scenario: scenario of the first run.
             most_ticks: number of ticks of which desired motion and signals are made at first; None for all.
             cover: Provisions of the code; those that this run needs when None.
+            like: Plant of another scenario, of which parts are taken over that are the same.
 
         Raises:
             TracingError: it cannot be traced.
@@ -71,38 +102,79 @@ class PreparedPlant:
         """
         if reason := plant_reason(scenario.plant, scenario.cell, scenario.events):
             raise TracingError(f"{scenario.name!r} cannot run in a batch: {reason}")
-        self.run = Simulation(scenario, build_controller(scenario))
-        self.arms = [controlled_arm(scenario, name) for name in scenario.cell.arms]
-        self.constants = run_constants(scenario, self.run)._replace(controller=None)
-        self.start = start(self.run)
-        if cover is not None:
-            self.constants = covered_constants(cover, self.constants, scenario, self.run.timeline)
-            self.start = covered_start(self.start, self.constants)
-        numbers, structure = flattened(self.constants)
-        self.values = np.array(numbers, dtype=np.float64)
+        self.run = Simulation(scenario)
+        self.arms = [controlled_arm(scenario, arm) for arm in self.run.plant.chain.arms]
+        self._cover, self._needed = cover, run_constants(scenario, self.run)._replace(controller=None)
+        fixed = self._needed.cell.arms, self._needed.arms, self._needed.sensors
+        self._known = {id(part): flattened(part) for part in (*self.arms, *fixed)}
+        structure = self._begin(scenario, self.run.plant, self.run.actuation)
         self.times = _times(scenario)
-        self._known = {id(arm): flattened(arm) for arm in self.arms}
         self._last: tuple[Hashable, ...] = ()
         self._untraced = list[Hashable]()  # numbers whose controllers are built one by one
-        self.begins = {name: leaves(part) for name, part in self.start._asdict().items()}
-        self.begins["surroundings"] = leaves(self.constants.changes[0])
         ticks = range(self.run.timeline.ticks + 1)[:most_ticks]
-        self.desired = desired_of(self.run, ticks)
-        self._clocked = clocked_of(self.run, ticks)
+        self.desired: Desired
+        self._clocked: tuple[Desired | tuple[()], ...]
+        if like is not None and _MOTION(like.run.scenario) == _MOTION(scenario):
+            self.desired, self._clocked = like.desired, like._clocked
+            if _SQUEEZE(like.run.scenario) != _SQUEEZE(scenario):
+                self.desired = squeezed(self.desired, self.run)
+                self._clocked = tuple(each and squeezed(each, self.run) for each in self._clocked)
+        else:
+            self.desired, self._clocked = desired_of(self.run, ticks), clocked_of(self.run, ticks)
         self._joints = [len(arm.drive) for arm in self.run.plant.chain.model.arms]
         self._source = SignalSource(scenario, self._joints)
         drawn = self._source.draw(self.desired, self._clocked)
         self.example, self._signals = first_of(drawn), {scenario.seed: columns(drawn)}
-        self.table = quantities(scenario)
+        self.table = self.run.recorder.table
         self.read = [each for each in QUANTITIES if each in self.table or each.group == "kinematics"]
         self.labels = self.run.recorder.labels()
         names, samples = tuple(each.name for each in self.read), tuple(self.constants.drives.samples())
         self.kind = structure, tuple(scenario.cell.arms), names, samples
 
-    @functools.cached_property
+    def _begin(self, scenario: Scenario, plant: Plant, actuation: Actuation) -> Hashable:
+        """Set the numbers of a run and its start; return the structure of the numbers."""
+        constants, self.drives, cover = self._needed, actuation.state, self._cover
+        if cover is not None:
+            constants = covered_constants(cover, constants, scenario, self.run.timeline)
+            self.drives = covered_drives(self.drives, constants)
+        self.constants, (numbers, structure) = constants, flattened(constants, self._known)
+        self.values = np.array(numbers, dtype=np.float64)
+        others = {"drives": self.drives, "surroundings": constants.changes[0]}
+        begins = start(plant, actuation, self.run.sensing) | others
+        self.begins = {name: leaves(part) for name, part in begins.items()}
+        return structure
+
+    def carrying(self, scenario: Scenario, cover: Cover | None) -> PreparedPlant | None:
+        """Return the plant of a scenario with another payload in rigid grasps, or other numbers of events.
+
+        The simulation of this plant serves for what they share, and its tree carries the other payload from
+        then on. None where more may differ.
+
+        Args:
+            scenario: Scenario of the plant.
+            cover: Provisions of the code.
+        """
+        run, cell = self.run, scenario.cell
+        if scenario.controller.user_code or cell.has_force_elements or cover != self._cover:
+            return None
+        is_alike = _times(scenario) == self.times and _UNLOADED(scenario) == _UNLOADED(run.scenario)
+        if not is_alike or _kinds(scenario) != _kinds(run.scenario):
+            return None
+        prepared, chain = copy.copy(self), run.plant.chain.carrying(cell)
+        plant = Plant(chain, scenario.plant, start_configuration(chain, scenario))
+        actuation = Actuation(scenario, plant)
+        prepared._needed = self._needed._replace(
+            cell=self._needed.cell._replace(surroundings=cell.surroundings),
+            drives=actuation.drives,
+            changes=changes(scenario, run.timeline),
+        )
+        structure = prepared._begin(scenario, plant, actuation)
+        return prepared if structure == self.kind[0] else None
+
+    @property
     def determined(self) -> Mask:
         """Rows of the interaction wrenches that are determinate; see determinate_rows."""
-        return determinate_rows(self.run.plant.chain, self.run.plant.q)
+        return self.run.recorder.determined
 
     def with_controller(self, scenario: Scenario) -> tuple[CellController, Array, tuple[Hashable, ...]]:
         """Return the controller of a run of this plant, the numbers of both, and the family of the run.
@@ -268,6 +340,11 @@ def _surroundings(scenario: Scenario) -> str:
 def plant_fields(scenario: Scenario) -> tuple[object, ...]:
     """Return what scenarios with one plant have in common."""
     return _PLANT(scenario)
+
+
+def _kinds(scenario: Scenario) -> list[str]:
+    """Return the kinds of events."""
+    return [event.kind for event in scenario.events]
 
 
 def _times(scenario: Scenario) -> Hashable:

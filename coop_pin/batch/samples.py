@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
 from coop_pin.batch.preparation import Prepared
+from coop_pin.batch.signals import Desired
 from coop_pin.errors import InvalidStateError
 from coop_pin.results.quantities import WORK, WORK_OF_GRASPS, Samples, condition_numbers, padded
 from coop_pin.spatial import internal_wrenches, log3
@@ -183,10 +184,10 @@ class RunSamples(Mapping[str, Any]):
         values = np.concatenate([of.reduce(block, axis=0) for block in blocks], axis=1).T
         return np.array(values, order="C").reshape(len(values), *shape)
 
-    def _desired(self, field: str) -> Array:
-        """Return a field of Desired."""
+    def _desired(self, read: Callable[[Desired], Array]) -> Array:
+        """Return what a function reads of Desired."""
         plants = self._prepared.plants
-        by_plant = {plant: getattr(plant.desired, field)[self._kept] for plant in {*plants}}
+        by_plant = {plant: read(plant.desired)[self._kept] for plant in {*plants}}
         if len(by_plant) > 1:
             return np.stack([by_plant[plant] for plant in plants])
         return np.broadcast_to(values := by_plant[plants[0]], (len(plants), *values.shape))
@@ -221,8 +222,10 @@ class RunSamples(Mapping[str, Any]):
         field, determined = self._field, self._plant.determined
         shares = [scenario.cell.shares for scenario in self._prepared.scenarios]
         return {
-            "time": lambda: self._desired("time"),
-            **{f"desired_{each}": partial(self._desired, each) for each in ("pose", "twist", "squeeze")},
+            "time": lambda: self._desired(lambda desired: desired.time),
+            "desired_pose": lambda: self._desired(lambda desired: desired.target.X_WP_d),
+            "desired_twist": lambda: self._desired(lambda desired: desired.target.V_WP_d),
+            "desired_squeeze": lambda: self._desired(lambda desired: desired.squeeze),
             "angles": lambda: self._by_arm(field("q")),
             "rates": lambda: self._by_arm(field("v")),
             "drive": lambda: [arm.drive for arm in self._arms],

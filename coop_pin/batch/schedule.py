@@ -1,35 +1,29 @@
-"""Program of the runs of a batch: kernels, the order of their calls, and what each run begins with."""
+"""Program of the runs of a batch: traced code, the order of its kernels, and what each run begins with.
+
+Traced code is kept on disk: another process need not trace it again.
+"""
 
 from __future__ import annotations
 
+import copy
+import hashlib
+import pickle
+import zlib
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, Self
 
 import numpy as np
 
 from coop_pin.arrays import Array, Mask
-from coop_pin.batch.block import RunBlock, SignalSplit
+from coop_pin.batch.block import RunBlock
 from coop_pin.batch.preparation import Prepared
-from coop_pin.batch.tick import sample_name
-from coop_pin.batch.traced_code import traced_code
+from coop_pin.batch.tick import TickCode, sample_name
+from coop_pin.disk_cache import keep, kept, package_digest
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.timeline import Timeline
 from coop_pin.tracing.kernel import LOAD, RECORD, Instruction, Program
-from coop_pin.tracing.tree import valued
-
-
-class Scheduled(NamedTuple):
-    """Order of the kernels at some ticks of a run; rows of loads and of the record begin with the first.
-
-    Attributes:
-        instructions: instructions in order.
-        uniforms: numbers that all runs share, to which they refer, shape (rows, uniforms).
-        ticks: index of the first instruction of each tick.
-    """
-
-    instructions: Sequence[Instruction]
-    uniforms: Array
-    ticks: list[int]
+from coop_pin.tracing.llvm_emitter import llvm_text
+from coop_pin.tracing.tree import leaves, structure, valued
 
 
 class RunProgram:
@@ -37,9 +31,7 @@ class RunProgram:
 
     Attributes:
         block: slots of the runs.
-        program: program for a machine, of the first ticks of which ``first`` has the signals.
-        uniforms: numbers that all runs share, shape (rows, uniforms).
-        ticks: index of the first instruction of each tick.
+        program: kernels, or their text, without an order.
     """
 
     def __init__(
@@ -50,50 +42,35 @@ class RunProgram:
         width: int | None = None,
         others: Sequence[Prepared] = (),
     ) -> None:
-        """Trace and order the kernels.
+        """Trace the kernels, or read their text from disk.
 
         Args:
             first: Batch whose first run has the numbers that fold.
             differs: Leaves of the constants that are inputs.
             is_loaded: Entries of the signals that are inputs.
-            width: Number of lanes of LLVM's registers, as of traced_code.
+            width: Number of lanes of LLVM's registers, for a text; None keeps the kernels themselves.
             others: Runs with other times and signals that have the code, too.
+
+        Raises:
+            TracingError: The runs cannot be traced.
         """
-        plant, signals = first.plants[0], first.signals[0]
-        is_whole = len(signals) > plant.run.timeline.ticks  # else any may change later
+        is_whole = len(first.signals[0]) > first.plants[0].run.timeline.ticks  # else any may change later
         is_uniform = ~is_loaded & (varying([first, *others]) | (not is_whole))
-        split = SignalSplit(plant.example, signals[0], is_uniform, is_loaded)
-        self.block = RunBlock(first.constants, plant.start, differs, split, plant.read)
-        self._differs, block = differs, self.block
-        code = traced_code(block, first, differs, width)
-        self._law, self._names = code.law, code.names
-        self._schedule = Schedule(plant.run, block, code.names)
-        instructions, self.uniforms, self.ticks = self.next_ticks(signals)
-        self.program = Program(
-            code.kernels, code.lanes, block.recorded, block.loaded, instructions, code.text
-        )
+        self.block = RunBlock(first, differs, is_uniform, is_loaded)
+        self.program, self._names, self._law = _traced(self.block, first, width)
 
-    def next_ticks(self, signals: Array) -> Scheduled:
-        """Return the order of the kernels at the ticks that come next.
-
-        Args:
-            signals: Signals at them, shape (n, entries).
-        """
-        return self._schedule.next_ticks(signals[:, self.block.signals.is_uniform])
-
-    def order(self, run: Prepared) -> Scheduled:
-        """Return the order of the kernels of another run, from its first tick on."""
-        schedule = Schedule(run.plants[0].run, self.block, self._names)
-        return schedule.next_ticks(run.signals[0][:, self.block.signals.is_uniform])
+    def order(self, run: Prepared) -> Schedule:
+        """Return the order of the kernels of a run, from its first tick on."""
+        return Schedule(run.plants[0].run, self.block, self._names).later(run.signals[0])
 
     def begin(self, prepared: Prepared) -> tuple[Array, Array]:
         """Return the initial block, shape (slots, runs), and the loads, shape (ticks + 1, loaded, runs)."""
-        lanes, is_loaded = self.program.lanes, self.block.signals.is_loaded
+        lanes, is_loaded = self.program.lanes, self.block.is_loaded
         plants, count = prepared.plants, len(prepared.plants)
         block = np.zeros((lanes.size, count))
         for name, values in (
             *((name, [plant.begins[name] for plant in plants]) for name in plants[0].begins),
-            ("constants", prepared.values[:, self._differs]),
+            ("constants", prepared.values[:, self.block.differs]),
             ("is_valid", np.ones((count, 1))),
         ):
             numbers = np.array(values, dtype=np.float64).reshape(count, -1).T
@@ -113,11 +90,47 @@ def varying(runs: Sequence[Prepared]) -> Mask:
     return np.any([(run.signals[0] != first).any(axis=0) for run in runs], axis=0)
 
 
+def _traced(block: RunBlock, first: Prepared, width: int | None) -> tuple[Program, list[str], Any]:
+    """Return the program, the names of its kernels, and a tree like the state of the law; see RunProgram."""
+    is_kept = width is not None and not first.is_foreign  # users' modules may change
+    key = _key(block, first, width) if is_kept else b""
+    traced: tuple[Program, list[str], Any]
+    if is_kept and (content := kept(key)):
+        traced = pickle.loads(zlib.decompress(content))
+        return traced
+    code = TickCode(block, exact=first.is_foreign)
+    program = Program(code.kernels(), block.lanes, block.recorded, block.loaded, ())
+    names, law = [kernel.name for kernel in program.kernels], [0.0] * len(leaves(code.law))
+    if width is not None:
+        program = program._replace(text=llvm_text(program, width), kernels=())
+    traced = program, names, valued(code.law, iter(law))
+    if is_kept:
+        keep(key, zlib.compress(pickle.dumps(traced), 1))
+    return traced
+
+
+def _key(block: RunBlock, first: Prepared, width: int | None) -> bytes:
+    """Return the digest of what the code depends on: the package, structure and numbers of the runs."""
+    plant, masks = first.plants[0], (block.differs, block.is_uniform, block.is_loaded)
+    folded = first.values[0][~block.differs], first.signals[0][0][~(block.is_uniform | block.is_loaded)]
+    shape = first.kind[-3:], structure(plant.example), structure(plant.drives)
+    digest = hashlib.sha256(repr((package_digest(), np.__version__, width, shape)).encode())
+    for part in (*folded, *masks):
+        digest.update(part.tobytes())
+    return digest.digest()
+
+
 class Schedule:
-    """Order of the kernels of a run, for some of its ticks after the other."""
+    """Order of the kernels of a run at some of its ticks; rows of loads and record begin with the first.
+
+    Attributes:
+        instructions: instructions in order.
+        uniforms: numbers that all runs share, to which they refer, shape (rows, uniforms).
+        ticks: index of the first instruction of each tick.
+    """
 
     def __init__(self, run: Simulation, block: RunBlock, kernels: Sequence[str]) -> None:
-        """Begin before the first tick.
+        """Begin before the first tick, without instructions.
 
         Args:
             run: Simulation of one of the runs, for its timeline.
@@ -130,23 +143,29 @@ class Schedule:
         self._timeline, self._actuation = run.timeline, run.actuation
         self._target = 0.0  # time of the last command, or sample of a servo
 
-    def next_ticks(self, signals: Array) -> Scheduled:
-        """Return the order of the kernels at the ticks that come next.
+    def later(self, signals: Array) -> Self:
+        """Return the order at the ticks that come next.
 
         Args:
-            signals: Signals at them that are uniform, shape (n, ...).
+            signals: Signals at them, shape (n, entries).
         """
-        self._instructions, self._rows = list[Instruction](), list[Array]()
-        self._steps, ticks = dict[float, int](), list[int]()
+        other = copy.copy(self)
+        other._lay_out(signals[:, self._block.is_uniform])
+        return other
+
+    def _lay_out(self, signals: Array) -> None:
+        """Lay out ticks, given the signals at them that are uniform."""
+        self.instructions, self._rows = list[Instruction](), list[Array]()
+        self._steps, self.ticks = dict[float, int](), list[int]()
         timeline, block = self._timeline, self._block
         for index, uniform in enumerate(signals):
             tick, self._tick = self._tick, self._tick + 1
             time = timeline.time(tick)
-            ticks.append(len(self._instructions))
+            self.ticks.append(len(self.instructions))
             since, self._target = time - self._target, time
             row = self._row(s=since, gives=self._actuation.gives(time), signals=uniform)
             if block.loaded:
-                self._instructions.append(Instruction(LOAD, index))
+                self.instructions.append(Instruction(LOAD, index))
             if not tick:
                 self._call("start", row)
             elif block.constants.sensors.needs_wrenches:
@@ -154,10 +173,10 @@ class Schedule:
             self._call("tick", row)
             self._happen(timeline, time)  # measured and computed before: the law sees it a tick later
             self._call("observe", row)
-            self._instructions.append(Instruction(RECORD, index))
+            self.instructions.append(Instruction(RECORD, index))
             if tick < timeline.ticks:
                 self._advance(timeline, tick)
-        return Scheduled(self._instructions, np.array(self._rows), ticks)
+        self.uniforms = np.array(self._rows)
 
     def _advance(self, timeline: Timeline, tick: int) -> None:
         """Add the plant steps of a tick."""
@@ -193,7 +212,7 @@ class Schedule:
         return len(self._rows) - 1
 
     def _call(self, kernel: str, row: int) -> None:
-        self._instructions.append(Instruction(self._index[kernel], row))
+        self.instructions.append(Instruction(self._index[kernel], row))
 
     def _happen(self, timeline: Timeline, time: float) -> None:
         """Add the kernel of the events at a time, if there are any."""

@@ -10,6 +10,7 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.description.network import ArmClock
 from coop_pin.description.scenario import Scenario
+from coop_pin.reference import PoseTarget
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.network import MessageSignals, NetworkSignals
 from coop_pin.simulation.signals import CellSignals, MissedTicks, SensorSignals
@@ -20,16 +21,12 @@ class Desired(NamedTuple):
 
     Attributes:
         time: t_k, s, shape (n,).
-        pose: X_WP_d, shape (n, 4, 4).
-        twist: V_WP_d, shape (n, 6).
-        acceleration: A_WP_d, shape (n, 6).
+        target: desired motion, shape (n, 4, 4), (n, 6) and (n, 6).
         squeeze: f_d of each arm in payload axes, shape (n, m, 6).
     """
 
     time: Array
-    pose: Array
-    twist: Array
-    acceleration: Array
+    target: PoseTarget
     squeeze: Array
 
 
@@ -53,11 +50,16 @@ class RunSignals(NamedTuple):
 
 def desired_of(run: Simulation, ticks: range, clock: ArmClock | None = None) -> Desired:
     """Return desired motion and squeeze at ticks of a run, or at what a clock shows then."""
-    grasps, times = run.scenario.cell.grasps, list(map(run.timeline.time, ticks))
+    times = list(map(run.timeline.time, ticks))
     times = times if clock is None else list(map(clock.reading, times))
-    pose, twist, acceleration = map(np.array, zip(*map(run.motion.at, times), strict=True))
-    squeeze = np.array([run.squeeze.at(time, grasps) for time in times])
-    return Desired(np.array(times), pose, twist, acceleration, squeeze)
+    target = PoseTarget(*map(np.array, zip(*map(run.motion.at, times), strict=True)))
+    return squeezed(Desired(np.array(times), target, np.empty(0)), run)
+
+
+def squeezed(desired: Desired, run: Simulation) -> Desired:
+    """Return the same desired motion with the squeeze of a run."""
+    grasps, times = run.scenario.cell.grasps, desired.time.tolist()
+    return desired._replace(squeeze=np.array([run.squeeze.at(time, grasps) for time in times]))
 
 
 def clocked_of(run: Simulation, ticks: range) -> tuple[Desired | tuple[()], ...]:

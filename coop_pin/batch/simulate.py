@@ -13,7 +13,7 @@ import numpy as np
 from coop_pin.arrays import Array, Mask, require_type, typed
 from coop_pin.batch.preparation import Prepared, PreparedPlant, plant_fields
 from coop_pin.batch.samples import RunSamples
-from coop_pin.batch.schedule import RunProgram, varying
+from coop_pin.batch.schedule import RunProgram, Schedule, varying
 from coop_pin.batch.single_runs import checked, require_agreement
 from coop_pin.batch.support import require_traceable
 from coop_pin.description.code_family import Cover
@@ -135,33 +135,27 @@ class Family(NamedTuple):
 
     Attributes:
         first: first run, whose numbers fold.
-        differs: mask of the constants that are inputs.
-        is_loaded: mask of the signals that are inputs.
         code: program of the runs.
         machine: machine that runs the program.
-        orders: first run with some times, its machine and its uniforms, by these times.
+        orders: first run with some times, its machine and the order of its kernels, by these times.
     """
 
     first: Prepared
-    differs: Mask
-    is_loaded: Mask
     code: RunProgram
     machine: Machine
-    orders: Mapping[Hashable, tuple[Prepared, Machine, Array]]
+    orders: Mapping[Hashable, tuple[Prepared, Machine, Schedule]]
 
     def serves(self, differs: Mask, is_loaded: Mask, runs: Sequence[Prepared]) -> bool:
         """Return whether the code has these inputs, and no other signal varies over runs with own times."""
-        signals = self.code.block.signals
-        is_input = signals.is_uniform | signals.is_loaded
-        same = (differs == self.differs).all() and (is_loaded == self.is_loaded).all()
+        block = self.code.block
+        is_input = block.is_uniform | block.is_loaded
+        same = (differs == block.differs).all() and (is_loaded == block.is_loaded).all()
         return bool(same and not (varying([self.first, *runs]) & ~is_input).any())
 
-    def order(self, run: Prepared) -> tuple[Prepared, Machine, Array]:
+    def order(self, run: Prepared) -> tuple[Prepared, Machine, Schedule]:
         """Return the order of runs with the times of one; see the attribute."""
-        if run.times == self.first.times:
-            return self.first, self.machine, self.code.uniforms
         order = self.code.order(run)
-        return run, self.machine.in_order(order.instructions), order.uniforms
+        return run, self.machine.in_order(order.instructions), order
 
 
 class BatchSimulator:
@@ -195,9 +189,8 @@ class BatchSimulator:
         valid = np.flatnonzero(batch.is_valid).tolist()
         if scenarios[0].controller.user_code and valid:
             for index in checked(valid):
-                require_agreement(
-                    scenarios[index], {name: batch.samples[name][index] for name in batch.samples}
-                )
+                samples = {name: batch.samples[name][index] for name in batch.samples}
+                require_agreement(scenarios[index], samples)
         return batch
 
     def prepare(self, scenario: Scenario, cover: Cover | None = None) -> Prepared:
@@ -209,7 +202,12 @@ class BatchSimulator:
         """
         fields = cover, *plant_fields(scenario)
         index = next((i for i, (other, _) in enumerate(self._plants) if other == fields), None)
-        plant = PreparedPlant(scenario, cover=cover) if index is None else self._plants.pop(index)[1]
+        like = self._plants[0][1] if self._plants else None
+        if index is not None:
+            plant = self._plants.pop(index)[1]
+        else:
+            varied = like and like.carrying(scenario, cover)
+            plant = varied or PreparedPlant(scenario, cover=cover, like=like)
         self._plants.insert(0, (fields, plant))  # the next scenario shares more objects with this one
         return Prepared.of_run(scenario, plant)
 
@@ -248,20 +246,19 @@ class BatchSimulator:
         """Return the results of runs; raises as simulate_batch."""
         prepared = Prepared.joined(runs)
         del self._plants[_KEPT:]
-        code, orders = (family := self.family([prepared])).code, family.orders
-        _, machine, uniforms = orders[prepared.times]
-        program, count = code.program, len(runs)
+        family, count = self.family([prepared]), len(runs)
+        _, machine, order = family.orders[prepared.times]
         if machine.record_size(count) > sum(memory.size for memory in self._free):
             require_sample_memory(machine, count)
-        block, loads = code.begin(prepared)
+        (block, loads), lanes = family.code.begin(prepared), family.code.program.lanes
         parts = [slice(first, first + LARGEST_BLOCK) for first in range(0, count, LARGEST_BLOCK)]
         memories, records = list[Array](), list[Array]()
         for part in parts:
-            lanes = block[:, part]
-            memories.append(self._memory(machine.record_size(lanes.shape[1])))
-            records.append(machine.run(lanes, uniforms, loads[:, :, part], memories[-1]))
-        is_valid = block[program.lanes.slots("is_valid")] == 1.0
-        return BatchResult(prepared, program.lanes, records, is_valid, partial(self._give_back, memories))
+            slots = block[:, part]
+            memories.append(self._memory(machine.record_size(slots.shape[1])))
+            records.append(machine.run(slots, order.uniforms, loads[:, :, part], memories[-1]))
+        is_valid = block[lanes.slots("is_valid")] == 1.0
+        return BatchResult(prepared, lanes, records, is_valid, partial(self._give_back, memories))
 
     def _memory(self, size: int) -> Array:
         """Return memory for ``size`` numbers or more.
@@ -290,28 +287,24 @@ class BatchSimulator:
         first = batches[0].part(slice(1)) if family is None else family.first
         known = {} if family is None else {times: order[0] for times, order in family.orders.items()}
         firsts = {each.times: known.get(each.times) or each.part(slice(1)) for each in reversed(batches)}
-        firsts |= {first.times: first} if first.times in firsts else {}
         differs = np.any([self._inputs(first, each) for each in batches], axis=0)
         is_loaded = np.any([_differing(each, firsts[each.times]) for each in batches], axis=0)
         if family is None:
-            require_traceable(first.scenarios[0], first.plants[0].run, first.constants)
+            require_traceable(first.scenarios[0], first.constants)
         else:
-            differs, is_loaded = differs | family.differs, is_loaded | family.is_loaded
+            block = family.code.block
+            differs, is_loaded = differs | block.differs, is_loaded | block.is_loaded
         if family is None or not family.serves(differs, is_loaded, [*firsts.values()]):
             first.require_surroundings()
             is_plain = self._new_machine is LlvmMachine and self._width is None
             width = native_width() if is_plain else self._width
             code = RunProgram(first, differs, is_loaded, width, [*firsts.values()])
-            family = Family(first, differs, is_loaded, code, self._new_machine(code.program), {})
+            family = Family(first, code, self._new_machine(code.program), {})
         orders = {times: family.orders.get(times) or family.order(run) for times, run in firsts.items()}
         others = [(times, order) for times, order in family.orders.items() if times not in orders]
         family = family._replace(orders=dict(others[-_KEPT:]) | orders)
         self._families = [*self._families, family][-_KEPT:]
         return family
-
-    def forget(self, family: Family) -> None:
-        """Keep a family no longer."""
-        self._families = [each for each in self._families if each is not family]
 
     def _inputs(self, first: Prepared, prepared: Prepared) -> Mask:
         """Return the mask of the constants that are inputs: those in which runs differ from the first."""

@@ -1,6 +1,7 @@
 """Single runs that check a batch of a user's law: the first of its runs and a random one, to the end.
 
-Random ticks see what a law computes, not what it counts, draws or reads besides; a whole run sees that, too.
+The first ticks show what a law computes, not what it counts, draws or reads besides; a whole run shows
+that, too.
 """
 
 from __future__ import annotations
@@ -15,8 +16,7 @@ import numpy as np
 from coop_pin.build_controller import build_controller
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import TracingError
-from coop_pin.results import RunResult
-from coop_pin.simulation import Simulation, simulate
+from coop_pin.simulation import Simulation
 
 Item = TypeVar("Item")
 
@@ -53,45 +53,31 @@ def difference(batch: Mapping[str, Any], expected: Mapping[str, Any]) -> str:
     return ""
 
 
-def require_agreement(scenario: Scenario, samples: Mapping[str, Any]) -> None:
-    """Refuse a batch of a user's law that differs from a single run.
+def require_agreement(scenario: Scenario, samples: Mapping[str, Any], *, to_the_end: bool = True) -> None:
+    """Refuse a run of a user's law as compiled code that differs from a single run.
 
     Args:
-        scenario: Scenario of one of its runs.
-        samples: Samples of that run.
+        scenario: Scenario of the run.
+        samples: Samples of the run.
+        to_the_end: Whether all ticks are compared; the first 200 otherwise.
 
     Raises:
         TracingError: It differs, or the single run fails.
     """
+    every = 1 if to_the_end else scenario.clock.record_every
     try:
-        expected = simulate(scenario, build_controller(scenario)).data
+        run = Simulation(scenario, build_controller(scenario))
+        most = run.timeline.ticks if to_the_end else every * math.ceil(_FIRST_TICKS / every)
+        for _ in range(min(run.timeline.ticks, most) + 1):
+            run.tick()
+        single = run.result().data
     except Exception as error:  # of a user's class, or of a run that fails
         reason = f"a single run ends with {type(error).__name__}: {error}"
     else:
-        reason = difference(samples, {str(name): array.values for name, array in expected.items()})
+        expected = {str(name): part.values for name, part in single.data_vars.items() if "time" in part.dims}
+        count = single.sizes["time"]
+        reason = difference({name: samples[name][:count] for name in expected}, expected)
     if reason:
-        raise TracingError(told(scenario, reason))
-
-
-def require_agreement_at_first(result: RunResult) -> None:
-    """Refuse a run of a user's law as compiled code whose first ticks differ from those of a single run.
-
-    Args:
-        result: Result of the run.
-
-    Raises:
-        TracingError: They differ.
-    """
-    scenario, samples = result.scenario, result.arrays
-    every = scenario.clock.record_every
-    run = Simulation(scenario, build_controller(scenario))
-    for _ in range(min(run.timeline.ticks, every * math.ceil(_FIRST_TICKS / every)) + 1):
-        run.tick()
-    single = run.result().data
-    count = single.sizes["time"]
-    timed = [name for name, values in single.data_vars.items() if "time" in values.dims]
-    batch = {str(name): np.asarray(samples[name])[:count] for name in timed}
-    if reason := difference(batch, {str(name): single[name].values for name in timed}):
         raise TracingError(told(scenario, reason))
 
 

@@ -2,35 +2,31 @@
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from coop_pin.arrays import typed
-from coop_pin.batch.constants import RunConstants, run_constants, start
+from coop_pin.batch.constants import RunConstants, run_constants
 from coop_pin.batch.hidden_state import Contents, of_classes, of_objects, require_unchanged
-from coop_pin.batch.law_code import LawTick, require_agreement, trace_law
+from coop_pin.batch.law_code import LawTick, RecordedLaw, require_agreement, trace_law
 from coop_pin.build_controller import build_controller
-from coop_pin.control import CellController
+from coop_pin.control import ArmMeasurement, ArmReference, CellCommand, CellController
 from coop_pin.description.code_family import law_reason, plant_reason
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import TracingError
+from coop_pin.errors import DivergedError, TracingError
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.drives import Applied
-from coop_pin.simulation.sensors import Truth
-from coop_pin.simulation.signals import SensorSignals
 from coop_pin.tracing.tree import structure
 
 _TICKS = 16
-"""At which a user's controller is compared with its traced code, the first and random ones."""
-_SPREAD = 0.1
-"""Of the joint positions there about those of the start, and of their rates, rad or m and 1/s of it."""
-_WRENCH = 10.0
-"""Size of the wrenches there, N and N m."""
+"""Number of ticks at which a user's controller is compared with its traced code."""
 _TORQUE = 10.0
-"""Size of the torques that the drives report there, N m."""
+"""Size of what is added to torques there, N m."""
+_MOTION = 0.1
+"""Size of what is added to velocities and positions that servos take, rad/s and rad."""
 _SATURATED = 0.2
-"""Part of the torques that are cut there."""
+"""Part of the torques that count as cut there."""
 
 
 @typed
@@ -44,13 +40,13 @@ def support(scenario: Scenario) -> str | None:
         return reason
     try:
         run = Simulation(scenario, build_controller(scenario))
-        require_traceable(scenario, run, run_constants(scenario, run))
+        require_traceable(scenario, run_constants(scenario, run))
     except TracingError as error:
         return str(error)
     return None
 
 
-def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstants) -> None:
+def require_traceable(scenario: Scenario, constants: RunConstants) -> None:
     """Refuse a law that computes with Pinocchio, and a user's whose steps its traced code does not give.
 
     Raises:
@@ -66,7 +62,7 @@ def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstan
     if scenario.network is not None:
         raise TracingError(f"its controller {law.user_code[0]!r} is a user's, whose messages are not traced")
     try:
-        ticks = random_ticks(scenario, run, constants)
+        ticks = shaken_ticks(scenario)
         controller, rows = build_controller(scenario), scenario.cell.task_rows
         code = trace_law(controller, constants.arms, rows, ticks[0], exact=True)
         require_agreement(*code, ticks)
@@ -75,53 +71,49 @@ def require_traceable(scenario: Scenario, run: Simulation, constants: RunConstan
     structure(constants.controller)
 
 
-def random_ticks(scenario: Scenario, run: Simulation, constants: RunConstants) -> list[list[LawTick]]:
-    """Return ticks of all arms under a controller, the first and random ones, at states near the start.
+class ShakenLaw(RecordedLaw):
+    """Law whose ticks are recorded far from rest: commands are shaken at random, and torques count as cut."""
+
+    def __init__(self, law: CellController) -> None:
+        super().__init__(law)
+        self._random = np.random.default_rng(0)
+
+    def step(
+        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
+    ) -> CellCommand:
+        """Return the law's command, shaken."""
+        draw = self._random.random
+        seen = [each._replace(saturated=draw(each.q.shape) < _SATURATED) for each in measurements]
+        command = super().step(seen, references, state)
+        velocities, positions = (
+            self._shaken(part, _MOTION) for part in (command.velocities, command.positions)
+        )
+        return CellCommand(self._shaken(command.torques, _TORQUE), command.state, velocities, positions)
+
+    def _shaken(self, values: Sequence[Any], size: float) -> list[Any]:
+        """Return values of the arms that have some, with random ones of a size added."""
+        draw = self._random.normal
+        return [each if each is None else each + size * draw(size=np.shape(each)) for each in values]
+
+
+def shaken_ticks(scenario: Scenario) -> list[list[LawTick]]:
+    """Return the first ticks of all arms in a run that is shaken at random.
 
     Raises:
         TracingError: The controller fails there, or changes attributes.
     """
-    rng, controller, ticks = np.random.default_rng(0), build_controller(scenario), list[list[LawTick]]()
-    before = _attributes(scenario, controller)
-    begun, sensors = start(run), constants.sensors
-    sizes = [len(arm.drive) for arm in constants.arms]
-    joints = begun.q[: sum(sizes)]
-    split = partial(np.split, indices_or_sections=np.cumsum(sizes)[:-1])
-    rows, sensed, state = SensorSignals(scenario, sizes).rows(), None, None
-    subset = {0, *rng.integers(run.timeline.ticks + 1, size=_TICKS - 1).tolist()}
-    for tick, signals in zip(range(max(subset) + 1), rows, strict=False):
-        if tick not in subset:
-            continue
-        time = run.timeline.time(tick)
-        references, angles = run.references(time), split(joints + _SPREAD * rng.normal(size=sum(sizes)))
-        truth = Truth(
-            time=time,
-            angles=angles,
-            rates=split(_SPREAD * rng.normal(size=sum(sizes))),
-            applied=Applied(*map(split, _TORQUE * rng.normal(size=(5, sum(sizes)))))._replace(
-                saturated=split(rng.random(sum(sizes)) < _SATURATED)
-            ),
-            wrenches=_WRENCH * rng.normal(size=(len(sizes), 6)),
-            R_WP=np.eye(3),
-            signals=signals,
-        )
-        view = partial(constants.view, angles)
-        sensed = sensors.start(truth, view, references) if sensed is None else sensed
-        measurements, sensed = sensors.step(sensed, truth, view)
-        first = [
-            each._replace(holding_torque=torque)
-            for each, torque in zip(measurements, split(begun.holding), strict=True)
-        ]
-        try:
-            if not tick:
-                state = controller.init(first, references)
-            command = controller.step(measurements, references, state)
-            torques, state = run.actuation.commanded(command), command.state
-        except Exception as error:  # whatever a user's class raises
-            raise TracingError(f"fails at random measurements: {type(error).__name__}: {error}") from error
-        ticks.append([LawTick(*parts) for parts in zip(first, references, torques, strict=True)])
+    controller = build_controller(scenario)
+    law, before = ShakenLaw(controller), _attributes(scenario, controller)
+    try:
+        run = Simulation(scenario, law)
+        for _ in range(min(_TICKS, run.timeline.ticks + 1)):
+            run.tick()
+    except DivergedError:  # the ticks before it count
+        pass
+    except Exception as error:  # whatever a user's class raises
+        raise TracingError(f"fails at its first ticks: {type(error).__name__}: {error}") from error
     require_unchanged(before, _attributes(scenario, controller))
-    return ticks
+    return law.ticks
 
 
 def _attributes(scenario: Scenario, controller: CellController) -> Contents:

@@ -20,11 +20,12 @@ from coop_pin.batch.plant_code import write_observed, write_step
 from coop_pin.batch.serial_arm import Numbers, frames
 from coop_pin.batch.signals import Desired, RunSignals
 from coop_pin.control import ArmMeasurement, ArmReference
+from coop_pin.control.interface import Message
 from coop_pin.description.events import Surroundings
 from coop_pin.results.quantities import WORK
 from coop_pin.simulation.actuation import TORQUE_LIMIT
 from coop_pin.simulation.drives import Applied, DriveMotion, DriveState, Given, TorqueResponse
-from coop_pin.simulation.network import NetworkSignals
+from coop_pin.simulation.network import NetworkSignals, heard
 from coop_pin.simulation.sensors import Truth, View
 from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
 from coop_pin.spatial.generic_numbers import inverse
@@ -69,8 +70,7 @@ class TickCode:
         references = self._block.references(signals)
         truth, view = self._truth(kernel, constants, signals)
         if constants.sensors.wrists:
-            load = np.concatenate((weight.mass * weight.gravity, np.zeros(3)))
-            loads = np.stack([share * load for share in constants.sensors.shares])
+            loads = constants.sensors.at_rest(weight.mass, weight.gravity)
             R_WP = frames(constants.cell.arms[0], truth.angles[0]).R_WP
             truth = truth._replace(wrenches=traced(loads), R_WP=traced(R_WP))
             kernel.write("wrenches", loads)
@@ -159,21 +159,23 @@ class TickCode:
             state: State of the network; None before the first tick, whose messages are said again.
             law: State of the law; None before the first tick.
         """
-        network = constants.network
         for index, clocked in enumerate(signals.clocked):
             if isinstance(clocked, Desired):
                 shown: Any = clocked.time
                 measurements[index] = measurements[index]._replace(time=shown)
-        if network is None or not isinstance(signals.network, NetworkSignals):
+        network, timing = constants.network, signals.network
+        if network is None or not isinstance(timing, NetworkSignals):
             return measurements, None
-        messages = list(map(traced, constants.controller.messages(measurements, references, law)))
-        if not any(map(len, messages)):
-            return measurements, None
-        if state is None:
-            self._network = state = network.start(messages)
-        heard, state = network.step(state, messages, signals.network)
-        pairs = zip(measurements, heard, strict=True)
-        return [seen._replace(messages=one) for seen, one in pairs], state
+
+        def exchange(messages: Sequence[Numbers]) -> list[dict[str, Message]]:
+            nonlocal state
+            said = list(map(traced, messages))
+            if state is None:
+                self._network = state = network.start(said)
+            received, state = network.step(state, said, timing)
+            return received
+
+        return heard(constants.controller, measurements, references, law, exchange), state
 
     def _record(self, kernel: Kernel, measurements: Sequence[ArmMeasurement], applied: Applied) -> None:
         """Write what is recorded of measurements and torques; NaN of what an arm does not measure."""
@@ -189,7 +191,7 @@ class TickCode:
 
     def _sensed(self, kernel: Kernel, constants: RunConstants) -> DriveMotion:
         """Return what the drives sense."""
-        arms, gravity = constants.arms, constants.cell.surroundings.gravity
+        arms, gravity = constants.sensors.arms, constants.cell.surroundings.gravity
         q, v = (constants.cell.by_arm(kernel.read(name)) for name in "qv")
 
         def torque(index: int, gravity: Numbers, rates: Numbers, accelerations: Numbers) -> Numbers:
@@ -221,11 +223,13 @@ class TickCode:
 
     def _drives(self, kernel: Kernel) -> DriveState:
         """Return the memory of the drives."""
-        return rebuilt(self._block.start.drives, iter(kernel.read("drives")))
+        return rebuilt(self._block.drives, iter(kernel.read("drives")))
 
     def _hold(self, kernel: Kernel, constants: RunConstants, torques: Sequence[Numbers]) -> None:
         """Write the generalised force of drive torques."""
-        forces = [arm.drive.T.dot(torque) for arm, torque in zip(constants.arms, torques, strict=True)]
+        forces = [
+            arm.drive.T.dot(torque) for arm, torque in zip(constants.sensors.arms, torques, strict=True)
+        ]
         kernel.write("force", np.concatenate(forces))
 
     def _varying(self, name: str, torques: Callable[[TorqueResponse, Any, Any, Any], Numbers]) -> Kernel:

@@ -3,10 +3,10 @@
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin.chain.cell_chain import CellChain
 from coop_pin.chain.closed_chain import ChainDynamics, ClosedChain
-from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.inverse_kinematics import ik_branches, solve_ik
 from coop_pin.chain.trajectory import ChainState, Energy, Trajectory
+from coop_pin.description.closure import Closure
 
 __all__ = [
     "CellChain",

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import pinocchio as pin
@@ -12,6 +14,7 @@ from numpy.typing import ArrayLike
 from coop_pin.arrays import Array, Mask, as_array, as_number, as_pose, require_finite, require_type, shaped
 from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closure_set import ClosureError
+from coop_pin.chain.contact_equilibrium import started
 from coop_pin.chain.contact_patches import ContactPatches, ContactState
 from coop_pin.chain.force_elements import ForceElements
 from coop_pin.chain.friction_cones import Squeeze, friction_squeeze
@@ -135,10 +138,25 @@ class CellChain:
         self._frames, self._free_data = GraspFrames(self.model), self.model.model.createData()
         self._welded = [index for index, name in enumerate(cell.arms) if name in self.model.closed_by_tree]
 
+    @cached_property
+    def arms(self) -> tuple[CellArm, ...]:
+        """Model of each arm, without the payload."""
+        return tuple(CellArm(self.cell, name) for name in self.cell.arms)
+
     def surround(self, surroundings: Surroundings) -> None:
         """Set the payload's inertia and gravity, from the next call on; the push is an argument of each."""
         require_type("surroundings", surroundings, Surroundings)
         self.model.surround(surroundings)
+
+    def carrying(self, cell: Cell) -> Self:
+        """Return the chain of a cell with another payload in rigid grasps, on the tree of this one.
+
+        The tree carries the other payload from then on.
+        """
+        chain = copy.copy(self)
+        chain.cell = cell
+        chain.surround(cell.surroundings)
+        return chain
 
     def damp(self, q: Array) -> None:
         """Set the damping of grasps that is stated as a ratio, by the mobility at a configuration."""
@@ -202,9 +220,7 @@ class CellChain:
             FieldError: a compliant grasp is too soft for its share.
         """
         X = as_pose("X_WP", X_WP)
-        configurations = [
-            solve_ik(CellArm(self.cell, name), X, posture=arm.posture) for name, arm in self.cell.arms.items()
-        ]
+        configurations = [solve_ik(arm, X, posture=arm.description.posture) for arm in self.arms]
         return self.settled(self.model.configuration(configurations, X), squeeze)
 
     def settled(self, q: ArrayLike, squeeze: ArrayLike | None = None) -> Array:
@@ -223,9 +239,8 @@ class CellChain:
         if not len(self.patches):
             return q
         m = len(self.cell.arms)
-        return self.patches.started(
-            q, np.zeros((m, 6)) if squeeze is None else as_array("squeeze", squeeze, m, 6)
-        )
+        pressed = np.zeros((m, 6)) if squeeze is None else as_array("squeeze", squeeze, m, 6)
+        return started(self.patches, q, pressed)
 
     def loads(self, q: ArrayLike) -> Array:
         """Return the wrench on each arm at rest about P as the arm's own kinematics see it, shape (m, 6).

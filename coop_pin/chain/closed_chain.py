@@ -12,7 +12,6 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, Mask, as_array, as_number, require_type
-from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import ClosureError, ClosureSet
 from coop_pin.chain.inverse_dynamics import InverseDynamics, least_torque, multipliers_of, over_states
 from coop_pin.chain.kkt_solver import ConstraintSVD, KKTSolver
@@ -21,8 +20,8 @@ from coop_pin.chain.minimal_coordinates import MinimalCoordinates, MinimalForm, 
 from coop_pin.chain.projection import Projected, Projection
 from coop_pin.chain.proximal_solver import DynamicsDerivatives, ProximalSolver
 from coop_pin.chain.trajectory import ChainState, Energy, Propagator, TorqueLaw, Trajectory, time_grid
-from coop_pin.description.baumgarte import Stabilisation
-from coop_pin.description.plant import Formulation
+from coop_pin.description.closure import Closure
+from coop_pin.description.plant import Formulation, Stabilisation
 from coop_pin.errors import ArgumentError, ConstraintSolveError
 from coop_pin.model.mechanism_model import configuration_at, mechanism_model, velocity_at
 from coop_pin.model.pinocchio_model import frame_id
@@ -158,8 +157,7 @@ class ClosedChain:
         """
         require_type("closures", closures, Sequence)
         model, loops = mechanism_model(path_or_xml, gravity, mimic == "ignore", package_dirs, xacro_args)
-        closed = [Closure(*loop) for loop in loops]
-        return cls(model, [*closed, *closures], stabilisation=stabilisation, formulation=formulation)
+        return cls(model, [*loops, *closures], stabilisation=stabilisation, formulation=formulation)
 
     def configuration(self, angles: Mapping[str, float]) -> Array:
         """Return q with named joints at given positions (rad, m) and the others neutral, shape (nq,).

@@ -44,6 +44,10 @@ class ContactPoints(NamedTuple):
     lower: Array
     upper: Array
 
+    def of(self, part: slice) -> ContactPoints:
+        """Return the points of a part."""
+        return ContactPoints(*(values[part] for values in self))
+
     def forces(self, x: Array, v: Array, roots: Array, within: Mask) -> tuple[Array, float]:
         """Return the forces on A in axes of the planes, N, shape (n, 3), and the power stored, W.
 

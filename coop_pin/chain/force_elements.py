@@ -3,13 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
 
 from coop_pin.arrays import Array
 from coop_pin.model.cell_model import CellModel
+from coop_pin.model.pinocchio_model import jacobian_matrix
+
+_NO_POSE = np.eye(4)
+
+
+class Side(NamedTuple):
+    """Frame on a joint of the tree.
+
+    Attributes:
+        joint: index of the joint.
+        X_JF: pose of the frame in the joint's.
+        X_WJ: pose of the joint; Pinocchio's own, so that it is the present one.
+    """
+
+    joint: int
+    X_JF: Any
+    X_WJ: Any
+
+    @property
+    def pose(self) -> Any:
+        """X_WF."""
+        return self.X_WJ * self.X_JF
 
 
 class ForceElement(Protocol):
@@ -52,6 +74,16 @@ class ForceElements:
         """Move the joints to a state."""
         pin.forwardKinematics(self.model, self.data, q, v)
 
+    def side(self, frame: int, X: Array = _NO_POSE) -> Side:
+        """Return the side of a frame's joint, at a pose in the frame, shape (4, 4)."""
+        named = self.model.frames[frame]
+        joint = int(named.parentJoint)
+        return Side(joint, named.placement * pin.SE3(X), self.data.oMi[joint])
+
+    def jacobian(self, side: Side) -> Array:
+        """Return the Jacobian of a side's joint about the world's origin, shape (6, nv)."""
+        return jacobian_matrix(pin.getJointJacobian(self.model, self.data, side.joint, pin.WORLD))
+
     def act(self, q: Array, v: Array) -> float:
         """Move the joints, write the wrenches of all elements on them, return the power dissipated, W."""
         pin.forwardKinematics(self.model, self.data, q, v)
@@ -65,6 +97,21 @@ class ForceElements:
         """Return the generalised force of F_J at the configuration of the joints, shape (nv,)."""
         rest = self._rest
         return -pin.rnea(self.model, self._solution, q, rest, rest, self.wrenches)
+
+
+def as_seen(loads: Array, arms: Sequence[int], poses: Sequence[Any], on_bodies: Array) -> Array:
+    """Return loads of all arms, with those of some about P as these arms see it, shape (m, 6).
+
+    Args:
+        loads: Wrenches on the arms about P in world axes, shape (m, 6).
+        arms: Indices of some of them.
+        poses: X_WP as each of these sees it.
+        on_bodies: Their wrenches about the world's origin in world axes, shape (n, 6) or longer.
+    """
+    loads = loads.copy()
+    for index, X_WP, F in zip(arms, poses, on_bodies, strict=False):
+        loads[index] = pin.SE3(np.eye(3), X_WP.translation).actInv(pin.Force(F)).vector
+    return loads
 
 
 def _rows(first: Array, count: int, *shape: int) -> Array:

@@ -6,12 +6,10 @@ traced numbers are computed with alike.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
 import numpy as np
 
 from coop_pin.arrays import Array
+from coop_pin.tracing.elementary import polynomial
 
 _TERMS = 6
 """Terms of the series of exp, which have the rounding of doubles up to turns of half a radian."""
@@ -59,9 +57,9 @@ def displaced(X: Array, u: Array) -> Array:
     r, w, (x, y, z, s) = u[:3], u[3:], X[3:]
     square = w @ w
     across = np.cross(w, r)
-    moved = r + _polynomial(square, _ONE_LESS_COSINE) * across
-    moved = moved + _polynomial(square, _LESS_SINE) * np.cross(w, across)
-    (a, b, c), d = _polynomial(square, _HALF_SINE) * w, _polynomial(square, _HALF_COSINE)
+    moved = r + polynomial(square, _ONE_LESS_COSINE) * across
+    moved = moved + polynomial(square, _LESS_SINE) * np.cross(w, across)
+    (a, b, c), d = polynomial(square, _HALF_SINE) * w, polynomial(square, _HALF_COSINE)
     turned = np.stack(
         (
             s * a + x * d + y * c - z * b,
@@ -92,10 +90,3 @@ def increment_rate(u: Array, V: Array) -> Array:
 def _adjoint(u: Array, V: Array) -> Array:
     """Return ad_u V = [w x v + r x w_V, w x w_V]."""
     return np.concatenate((np.cross(u[3:], V[:3]) + np.cross(u[:3], V[3:]), np.cross(u[3:], V[3:])))
-
-
-def _polynomial(x: Any, coefficients: Sequence[float]) -> Any:
-    value: Any = coefficients[0]
-    for coefficient in coefficients[1:]:
-        value = value * x + coefficient
-    return value

@@ -15,45 +15,18 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.chain.closure_set import ClosureError
-from coop_pin.chain.force_elements import ForceElements
+from coop_pin.chain.equilibrium import MOST_STEPS, SETTLED, at_rest, reached
+from coop_pin.chain.force_elements import ForceElements, as_seen
 from coop_pin.chain.spring_damper import MovingFrame, SpringDamper, SpringState, spring_state
 from coop_pin.description.cell import Cell
-from coop_pin.errors import FieldError
 from coop_pin.model.cell_model import CellModel
-from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, symmetric
+from coop_pin.model.pinocchio_model import frame_id, symmetric
 from coop_pin.spatial import weight_wrench
 from coop_pin.tracing.kernel import Instruction, Kernel, Layout, Program
 from coop_pin.tracing.llvm_machine import LlvmMachine
 
-_STEPS = 60
-"""Most steps of the searches for rest."""
-_SETTLED = 1e-14
-"""Last step of those searches, m and rad."""
-_BALANCED = 1e-9
-"""Moment that a spring at rest may lack, as a part of its stiffness."""
 _OF_JOINTS = "X_WJ", "V_J", "F_J", "dissipated"
 """Fields of the code that every rate reads or writes."""
-_SPREAD = 1e-6
-"""Singular value of an arm's Jacobian, as a part of the largest, in whose direction a tip does not move."""
-
-
-class Side(NamedTuple):
-    """Frame on a joint of the tree.
-
-    Attributes:
-        joint: index of the joint.
-        X_JF: pose of the frame in the joint's.
-        X_WJ: pose of the joint; Pinocchio's own, so that it is the present one.
-    """
-
-    joint: int
-    X_JF: Any
-    X_WJ: Any
-
-    @property
-    def pose(self) -> Any:
-        """X_WF."""
-        return self.X_WJ * self.X_JF
 
 
 def _write_wrenches(kernel: Kernel, joints: Sequence[Sequence[int]]) -> None:
@@ -98,11 +71,6 @@ def _compiled(joints: tuple[tuple[int, int], ...], count: int) -> tuple[Layout, 
     return lanes, LlvmMachine(Program([kernel], lanes, 0, 0, [Instruction(0, 0)]), width=1)
 
 
-def _as_rows(X: Any) -> Array:
-    """Return a pose of Pinocchio as [R^T; p^T], shape (4, 3)."""
-    return np.vstack((X.rotation.T, X.translation))
-
-
 class GraspsHeld(NamedTuple):
     """Which compliant grasps hold, and their poses; the arrays are not written to.
 
@@ -144,7 +112,7 @@ class GraspSprings:
         self._cell, self._tree, self._grasps = cell, tree, grasps
         self._bodies, self._data, self._rest = bodies, bodies.data, np.zeros(model.nv)
         self._sides = [
-            (self._side(tree.arms[index].tip), self._side(frame_id(model, f"payload/{name}")))
+            (bodies.side(tree.arms[index].tip), bodies.side(frame_id(model, f"payload/{name}")))
             for index, name in zip(self.arms, grasps, strict=True)
         ]
         self._X_JP = model.frames[tree.payload_frame].placement.copy()
@@ -204,7 +172,7 @@ class GraspSprings:
         return np.array(
             [
                 pin.SE3(payload.pose.rotation, arm.pose.translation).toActionMatrixInverse()
-                @ (self._jacobian(arm) - self._jacobian(payload))
+                @ (self._bodies.jacobian(arm) - self._bodies.jacobian(payload))
                 for arm, payload in self._sides
             ]
         ).reshape(-1, 6, model.nv)
@@ -234,7 +202,7 @@ class GraspSprings:
     def _load(self) -> None:
         """Write frames, stiffness and damping to the code's slots."""
         for number, (sides, acting) in enumerate(zip(self._sides, self.acting(), strict=True)):
-            self._at["frames"][number] = [_as_rows(side.X_JF) for side in sides]
+            self._at["frames"][number] = [side.X_JF.homogeneous[:3].T for side in sides]
             self._at["stiffness"][number] = acting.stiffness
             self._at["damping"][number] = acting.damping
 
@@ -297,7 +265,7 @@ class GraspSprings:
         ):
             slot, X_PG = tree.arms[index], pin.SE3(grasp.matrix)
             load = pin.Force(slot.share * (X_WP.rotation.T @ weight), np.zeros(3))
-            target = payload.pose * _at_rest(np.array(grasp.stiffness), X_PG.actInv(load).vector, name)
+            target = payload.pose * at_rest(np.array(grasp.stiffness), X_PG.actInv(load).vector, name)
             q = reached(model, data, q, tip, slot.v_slice, target)
             pin.forwardKinematics(model, data, q)
         return q if tree.closed_by_tree or len(self) < len(tree.arms) else self._balanced(q, weight)
@@ -320,27 +288,13 @@ class GraspSprings:
             q: Configuration.
             loads: Wrenches of the arms with rigid grasps, about P in world axes, shape (m, 6).
         """
-        loads, on_body = loads.copy(), self.at(q, self._rest).on_body
-        seen = self.seen_poses(q)
-        for index, X_WP, F in zip(self.arms, seen, on_body, strict=True):
-            loads[index] = pin.SE3(np.eye(3), X_WP.translation).actInv(pin.Force(F)).vector
-        return loads
-
-    def _side(self, frame: int) -> Side:
-        named = self._tree.model.frames[frame]
-        joint = int(named.parentJoint)
-        return Side(joint, named.placement.copy(), self._data.oMi[joint])
-
-    def _jacobian(self, side: Side) -> Array:
-        """Return the Jacobian of a side's joint about the world's origin, shape (6, nv)."""
-        J = pin.getJointJacobian(self._bodies.model, self._data, side.joint, pin.WORLD)
-        return jacobian_matrix(J)
+        return as_seen(loads, self.arms, self.seen_poses(q), self.at(q, self._rest).on_body)
 
     def _balanced(self, q: Array, weight: Array) -> Array:
         """Return q with the payload moved until springs and weight balance."""
         model, joint = self._tree.model, self._tree.payload_joint
         entries = slice(int(model.idx_vs[joint]), int(model.idx_vs[joint]) + 6)
-        for _ in range(_STEPS):
+        for _ in range(MOST_STEPS):
             state, B = self.at(q, self._rest), self.jacobians(q)[:, :, entries]
             R = self._data.oMi[joint].rotation
             force = np.einsum("nij,ni->j", B, state.wrench)
@@ -350,52 +304,6 @@ class GraspSprings:
                 np.einsum("nji,nj,njk->ik", B, self.springs.stiffness, B), missing
             )
             q = pin.integrate(model, q, step)
-            if np.abs(step).max() < _SETTLED:
+            if np.abs(step).max() < SETTLED:
                 break
         return q
-
-
-def reached(model: Any, data: Any, q: Array, tip: Side, joints: slice, target: Any) -> Array:
-    """Return q with the joints of an arm moved so that a frame on it is nearest to a target."""
-    for _ in range(_STEPS):
-        pin.computeJointJacobians(model, data, q)
-        missing = tip.pose.actInv(target)
-        error = np.concatenate((missing.translation, pin.log3(missing.rotation)))
-        J = tip.X_JF.toActionMatrixInverse() @ jacobian_matrix(
-            pin.getJointJacobian(model, data, tip.joint, pin.LOCAL)
-        )
-        step = np.zeros(model.nv)
-        step[joints] = np.linalg.lstsq(J[:, joints], error, rcond=_SPREAD)[0]
-        q = pin.integrate(model, q, step)
-        if np.abs(step).max() < _SETTLED:
-            break
-    return q
-
-
-def _at_rest(stiffness: Array, load: Array, name: str) -> Any:
-    """Return X_GE at which a spring has a wrench on its arm.
-
-    Args:
-        stiffness: Diagonal of K, shape (6,).
-        load: Wrench on the arm about the grasp in its axes, N and N m, shape (6,).
-        name: Name of the arm, for the error.
-
-    Raises:
-        FieldError: no rotation has the moment.
-    """
-    spring = SpringDamper.of(stiffness[None], np.zeros((1, 6)))
-    p, turn = -load[:3] / stiffness[:3], np.zeros(3)
-    moment = load[3:] - np.cross(p, load[:3])
-    for _ in range(_STEPS):
-        missing = moment - spring.elastic(p[None], pin.exp3(turn)[None])[0, 3:]
-        if np.abs(missing / stiffness[3:]).max() < _SETTLED:
-            break
-        turn = turn - missing / stiffness[3:]
-    if not np.abs(missing / stiffness[3:]).max() < _BALANCED:
-        raise FieldError(
-            f"is {stiffness[3:].tolist()} N m/rad in rotation; the arm's share of the weight asks for a"
-            f" moment of {np.linalg.norm(moment):.3g} N m, which no deflection has: use a stiffer grasp, or"
-            " one nearer to P",
-            f"cell.grasps.{name}.stiffness",
-        )
-    return pin.SE3(pin.exp3(turn), p)

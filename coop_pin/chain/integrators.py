@@ -229,19 +229,23 @@ class FreeFlyerRungeKutta(Integrator):
         self._q_i, self._v_i, self._weights = at["q_i"], at["v_i"], np.empty(0)
         copied: list[Any] = [at[name].data for name in ("q", "v", *(f"a_{i}" for i in range(len(tableau.b))))]
         self._q, self._v, *self._a = copied  # memory, which is written sooner than an array
+        self._powers, self._rows = np.empty(0), list[Any]()  # of the stages; the first rate sizes them
 
     def step(self, rate: Rate, t: float, q: Array, v: Array, h: float) -> Step:
         """Return the state at t + h."""
         if h != self._h[0, 0]:
             self._h[0], self._weights = h, h * self.tableau.b
         self._q[:], self._v[:] = q, v
-        q_i, v_i, powers = q, v, []
+        q_i, v_i = q, v
         for i, c in enumerate(self.tableau.c):
             self._a[i][:], power = rate(t + c * h, q_i, v_i)
-            powers.append(power)
+            if not self._rows:
+                self._powers = np.empty((len(self._a), len(power)))
+                self._rows = [row.data for row in self._powers]
+            self._rows[i][:] = power
             self._calls[i]()
             q_i, v_i = self._q_i, self._v_i
-        return Step(q_i.copy(), v_i.copy(), self._weights.dot(np.array(powers)))
+        return Step(q_i.copy(), v_i.copy(), self._weights.dot(self._powers))
 
 
 @cache

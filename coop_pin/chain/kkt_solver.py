@@ -10,7 +10,7 @@ from scipy.linalg.blas import dtrsm, dtrsv  # LAPACK's dtrtrs starts threads for
 
 from coop_pin.arrays import Array
 from coop_pin.chain.closure_set import ClosureSet, ClosureState
-from coop_pin.description.baumgarte import Stabilisation
+from coop_pin.description.plant import Stabilisation
 from coop_pin.errors import MassMatrixError
 
 RANK_TOLERANCE = 1e-5

@@ -9,10 +9,10 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.chain.closed_chain import ClosedChain
-from coop_pin.chain.closure import Closure
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.grasp_springs import GraspsHeld, changed
 from coop_pin.description.cell import Cell
+from coop_pin.description.closure import Closure
 from coop_pin.description.plant import PlantOptions
 from coop_pin.model.cell_model import CellModel
 from coop_pin.spatial import inverse_pose

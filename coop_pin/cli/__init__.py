@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from coop_pin.cli.parsing import parse  # slow enough to load that Ctrl-C may come meanwhile
 
         try:
-            return parse(words).execute()
+            return parse(words)() or OK
         finally:
             sys.stdout.flush()
     except BrokenPipeError:

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import textwrap
 from typing import Any
 
 from coop_pin.cli.exit_codes import FAILED, OK
-from coop_pin.cli.inspect import ScenarioName, print_wrapped
-from coop_pin.cli.overrides import TypedFields, load_scenario
+from coop_pin.cli.inspect import print_wrapped
+from coop_pin.cli.overrides import NO_FIELDS, ScenarioName, TypedFields, load_scenario
 from coop_pin.errors import ArgumentError, DivergedError
 
 
-@dataclasses.dataclass(frozen=True)
-class Check:
+def check(
+    scenario: ScenarioName,
+    poses: int = 401,
+    bias: float = 1e-3,
+    bias_turn: float = 0.0,
+    load: float = 10.0,
+    table_error: float = 2e-3,
+    fields: TypedFields = NO_FIELDS,
+) -> int:
     """Check reachability, distance to singularities, limits and static torques along the desired motion.
 
     Nothing is simulated. Static torques are those that hold the arms, the payload and the squeeze at rest. A
@@ -25,115 +31,114 @@ class Check:
     the start, and the joint friction in the plant's steps; say what the law
     measures and what a kinematic bias and an unknown load leave; the proposal of 'coop-pin suggest'
     for these postures follows; on compliant grasps and patches also the stiffness from which the gains hold.
-    Patches have the least squeeze that carries the payload along the motion.
+    Patches have the least squeeze that carries the payload along the motion, and a put-down the force with
+    which the arms press a table that is higher than planned.
     Every field of the scenario can be changed as in 'coop-pin run'.
 
-    Attributes:
+    Args:
         scenario: a name listed by 'coop-pin list', or a TOML file.
         poses: number of poses checked along the motion.
         bias: kinematic bias of one arm's tip, m.
         bias_turn: angle by which the base of one arm is off, rad.
         load: constant force on the payload that the law does not know, N.
+        table_error: height by which a table on which the payload is put down may be higher than planned, m.
         fields: fields of the scenario, as typed.
     """
+    from coop_pin import analysis
+    from coop_pin.build_controller import build_controller
+    from coop_pin.simulation import Simulation
 
-    scenario: ScenarioName
-    poses: int = 401
-    bias: float = 1e-3
-    bias_turn: float = 0.0
-    load: float = 10.0
-    fields: TypedFields = dataclasses.field(default_factory=dict)
+    chosen = load_scenario(scenario, fields)
+    reach = analysis.reachability(chosen, poses=poses)
+    is_feasible = _feasible(chosen, reach, table_error)
+    if not reach.ok or not analysis.gains_are_known(chosen):
+        return OK if is_feasible else FAILED
+    simulation = Simulation(chosen, build_controller(chosen))
+    is_stable = _stable(simulation, reach, table_error)
+    _errors(simulation, reach, bias, bias_turn, load)
+    return OK if is_feasible and is_stable else FAILED
 
-    def execute(self) -> int:
-        """Print the results; the exit code is OK if the motion is feasible."""
-        from coop_pin import analysis
-        from coop_pin.build_controller import build_controller
-        from coop_pin.simulation import Simulation
 
-        scenario = load_scenario(self.scenario, self.fields)
-        reach = analysis.reachability(scenario, poses=self.poses)
-        is_feasible = self._feasible(scenario, reach)
-        if not reach.ok or not analysis.gains_are_known(scenario):
-            return OK if is_feasible else FAILED
-        simulation = Simulation(scenario, build_controller(scenario))
-        is_stable = self._stable(simulation, reach)
-        self._errors(simulation, reach)
-        return OK if is_feasible and is_stable else FAILED
+def _feasible(scenario: Any, reach: Any, table_error: float) -> bool:
+    """Print what does not depend on the law, and return whether the cell can do the motion."""
+    from coop_pin import analysis
 
-    def _feasible(self, scenario: Any, reach: Any) -> bool:
-        """Print what does not depend on the law, and return whether the cell can do the motion."""
-        from coop_pin import analysis
-
-        numbers = (f"! {number}" for number in analysis.implausible_numbers(scenario))
-        print_wrapped(*numbers, reach.summary(), sep="\n")
-        torques, squeeze = analysis.statics_along(scenario, reach), analysis.least_squeeze(scenario)
-        singular, is_stable = analysis.closure_problem(scenario) if reach.ok else "", True
-        lines = [torques.summary(), f"! {singular}" if singular else ""]
-        if scenario.has_servos:
-            try:
-                loop = analysis.admittance_stability(scenario)
-                is_stable = loop.ok
-                lines.append(f"{loop.summary()}; errors at rest on servos are not checked")
-            except ArgumentError as error:
-                lines.append(f"the arms have servos, and gains and errors at rest are not checked: {error}")
-        lines.append(analysis.large_record(scenario))
-        lines.append("" if squeeze is None else squeeze.summary())
-        if scenario.cell.tables and not scenario.cell.unclosed:
-            lines.append("the payload may lie on a table: gains are not checked")
-        _print_lines(lines)
-        return reach.ok and torques.ok and is_stable and not singular and (squeeze is None or squeeze.ok)
-
-    def _stable(self, simulation: Any, reach: Any) -> bool:
-        """Print what gains, sampling and drives allow, and return whether the law is stable."""
-        from coop_pin import analysis
-
-        scenario = simulation.scenario
-        lines = [
-            f"! if arm {arm!r} loses its torque, the others need {limp:.3g} times their limits, and"
-            f" {carried:.3g} times if it carries its own weight: above 1 no law holds the payload"
-            for arm, (limp, carried) in analysis.loads_without_an_arm(scenario, reach).items()
-            if limp > 1.0
-        ]
-        findings: list[Any] = [analysis.step_stability(simulation, reach)]
-        if scenario.cell.unclosed:
-            findings.insert(0, analysis.grasp_stability(simulation))
-        else:
-            of_motion = analysis.motion_stability(simulation, reach)
-            findings[:0] = of_motion, analysis.loop_stability(simulation, reach)
-        lines += [finding.summary() for finding in findings]
-        propose = analysis.own_inertia_proposal if scenario.cell.unclosed else analysis.gain_proposal
-        lines.append(propose(scenario, reach).summary())
+    numbers = (f"! {number}" for number in analysis.implausible_numbers(scenario))
+    print_wrapped(*numbers, reach.summary(), sep="\n")
+    torques, squeeze = analysis.statics_along(scenario, reach), analysis.least_squeeze(scenario)
+    singular, is_stable = analysis.closure_problem(scenario) if reach.ok else "", True
+    lines = [torques.summary(), f"! {singular}" if singular else ""]
+    if scenario.has_servos:
         try:
-            lines.append(analysis.eigenvalues(scenario).summary())
-        except (ArgumentError, DivergedError) as error:  # the steps or gains named above
-            lines.append(f"closed loop: {error}")
-        _print_lines(lines)
-        return all(finding.ok for finding in findings)
+            loop = analysis.admittance_stability(scenario)
+            is_stable = loop.ok
+            lines.append(f"{loop.summary()}; errors at rest on servos are not checked")
+        except ArgumentError as error:
+            lines.append(f"the arms have servos, and gains and errors at rest are not checked: {error}")
+    lines.append(analysis.large_record(scenario))
+    pressed = analysis.table_force(scenario, table_error=table_error)
+    lines += [forces.summary() for forces in (squeeze, pressed) if forces is not None]
+    if scenario.cell.tables and not scenario.cell.unclosed:
+        lines.append("the payload may lie on a table: gains are not checked")
+    _print_lines(lines)
+    return reach.ok and torques.ok and is_stable and not singular and (squeeze is None or squeeze.ok)
 
-    def _errors(self, simulation: Any, reach: Any) -> None:
-        """Print what the law measures, and what a bias and an unknown load leave."""
-        from coop_pin import analysis
 
-        scenario, lines = simulation.scenario, list[str]()
-        law = scenario.controller
-        if not scenario.cell.controls_turns and "holding torque" in law.needs:
-            lines.append(analysis.internal_moment(scenario, reach, law.posture).summary())
-        errors = analysis.steady_errors(scenario, bias=self.bias, load=self.load)
-        lines.append(errors.summary())
-        if scenario.network is not None:
-            lines.append(simulation.traffic().summary(scenario.clock.rate_hz))
-        reserve = analysis.force_reserve(scenario, reach) if errors.growth > 0.0 else math.inf
-        if math.isfinite(reserve):  # drives without limits have no end of it
-            earliest = max(0.0, reserve) / errors.growth
-            lines.append(f"! the force that grows is beyond the first drive {earliest:.3g} s later or after")
-        if math.isfinite(errors.free):
-            biases = analysis.anchor_biases(scenario, self.bias, self.bias_turn)
-            needed = ", ".join(
-                f"{arm} {1e3 * position:.3g} mm and {1e3 * angle:.3g} mrad"
-                for arm, (position, angle) in biases.items()
-            )
-            lines.append(f"anchor_bias for this bias of an arm whenever it begins: {needed}")
-        _print_lines(lines)
+def _stable(simulation: Any, reach: Any, table_error: float) -> bool:
+    """Print what gains, sampling and drives allow, and return whether the law is stable."""
+    from coop_pin import analysis
+
+    scenario = simulation.scenario
+    lines = [
+        f"! if arm {arm!r} loses its torque, the others need {limp:.3g} times their limits, and"
+        f" {carried:.3g} times if it carries its own weight: above 1 no law holds the payload"
+        for arm, (limp, carried) in analysis.loads_without_an_arm(scenario, reach).items()
+        if limp > 1.0
+    ]
+    findings: list[Any] = [analysis.step_stability(simulation, reach)]
+    if scenario.cell.unclosed:
+        findings.insert(0, analysis.grasp_stability(simulation))
+    else:
+        of_motion = analysis.motion_stability(simulation, reach)
+        findings[:0] = of_motion, analysis.loop_stability(simulation, reach)
+    lines += [finding.summary() for finding in findings]
+    if scenario.cell.unclosed:
+        proposal = analysis.own_inertia_proposal(scenario, reach, table_error=table_error)
+    else:
+        proposal = analysis.gain_proposal(scenario, reach)
+    lines.append(proposal.summary())
+    try:
+        lines.append(analysis.eigenvalues(scenario).summary())
+    except (ArgumentError, DivergedError) as error:  # the steps or gains named above
+        lines.append(f"closed loop: {error}")
+    _print_lines(lines)
+    return all(finding.ok for finding in findings)
+
+
+def _errors(simulation: Any, reach: Any, bias: float, bias_turn: float, load: float) -> None:
+    """Print what the law measures, and what a bias and an unknown load leave."""
+    from coop_pin import analysis
+
+    scenario, lines = simulation.scenario, list[str]()
+    law = scenario.controller
+    if not scenario.cell.controls_turns and "holding torque" in law.needs:
+        lines.append(analysis.internal_moment(scenario, reach, law.posture).summary())
+    errors = analysis.steady_errors(scenario, bias=bias, load=load)
+    lines.append(errors.summary())
+    if scenario.network is not None:
+        lines.append(simulation.traffic().summary(scenario.clock.rate_hz))
+    reserve = analysis.force_reserve(scenario, reach) if errors.growth > 0.0 else math.inf
+    if math.isfinite(reserve):  # drives without limits have no end of it
+        earliest = max(0.0, reserve) / errors.growth
+        lines.append(f"! the force that grows is beyond the first drive {earliest:.3g} s later or after")
+    if math.isfinite(errors.free):
+        biases = analysis.anchor_biases(scenario, bias, bias_turn)
+        needed = ", ".join(
+            f"{arm} {1e3 * position:.3g} mm and {1e3 * angle:.3g} mrad"
+            for arm, (position, angle) in biases.items()
+        )
+        lines.append(f"anchor_bias for this bias of an arm whenever it begins: {needed}")
+    _print_lines(lines)
 
 
 def _print_lines(texts: list[str]) -> None:

@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
-import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 
 from coop_pin import figures, viz
-from coop_pin.cli.execution import HERE, ExecutionOptions, kept_result
-from coop_pin.cli.exit_codes import OK
+from coop_pin.cli.execution import HERE, ExecutionOptions, kept_result, tell
 from coop_pin.errors import FieldError
 
 
-@dataclasses.dataclass(frozen=True)
-class Compare:
+def compare(
+    scenarios: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")] = (),
+    controllers: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME")] = (),
+    trials: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME")] = (),
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out") / "compare",
+    seeds: Annotated[int, tyro.conf.arg(metavar="N")] = 10,
+    duration: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None,
+    untuned: bool = False,
+    gains: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    tune: bool = False,
+    generations: Annotated[int, tyro.conf.arg(metavar="N")] = 4,
+    size: Annotated[int, tyro.conf.arg(metavar="N")] = 6,
+    list: bool = False,
+    replay: Annotated[tuple[str, ...], tyro.conf.arg(metavar="CELL")] = (),
+    execution: ExecutionOptions = HERE,
+) -> None:
     """Compare controllers under standard trials. Finished runs are kept: the same command goes on with them.
 
     For example, a controller of your own (mine.py in this folder) beside two others:
@@ -24,7 +37,7 @@ class Compare:
 
     comparison.html shows the table as a heat map; it has the command that writes the replay of a cell.
 
-    Attributes:
+    Args:
         scenarios: names listed by 'coop-pin list', or TOML files; the six of the benchmark when omitted.
         controllers: names, or module:Class of your own; all that come with coop-pin when omitted.
         trials: names; all standard trials when omitted.
@@ -42,92 +55,65 @@ class Compare:
             side, and link it in comparison.html: "SCENARIO | CONTROLLER | TRIAL", with "| SEED" behind a
             random trial.
         execution: workers, engine and folders to merge.
+
+    Raises:
+        CoopPinError: whatever ``compare``, ``tune_controllers`` or ``Comparison.open`` raises.
     """
+    from coop_pin import comparison, description
+    from coop_pin.comparison.controllers import GAINS
 
-    scenarios: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")] = ()
-    controllers: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME")] = ()
-    trials: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME")] = ()
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out") / "compare"
-    seeds: Annotated[int, tyro.conf.arg(metavar="N")] = 10
-    duration: Annotated[float | None, tyro.conf.arg(metavar="SECONDS")] = None
-    untuned: bool = False
-    gains: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    tune: bool = False
-    generations: Annotated[int, tyro.conf.arg(metavar="N")] = 4
-    size: Annotated[int, tyro.conf.arg(metavar="N")] = 6
-    list: bool = False
-    replay: Annotated[tuple[str, ...], tyro.conf.arg(metavar="CELL")] = ()
-    execution: ExecutionOptions = HERE
-
-    def execute(self) -> int:
-        """Run what is missing, print the table and return the exit code; failed runs do not fail the command.
-
-        Raises:
-            CoopPinError: whatever ``compare``, ``tune_controllers`` or ``Comparison.open`` raises.
-        """
-        from coop_pin.comparison import BENCHMARK, compare, controller_names, tune_controllers
-        from coop_pin.comparison.controllers import GAINS
-
-        controllers, scenarios = self.controllers or tuple(controller_names()), self.scenarios or BENCHMARK
-        if self.replay:
-            self._write_replay()
-        elif self.list:
-            self._print_names(controllers, scenarios)
-        elif self.tune:
-            tune_controllers(
-                scenarios,
-                controllers,
-                out=self.out,
-                generations=self.generations,
-                size=self.size,
-                duration=self.duration,
-                execution=self.execution,
-            )
-            print(f"written to {self.out / 'gains.csv'}")
-        else:
-            result = compare(
-                scenarios,
-                {name: name for name in controllers},
-                self.trials or None,
-                out=self.out,
-                seeds=self.seeds,
-                duration=self.duration,
-                tuned=not self.untuned,
-                gains=self.gains or GAINS,
-                execution=self.execution,
-            )
-            for name in map(str, result.data["scenario"].values):
-                figures.save_figure(figures.comparison_figure(result, name), self.out / name / "comparison")
-            if not self.execution.quiet:
-                print(result.summary())
-                print(f"written to {self.out}")
-        return OK
-
-    def _write_replay(self) -> None:
-        from coop_pin.comparison import Comparison
-        from coop_pin.heat_map import REPLAYS, cell_names, replay_file
-
-        comparison, cells = Comparison.load(self.out), list(map(cell_names, self.replay))
-        runs = [_run(comparison, cell) for cell in cells]
-        page = self.out / REPLAYS / replay_file(cells)
-        viz.save_replay(runs[0], page, *runs[1:], names=self.replay)
-        comparison.write_html(self.out / "comparison.html")
-        print(page.resolve())
-
-    def _print_names(self, controllers: tuple[str, ...], scenarios: tuple[str, ...]) -> None:
-        from coop_pin.comparison import benchmark_scenario, standard_trials
-        from coop_pin.description import Scenario
-
-        print("controllers:", ", ".join(controllers))
-        for name in scenarios:
-            trials = standard_trials(benchmark_scenario(Scenario.load(name)))
-            print(f"trials of {name}:", ", ".join(trials))
+    names, cells = controllers or tuple(comparison.controller_names()), scenarios or comparison.BENCHMARK
+    if replay:
+        _write_replay(comparison.Comparison.load(out), out, replay)
+    elif list:
+        print("controllers:", ", ".join(names))
+        for cell in cells:
+            base = comparison.benchmark_scenario(description.Scenario.load(cell))
+            print(f"trials of {cell}:", ", ".join(comparison.standard_trials(base)))
+    elif tune:
+        comparison.tune_controllers(
+            cells,
+            names,
+            out=out,
+            generations=generations,
+            size=size,
+            duration=duration,
+            execution=execution,
+        )
+        print(f"written to {out / 'gains.csv'}")
+    else:
+        result = comparison.compare(
+            cells,
+            {name: name for name in names},
+            trials or None,
+            out=out,
+            seeds=seeds,
+            duration=duration,
+            tuned=not untuned,
+            gains=gains or GAINS,
+            execution=execution,
+        )
+        for name in map(str, result.data["scenario"].values):
+            figures.save_figure(figures.comparison_figure(result, name), out / name / "comparison")
+        tell(execution, result.summary(), out)
 
 
-def _run(comparison: Any, cell: list[str]) -> Any:
+def _write_replay(table: Any, folder: Path, texts: Sequence[str]) -> None:
+    """Write the replay of some cells side by side, and link it in the page of the table."""
+    from coop_pin.heat_map import REPLAYS, cell_names, replay_file
+
+    cells = list(map(cell_names, texts))
+    runs = [_run(table, cell) for cell in cells]
+    page = folder / REPLAYS / replay_file(cells)
+    viz.save_replay(runs[0], page, *runs[1:], names=texts)
+    table.write_html(folder / "comparison.html")
+    print(page.resolve())
+
+
+def _run(table: Any, cell: Sequence[str]) -> Any:
     """Return the result of a cell's run."""
     names, seed = cell[:3], "".join(cell[3:]) or "0"
     if len(names) < 3 or not seed.isdecimal():
         form = "'SCENARIO | CONTROLLER | TRIAL', with '| SEED' behind a random trial"
         raise FieldError(f"is {' | '.join(cell)!r}; it must be {form}", "--replay")
-    return kept_result(lambda: comparison.open(*names, seed=int(seed)))
+    return kept_result(lambda: table.open(*names, seed=int(seed)))

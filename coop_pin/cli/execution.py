@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
 import tyro
@@ -10,7 +11,7 @@ import tyro
 from coop_pin.errors import CoopPinError
 from coop_pin.sweeps.execution import HERE, Execution
 
-__all__ = ["HERE", "ExecutionOptions", "kept_result"]
+__all__ = ["HERE", "ExecutionOptions", "kept_result", "tell"]
 
 ExecutionOptions: TypeAlias = Annotated[Execution, tyro.conf.OmitArgPrefixes, tyro.conf.UseAppendAction]
 """Fields of an Execution as options of a command: --workers, --scheduler, --engine, --merge, --quiet."""
@@ -28,3 +29,9 @@ def kept_result(run: Callable[[], Any]) -> Any:
         if error.result is None:
             raise
         return error.result
+
+
+def tell(execution: Execution, summary: str, folder: Path) -> None:
+    """Print the summary of many runs and their folder, unless they are to be quiet."""
+    if not execution.quiet:
+        print(summary, f"written to {folder}", sep="\n")

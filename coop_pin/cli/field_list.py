@@ -9,6 +9,7 @@ from pydantic import BaseModel
 
 from coop_pin.description import Pose
 from coop_pin.schema.meanings import kinds, meanings
+from coop_pin.schema.parts import fields_of
 from coop_pin.schema.pose import POSE_MEANINGS
 
 _VALUE_WIDTH = 28
@@ -37,16 +38,20 @@ def _fields(value: Any, path: str, meaning: str, annotation: Any) -> Iterator[tu
     if isinstance(value, Pose):
         texts = meanings(type(value)) | {name: f"{brief}: {text}." for name, text in POSE_MEANINGS.items()}
         entries = {
-            name.replace("_", "-"): (getattr(value, name), texts[name], None)
-            for name in type(value).model_fields
+            name.replace("_", "-"): (entry, texts[name], None) for name, entry in fields_of(value).items()
         }
     elif isinstance(value, BaseModel):
         texts = meanings(type(value))
         if names := kinds(annotation):
             texts["kind"] = f"{brief}; one of {', '.join(names)}."
-        for name, field in type(value).model_fields.items():
-            entry = getattr(value, name), texts.get(name, meaning), field.annotation
-            entries[name.replace("_", "-")] = entry
+        entries = {
+            name.replace("_", "-"): (
+                entry,
+                texts.get(name, meaning),
+                type(value).model_fields[name].annotation,
+            )
+            for name, entry in fields_of(value).items()
+        }
     elif isinstance(value, dict):
         entries = {name: (entry, meaning, annotation) for name, entry in value.items()}
     elif isinstance(value, tuple) and any(isinstance(entry, BaseModel) for entry in value):

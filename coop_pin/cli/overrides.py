@@ -11,8 +11,12 @@ import tyro
 
 from coop_pin.errors import FieldError
 
+ScenarioName: TypeAlias = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
+"""Name listed by 'coop-pin list', or TOML file, as typed."""
 TypedFields: TypeAlias = Annotated[Mapping[str, Sequence[str]], tyro.conf.Suppress]
 """Fields of a scenario as typed on the command line: the words for each."""
+NO_FIELDS: Mapping[str, Sequence[str]] = {}
+"""Default of commands that take fields."""
 
 _FLAGS = {"beyond_bound", "project_start"}
 

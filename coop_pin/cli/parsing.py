@@ -3,49 +3,47 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from typing import Annotated, Any, Protocol, Union, cast
+import functools
+import inspect
+import re
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
 
 import tyro
 
-from coop_pin.cli.check import Check
-from coop_pin.cli.compare import Compare
-from coop_pin.cli.export import ExportC
-from coop_pin.cli.inspect import CheckUrdf, Fields, List, New, Show, Suggest
-from coop_pin.cli.root_locus import Locus
-from coop_pin.cli.run import Run
-from coop_pin.cli.sweep import Sweep, SweepShow
-from coop_pin.cli.tune import Tune
-from coop_pin.cli.view import Report, View
+from coop_pin.cli.check import check
+from coop_pin.cli.compare import compare
+from coop_pin.cli.inspect import check_urdf, fields_of, list_all, new, show, suggest
+from coop_pin.cli.law import export_c, root_locus
+from coop_pin.cli.run import run
+from coop_pin.cli.sweep import sweep, sweep_show
+from coop_pin.cli.tune import tune
+from coop_pin.cli.view import report, view
 
-COMMANDS: dict[str, type[Any]] = {
-    "run": Run,
-    "list": List,
-    "fields": Fields,
-    "view": View,
-    "report": Report,
-    "show": Show,
-    "check": Check,
-    "suggest": Suggest,
-    "root-locus": Locus,
-    "new": New,
-    "check-urdf": CheckUrdf,
-    "sweep": Sweep,
-    "sweep-show": SweepShow,
-    "tune": Tune,
-    "compare": Compare,
-    "export-c": ExportC,
+COMMANDS: dict[str, Callable[..., int | None]] = {
+    "run": run,
+    "list": list_all,
+    "fields": fields_of,
+    "view": view,
+    "report": report,
+    "show": show,
+    "check": check,
+    "suggest": suggest,
+    "root-locus": root_locus,
+    "new": new,
+    "check-urdf": check_urdf,
+    "sweep": sweep,
+    "sweep-show": sweep_show,
+    "tune": tune,
+    "compare": compare,
+    "export-c": export_c,
 }
-"""Commands by name; those with an attribute ``fields`` take the fields of a scenario as options."""
+"""Commands by name; those with an argument ``fields`` take the fields of a scenario as options."""
 
 _DESCRIPTION = "Two or more robot arms that hold one object: simulate scenarios, view runs, compute metrics."
 
-
-class Command(Protocol):
-    """Command with its options."""
-
-    def execute(self) -> int:
-        """Do what it says, and return an exit code of ``coop_pin.cli.exit_codes``."""
+Command: TypeAlias = Callable[[], int | None]
+"""Command with its options; it returns an exit code of ``coop_pin.cli.exit_codes``, None for OK."""
 
 
 def parse(words: Sequence[str]) -> Command:
@@ -55,34 +53,42 @@ def parse(words: Sequence[str]) -> Command:
         SystemExit: help was asked for (0), or the words are no command (2).
     """
     if not words or words[0] not in COMMANDS:  # tells what commands there are
-        kinds = [Annotated[kind, tyro.conf.subcommand(name)] for name, kind in COMMANDS.items()]
-        every: Any = Union[tuple(kinds)]  # noqa: UP007
-        return cast(Command, tyro.cli(every, prog="coop-pin", description=_DESCRIPTION, args=list(words)))
-    name, kind = words[0], COMMANDS[words[0]]
-    has_fields = any(field.name == "fields" for field in dataclasses.fields(kind))
-    options, fields = split_fields(words[1:], kind) if has_fields else (list(words[1:]), {})
-    command: Any = tyro.cli(kind, prog=f"coop-pin {name}", args=options)
-    return cast(Command, dataclasses.replace(command, fields=fields) if fields else command)
+        every = tyro.extras.subcommand_cli_from_dict
+        return every(COMMANDS, prog="coop-pin", description=_DESCRIPTION, args=list(words))
+    name, command, fields = words[0], COMMANDS[words[0]], dict[str, list[str]]()
+    command.__doc__ = re.sub(r"\n {12}", " ", command.__doc__ or "")  # else help keeps these line ends
+    options = list(words[1:])
+    if "fields" in inspect.signature(command).parameters:
+        options, fields = split_fields(options, command)
+
+    @functools.wraps(command)
+    def with_options(**values: Any) -> Command:
+        return functools.partial(command, **values | ({"fields": fields} if fields else {}))
+
+    return tyro.cli(with_options, prog=f"coop-pin {name}", args=options)
 
 
-def _options(field: Any) -> Sequence[Any]:
-    """Return the options that a field of a command stands for: those of its default, or itself."""
-    return dataclasses.fields(field.default) if dataclasses.is_dataclass(field.default) else [field]
+def _options(argument: inspect.Parameter) -> Sequence[str]:
+    """Return the options that an argument of a command stands for: the fields of its default, or itself."""
+    if dataclasses.is_dataclass(argument.default):
+        return [field.name for field in dataclasses.fields(argument.default)]
+    return [argument.name]
 
 
-def split_fields(words: Sequence[str], command: Any) -> tuple[list[str], dict[str, list[str]]]:
+def split_fields(words: Sequence[str], command: Callable[..., Any]) -> tuple[list[str], dict[str, list[str]]]:
     """Split the words of a command into its own options and fields of the scenario.
 
     Fields are written ``--a.b.c VALUE ...`` or ``--a.b.c=VALUE``.
 
     Args:
         words: the words after the command's name.
-        command: class of the command.
+        command: the command.
 
     Returns:
         The command's own words, and the values of each field as typed.
     """
-    names = [option.name for field in dataclasses.fields(command) for option in _options(field)]
+    arguments = inspect.signature(command).parameters.values()
+    names = [name for argument in arguments for name in _options(argument)]
     forms = {form for name in names for form in (name, name.replace("_", "-"))}
     flags = {"--help", *(f"--{no}{form}" for form in forms for no in ("", "no-"))}
     options: list[str] = []

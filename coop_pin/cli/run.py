@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
-import dataclasses
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 
 from coop_pin import viz
 from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, NOT_TRUSTWORTHY, OK
-from coop_pin.cli.overrides import TypedFields, load_scenario
+from coop_pin.cli.overrides import NO_FIELDS, ScenarioName, TypedFields, load_scenario
 from coop_pin.engines import Engine
 from coop_pin.errors import CoopPinError, RunInterruptedError
 
 
-@dataclasses.dataclass(frozen=True)
-class Run:
+def run(
+    scenario: ScenarioName,
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
+    quiet: bool = False,
+    verbose: bool = False,
+    stop_at_breach: bool = False,
+    engine: Engine = "pinocchio",
+    replay: bool = True,
+    figures: bool = True,
+    svg: bool = False,
+    report: bool = False,
+    fields: TypedFields = NO_FIELDS,
+) -> int:
     """Run a scenario and write its results into a folder.
 
     Every field of the scenario can be changed: --controller.gains.sign-gain 0.5 --cell.arms.left.posture 1 2
@@ -26,7 +35,7 @@ class Run:
 
     The exit code is 3 if the run is not trustworthy: it breached a threshold in the scenario's table 'trust'.
 
-    Attributes:
+    Args:
         scenario: a name listed by 'coop-pin list', or a TOML file.
         out: output folder; out/ and the scenario's name when omitted.
         quiet: no progress bar and no table.
@@ -38,69 +47,55 @@ class Run:
         svg: write the figures as SVG as well.
         report: write report.html, the whole run on one page.
         fields: fields of the scenario, as typed.
+
+    Raises:
+        CoopPinError: the run could not start.
     """
+    from coop_pin import run_scenario
+    from coop_pin.engine_choice import choose_engine
+    from coop_pin.progress_bar import ProgressBar
+    from coop_pin.run_folder import RunFolder, Stopwatch
 
-    scenario: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    quiet: bool = False
-    verbose: bool = False
-    stop_at_breach: bool = False
-    engine: Engine = "pinocchio"
-    replay: bool = True
-    figures: bool = True
-    svg: bool = False
-    report: bool = False
-    fields: TypedFields = dataclasses.field(default_factory=dict)
+    chosen = load_scenario(scenario, fields)
+    folder = RunFolder(out or Path("out") / chosen.name)
+    folder.path.mkdir(parents=True, exist_ok=True)  # a folder that cannot be made must not cost a run
+    if engine == "auto" and not quiet:
+        choice = choose_engine(chosen, is_live=stop_at_breach)
+        print(f"engine {choice.engine}: {choice.reason}")
+    watch = Stopwatch()
+    try:
+        with ProgressBar("ticks", title=chosen.name, quiet=quiet) as bar:
+            result = run_scenario.run(
+                chosen, progress=bar.advance_to, stop_at_breach=stop_at_breach, engine=engine
+            )
+    except (CoopPinError, RunInterruptedError) as error:
+        if (result := error.result) is None:
+            raise
+        folder.write(result, watch.timing(result), replay=False, figures=())
+        print(f"coop-pin: {error} in {folder.path / folder.RESULT}", file=sys.stderr)
+        _warn(result, verbose)
+        return INTERRUPTED if isinstance(error, RunInterruptedError) else FAILED
+    timing = watch.timing(result)
+    formats: tuple[Literal["png", "svg"], ...] = ("png", "svg") if svg else ("png",)
+    folder.write(result, timing, replay=replay, figures=formats if figures else ())
+    if report:
+        viz.save_report(result, folder.path / folder.REPORT)
+    is_breached = bool(result.breaches())
+    if not quiet:
+        written = f"written to {folder.path}, {timing.real_time_factor:.1f} times real time"
+        print(result.summary(), *_details(result, verbose), written, sep="\n")
+    elif is_breached:
+        _warn(result, verbose)
+    return NOT_TRUSTWORTHY if is_breached else OK
 
-    def execute(self) -> int:
-        """Run the scenario, write its folder, print its metrics, and return the exit code.
 
-        An aborted run is written up to its last tick.
+def _warn(result: Any, verbose: bool) -> None:
+    print(f"coop-pin: {result.verdict()}", *_details(result, verbose), sep="\n", file=sys.stderr)
 
-        Raises:
-            CoopPinError: the run could not start.
-        """
-        from coop_pin.engine_choice import choose_engine
-        from coop_pin.progress_bar import ProgressBar
-        from coop_pin.run_folder import RunFolder, Stopwatch
-        from coop_pin.run_scenario import run
 
-        scenario = load_scenario(self.scenario, self.fields)
-        folder = RunFolder(self.out or Path("out") / scenario.name)
-        folder.path.mkdir(parents=True, exist_ok=True)  # a folder that cannot be made must not cost a run
-        if self.engine == "auto" and not self.quiet:
-            choice = choose_engine(scenario, is_live=self.stop_at_breach)
-            print(f"engine {choice.engine}: {choice.reason}")
-        watch = Stopwatch()
-        try:
-            with ProgressBar("ticks", title=scenario.name, quiet=self.quiet) as bar:
-                advance, stop = bar.advance_to, self.stop_at_breach
-                result = run(scenario, progress=advance, stop_at_breach=stop, engine=self.engine)
-        except (CoopPinError, RunInterruptedError) as error:
-            if error.result is None:
-                raise
-            folder.write(error.result, watch.timing(error.result), replay=False, figures=())
-            print(f"coop-pin: {error} in {folder.path / folder.RESULT}", file=sys.stderr)
-            self._warn(error.result.verdict(), error.result.breaches())
-            return INTERRUPTED if isinstance(error, RunInterruptedError) else FAILED
-        timing = watch.timing(result)
-        formats: tuple[Literal["png", "svg"], ...] = ("png", "svg") if self.svg else ("png",)
-        folder.write(result, timing, replay=self.replay, figures=formats if self.figures else ())
-        if self.report:
-            viz.save_report(result, folder.path / folder.REPORT)
-        breaches = result.breaches()
-        if not self.quiet:
-            written = f"written to {folder.path}, {timing.real_time_factor:.1f} times real time"
-            print(result.summary(), *self._details(breaches), written, sep="\n")
-        elif breaches:
-            self._warn(result.verdict(), breaches)
-        return NOT_TRUSTWORTHY if breaches else OK
-
-    def _warn(self, verdict: str, breaches: Sequence[object]) -> None:
-        print(f"coop-pin: {verdict}", *self._details(breaches), sep="\n", file=sys.stderr)
-
-    def _details(self, breaches: Sequence[object]) -> list[str]:
-        """Return every breach as a line if asked for, otherwise how to ask when there are several."""
-        if self.verbose:
-            return [f"  {breach}" for breach in breaches]
-        return [f"  --verbose lists all {len(breaches)} breaches"] if len(breaches) > 1 else []
+def _details(result: Any, verbose: bool) -> list[str]:
+    """Return every breach as a line if asked for, otherwise how to ask when there are several."""
+    breaches = result.breaches()
+    if verbose:
+        return [f"  {breach}" for breach in breaches]
+    return [f"  --verbose lists all {len(breaches)} breaches"] if len(breaches) > 1 else []

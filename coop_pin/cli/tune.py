@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import shlex
 from pathlib import Path
 from typing import Annotated
@@ -10,14 +9,28 @@ from typing import Annotated
 import tyro
 
 from coop_pin import sweeps
-from coop_pin.cli.execution import HERE, ExecutionOptions
-from coop_pin.cli.exit_codes import OK
-from coop_pin.cli.overrides import TypedFields, changes, field_path, load_scenario
+from coop_pin.cli.execution import HERE, ExecutionOptions, tell
+from coop_pin.cli.overrides import NO_FIELDS, ScenarioName, TypedFields, changes, field_path, load_scenario
 from coop_pin.errors import FieldError
 
 
-@dataclasses.dataclass(frozen=True)
-class Tune:
+def tune(
+    scenario: ScenarioName,
+    minimize: Annotated[str, tyro.conf.arg(metavar="METRIC")],
+    vary: Annotated[
+        tuple[tuple[str, float, float], ...],
+        tyro.conf.UseAppendAction,
+        tyro.conf.arg(metavar="FIELD LOW HIGH"),
+    ],
+    subject_to: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="BOUND")] = (),
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
+    metric: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="FUNCTION")] = (),
+    generations: Annotated[int, tyro.conf.arg(metavar="N")] = 10,
+    population: Annotated[int, tyro.conf.arg(metavar="N")] = 8,
+    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
+    execution: ExecutionOptions = HERE,
+    fields: TypedFields = NO_FIELDS,
+) -> None:
     """Search fields of a scenario for the smallest value of a metric.
 
     Every field of the scenario can be changed as in 'coop-pin run'. Every run is kept: the same command
@@ -27,7 +40,7 @@ class Tune:
     coop-pin tune adept-paper --minimize internal_axial_rms_error_N --subject-to 'settling_time_s<2.5'
     --vary controller.gains.sign_gain 0 1 --vary controller.gains.pose_gain 1 5
 
-    Attributes:
+    Args:
         scenario: a name listed by 'coop-pin list', or a TOML file.
         minimize: metric, for example position_rms_m or torque_peak_Nm; metrics.json of any run has their
             names.
@@ -43,60 +56,35 @@ class Tune:
         seed: seed of the search; another seed tries other values.
         execution: workers, engine and folders to merge.
         fields: fields of the scenario, as typed.
+
+    Raises:
+        FieldError: a field has two ranges, or a range and a value.
+        CoopPinError: whatever ``tune`` raises.
     """
-
-    scenario: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
-    minimize: Annotated[str, tyro.conf.arg(metavar="METRIC")]
-    vary: Annotated[
-        tuple[tuple[str, float, float], ...],
-        tyro.conf.UseAppendAction,
-        tyro.conf.arg(metavar="FIELD LOW HIGH"),
-    ]
-    subject_to: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="BOUND")] = ()
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    metric: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="FUNCTION")] = ()
-    generations: Annotated[int, tyro.conf.arg(metavar="N")] = 10
-    population: Annotated[int, tyro.conf.arg(metavar="N")] = 8
-    seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0
-    execution: ExecutionOptions = HERE
-    fields: TypedFields = dataclasses.field(default_factory=dict)
-
-    def execute(self) -> int:
-        """Search, print the best run, and return the exit code.
-
-        Raises:
-            FieldError: a field has two ranges, or a range and a value.
-            CoopPinError: whatever ``tune`` raises.
-        """
-        scenario = load_scenario(self.scenario, self.fields)
-        fixed = changes(self.fields, scenario.cell.arms)
-        folder = self.out or Path("out") / f"tune-{Path(self.scenario).stem}"
-        ranges: dict[str, tuple[float, float]] = {}
-        for field, low, high in self.vary:
-            path = field_path(field, scenario.cell.arms)
-            if path in ranges:
-                raise FieldError("has two ranges; give it one", path)
-            if path in fixed:
-                raise FieldError("has a range and a value; give it one of them", path)
-            ranges[path] = (low, high)
-        result = sweeps.tune(
-            scenario,
-            ranges,
-            minimize=self.minimize,
-            subject_to=self.subject_to,
-            out=folder,
-            metrics=self.metric,
-            generations=self.generations,
-            population=self.population,
-            seed=self.seed,
-            execution=self.execution,
-        )
-        if not self.execution.quiet:
-            print(result.summary())
-            best = result.tuned.items()
-            words = [word for field, typed in self.fields.items() for word in (f"--{field}", *typed)]
-            words += [word for field, value in best for word in (f"--{field}", repr(value))]
-            print("run it: " + shlex.join(["coop-pin", "run", self.scenario, *words]))
-            print("all runs: " + shlex.join(["coop-pin", "sweep-show", str(folder)]))
-            print(f"written to {folder}")
-        return OK
+    base = load_scenario(scenario, fields)
+    arms, ranges = base.cell.arms, dict[str, tuple[float, float]]()
+    fixed, folder = changes(fields, arms), out or Path("out") / f"tune-{Path(scenario).stem}"
+    for field, low, high in vary:
+        path = field_path(field, arms)
+        if path in ranges:
+            raise FieldError("has two ranges; give it one", path)
+        if path in fixed:
+            raise FieldError("has a range and a value; give it one of them", path)
+        ranges[path] = (low, high)
+    result = sweeps.tune(
+        base,
+        ranges,
+        minimize=minimize,
+        subject_to=subject_to,
+        out=folder,
+        metrics=metric,
+        generations=generations,
+        population=population,
+        seed=seed,
+        execution=execution,
+    )
+    words = [word for field, typed in fields.items() for word in (f"--{field}", *typed)]
+    words += [word for field, value in result.tuned.items() for word in (f"--{field}", repr(value))]
+    rerun = "run it: " + shlex.join(["coop-pin", "run", scenario, *words])
+    show = "all runs: " + shlex.join(["coop-pin", "sweep-show", str(folder)])
+    tell(execution, f"{result.summary()}\n{rerun}\n{show}", folder)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import os
 import sys
 import threading
@@ -15,13 +14,23 @@ from typing import Annotated, Any
 import tyro
 
 from coop_pin import viz
-from coop_pin.cli.exit_codes import OK
-from coop_pin.cli.overrides import TypedFields, load_scenario, refuse_fields
+from coop_pin.catalogue import scenario_names
+from coop_pin.cli.overrides import NO_FIELDS, TypedFields, load_scenario, refuse_fields
 from coop_pin.errors import FieldError
 
 
-@dataclasses.dataclass(frozen=True)
-class View:
+def view(
+    what: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_OR_SCENARIO")],
+    against: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN")] = (),
+    open: bool = True,
+    run: bool = False,
+    realtime_rate: float = 1.0,
+    port: int = 0,
+    image: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    time: float | None = None,
+    video: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    fields: TypedFields = NO_FIELDS,
+) -> None:
     """Show a run or a cell in 3-D, or write an image or a video of a run.
 
     For a run, this opens its replay, a file that plays offline; a missing replay is written from the result.
@@ -33,7 +42,7 @@ class View:
     With --image or --video nothing opens: the replay is rendered into a file. That takes the extra 'video'
     and Chromium or Chrome, but no display.
 
-    Attributes:
+    Args:
         what: folder or result file of a run, or a scenario: a name listed by 'coop-pin list', or a TOML file.
         against: folders or result files of up to three more runs.
         open: open a browser; without a screen only the address is printed.
@@ -44,86 +53,60 @@ class View:
         time: time that the image shows, s; the end of the run when omitted.
         video: MP4 file to write, of a run.
         fields: fields of the scenario, as typed.
+
+    Raises:
+        FieldError: a time is given, but no image; a field is given for a run.
+        UnreachablePoseError: the initial pose of a scenario is out of an arm's reach.
+        PortTakenError: the chosen port is in use.
+        FileReadError: the result is missing or damaged.
+        MissingExtraError: the extra 'video' is not installed.
+        BrowserError: there is no browser.
+        OutOfRangeError: the run does not have the requested time.
     """
-
-    what: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="RUN_OR_SCENARIO")]
-    against: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN")] = ()
-    open: bool = True
-    run: bool = False
-    realtime_rate: float = 1.0
-    port: int = 0
-    image: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    time: float | None = None
-    video: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    fields: TypedFields = dataclasses.field(default_factory=dict)
-
-    def execute(self) -> int:
-        """Print the address and open it, or write the files and print their paths.
-
-        Raises:
-            FieldError: a time is given, but no image; a field is given for a run.
-            UnreachablePoseError: the initial pose of a scenario is out of an arm's reach.
-            PortTakenError: the chosen port is in use.
-            FileReadError: the result is missing or damaged.
-            MissingExtraError: the extra 'video' is not installed.
-            BrowserError: there is no browser.
-            OutOfRangeError: the run does not have the requested time.
-        """
-        from coop_pin.catalogue import scenario_names
-
-        path = Path(self.what)
-        if self.time is not None and self.image is None:
-            raise FieldError("is the time that an image shows; add --image FILE", "--time")
-        pictures = self.image is not None or self.video is not None
-        if (
-            not pictures
-            and not self.against
-            and (self.what in scenario_names() or (path.suffix == ".toml" and path.is_file()))
-        ):
-            self._view_until_interrupted()
-            return OK
-        refuse_fields(self.fields, self.what)
-        if pictures:
-            self._write_images(path)
-        else:
-            replay = (_side_by_side(path, self.against) if self.against else _replay(path)).resolve()
-            self._show(str(replay), replay.as_uri())
-        return OK
-
-    def _write_images(self, path: Path) -> None:
-        paths = (path, *self.against)
-        (result, *others), names = map(_result, paths), _names(paths)
-        if self.image is not None:
-            viz.save_image(result, self.image, *others, names=names, time=self.time)
-            print(self.image.resolve(), flush=True)
-        if self.video is not None:
-            viz.save_video(result, self.video, *others, names=names)
-            print(self.video.resolve())
-
-    def _view_until_interrupted(self) -> None:
-        """Serve a live view of the scenario's cell until Ctrl-C, which ends it normally."""
-        from coop_pin.run_scenario import run
-
-        scenario = load_scenario(self.what, self.fields)
-        view = viz.open_view(scenario, port=self.port)
-        try:
-            self._show(view.url, view.url)
+    path, paths = Path(what), (Path(what), *against)
+    if time is not None and image is None:
+        raise FieldError("is the time that an image shows; add --image FILE", "--time")
+    pictures = image is not None or video is not None
+    is_scenario = what in scenario_names() or (path.suffix == ".toml" and path.is_file())
+    if is_scenario and not (pictures or against):
+        scenario = load_scenario(what, fields)
+        with contextlib.closing(viz.open_view(scenario, port=port)) as live:
+            _show(live.url, live.url, open)
             hint = "open this address in a browser on this machine; Ctrl-C ends the view"
             print(f"coop-pin: {hint}", file=sys.stderr)
-            with contextlib.suppress(KeyboardInterrupt):
-                if not self.run:
-                    threading.Event().wait()
-                while view.is_alive:
-                    run(scenario, view=view, realtime_rate=self.realtime_rate)
-        finally:
-            view.close()
+            with contextlib.suppress(KeyboardInterrupt):  # which ends it normally
+                _keep_alive(live, scenario, realtime_rate if run else None)
+        return
+    refuse_fields(fields, what)
+    if not pictures:
+        page = (_side_by_side(paths) if against else _replay(path)).resolve()
+        _show(str(page), page.as_uri(), open)
+        return
+    (result, *others), names = map(_result, paths), _names(paths)
+    if image is not None:
+        viz.save_image(result, image, *others, names=names, time=time)
+        print(image.resolve(), flush=True)
+    if video is not None:
+        viz.save_video(result, video, *others, names=names)
+        print(video.resolve())
 
-    def _show(self, text: str, address: str) -> None:
-        print(text, flush=True)
-        # without a screen a text-mode browser would take over the terminal
-        displays = [os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")]
-        if self.open and (sys.platform == "darwin" or any(displays)):
-            webbrowser.open(address)
+
+def _keep_alive(live: Any, scenario: Any, realtime_rate: float | None) -> None:
+    """Wait, or simulate the scenario over and over at a rate while the view is open."""
+    from coop_pin.run_scenario import run
+
+    if realtime_rate is None:
+        threading.Event().wait()
+    while live.is_alive:
+        run(scenario, view=live, realtime_rate=realtime_rate)
+
+
+def _show(text: str, address: str, opens: bool) -> None:
+    print(text, flush=True)
+    # without a screen a text-mode browser would take over the terminal
+    displays = [os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")]
+    if opens and (sys.platform == "darwin" or any(displays)):
+        webbrowser.open(address)
 
 
 def _result(path: Path) -> Any:
@@ -144,12 +127,10 @@ def _names(paths: Sequence[Path]) -> list[str]:
     ]
 
 
-def _side_by_side(path: Path, against: Sequence[Path]) -> Path:
+def _side_by_side(paths: Sequence[Path]) -> Path:
     """Write the page of several runs beside the first one's result, and return its file."""
-    paths = (path, *against)
-    names = _names(paths)
-    page = (path if path.is_dir() else path.parent) / f"against-{'-'.join(names[1:])}.html"
-    (result, *others) = map(_result, paths)
+    (result, *others), names = map(_result, paths), _names(paths)
+    page = (paths[0] if paths[0].is_dir() else paths[0].parent) / f"against-{'-'.join(names[1:])}.html"
     viz.save_replay(result, page, *others, names=names)
     return page
 
@@ -166,24 +147,19 @@ def _replay(path: Path) -> Path:
     return replay
 
 
-@dataclasses.dataclass(frozen=True)
-class Report:
+def report(
+    result: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DIR_OR_FILE")],
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+) -> None:
     """Write a run on one page that opens offline: scenario, metrics, figures, limits and the 3-D replay.
 
-    Attributes:
+    Args:
         result: the folder of a run, or its result.nc.
         out: output file; report.html beside the result when omitted.
     """
+    from coop_pin.run_folder import RunFolder
 
-    result: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="DIR_OR_FILE")]
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-
-    def execute(self) -> int:
-        """Write the page and print its path."""
-        from coop_pin.run_folder import RunFolder
-
-        folder = self.result if self.result.is_dir() else self.result.parent
-        page = self.out or folder / RunFolder.REPORT
-        viz.save_report(_result(self.result), page)
-        print(page.resolve())
-        return OK
+    folder = result if result.is_dir() else result.parent
+    page = out or folder / RunFolder.REPORT
+    viz.save_report(_result(result), page)
+    print(page.resolve())

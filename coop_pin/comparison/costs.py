@@ -6,64 +6,31 @@ import math
 import tempfile
 import time
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from coop_pin.arrays import Array, as_count, typed
-from coop_pin.batch import export_c
+from coop_pin.arrays import as_count, typed
 from coop_pin.build_controller import build_controller
 from coop_pin.comparison.controllers import Controllers, controllers_for
 from coop_pin.comparison.trials import benchmark_scenario
-from coop_pin.control import (
-    ArmMeasurement,
-    ArmReference,
-    CellCommand,
-    CellController,
-)
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, TracingError
-from coop_pin.simulation import Simulation, simulate
+from coop_pin.simulation import Simulation
+from coop_pin.simulation.network import heard
 
 _TICKS = 100
-
-
-class _Timed(CellController):
-    """Hands everything on, and keeps the time of each step, s."""
-
-    def __init__(self, law: CellController) -> None:
-        self._law = law
-        self.steps: list[float] = []
-
-    def commands_of(self, arm: str) -> str:
-        return self._law.commands_of(arm)
-
-    def init(self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]) -> Any:
-        return self._law.init(measurements, references)
-
-    def messages(
-        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
-    ) -> list[Array]:
-        return self._law.messages(measurements, references, state)
-
-    def step(
-        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
-    ) -> CellCommand:
-        start = time.perf_counter()
-        command = self._law.step(measurements, references, state)
-        self.steps.append(time.perf_counter() - start)
-        return command
 
 
 @typed
 def tick_costs(scenario: Scenario, controllers: Controllers, *, rounds: int = 1) -> pd.DataFrame:
     """Return the cost of controllers for each arm and tick, and what they need.
 
-    ``us`` is the least time of a hundred ticks in Python, of this machine, and ``ratio`` that to the first
-    controller's. ``operations`` counts those of the law of the first arm with its kinematics, as exported to
-    C; where they cannot be counted it is NaN, and ``not_counted`` says why. ``needs`` is what a controller
-    uses besides kinematics, ``sent`` how many numbers of 8 bytes cross between the arms in a tick.
+    ``us`` is the least time of a hundred ticks in Python, of this machine, and ``ratio`` that to the
+    first controller's. ``operations`` counts those of the law of the first arm with its
+    kinematics, as exported to C; where they cannot be counted it is NaN, and ``not_counted`` says why.
+    ``needs`` is what a controller uses besides kinematics, ``sent`` how many numbers of 8 bytes cross between
+    the arms in a tick.
 
     Args:
         scenario: the cell.
@@ -95,15 +62,25 @@ def tick_costs(scenario: Scenario, controllers: Controllers, *, rounds: int = 1)
 
 def _least_us(scenario: Scenario) -> float:
     """Return the least time of a tick of a scenario's controller for each arm, us."""
-    timed = _Timed(build_controller(scenario))
-    simulate(scenario, timed)
-    return 1e6 * float(np.min(timed.steps)) / len(scenario.cell.arms)
+    law, times = build_controller(scenario), list[float]()
+    run = Simulation(scenario, law)
+    run.tick()
+    while not run.is_finished:
+        measurements, references, *_ = run.observe()
+        inputs = heard(law, measurements, references, run.controller_state, run.exchange.at_once)
+        start = time.perf_counter()
+        command = law.step(inputs, references, run.controller_state)
+        times.append(time.perf_counter() - start)
+        run.step(command)
+    return 1e6 * min(times) / len(scenario.cell.arms)
 
 
 def _operations(scenario: Scenario, needs: Sequence[str]) -> tuple[float, str]:
     """Return the operations of a tick of the first arm's law, or why they cannot be counted."""
     if {"model", "regressor"} & {*needs}:
         return math.nan, "its model is Pinocchio's compiled code"
+    from coop_pin.batch import export_c  # slow to load
+
     try:
         with tempfile.TemporaryDirectory() as folder:
             law = export_c(scenario, next(iter(scenario.cell.arms)), folder)

@@ -81,7 +81,10 @@ def standard_trials(scenario: Scenario) -> dict[str, Trial]:
         scenario: scenario, as of ``benchmark_scenario``.
     """
     arms, mass, half = list(scenario.cell.arms), scenario.cell.payload.mass, scenario.duration / 2.0
-    push = 9.81 * mass * np.array([2.0, 1.0, 0.0, 0.0, 0.0, 0.0]) / math.sqrt(5.0)
+    change, push = (
+        {"kind": "payload-change", "time": 0.0},
+        9.81 * mass * np.array([2.0, 1.0, 0.0, 0.0, 0.0, 0.0]) / math.sqrt(5.0),
+    )
     error, wrist = f"cell.arms.{arms[0]}.calibration_error", "sensors.wrist"
     pulse = {"kind": "wrench-pulse", "time": half, "duration": 0.2, "wrench": push.tolist()}
     noise = {
@@ -95,7 +98,10 @@ def standard_trials(scenario: Scenario) -> dict[str, Trial]:
     )
     return {
         "nominal": Trial({}),
-        **{f"mass x{factor:g}": Trial({"events": [_mass(factor * mass)]}) for factor in (0.5, 2.0)},
+        **{
+            f"mass x{factor:g}": Trial({"events": [change | {"mass": factor * mass}]})
+            for factor in (0.5, 2.0)
+        },
         **(
             {"friction x0": Trial({}, friction=0.0), "friction x3": Trial({}, friction=3.0)}
             if rubbing
@@ -166,10 +172,6 @@ def _palms(scenario: Scenario) -> dict[str, Any]:
         "squeeze": squeeze.squeeze.model_dump(),
         **_rate(scenario, max(_PALM_RATE_HZ, scenario.clock.rate_hz)),
     }
-
-
-def _mass(mass: float) -> dict[str, Any]:
-    return {"kind": "payload-change", "time": 0.0, "mass": mass}
 
 
 def _rate(scenario: Scenario, rate_hz: float) -> dict[str, Any]:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import pandas as pd
 
 from coop_pin.analysis import loads_without_an_arm, reachability
 from coop_pin.arrays import typed
@@ -111,12 +111,8 @@ def tune_controllers(
             _LOG.warning("%s has no tuned gains in %s: %s", search.name, search.base.name, error)
         else:
             rows += _rows(result, search)
-    text = io.StringIO()
-    writer = csv.DictWriter(text, _COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
     Path(out).mkdir(parents=True, exist_ok=True)
-    (Path(out) / "gains.csv").write_text(text.getvalue(), encoding="utf-8")
+    pd.DataFrame(rows, columns=_COLUMNS).to_csv(Path(out) / "gains.csv", index=False, lineterminator="\n")
     return rows
 
 

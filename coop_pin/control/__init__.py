@@ -6,21 +6,19 @@ from coop_pin.control.admittance import (
     AdmittanceGains,
     FollowingController,
 )
-from coop_pin.control.averaged_wrench import AveragedWrench
+from coop_pin.control.averaged_wrench import (
+    AveragedWrench,
+    ConsensusForcePath,
+    averaged_loop_radius,
+    estimator_radius,
+)
 from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
 from coop_pin.control.calibration import ZeroedController
-from coop_pin.control.consensus import MeanGains, averaged_loop_radius, consensus_bound, estimator_radius
-from coop_pin.control.exchanged_wrench import ExchangedWrench
+from coop_pin.control.consensus import consensus_bound
+from coop_pin.control.exchanged_wrench import ExchangedWrench, MessageForcePath
 from coop_pin.control.feed_forward import FeedForward, FeedForwardController
-from coop_pin.control.force_path import (
-    ConsensusForcePath,
-    LateForcePath,
-    LearnedForcePath,
-    LowPassForcePath,
-    MessageForcePath,
-    NoForcePath,
-)
+from coop_pin.control.force_path import LateForcePath, LowPassForcePath, NoForcePath
 from coop_pin.control.interface import (
     ArmCommand,
     ArmController,
@@ -35,7 +33,7 @@ from coop_pin.control.interface import (
 )
 from coop_pin.control.law import DecentralisedLaw, Law, PostureGains
 from coop_pin.control.leader_follower import LeaderFollower, LeaderFollowerController, LeaderFollowerGains
-from coop_pin.control.learned_load import LearnedLoad
+from coop_pin.control.learned_load import LearnedForcePath, LearnedLoad
 from coop_pin.control.mean_pose import (
     AgreedIntegral,
     ConsensusPose,
@@ -62,7 +60,7 @@ from coop_pin.control.sliding_mode import (
     SlidingModeGains,
     SlidingModeState,
 )
-from coop_pin.control.switching import Saturation, Sign, Switching, Tanh
+from coop_pin.control.sliding_surface import Saturation, Sign, Switching, Tanh
 from coop_pin.control.terms import Posture
 
 __all__ = [
@@ -97,7 +95,6 @@ __all__ = [
     "LearnedForcePath",
     "LearnedLoad",
     "LowPassForcePath",
-    "MeanGains",
     "MeanPose",
     "MeanPoseByMessages",
     "MeanPoseController",

@@ -15,15 +15,14 @@ from coop_pin.control.interface import (
     ArmController,
     ArmMeasurement,
     ArmReference,
-    CellCommand,
     CellController,
     CellTiming,
     ControlledArm,
-    DecentralisedController,
     Message,
 )
 from coop_pin.control.law import DecentralisedLaw, LawController
 from coop_pin.control.terms import right_inverse
+from coop_pin.control.told_law import TellingCellLaw
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import NotNegative, Positive
 from coop_pin.spatial.generic_numbers import exp
@@ -109,8 +108,7 @@ class AdmittanceController(LawController[AdmittanceGains]):
         if measurement.internal_wrench is not None or measurement.interaction_wrench is None:
             return np.zeros(0)
         f_d = self.arm.rows.turn(measurement.payload_pose, reference.internal_wrench)
-        share = self.arm.load_share if reference.load_share is None else reference.load_share
-        return np.concatenate((measurement.interaction_wrench - f_d, np.array([share])))
+        return np.append(measurement.interaction_wrench - f_d, reference.share(self.arm))
 
     def step(
         self, measurement: ArmMeasurement, reference: ArmReference, state: AdmittanceState
@@ -171,7 +169,7 @@ def _disagreement(messages: Mapping[str, Message], name: str) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class FollowingController(CellController):
+class FollowingController(TellingCellLaw):
     """A law whose followers take the motion of the first arm, as that sees it, for the desired one.
 
     Leader and follower by position: Luh and Zheng (1987), "Constrained relations between two coordinated
@@ -180,42 +178,17 @@ class FollowingController(CellController):
         x_d,i = x_1,   V_d,i = V_1   for every arm but the first, which leads
 
     One pose and one twist cross to every follower at each tick. A follower is late by what its servo is.
-
-    Attributes:
-        laws: Laws of the arms.
     """
 
     needs: ClassVar[tuple[str, ...]] = ("poses of all arms", "role")
 
-    laws: CellController
-
-    @property
-    def command_kind(self) -> str:
-        """What the laws command."""
-        return self.laws.command_kind
-
-    def commands_of(self, arm: str) -> str:
-        """Return what the law of an arm commands."""
-        return self.laws.commands_of(arm)
-
-    def init(self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]) -> Any:
-        """Return the first state of each arm's law; raises as the law."""
-        return self.laws.init(measurements, _followed(measurements, references))
-
-    def step(
-        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
-    ) -> CellCommand:
-        """Return the command and the next state of each arm; raises as the law."""
-        return self.laws.step(measurements, _followed(measurements, references), state)
-
-
-def _followed(
-    measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
-) -> list[ArmReference]:
-    """Return the references, those of followers with the leader's motion."""
-    leader, (first, *others) = measurements[0], references
-    pose, twist = leader.payload_pose, leader.payload_twist
-    return [first, *(other._replace(pose=pose, twist=twist) for other in others)]
+    def seen(
+        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
+    ) -> tuple[Sequence[ArmMeasurement], Sequence[ArmReference]]:
+        """Return the measurements, and the references, those of followers with the leader's motion."""
+        leader, (first, *others) = measurements[0], references
+        pose, twist = leader.payload_pose, leader.payload_twist
+        return measurements, [first, *(other._replace(pose=pose, twist=twist) for other in others)]
 
 
 class Admittance(DecentralisedLaw[AdmittanceGains]):
@@ -254,7 +227,6 @@ class Admittance(DecentralisedLaw[AdmittanceGains]):
     def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
         """Return the controller of the cell; see Law."""
         laws = super().build(scenario, arms)
-        assert isinstance(laws, DecentralisedController)
         return FollowingController(laws) if self.follows == "leader" else laws
 
     def feedback_problems(self, cell: CellTiming) -> list[FieldError]:

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from coop_pin.arrays import Array
-from coop_pin.control.consensus import (
-    MeanGains,
-    averaged_loop_radius,
-    disagreement,
-    estimator_radius,
-    graph_eigenvalues,
-)
-from coop_pin.control.exchanged_wrench import heard, less_load, own_wrench
-from coop_pin.control.force_path import INSIST, ConsensusForcePath
+from coop_pin.control.consensus import disagreement, graph_eigenvalues
+from coop_pin.control.exchanged_wrench import less_load, own_wrench
+from coop_pin.control.force_path import INSIST, PlainForcePath
 from coop_pin.control.interface import (
     ArmCommand,
     ArmController,
@@ -24,7 +19,12 @@ from coop_pin.control.interface import (
     ArmReference,
     ControlledArm,
 )
+from coop_pin.control.told_law import TellingLaw, heard
 from coop_pin.errors import FieldError
+from coop_pin.schema.base import NotNegative, Positive
+
+_AT_REST = 1e-9
+"""Distance from 1 of a factor that counts as it: of an integral without an anchor."""
 
 
 class AveragedState(NamedTuple):
@@ -44,7 +44,7 @@ class AveragedState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class AveragedWrench(ArmController):
+class AveragedWrench(TellingLaw):
     """A law that measures the internal wrench over any connected graph: ``f_i = F_i - c_i m nu_i``.
 
     nu_i follows the mean of the m wrist wrenches by proportional-integral average consensus::
@@ -69,18 +69,15 @@ class AveragedWrench(ArmController):
 
     needs: ClassVar[tuple[str, ...]] = ("messages", "wrenches of all arms")
 
-    law: ArmController
     arm: ControlledArm
     path: ConsensusForcePath
     arms: int
 
-    def message(
+    def said(
         self, measurement: ArmMeasurement, reference: ArmReference, state: AveragedState | None
     ) -> Array:
-        """Return nu_i, eta_i and what the law says, shape (2 k_0 + w,)."""
-        nu, eta = self._mean(measurement, state)
-        law = None if state is None else state.law
-        return np.concatenate((nu, eta, self.law.message(measurement, reference, law)))
+        """Return nu_i and eta_i, shape (2 k_0,)."""
+        return np.concatenate(self._mean(measurement, state))
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> AveragedState:
         """Return nu = F, eta = 0 and the first state of the law; raises as the law."""
@@ -104,10 +101,6 @@ class AveragedWrench(ArmController):
         )
         return replace(command, state=later)
 
-    def remarks(self, pose: Array, state: AveragedState) -> list[str]:
-        """Return the sentences of the law."""
-        return self.law.remarks(pose, state.law)
-
     def _mean(self, measurement: ArmMeasurement, state: AveragedState | None) -> tuple[Array, Array]:
         """Return nu and eta; until the wrist has a first sample, F and 0."""
         F = own_wrench(measurement, self.arm)
@@ -120,22 +113,116 @@ class AveragedWrench(ArmController):
         return less_load(measurement, reference, self.arm, self.arms * nu, 2 * len(nu))
 
 
-def require_decay(path: ConsensusForcePath, scenario: Any) -> None:
+class ConsensusForcePath(PlainForcePath):
+    """Internal wrench over any connected graph, by consensus on the mean of the wrenches: AveragedWrench.
+
+    Attributes:
+        input_gain: gamma, part of its own wrench that an arm's mean takes up in a tick.
+        proportional_gain: k_P, on the disagreement with the arms that are heard.
+        integral_gain: k_I, likewise.
+    """
+
+    kind: Literal["consensus"] = "consensus"
+    input_gain: float = Field(default=0.2, gt=0.0, lt=2.0)
+    proportional_gain: NotNegative = 0.25
+    integral_gain: Positive = 0.2
+
+    def modes(self, eigenvalue: float, delay: int) -> Array:
+        """Return the polynomial of a mode of the disagreement, times z^2D.
+
+        (z - 1 + gamma + k_P lambda z^-D)(z - 1) + (k_I lambda z^-D)^2, of Freeman, Yang and Lynch (2006) in
+        discrete time.
+
+        Args:
+            eigenvalue: lambda of the graph's L.
+            delay: D, ticks by which messages are late.
+        """
+        late, step = np.append(1.0, np.zeros(delay)), np.array([1.0, -1.0])
+        alone = np.polymul(np.polymul([1.0, self.input_gain - 1.0], step), np.polymul(late, late))
+        told = self.proportional_gain * eigenvalue * np.polymul(step, late)
+        return np.polyadd(np.polyadd(alone, told), [(self.integral_gain * eigenvalue) ** 2])
+
+    def law_told(self, law: ArmController, arm: ControlledArm, scenario: Any) -> ArmController:
+        """Return the law of an arm, told by AveragedWrench.
+
+        Raises:
+            FieldError: means or feedback on them grow, or the graph is not connected both ways.
+        """
+        _require_decay(self, scenario)
+        return AveragedWrench(law, arm, self, len(scenario.cell.arms))
+
+
+def estimator_radius(eigenvalues: Array, path: ConsensusForcePath, delay: int = 0) -> float:
+    """Return the largest ``|z|`` of average consensus, by which it converges in a tick.
+
+    That of the mean is 1 - gamma.
+
+    Args:
+        eigenvalues: lambda of the graph's L, the first of them 0, shape (m,).
+        path: Gains.
+        delay: D, ticks by which messages are late.
+    """
+    sizes = [np.abs(np.roots(path.modes(eigenvalue, delay))).max() for eigenvalue in eigenvalues[1:]]
+    return float(max([abs(1.0 - path.input_gain), *sizes]))
+
+
+def averaged_loop_radius(
+    eigenvalues: Array,
+    path: ConsensusForcePath,
+    delay: int = 0,
+    *,
+    anchor_gain: float,
+    force_gain: float = 0.0,
+    wrist_delay: int = 0,
+) -> float:
+    """Return the largest ``|z|`` of anchor and force feedback on internal wrenches by average consensus.
+
+    f = F - c m nu is the own wrench but for what nu follows of it, H = gamma (z - 1) z^2D / modes(z), with
+    equal shares c m = 1. With Z[k] = Z[k-1] - g f_m[k] and a wrist that is late by D_w ticks::
+
+        (z - 1) z^(D_w + 1) + (g z + K_f (z - 1)) (1 - H(z)) = 0
+
+    Args:
+        eigenvalues: lambda of the graph's L, the first of them 0, shape (m,).
+        path: Gains of the consensus.
+        delay: D, ticks by which messages are late.
+        anchor_gain: g.
+        force_gain: K_f.
+        wrist_delay: D_w.
+    """
+    step, sizes = np.array([1.0, -1.0]), [0.0]
+    loop = np.append(step, np.zeros(wrist_delay + 1))
+    feedback = np.array([anchor_gain + force_gain, -force_gain])
+    followed = path.input_gain * np.append(step, np.zeros(2 * delay))
+    for eigenvalue in eigenvalues[1:]:
+        modes = path.modes(eigenvalue, delay)
+        fed_back = np.polymul(feedback, np.polysub(modes, followed))
+        z = np.roots(np.polyadd(np.polymul(loop, modes), fed_back))
+        sizes.append(float(np.abs(z[np.abs(z - 1.0) > _AT_REST]).max(initial=0.0)))
+    return max(sizes)
+
+
+def _require_decay(path: ConsensusForcePath, scenario: Any) -> None:
     """Refuse gains with which the means of a scenario's arms, or its law's feedback on them, grow.
 
     Raises:
         FieldError: they do, or the graph is not connected both ways.
     """
     names, network = list(scenario.cell.arms), scenario.network
-    gains = MeanGains(path.input_gain, path.proportional_gain, path.integral_gain, network.slowest_of(names))
-    eigenvalues = graph_eigenvalues(network.edges_at(0.0, names), names)
-    late = f"over this graph with messages {gains.delay} ticks late"
-    if (radius := estimator_radius(eigenvalues, gains)) >= 1.0:
+    eigenvalues, delay = graph_eigenvalues(network.edges_at(0.0, names), names), network.slowest_of(names)
+    late = f"over this graph with messages {delay} ticks late"
+    if (radius := estimator_radius(eigenvalues, path, delay)) >= 1.0:
         detail = f"grows by {radius:.4g} a tick {late}; lower its gains"
         raise FieldError(detail, "controller.force_path")
     loop = scenario.controller.loop(scenario.timing)
-    fed_back = {"anchor_gain": loop.anchor_gain, "force_gain": loop.force_gain, "delay": loop.delay}
-    radius = averaged_loop_radius(eigenvalues, gains, **fed_back)
+    radius = averaged_loop_radius(
+        eigenvalues,
+        path,
+        delay,
+        anchor_gain=loop.anchor_gain,
+        force_gain=loop.force_gain,
+        wrist_delay=loop.delay,
+    )
     if radius >= 1.0 and not scenario.beyond_bound:
         detail = f"is {loop.anchor_gain:g}, but the anchored integral on means grows by {radius:.4g} a tick"
         raise FieldError(f"{detail} {late}; lower it, {INSIST}", "controller.gains.anchor_gain")

@@ -1,15 +1,74 @@
-"""Stability bounds of sampled force feedback, K_f and g, for filters, delays and slow sensors."""
+"""Sampled force feedback over a force path: its timing, and the bounds of K_f and g."""
 
 from __future__ import annotations
 
-from functools import cache, partial
+from collections.abc import Collection
+from functools import cache
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from coop_pin.arrays import Array, typed
-from coop_pin.errors import OutOfRangeError
+from coop_pin.control.averaged_wrench import ConsensusForcePath
+from coop_pin.control.exchanged_wrench import MessageForcePath
+from coop_pin.control.force_path import INSIST, LateForcePath, LowPassForcePath, NoForcePath
+from coop_pin.control.interface import SampledWrist
+from coop_pin.control.learned_load import LearnedForcePath
+from coop_pin.errors import FieldError, OutOfRangeError
+
+_Paths = (
+    NoForcePath | LateForcePath | LowPassForcePath | MessageForcePath | ConsensusForcePath | LearnedForcePath
+)
+ForcePath = Annotated[_Paths, Field(discriminator="kind")]
 
 _BISECTIONS = 50
+
+
+class SampledLoop(NamedTuple):
+    """Feedback of measured wrenches, sampled.
+
+    Attributes:
+        pole: p of the filter.
+        delay: D of force path and wrists together, ticks.
+        every: Ticks from one sample to the next.
+        lag: Time constant of the slowest drives, ticks.
+        force_gain: K_f, by which a wrench acts at once.
+        anchor_gain: g, by which it moves an integral.
+    """
+
+    pole: float = 0.0
+    delay: int = 0
+    every: int = 1
+    lag: float = 0.0
+    force_gain: float = 0.0
+    anchor_gain: float = 0.0
+
+    @property
+    def anchor_bound(self) -> float:
+        """The anchor gain at which the loop is unstable, with these other numbers."""
+        pole, delay, every, lag, force_gain, _ = self
+        return anchor_gain_bound(pole=pole, delay=delay, every=every, force_gain=force_gain, lag=lag)
+
+    def is_stable(self, further: int = 0) -> bool:
+        """Return whether the loop decays, with a further delay, ticks.
+
+        The eigenvalues are those of one period of the sensor. The state is [f[k-1], ..., f[k-1-D], f_m, Z]
+        before tick k. Without an anchor Z rests, and its eigenvalue 1 does not count.
+        """
+        delay, r = self.delay + further, lag_pole(self.lag)
+        filtered, integral, unit = delay + 1, delay + 2, np.eye(delay + 3)
+        sample: Array = np.eye(delay + 3)
+        sample[filtered] = (1.0 - self.pole) * unit[delay] + self.pole * unit[filtered]
+        sample[integral] -= self.anchor_gain * sample[filtered]
+        shift: Array = np.eye(delay + 3)
+        shift[1 : delay + 1] = unit[:delay]
+        shift[0] = r * unit[0]
+        shift[0] += (1.0 - r) * (unit[integral] - self.force_gain * unit[filtered])
+        period = np.linalg.matrix_power(shift, self.every) @ sample
+        if self.anchor_gain == 0.0:
+            period = period[:integral, :integral]
+        return bool(np.abs(np.linalg.eigvals(period)).max() < 1.0)
 
 
 @typed
@@ -86,44 +145,66 @@ def anchor_gain_bound(
         raise OutOfRangeError(name, value, f"at least {least}")
     # Of filter and lag alone; delay and K_f lower it, a slow sensor does not raise it.
     low, high = 0.0, 2.0 * force_gain_bound(pole, lag=lag)
-    decays = partial(
-        force_loop_is_stable, pole=pole, delay=delay, every=every, force_gain=force_gain, lag=lag
-    )
-    if not decays(0.0):
+    loop = SampledLoop(pole, delay, every, lag, force_gain)
+    if not loop.is_stable():
         return 0.0
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2.0
-        if decays(middle):
+        if loop._replace(anchor_gain=middle).is_stable():
             low = middle
         else:
             high = middle
     return low
 
 
-def force_loop_is_stable(
-    anchor_gain: float,
-    *,
-    pole: float = 0.0,
-    delay: int = 0,
-    every: int = 1,
-    force_gain: float = 0.0,
-    lag: float = 0.0,
-) -> bool:
-    """Return whether the sampled loop of anchor and force feedback decays; arguments as anchor_gain_bound.
+def sampled_loop(path: ForcePath, wrists: Collection[SampledWrist], lag: float) -> SampledLoop:
+    """Return the timing of the slowest feedback over a force path, or over the wrists alone without one."""
+    slowest = max((wrist.delay for wrist in wrists), default=0)
+    every = max((wrist.every for wrist in wrists), default=1)
+    return SampledLoop(path.pole, path.delay + slowest, every, lag)
 
-    The eigenvalues are those of one period of the sensor. The state is [f[k-1], ..., f[k-1-D], f_m, Z] before
-    tick k. Without an anchor Z rests, and its eigenvalue 1 does not count.
+
+def force_gain_problems(
+    path: ForcePath, wrists: Collection[SampledWrist], lag: float, largest: float
+) -> list[FieldError]:
+    """Return the problem of a force gain without measured force, or with unstable sampled feedback.
+
+    Args:
+        path: Force path.
+        wrists: Wrist sensors that the arms have.
+        lag: Largest time constant of the arms' drives, ticks.
+        largest: Largest force gain of the arms.
     """
-    size, r = delay + 3, lag_pole(lag)
-    filtered, integral = delay + 1, delay + 2
-    sample: Array = np.eye(size)
-    sample[filtered] = (1.0 - pole) * np.eye(size)[delay] + pole * np.eye(size)[filtered]
-    sample[integral] -= anchor_gain * sample[filtered]
-    shift: Array = np.eye(size)
-    shift[1 : delay + 1] = np.eye(size)[:delay]
-    shift[0] = r * np.eye(size)[0]
-    shift[0] += (1.0 - r) * (np.eye(size)[integral] - force_gain * np.eye(size)[filtered])
-    period = np.linalg.matrix_power(shift, every) @ sample
-    if anchor_gain == 0.0:
-        period = period[:integral, :integral]
-    return bool(np.abs(np.linalg.eigvals(period)).max() < 1.0)
+    allowed, detail = (
+        largest == 0.0,
+        "measures no force; set the gain to 0, or the kind to 'late' or 'low-pass'",
+    )
+    reason = f"but force_path.kind 'none' {detail}"
+    if path.measures:
+        # A sample that arrives before the next is taken is in time: the loop closes once for each sample.
+        delay = max(((path.delay + w.delay) // w.every for w in wrists), default=path.delay)
+        every = max((wrist.every for wrist in wrists), default=1)
+        bound = min(force_gain_bound(path.pole, delay, lag=each / every) for each in {0.0, lag})
+        loop, allowed = f"{path.kind!r}{_late(delay, lag)}", largest < bound
+        reason = f"but feedback over {loop} is unstable from {bound:g} on; lower it, {INSIST}"
+    return [] if allowed else [FieldError(f"is {largest:g}, {reason}", "gains.force_gain")]
+
+
+def anchor_gain_problems(path: ForcePath, loop: SampledLoop) -> list[FieldError]:
+    """Return the problem of an anchor gain with which the sampled internal loop is unstable."""
+    if loop.anchor_gain == 0.0:
+        return []
+    # Drives of different lags lie between those of none and of the largest.
+    bound = min(loop._replace(lag=lag).anchor_bound for lag in {0.0, loop.lag})
+    if loop.anchor_gain < bound:
+        return []
+    detail = (
+        f"is {loop.anchor_gain:g}, but the anchored integral over {path.kind!r}{_late(loop.delay, loop.lag)}"
+        f" with K_f = {loop.force_gain:g} is unstable from {bound:.4g} on; lower it, {INSIST}"
+    )
+    return [FieldError(detail, "gains.anchor_gain")]
+
+
+def _late(delay: int, lag: float) -> str:
+    late = f" with a delay of {delay}" if delay else ""
+    return f"{late} and drives with a lag of {lag:.3g} ticks" if lag else late

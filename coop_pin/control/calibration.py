@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from coop_pin.arrays import Array
-from coop_pin.control.interface import ArmCommand, ArmController, ArmMeasurement, ArmReference
+from coop_pin.control.interface import ArmCommand, ArmMeasurement, ArmReference
+from coop_pin.control.told_law import TellingLaw
 from coop_pin.spatial import inverse_pose
 from coop_pin.spatial.task_rows import TaskRows
 
@@ -25,7 +26,7 @@ class ZeroedState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class ZeroedController(ArmController):
+class ZeroedController(TellingLaw):
     """A law that sees its payload frame corrected by what it was off at the start.
 
     ::
@@ -38,36 +39,32 @@ class ZeroedController(ArmController):
 
     Attributes:
         rows: the k_0 task rows.
-        law: law of the arm.
         start_pose: X_start, the agreed pose of the payload at t_0, shape (4, 4).
     """
 
     rows: TaskRows
-    law: ArmController
     start_pose: Array
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> ZeroedState:
         """Return the offset at t_0 and the law's state there; raises as the law."""
-        offset = inverse_pose(measurement.payload_pose) @ self.start_pose
+        offset = self._offset(measurement)
         return ZeroedState(offset, self.law.init(self._zeroed(measurement, offset), reference))
 
     def message(
         self, measurement: ArmMeasurement, reference: ArmReference, state: ZeroedState | None
     ) -> Array:
         """Return what the law tells the others."""
-        offset = inverse_pose(measurement.payload_pose) @ self.start_pose if state is None else state.offset
-        law_state = None if state is None else state.law
-        return self.law.message(self._zeroed(measurement, offset), reference, law_state)
+        offset = self._offset(measurement) if state is None else state.offset
+        return super().message(self._zeroed(measurement, offset), reference, state)
 
     def step(self, measurement: ArmMeasurement, reference: ArmReference, state: ZeroedState) -> ArmCommand:
         """Return the drive torque of this tick and the state of the next; raises as the law."""
         command = self.law.step(self._zeroed(measurement, state.offset), reference, state.law)
         return replace(command, state=ZeroedState(state.offset, command.state))
 
-    @property
-    def command_kind(self) -> str:
-        """What the law commands."""
-        return self.law.command_kind
+    def _offset(self, measurement: ArmMeasurement) -> Array:
+        """Return X_i^-1 X_start, shape (4, 4)."""
+        return inverse_pose(measurement.payload_pose) @ self.start_pose
 
     def _zeroed(self, measurement: ArmMeasurement, offset: Array) -> ArmMeasurement:
         """Return the measurement about the corrected point: V' = A V, J' = A J, F' = A^-T F."""

@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.control.interface import (
-    ArmCommand,
-    ArmController,
-    ArmMeasurement,
-    ArmReference,
-    ControlledArm,
-    Message,
-)
+from coop_pin.control.force_path import PlainForcePath
+from coop_pin.control.interface import ArmController, ArmMeasurement, ArmReference, ControlledArm
+from coop_pin.control.told_law import MemorylessTellingLaw, further, heard
 from coop_pin.errors import InvalidStateError
 
 
 @dataclass(frozen=True, eq=False)
-class ExchangedWrench(ArmController):
+class ExchangedWrench(MemorylessTellingLaw):
     """A law that measures the internal wrench by messages: ``f_i = F_i - c_i sum_j F_j``.
 
     Every arm says its wrist wrench about P in world axes and the age of that sample, k_0 + 1 numbers, then
@@ -41,54 +35,25 @@ class ExchangedWrench(ArmController):
 
     needs: ClassVar[tuple[str, ...]] = ("messages", "wrenches of all arms")
 
-    law: ArmController
     arm: ControlledArm
 
-    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
-        """Return F_i, the age of its sample, and what the law says."""
-        F, age = own_wrench(measurement, self.arm), measurement.interaction_wrench_age
-        return np.concatenate((F, np.array([age]), self.law.message(measurement, reference, state)))
+    def said(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
+        """Return F_i and the age of its sample, shape (k_0 + 1,)."""
+        return np.append(own_wrench(measurement, self.arm), measurement.interaction_wrench_age)
 
-    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> Any:
-        """Return the first state of the law; raises as the law."""
-        return self.law.init(self._with_wrench(measurement, reference), reference)
-
-    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> ArmCommand:
-        """Return the command of the law; raises as the law."""
-        return self.law.step(self._with_wrench(measurement, reference), reference, state)
-
-    def remarks(self, pose: Array, state: Any) -> list[str]:
-        """Return the sentences of the law."""
-        return self.law.remarks(pose, state)
-
-    def _with_wrench(self, measurement: ArmMeasurement, reference: ArmReference) -> ArmMeasurement:
+    def seen(self, measurement: ArmMeasurement, reference: ArmReference) -> ArmMeasurement:
         """Return the measurement with the internal wrench, and the messages of the law."""
         k_0, messages = len(measurement.payload_twist), heard(measurement)
         wrenches = [message.numbers[:k_0] for message in messages.values()]
         ages = [message.age + message.numbers[k_0] for message in messages.values()]
-        share = self.arm.load_share if reference.load_share is None else reference.load_share
-        f = messages[self.arm.name].numbers[:k_0] - share * reduce(add, wrenches)
+        f = messages[self.arm.name].numbers[:k_0] - reference.share(self.arm) * reduce(add, wrenches)
         f_d = self.arm.rows.turn(measurement.payload_pose, reference.internal_wrench)
         age = reduce(np.maximum, ages)
         return measurement._replace(
             internal_wrench=np.where(age < np.inf, f, f_d),
             internal_wrench_age=age,
-            messages={
-                name: message._replace(numbers=message.numbers[k_0 + 1 :])
-                for name, message in messages.items()
-            },
+            messages=further(measurement, k_0 + 1),
         )
-
-
-def heard(measurement: ArmMeasurement) -> Mapping[str, Message]:
-    """Return the messages of a measurement.
-
-    Raises:
-        InvalidStateError: there are none.
-    """
-    if measurement.messages is None:
-        raise InvalidStateError("the law hears no messages; give the scenario a network")
-    return measurement.messages
 
 
 def own_wrench(measurement: ArmMeasurement, arm: ControlledArm) -> Array:
@@ -115,11 +80,21 @@ def less_load(
         size: Number of numbers of a message that are not the law's.
     """
     age, F = measurement.interaction_wrench_age, own_wrench(measurement, arm)
-    share = arm.load_share if reference.load_share is None else reference.load_share
     f_d = arm.rows.turn(measurement.payload_pose, reference.internal_wrench)
-    messages = heard(measurement)
     return measurement._replace(
-        internal_wrench=np.where(age < np.inf, F - share * load, f_d),
+        internal_wrench=np.where(age < np.inf, F - reference.share(arm) * load, f_d),
         internal_wrench_age=age,
-        messages={name: one._replace(numbers=one.numbers[size:]) for name, one in messages.items()},
+        messages=further(measurement, size),
     )
+
+
+class MessageForcePath(PlainForcePath):
+    """Internal wrench that each arm forms from the wrist wrenches of all, by messages: ExchangedWrench."""
+
+    hears_all: ClassVar[bool] = True
+
+    kind: Literal["messages"] = "messages"
+
+    def law_told(self, law: ArmController, arm: ControlledArm, scenario: Any) -> ArmController:
+        """Return the law of an arm, told by ExchangedWrench."""
+        return ExchangedWrench(law, arm)

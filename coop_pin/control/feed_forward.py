@@ -50,7 +50,7 @@ class FeedForward(Description):
         Raises:
             FieldError: an arm has none, or is not of the cell.
         """
-        check_arm_names(self.torques, arms := [*arms], FieldError, "torques")
+        check_arm_names(self.torques, arms := [*arms], "torques")
         return self.replace(torques={name: self.torques[name] for name in arms})
 
     def at(self, time: float) -> list[Array]:

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator
 from coop_pin.arrays import Array
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import Description, number_or_row, number_row_or_rows
-from coop_pin.schema.parts import refilled
+from coop_pin.schema.parts import fields_of, refilled
 from coop_pin.spatial.generic_numbers import identity
 
 MatrixGain = Annotated[Any, BeforeValidator(number_row_or_rows)]
@@ -97,5 +97,6 @@ class Gains(Description):
         """
         sizes = dict.fromkeys(self.on_rows, rows) | dict.fromkeys(self.on_drives, drives)
         array = gain_matrix if self.are_matrices else gain_vector
-        arrays = {name: array(getattr(self, name), size, f"{path}.{name}") for name, size in sizes.items()}
+        gains = fields_of(self)
+        arrays = {name: array(gains[name], size, f"{path}.{name}") for name, size in sizes.items()}
         return refilled(self, arrays)

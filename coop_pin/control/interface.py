@@ -15,7 +15,6 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array, Mask
-from coop_pin.control.force_path import SampledWrist
 from coop_pin.errors import SingularJacobianError
 from coop_pin.spatial.task_rows import TaskRows
 
@@ -98,6 +97,10 @@ class ArmReference(NamedTuple):
     acceleration: Array
     internal_wrench: Array
     load_share: float | None = None
+
+    def share(self, arm: ControlledArm) -> float:
+        """Return c_i of an arm: that of the plan, or else the arm's own."""
+        return arm.load_share if self.load_share is None else self.load_share
 
 
 MEASURED = {
@@ -232,6 +235,18 @@ class ControlledArm(NamedTuple):
     def pressed(self) -> bool:
         """Whether it holds the payload by friction."""
         return self.way_out is not None
+
+
+class SampledWrist(NamedTuple):
+    """Timing of a wrist sensor, in ticks.
+
+    Attributes:
+        delay: Age of a sample when it arrives.
+        every: Ticks from one sample to the next.
+    """
+
+    delay: int
+    every: int
 
 
 class CellTiming(NamedTuple):

@@ -11,22 +11,15 @@ import numpy as np
 from pydantic import Field, PrivateAttr, SerializerFunctionWrapHandler, model_serializer
 
 from coop_pin.arrays import Array
-from coop_pin.control.averaged_wrench import AveragedWrench, require_decay
-from coop_pin.control.calibration import ZeroedController
-from coop_pin.control.consensus import require_consensus
-from coop_pin.control.exchanged_wrench import ExchangedWrench
-from coop_pin.control.force_path import (
-    INSIST,
-    ConsensusForcePath,
+from coop_pin.control.bounds import (
     ForcePath,
-    LearnedForcePath,
-    MessageForcePath,
-    NoForcePath,
     SampledLoop,
     anchor_gain_problems,
     force_gain_problems,
     sampled_loop,
 )
+from coop_pin.control.calibration import ZeroedController
+from coop_pin.control.force_path import INSIST, NoForcePath
 from coop_pin.control.gains import Gains, gain_vector
 from coop_pin.control.interface import (
     ArmController,
@@ -35,11 +28,11 @@ from coop_pin.control.interface import (
     ControlledArm,
     DecentralisedController,
 )
-from coop_pin.control.learned_load import LearnedLoad
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.terms import Posture
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import Description, NotNegative, Vector, WithLaterFields, unknown_arms
+from coop_pin.schema.parts import fields_of
 from coop_pin.spatial.task_rows import TaskRows, joint_shortage
 
 _WRITTEN_FIRST = ("kind", "target", "options", "gains", "arm_gains", "switching", "force_path")
@@ -136,6 +129,11 @@ class Law(WithLaterFields):
     @property
     def puts_down(self) -> bool:
         """Whether measured wrenches take the load out of its integral when a table gets it."""
+        return False
+
+    @property
+    def is_zeroed(self) -> bool:
+        """Whether the arms place their payload frames at the start pose, once."""
         return False
 
     @property
@@ -257,9 +255,9 @@ class ParametricLaw(Law, Generic[G]):
 
     def loop(self, cell: CellTiming) -> SampledLoop:
         """Return the feedback of measured wrenches with its largest gains."""
-        gains = [self.gains_of(name) for name in cell.arms]
+        gains = [fields_of(self.gains_of(name)) for name in cell.arms]
         force_gain, anchor_gain = (
-            max(getattr(gain, name, 0.0) for gain in gains) for name in ("force_gain", "anchor_gain")
+            max(gain.get(name, 0.0) for gain in gains) for name in ("force_gain", "anchor_gain")
         )
         loop = sampled_loop(self.force_path, cell.wrists, cell.lag)
         return loop._replace(force_gain=force_gain, anchor_gain=anchor_gain)
@@ -305,6 +303,11 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
     arm_gains: dict[str, G] = Field(default_factory=dict)
     zero_at_grasp: bool = False
 
+    @property
+    def is_zeroed(self) -> bool:
+        """Whether ``zero_at_grasp`` is stated."""
+        return self.zero_at_grasp
+
     def gains_of(self, arm: str) -> G:
         """Return the gains of one arm."""
         return self.arm_gains.get(arm, self.gains)
@@ -324,7 +327,11 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
         """
 
     def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
-        """Return the controllers of all arms; see Law."""
+        """Return the controller; see Law."""
+        return DecentralisedController(self.controllers(scenario, arms))
+
+    def controllers(self, scenario: Any, arms: Iterable[ControlledArm]) -> dict[str, ArmController]:
+        """Return the controllers of all arms by name; arguments and errors as of ``build``."""
         laws, sized = dict[str, ArmController](), dict[tuple[int, ...], G]()
         for arm in arms:
             self._require_joints(arm)
@@ -333,24 +340,9 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
             if (key := (id(gains), *size)) not in sized:  # equal arms share them
                 sized[key] = gains.sized(*size, path)
             law = self.controller_of(arm, sized[key], scenario)
-            law = self._with_told_wrench(law, arm, scenario)
-            laws[arm.name] = ZeroedController(arm.rows, law, arm.start_pose) if self.zero_at_grasp else law
-        return DecentralisedController(laws)
-
-    def _with_told_wrench(self, law: ArmController, arm: ControlledArm, scenario: Any) -> ArmController:
-        """Return a law that forms its internal wrench from messages, where the force path says so."""
-        path = self.force_path
-        if isinstance(path, MessageForcePath):
-            return ExchangedWrench(law, arm)
-        if isinstance(path, ConsensusForcePath):
-            require_decay(path, scenario)
-            return AveragedWrench(law, arm, path, len(scenario.cell.arms))
-        if isinstance(path, LearnedForcePath):
-            names, network = list(scenario.cell.arms), scenario.network
-            gain, edges = "controller.force_path.consensus_gain", network.edges_at(0.0, names)
-            require_consensus(edges, names, path.consensus_gain, network.slowest_of(names), gain)
-            return LearnedLoad(law, arm, path, len(names))
-        return law
+            law = self.force_path.law_told(law, arm, scenario)
+            laws[arm.name] = ZeroedController(law, arm.rows, arm.start_pose) if self.zero_at_grasp else law
+        return laws
 
     def _require_joints(self, arm: ControlledArm) -> None:
         """Refuse an arm with too few joints for the task rows, or too many for the printed law."""
@@ -375,7 +367,7 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
         """Return the gains that differ between arms although the theory needs one value for all."""
         problems: list[FieldError] = []
         for field, reason in self.equal_gains.items() if self.arm_gains else ():
-            values = {name: getattr(self.gains_of(name), field) for name in arms}
+            values = {name: fields_of(self.gains_of(name))[field] for name in arms}
             if len(set(values.values())) > 1:
                 detail = f"differs between arms: {values}; {reason} for all arms"
                 problems.append(FieldError(f"{detail}. Make them equal, {INSIST}", f"arm_gains.*.{field}"))

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.control.force_path import SampledLoop
+from coop_pin.control.bounds import SampledLoop
 from coop_pin.control.gains import Gains, PositiveRow, RowGain
 from coop_pin.control.interface import (
     ArmCommand,

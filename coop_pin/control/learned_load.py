@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.control.consensus import disagreement
-from coop_pin.control.exchanged_wrench import heard, less_load, own_wrench
-from coop_pin.control.force_path import LearnedForcePath
+from coop_pin.control.consensus import disagreement, require_consensus
+from coop_pin.control.exchanged_wrench import less_load, own_wrench
+from coop_pin.control.force_path import PlainForcePath
 from coop_pin.control.interface import (
     ArmCommand,
     ArmController,
@@ -18,6 +18,8 @@ from coop_pin.control.interface import (
     ArmReference,
     ControlledArm,
 )
+from coop_pin.control.told_law import TellingLaw, heard
+from coop_pin.schema.base import NotNegative, Positive
 from coop_pin.spatial import weight_wrench
 
 
@@ -38,7 +40,7 @@ class LearnedState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class LearnedLoad(ArmController):
+class LearnedLoad(TellingLaw):
     """A law whose internal wrench is its wrist's less its share of a learned load: ``f = F - c mass phi_d``.
 
     Bayesian linear regression at every arm, and dynamic average consensus on what each believes::
@@ -66,17 +68,13 @@ class LearnedLoad(ArmController):
 
     needs: ClassVar[tuple[str, ...]] = ("messages", "own wrench")
 
-    law: ArmController
     arm: ControlledArm
     path: LearnedForcePath
     arms: int
 
-    def message(
-        self, measurement: ArmMeasurement, reference: ArmReference, state: LearnedState | None
-    ) -> Array:
-        """Return x_i and what the law says, shape (2 + w,)."""
-        x, law = (self._prior(), None) if state is None else (state.belief - state.correction, state.law)
-        return np.concatenate((x, self.law.message(measurement, reference, law)))
+    def said(self, measurement: ArmMeasurement, reference: ArmReference, state: LearnedState | None) -> Array:
+        """Return x_i, shape (2,)."""
+        return self._prior() if state is None else state.belief - state.correction
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> LearnedState:
         """Return what is expected, and the first state of the law; raises as the law."""
@@ -99,7 +97,7 @@ class LearnedLoad(ArmController):
     def remarks(self, pose: Array, state: LearnedState) -> list[str]:
         """Return the mass that is believed, and the sentences of the law."""
         mean, precision = state.belief - state.correction
-        return [f"it has learned a payload of {mean / precision:.4g} kg", *self.law.remarks(pose, state.law)]
+        return [f"it has learned a payload of {mean / precision:.4g} kg", *super().remarks(pose, state)]
 
     def _prior(self) -> Array:
         """Return mean times precision, and precision, of the mass that is expected."""
@@ -114,3 +112,33 @@ class LearnedLoad(ArmController):
         """Return the measurement with the internal wrench, and the messages of the law."""
         load = x[0] / x[1] * self._wrench_of_a_kilogram(reference.acceleration)
         return less_load(measurement, reference, self.arm, load, 2)
+
+
+class LearnedForcePath(PlainForcePath):
+    """Wrist wrench less the share of a load that the arms learn together: LearnedLoad.
+
+    Attributes:
+        payload_mass: Mean of the mass that is expected, kg.
+        mass_deviation: Standard deviation of that mass, kg.
+        force_deviation: Standard deviation of a wrist's force, N.
+        consensus_gain: g of the consensus on what is learned.
+    """
+
+    tells_wrenches: ClassVar[bool] = False
+
+    kind: Literal["learned-load"] = "learned-load"
+    payload_mass: NotNegative = 0.0
+    mass_deviation: Positive = 10.0
+    force_deviation: Positive = 1.0
+    consensus_gain: Positive = 0.25
+
+    def law_told(self, law: ArmController, arm: ControlledArm, scenario: Any) -> ArmController:
+        """Return the law of an arm, told by LearnedLoad.
+
+        Raises:
+            FieldError: the consensus does not come to the mean over the scenario's graph.
+        """
+        names, network = list(scenario.cell.arms), scenario.network
+        gain, edges = "controller.force_path.consensus_gain", network.edges_at(0.0, names)
+        require_consensus(edges, names, self.consensus_gain, network.slowest_of(names), gain)
+        return LearnedLoad(law, arm, self, len(names))

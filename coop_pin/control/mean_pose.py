@@ -12,15 +12,13 @@ import numpy as np
 from pydantic import model_validator
 
 from coop_pin.arrays import Array
+from coop_pin.control.bounds import SampledLoop
 from coop_pin.control.consensus import disagreement, require_consensus
-from coop_pin.control.exchanged_wrench import heard
-from coop_pin.control.force_path import SampledLoop
 from coop_pin.control.interface import (
     ArmCommand,
     ArmController,
     ArmMeasurement,
     ArmReference,
-    CellCommand,
     CellController,
     ControlledArm,
     DecentralisedController,
@@ -33,6 +31,7 @@ from coop_pin.control.payload_space import (
     PayloadSpaceState,
 )
 from coop_pin.control.steady_state import SteadyDirection
+from coop_pin.control.told_law import MemorylessTellingLaw, TellingCellLaw, TellingLaw, further, heard
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import Positive
 from coop_pin.spatial import exp3, pose_error
@@ -40,7 +39,7 @@ from coop_pin.spatial.task_rows import TaskRows
 
 
 @dataclass(frozen=True, eq=False)
-class MeanPoseController(CellController):
+class MeanPoseController(TellingCellLaw):
     """The payload-space law of every arm on the mean of all arms' pose errors and twists.
 
     ::
@@ -53,39 +52,21 @@ class MeanPoseController(CellController):
     needs a leak. What the arms do not see, such as friction in their joints, stays in the internal force.
 
     Here every view arrives at once and exactly; MeanPoseByMessages has them from a network.
-
-    Attributes:
-        laws: Laws of the arms.
     """
 
     needs: ClassVar[tuple[str, ...]] = ("poses of all arms",)
 
-    laws: CellController
-
-    def init(
+    def seen(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
-    ) -> tuple[Any, ...]:
-        """Return the first state of each arm's law; raises as the law."""
-        return self.laws.init(self._agreed(measurements, references), references)
-
-    def step(
-        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
-    ) -> CellCommand:
-        """Return the torque and the next state of each arm; raises as the law."""
-        return self.laws.step(self._agreed(measurements, references), references, state)
-
-    @staticmethod
-    def _agreed(
-        measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
-    ) -> list[ArmMeasurement]:
-        """Return the measurements with the mean of all views."""
+    ) -> tuple[Sequence[ArmMeasurement], Sequence[ArmReference]]:
+        """Return the measurements with the mean of all views, and the references."""
         X_d = references[0].pose
         mean = _mean([_view(seen, X_d) for seen in measurements])
-        return [_placed(seen, mean, X_d) for seen in measurements]
+        return [_placed(seen, mean, X_d) for seen in measurements], references
 
 
 @dataclass(frozen=True, eq=False)
-class MeanPoseByMessages(ArmController):
+class MeanPoseByMessages(MemorylessTellingLaw):
     """The mean-pose law of one arm, which hears the views of the others and its own.
 
     Every arm says ``[p_i - p_d, log(R_i R_d^T), V_i]``, k_0 + 6 numbers, and averages the latest of all views
@@ -104,32 +85,18 @@ class MeanPoseByMessages(ArmController):
 
     needs: ClassVar[tuple[str, ...]] = ("messages", "poses of all arms")
 
-    law: ArmController
     name: str
     skips: bool = False
 
-    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
-        """Return this arm's view, pose error and twist, then what the law says, shape (6 + k_0 + w,)."""
-        view = _view(measurement, reference.pose)
-        return np.concatenate((view, self.law.message(measurement, reference, state)))
+    def said(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
+        """Return this arm's view, pose error and twist, shape (6 + k_0,)."""
+        return _view(measurement, reference.pose)
 
-    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> Any:
-        """Return the first state of the law; raises as the law."""
-        return self.law.init(self._agreed(measurement, reference), reference)
-
-    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> ArmCommand:
-        """Return the command of the law at the mean of the views; raises as the law."""
-        return self.law.step(self._agreed(measurement, reference), reference, state)
-
-    def _agreed(self, measurement: ArmMeasurement, reference: ArmReference) -> ArmMeasurement:
+    def seen(self, measurement: ArmMeasurement, reference: ArmReference) -> ArmMeasurement:
         """Return the measurement with the mean of the views; its own before any arrived."""
         views, view = heard(measurement), _view(measurement, reference.pose)
         mean = _mean_heard(views, view, views[self.name].age if self.skips else _ANY_AGE)
-        return _placed(_further(measurement), mean, reference.pose)
-
-    def remarks(self, pose: Array, state: Any) -> list[str]:
-        """Return the sentences of the law."""
-        return self.law.remarks(pose, state)
+        return _placed(_without_view(measurement), mean, reference.pose)
 
 
 class ConsensusState(NamedTuple):
@@ -145,7 +112,7 @@ class ConsensusState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class ConsensusPose(ArmController):
+class ConsensusPose(TellingLaw):
     """The mean-pose law of one arm by consensus: it hears its neighbours only.
 
     ::
@@ -166,34 +133,29 @@ class ConsensusPose(ArmController):
 
     needs: ClassVar[tuple[str, ...]] = ("messages", "poses of all arms")
 
-    law: ArmController
     name: str
     gain: float
 
-    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
-        """Return x_i, then what the law says, shape (6 + k_0 + w,)."""
-        x, law = _view(measurement, reference.pose), None
-        if state is not None:
-            x, law = x - state.correction, state.law
-        return np.concatenate((x, self.law.message(measurement, reference, law)))
+    def said(
+        self, measurement: ArmMeasurement, reference: ArmReference, state: ConsensusState | None
+    ) -> Array:
+        """Return x_i, shape (6 + k_0,)."""
+        view = _view(measurement, reference.pose)
+        return view if state is None else view - state.correction
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> ConsensusState:
         """Return z = 0 and the first state of the law at the arm's own view; raises as the law."""
         view = _view(measurement, reference.pose)
-        placed = _placed(_further(measurement), view, reference.pose)
+        placed = _placed(_without_view(measurement), view, reference.pose)
         return ConsensusState(np.zeros(len(view)), self.law.init(placed, reference))
 
     def step(self, measurement: ArmMeasurement, reference: ArmReference, state: ConsensusState) -> ArmCommand:
         """Return the command of the law at x_i, and the next state; raises as the law."""
-        x = _view(measurement, reference.pose) - state.correction
-        placed = _placed(_further(measurement), x, reference.pose)
+        x = self.said(measurement, reference, state)
+        placed = _placed(_without_view(measurement), x, reference.pose)
         command = self.law.step(placed, reference, state.law)
         z = state.correction + self.gain * disagreement(self.name, heard(measurement))[: len(x)]
         return replace(command, state=ConsensusState(z, command.state))
-
-    def remarks(self, pose: Array, state: ConsensusState) -> list[str]:
-        """Return the sentences of the law."""
-        return self.law.remarks(pose, state.law)
 
 
 class AgreedState(NamedTuple):
@@ -209,7 +171,7 @@ class AgreedState(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class AgreedIntegral(ArmController):
+class AgreedIntegral(TellingLaw):
     """The payload-space law of one arm, whose integral leaks to the mean of those that it hears.
 
     ::
@@ -235,9 +197,7 @@ class AgreedIntegral(ArmController):
     law: PayloadSpaceController
     name: str
 
-    def message(
-        self, measurement: ArmMeasurement, reference: ArmReference, state: AgreedState | None
-    ) -> Array:
+    def said(self, measurement: ArmMeasurement, reference: ArmReference, state: AgreedState | None) -> Array:
         """Return D_i, shape (k_0,)."""
         return np.zeros(self.law.arm.rows.size) if state is None else self._gained(state)
 
@@ -252,10 +212,6 @@ class AgreedIntegral(ArmController):
         law = state.law._replace(anchored=state.start + goal)
         command = self.law.step(measurement, reference, law)
         return replace(command, state=state._replace(law=command.state))
-
-    def remarks(self, pose: Array, state: AgreedState) -> list[str]:
-        """Return the sentences of the law."""
-        return self.law.remarks(pose, state.law)
 
     def _gained(self, state: AgreedState) -> Array:
         """Return D_i."""
@@ -281,11 +237,9 @@ def _mean_heard(messages: Mapping[str, Message], fallback: Array, oldest: float 
     return np.where(alone, fallback, reduce(add, parts) / np.where(alone, 1.0, total))
 
 
-def _further(measurement: ArmMeasurement) -> ArmMeasurement:
+def _without_view(measurement: ArmMeasurement) -> ArmMeasurement:
     """Return a measurement with the messages that go to the law: what follows the views."""
-    size = 6 + len(measurement.payload_twist)
-    parts = {name: one._replace(numbers=one.numbers[size:]) for name, one in heard(measurement).items()}
-    return measurement._replace(messages=parts)
+    return measurement._replace(messages=further(measurement, 6 + len(measurement.payload_twist)))
 
 
 def _view(seen: ArmMeasurement, X_d: Array) -> Array:
@@ -333,7 +287,15 @@ class MeanPose(PayloadSpace):
     """
 
     reads_plan: ClassVar[bool] = False
-    later_fields: ClassVar[tuple[str, ...]] = ("on_loss", "averaging", "consensus_gain", "leak_to")
+    later_fields: ClassVar[tuple[str, ...]] = (
+        "on_loss",
+        "averaging",
+        "consensus_gain",
+        "leak_to",
+        "slip_guard",
+        "normal_guard",
+        "knows_deflection",
+    )
 
     kind: Literal["mean-pose"] = "mean-pose"  # type: ignore[assignment]  # names the class, not its base
     on_loss: Literal["last", "skip"] = "last"
@@ -343,6 +305,9 @@ class MeanPose(PayloadSpace):
 
     @model_validator(mode="after")
     def _leaks_somewhere(self) -> Self:
+        if self.knows_deflection:
+            detail = "is true, but the mean of the poses that all arms see has no deflection by a squeeze"
+            raise FieldError(f"{detail}; leave it out", "knows_deflection")
         if self.leak_to == "mean" and (self.measures or not self.gains.leak):
             why = "a measured wrench anchors the integral" if self.measures else "gains.leak is its rate"
             detail = f"is 'mean', but {why}; " + ("take 'start'" if self.measures else "state one above 0")
@@ -360,27 +325,26 @@ class MeanPose(PayloadSpace):
 
     def controller_of(self, arm: ControlledArm, gains: PayloadSpaceGains, scenario: Any) -> ArmController:
         """Return the law of one arm; without messages all integrals are equal, and leak nothing."""
-        law = super().controller_of(arm, gains, scenario)
-        if self.leak_to == "start" or not isinstance(law, PayloadSpaceController):
+        law = self.payload_space_controller(arm, gains, scenario)
+        if self.leak_to == "start":
             return law
         return replace(law, leak=0.0) if scenario.network is None else AgreedIntegral(law, arm.name)
 
     def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
         """Return the controller of the cell, or those of the arms where messages cross; see Law."""
-        laws = super().build(scenario, arms)
-        network = scenario.network
-        if network is None or not isinstance(laws, DecentralisedController):
-            return MeanPoseController(laws)
+        laws, network = self.controllers(scenario, arms), scenario.network
+        if network is None:
+            return MeanPoseController(DecentralisedController(laws))
         if self.averaging == "consensus":
-            return self._by_consensus(network, laws.controllers)
-        names, edges = list(laws.controllers), network.edges_at(0.0, list(laws.controllers))
+            return self._by_consensus(network, laws)
+        names, edges = list(laws), network.edges_at(0.0, list(laws))
         pairs = [(one, other) for one in names for other in names if one != other]
         if missing := [f"{other} does not hear {one}" for one, other in pairs if (one, other) not in edges]:
             detail = f"leaves arms unheard ({', '.join(missing)}); 'mean-pose' averages all views: take 'all'"
             raise FieldError(detail, "network.graph")
         skips = self.on_loss == "skip"
         return DecentralisedController(
-            {name: MeanPoseByMessages(law, name, skips) for name, law in laws.controllers.items()}
+            {name: MeanPoseByMessages(law, name, skips) for name, law in laws.items()}
         )
 
     def _by_consensus(self, network: Any, laws: Mapping[str, ArmController]) -> CellController:

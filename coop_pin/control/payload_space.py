@@ -20,7 +20,7 @@ from pydantic import (
 
 from coop_pin.arrays import Array
 from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
-from coop_pin.control.force_path import SampledLoop
+from coop_pin.control.bounds import SampledLoop
 from coop_pin.control.gains import PositiveGain
 from coop_pin.control.interface import (
     ArmCommand,
@@ -30,9 +30,8 @@ from coop_pin.control.interface import (
     ControlledArm,
 )
 from coop_pin.control.law import LawController, PostureGains
-from coop_pin.control.sliding_surface import SurfaceGains, SurfaceLaw
+from coop_pin.control.sliding_surface import Saturation, SurfaceGains, SurfaceLaw, Switching
 from coop_pin.control.steady_state import SteadyDirection
-from coop_pin.control.switching import Saturation, Sign, Switching
 from coop_pin.control.terms import Posture, is_new, jacobian_inverse, null_space_part, right_inverse
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import NotNegative, Positive, number_or_row
@@ -120,7 +119,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
     ::
 
         e        = exp(-kappa (t - t_0))
-        s        = xtildedot + gamma xtilde - s_x(t_0) e
+        s        = xtildedot + gamma (xtilde + R C (f_d - f_d(t_0) e)) - s_x(t_0) e
         f_r      = R (f_d - f_d(t_0) e)
         start    Z = Z_hold = -(J^+)^T tau_hold              for a pressed patch less f_d, and f_r = R f_d
         anchor   Z <- Z - g (fhat - f_r),  Z_hold <- Z       before the torque, once for each new measurement
@@ -130,8 +129,9 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
 
     s_x = xtildedot + gamma xtilde, R turns payload axes as this arm sees them (of a pressed patch as desired,
     so that f_r of all arms sum to zero although their patches tilt), N = I - J^+ J, and pull is the
-    spring and damper of the spare joints. Inside a saturation layer of half width w the integral is that of a
-    PI controller, k_I = alpha / w.
+    spring and damper of the spare joints. C is the compliance of a grasp that the arm knows, or zero: the
+    squeeze deflects the grasp by -C f_d, and what the arm sees of it is no error. Inside a saturation layer
+    of half width w the integral is that of a PI controller, k_I = alpha / w.
 
     What is measured decides what fhat is:
 
@@ -154,6 +154,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             page "The bounded anchor".
         most_slip: slip of a patch from which on f_r = 0 and the anchor rests, m.
         turns: whether K is in payload axes and turns with them: R K R^T in place of K.
+        compliance: C about P in payload axes, m/N and rad/(N m), shape (k_0, k_0); None for zero.
         least_normal: normal force of this arm's own wrist below which they do, N.
     """
 
@@ -165,6 +166,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
     bound: BoundedAnchor | None = None
     most_slip: float = np.inf
     turns: bool = False
+    compliance: Array | None = None
     least_normal: float = 0.0
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> PayloadSpaceState:
@@ -217,15 +219,15 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         T, c, pose = arm.period, arm.load_share, measurement.payload_pose
         e = np.exp(-gains.transient_rate * (measurement.time - state.start_time))
         s = self._surface(measurement, reference) - state.start_surface * e
-        f_r = arm.rows.turn(
-            self._squeeze_axes(measurement, reference), reference.internal_wrench - state.start_squeeze * e
-        )
+        squeeze = reference.internal_wrench - state.start_squeeze * e
+        f_r = arm.rows.turn(self._squeeze_axes(measurement, reference), squeeze)
+        if self.compliance is not None:
+            s = s + gains.pose_gain.dot(arm.rows.turn(pose, self.compliance.dot(squeeze)))
         holds, grip = state.holds, 1.0
         if arm.pressed:
             holds = grip = holds * self._grips(measurement, reference, f_r)
             f_r = grip * f_r
-        share = arm.load_share if reference.load_share is None else reference.load_share
-        fhat, age = self._measured_wrench(measurement, f_r, share)
+        fhat, age = self._measured_wrench(measurement, f_r, reference.share(arm))
         error = fhat - f_r
 
         fresh, stale = is_new(age, state.wrench_age), age > self.stale_after
@@ -334,9 +336,11 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             it need not come to rest. At most the norm of the edges of the layer. Equal to b_0: a fixed bound.
         gain_axes: Axes of ``sliding_gain``: "world", or "payload", in which a matrix turns with the payload
             as each arm sees it. Then ``pose_gain`` is one value for positions and one for rotations.
+        knows_deflection: Whether the arms know the stiffness of compliant grasps, and count on how far the
+            squeeze deflects them; else they give up a part of the squeeze to what they see of it.
     """
 
-    later_fields: ClassVar[tuple[str, ...]] = ("gain_axes",)
+    later_fields: ClassVar[tuple[str, ...]] = ("gain_axes", "slip_guard", "normal_guard", "knows_deflection")
 
     equal_gains: ClassVar[Mapping[str, str]] = {
         **SurfaceLaw.equal_gains,
@@ -356,12 +360,13 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     slip_guard: Positive = SLIP_GUARD
     gain_axes: Literal["world", "payload"] = "world"
     normal_guard: NotNegative = 0.0
+    knows_deflection: bool = False
 
     @model_validator(mode="before")
     @classmethod
     def _without_bound(cls, fields: Any) -> Any:
         """Return the fields of a record without ``anchor_bias``: of a law that bounds no anchor."""
-        omitted = {*_BOUND, "payload_mass", "slip_guard", "normal_guard", *cls.later_fields}
+        omitted = {*_BOUND, "payload_mass", *cls.later_fields}
         is_record = isinstance(fields, Mapping) and {*cls.model_fields} - omitted <= {*fields} - {*_BOUND}
         return {"anchor_bias": "none"} | dict(fields) if is_record else fields
 
@@ -375,10 +380,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
 
     @model_serializer(mode="wrap")
     def _written(self, fields_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        fields = super()._written(fields_of)
-        without: tuple[str, ...] = _BOUND if self.anchor_bias == "none" else ()
-        without += ("slip_guard",) if self.slip_guard == SLIP_GUARD else ()
-        without += ("normal_guard",) if self.normal_guard == 0.0 else ()
+        fields, without = super()._written(fields_of), _BOUND if self.anchor_bias == "none" else ()
         return {name: value for name, value in fields.items() if name not in without}
 
     @property
@@ -408,6 +410,12 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
 
     def controller_of(self, arm: ControlledArm, gains: PayloadSpaceGains, scenario: Any) -> ArmController:
         """Return the law of one arm."""
+        return self.payload_space_controller(arm, gains, scenario)
+
+    def payload_space_controller(
+        self, arm: ControlledArm, gains: PayloadSpaceGains, scenario: Any
+    ) -> PayloadSpaceController:
+        """Return the payload-space law of one arm."""
         leak, fastest, mass = self._leak(gains), 1.0 / arm.period, self.payload_mass
         if leak * arm.period > 1.0:  # the integral would overshoot its goal
             detail = f"is {leak:g} /s; at {fastest:g} Hz it can be at most {fastest:g}: state a smaller one"
@@ -422,9 +430,16 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             posture=self.posture.term(arm) if arm.drives > arm.rows.size else None,
             most_slip=self.slip_guard,
             turns=self._turns(arm.rows, gains),
+            compliance=self._compliance(arm, scenario),
             least_normal=self.normal_guard,
             bound=self._bound(arm.rows, gains, arm.load_share, arm.period, 1 + arm.oldest_wrench),
         )
+
+    def _compliance(self, arm: ControlledArm, scenario: Any) -> Array | None:
+        """Return C on the task rows, shape (k_0, k_0); None where it is zero, or not known."""
+        if not self.knows_deflection or arm.name not in scenario.cell.compliant:
+            return None
+        return np.array(scenario.cell.compliance(arm.name)[np.ix_(arm.rows.indices, arm.rows.indices)])
 
     def _turns(self, rows: TaskRows, gains: PayloadSpaceGains) -> bool:
         """Return whether K turns with the payload.
@@ -453,7 +468,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
         """
         K, gamma, alpha = gains.sliding_gain, gains.pose_gain, gains.sign_gain.diagonal()
         anchors = self.force_path.measures and gains.anchor_gain > 0.0 and bool(alpha.all())
-        if not anchors or self.anchor_bias == "none" or isinstance(self.switching, Sign):
+        if not anchors or self.anchor_bias == "none" or not self.switching.is_smooth:
             return None
         width, pole = self.switching.width, self.force_path.pole
         age = period * (ticks + pole / (1.0 - pole))

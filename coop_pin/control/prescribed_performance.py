@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.control.force_path import SampledLoop
+from coop_pin.control.bounds import SampledLoop
 from coop_pin.control.gains import Gains, PositiveRow
 from coop_pin.control.interface import (
     ArmCommand,

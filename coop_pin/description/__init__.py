@@ -3,7 +3,6 @@
 from coop_pin.catalogue import scenario_names
 from coop_pin.description.actuators import Actuators, GravityCompensation
 from coop_pin.description.arm import Arm, JointFriction, Miscalibration
-from coop_pin.description.baumgarte import Stabilisation
 from coop_pin.description.cell import Cell, grasps_from_configuration
 from coop_pin.description.contact import Pad, PatchGrasp, Table
 from coop_pin.description.controller import ModelFactors, UserController
@@ -20,7 +19,7 @@ from coop_pin.description.grasp_events import HandOver, PutDown, Regrasp, Releas
 from coop_pin.description.mobile_base import MobileBase
 from coop_pin.description.network import ArmClock, Channel, EdgeChannel, GraphChange, Network
 from coop_pin.description.payload import Payload
-from coop_pin.description.plant import Clock, PlantOptions
+from coop_pin.description.plant import Clock, PlantOptions, Stabilisation
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import (
     DifferencedVelocity,

@@ -33,6 +33,7 @@ from coop_pin.schema.base import (
     Vector,
     WithLaterFields,
     number_or_row,
+    positive,
 )
 from coop_pin.schema.changes import words
 from coop_pin.schema.pose import Pose
@@ -96,8 +97,8 @@ class Miscalibration(Description):
     def changes(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
         """Yield what is off in place of what the base has, as lengths, angles and shares."""
         arm = words(path[:-1])
-        for part, pose in (("tip", self.tip), ("base", self.base)):
-            if pose != getattr(base, part):
+        for part, pose, usual in (("tip", self.tip, base.tip), ("base", self.base, base.base)):
+            if pose != usual:
                 off = ((1e3 * np.linalg.norm(pose.xyz), "mm"), (1e3 * np.linalg.norm(pose.rpy), "mrad"))
                 sizes = " and ".join(f"{size:.3g} {unit}" for size, unit in off if size) or "nothing"
                 yield f"{arm} model: {part} off by {sizes}"
@@ -123,16 +124,22 @@ def _source_or_numbers(value: Any) -> Any:
                 f'is {value!r}; it must be "urdf", "none", a number or one number for each joint'
             )
         return value
-    numbers = number_or_row(value)
-    if np.min(numbers) <= 0.0:
-        raise FieldError(f"is {numbers}; torque limits must be positive")
-    return numbers
+    return positive(number_or_row(value))
 
 
 TorqueLimits = Annotated[
     Literal["urdf", "none"] | float | tuple[float, ...], BeforeValidator(_source_or_numbers)
 ]
 """Limits of the drive torques, N m: "urdf", "none", one value for all joints, or one for each."""
+
+
+def _robot_of(fields: Mapping[str, Any]) -> Robot | None:
+    """Return the robot of an arm's file; None where the fields that name it have mistakes."""
+    names = ("urdf", "package_dirs", "xacro_args")
+    if not all(name in fields for name in names):
+        return None
+    urdf, package_dirs, xacro_args = (fields[name] for name in names)
+    return Robot(load_checked(find_urdf(urdf, package_dirs=package_dirs, xacro_args=xacro_args)))
 
 
 class Arm(WithLaterFields):
@@ -183,15 +190,12 @@ class Arm(WithLaterFields):
     @field_validator("tip")
     @classmethod
     def _tip_or_only_leaf(cls, tip: str, earlier: ValidationInfo) -> str:
-        fields = ("urdf", "package_dirs", "xacro_args")
-        if tip or not all(name in earlier.data for name in fields):
+        if tip or (robot := _robot_of(earlier.data)) is None:
             return tip
-        urdf, package_dirs, xacro_args = (earlier.data[name] for name in fields)
-        file = find_urdf(urdf, package_dirs=package_dirs, xacro_args=xacro_args)
-        leaves = Robot(load_checked(file)).leaves
+        leaves = robot.leaves
         if len(leaves) != 1:
             raise UrdfError(
-                f"must be given: {urdf!r} has {len(leaves)} links at its ends,"
+                f"must be given: {earlier.data['urdf']!r} has {len(leaves)} links at its ends,"
                 f" {', '.join(map(repr, leaves))}",
                 names=leaves,
             )
@@ -205,12 +209,8 @@ class Arm(WithLaterFields):
         if locked != "others":
             form = 'a table of angles by joint, {joint = 0.1} in TOML, or "others"'
             raise FieldError(f"is {locked!r}; it must be {form}")
-        fields = ("urdf", "package_dirs", "xacro_args", "tip")
-        if not all(name in earlier.data for name in fields):
-            return {}
-        urdf, package_dirs, xacro_args, tip = (earlier.data[name] for name in fields)
-        file = find_urdf(urdf, package_dirs=package_dirs, xacro_args=xacro_args)
-        return Robot(load_checked(file)).idle(tip)
+        robot, tip = _robot_of(earlier.data), earlier.data.get("tip")
+        return {} if robot is None or tip is None else robot.idle(tip)
 
     @field_validator("drive")
     @classmethod
@@ -239,10 +239,7 @@ class Arm(WithLaterFields):
             "calibration_error.link_length": self.calibration_error.link_length,
         }
         if isinstance(self.friction, JointFriction):
-            sizes |= {
-                f"friction.{name}": getattr(self.friction, name)
-                for name in ("viscous", "coulomb", "stiction")
-            }
+            sizes |= {f"friction.{name}": value for name, value in self.friction}
         counts = {name: len(value) for name, value in sizes.items() if isinstance(value, tuple)}
         if len(set(counts.values())) > 1:
             raise FieldError(
@@ -292,6 +289,21 @@ class Arm(WithLaterFields):
         """
         file = find_urdf(self.urdf, package_dirs=self.package_dirs, xacro_args=self.xacro_args)
         return dataclasses.replace(file, carrier=self.mobile_base) if self.mobile_base else file
+
+    @property
+    def robot(self) -> Robot:
+        """Kinematics of its URDF with all joints, without Pinocchio; raises as ``file``."""
+        return Robot(load_checked(self.file))
+
+    def is_sibling(self, other: Arm) -> bool:
+        """Return whether another arm is of the same robot: of one URDF and base, with another tip.
+
+        Compared as written: a scenario may be described before its URDF files are where it names them.
+        """
+        mine, others = (
+            (arm.urdf, arm.package_dirs, arm.xacro_args, arm.mobile_base, arm.base) for arm in (self, other)
+        )
+        return mine == others and self.tip != other.tip
 
     @property
     def base_joints(self) -> int:

@@ -16,8 +16,6 @@ from coop_pin.description.contact import Pad, PatchGrasp, Table
 from coop_pin.description.events import Surroundings
 from coop_pin.description.grasp import CompliantGrasp, Grasp
 from coop_pin.description.payload import Payload
-from coop_pin.description.urdf import load_checked
-from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import ArgumentError, FieldError, NameNotFoundError
 from coop_pin.schema.base import (
     Name,
@@ -28,7 +26,7 @@ from coop_pin.schema.base import (
     unknown_arms,
 )
 from coop_pin.schema.pose import Pose
-from coop_pin.spatial import inverse_pose
+from coop_pin.spatial import inverse_pose, rotate_vector6, shift_wrench
 from coop_pin.spatial.task_rows import RowsName, TaskRows, task_rows
 
 
@@ -56,7 +54,7 @@ def grasps_from_configuration(
         require_type(f"arms[{name!r}]", arm, Arm)
         if name not in joint_angles:
             raise NameNotFoundError("arm", name, joint_angles, "joint_angles")
-        robot = Robot(load_checked(arm.file))
+        robot = arm.robot
         moving = robot.unlocked(arm.locked)
         angles = as_array(f"joint_angles[{name!r}]", joint_angles[name], len(moving))
         X_BE = robot.pose(arm.tip, robot.locked(arm.locked) | dict(zip(moving, angles.tolist(), strict=True)))
@@ -108,7 +106,7 @@ class Cell(WithLaterFields):
     @classmethod
     def _share_no_joint(cls, arms: dict[str, Arm]) -> dict[str, Arm]:
         for name, other in itertools.combinations(arms, 2):
-            if other in _siblings(arms, name):
+            if arms[name].is_sibling(arms[other]):
                 _require_own_joints(name, arms[name], other, arms[other])
         return arms
 
@@ -165,7 +163,7 @@ class Cell(WithLaterFields):
     ) -> dict[str, float] | None:
         if shares is None:
             return None
-        check_arm_names(shares, earlier.data.get("arms"), FieldError)
+        check_arm_names(shares, earlier.data.get("arms"))
         total = sum(shares.values())
         if abs(total - 1.0) > 1e-9:
             raise FieldError(
@@ -193,6 +191,21 @@ class Cell(WithLaterFields):
     def patches(self) -> dict[str, PatchGrasp]:
         """Grasps by friction by arm, in their order."""
         return {name: grasp for name, grasp in self.grasps.items() if isinstance(grasp, PatchGrasp)}
+
+    def compliance(self, arm: str) -> Array:
+        """Return C of a grasp that gives, from a wrench about P to the displacement there, shape (6, 6).
+
+        In payload axes, m/N and rad/(N m); zero for a rigid grasp.
+        """
+        grasp = self.grasps[arm]
+        if isinstance(grasp, PatchGrasp):
+            X, stiffness = grasp.matrix @ grasp.plane, grasp.stiffnesses
+        elif isinstance(grasp, CompliantGrasp):
+            X, stiffness = grasp.matrix, grasp.stiffness
+        else:
+            return np.zeros((6, 6))
+        to_grasp = rotate_vector6(X[:3, :3].T, shift_wrench(np.eye(6), np.tile(-X[:3, 3], (6, 1))))
+        return to_grasp @ np.diag(1.0 / np.array(stiffness)) @ to_grasp.T
 
     def way_out(self, arm: str) -> Array:
         """Return the axis of the payload on which an arm retreats from its grasp, shape (3,)."""
@@ -260,20 +273,11 @@ class Cell(WithLaterFields):
 
     def siblings(self, arm: str) -> tuple[str, ...]:
         """Return the other arms of the same robot: of one URDF and base, with another tip."""
-        return _siblings(self.arms, arm)
+        return tuple(name for name, other in self.arms.items() if self.arms[arm].is_sibling(other))
 
     def share(self, arm: str) -> float:
         """Return the load share c_i of an arm."""
         return float(self.shares[list(self.arms).index(arm)])
-
-
-def _siblings(arms: Mapping[str, Arm], name: str) -> tuple[str, ...]:
-    def robot(arm: Arm) -> tuple[Any, ...]:
-        # As written: a scenario may be described before its URDF files are where it names them.
-        return arm.urdf, arm.package_dirs, arm.xacro_args, arm.mobile_base, arm.base
-
-    arm = arms[name]
-    return tuple(key for key, other in arms.items() if robot(other) == robot(arm) and other.tip != arm.tip)
 
 
 def _require_own_joints(name: str, arm: Arm, other: str, sibling: Arm) -> None:
@@ -282,7 +286,7 @@ def _require_own_joints(name: str, arm: Arm, other: str, sibling: Arm) -> None:
     Raises:
         FieldError: with the joint, and what to lock.
     """
-    robot = Robot(load_checked(arm.file))
+    robot = arm.robot
     shared = [joint for joint in robot.movers(arm.tip) if joint in robot.movers(sibling.tip)]
     angles = robot.locked(arm.locked), robot.locked(sibling.locked)
     moving = [joint for joint in shared if not all(joint in locked for locked in angles)]

@@ -108,7 +108,7 @@ def plant_reason(plant: PlantOptions, cell: Cell, events: Sequence[PayloadEvent]
     """
     for event in events:
         if event.requires:
-            return f"its event {event.kind!r} needs {event.requires}; the traced plant is compiled without"
+            return f"its event {event.kind!r} needs {event.requires}; batches are compiled without"
     if cell.has_contacts:
         names = [*cell.patches, *cell.tables]
         return f"the contacts {names} have friction; the traced plant has rigid grasps and no tables"

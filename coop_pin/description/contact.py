@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import BeforeValidator, model_validator
+from pydantic import AfterValidator, model_validator
 
 from coop_pin.arrays import Array
 from coop_pin.description.payload import Payload
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, Interval, Positive
+from coop_pin.schema.base import Description, Interval, Positive, positive
 from coop_pin.schema.pose import Pose
 from coop_pin.spatial import inverse_pose
 
@@ -24,14 +24,7 @@ PRESSES = ("x", "-x", "y", "-y", "z", "-z")
 """Axes of the grasp frame along which an arm may press."""
 
 
-def _edges(value: object) -> object:
-    """Return two edges, which must be positive."""
-    if isinstance(value, list | tuple) and len(value) == 2 and not min(value) > 0.0:
-        raise FieldError(f"is {list(value)}; both edges must be positive")
-    return value
-
-
-Edges = Annotated[Interval, BeforeValidator(_edges)]
+Edges = Annotated[Interval, AfterValidator(positive)]
 """Edges of a rectangle, m."""
 
 

@@ -64,6 +64,8 @@ class PayloadEvent(Description):
     """Name of the event, in a few words."""
     is_foreseen: ClassVar[bool] = False
     """Whether it is of the scenario from the start on, and cannot be added to a run that goes on."""
+    requires: ClassVar[str] = ""
+    """What it needs of a plant besides torques, payload, push and gravity; empty for nothing."""
 
     kind: str
     time: NotNegative
@@ -92,10 +94,9 @@ class PayloadEvent(Description):
         """Return whether a remark of a run says that the event did not happen."""
         return False
 
-    @property
-    def requires(self) -> str:
-        """What it needs of a plant besides torques, payload, push and gravity; empty for nothing."""
-        return ""
+    def needs_pinocchio(self, cell: Any) -> bool:
+        """Return whether the traced plant of a run by itself does not have what it requires, either."""
+        return bool(self.requires)
 
     def act(self, plant: Any, arms: Sequence[str]) -> None:
         """Change the plant itself at the event's instant: grasps and brakes.
@@ -247,7 +248,7 @@ class LoseArm(PayloadEvent):
         return f"{self.arm} fails at {self.time:g} s ({self.form})"
 
     @property
-    def requires(self) -> str:
+    def requires(self) -> str:  # type: ignore[override]
         """Closures for the brakes."""
         return "closures that come and go" if self.form == "braked" else ""
 
@@ -317,6 +318,7 @@ class Partner(PayloadEvent):
     stiffness: Annotated[Vector6, AfterValidator(not_negative)]
     damping: Annotated[Vector6, AfterValidator(not_negative)] = (0.0,) * 6
     title = "partner"
+    requires = "force elements"
 
     @field_validator("stiffness")
     @classmethod
@@ -329,11 +331,6 @@ class Partner(PayloadEvent):
     def end(self) -> float:
         """Time at which the partner lets go, s."""
         return self.time + self.duration
-
-    @property
-    def requires(self) -> str:
-        """Force elements, of which the partner is one."""
-        return "force elements"
 
     def apply(self, surroundings: Surroundings, time: float) -> Surroundings:
         """Return the surroundings, with the partner while it holds."""
@@ -366,11 +363,7 @@ class UserEvent(PayloadEvent):
     target: FunctionName
     options: dict[str, Any] = Field(default_factory=dict)
     title = "own event"
-
-    @property
-    def requires(self) -> str:
-        """A plant that its function may change."""
-        return "a plant that code of the user's own may change"
+    requires = "a plant that code of the user's own may change"
 
     def act(self, plant: Any, arms: Sequence[str]) -> None:
         """Call the function.

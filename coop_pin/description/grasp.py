@@ -6,12 +6,12 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import AfterValidator, BeforeValidator, Discriminator, Tag
+from pydantic import AfterValidator, Discriminator, Tag
 
 from coop_pin.arrays import Array, as_array
 from coop_pin.description.contact import PatchGrasp
-from coop_pin.errors import FieldError, OutOfRangeError
-from coop_pin.schema.base import Positive, Vector6
+from coop_pin.errors import OutOfRangeError
+from coop_pin.schema.base import Positive, Vector6, by_name, not_negative, positive
 from coop_pin.schema.pose import Pose
 
 STIFFNESSES = {
@@ -24,27 +24,6 @@ STIFFNESSES = {
 "paper" is the 300 kN/m of the paper's own simulation, and "soft" the 5 kN/m of a planner for
 torque-controlled dual arms. Neither source states the rotation: it is k / 100 m^2, as for pads of some 0.1 m.
 """
-
-
-def _named(value: Any) -> Any:
-    """Return the stiffness of a name, anything else as it is."""
-    if not isinstance(value, str):
-        return value
-    if value not in STIFFNESSES:
-        raise FieldError(f"is {value!r}; it must be six numbers, or one of {list(STIFFNESSES)}")
-    return STIFFNESSES[value]
-
-
-def _positive(values: tuple[float, ...]) -> tuple[float, ...]:
-    if not min(values) > 0.0:
-        raise FieldError(f"is {list(values)}; every entry must be positive")
-    return values
-
-
-def _not_negative(values: tuple[float, ...]) -> tuple[float, ...]:
-    if not min(values) >= 0.0:
-        raise FieldError(f"is {list(values)}; no entry may be negative")
-    return values
 
 
 class CompliantGrasp(Pose):
@@ -72,9 +51,9 @@ class CompliantGrasp(Pose):
     """
 
     kind: Literal["compliant"]
-    stiffness: Annotated[Vector6, AfterValidator(_positive), BeforeValidator(_named)]
+    stiffness: Annotated[Vector6, AfterValidator(positive), by_name(STIFFNESSES, "six numbers")]
     damping_ratio: Positive = 0.3
-    damping: Annotated[Vector6, AfterValidator(_not_negative)] | None = None
+    damping: Annotated[Vector6, AfterValidator(not_negative)] | None = None
 
     @classmethod
     def measured(cls, load: ArrayLike, deflection: ArrayLike, **fields: Any) -> Self:
@@ -98,7 +77,7 @@ class CompliantGrasp(Pose):
 
 def _kind(value: Any) -> str:
     if not isinstance(value, dict):
-        return str(getattr(value, "kind", "rigid"))
+        return value.kind if isinstance(value, CompliantGrasp | PatchGrasp) else "rigid"
     return "patch" if value.get("kind") == "patch" else "compliant" if "kind" in value else "rigid"
 
 

@@ -38,6 +38,7 @@ class GraspEvent(PayloadEvent):
 
     holds: ClassVar[bool]
     """Whether the arm holds the payload afterwards."""
+    requires = "grasps that open and close"
 
     arm: str
 
@@ -49,10 +50,9 @@ class GraspEvent(PayloadEvent):
         unknown = unknown_arms([self.arm], cell.arms)
         return [*problems, *(FieldError(one.detail, "arm") for one in unknown)]
 
-    @property
-    def requires(self) -> str:
-        """A plant whose grasps open and close."""
-        return "grasps that open and close"
+    def needs_pinocchio(self, cell: Any) -> bool:
+        """Return whether the grasp is not compliant: the traced plant opens and closes those alone."""
+        return self.arm not in cell.compliant
 
     @property
     def heading(self) -> str:

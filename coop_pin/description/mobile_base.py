@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import field_validator
+from pydantic import AfterValidator, field_validator
 
 from coop_pin.description.urdf.tree import read_tree
 from coop_pin.description.urdf.xml import read_document
 from coop_pin.errors import FieldError, UrdfError
-from coop_pin.schema.base import Description, Positive, Vector3
+from coop_pin.schema.base import Description, Positive, Vector3, positive
 
 _JOINTS = ("base_x", "base_y", "base_yaw", "base_mount")
 _LINKS = ("base_ground", "base_along_x", "base_along_y", "mobile_base")
@@ -65,7 +65,7 @@ class MobileBase(Description):
 
     drive: Literal["omnidirectional"] = "omnidirectional"
     mass: Positive = 120.0
-    size: Vector3 = (0.9, 0.7, 0.4)
+    size: Annotated[Vector3, AfterValidator(positive)] = (0.9, 0.7, 0.4)
     travel: Positive = 10.0
     turn: Positive = 6.0
     force: Positive = 1000.0
@@ -81,13 +81,6 @@ class MobileBase(Description):
                 " binds velocities and no pose: closed chains here have constraints on poses only"
             )
         return drive
-
-    @field_validator("size")
-    @classmethod
-    def _extended(cls, size: tuple[float, ...]) -> tuple[float, ...]:
-        if min(size) <= 0.0:
-            raise FieldError(f"is {list(size)}; every edge must be positive")
-        return size
 
     def under(self, urdf: str) -> str:
         """Return the text of a checked URDF whose root link stands on this platform.

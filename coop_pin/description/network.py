@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from coop_pin.description.plant import Clock
-from coop_pin.description.sensors import late_delay, rate_problem
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import Description, NotNegative, Positive, unknown_arms
+from coop_pin.schema.parts import fields_of
 
 Edge = tuple[str, str]
 """Names of the sender and of the receiver."""
@@ -38,10 +38,6 @@ class Channel(Description):
     rate_hz: Positive | None = None
     resolution: NotNegative = 0.0
 
-    def ticks_per_message(self, clock: Clock) -> int:
-        """Return the number of ticks from one message to the next."""
-        return 1 if self.rate_hz is None else round(clock.rate_hz / self.rate_hz)
-
     @property
     def slowest(self) -> int:
         """Largest delay of a message, ticks."""
@@ -49,10 +45,7 @@ class Channel(Description):
 
     def channel_problems(self, clock: Clock, duration: float) -> list[FieldError]:
         """Return what is wrong with delay and rate for a run of a duration, s."""
-        problems = [FieldError(late, "delay")] if (late := late_delay(self.slowest, clock, duration)) else []
-        return problems + (
-            [FieldError(rate, "rate_hz")] if (rate := rate_problem(self.rate_hz, clock)) else []
-        )
+        return clock.late(self.slowest, duration, "delay") + clock.uneven(self.rate_hz, "rate_hz")
 
 
 class EdgeChannel(Description):
@@ -144,13 +137,13 @@ class Network(Channel):
 
     def channel(self, edge: Edge) -> Channel:
         """Return the channel of an edge; an arm hears itself without loss and jitter."""
-        values: dict[str, Any] = {name: getattr(self, name) for name in Channel.model_fields}
+        values = {name: part for name, part in fields_of(self).items() if name in Channel.model_fields}
         if edge[0] == edge[1]:
             return Channel(**values | {"loss": 0.0, "jitter": 0})
         for link in self.links:
             if (link.sender, link.receiver) == edge:
-                stated = {name: getattr(link, name) for name in values}
-                values |= {name: value for name, value in stated.items() if value is not None}
+                stated = {name: part for name, part in fields_of(link).items() if part is not None}
+                values |= {name: stated[name] for name in values.keys() & stated.keys()}
         return Channel(**values)
 
     def slowest_of(self, arms: Sequence[str]) -> int:
@@ -159,7 +152,7 @@ class Network(Channel):
 
     def oldest_of(self, arms: Sequence[str], clock: Clock) -> int:
         """Return the largest age of the latest message, ticks, where none is lost."""
-        every = [self.channel(edge).ticks_per_message(clock) for edge in self.edges(arms)]
+        every = [clock.ticks_between(self.channel(edge).rate_hz) for edge in self.edges(arms)]
         return self.slowest_of(arms) + max(every, default=1) - 1
 
     def timing_problems(self, run: Mapping[str, Any]) -> list[FieldError]:

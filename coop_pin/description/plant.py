@@ -1,13 +1,18 @@
-"""Plant options: control rate, integration steps, formulation of the constrained dynamics."""
+"""Plant options: control rate, integration steps, formulation of the constrained dynamics, stabilisation."""
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 from pydantic import Field
 
-from coop_pin.description.baumgarte import Stabilisation
-from coop_pin.schema.base import Description, Positive
+from coop_pin.arrays import Array
+from coop_pin.errors import FieldError
+from coop_pin.schema.base import Description, NotNegative, Positive
+
+_SLACK = 1e-9
+"""Part by which two rates may differ from whole multiples."""
 
 
 class Clock(Description):
@@ -30,9 +35,66 @@ class Clock(Description):
         """Control period T, s."""
         return 1.0 / self.rate_hz
 
+    def ticks_between(self, rate_hz: float | None) -> int:
+        """Return the number of ticks from one sample at a rate, Hz, to the next; one without a rate."""
+        return 1 if rate_hz is None else round(self.rate_hz / rate_hz)
+
+    def late(self, delay: int, duration: float, path: str) -> list[FieldError]:
+        """Return the problem of a delay, ticks, that no sample of a run of a duration, s, survives."""
+        if delay < (ticks := self.ticks(duration)):
+            return []
+        return [FieldError(f"is {delay} ticks, but the run has {ticks}; it must be less", path)]
+
+    def uneven(self, rate_hz: float | None, path: str) -> list[FieldError]:
+        """Return the problem of a rate, Hz, that is not the control rate over a whole number."""
+        ratio = self.rate_hz / (rate_hz or self.rate_hz)
+        if round(ratio) >= 1 and abs(ratio - round(ratio)) <= _SLACK * ratio:
+            return []
+        near = sorted({max(1, math.floor(ratio)), max(1, math.ceil(ratio))})
+        examples = " or ".join(f"{self.rate_hz / whole:.12g}" for whole in near)
+        detail = (
+            f"is {rate_hz:g} Hz, but the control rate is {self.rate_hz:g} Hz; it must be the control rate"
+        )
+        return [FieldError(f"{detail} over a whole number, for example {examples}", path)]
+
     def ticks(self, duration: float) -> int:
         """Return the number of control periods of a run of a duration, s; at least one."""
         return max(1, round(duration * self.rate_hz))
+
+
+class Stabilisation(Description):
+    """Baumgarte stabilisation: a closure error e obeys e'' + 2 zeta omega e' + omega^2 e = 0.
+
+    The Baumgarte terms 2 zeta omega e' + omega^2 e are added to the closures' acceleration constraint
+    J a + gamma = 0, with e in m and rad (Baumgarte 1972; Featherstone 2008, chapter 8).
+
+    Attributes:
+        frequency: omega, the rate at which a closure error decays, rad/s; 0 switches the stabilisation off.
+        damping_ratio: zeta; 1 is the fastest decay without overshoot.
+    """
+
+    frequency: NotNegative = 10.0
+    damping_ratio: NotNegative = 1.0
+
+    @property
+    def position_gain(self) -> float:
+        """Factor omega^2 of the closure error, 1/s^2."""
+        return self.frequency**2
+
+    @property
+    def velocity_gain(self) -> float:
+        """Factor 2 zeta omega of the closure error's rate, 1/s."""
+        return 2.0 * self.damping_ratio * self.frequency
+
+    def stabilised(self, acceleration: Array, velocity: Array, position: Array) -> Array:
+        """Return e'' + 2 zeta omega e' + omega^2 e, shape (r,), which the constrained dynamics make zero.
+
+        Args:
+            acceleration: e'', or the part of it that is known, m/s^2 and rad/s^2, shape (r,).
+            velocity: e', m/s and rad/s, shape (r,).
+            position: e, m and rad, shape (r,).
+        """
+        return acceleration + self.velocity_gain * velocity + self.position_gain * position
 
 
 Formulation = Literal["auto", "proximal", "kkt"]

@@ -12,8 +12,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from coop_pin.arrays import Array, require_path, require_type
 from coop_pin.catalogue import scenario_file, scenario_names, scenario_tables
 from coop_pin.control.feed_forward import FeedForward
-from coop_pin.control.force_path import SampledWrist
-from coop_pin.control.interface import CellTiming
+from coop_pin.control.interface import CellTiming, SampledWrist
 from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell import Cell
 from coop_pin.description.controller import Controller
@@ -22,9 +21,8 @@ from coop_pin.description.grasp_events import Event, GraspEvent, PutDown, sequen
 from coop_pin.description.grasp_plan import GraspPlan, grasp_plan
 from coop_pin.description.network import ArmClock, Network
 from coop_pin.description.plant import Clock, PlantOptions
-from coop_pin.description.relative_paths import anchor_files
-from coop_pin.description.scenario_file import commented_toml, resolved_toml
-from coop_pin.description.sensors import Sensors, WristSensor, late_delay
+from coop_pin.description.scenario_file import anchor_files, commented_toml, resolved_toml
+from coop_pin.description.sensors import Sensors, WristSensor
 from coop_pin.description.trust import TrustThresholds
 from coop_pin.errors import FieldError, NameNotFoundError, one_or_all
 from coop_pin.reference.motions import Motion
@@ -40,6 +38,7 @@ from coop_pin.schema.base import (
     unknown_arms,
 )
 from coop_pin.schema.changes import differences
+from coop_pin.schema.parts import fields_of
 from coop_pin.schema.pose import Pose
 from coop_pin.user_files import parse_toml, read_toml
 
@@ -141,8 +140,6 @@ class Scenario(WithLaterFields):
     def _fits_the_run(cls, value: Any, earlier: ValidationInfo) -> Any:
         name, problems, parts = str(earlier.field_name), list[FieldError](), _parts(value)
         run = {field: earlier.data[field] for field in _OF_THE_RUN if field in earlier.data}
-        if name in _fitted and all(map(_are_same, (parts, run), _fitted[name])):
-            return value
         if isinstance(value, dict) and "cell" in run:
             problems += unknown_arms(value, run["cell"].arms)
         for path, part in parts.items():
@@ -151,7 +148,6 @@ class Scenario(WithLaterFields):
             problems += sequence_problems(run["cell"], value)
         if problems:
             raise one_or_all(problems, f"the {name}")
-        _fitted[name] = parts, run
         return value
 
     def actuators_of(self, arm: str) -> Actuators:
@@ -199,8 +195,8 @@ class Scenario(WithLaterFields):
     @model_validator(mode="after")
     def _force_path_fits_the_run(self) -> Self:
         path = self.controller.force_path
-        if path.measures and (late := late_delay(path.delay, self.clock, self.duration)):
-            raise FieldError(late, "controller.force_path.delay")
+        for late in self.clock.late(path.delay, self.duration, "controller.force_path.delay"):
+            raise late
         if path.measures and not path.by_sensors and (missing := self._missing_messages()):
             raise FieldError(f"is {path.kind!r}, but {missing}", "controller.force_path.kind")
         is_checked = (self.wrists or self.actuator_lag) and not self.beyond_bound
@@ -227,11 +223,17 @@ class Scenario(WithLaterFields):
         path, network, late, every = self.controller.force_path, self.network, 0, 1
         if path.hears_all and network is not None:
             late = network.slowest_of(list(self.cell.arms))
-            every = network.ticks_per_message(self.clock)
+            every = self.clock.ticks_between(network.rate_hz)
         return [
-            SampledWrist(wrist.delay + late, max(every, wrist.ticks_per_sample(self.clock)))
+            SampledWrist(wrist.delay + late, max(every, self.clock.ticks_between(wrist.rate_hz)))
             for wrist in sensors
         ]
+
+    @property
+    def oldest_wrench(self) -> int:
+        """Age of the oldest wrench that a law is given, ticks."""
+        sampled = (wrist.delay + wrist.every - 1 for wrist in self.wrists)
+        return self.controller.force_path.delay + max(sampled, default=0)
 
     @property
     def timing(self) -> CellTiming:
@@ -330,9 +332,9 @@ class Scenario(WithLaterFields):
         elif self.events != base.events:
             told = [f"{event.text(self.surroundings_at(0.0))} at {event.time:g} s" for event in self.events]
             yield f"events: {', '.join(told)}"
-        for name in type(self).model_fields:
-            if name not in ("name", "summary", "events"):
-                yield from differences(getattr(self, name), getattr(base, name), (*path, name))
+        fields, others = fields_of(self), fields_of(base)
+        for name in [name for name in fields if name not in ("name", "summary", "events")]:
+            yield from differences(fields[name], others[name], (*path, name))
 
     @classmethod
     def load(
@@ -410,13 +412,6 @@ class Scenario(WithLaterFields):
 
 _OF_THE_RUN = ("duration", "cell", "clock")
 """Fields against which others are checked."""
-_fitted: dict[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {}
-"""Last parts of a field that fitted their run, with what they were checked against: a sweep repeats them."""
-
-
-def _are_same(parts: Mapping[str, Any], others: Mapping[str, Any]) -> bool:
-    """Return whether two tables have the same objects; their numbers are not looked at."""
-    return parts.keys() == others.keys() and all(part is others[name] for name, part in parts.items())
 
 
 def _parts(value: Any) -> dict[str, Any]:

@@ -1,23 +1,57 @@
-"""TOML text of a scenario: every field, or the fields that are not at their defaults with their meanings."""
+"""TOML file of a scenario: its relative paths, and its text, whole or without what is at its default."""
 
 from __future__ import annotations
 
 import inspect
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import tomli_w
 from pydantic import BaseModel
 
 from coop_pin.description.payload import Payload
+from coop_pin.schema.changes import stated
 from coop_pin.schema.meanings import kinds, meanings
+from coop_pin.schema.parts import fields_of
 from coop_pin.schema.pose import POSE_MEANINGS, Pose
 
 # tomli_w writes one number per line. No string can match: it writes those on one line.
 _NUMBERS_IN_LINES = re.compile(r"\[\n((?: *[-+.\w]+,\n)+) *\]")
 _HEADER, _ENTRY = re.compile(r"\[+([^\]]+)\]+$"), re.compile(r"(\w+) = ")
 _OF_BOX = "The inertia follows from mass and edges."
+
+
+def anchor_files(data: dict[str, Any], folder: Path) -> None:
+    """Make the paths of URDF, mesh and CSV files and of package folders in the scenario's folder absolute."""
+    cell = _table(data.get("cell"))
+    arms = [_table(arm) for arm in _table(cell.get("arms")).values()]
+    payload, motion = _table(cell.get("payload")), _table(data.get("motion"))
+    paths = [(arm, "urdf") for arm in arms] + [(payload, "path"), (payload, "mesh_file"), (motion, "path")]
+    for table, field in paths:
+        if table.get(field):
+            table[field] = _anchored(folder, table[field])
+    for table in (*arms, payload):
+        if isinstance(table.get("package_dirs"), list):
+            table["package_dirs"] = [_anchored(folder, entry) for entry in table["package_dirs"]]
+
+
+def _table(value: Any) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
+
+
+def _anchored(folder: Path, path: Any) -> Any:
+    """Return a path that exists in a folder as absolute, any other as it is.
+
+    A URDF that exists nowhere becomes absolute as well, so that the error names the intended folder.
+    """
+    if not isinstance(path, str):
+        return path
+    if (folder / path).exists():
+        return str((folder / path).resolve())
+    is_missing_robot = path.endswith((".urdf", ".xacro")) and not Path(path).exists()
+    return str((folder / path).absolute()) if is_missing_robot else path
 
 
 def resolved_toml(scenario: BaseModel) -> str:
@@ -64,12 +98,9 @@ def _stated(value: Any, dumped: Any) -> Any:
     if isinstance(value, Pose) and any(value.rpy[:2]) and Pose(**value.by_axis()) == value:
         return value.by_axis()
     if isinstance(value, BaseModel) and isinstance(dumped, dict):
-        left_out = set(_at_defaults(value))
-        stated = {
-            name: getattr(value, name) for name in type(value).model_fields
-        } | dumped  # not all are dumped
-        kept = {name: entry for name, entry in stated.items() if name not in left_out}
-        return {name: _stated(getattr(value, name, None), entry) for name, entry in kept.items()}
+        fields, left_out = fields_of(value), _at_defaults(value)
+        kept = {name: entry for name, entry in (fields | dumped).items() if name not in left_out}
+        return {name: _stated(fields.get(name), entry) for name, entry in kept.items()}
     if isinstance(value, dict):
         return {name: _stated(value[name], entry) for name, entry in dumped.items()}
     return dumped
@@ -80,12 +111,9 @@ def _is_box(value: BaseModel) -> bool:
     return isinstance(value, Payload) and value == Payload.box(value.mass, value.size)
 
 
-def _at_defaults(value: BaseModel) -> Iterator[str]:
-    """Yield the names of the fields that are at their defaults."""
-    for name, field in type(value).model_fields.items():
-        default = None if field.is_required() else field.get_default(call_default_factory=True)
-        if name != "kind" and not field.is_required() and getattr(value, name) == default:
-            yield name
+def _at_defaults(value: BaseModel) -> list[str]:
+    """Return the names of the fields that are at their defaults."""
+    return [name for name in fields_of(value) if name not in {"kind", *stated(value)}]
 
 
 def _comments(value: Any, path: str, meaning: str, annotation: Any) -> Iterator[tuple[str, str]]:
@@ -102,9 +130,9 @@ def _comments(value: Any, path: str, meaning: str, annotation: Any) -> Iterator[
             yield from ((f"{path}.{name}", _brief(text)) for name, text in texts.items())
             return
         texts = meanings(type(value))
-        for name, field in type(value).model_fields.items():
-            below = f"{path}.{name}".lstrip(".")
-            yield from _comments(getattr(value, name), below, texts.get(name, ""), field.annotation)
+        for name, entry in fields_of(value).items():
+            below, field = f"{path}.{name}".lstrip("."), type(value).model_fields[name]
+            yield from _comments(entry, below, texts.get(name, ""), field.annotation)
     elif meaning:
         yield path, _brief(meaning)
 
@@ -119,7 +147,7 @@ def _of_table(value: BaseModel, meaning: str, annotation: Any) -> Iterator[str]:
     yield f"{brief[:1].upper()}{brief[1:]}."
     if _is_box(value):
         yield _OF_BOX
-    elif (others := list(_at_defaults(value))) and not isinstance(value, Pose):
+    elif (others := _at_defaults(value)) and not isinstance(value, Pose):
         yield f"Also: {', '.join(others)}."
     if names := kinds(annotation):
         yield f"Kinds: {', '.join(names)}."

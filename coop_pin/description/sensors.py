@@ -10,7 +10,6 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from coop_pin.arrays import Array
-from coop_pin.description.plant import Clock
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import (
     Description,
@@ -22,8 +21,6 @@ from coop_pin.schema.base import (
     WithLaterFields,
     not_negative,
 )
-
-_SLACK = 1e-9
 
 
 class Encoder(Description):
@@ -45,6 +42,9 @@ class Encoder(Description):
 class IdealVelocity(Description):
     """The velocity of the plant."""
 
+    filter_hz: ClassVar[float] = math.inf
+    """Frequency of its filter, Hz; as in the other kinds."""
+
     kind: Literal["ideal"] = "ideal"
 
 
@@ -60,6 +60,11 @@ class DifferencedVelocity(Description):
     kind: Literal["difference"] = "difference"
     cutoff_hz: Positive = 20.0
 
+    @property
+    def filter_hz(self) -> float:
+        """Cutoff frequency of the filter, Hz."""
+        return self.cutoff_hz
+
 
 class ObservedVelocity(Description):
     """Observer of a constant velocity, corrected by the encoder's reading; both of its poles are p.
@@ -73,6 +78,11 @@ class ObservedVelocity(Description):
 
     kind: Literal["observer"] = "observer"
     bandwidth_hz: Positive = 20.0
+
+    @property
+    def filter_hz(self) -> float:
+        """Bandwidth of the observer, Hz."""
+        return self.bandwidth_hz
 
 
 Velocity = Annotated[IdealVelocity | DifferencedVelocity | ObservedVelocity, Field(discriminator="kind")]
@@ -150,10 +160,6 @@ class WristSensor(WithLaterFields):
                 )
         return lost
 
-    def ticks_per_sample(self, clock: Clock) -> int:
-        """Return the number of ticks from one sample to the next."""
-        return 1 if self.rate_hz is None else round(clock.rate_hz / self.rate_hz)
-
 
 class SlipSensor(Description):
     """Sensor of the distance that an arm's patch has slid since it took hold, at every tick.
@@ -199,18 +205,15 @@ class Sensors(WithLaterFields):
             run: fields of the run; without its ``clock`` or ``duration``, which then have mistakes
                 themselves, nothing is checked.
         """
-        wrist, problems = self.wrist, list[FieldError]()
+        wrist = self.wrist
         if not {"clock", "duration"} <= set(run):
             return []
         clock, duration = run["clock"], run["duration"]
-        if self.slip is not None and (late := late_delay(self.slip.delay, clock, duration)):
-            problems.append(FieldError(late, "slip.delay"))
+        problems = [] if self.slip is None else clock.late(self.slip.delay, duration, "slip.delay")
         if wrist is None:
             return problems
-        if late := late_delay(wrist.delay, clock, duration):
-            problems.append(FieldError(late, "wrist.delay"))
-        if rate := rate_problem(wrist.rate_hz, clock):
-            problems.append(FieldError(rate, "wrist.rate_hz"))
+        problems += clock.late(wrist.delay, duration, "wrist.delay")
+        problems += clock.uneven(wrist.rate_hz, "wrist.rate_hz")
         for index, (_, end) in enumerate(wrist.lost):
             if end > duration:
                 detail = (
@@ -218,22 +221,3 @@ class Sensors(WithLaterFields):
                 )
                 problems.append(FieldError(detail, f"wrist.lost.{index}"))
         return problems
-
-
-def late_delay(delay: int, clock: Clock, duration: float) -> str:
-    """Return the mistake of a delay, ticks, that no measurement of a run survives, or ""."""
-    ticks = clock.ticks(duration)
-    return f"is {delay} ticks, but the run has {ticks}; it must be less" if delay >= ticks else ""
-
-
-def rate_problem(rate_hz: float | None, clock: Clock) -> str:
-    """Return the mistake of a rate that is not the control rate over a whole number, or ""."""
-    ratio = clock.rate_hz / (rate_hz or clock.rate_hz)
-    if round(ratio) >= 1 and abs(ratio - round(ratio)) <= _SLACK * ratio:
-        return ""
-    near = sorted({max(1, math.floor(ratio)), max(1, math.ceil(ratio))})
-    examples = " or ".join(f"{clock.rate_hz / whole:.12g}" for whole in near)
-    return (
-        f"is {rate_hz:g} Hz, but the control rate is {clock.rate_hz:g} Hz; it must be the control rate over a"
-        f" whole number, for example {examples}"
-    )

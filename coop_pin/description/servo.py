@@ -6,23 +6,15 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, Field
 
-from coop_pin.errors import FieldError, suggestion
-from coop_pin.schema.base import Description, Magnitude, NumberOrVector, Positive
+from coop_pin.errors import FieldError
+from coop_pin.schema.base import Description, Magnitude, NumberOrVector, Positive, by_name, positive
 
 KINDS = ("velocity", "position")
 """What a robot with a servo takes."""
 _WHOLE = 1e-9
 """Two rates whose ratio is closer than this to a whole number are multiples."""
-
-
-def positive(limit: float | tuple[float, ...]) -> float | tuple[float, ...]:
-    """Return a number or a row of numbers that are positive."""
-    if np.min(limit) <= 0.0:
-        raise FieldError(f"is {limit}; it must be positive, or omitted for none")
-    return limit
 
 
 Limit = Annotated[NumberOrVector, AfterValidator(positive)]
@@ -119,14 +111,5 @@ SERVOS: Mapping[str, Servo] = {
 """Servos of classes of robots by name, see docs/concepts/commands.md for their sources."""
 
 
-def _named(value: Any) -> Any:
-    """Return the servo of a class of robots for its name."""
-    if not isinstance(value, str):
-        return value
-    if value not in SERVOS:
-        raise FieldError(f"is {value!r}, no servo of a class of robots; {suggestion(value, list(SERVOS))}")
-    return SERVOS[value]
-
-
-NamedServo = Annotated[Servo, BeforeValidator(_named)]
+NamedServo = Annotated[Servo, by_name(SERVOS, "a table of fields")]
 """A servo, or the name of one of SERVOS."""

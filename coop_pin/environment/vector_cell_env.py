@@ -164,18 +164,14 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         self._is_random = bool(is_loaded.any())
         for signals in {id(one): one for one in prepared.signals}.values():
             is_loaded |= (signals != prepared.signals[0]).any(axis=0)
-        alone = prepared._replace(
-            scenarios=prepared.scenarios[:1],
-            plants=prepared.plants[:1],
-            signals=prepared.signals[:1],
-            values=prepared.values[:1],
-        )
+        alone = prepared.part(slice(1))
         self._code = RunProgram(alone, differs, is_loaded)
-        program, ticks = self._code.program, self._code.ticks
+        program, order = self._code.program, self._code.order(alone)
         kernel = self._outcome_kernel(determinate_rows(plant.run.plant.chain, plant.run.plant.q))
-        instructions = [each for each in program.instructions if each.code != RECORD]
+        instructions = [each for each in order.instructions if each.code != RECORD]
         # A tick begins at its first instruction, but for the records of the ticks before it.
-        self._starts = [start - tick for tick, start in enumerate([*ticks, len(program.instructions)])]
+        starts, self._uniforms = [*order.ticks, len(order.instructions)], order.uniforms
+        self._starts = [start - tick for tick, start in enumerate(starts)]
         of_tick = [kernel.name for kernel in program.kernels].index("tick")
         rows = [row for code, row in instructions if code == of_tick]
         outcomes = [Instruction(len(program.kernels), row) for row in rows]
@@ -198,12 +194,12 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         pose[:3, :3], pose[:3, 3] = kernel.read("R_WP"), kernel.read("p_WP")
         samples = {
             "payload_pose": traced(pose),
-            "desired_pose": desired.pose,
+            "desired_pose": desired.target.X_WP_d,
             "desired_squeeze": desired.squeeze,
             "tip_position": kernel.read("tips"),
             "interaction_wrench": np.where(determined, kernel.read("wrenches"), np.nan),
         }
-        twist_error = kernel.read("V_WP") - desired.twist
+        twist_error = kernel.read("V_WP") - desired.target.V_WP_d
         joints = sum(drives_of(self._run))  # a payload on compliant grasps has its own coordinates after them
         observed = Observed(kernel.read("q")[:joints], kernel.read("v")[:joints], samples, twist_error)
         with np.errstate(invalid="ignore"):  # NaN in rows that are not determined
@@ -225,7 +221,7 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         self._loads = np.ascontiguousarray(np.moveaxis(loads, 2, 0))
         self._block = self._first.copy()
         self._call: Callable[[int, int], None] = self._machine.bound(
-            self._block, self._code.uniforms, None, self._loads
+            self._block, self._uniforms, None, self._loads
         )
 
     def _act(self, actions: Array) -> None:

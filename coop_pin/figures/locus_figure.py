@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from coop_pin.analysis import RootLocus
 from coop_pin.arrays import typed
 from coop_pin.figures import palette
-from coop_pin.figures.style import as_written, label, scale_to_field, styled
+from coop_pin.figures.style import as_written, label, plain_figure, scale_to_field
 
 _LARGEST = 1.6
 """Edge of the plane that is drawn."""
@@ -30,9 +30,7 @@ def root_locus_figure(locus: RootLocus) -> Figure:
     Args:
         locus: Root locus, by coop_pin.analysis.root_locus.
     """
-    with styled():
-        figure = Figure(figsize=(7.6, 3.7), layout="constrained")
-        plane, radius = figure.subplots(1, 2, width_ratios=(1.0, 1.05))
+    with plain_figure(7.6, 3.7, 1, 2, width_ratios=(1.0, 1.05)) as (figure, (plane, radius)):
         _draw_plane(figure, plane, locus)
         _draw_radius(radius, locus)
         figure.suptitle(as_written(locus.field), x=0.01, ha="left")

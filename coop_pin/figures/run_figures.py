@@ -24,8 +24,8 @@ from coop_pin.figures.style import (
     inset_peak,
     label,
     legend_above,
+    plain_figure,
     run_figure,
-    styled,
 )
 from coop_pin.results import RunResult
 from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M, energy_balance
@@ -285,13 +285,12 @@ def motion_figure(result: RunResult) -> Figure:
     scale = min(_WIDTH / extent[0], _MAX_HEIGHT / sum(extent[second] for _, second in views))
     heights = [scale * extent[second] + _MARGIN for _, second in views]
     size = (max(scale * extent[0], _MIN_WIDTH) + 2.0 * _MARGIN, sum(heights) + 2.0 * _MARGIN)
-    with styled():
-        figure = Figure(figsize=size, layout="constrained")
-        panels = figure.subplots(len(views), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
-        for panel, view in zip(panels, views, strict=True):
+    shape: Any = {"sharex": True, "squeeze": False, "height_ratios": heights}
+    with plain_figure(*size, len(views), **shape) as (figure, grid):
+        for panel, view in zip(grid.flat, views, strict=True):
             _draw_motion(panel, result, view)
-        panels[-1].set_xlabel("x (m)")
-        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+        grid[-1, 0].set_xlabel("x (m)")
+        figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
 

@@ -61,11 +61,13 @@ def styled() -> AbstractContextManager[None]:
 
 
 @contextmanager
-def one_panel(width: float, height: float) -> Iterator[tuple[Figure, Axes]]:
-    """Yield an empty figure of a size in inches, and the only axes in it."""
+def plain_figure(
+    width: float, height: float, rows: int = 1, columns: int = 1, **options: Any
+) -> Iterator[tuple[Figure, Any]]:
+    """Yield an empty figure of a size in inches, and the axes in it; options as of ``Figure.subplots``."""
     with styled():
         figure = Figure(figsize=(width, height), layout="constrained")
-        yield figure, figure.subplots()
+        yield figure, figure.subplots(rows, columns, **options)
 
 
 @contextmanager

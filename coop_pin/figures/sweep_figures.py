@@ -21,11 +21,10 @@ from coop_pin.figures.style import (
     as_written,
     is_log_spaced,
     label,
-    one_panel,
+    plain_figure,
     scale_to_field,
     scale_to_metric,
     spans_large_ratio,
-    styled,
 )
 from coop_pin.results.metrics import METRIC_TEXTS
 from coop_pin.sweeps.result import SweepResult
@@ -110,7 +109,7 @@ def lines_figure(table: xr.Dataset, field: str) -> Figure:
             "Show a part of the sweep: --at FIELD=VALUE, or result.at",
             field,
         )
-    with one_panel(7.6, 4.0) as (figure, panel):
+    with plain_figure(7.6, 4.0) as (figure, panel):
         for values, colour, marker in zip(series, palette.SERIES, _MARKERS, strict=False):
             coordinates = dict(zip(others, values, strict=True))
             line = table.sel(coordinates)
@@ -168,17 +167,15 @@ def map_figure(table: xr.Dataset) -> Figure:
     columns = min(len(maps), _MAPS_IN_A_ROW)
     rows = -(-len(maps) // columns)
     size = (5.8, 4.2) if len(maps) == 1 else (1.4 + 2.9 * columns, 0.7 + 2.5 * rows)
-    with styled():
-        figure = Figure(figsize=size, layout="constrained")
-        panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-        for panel, part in zip(panels, maps, strict=False):
+    with plain_figure(*size, rows, columns, sharex=True, sharey=True, squeeze=False) as (figure, grid):
+        for panel, part in zip(grid.flat, maps, strict=False):
             mesh = _draw_map(panel, part.squeeze(third, drop=True), norm)
             if third:
                 label(panel, as_written(_written(third[0], part[third[0]].item())), panel.get_ylabel())
-        for panel in panels:
-            panel.set_visible(panel in panels[: len(maps)])
+        for number, panel in enumerate(grid.flat):
+            panel.set_visible(number < len(maps))
             panel.label_outer()
-        figure.colorbar(mesh, ax=list(panels), label=as_written(table.attrs["metric"]))
+        figure.colorbar(mesh, ax=list(grid.flat), label=as_written(table.attrs["metric"]))
         handles: list[Any] = [Patch(label="failed", **_HATCHED)] if table["failed"].any() else []
         if table["untrusted"].any():
             handles.append(Line2D([], [], label="not trustworthy", **_DOUBTED))
@@ -276,7 +273,7 @@ def pareto_figure(result: SweepResult, metric_a: str, metric_b: str) -> Figure:
     shown = np.isfinite(a) & np.isfinite(b)
     dots: dict[str, Any] = {"color": palette.EVENT, "markersize": 3.5, "alpha": 0.7}
     line: dict[str, Any] = {"color": palette.ACTUAL, "marker": "o", "markersize": 4.5}
-    with one_panel(5.4, 3.8) as (figure, panel):
+    with plain_figure(5.4, 3.8) as (figure, panel):
         panel.plot(a[shown], b[shown], "o", label=f"{np.count_nonzero(shown)} runs", **dots)
         panel.step(edge[:, 0], edge[:, 1], where="post", label="front", **line)
         for run, (x, y) in zip(front, edge, strict=True):

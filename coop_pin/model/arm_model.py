@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -14,13 +14,14 @@ from coop_pin.description.arm import Arm, Miscalibration
 from coop_pin.model.joint_angles import JointAngles
 from coop_pin.model.joint_limits import JointLimits, per_joint
 from coop_pin.model.pinocchio_model import (
+    ModelKey,
     add_frame,
     append_arm,
     empty_model,
     frame_id,
     jacobian_matrix,
-    load_arm_model,
     model_key,
+    shared_arm_model,
     symmetric,
     without_inertia,
 )
@@ -68,20 +69,15 @@ class ArmModel:
         require_type("arm", arm, Arm)
         require_type("name", name, str)
         self.name, self._arm = name, arm
-        alone = load_arm_model(arm)
-        tip = alone.frames[frame_id(alone, arm.tip, f"{arm.urdf!r}, the tip of arm {name!r}")]
-        self.model = append_arm(empty_model(as_array("gravity", gravity, 3)), alone, "arm", arm.base.matrix)
-        grasp = np.eye(4) if X_PE is None else as_pose("X_PE", X_PE)
-        X_EP = pin.SE3(inverse_pose(grasp))
-        self.key = (*model_key(arm), arm.tip, arm.base, grasp.tobytes())
-        self._tip = add_frame(self.model, "tip", tip.parentJoint, tip.placement)
-        self._payload = add_frame(self.model, "payload", tip.parentJoint, tip.placement * X_EP)
+        grasp, g = np.eye(4) if X_PE is None else as_pose("X_PE", X_PE), as_array("gravity", gravity, 3)
+        self.key = (model_key(arm), arm.tip, arm.base.matrix.tobytes(), grasp.tobytes())
+        tree = _arm_tree(*self.key, g.tobytes(), f"{arm.urdf!r}, the tip of arm {name!r}")
+        self.model, self._tip, self._payload, self._angles = tree._replace(model=tree.model.copy())
         self._data = self.model.createData()
         self.nq, self.nv = int(self.model.nq), int(self.model.nv)
         self.base_joints = arm.base_joints
         self.drive = arm.drive_matrix(self.nv)
         self.from_drive = np.asarray(np.linalg.inv(self.drive), dtype=np.float64)
-        self._angles = JointAngles(self.model)
 
     @cached_property
     def limits(self) -> JointLimits:
@@ -180,6 +176,34 @@ class ArmModel:
         return as_array(name, v, self.nv)
 
 
+class _ArmTree(NamedTuple):
+    """Pinocchio model of an arm fixed in the world, which the callers share.
+
+    Attributes:
+        model: model with the frames "tip" and "payload".
+        tip: index of the frame "tip".
+        payload: index of the frame "payload".
+        angles: conversion between its joint angles and q.
+    """
+
+    model: pin.Model
+    tip: int
+    payload: int
+    angles: JointAngles
+
+
+@lru_cache(maxsize=64)
+def _arm_tree(key: ModelKey, tip: str, X_WB: bytes, X_PE: bytes, gravity: bytes, container: str) -> _ArmTree:
+    """Return the model of an arm by the values of ArmModel; messages name a container of the tip."""
+    alone = shared_arm_model(key)
+    frame = alone.frames[frame_id(alone, tip, container)]
+    model = append_arm(empty_model(np.frombuffer(gravity)), alone, "arm", np.frombuffer(X_WB).reshape(4, 4))
+    X_EP = pin.SE3(inverse_pose(np.frombuffer(X_PE).reshape(4, 4)))
+    tip_index = add_frame(model, "tip", frame.parentJoint, frame.placement)
+    payload = add_frame(model, "payload", frame.parentJoint, frame.placement * X_EP)
+    return _ArmTree(model, tip_index, payload, JointAngles(model))
+
+
 class PayloadKinematics(NamedTuple):
     """Pose and Jacobian of the payload from the kinematics of one arm.
 
@@ -229,8 +253,8 @@ def _miscalibrate(model: pin.Model, arm: Arm) -> None:
     """
     error, X_WB = arm.calibration_error, arm.base.matrix
     offset, stretch = (
-        per_joint(np.array(getattr(error, name)), int(model.nv), f"calibration_error.{name}")
-        for name in ("joint_offset", "link_length")
+        per_joint(np.array(value), int(model.nv), f"calibration_error.{name}")
+        for name, value in (("joint_offset", error.joint_offset), ("link_length", error.link_length))
     )
     if stretch.any():
         for joint in range(1, model.njoints):

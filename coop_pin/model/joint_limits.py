@@ -11,7 +11,7 @@ from coop_pin.arrays import Array, Mask
 from coop_pin.description.arm import Arm
 from coop_pin.errors import FieldError
 from coop_pin.model.joint_angles import JointAngles
-from coop_pin.model.pinocchio_model import load_arm_model
+from coop_pin.model.pinocchio_model import model_key, shared_arm_model
 
 _WHOLE_TURN = 2.0 * math.pi
 _ROUND_OFF = 1e-9
@@ -50,7 +50,7 @@ class JointLimits:
             FieldError: the number of torque limits differs from the number of joints.
             UrdfError: the URDF is missing or defective.
         """
-        self._model = model = load_arm_model(arm)
+        self._model = model = shared_arm_model(model_key(arm))
         self.joints = joints = JointAngles(model)
         self.lower = np.where(joints.continuous, -np.inf, model.lowerPositionLimit[joints.entry])
         self.upper = np.where(joints.continuous, np.inf, model.upperPositionLimit[joints.entry])

@@ -11,7 +11,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, as_array, as_number, require_path, require_type
-from coop_pin.description.urdf import UrdfLoop, find_urdf, load_checked, read_loops, text_checked
+from coop_pin.description.closure import Closure
+from coop_pin.description.urdf import find_urdf, load_checked, read_loops, text_checked
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import ArgumentError, MimicJointError
 from coop_pin.model.pinocchio_model import joint_id, model_from_text
@@ -23,7 +24,7 @@ def mechanism_model(
     ignore_mimic: bool = False,
     package_dirs: Sequence[str] = (),
     xacro_args: Mapping[str, str] = MappingProxyType({}),
-) -> tuple[pin.Model, tuple[UrdfLoop, ...]]:
+) -> tuple[pin.Model, tuple[Closure, ...]]:
     """Return the model of a URDF tree whose root link is fixed in the world, and the loops of the file.
 
     Args:

@@ -6,6 +6,7 @@ this module raise typed errors instead.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import NamedTuple
@@ -140,9 +141,9 @@ ModelKey = tuple[UrdfFile, tuple[int, int], tuple[tuple[str, float], ...], bool]
 
 def model_key(arm: Arm) -> ModelKey:
     """Return what the model of an arm depends on: its file and the version of it, locked and mimic joints."""
-    version = arm.file.path.stat()
-    key = (version.st_mtime_ns, version.st_size)
-    return arm.file, key, tuple(arm.locked.items()), arm.mimic == "ignore"
+    file = arm.file
+    version = os.stat(file.path)  # noqa: PTH116
+    return file, (version.st_mtime_ns, version.st_size), tuple(arm.locked.items()), arm.mimic == "ignore"
 
 
 def load_arm_model(arm: Arm) -> pin.Model:
@@ -156,7 +157,7 @@ def load_arm_model(arm: Arm) -> pin.Model:
         MimicJointError: it has mimic joints, and ``mimic`` refuses them.
         NameNotFoundError: a locked joint does not exist.
     """
-    return _reduced(*model_key(arm)).copy()
+    return shared_arm_model(model_key(arm)).copy()
 
 
 def load_unreduced_arm(arm: Arm) -> UnreducedArm:
@@ -165,12 +166,9 @@ def load_unreduced_arm(arm: Arm) -> UnreducedArm:
 
 
 @lru_cache(maxsize=64)
-def _reduced(
-    file: UrdfFile,
-    version: tuple[int, int],  # noqa: ARG001  part of the cache's key
-    locked: tuple[tuple[str, float], ...],
-    ignore_mimic: bool,
-) -> pin.Model:
+def shared_arm_model(key: ModelKey) -> pin.Model:
+    """Return the model that load_arm_model copies, which nobody may change."""
+    file, _, locked, ignore_mimic = key
     arm = _unreduced(file, dict(locked), ignore_mimic)
     model = pin.buildReducedModel(arm.model, arm.locked, arm.configuration) if arm.locked else arm.model
     _require_moved_mass(model, file.path.name)

@@ -12,7 +12,7 @@ from coop_pin.description.arm import Arm, JointFriction
 from coop_pin.description.cell import Cell
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import per_joint
-from coop_pin.model.pinocchio_model import load_arm_model
+from coop_pin.model.pinocchio_model import model_key, shared_arm_model
 
 _LINEAR = 1e-6
 """Below it tanh(x) / x is 1."""
@@ -65,7 +65,7 @@ def friction(arm: Arm, name: str = "arm") -> Friction:
     Raises:
         FieldError: the number of coefficients differs from the number of joints.
     """
-    model, options = load_arm_model(arm), arm.friction
+    model, options = shared_arm_model(model_key(arm)), arm.friction
     joints = int(model.nv)
     if isinstance(options, JointFriction):
         path = f"cell.arms.{name}.friction"

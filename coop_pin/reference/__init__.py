@@ -22,7 +22,6 @@ payload axes, about P: ``ConstantSqueeze``, ``TipForceSqueeze``,
 """
 
 from coop_pin.reference.csv_motion import CsvMotion
-from coop_pin.reference.functions import FunctionMotion
 from coop_pin.reference.lines import LineMotion, TimedLineMotion
 from coop_pin.reference.motions import (
     CircleMotion,
@@ -33,6 +32,7 @@ from coop_pin.reference.motions import (
 )
 from coop_pin.reference.pose_reference import (
     ConsistencyGaps,
+    FunctionMotion,
     PoseReference,
     PoseTarget,
     check_consistency,

@@ -12,9 +12,8 @@ from pydantic import AfterValidator, Field, model_validator
 from coop_pin.arrays import Array
 from coop_pin.errors import FieldError
 from coop_pin.reference.csv_motion import CsvMotion
-from coop_pin.reference.functions import FunctionMotion
 from coop_pin.reference.lines import LineMotion, TimedLineMotion, rotation_about_axis, rotation_terms
-from coop_pin.reference.pose_reference import PoseReference, PoseTarget, make_target
+from coop_pin.reference.pose_reference import FunctionMotion, PoseReference, PoseTarget, make_target
 from coop_pin.reference.quintic import quintic, quintic_integral
 from coop_pin.reference.splines import WaypointsMotion
 from coop_pin.schema.base import Positive, Vector3

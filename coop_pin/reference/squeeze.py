@@ -64,7 +64,7 @@ class SqueezeReference(Description):
         """
         for field, table in self.tables().items():
             if table:
-                check_arm_names(table, grasps, FieldError, field)
+                check_arm_names(table, grasps, field)
 
     def scaled(self, part: float) -> Self:
         """Return the squeeze with all wrenches times a part.
@@ -215,7 +215,7 @@ class FunctionSqueeze(SqueezeReference):
         """
         value, called = load_function(self.target, self.options)(time), f"{self.target} at t = {time:g} s"
         if isinstance(value, Mapping):
-            check_arm_names(value, grasps, FieldError, "squeeze.target")
+            check_arm_names(value, grasps, "squeeze.target")
             value = [value[name] for name in grasps]
         rows = as_array(called, value, len(grasps), 6)
         total, largest = rows.sum(axis=0), float(np.abs(rows).max(initial=1.0))

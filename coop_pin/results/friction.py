@@ -119,17 +119,26 @@ def dropped_at(data: Arrays, cell: Cell) -> float:
     return float(np.asarray(data["time"])[falls.argmax()]) if falls.any() else float("nan")
 
 
-def _slides(data: Arrays, cell: Cell) -> list[tuple[int, str]]:
-    """Return the sample from which on a patch has slid while its arm bore its load share, and the arm."""
-    bearing, slides = _bearing(data, cell), list[tuple[int, str]]()
+def _losses(data: Arrays, cell: Cell) -> list[tuple[int, str, str]]:
+    """Return sample, verb and arm of patches that slid or opened while they bore their load share, in order.
+
+    A patch that opens as the payload drops is not one: nothing touches it then.
+    """
+    if "patch_points" not in data:
+        return []
+    bearing, losses, points = (
+        _bearing(data, cell),
+        list[tuple[int, str, str]](),
+        np.asarray(data["patch_points"]),
+    )
     for number, arm in enumerate(cell.patches):
+        bears = bearing[:, list(cell.arms).index(arm)]
         steps = np.diff(np.asarray(data["patch_slip"])[:, number], prepend=0.0)
-        slid = (
-            np.cumsum(np.where(bearing[:, list(cell.arms).index(arm)], np.maximum(steps, 0.0), 0.0)) > _SLID
-        )
-        if slid.any():
-            slides.append((int(slid.argmax()), arm))
-    return slides
+        slid = np.cumsum(np.where(bears, np.maximum(steps, 0.0), 0.0)) > _SLID
+        opened = bears & (points[:, number] == 0.0) & points.any(axis=1)
+        marks = {"slides from {} on": slid, "opens at {}": opened}
+        losses += [(int(mask.argmax()), verb, arm) for verb, mask in marks.items() if mask.any()]
+    return sorted(losses)
 
 
 def friction_metrics(data: Arrays, cell: Cell) -> dict[str, float]:
@@ -142,21 +151,19 @@ def friction_metrics(data: Arrays, cell: Cell) -> dict[str, float]:
 def friction_text(data: Arrays, cell: Cell) -> str:
     """Return when and why the payload dropped or would have, as a part of a sentence; "" if it did not."""
     use, time, drop = friction_use(data, cell), np.asarray(data["time"]), dropped_at(data, cell)
-    slides = _slides(data, cell)
-    first = ""
-    if slides:
-        k, arm = min(slides)
+    lost = list[str]()
+    for k, verb, arm in _losses(data, cell):
         N = use.normal[k, use.arms.index(arm)]
-        first = (
-            f"the patch of {arm!r} slides from {time[k]:.3g} s on, pressed by {N:.3g} N, which bear"
-            f" {cell.patches[arm].mu * N:.3g} N of friction"
-        )
+        pressed = f", pressed by {N:.3g} N, which bear {cell.patches[arm].mu * N:.3g} N of friction"
+        of, only = ("that of", "") if lost else ("the patch of", pressed if N > 0.0 else "")
+        lost.append(f"{of} {arm!r} {verb.format(f'{time[k]:.3g} s')}{only}")
+    told = ", and ".join(filter(None, (", ".join(lost[:-1]), *lost[-1:])))
     if np.isfinite(drop):
-        return f"the payload drops at {drop:.3g} s: {first or 'no arm presses it'}"
+        return f"the payload drops at {drop:.3g} s: {told or 'no arm presses it'}"
     beyond = [
         f"{arm!r} from {time[(use.used[:, i] > 1.0).argmax()]:.3g} s on"
         for i, arm in enumerate(use.arms)
         if arm in cell.pads and (use.used[:, i] > 1.0).any()
     ]
     would = f"by friction alone the payload would slip from {' and '.join(beyond)}" if beyond else ""
-    return "; ".join(part for part in (first, would) if part)
+    return "; ".join(part for part in (told, would) if part)

@@ -22,6 +22,7 @@ from pydantic import (
 
 from coop_pin.arrays import require_type
 from coop_pin.errors import FieldError, UnknownFieldError, one_or_all, suggestion
+from coop_pin.schema.parts import fields_of
 from coop_pin.schema.validation_errors import field_errors
 
 
@@ -57,7 +58,7 @@ def _changed(node: Any, keys: Sequence[str], value: Any, path: str) -> Any:
     """Return a copy of a node with the value at the end of the keys replaced."""
     key, rest = keys[0], keys[1:]
     if isinstance(node, BaseModel):
-        node = {name: getattr(node, name) for name in type(node).model_fields}
+        node = fields_of(node)
     if isinstance(node, list | tuple):
         index = _index(node, key, path)
         old = node[index] if index < len(node) else None
@@ -111,11 +112,36 @@ def number_or_row(value: Any) -> float | tuple[float, ...]:
     return tuple(_number(entry, str(index)) for index, entry in enumerate(entries))
 
 
+def positive(value: float | tuple[float, ...]) -> float | tuple[float, ...]:
+    """Return a number or a row of numbers that are positive."""
+    if (min(value) if isinstance(value, tuple) else value) <= 0.0:
+        raise FieldError(f"is {value}; it must be positive")
+    return value
+
+
 def not_negative(value: float | tuple[float, ...]) -> float | tuple[float, ...]:
     """Return a number or a row of numbers that are not negative."""
     if (min(value) if isinstance(value, tuple) else value) < 0.0:
         raise FieldError(f"is {value}; it must not be negative")
     return value
+
+
+def by_name(values: Mapping[str, Any], form: str) -> BeforeValidator:
+    """Return a validator that takes a value by its name, and leaves anything but a text as it is.
+
+    Args:
+        values: Values by name.
+        form: Form of a value that is not named, for the error.
+    """
+
+    def value_of(value: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        if value not in values:
+            raise FieldError(f"is {value!r}; it must be {form}, or one of {list(values)}")
+        return values[value]
+
+    return BeforeValidator(value_of)
 
 
 def number_row_or_rows(value: Any) -> float | tuple[float, ...] | tuple[tuple[float, ...], ...]:
@@ -188,15 +214,12 @@ Magnitude = Annotated[NumberOrVector, AfterValidator(not_negative)]
 """A number or a row of numbers, none of them negative."""
 
 
-def check_arm_names(
-    names: Iterable[str], arms: Iterable[str] | None, error: type[FieldError] = FieldError, path: str = ""
-) -> None:
+def check_arm_names(names: Iterable[str], arms: Iterable[str] | None, path: str = "") -> None:
     """Refuse a table by arm that misses an arm or names an unknown one.
 
     Args:
         names: names in the table.
         arms: names in the cell; None, because the arms themselves have mistakes, accepts any table.
-        error: type of the error to raise.
         path: path of the table, for the error.
     """
     if arms is None:
@@ -204,10 +227,12 @@ def check_arm_names(
     names, arms = list(names), list(arms)
     for name in names:
         if name not in arms:
-            raise error(f"names arm {name!r}, which the cell does not have; {suggestion(name, arms)}", path)
+            raise FieldError(
+                f"names arm {name!r}, which the cell does not have; {suggestion(name, arms)}", path
+            )
     missing = [name for name in arms if name not in names]
     if missing:
-        raise error(f"has no entry for {', '.join(map(repr, missing))}; every arm needs one", path)
+        raise FieldError(f"has no entry for {', '.join(map(repr, missing))}; every arm needs one", path)
 
 
 def unknown_arms(names: Iterable[str], arms: Iterable[str]) -> list[FieldError]:
@@ -253,13 +278,14 @@ class Description(BaseModel, metaclass=_Listed):  # type: ignore[metaclass]
 
     def __eq__(self, other: object) -> bool:
         return self is other or (
-            type(self) is type(other)
-            and all(getattr(self, name) == getattr(other, name) for name in type(self).model_fields)
+            isinstance(other, Description)
+            and type(self) is type(other)
+            and fields_of(self) == fields_of(other)
         )
 
     def replace(self, **fields: Any) -> Self:
         """Return a copy with some fields changed, validated like a new value."""
-        return type(self)(**{name: getattr(self, name) for name in type(self).model_fields} | fields)
+        return type(self)(**fields_of(self) | fields)
 
     def override(self, changes: Mapping[str, Any]) -> Self:
         """Return a copy with fields changed by dotted path.

@@ -15,13 +15,16 @@ _OF_PYDANTIC = ("__pydantic_fields_set__", "__pydantic_extra__", "__pydantic_pri
 """What an object has besides its fields."""
 
 
+def fields_of(description: BaseModel) -> dict[str, Any]:
+    """Return the fields of a validated value by name, without what it has precomputed."""
+    fields, names = vars(description), type(description).__pydantic_fields__
+    return dict(fields) if len(fields) == len(names) else {name: fields[name] for name in names}
+
+
 def refilled(description: Model, parts: Mapping[str, Any]) -> Model:
     """Return a copy of a validated value with other parts, not validated, and with nothing precomputed."""
-    kind, fields = type(description), vars(description)
-    copied = object.__new__(kind)  # pydantic's own copy takes three times as long
-    if len(fields) > len(names := kind.__pydantic_fields__):
-        fields = {name: fields[name] for name in names}
-    object.__setattr__(copied, "__dict__", {**fields, **parts})
+    copied = object.__new__(type(description))  # pydantic's own copy takes three times as long
+    object.__setattr__(copied, "__dict__", {**fields_of(description), **parts})
     for name in _OF_PYDANTIC:
         object.__setattr__(copied, name, getattr(description, name))
     return copied
@@ -39,7 +42,7 @@ def tree_of(parts: Mapping[str, Any]) -> Tree:
 def part_of(node: Any, name: str) -> Any:
     """Return a part of an object, a table or a tuple by its name."""
     if isinstance(node, BaseModel):
-        return getattr(node, name)
+        return vars(node)[name]
     return node[int(name)] if isinstance(node, tuple) else node[name]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,8 +10,6 @@ from coop_pin.arrays import Array, frozen
 from coop_pin.control.interface import COMMANDS, CellCommand, CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError, DivergedError, FieldError, ShapeError
-from coop_pin.model.cell_arm import CellArm
-from coop_pin.model.joint_limits import JointLimits
 from coop_pin.simulation.drives import SAME, Applied, DriveMotion, DriveState, Given, cell_drives
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.servo import ServoState
@@ -45,26 +42,24 @@ class Actuation:
         has_servos: whether an arm takes velocities or positions.
     """
 
-    def __init__(self, scenario: Scenario, plant: Plant, limits: Sequence[JointLimits]) -> None:
+    def __init__(self, scenario: Scenario, plant: Plant) -> None:
         """Start from the torques that hold the cell at rest at the plant's configuration.
 
         Args:
             scenario: Actuators and seed.
             plant: Plant, whose configuration is read.
-            limits: Limits of each arm, in the order of the arms.
 
         Raises:
             FieldError: the number of rate limits differs from the number of an arm's joints.
         """
-        self._plant, self._slots, self._start, cell = plant, plant.chain.model.arms, 0.0, scenario.cell
-        self._names = [slot.name for slot in self._slots]
-        self._models = [CellArm(cell, name) for name in self._names]
+        self._plant, self._slots, self._start = plant, plant.chain.model.arms, 0.0
+        self._models, self._names = plant.chain.arms, [slot.name for slot in self._slots]
         self._loads = plant.chain.loads(plant.q)
         options = [scenario.actuators_of(name) for name in self._names]
         lost = ([each.torque_lost_at for each in options], [each.commands_lost_at for each in options])
         self._lost_at = [[np.inf if time is None else time for time in times] for times in lost]
         self._has_losses = any(each.lost_at is not None for each in options)
-        self.drives = cell_drives(scenario, self._slots, limits, self._inertia)
+        self.drives = cell_drives(scenario, self._slots, [arm.limits for arm in self._models], self._inertia)
         self.has_servos = any(arm.servo is not None for arm in self.drives.arms)
         self._paths = [f"{scenario.actuators_path(name)}.servo" for name in self._names]
         self._missed, self._gives = MissedTicks(scenario), self.gives(0.0)
@@ -254,26 +249,15 @@ class Actuation:
             ArgumentError: an arm is not commanded what it takes.
             ShapeError: not one value for each drive of each arm.
         """
-        outputs = command.torques if not self.has_servos else self._outputs(command)
-        torques = [np.asarray(torque, dtype=np.float64) for torque in outputs]
-        if len(torques) != len(self._names):
-            raise ShapeError(
-                "the list of torques, one entry for each arm,", (len(torques),), (len(self._names),)
-            )
-        for name, torque, arm in zip(self._names, torques, self.drives.arms, strict=True):
-            if torque.shape != arm.limit.shape:
-                raise ShapeError(f"{arm.takes} of arm {name!r}", torque.shape, arm.limit.shape)
-        return torques
-
-    def _outputs(self, command: CellCommand) -> list[Array]:
-        """Return what each arm takes of a command; raises as ``commanded``."""
-        outputs, m = list[Array](), len(self._names)
-        for index, arm in enumerate(self.drives.arms):
-            values = command.of(arm.takes)
+        commanded, m = list[Array](), len(self._names)
+        for index, (name, arm) in enumerate(zip(self._names, self.drives.arms, strict=True)):
+            values = command.torques if arm.servo is None else command.of(arm.takes)
             if len(values) != m:
                 raise ShapeError(f"the list of {arm.takes} commands, one for each arm,", (len(values),), (m,))
             if values[index] is None:
-                name = self._names[index]
                 raise ArgumentError(f"the command has no {arm.takes} for arm {name!r}, which takes one")
-            outputs.append(values[index])
-        return outputs
+            value = np.asarray(values[index], dtype=np.float64)
+            if value.shape != arm.limit.shape:
+                raise ShapeError(f"{arm.takes} of arm {name!r}", value.shape, arm.limit.shape)
+            commanded.append(value)
+        return commanded

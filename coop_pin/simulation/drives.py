@@ -12,7 +12,7 @@ from coop_pin.arrays import Array, Mask, frozen
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import JointLimits, per_joint
-from coop_pin.simulation.servo import JointServo, ServoState, ServoTorque
+from coop_pin.simulation.servo import JointServo, Limited, ServoState
 
 _NO_LAG, _NO_RATE_LIMIT = 1e-30, 1e300
 """Stand for none in the equations of TorqueResponse: their product is large, too."""
@@ -179,6 +179,10 @@ class ArmDrives(NamedTuple):
         """What it takes as commands: "torque", "velocity" or "position"."""
         return "torque" if self.servo is None else self.servo.command
 
+    def weight(self, sensed: DriveMotion, index: int) -> Array | None:
+        """Return the torque that the robot adds for gravity, N m, shape (k,); None for nothing."""
+        return None if self.carried is None else self.carried * sensed.weight(index)
+
     def step(
         self, last: Array, command: Array, missed: Array, weight: Array | None
     ) -> tuple[Array, Array, Mask, Array, Array]:
@@ -191,10 +195,14 @@ class ArmDrives(NamedTuple):
             weight: Torque that the robot adds, N m, shape (k,); None without gravity compensation.
         """
         arrived = np.where(missed, last, command) if self.misses else command
-        requested = arrived if weight is None else arrived + weight
-        torque = np.minimum(np.maximum(requested, self.lowest), self.limit)
-        is_cut, reported = np.not_equal(torque, requested), command + (torque - requested)
-        return requested, torque, frozen(is_cut), frozen(reported), arrived if self.misses else last
+        requested, torque, is_cut, change = self.limited(weight, arrived)
+        return requested, torque, is_cut, frozen(command + change), arrived if self.misses else last
+
+    def limited(self, weight: Array | None, torque: Array) -> Limited:
+        """Return torques with what the robot adds for gravity, None for nothing, and within the limits."""
+        requested = torque if weight is None else torque + weight
+        acting = np.minimum(np.maximum(requested, self.lowest), self.limit)
+        return requested, acting, frozen(np.not_equal(acting, requested)), acting - requested
 
 
 class DriveState(NamedTuple):
@@ -249,24 +257,21 @@ class CellDrives(NamedTuple):
         for index, (arm, command) in enumerate(zip(self.arms, commanded, strict=True)):
             servo = servos[index] if servos else None
             if arm.servo is None or servo is None:
-                weight = None if arm.carried is None else arm.carried * sensed.weight(index)
                 sent = gives.commands[index] * command if gives else command
+                weight = arm.weight(sensed, index)
                 entries.append((command, *arm.step(state.last[index], sent, missed[index], weight)))
             else:
                 arrives = (1.0 - missed[index]) * (gives.commands[index] if gives else 1.0)
                 servo = arm.servo.received(servo, command, 1.0 - arrives)
-                now, servos[index] = self._sampled(index, servo, sensed)
-                acts = frozen(now.commanded + (now.torque - now.requested))
-                entries.append(
-                    (now.commanded, now.requested, now.torque, now.is_cut, acts, state.last[index])
-                )
-        asked, requested, torques, saturated, reported, last = zip(*entries, strict=True)
-        applied = Applied(asked, requested, torques, saturated, reported)
+                torques, servos[index] = self._sampled(index, servo, sensed)
+                entries.append((*torques, state.last[index]))
+        *fields, last = zip(*entries, strict=True)
+        applied = Applied(*fields)
         if not servos:
             return self._responded(applied, DriveState(last, state.response), gives, s)
         pairs = zip(self.arms, commanded, strict=True)
         by_servos = tuple(None if arm.servo is None else command for arm, command in pairs)
-        drives = DriveState(last, state.response, tuple(servos), torques)
+        drives = DriveState(last, state.response, tuple(servos), tuple(applied.torques))
         return self._responded(applied._replace(servo_commands=by_servos), drives, gives, s)
 
     def _responded(
@@ -288,14 +293,14 @@ class CellDrives(NamedTuple):
 
     # ------------------------------------------------------------ servos
 
-    def _sampled(self, index: int, servo: ServoState, sensed: DriveMotion) -> tuple[ServoTorque, ServoState]:
-        """Return the torques of an arm at a sample of its servo, and the servo's state."""
+    def _sampled(
+        self, index: int, servo: ServoState, sensed: DriveMotion
+    ) -> tuple[tuple[Array, Array, Array, Mask, Array], ServoState]:
+        """Return an arm's entries of Applied at a sample of its servo, and the servo's state."""
         arm = self.arms[index]
         assert arm.servo is not None
-        weight = None if arm.carried is None else arm.carried * sensed.weight(index)
-        return arm.servo.sample(
-            servo, sensed.motion(index), partial(sensed.inertial, index), weight, arm.limit
-        )
+        limited = partial(arm.limited, arm.weight(sensed, index))
+        return arm.servo.sample(servo, sensed.motion(index), partial(sensed.inertial, index), limited)
 
     def due(self, share: float) -> tuple[int, ...]:
         """Return the arms whose servos sample within a tick after a share of it, by index."""
@@ -334,8 +339,7 @@ class CellDrives(NamedTuple):
         for index in due:
             servo = servos[index]
             assert servo is not None
-            now, servos[index] = self._sampled(index, servo, sensed)
-            held[index] = now.torque
+            (_, _, held[index], *_), servos[index] = self._sampled(index, servo, sensed)
         state = state._replace(servos=tuple(servos), held=tuple(held))
         if self.response is None or state.response is None:
             return held, state

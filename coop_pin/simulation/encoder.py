@@ -9,10 +9,6 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.description.sensors import (
-    DifferencedVelocity,
-    Encoder,
-    IdealVelocity,
-    ObservedVelocity,
     Sensors,
 )
 from coop_pin.model.joint_limits import per_joint
@@ -61,14 +57,9 @@ class Encoders(NamedTuple):
             FieldError: the number of values differs from that of the drives.
         """
         resolution, _, offset = (
-            per_joint(np.array(getattr(sensors.encoder, name)), joints, f"{path}.encoder.{name}")
-            for name in Encoder.model_fields
+            per_joint(np.array(value), joints, f"{path}.encoder.{name}") for name, value in sensors.encoder
         )
-        match sensors.velocity:
-            case DifferencedVelocity(cutoff_hz=rate_hz) | ObservedVelocity(bandwidth_hz=rate_hz):
-                pole = exp(-2.0 * pi * rate_hz * period)
-            case IdealVelocity():
-                pole = 0.0
+        pole = exp(-2.0 * pi * sensors.velocity.filter_hz * period)
         return cls(resolution, offset, sensors.velocity.kind, pole, period)
 
     def start(self, q: Array, noise: Array) -> EncoderState:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -19,7 +19,7 @@ from coop_pin.control.interface import (
 from coop_pin.description.network import Channel, Edge, Network
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ShapeError
-from coop_pin.simulation.signals import EARLY, LARGEST_BLOCK, generator
+from coop_pin.simulation.signals import EARLY, generator, in_blocks
 from coop_pin.spatial.generic_numbers import known, where
 
 _NUMBER_BYTES = 8
@@ -129,7 +129,7 @@ class _EdgeTiming:
     """Timing of the messages of one edge, drawn in blocks of ticks that follow each other."""
 
     def __init__(self, scenario: Scenario, edge: Edge, channel: Channel) -> None:
-        self._channel, self._every = channel, channel.ticks_per_message(scenario.clock)
+        self._channel, self._every = channel, scenario.clock.ticks_between(channel.rate_hz)
         source = f"{edge[0]} to {edge[1]}/network"
         self._loss = generator(scenario.seed, f"{source}/loss")
         self._jitter = generator(scenario.seed, f"{source}/jitter")
@@ -188,12 +188,10 @@ class MessageSignals:
         arrived, age = zip(*(edge.draw(ticks) for edge in self._edges), strict=True)
         return NetworkSignals(np.stack(arrived, axis=1), np.stack(age, axis=1))
 
-    def rows(self) -> Iterator[NetworkSignals]:
-        """Yield the timing of one tick after the other."""
-        count = 1
-        while True:
-            yield from map(NetworkSignals, *(part.tolist() for part in self.draw(count)))
-            count = min(2 * count, LARGEST_BLOCK)
+    def rows(self, skipped: int = 0) -> Iterator[NetworkSignals]:
+        """Return the timing of one tick after the other, those of some skipped."""
+        self.draw(skipped)
+        return in_blocks(lambda count: map(NetworkSignals, *(part.tolist() for part in self.draw(count))))
 
 
 # ---------------------------------------------------------------- in a run
@@ -225,6 +223,29 @@ class Traffic(NamedTuple):
         )
 
 
+def heard(
+    controller: CellController,
+    measurements: Sequence[ArmMeasurement],
+    references: Sequence[ArmReference],
+    state: Any,
+    exchange: Callable[[Sequence[Array]], Sequence[Mapping[str, Message] | None]],
+) -> list[ArmMeasurement]:
+    """Return measurements with the messages of the arms; without any where the law says nothing.
+
+    Args:
+        controller: Controller of the cell.
+        measurements: Measurements of a tick.
+        references: References of a tick.
+        state: State of the controller; None before ``init``.
+        exchange: Function of the messages of all arms that returns what each hears, by the sender's name.
+    """
+    messages = controller.messages(measurements, references, state)
+    if not any(map(len, messages)):
+        return list(measurements)
+    pairs = zip(measurements, exchange(messages), strict=True)
+    return [seen._replace(messages=received) for seen, received in pairs]
+
+
 class Exchange:
     """Messages of a run.
 
@@ -242,41 +263,22 @@ class Exchange:
         """Return to a state after messages of a number of ticks, with the seed of a scenario."""
         self.state, self._scenario = state, scenario
         if self.network is not None:
-            signals = MessageSignals(scenario)
-            signals.draw(ticks)
-            self._rows = signals.rows()
+            self._rows = MessageSignals(scenario).rows(ticks)
 
     def first(self, messages: Sequence[Array]) -> list[dict[str, Message]]:
         """Return what each arm hears before the first tick; it is said again at the first."""
-        assert self.network is not None
-        messages = self._checked(messages)
-        signals = next(MessageSignals(self._scenario).rows())
-        return self.network.step(self.network.start(messages), messages, signals)[0]
+        received = self.step(messages)
+        self.restore(None, self._scenario, 0)
+        return received
 
-    def at_once(
-        self,
-        controller: CellController,
-        measurements: Sequence[ArmMeasurement],
-        references: Sequence[ArmReference],
-        state: Any,
-    ) -> list[ArmMeasurement]:
-        """Return measurements with the messages of all arms, which arrive at once and exactly.
-
-        Args:
-            controller: Controller of the cell.
-            measurements: Measurements of a tick.
-            references: References of a tick.
-            state: State of the controller; None before ``init``.
-        """
-        messages = [] if self.network is None else controller.messages(measurements, references, state)
-        if self.network is None or not any(map(len, messages)):
-            return list(measurements)
-        said = dict(zip(self.network.arms, messages, strict=True))
+    def at_once(self, messages: Sequence[Array]) -> list[dict[str, Message] | None]:
+        """Return what each arm hears of messages that arrive at once and exactly; None without a network."""
+        if (network := self.network) is None:
+            return [None] * len(messages)
+        said = dict(zip(network.arms, messages, strict=True))
         return [
-            seen._replace(
-                messages={one: Message(said[one], 0.0) for one, other in self.network.edges if other == name}
-            )
-            for name, seen in zip(self.network.arms, measurements, strict=True)
+            {one: Message(said[one], 0.0) for one, other in network.edges if other == name}
+            for name in network.arms
         ]
 
     def traffic(self, messages: Sequence[Array]) -> Traffic:
@@ -289,7 +291,7 @@ class Exchange:
         if network is None or not messages:
             return Traffic(0.0, 0.0)
         sizes, edges = dict(zip(arms, map(len, messages), strict=True)), network.edges_at(0.0, arms)
-        every = [network.channel(edge).ticks_per_message(self._scenario.clock) for edge in edges]
+        every = [self._scenario.clock.ticks_between(network.channel(edge).rate_hz) for edge in edges]
         counts = [sizes[sender] / ticks for (sender, _), ticks in zip(edges, every, strict=True)]
         said = sum(size > 0 for size in counts)
         return Traffic(sum(counts), sum(1.0 / ticks for ticks in every) if said else 0.0)
@@ -301,17 +303,11 @@ class Exchange:
             ShapeError: an arm says another number of numbers than at the first tick.
         """
         assert self.network is not None
-        messages = self._checked(messages)
-        state = self.network.start(messages) if self.state is None else self.state
-        received, self.state = self.network.step(state, messages, next(self._rows))
+        said = [np.asarray(message, dtype=np.float64) for message in messages]
+        for index, (name, message) in enumerate(zip(self.network.arms, said, strict=True)):
+            expected = message.shape[:1] if self.state is None else self.state.sent[index].shape[1:]
+            if message.ndim != 1 or message.shape != expected:
+                raise ShapeError(f"message of arm {name!r}", message.shape, expected or (1,))
+        state = self.network.start(said) if self.state is None else self.state
+        received, self.state = self.network.step(state, said, next(self._rows))
         return received
-
-    def _checked(self, messages: Sequence[Array]) -> list[Array]:
-        """Return messages as arrays of the same sizes as at the first tick."""
-        assert self.network is not None
-        arrays = [np.asarray(message, dtype=np.float64) for message in messages]
-        for index, (name, array) in enumerate(zip(self.network.arms, arrays, strict=True)):
-            expected = array.shape[:1] if self.state is None else self.state.sent[index].shape[1:]
-            if array.ndim != 1 or array.shape != expected:
-                raise ShapeError(f"message of arm {name!r}", array.shape, expected or (1,))
-        return arrays

@@ -15,9 +15,8 @@ from coop_pin.arrays import Array, frozen
 from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.control.interface import ArmMeasurement
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import CoopPinError
-from coop_pin.memory import free_memory, require_memory
-from coop_pin.model.joint_limits import JointLimits
+from coop_pin.errors import CoopPinError, NotEnoughMemoryError
+from coop_pin.memory import free_memory
 from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.results.quantities import (
@@ -77,16 +76,17 @@ class Recorder:
     Attributes:
         scenario: scenario with the events added so far.
         count: number of samples, the newest tick's included.
+        table: quantities of the run.
         memory: memory that a finished run and its file take, bytes.
+        determined: rows of the interaction wrenches that are determinate; see determinate_rows.
     """
 
-    def __init__(
-        self, scenario: Scenario, plant: Plant, timeline: Timeline, limits: Sequence[JointLimits]
-    ) -> None:
-        self.scenario, self._cell, self._plant, self._limits = scenario, scenario.cell, plant, limits
+    def __init__(self, scenario: Scenario, plant: Plant, timeline: Timeline) -> None:
+        self.scenario, self._cell, self._plant = scenario, scenario.cell, plant
+        self._limits = [arm.limits for arm in plant.chain.arms]
         self.count, self._thinned, self._held_from, self._observed = 0, 0, 0, 0
-        self._table = quantities(scenario)
-        self._determined = determinate_rows(plant.chain, plant.q)
+        self.table = quantities(scenario)
+        self.determined = determinate_rows(plant.chain, plant.q)
         self._every = scenario.clock.record_every
         arms, model, rows = plant.chain.model.arms, plant.chain.mechanism.model, scenario.cell.task_rows.size
         joints = max(len(arm.drive) for arm in arms)
@@ -94,14 +94,13 @@ class Recorder:
         patches = len(plant.chain.patches)
         self._sizes = {"q": model.nq, "v": model.nv, "arm": len(arms), "joint": joints, "patch": patches}
         self._block = 1 if patches else _BLOCK  # the plant remembers no bristles of earlier samples
-        size = bytes_per_sample(self._table, self._sizes) + 8 * (rows + 1) * model.nv
+        size = bytes_per_sample(self.table, self._sizes) + 8 * (rows + 1) * model.nv
         self.memory = float(self._length * size)
-        fits = math.ceil(self._every * self.memory / max(1.0, _FREE_PART * free_memory()))
-        require_memory(
-            f"{self._length} samples of {scenario.name!r}",
-            self.memory,
-            f"raise clock.record_every to {fits:.3g} or more, or lower duration or clock.rate_hz",
-        )
+        if self.memory > (free := free_memory()):
+            fits = math.ceil(self._every * self.memory / max(1.0, _FREE_PART * free))
+            remedy = f"raise clock.record_every to {fits:.3g} or more, or lower duration or clock.rate_hz"
+            samples = f"{self._length} samples of {scenario.name!r}"
+            raise NotEnoughMemoryError(samples, self.memory, free, remedy)
         self._samples: Samples = {}  # allocated for the first tick: a run as one lane of a batch has none
         self._is_shared = False
         self._running = RunningMetrics(scenario, self.labels()) if self._every > 1 else None
@@ -111,10 +110,10 @@ class Recorder:
     def _allocate(self) -> None:
         """Replace the samples by empty ones, which nothing that was handed out shares."""
         count, plant, arms = self._length, self._plant, self._plant.chain.model.arms
-        self._samples, self._is_shared = allocate(self._table, count, self._sizes), False
+        self._samples, self._is_shared = allocate(self.table, count, self._sizes), False
         self._work = np.full((count, len(plant.work)), np.nan)
         self._samples |= zip((*WORK, *WORK_OF_GRASPS)[: len(plant.work)], self._work.T, strict=True)
-        self._read = [(each.read, *self._columns(each)) for each in self._table if each.read]
+        self._read = [(each.read, *self._columns(each)) for each in self.table if each.read]
         rows = self._cell.task_rows.size
         self._jacobians = [np.zeros((count, rows, len(arm.drive))) for arm in arms]
         self._turned = {
@@ -222,7 +221,7 @@ class Recorder:
         """Add the ticks that are held to the running metrics, and keep every n-th of them."""
         self.observe()
         held = slice(self._thinned, self.count)
-        running.add(computed(self._table, self._kept(held), self._cell.shares), self.scenario)
+        running.add(computed(self.table, self._kept(held), self._cell.shares), self.scenario)
         kept = self._rows()
         for table in self._tables():
             table[: len(kept)] = table[kept]
@@ -258,10 +257,8 @@ class Recorder:
 
     def snapshot(self) -> Snapshot:
         """Return the sample of the last recorded tick."""
-        self.observe()
         self._is_shared = True
-        last = slice(self.count - 1, self.count)
-        values = computed(self._table, self._kept(last), self._cell.shares, Snapshot._fields)
+        values = computed(self.table, self.sample(), self._cell.shares, Snapshot._fields)
         arrays = {n: frozen(values[n][0]) for n in Snapshot._fields if n != "time" and n in values}
         return Snapshot(time=float(values["time"][0]), **arrays)
 
@@ -280,7 +277,7 @@ class Recorder:
         names = [joints for _, joints in self.joints]
         data = dataset(scenario, self._kept(self._rows(is_last=True)), names, self.limit_table())
         if self._running is not None:
-            held = computed(self._table, self._kept(slice(self._thinned, self.count)), self._cell.shares)
+            held = computed(self.table, self._kept(slice(self._thinned, self.count)), self._cell.shares)
             data.attrs[RunResult.EVERY_TICK] = self._running.finished(held, scenario).to_text()
         if self._plant.engine != Plant.engine:
             data.attrs[RunResult.ENGINE] = self._plant.engine
@@ -288,9 +285,7 @@ class Recorder:
 
     def breaches(self) -> tuple[Breach, ...]:
         """Return the breaches of the trust thresholds at the last recorded tick; call it at every tick."""
-        self.observe()
-        samples = self._kept(slice(self.count - 1, self.count))
-        return self._monitor.breaches(computed(self._table, samples, self._cell.shares, _WATCHED))
+        return self._monitor.breaches(computed(self.table, self.sample(), self._cell.shares, _WATCHED))
 
     @property
     def joints(self) -> list[tuple[str, list[str]]]:
@@ -300,7 +295,7 @@ class Recorder:
     def _kept(self, ticks: slice) -> Samples:
         """Return what was recorded at some ticks, without the wrenches that rigid bodies do not determine."""
         samples: Samples = {name: values[ticks] for name, values in self._samples.items()}
-        samples["interaction_wrench"][..., ~self._determined] = np.nan
+        samples["interaction_wrench"][..., ~self.determined] = np.nan
         arms, q, v = self._plant.chain.model.arms, samples["configuration"], samples["velocity"]
         return samples | {
             "angles": [

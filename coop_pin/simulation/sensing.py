@@ -1,4 +1,4 @@
-"""Sensing of a run: the sensors of all arms, and the kinematics of the arms by Pinocchio."""
+"""Sensing of a run: sensors of all arms, kinematics of the arms by Pinocchio, slip of patches."""
 
 from __future__ import annotations
 
@@ -8,23 +8,69 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array, frozen
+from coop_pin.arrays import Array, Mask, frozen
+from coop_pin.chain.cell_chain import CellChain
 from coop_pin.control.interface import ArmMeasurement, ArmReference
 from coop_pin.description.grasp_plan import GraspPlan
 from coop_pin.description.scenario import Scenario
-from coop_pin.model.arm_model import ArmKinematics, PayloadKinematics
-from coop_pin.model.cell_arm import CellArm
-from coop_pin.model.cell_model import ArmPlace
+from coop_pin.description.sensors import SlipSensor
+from coop_pin.model.arm_model import PayloadKinematics
 from coop_pin.model.joint_limits import per_joint
 from coop_pin.simulation.drives import Applied
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.sensors import SensorState, Truth, View, cell_sensors, sensors_path
-from coop_pin.simulation.signals import CellSignals, SensorSignals
-from coop_pin.simulation.slip import SlipSensors, slip_errors
-from coop_pin.spatial import weight_wrench
+from coop_pin.simulation.signals import CellSignals, SensorSignals, generator
 
 _NONE = np.empty(0)
 """Of the wrenches, where nothing senses them."""
+
+
+class SlipSensors(NamedTuple):
+    """Slip sensors of all patches: ``s[k] = slip(t_{k-D}) + noise``, of which the largest is measured.
+
+    The memory are the readings, newest first.
+
+    Attributes:
+        noise: standard deviations, m, shape (p,).
+        delay: D, ticks, shape (p,).
+    """
+
+    noise: Array
+    delay: Array
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> SlipSensors:
+        """Return the sensors of the arms with patches."""
+        sensors = [scenario.sensors_of(name).slip or SlipSensor() for name in scenario.cell.patches]
+        return cls(
+            np.array([one.noise for one in sensors]), np.array([one.delay for one in sensors], dtype=int)
+        )
+
+    def start(self) -> Array:
+        """Return the memory before the first reading: nothing has slid, shape (d, p)."""
+        return np.zeros((int(self.delay.max(initial=0)) + 1, len(self.noise)))
+
+    def step(self, memory: Array, slips: Array, errors: Array, holds: Mask) -> tuple[float, Array]:
+        """Return the largest reading of patches whose arms hold, m, and the memory.
+
+        Args:
+            memory: Readings before.
+            slips: Slip of each patch, m, shape (p,).
+            errors: Standard normal numbers, shape (p,).
+            holds: Arms that hold, shape (p,).
+        """
+        memory = np.vstack((slips + self.noise * errors, memory[:-1]))
+        readings = memory[self.delay, np.arange(len(slips))]
+        return float(readings[holds].max(initial=0.0)), memory
+
+
+def slip_errors(scenario: Scenario, ticks: int) -> Iterator[Array]:
+    """Yield standard normal numbers for the patches, shape (p,), tick by tick after a number of ticks."""
+    sources = [generator(scenario.seed, f"{name}/slip") for name in scenario.cell.patches]
+    for source in sources:
+        source.standard_normal(ticks)
+    while True:
+        yield np.array([source.standard_normal() for source in sources])
 
 
 class SensingState(NamedTuple):
@@ -47,12 +93,13 @@ class Sensing:
     Attributes:
         sensors: the sensors.
         state: memory of the sensors; None before the first tick.
+        holding_factors: holding torques of each arm's drives as measured over the true ones, shape (k,) each.
     """
 
     def __init__(
         self,
         scenario: Scenario,
-        slots: Sequence[ArmPlace],
+        chain: CellChain,
         *,
         holding_torques: Callable[[Array], Sequence[Array]],
         loads: Callable[[Array], Array] | None = None,
@@ -61,7 +108,7 @@ class Sensing:
 
         Args:
             scenario: Cell, sensors and force path.
-            slots: Positions of the arms in the cell's model.
+            chain: Chain of the cell.
             holding_torques: Torques of the drives of each arm at rest, as a function of the cell's
                 configuration.
             loads: Wrenches on the arms at rest likewise, shape (m, 6); load shares of the weight when None.
@@ -69,15 +116,15 @@ class Sensing:
         Raises:
             FieldError: a row of values for each joint has another size.
         """
-        self._slots, self._holding_torques, self._loads = slots, holding_torques, loads
+        self._slots, self._arms = slots, arms = chain.model.arms, chain.arms
+        self._holding_torques, self._loads = holding_torques, loads
         self._turning = [(i, slot) for i, slot in enumerate(slots) if not slot.angles.is_vector]
-        self._kinematics, self._holding_factors = [], []
+        self._kinematics, self.holding_factors = [arm.kinematics for arm in arms], []
         for slot in slots:
-            arm, grasp, k = scenario.cell.arms[slot.name], scenario.cell.grasps[slot.name], len(slot.drive)
-            self._kinematics.append(ArmKinematics(arm, grasp.matrix, scenario.cell.task_rows))
+            k = len(slot.drive)
             error = np.array(scenario.sensors_of(slot.name).holding_torque_error)
             path = f"{sensors_path(scenario, slot.name)}.holding_torque_error"
-            self._holding_factors.append(1.0 + per_joint(error, k, path))
+            self.holding_factors.append(1.0 + per_joint(error, k, path))
         self.sensors = cell_sensors(scenario, slots)
         self._needs_wrenches = self.sensors.needs_wrenches
         self._holds, self._slips = np.ones(len(slots), dtype=bool), SlipSensors.of(scenario)
@@ -101,9 +148,7 @@ class Sensing:
 
     def _signals_after(self, ticks: int) -> Iterator[CellSignals]:
         """Return the signals of one tick after the other, from that with a number on."""
-        signals = SensorSignals(self._scenario, [len(slot.drive) for slot in self._slots])
-        signals.draw(ticks)
-        return signals.rows()
+        return SensorSignals(self._scenario, [len(slot.drive) for slot in self._slots]).rows(ticks)
 
     def start(self, q: Array, v: Array, references: Sequence[ArmReference]) -> list[ArmMeasurement]:
         """Return the measurements at t = 0, with f_m[0] = f_d if the force path measures at all.
@@ -111,19 +156,19 @@ class Sensing:
         They alone hold the holding torques. At rest, each arm carries its load share of the payload's weight,
         ``F_i = c_i [m_0 g, 0]``, without internal wrench; on patches, what presses them.
         """
-        cell, first = self._scenario.cell, self._slots[0]
+        payload = self._scenario.cell.surroundings
         applied = Applied.at_rest([len(slot.drive) for slot in self._slots])
         self._signals, self._slip_errors = self._signals_after(0), slip_errors(self._scenario, 1)
-        loads, R_WP = self.sensors.shares[:, None] * weight_wrench(cell.payload.mass, cell.gravity), _NONE
-        loads = loads if self._loads is None else self._loads(q)
+        loads = self.sensors.at_rest(payload.mass, payload.gravity) if self._loads is None else self._loads(q)
+        R_WP = _NONE
         if self.sensors.wrists:
-            R_WP = CellArm(cell, first.name).payload_pose(q[first.q_slice])[:3, :3]
+            R_WP = self._arms[0].payload_pose(q[self._slots[0].q_slice])[:3, :3]
         truth, view = self._truth(0.0, q, v, applied, loads, R_WP), partial(self._view, q)
         measured = self._step(self.sensors.start(truth, view, references), truth, view, self._slips.start())
         return [
             reading._replace(holding_torque=frozen(torque * factor))
             for reading, torque, factor in zip(
-                measured, self._holding_torques(q), self._holding_factors, strict=True
+                measured, self._holding_torques(q), self.holding_factors, strict=True
             )
         ]
 

@@ -120,6 +120,10 @@ class CellSensors(NamedTuple):
         """Whether anything of the wrenches is measured."""
         return bool(self.wrists) or self.path is not None
 
+    def at_rest(self, mass: float, gravity: Array) -> Array:
+        """Return F_i = c_i [m_0 g, 0], what arms carry at rest without internal wrench, shape (m, 6)."""
+        return self.shares[:, None] * np.concatenate((mass * gravity, np.zeros(3)))
+
     def start(self, truth: Truth, view: View, references: Sequence[ArmReference]) -> SensorState:
         """Return the state before the first tick.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -38,20 +38,8 @@ class ServoState(NamedTuple):
     integral: Array
 
 
-class ServoTorque(NamedTuple):
-    """Torques of an arm at a sample of its servo, N m, shape (k,).
-
-    Attributes:
-        commanded: torques by the servo.
-        requested: the same with gravity compensation.
-        torque: those within the limits.
-        is_cut: mask of those that the limits cut.
-    """
-
-    commanded: Array
-    requested: Array
-    torque: Array
-    is_cut: Mask
+Limited: TypeAlias = tuple[Array, Array, Mask, Array]
+"""Torques with what the robot adds, those within the limits, the mask of those cut, and the change."""
 
 
 class JointServo(NamedTuple):
@@ -100,9 +88,10 @@ class JointServo(NamedTuple):
         Raises:
             FieldError: A row of values has another size than k.
         """
+        fields = dict(servo)
 
         def row(name: str) -> Array:
-            value = getattr(servo, name)
+            value = fields[name]
             return per_joint(np.array(_NO_LIMIT if value is None else value), len(inertia), f"{path}.{name}")
 
         return cls(
@@ -141,17 +130,15 @@ class JointServo(NamedTuple):
         state: ServoState,
         motion: tuple[Array, Array],
         inertial: Callable[[Array], Array],
-        weight: Array | None,
-        limit: Array,
-    ) -> tuple[ServoTorque, ServoState]:
-        """Return the torques until the next sample, and the state.
+        limited: Callable[[Array], Limited],
+    ) -> tuple[tuple[Array, Array, Array, Mask, Array], ServoState]:
+        """Return the arm's entries of Applied until the next sample, and the state.
 
         Args:
             state: State after the last sample or command.
             motion: q, rad, and v, rad/s, of the drives.
             inertial: Function that returns T^-T (M qddot + C qdot) at accelerations of the drives.
-            weight: Torque that the robot adds for gravity, N m; None without gravity compensation.
-            limit: Torque limits, N m.
+            limited: Function that adds the robot's gravity compensation to torques, and limits them.
         """
         (q, v), h = motion, self.period
         reference, speed = self._reference(state)
@@ -163,14 +150,12 @@ class JointServo(NamedTuple):
         commanded = push + state.integral
         if self.is_exact:
             commanded = commanded + inertial((speed - state.speed) / h)
-        requested = commanded if weight is None else commanded + weight
-        torque = np.clip(requested, -limit, limit)
-        is_cut = np.not_equal(torque, requested)
+        requested, torque, is_cut, change = limited(commanded)
         integral = state.integral + np.where(is_cut, 0.0, h * self.integral_rate * push)
         state = state._replace(
             elapsed=state.elapsed + h / self.tick, reference=reference, speed=speed, integral=integral
         )
-        return ServoTorque(frozen(commanded), requested, torque, frozen(is_cut)), state
+        return (frozen(commanded), requested, torque, is_cut, frozen(commanded + change)), state
 
     def _reference(self, state: ServoState) -> tuple[Array, Array]:
         """Return r and w at a sample."""

@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import reduce
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from coop_pin.description.plant import Clock
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import WristSensor
 from coop_pin.spatial import rotate_vector6, shift_wrench
+
+Signals = TypeVar("Signals")
 
 LARGEST_BLOCK = 1024
 """Ticks whose signals a run draws at once, at most."""
@@ -38,6 +40,18 @@ def generator(seed: int, source: str) -> np.random.Generator:
     """
     name = int.from_bytes(hashlib.sha256(source.encode()).digest()[:16], "big")
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence((seed, name))))
+
+
+def in_blocks(draw: Callable[[int], Iterator[Signals]]) -> Iterator[Signals]:
+    """Yield signals tick by tick, of blocks that grow: a run may end, or another one begin, at any tick.
+
+    Args:
+        draw: Function that returns the signals of so many next ticks.
+    """
+    count = 1
+    while True:
+        yield from draw(count)
+        count = min(2 * count, LARGEST_BLOCK)
 
 
 class ArmSignals(NamedTuple):
@@ -98,7 +112,7 @@ class Sampling(NamedTuple):
             [math.ceil(interval[side] / clock.period - EARLY) for interval in sensor.lost] for side in (0, 1)
         )
         lost = sorted(zip(first, end, strict=True), reverse=True)
-        return cls(sensor.ticks_per_sample(clock), sensor.delay, tuple(lost))
+        return cls(clock.ticks_between(sensor.rate_hz), sensor.delay, tuple(lost))
 
     def newest(self, ticks: Array) -> Array:
         """Return the tick of the newest sample that has arrived by each tick, -inf for none."""
@@ -158,14 +172,12 @@ class SensorSignals:
         is_new = newest > np.maximum(self._sent(ticks - self._path_delay - 1.0), 0.0)
         return CellSignals(arms, is_new.astype(np.float64), ticks - np.where(newest > 0.0, newest, -np.inf))
 
-    def rows(self) -> Iterator[CellSignals]:
-        """Yield the signals of one tick after the other."""
+    def rows(self, skipped: int = 0) -> Iterator[CellSignals]:
+        """Return the signals of one tick after the other, those of some skipped."""
+        self.draw(skipped)
         if not self._vary:
-            yield from itertools.repeat(next(self.draw(1).ticks()))
-        count = 1
-        while True:
-            yield from self.draw(count).ticks()
-            count = min(2 * count, LARGEST_BLOCK)
+            return itertools.repeat(next(self.draw(1).ticks()))
+        return in_blocks(lambda count: self.draw(count).ticks())
 
     def _arm(self, index: int, ticks: Array) -> ArmSignals:
         sensor, sampling, X_PE = self._wrists[index], self._sampling[index], self._grasps[index]

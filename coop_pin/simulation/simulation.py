@@ -7,30 +7,30 @@ torques held (zero-order hold). ``observe`` and ``step`` are its two halves, for
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
 from coop_pin.arrays import Array, as_number, frozen, require_type
 from coop_pin.chain.cell_chain import CellChain
-from coop_pin.control.interface import ArmMeasurement, ArmReference, CellCommand, CellController, Message
+from coop_pin.control.interface import ArmReference, CellCommand, CellController, Message
 from coop_pin.description.events import PayloadEvent
 from coop_pin.description.grasp_events import Event
 from coop_pin.description.grasp_plan import GraspPlan
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import DivergedError, FieldError, InvalidStateError, OutOfRangeError
-from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference import PoseReference, PoseTarget, SqueezeReference, retreated
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.simulation.actuation import Actuation
 from coop_pin.simulation.drives import Applied
-from coop_pin.simulation.network import Exchange, Traffic
+from coop_pin.simulation.network import Exchange, Traffic, heard
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.recorder import Recorder
 from coop_pin.simulation.run_state import RunState, TickInputs
 from coop_pin.simulation.sensing import Sensing
 from coop_pin.simulation.timeline import Timeline
+from coop_pin.spatial.task_rows import TaskRows
 
 # A run beyond these has diverged: joint speed, rad/s; closure error, m or rad.
 SPEED_LIMIT = 1e3
@@ -39,7 +39,7 @@ _OPEN_START = 1e-6
 """Stated starting angles may leave a closure error of this, m or rad; the rest is projected out."""
 
 
-def _start(chain: CellChain, scenario: Scenario) -> Array:
+def start_configuration(chain: CellChain, scenario: Scenario) -> Array:
     """Return the configuration at t = 0 by inverse kinematics, or from the stated angles.
 
     Raises:
@@ -58,13 +58,24 @@ def _start(chain: CellChain, scenario: Scenario) -> Array:
 class _NoController(CellController):
     """Stands for the controller of a simulation that is commanded from outside."""
 
-    def init(self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]) -> Any:
+    def init(self, *_: Any) -> Any:
         raise InvalidStateError("the simulation has no controller; call step(command), or give it one")
 
-    def step(
-        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
-    ) -> CellCommand:
-        raise InvalidStateError("the simulation has no controller; call step(command), or give it one")
+    def step(self, *_: Any) -> Any:
+        return self.init()
+
+
+def arm_references(rows: TaskRows, target: PoseTarget, squeeze: Iterable[Array]) -> list[ArmReference]:
+    """Return the reference of each arm.
+
+    Args:
+        rows: Task rows of the cell.
+        target: Desired motion of the payload.
+        squeeze: Desired internal wrench of each arm about P in payload axes, shape (6,) each.
+    """
+    X, V, A = target
+    pose, twist, acceleration = frozen(X), frozen(rows.select(V)), frozen(rows.select(A))
+    return [ArmReference(pose, twist, acceleration, frozen(rows.select(wrench))) for wrench in squeeze]
 
 
 class Simulation:
@@ -108,17 +119,16 @@ class Simulation:
         self.ticks_done = 0
         self._schedule()
         chain = CellChain(scenario.cell, scenario.plant)
-        self.plant = plant(chain, scenario.plant, _start(chain, scenario))
-        limits = [JointLimits(arm, name) for name, arm in scenario.cell.arms.items()]
-        self.actuation = Actuation(scenario, self.plant, limits)
+        self.plant = plant(chain, scenario.plant, start_configuration(chain, scenario))
+        self.actuation = Actuation(scenario, self.plant)
         if controller is not None:
             self.actuation.require_taken(controller)
         holding, loads = self.actuation.holding_commands, chain.loads if chain.patches.arms else None
-        self.sensing = Sensing(scenario, chain.model.arms, holding_torques=holding, loads=loads)
+        self.sensing = Sensing(scenario, chain, holding_torques=holding, loads=loads)
         self.exchange = Exchange(scenario)
         self.motion: PoseReference = scenario.motion.replace()  # reads a CSV table again
         self.squeeze: SqueezeReference = scenario.squeeze
-        self.recorder = Recorder(scenario, self.plant, self.timeline, limits)
+        self.recorder = Recorder(scenario, self.plant, self.timeline)
         self._grasps, self._rows = scenario.cell.grasps, scenario.cell.task_rows
         self._applied: Applied | None = None
         self._inputs: TickInputs | None = None
@@ -349,11 +359,8 @@ class Simulation:
         """
         if self.exchange.network is None or inputs.measurements[0].messages is not None:
             return inputs
-        messages = self.controller.messages(inputs.measurements, inputs.references, state)
-        if not any(map(len, messages)):
-            return inputs
-        pairs = zip(inputs.measurements, exchange(messages), strict=True)
-        return inputs._replace(measurements=[seen._replace(messages=heard) for seen, heard in pairs])
+        measured = heard(self.controller, inputs.measurements, inputs.references, state, exchange)
+        return inputs._replace(measurements=measured)
 
     def _step(self, inputs: TickInputs, command: CellCommand) -> None:
         """Apply a command, record the tick and integrate to the next."""
@@ -396,31 +403,22 @@ class Simulation:
     def _references(
         self, target: PoseTarget, squeeze: Array, plan: GraspPlan | None = None
     ) -> list[ArmReference]:
-        if plan is not None:
-            return self._planned_references(target, squeeze, plan)
+        """Return the references of all arms; by a plan, of arms that bear other shares or retreat."""
         rows = self._rows
-        twist, acceleration = frozen(rows.select(target.V_WP_d)), frozen(rows.select(target.A_WP_d))
-        return [
-            ArmReference(target.X_WP_d, twist, acceleration, frozen(rows.select(wrench)))
-            for wrench in squeeze
-        ]
+        if plan is None:
+            return arm_references(rows, target, squeeze)
+        arms, references = zip(self._grasps, plan.carried.tolist(), plan.retreats, strict=True), []
+        for index, (name, share, retreat) in enumerate(arms):
+            moved = retreated(target, self.scenario.cell.way_out(name), retreat)
+            (reference,) = arm_references(rows, moved, squeeze[index : index + 1])
+            references.append(reference._replace(load_share=share))
+        return references
 
     def _by_clocks(self, time: float, references: list[ArmReference]) -> list[ArmReference]:
         """Return references with those of arms whose clocks are off at what these show."""
         for index, clock in self._clocks.items():
             shown = clock.reading(time)
             references[index] = self._references(self.motion.at(shown), *self._planned(shown))[index]
-        return references
-
-    def _planned_references(self, target: PoseTarget, squeeze: Array, plan: GraspPlan) -> list[ArmReference]:
-        """Return the references of arms that bear other shares, or retreat from their grasps."""
-        rows, references = self._rows, list[ArmReference]()
-        for name, wrench, share, retreat in zip(
-            self._grasps, squeeze, plan.carried.tolist(), plan.retreats, strict=True
-        ):
-            X, V, A = retreated(target, self.scenario.cell.way_out(name), retreat)
-            motion = (frozen(X), frozen(rows.select(V)), frozen(rows.select(A)))
-            references.append(ArmReference(*motion, frozen(rows.select(wrench)), share))
         return references
 
     def _apply_events(self, time: float) -> None:

@@ -10,7 +10,6 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
-from scipy.stats import qmc
 
 from coop_pin.arrays import Array, as_count, as_number
 from coop_pin.errors import FieldError, OutOfRangeError
@@ -212,6 +211,8 @@ class Sample(Description):
         require_memory(f"{self.count} points", 64.0 * self.count * d * (d + 2), "lower the count")
         if self.method == "random":
             return random.random((self.count, d))
+        from scipy.stats import qmc  # slow to load
+
         if self.method == "latin-hypercube":
             return np.asarray(qmc.LatinHypercube(d, rng=random).random(self.count))
         if self.method == "sobol":

@@ -18,7 +18,7 @@ from coop_pin import __version__
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import CodeChangedError, CoopPinError, ScenarioError
-from coop_pin.schema.parts import Pattern
+from coop_pin.schema.parts import Pattern, fields_of
 from coop_pin.sweeps.plan import Point, SweepPlan
 from coop_pin.sweeps.template import Number, Template, Templates
 
@@ -97,7 +97,7 @@ def code_of(scenario: Scenario, metrics: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names of the user's code that a run needs, each once."""
     parts = (scenario.controller.stored_as, scenario.motion, scenario.squeeze, *scenario.events)
     users = [part for part in parts if part.kind in ("user", "function")]
-    named = [getattr(part, field, None) for part in users for field in ("target", "twist", "acceleration")]
+    named = [fields_of(part).get(field) for part in users for field in ("target", "twist", "acceleration")]
     return tuple(dict.fromkeys([*filter(None, named), *metrics]))
 
 
@@ -197,7 +197,7 @@ def _files(scenario: Scenario) -> Iterator[tuple[str, Path]]:
     for arm in scenario.cell.arms.values():
         with contextlib.suppress(CoopPinError):
             yield arm.urdf, _urdf_path(arm.urdf)
-    table = getattr(scenario.motion, "path", "")
+    table = fields_of(scenario.motion).get("path", "")
     if table and Path(table).is_file():
         yield table, Path(table)
 
@@ -215,8 +215,7 @@ class ScenarioTexts:
 
     def __call__(self, scenario: Scenario) -> str:
         """Return what ``model_dump_json`` returns."""
-        for name in Scenario.model_fields:
-            value = getattr(scenario, name)
+        for name, value in fields_of(scenario).items():
             if name not in self._fields or self._fields[name][0] is not value:
                 self._fields[name] = value, scenario.model_dump_json(include={name})[1:-1]
         return f"{{{','.join(filter(None, (text for _, text in self._fields.values())))}}}"

@@ -18,7 +18,7 @@ from pydantic import BaseModel, TypeAdapter
 
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ScenarioError
-from coop_pin.schema.parts import Pattern, Tree, part_of, refilled, tree_of, with_parts
+from coop_pin.schema.parts import Pattern, Tree, fields_of, part_of, refilled, tree_of, with_parts
 from coop_pin.sweeps.dimensions import Dimension
 from coop_pin.sweeps.plan import Point, SweepPlan
 
@@ -174,7 +174,7 @@ def _tried(node: Any, tree: Tree) -> Any:
     """Return a copy of an object with holes; classes around those with a hole validate it anew."""
     inner = {name: _tried(part_of(node, name), part) for name, part in tree.items() if type(part) is dict}
     if inner and isinstance(node, BaseModel):
-        node = type(node)(**{name: getattr(node, name) for name in type(node).model_fields} | inner)
+        node = type(node)(**fields_of(node) | inner)
     elif inner:
         node = with_parts(node, inner)
     holes = {name: hole for name, hole in tree.items() if name not in inner}
@@ -200,15 +200,15 @@ def _check(scenario: Scenario, path: str) -> Callable[[Any], Number]:
     is_seed = path == "seed"  # no validator and no serializer of a scenario looks at it
     if (rules.model_serializers or rules.field_serializers) and not is_seed:
         raise LookupError("is written by rules")
-    field, fields = kind.model_fields[name], {each: getattr(owner, each) for each in kind.model_fields}
+    field, fields = kind.model_fields[name], fields_of(owner)
     annotation: Any = Annotated[(field.annotation, *field.metadata, None)]
     adapter = TypeAdapter(annotation, config=kind.model_config)
 
     def by_class(value: Any) -> Any:
         made = kind(**fields | {name: value})
-        if made != refilled(owner, {name: getattr(made, name)}):
+        if made != refilled(owner, {name: part_of(made, name)}):
             raise ValueError("changes others")
-        return getattr(made, name)
+        return part_of(made, name)
 
     is_plain = is_seed or not (rules.model_validators or rules.field_validators)
     validated = adapter.validate_python if is_plain else by_class

@@ -185,7 +185,7 @@ def exp(x: Number) -> Number:
     _refuse_where(x, lambda x: both(less_equal(_ZERO_EXPONENT, x), less(x, _SMALLEST_EXPONENT)))
     _refuse_where(x, lambda x: both(less(_LARGEST_EXPONENT, x), less(x, _INFINITE_EXPONENT)))
     r, power = _exponent(x)
-    return _polynomial(r, _EXPONENTIAL) * power
+    return polynomial(r, _EXPONENTIAL) * power
 
 
 def expm1(x: Number) -> Number:
@@ -194,7 +194,7 @@ def expm1(x: Number) -> Number:
         return math.expm1(x)
     _refuse_where(x, lambda x: less(_LARGEST_EXPONENT, x))
     r, power = _exponent(x)
-    return r * _polynomial(r, _EXPONENTIAL[:-1]) * power + (power - 1.0)
+    return r * polynomial(r, _EXPONENTIAL[:-1]) * power + (power - 1.0)
 
 
 def log(x: Number) -> Number:
@@ -213,7 +213,7 @@ def log(x: Number) -> Number:
     is_far = less(math.sqrt(2.0), m)
     m, n = select(is_far, 0.5 * m, m), select(is_far, n + 1.0, n)
     s = (m - 1.0) / (m + 1.0)
-    small = 2.0 * s * _polynomial(s * s, _INVERSE_TANGENT) + n * _LOG_2[1]
+    small = 2.0 * s * polynomial(s * s, _INVERSE_TANGENT) + n * _LOG_2[1]
     positive = select(less(x, math.inf), n * _LOG_2[0] + small, x)
     return select(less(0.0, x), positive, select(equal(x, 0.0), -math.inf, math.nan))
 
@@ -228,7 +228,7 @@ def tanh(x: Number) -> Number:
     z = minimum(maximum(2.0 * x, -_LARGEST_TANH), _LARGEST_TANH)
     n = _rounded(z * (1.0 / math.log(2.0)))
     r = z - n * math.log(2.0)
-    R = _polynomial(r * r, _HYPERBOLIC_COTANGENT)
+    R = polynomial(r * r, _HYPERBOLIC_COTANGENT)
     above, below = apply("power_of_two", n) * (R + r), R - r
     value = (above - below) / (above + below)
     return select(less(abs(x), _CUBIC_TANH), x - x * x * x / 3.0, value) if x.tape.is_exact else value
@@ -292,7 +292,8 @@ def inverse(A: NDArray[Any]) -> NDArray[Any]:
     return result
 
 
-def _polynomial(z: Number, coefficients: Sequence[float]) -> Number:
+def polynomial(z: Any, coefficients: Sequence[float]) -> Any:
+    """Return a polynomial by Horner's method; coefficients of the highest power first."""
     value: Any = coefficients[0]
     for coefficient in coefficients[1:]:
         value = value * z + coefficient
@@ -321,8 +322,8 @@ def _sine_and_cosine(x: Number) -> tuple[Number, Number]:
     n = _rounded(x * (2.0 / math.pi))
     r = _reduced(x, n, _HALF_PI)
     z = r * r
-    sine: Number = r + r * z * _polynomial(z, _SINE)
-    cosine: Number = 1.0 + z * _polynomial(z, _COSINE)
+    sine: Number = r + r * z * polynomial(z, _SINE)
+    cosine: Number = 1.0 + z * polynomial(z, _COSINE)
     m = n - 4.0 * _rounded(0.25 * n)
     cosine_m, sine_m = 1.0 - abs(m), m * (2.0 - abs(m))
     return sine * cosine_m + cosine * sine_m, cosine * cosine_m - sine * sine_m
@@ -341,5 +342,5 @@ def _arc_tangent(x: Number) -> Number:
     is_far = less(0.66, x)
     y = select(is_far, (x - 1.0) / (x + 1.0), x)
     z = y * y
-    angle = y + y * z * (_polynomial(z, _ARC_TANGENT_P) / _polynomial(z, _ARC_TANGENT_Q))
+    angle = y + y * z * (polynomial(z, _ARC_TANGENT_P) / polynomial(z, _ARC_TANGENT_Q))
     return angle + select(is_far, 0.25 * math.pi, 0.0)

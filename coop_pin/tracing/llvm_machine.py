@@ -54,16 +54,14 @@ class LlvmMachine(Machine):
 
     def run(self, block: Array, uniforms: Array, loads: Array, out: Array | None = None) -> Array:
         """Run the program; see Machine."""
-        lanes, width, record = block.shape[1], self.width, self._record(block.shape[1], out)
+        lanes, width, record = block.shape[1], self.width, self.new_record(block.shape[1], out)
         groups = record.shape[2] // width
         lane = np.minimum(np.arange(groups * width), lanes - 1)  # the last run fills the last group
         slots = np.ascontiguousarray(block[:, lane].reshape(-1, groups, width).swapaxes(0, 1))
         loads = loads[:, :, lane].reshape(*loads.shape[:2], groups, width)
         loads = np.ascontiguousarray(np.moveaxis(loads, 2, 0))
-        call, count = (
-            self.bound(slots, np.ascontiguousarray(uniforms), record, loads),
-            len(self._instructions),
-        )
+        call = self.bound(slots, np.ascontiguousarray(uniforms), record, loads)
+        count = len(self._instructions)
         for first in range(0, count, _AT_ONCE):  # Python sees Ctrl-C in between
             call(first, min(_AT_ONCE, count - first))
         block[:] = slots.swapaxes(0, 1).reshape(len(block), -1)[:, :lanes]
@@ -81,8 +79,6 @@ class LlvmMachine(Machine):
         uniforms: Array,
         record: Array | None = None,
         loads: Array | None = None,
-        *,
-        order: Sequence[Instruction] | None = None,
     ) -> Callable[[int, int], None]:
         """Return a function that runs some instructions of the program, by first and count, on runs.
 
@@ -92,9 +88,8 @@ class LlvmMachine(Machine):
             uniforms: Numbers that all runs share, read at every call, shape (rows, uniforms).
             record: Memory that RECORD writes, as of new_record; for programs that record.
             loads: Numbers that LOAD fills in, shape (groups, rows, loaded, width); for programs that load.
-            order: Instructions in place of the program's.
         """
-        run, instructions = self._run, self._instructions if order is None else _table(order)
+        run, instructions = self._run, self._instructions
         arguments = self._arguments(instructions, block, uniforms, record, loads)
         start, size = arguments.program, instructions.itemsize * instructions.shape[1]
 

@@ -107,31 +107,26 @@ def _flatten(tree: Any, numbers: list[Any], known: dict[int, Flat]) -> Hashable:
 
 
 def rebuilt(tree: Tree, numbers: Iterator[Any]) -> Tree:
-    """Return the same tree with other numbers."""
-    kind = _kind(cast(Any, tree).__class__)
-    if kind is _NUMBER or kind is _MASK:
-        return _like(tree, next(numbers))
-    if isinstance(tree, np.ndarray) and _has_numbers(tree):
-        entries = np.empty(tree.size, dtype=object)
-        for index, entry in enumerate(tree.ravel().tolist()):
-            entries[index] = _like(entry, next(numbers))
-        return traced(entries.reshape(tree.shape))
-    return kind.make(tree, {name: rebuilt(part, numbers) for name, part in _parts(tree)})
+    """Return the same tree with other numbers, which stand for truth values where those are leaves."""
+    return _mapped(lambda leaf: as_truth(next(numbers)) if is_truth(leaf) else next(numbers), tree)
 
 
 def valued(tree: Tree, numbers: Iterator[float]) -> Tree:
-    """Return the same tree with values: floats, and arrays of them."""
+    """Return the same tree with values: floats, also for truth values, and arrays of them."""
+    return _mapped(lambda _: next(numbers), tree)
+
+
+def _mapped(function: Callable[[Any], Any], tree: Tree) -> Tree:
+    """Return the same tree with a function of each of its leaves, in order."""
     kind = _kind(cast(Any, tree).__class__)
     if kind is _NUMBER or kind is _MASK:
-        return cast(Any, next(numbers))
+        return cast(Tree, function(tree))
     if isinstance(tree, np.ndarray) and _has_numbers(tree):
-        return cast(Any, np.array([next(numbers) for _ in range(tree.size)]).reshape(tree.shape))
-    return kind.make(tree, {name: valued(part, numbers) for name, part in _parts(tree)})
-
-
-def _like(tree: Any, number: Any) -> Any:
-    """Return a number in place of a leaf, as a truth value if that is one."""
-    return as_truth(number) if isinstance(tree, TracedMask) else number
+        entries = np.empty(tree.size, dtype=object)
+        for index, entry in enumerate(tree.ravel().tolist()):
+            entries[index] = function(entry)
+        return cast(Tree, traced(entries.reshape(tree.shape)))
+    return cast(Tree, kind.make(tree, {name: _mapped(function, part) for name, part in _parts(tree)}))
 
 
 def require_state(tree: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -70,8 +71,7 @@ def telling_instant(result: RunResult) -> Instant:
             "desired_internal_shear",
         )
     )
-    when, arms = _when(result.scenario, t), list(result.scenario.cell.arms)
-    most = f", most at {arms[arm]}" if len(arms) > 2 else ""
+    when, at = _when(result.scenario, t), _at(result.scenario, arm)
     if error[worst] < _SMALL_N:
         text = f"the internal force stays within {error[worst]:.2g} N of what is wanted"
         start = SETTLING_S if time[is_late.argmax()] else 0.0
@@ -79,13 +79,13 @@ def telling_instant(result: RunResult) -> Instant:
         return Instant(f"From {start:g} s on, {text}{moment_text}.", t)
     if off_along >= off_across:
         verb = "pull the payload apart" if axial > 0.0 else "squeeze the payload"
-        force = f"{verb} with {read_number(abs(axial))} N{most}"
+        force = f"{verb} with {read_number(abs(axial))} N{at}"
         does = force if abs(axial) > _ROUNDING_N else "do not squeeze the payload"
         said = f"the arms {does}, where {_wanted(desired)} is wanted"
     elif desired_shear < _SMALL_N:
-        said = f"the arms load the payload across with {read_number(shear)} N{most}"
+        said = f"the arms load the payload across with {read_number(shear)} N{at}, where none is wanted"
     else:
-        said = f"the force of the arms across is off by {read_number(off_across)} N{most}"
+        said = f"the force of the arms across is off by {read_number(off_across)} N{at}"
     return Instant(f"{when} {said}; {_motion(result, worst)}{moment_text}.", t)
 
 
@@ -94,13 +94,31 @@ def events_text(result: RunResult) -> str:
     remarks = result.data.attrs.get(RunResult.REMARKS, "").splitlines()
     missed = [remark for remark in remarks if MISSED in remark]
     told = [
-        event.told
+        f"{event.told}{_holders(result.scenario, event, missed)}"
         for event in sorted(result.scenario.events, key=lambda event: event.time)
         if event.told and event.time <= result.end
         if not any(event.is_named(remark) for remark in missed)
     ]
     sentences = [*["; ".join(told)][: len(told)], *missed]
     return " ".join(f"{sentence[:1].upper()}{sentence[1:]}." for sentence in sentences)
+
+
+def _holders(scenario: Scenario, event: Any, missed: list[str]) -> str:
+    """Return which arms hold the payload after a grasp event, if it is one, in brackets."""
+    if event not in scenario.grasp_events:
+        return ""
+    not_done = [other for other in scenario.grasp_events if any(other.is_named(said) for said in missed)]
+    holds = scenario.grasp_plan_at(event.instant, not_done).holds
+    names = [name for name, is_held in zip(scenario.cell.arms, holds, strict=True) if is_held]
+    if len(names) in (0, len(holds)):
+        return f" ({'all hold it' if names else 'none holds it'})"
+    return f" ({' and '.join(names)} hold{'s' * (len(names) == 1)} it)"
+
+
+def _at(scenario: Scenario, arm: int) -> str:
+    """Return at which arm something is, where the payload has more than two."""
+    arms = list(scenario.cell.arms)
+    return f" at {arms[arm]}" if len(arms) > 2 else ""
 
 
 def _is_late(result: RunResult) -> Mask:
@@ -148,7 +166,12 @@ def instants(result: RunResult) -> list[Instant]:
     names = ("internal_axial", "internal_shear", "internal_axial_error", "internal_shear_error")
     axial, shear, off_along, off_across = (np.nan_to_num(data[name].values) for name in names)
     off, told = np.hypot(off_along, off_across).max(axis=1), telling_instant(result).time
-    events = [(event.heading, event.time) for event in result.scenario.events if event.time <= result.end]
+    happened = [event for event in result.scenario.events if event.time <= result.end]
+    headings = Counter(event.heading for event in happened)
+    events = [
+        (event.heading + f" at {event.time:g} s" * (headings[event.heading] > 1), event.time)
+        for event in happened
+    ]
     events += [("dropped", result.dropped_at)] * math.isfinite(result.dropped_at)
     instants = [("start", 0.0), *sorted(events, key=lambda event: event[1])]
     error = off[int(np.abs(time - told).argmin())]
@@ -162,9 +185,13 @@ def instants(result: RunResult) -> list[Instant]:
         ("worst pull", axial, off_along),
         ("worst shear", shear, off_across),
     ):
-        worst = np.where(error > _SMALL_N, values, 0.0).max(axis=1)
-        if worst.max() > _SMALL_N:
-            instants.append((f"{text} {read_number(worst.max())} N", float(time[worst.argmax()])))
+        unwanted = np.where(error > _SMALL_N, values, 0.0)
+        sample, arm = np.unravel_index(unwanted.argmax(), unwanted.shape)
+        if (size := float(unwanted[sample, arm])) > _SMALL_N:
+            off_by = float(error[sample, arm])
+            beside = f" (off by {read_number(off_by)} N)" * (size - off_by > _SMALL_N)
+            text = f"{text} {read_number(size)} N{_at(result.scenario, int(arm))}{beside}"
+            instants.append((text, float(time[sample])))
     merged: dict[float, list[str]] = {}
     for text, at in [*instants, ("end", result.end)]:
         merged.setdefault(at, []).append(text)

@@ -77,7 +77,7 @@ class _MonitoredCell:
         self.laws: list[PayloadSpaceController] = [controller.controllers[name] for name in cell.arms]
         self.models = [CellArm(cell, name) for name in cell.arms]
         law = self.laws[0]
-        k_I = np.diag(law.gains.sign_gain) / float(getattr(law.switching, "width", np.nan))
+        k_I = np.diag(law.gains.sign_gain) / law.switching.width
         has_layer = bool((k_I > 0.0).all())
         self.inverse_gain = np.linalg.inv((k_I if has_layer else 1.0) * law.gains.sliding_gain)
         self.inverse_gain = self.inverse_gain if has_layer else np.full_like(law.gains.sliding_gain, np.nan)

@@ -66,11 +66,11 @@ def _lyapunov(arm: ProofArm, x: ArmTick, now: ProofTerms) -> dict[str, Any]:
         "V": s_r @ now.dynamics.D @ s_r / 2,
         "V_rate": now.V_rate,
         "V_rate_defect": now.V_rate - sum(terms.values()),
-        "identity_14": s_r @ (now.D_rate - 2 * now.C) @ s_r,
+        "identity_14": s_r @ (now.dynamics_rate.D - 2 * now.C) @ s_r,
         "friction_defect_14": -2.0 * s_r @ arm.viscous @ s_r,
         "rho": np.linalg.norm(now.Y_mu),
         "damping_force": arm.least_damping * np.linalg.norm(s_r),
-        "s_r_rate": np.linalg.norm(now.s_r_rate),
+        "s_r_rate": np.linalg.norm(now.law_rate.s_r),
     }
 
 
@@ -82,8 +82,8 @@ def _theorem_3(arm: ProofArm, x: ArmTick, now: ProofTerms) -> dict[str, Any]:
     s_d_rate = -gains.transient_rate * law.s_d
     u = damped @ (gains.sign_gain @ now.sigma - law.s_d) + J_D @ now.Y_mu
     u = u + J @ (gains.sign_gain @ now.sigma_rate - s_d_rate)
-    b = damped - now.J_rate
-    right = np.linalg.solve(D_prime, now.surface_rate + b @ law.s + u - J_D @ now.beyond)
+    b = damped - now.dynamics_rate.J
+    right = np.linalg.solve(D_prime, now.law_rate.surface + b @ law.s + u - J_D @ now.beyond)
     return {"u_prime": np.linalg.solve(D_prime, u), "balance_25": np.linalg.norm(x.f - x.f_d - right)}
 
 

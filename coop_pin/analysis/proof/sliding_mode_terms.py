@@ -125,10 +125,8 @@ class ProofTerms(NamedTuple):
         C: C_i of eq. (13), shape (k, k).
         Y_mu: D qddot_r + C qdot_r + G, eq. (16), shape (k,).
         beyond: held torque less the law's with the true force, shape (k,).
-        D_rate: rate of D_i.
-        J_rate: rate of the Jacobian.
-        s_r_rate: rate of the residual.
-        surface_rate: rate of xtildedot + gamma xtilde.
+        law_rate: rates of the quantities of the law.
+        dynamics_rate: rates of the terms of eq. (13).
         V_rate: rate of V_i.
     """
 
@@ -139,10 +137,8 @@ class ProofTerms(NamedTuple):
     C: Array
     Y_mu: Array
     beyond: Array
-    D_rate: Array
-    J_rate: Array
-    s_r_rate: Array
-    surface_rate: Array
+    law_rate: LawTerms
+    dynamics_rate: DynamicsTerms
     V_rate: float
 
 
@@ -156,18 +152,21 @@ def proof_terms(arm: ProofArm, tick: RecordedTick, x: ArmTick) -> ProofTerms:
         arm.dynamics_at(x.q, x.v, tick.surroundings),
     )
     sigma_rate = arm.law.switching(law.s - law.s_d)
-    a = arm.model.forward_dynamics(x.q, x.v, arm.model.drive.T @ x.tau + x.friction, x.F)
+    torque = arm.model.drive.T @ x.tau + x.friction
+    acceleration = arm.model.forward_dynamics(x.q, x.v, torque, x.F)
 
     def ahead(dt: float) -> tuple[LawTerms, DynamicsTerms]:
-        q, v = pin.integrate(arm.model.model, x.q, dt * x.v + dt**2 / 2 * a), x.v + dt * a
+        q = pin.integrate(arm.model.model, x.q, dt * x.v + dt**2 / 2 * acceleration)
+        v = x.v + dt * acceleration
         law = arm.law_at(tick.t + dt, q, v, sigma + dt * sigma_rate)
         return law, arm.dynamics_at(q, v, tick.surroundings)
 
     (law_0, dynamics_0), (law_1, dynamics_1) = ahead(-_STEP), ahead(_STEP)
     V_0, V_1 = law_0.s_r @ dynamics_0.D @ law_0.s_r / 2, law_1.s_r @ dynamics_1.D @ law_1.s_r / 2
-    J_rate, qddot_r = (dynamics_1.J - dynamics_0.J) / _SPAN, (law_1.qdot_r - law_0.qdot_r) / _SPAN
+    law_rate = LawTerms(*((b - a) / _SPAN for a, b in zip(law_0, law_1, strict=True)))
+    dynamics_rate = DynamicsTerms(*((b - a) / _SPAN for a, b in zip(dynamics_0, dynamics_1, strict=True)))
     J = dynamics.J
-    C = dynamics.coriolis + arm.model.share * J.T @ (dynamics.M_0 @ J_rate + dynamics.Q_0 @ J)
+    C = dynamics.coriolis + arm.model.share * J.T @ (dynamics.M_0 @ dynamics_rate.J + dynamics.Q_0 @ J)
     f_r = x.f_d - gains.force_gain * (x.f - x.f_d)
     return ProofTerms(
         law=law,
@@ -175,12 +174,10 @@ def proof_terms(arm: ProofArm, tick: RecordedTick, x: ArmTick) -> ProofTerms:
         sigma=sigma,
         sigma_rate=sigma_rate,
         C=C,
-        Y_mu=dynamics.D @ qddot_r + C @ law.qdot_r + _load(arm, tick, x, J),
+        Y_mu=dynamics.D @ law_rate.qdot_r + C @ law.qdot_r + _load(arm, tick, x, J),
         beyond=x.tau + gains.damping_gain @ law.s_r + J.T @ f_r,
-        D_rate=(dynamics_1.D - dynamics_0.D) / _SPAN,
-        J_rate=J_rate,
-        s_r_rate=(law_1.s_r - law_0.s_r) / _SPAN,
-        surface_rate=(law_1.surface - law_0.surface) / _SPAN,
+        law_rate=law_rate,
+        dynamics_rate=dynamics_rate,
         V_rate=float(V_1 - V_0) / _SPAN,
     )
 

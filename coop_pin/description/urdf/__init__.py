@@ -35,13 +35,12 @@ A moved link without mass is not, as its joint may be locked; if it is not, the 
 
 from coop_pin.description.urdf.check import check_file, check_urdf, load_checked, text_checked
 from coop_pin.description.urdf.find import UrdfFile, bundled_urdf_folder, find_urdf, robot_files
-from coop_pin.description.urdf.loops import UrdfLoop, read_loops
+from coop_pin.description.urdf.loops import read_loops
 from coop_pin.description.urdf.report import UrdfFinding, UrdfReport
 
 __all__ = [
     "UrdfFile",
     "UrdfFinding",
-    "UrdfLoop",
     "UrdfReport",
     "bundled_urdf_folder",
     "check_file",

@@ -133,24 +133,21 @@ def find_urdf(
     Raises:
         UrdfError: there is none; the message lists the places searched and the closest names.
     """
-    file, robots = Path.cwd() / name_or_path, robot_files()
-    path = file if os.path.isfile(file) else robots.get(str(name_or_path))  # noqa: PTH113
+    cwd, name = Path.cwd(), str(name_or_path)
+    file, robots = os.path.join(cwd, name), robot_files()  # noqa: PTH118
+    path = file if os.path.isfile(file) else robots.get(name)  # noqa: PTH113 - Path takes ten times as long
     if path is None:
-        raise UrdfError(_not_found(str(name_or_path), file, sorted(robots)))
-    resolved = path.resolve() if path is file else _resolved(path)
-    return _found(resolved, tuple(package_dirs), tuple(sorted(xacro_args.items())), Path.cwd())
-
-
-_resolved = functools.cache(Path.resolve)
-"""Of robots that come with packages."""
+        raise UrdfError(_not_found(name, cwd / name, sorted(robots)))
+    resolved = os.path.realpath(path) if path is file else path
+    return _found(resolved, tuple(package_dirs), tuple(sorted(xacro_args.items())), cwd)
 
 
 @functools.lru_cache(maxsize=256)
 def _found(
-    path: Path, package_dirs: tuple[str, ...], xacro_args: tuple[tuple[str, str], ...], cwd: Path
+    file: str | Path, package_dirs: tuple[str, ...], xacro_args: tuple[tuple[str, str], ...], cwd: Path
 ) -> UrdfFile:
-    """Return the file at a resolved path; folders are relative to the working directory."""
-    folders = [cwd / folder for folder in package_dirs]
+    """Return the file at a path; folders are relative to the working directory."""
+    folders, path = [cwd / folder for folder in package_dirs], Path(file).resolve()
     origin: Literal["user", "bundled", "example"] = "user"
     examples, bundled = example_folder(), bundled_urdf_folder()
     if examples is not None and path.is_relative_to(examples.resolve()):

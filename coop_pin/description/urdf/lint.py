@@ -225,10 +225,12 @@ def element_findings(robot: Element) -> Iterator[UrdfFinding]:
     for rule, path in zip(_RULES, _PATHS, strict=True):
         for element in path(robot):
             words = defaultdict(lambda: "''", {name: quoted(text) for name, text in element.items()})
-            words |= {"tag": element.tag, "parent": getattr(element.getparent(), "tag", "")}
+            path_up = [element, *element.iterancestors()]
+            words |= {"tag": element.tag, "parent": "".join(above.tag for above in path_up[1:2])}
             words["values"] = quoted(" ".join(element.values()))
-            owner = [element, *element.iterancestors()][-2:][0]
-            yield finding(owner, rule.code, rule.message.format_map(words), at=element, kind=rule.kind)
+            yield finding(
+                path_up[-2:][0], rule.code, rule.message.format_map(words), at=element, kind=rule.kind
+            )
     yield from _name_findings(robot)
 
 

@@ -22,20 +22,19 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from coop_pin.arrays import Array, typed
+from coop_pin.description.closure import Closure, NamedRows, RowMask
 from coop_pin.description.urdf.report import UrdfFinding, listed, quoted
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.description.urdf.xml import COLON, Element, finding, name_of_tag, number_list, read_document
 from coop_pin.spatial import inverse_pose, make_pose
 
-LoopRows = Literal["full", "point", "axis"] | tuple[bool, ...]
-
 _SLIDE = (True, True, False, True, True, True)
-_ROWS: dict[str, LoopRows] = {
+_ROWS: dict[str, NamedRows | RowMask] = {
     "fixed": "full",
     "link": "full",
     "spherical": "point",
@@ -65,26 +64,6 @@ _MODEL_FRAME = "axis/use_parent_model_frame[not(normalize-space()='0' or normali
 
 _WORLD = "world"
 _GIVE = "give it as a Closure of ClosedChain.from_urdf"
-
-
-class UrdfLoop(NamedTuple):
-    """Loop closure of a URDF, with the fields of a coop_pin.Closure.
-
-    Attributes:
-        link_a: name of link A, or "world".
-        link_b: name of link B, or "world".
-        rows: relative motions that are held, in axes of C.
-        X_AC: pose of C in A, shape (4, 4).
-        X_BC: pose of C in B, shape (4, 4).
-        name: name in the file; empty if it has none.
-    """
-
-    link_a: str
-    link_b: str
-    rows: LoopRows
-    X_AC: Array
-    X_BC: Array
-    name: str
 
 
 class _Dialect(NamedTuple):
@@ -144,7 +123,7 @@ class _UnreadError(Exception):
 
 
 @typed
-def read_loops(text: str) -> tuple[UrdfLoop, ...]:
+def read_loops(text: str) -> tuple[Closure, ...]:
     """Return the loop closures of the text of a URDF that the check has accepted with its loops."""
     document, robot, loops = read_document(text.encode()), Robot(text), []
     links = {link.get("name") for link in document.iterchildren("link")}
@@ -153,7 +132,7 @@ def read_loops(text: str) -> tuple[UrdfLoop, ...]:
         if X_AC is None:
             X_RA, X_RB = (robot.pose(link, {}) if link in links else np.eye(4) for link in (a, b))
             X_AC = inverse_pose(X_RA) @ X_RB @ X_BC
-        loops.append(UrdfLoop(a, b, rows, X_AC @ X_CZ, X_BC @ X_CZ, element.get("name", "")))
+        loops.append(Closure(a, b, rows, X_AC @ X_CZ, X_BC @ X_CZ, element.get("name", "")))
     return tuple(loops)
 
 
@@ -188,7 +167,7 @@ def _loop_elements(robot: Element) -> Iterator[Element]:
             yield from (inner for inner in element if inner.tag.partition(COLON)[0] == "joint")
 
 
-def _read(loop: Element) -> tuple[str, str, LoopRows, Array | None, Array, Array]:
+def _read(loop: Element) -> tuple[str, str, NamedRows | RowMask, Array | None, Array, Array]:
     """Return links, rows, X_AC (None: from the zero configuration), X_BC and X_CZ, whose z is along the axis.
 
     Raises:

@@ -1,0 +1,87 @@
+"""Commands about a law: ``root-locus``, eigenvalues over a gain, and ``export-c``, an arm's law as C99."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from coop_pin import figures
+from coop_pin.cli.overrides import NO_FIELDS, ScenarioName, TypedFields, field_path, load_scenario
+
+
+def root_locus(
+    scenario: ScenarioName,
+    gain: Annotated[str, tyro.conf.arg(metavar="FIELD")],
+    low: float = 0.1,
+    high: float = 10.0,
+    count: int = 21,
+    time: float = 0.0,
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    fields: TypedFields = NO_FIELDS,
+) -> None:
+    """Draw the eigenvalues of the sampled closed loop over a gain, and print where it is stable.
+
+    Every field of the scenario can be changed as in 'coop-pin run'. A
+    law with sgn needs a boundary layer: --controller.switching.kind tanh --controller.switching.width 0.1.
+
+    Args:
+        scenario: a name listed by 'coop-pin list', or a TOML file.
+        gain: field to multiply, a number or a row: controller.gains.sliding-gain, actuators.lag.
+        low: smallest factor of its value.
+        high: largest factor.
+        count: number of factors, evenly spaced in ratio.
+        time: time of the state, s.
+        out: figure to write, PNG or SVG; none when omitted.
+        fields: fields of the scenario, as typed.
+
+    Raises:
+        FieldError: the field is no number or row of numbers other than 0.
+        ArgumentError: the law has no linear model, or a factor is out of range.
+    """
+    import numpy as np  # slow to load
+
+    from coop_pin import analysis
+    from coop_pin.arrays import as_count, as_positive
+
+    base = load_scenario(scenario, fields)
+    ends = as_positive("low", low), as_positive("high", high)
+    factors = np.geomspace(*ends, as_count("count", count, 1))
+    print(analysis.eigenvalues(base, time=time).summary())
+    locus = analysis.root_locus(base, field_path(gain, base.cell.arms), factors, time=time)
+    print(locus.summary())
+    if out is not None:
+        figure = figures.root_locus_figure(locus)
+        print("written to " + " and ".join(map(str, figures.save_figure(figure, out))))
+
+
+def export_c(
+    scenario: ScenarioName,
+    arm: str,
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
+    ticks: int = 20,
+    fields: TypedFields = NO_FIELDS,
+) -> None:
+    """Write the law of one arm as C99: forward kinematics, Jacobian and law, with a self-test.
+
+    Every field of the scenario can be changed as in 'coop-pin run'. The code is straight-line: it allocates
+    nothing, and its state goes in and out.
+
+    Args:
+        scenario: a name listed by 'coop-pin list', or a TOML file.
+        arm: name of the arm.
+        out: output folder; out/, the scenario's name and -c when omitted.
+        ticks: number of ticks of the self-test, recorded from the start of the scenario.
+        fields: fields of the scenario, as typed.
+
+    Raises:
+        CoopPinError: the law cannot be exported, or the scenario cannot start.
+    """
+    from coop_pin import batch  # slow to load
+
+    chosen = load_scenario(scenario, fields)
+    law = batch.export_c(chosen, arm, out or Path("out") / f"{chosen.name}-c", ticks=ticks)
+    print(law.summary())
+    test = f"{law.source.with_suffix('')}_self_test"
+    print(f"self-test: cc -std=c99 -O2 {law.source} {law.self_test} -lm -o {test} && {test}")
