@@ -188,8 +188,9 @@ class MessageSignals:
         arrived, age = zip(*(edge.draw(ticks) for edge in self._edges), strict=True)
         return NetworkSignals(np.stack(arrived, axis=1), np.stack(age, axis=1))
 
-    def rows(self) -> Iterator[NetworkSignals]:
-        """Return the timing of one tick after the other."""
+    def rows(self, skipped: int = 0) -> Iterator[NetworkSignals]:
+        """Return the timing of one tick after the other, those of some skipped."""
+        self.draw(skipped)
         return in_blocks(lambda count: map(NetworkSignals, *(part.tolist() for part in self.draw(count))))
 
 
@@ -262,9 +263,7 @@ class Exchange:
         """Return to a state after messages of a number of ticks, with the seed of a scenario."""
         self.state, self._scenario = state, scenario
         if self.network is not None:
-            signals = MessageSignals(scenario)
-            signals.draw(ticks)
-            self._rows = signals.rows()
+            self._rows = MessageSignals(scenario).rows(ticks)
 
     def first(self, messages: Sequence[Array]) -> list[dict[str, Message]]:
         """Return what each arm hears before the first tick; it is said again at the first."""

@@ -148,9 +148,7 @@ class Sensing:
 
     def _signals_after(self, ticks: int) -> Iterator[CellSignals]:
         """Return the signals of one tick after the other, from that with a number on."""
-        signals = SensorSignals(self._scenario, [len(slot.drive) for slot in self._slots])
-        signals.draw(ticks)
-        return signals.rows()
+        return SensorSignals(self._scenario, [len(slot.drive) for slot in self._slots]).rows(ticks)
 
     def start(self, q: Array, v: Array, references: Sequence[ArmReference]) -> list[ArmMeasurement]:
         """Return the measurements at t = 0, with f_m[0] = f_d if the force path measures at all.

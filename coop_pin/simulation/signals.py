@@ -172,8 +172,9 @@ class SensorSignals:
         is_new = newest > np.maximum(self._sent(ticks - self._path_delay - 1.0), 0.0)
         return CellSignals(arms, is_new.astype(np.float64), ticks - np.where(newest > 0.0, newest, -np.inf))
 
-    def rows(self) -> Iterator[CellSignals]:
-        """Return the signals of one tick after the other."""
+    def rows(self, skipped: int = 0) -> Iterator[CellSignals]:
+        """Return the signals of one tick after the other, those of some skipped."""
+        self.draw(skipped)
         if not self._vary:
             return itertools.repeat(next(self.draw(1).ticks()))
         return in_blocks(lambda count: self.draw(count).ticks())

@@ -203,12 +203,8 @@ class Machine(ABC):
         """Return how many numbers of memory a record takes, with whole registers and the start of a line."""
         return math.prod(self._shape(lanes)) + CACHE_LINE // 8
 
-    def new_record(self, lanes: int) -> Array:
-        """Return memory for the record of runs, shape (rows, recorded, lanes of whole registers)."""
-        return self._record(lanes, None)
-
-    def _record(self, lanes: int, out: Array | None) -> Array:
-        """Return the record in memory, shape (rows, recorded, lanes of whole registers); see run."""
+    def new_record(self, lanes: int, out: Array | None = None) -> Array:
+        """Return the record of runs in memory, shape (rows, recorded, lanes of whole registers); see run."""
         shape, size = self._shape(lanes), self.record_size(lanes)
         memory = np.empty(size) if out is None else out
         if memory.shape < (size,) or memory.strides != (8,) or memory.dtype != np.float64:

@@ -54,7 +54,7 @@ class LlvmMachine(Machine):
 
     def run(self, block: Array, uniforms: Array, loads: Array, out: Array | None = None) -> Array:
         """Run the program; see Machine."""
-        lanes, width, record = block.shape[1], self.width, self._record(block.shape[1], out)
+        lanes, width, record = block.shape[1], self.width, self.new_record(block.shape[1], out)
         groups = record.shape[2] // width
         lane = np.minimum(np.arange(groups * width), lanes - 1)  # the last run fills the last group
         slots = np.ascontiguousarray(block[:, lane].reshape(-1, groups, width).swapaxes(0, 1))

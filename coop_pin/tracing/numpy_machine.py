@@ -57,7 +57,7 @@ class NumpyMachine(Machine):
 
     def run(self, block: Array, uniforms: Array, loads: Array, out: Array | None = None) -> Array:
         """Run the program; see Machine."""
-        program, record = self.program, self._record(block.shape[1], out)
+        program, record = self.program, self.new_record(block.shape[1], out)
         with np.errstate(all="ignore"):
             for code, row in program.instructions:
                 if code == RECORD:
