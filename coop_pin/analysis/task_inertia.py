@@ -103,24 +103,6 @@ def _decayed(u: Array, decay: float) -> Array:
     return y
 
 
-def _between(times: Array, t: Array, x: Array) -> Array:
-    """Return x at times by cubic Hermite polynomials, whose slopes are differences; see numpy.gradient.
-
-    Args:
-        times: s, shape (n,), within t.
-        t: s, increasing, shape (m,).
-        x: values at t, shape (m, k).
-    """
-    slopes = np.gradient(x, t, axis=0, edge_order=2 if len(t) > 2 else 1)
-    i = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
-    h = np.diff(t)[i, None]
-    u = (times[:, None] - t[i, None]) / h
-    a, b = x[i], x[i + 1]
-    chord = b - a
-    bend = (1.0 - u) * (h * slopes[i] - chord) - u * (h * slopes[i + 1] - chord)
-    return np.asarray(a + u * chord + u * (1.0 - u) * bend)
-
-
 @typed
 def task_inertia(scenario: Scenario, cell_reach: Reachability) -> TaskInertia:
     """Return the task-space inertia at the configurations of a scenario's reachability.
@@ -247,9 +229,12 @@ class HeldArm:
         """
         if self.is_redundant and self.rows.size == 6 and bool(self.damping.any()):
             return self._with_spare_motion(times, q[0])
+        from scipy.interpolate import make_interp_spline  # slow to load
+
         model = self.model
+        spline = make_interp_spline(t, self._unwound(q), k=min(3, len(t) - 1))
         desired = [self.motion.at(time).X_WP_d for time in times.tolist()]
-        between = [pin.integrate(model.model, q[0], step) for step in _between(times, t, self._unwound(q))]
+        between = [pin.integrate(model.model, q[0], step) for step in spline(times)]
         for _ in range(_NEWTON_STEPS):
             errors = map(self.rows.pose_error, desired, map(model.payload_pose, between))
             J_plus = np.linalg.pinv(np.array(list(map(model.task_jacobian, between))))
