@@ -2,6 +2,7 @@
 
 import logging
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import coop_pin as cp
 from coop_pin import engine_choice
 from coop_pin.errors import FieldError
 from coop_pin.sweeps import SweepPlan, batch_job, engine
-from coop_pin.sweeps.job import Job
+from coop_pin.sweeps.job import CtrlC, Job
 from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
 
@@ -103,6 +104,17 @@ def test_why_a_batch_breaks_is_told_once_for_all_its_runs(function, monkeypatch,
         assert batch_job.run_batch(jobs) == [None, None, None]
     assert len(caplog.records) == 1
     assert "ZeroDivisionError: division by zero" in caplog.text
+
+
+def test_compiled_code_ends_between_its_parts_when_nobody_waits_and_leaves_the_output_alone():
+    """Threads of a sweep share sys.stdout and the lock of batches: both are as before, also after Ctrl-C."""
+    jobs, outputs = [Job("key", plan(axes={}).scenario(0), engine="batch")], []
+    (outcome,) = batch_job.run_batch(jobs, lambda: outputs.append(sys.stdout))
+    assert outcome is not None
+    assert set(outputs) == {sys.stdout}
+    with pytest.raises(CtrlC):
+        batch_job.run_batch(jobs, lambda: True)
+    assert not batch_job.IN_PYTHON.locked()
 
 
 def test_a_run_that_cannot_start_tells_it_in_its_own_record_only(caplog):

@@ -246,13 +246,15 @@ class BatchSimulator:
         return runs if all(end.values.tobytes() == run.values.tobytes() for end, run in pairs) else None
 
     def run_prepared(
-        self, runs: Sequence[Prepared], compiled: AbstractContextManager[None] | None = None
+        self,
+        runs: Sequence[Prepared],
+        compiled: AbstractContextManager[Callable[[], None] | None] | None = None,
     ) -> BatchResult:
         """Return the results of runs; raises as simulate_batch.
 
         Args:
             runs: Runs of one family with the same times.
-            compiled: Context in which compiled code runs.
+            compiled: Context in which compiled code runs; gives what its parts call in between.
         """
         prepared = Prepared.joined(runs)
         del self._plants[_KEPT:]
@@ -263,9 +265,9 @@ class BatchSimulator:
         (block, loads), lanes = family.code.begin(prepared), family.code.program.lanes
         parts = [slice(first, first + LARGEST_BLOCK) for first in range(0, count, LARGEST_BLOCK)]
         memories = [self._memory(machine.record_size(block[:, part].shape[1])) for part in parts]
-        with compiled or nullcontext():
+        with compiled or nullcontext() as between:
             records = [
-                machine.run(block[:, part], order.uniforms, loads[:, :, part], memory)
+                machine.run(block[:, part], order.uniforms, loads[:, :, part], memory, between)
                 for part, memory in zip(parts, memories, strict=True)
             ]
         is_valid = block[lanes.slots("is_valid")] == 1.0

@@ -53,16 +53,19 @@ def outcomes_here(jobs: Iterator[Job]) -> Generator[list[Outcome]]:
                 yield from _batch_here(batch)
 
 
-def _batch_here(batch: Sequence[Job]) -> Iterator[list[Outcome]]:
+def _batch_here(batch: Sequence[Job], is_over: Callable[[], bool] = bool) -> Iterator[list[Outcome]]:
     """Yield the outcomes of a batch that this process computes; other threads work while its code runs."""
     from coop_pin.sweeps.batch_job import IN_PYTHON, run_batch  # slow to load
 
-    with IN_PYTHON:
-        yield from _with_singles(batch, run_batch(batch), lambda job: [run_job(job)])
+    def run(job: Job) -> list[Outcome]:
+        with IN_PYTHON:
+            return [run_job(job)]
+
+    yield from _with_singles(batch, run_batch(batch, is_over), run)
 
 
-def _batch_in_thread(batch: Sequence[Job]) -> list[Outcome]:
-    return list(itertools.chain.from_iterable(_batch_here(batch)))
+def _batch_in_thread(batch: Sequence[Job], is_over: Callable[[], bool]) -> list[Outcome]:
+    return list(itertools.chain.from_iterable(_batch_here(batch, is_over)))
 
 
 def _with_singles(
@@ -259,7 +262,7 @@ class LocalBackend:
 
     def __init__(self, workers: int) -> None:
         self._count, self._name = workers, uuid.uuid4().hex
-        self._threads = futures.ThreadPoolExecutor(workers)
+        self._threads, self._is_closed = futures.ThreadPoolExecutor(workers), threading.Event()
 
     def slots(self) -> int:
         """Return the number of workers."""
@@ -268,10 +271,11 @@ class LocalBackend:
     def submit(self, batch: Sequence[Job]) -> futures.Future[list[Outcome]]:
         """Send a batch to the next free worker."""
         if batch[0].engine == "batch" and not any(job.code for job in batch):
-            return self._threads.submit(_batch_in_thread, batch)
+            return self._threads.submit(_batch_in_thread, batch, self._is_closed.is_set)
         return self._threads.submit(run_in_thread, self._name, batch)
 
     def close(self) -> None:
-        """End all workers, also those at work; what is compiled ends by itself."""
+        """End all workers, also those at work."""
+        self._is_closed.set()
         self._threads.shutdown(wait=False, cancel_futures=True)
         close_workers(self._name)

@@ -38,30 +38,38 @@ def run_jobs(jobs: Sequence[Job]) -> list[Outcome | None]:
     return run_batch(jobs) if jobs[0].engine == "batch" else [run_job(job) for job in jobs]
 
 
-def run_batch(jobs: Sequence[Job]) -> list[Outcome | None]:
+def run_batch(jobs: Sequence[Job], is_over: Callable[[], bool] = bool) -> list[Outcome | None]:
     """Return the outcomes of jobs in their order; None for those that must be run singly.
 
     What a run gives does not depend on those that it is simulated with.
 
+    Args:
+        jobs: jobs of the batch engine.
+        is_over: whether nobody waits for the outcomes any longer, as after Ctrl-C; asked between parts of the
+            compiled code.
+
     Raises:
         CodeChangedError: this process has loaded other code than a job's key covers.
-        KeyboardInterrupt: Ctrl-C.
+        KeyboardInterrupt: Ctrl-C, or ``is_over``.
     """
-    start, outcomes = times(), dict[int, Outcome | None]()
-    for code in {job.code for job in jobs}:
-        require_unchanged(code)
-    families = list[dict[int, Prepared]]()
-    for index, run in enumerate(_prepared(jobs)):
-        if run is None or run.kind in _untraceable:
-            continue
-        same = (each for each in families if next(iter(each.values())).kind == run.kind)
-        if (family := next(same, None)) is None:
-            families.append(family := {})
-        family[index] = run
-    preparation = (times() - start) / len(jobs)
-    for family in families:
-        outcomes |= _attempted(jobs[next(iter(family))], _of_family, jobs, family, preparation) or {}
-    return [outcomes.get(index) for index in range(len(jobs))]
+    with IN_PYTHON:
+        start, outcomes = times(), dict[int, Outcome | None]()
+        for code in {job.code for job in jobs}:
+            require_unchanged(code)
+        families = list[dict[int, Prepared]]()
+        for index, run in enumerate(_prepared(jobs)):
+            if run is None or run.kind in _untraceable:
+                continue
+            same = (each for each in families if next(iter(each.values())).kind == run.kind)
+            if (family := next(same, None)) is None:
+                families.append(family := {})
+            family[index] = run
+        preparation = (times() - start) / len(jobs)
+        for family in families:
+            outcomes |= (
+                _attempted(jobs[next(iter(family))], _of_family, jobs, family, preparation, is_over) or {}
+            )
+        return [outcomes.get(index) for index in range(len(jobs))]
 
 
 def _prepared(jobs: Sequence[Job]) -> Iterator[Prepared | None]:
@@ -80,7 +88,7 @@ def _prepared(jobs: Sequence[Job]) -> Iterator[Prepared | None]:
 
 
 def _of_family(
-    jobs: Sequence[Job], family: Mapping[int, Prepared], preparation: Array
+    jobs: Sequence[Job], family: Mapping[int, Prepared], preparation: Array, is_over: Callable[[], bool]
 ) -> dict[int, Outcome | None]:
     """Return the outcomes of runs of one code, by the index of their jobs; see _together.
 
@@ -88,6 +96,7 @@ def _of_family(
         jobs: jobs of all runs.
         family: runs, prepared, by the index of their jobs.
         preparation: Times of the preparation of one run, as of _together.
+        is_over: see run_batch.
 
     Raises:
         TracingError: the runs cannot be traced.
@@ -103,7 +112,7 @@ def _of_family(
         raise
     shared = preparation + (times() - start) / len(family)
     for runs in batches.values():
-        together = _together([jobs[index] for index in runs], [*runs.values()], shared)
+        together = _together([jobs[index] for index in runs], [*runs.values()], shared, is_over)
         outcomes |= zip(runs, together, strict=True)
     return outcomes
 
@@ -111,10 +120,11 @@ def _of_family(
 def _attempted(job: Job, function: Callable[..., Result], *arguments: Any) -> Result | None:
     """Return a function's value, or None: what fails is left to single runs.
 
-    It is told why; a run that cannot start records its own error.
+    It is told why; a run that cannot start records its own error. Only a user's code prints, and no
+    thread runs it: sys.stdout is one for all threads.
     """
     try:
-        with contextlib.redirect_stdout(sys.stderr):
+        with contextlib.redirect_stdout(sys.stderr) if job.code else contextlib.nullcontext():
             return function(*arguments)
     except CtrlC:
         raise
@@ -136,16 +146,23 @@ def _warn_once(message: str) -> None:
 
 
 @contextlib.contextmanager
-def _compiled() -> Iterator[None]:
-    """Let other threads work on their batches, while compiled code runs."""
+def _compiled(is_over: Callable[[], bool]) -> Iterator[Callable[[], None]]:
+    """Let other threads work on their batches, while compiled code runs; give what ends it early."""
+
+    def end() -> None:
+        if is_over():
+            raise CtrlC
+
     IN_PYTHON.release()
     try:
-        yield
+        yield end
     finally:
         IN_PYTHON.acquire()
 
 
-def _together(jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array) -> list[Outcome | None]:
+def _together(
+    jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array, is_over: Callable[[], bool]
+) -> list[Outcome | None]:
     """Return the outcomes of runs of a family; None for one that breaks a guard: a single run has its error.
 
     When a batch cannot start, for example for lack of memory, its halves can; why a run alone cannot is told.
@@ -154,13 +171,14 @@ def _together(jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array)
         jobs: jobs of the runs.
         runs: runs with the same times, prepared, whose code is compiled.
         preparation: wall and processor time that the preparation of one run took, s, shape (2,).
+        is_over: see run_batch.
 
     Raises:
         TracingError: the runs cannot be traced.
     """
     start = times()
     try:
-        batch = _simulator.run_prepared(runs, _compiled())
+        batch = _simulator.run_prepared(runs, _compiled(is_over))
         metrics = batch.metrics()
     except TracingError:
         raise
@@ -170,7 +188,7 @@ def _together(jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array)
             _tell(jobs[0], error)
             return [None]
         parts = slice(half), slice(half, None)
-        return [each for part in parts for each in _together(jobs[part], runs[part], preparation)]
+        return [each for part in parts for each in _together(jobs[part], runs[part], preparation, is_over)]
     family = digest((*runs[0].kind, jobs[0].code)) if runs[0].is_foreign else ""
     spent, outcomes = preparation + (times() - start) / len(jobs), list[Outcome | None]()
     for index, job in enumerate(jobs):

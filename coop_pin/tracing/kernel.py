@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
@@ -175,7 +175,14 @@ class Machine(ABC):
         self.program, self.width, self._rows = program, width, program.rows(RECORD)
 
     @abstractmethod
-    def run(self, block: Array, uniforms: Array, loads: Array, out: Array | None = None) -> Array:
+    def run(
+        self,
+        block: Array,
+        uniforms: Array,
+        loads: Array,
+        out: Array | None = None,
+        between: Callable[[], None] | None = None,
+    ) -> Array:
         """Run the program.
 
         Args:
@@ -184,6 +191,7 @@ class Machine(ABC):
             loads: Numbers that LOAD fills in, shape (rows, loaded, lanes).
             out: Memory of the record, which is overwritten, shape (n,) with n of at least record_size(lanes);
                 new memory when omitted.
+            between: Function that is called between parts of the program, and ends it by an error.
 
         Returns:
             The record, shape (rows, recorded, lanes): a view of ``out``.

@@ -52,7 +52,14 @@ class LlvmMachine(Machine):
         )
         self._instructions = _table(program.instructions)
 
-    def run(self, block: Array, uniforms: Array, loads: Array, out: Array | None = None) -> Array:
+    def run(
+        self,
+        block: Array,
+        uniforms: Array,
+        loads: Array,
+        out: Array | None = None,
+        between: Callable[[], None] | None = None,
+    ) -> Array:
         """Run the program; see Machine."""
         lanes, width, record = block.shape[1], self.width, self.new_record(block.shape[1], out)
         groups = record.shape[2] // width
@@ -64,6 +71,8 @@ class LlvmMachine(Machine):
         count = len(self._instructions)
         for first in range(0, count, _AT_ONCE):  # Python sees Ctrl-C in between
             call(first, min(_AT_ONCE, count - first))
+            if between is not None:
+                between()
         block[:] = slots.swapaxes(0, 1).reshape(len(block), -1)[:, :lanes]
         return record[:, :, :lanes]
 

@@ -55,11 +55,20 @@ def evaluate(tape: Tape, outputs: Sequence[Operand], inputs: Sequence[Any]) -> l
 class NumpyMachine(Machine):
     """Machine that evaluates a program by numpy."""
 
-    def run(self, block: Array, uniforms: Array, loads: Array, out: Array | None = None) -> Array:
+    def run(
+        self,
+        block: Array,
+        uniforms: Array,
+        loads: Array,
+        out: Array | None = None,
+        between: Callable[[], None] | None = None,
+    ) -> Array:
         """Run the program; see Machine."""
         program, record = self.program, self.new_record(block.shape[1], out)
         with np.errstate(all="ignore"):
             for code, row in program.instructions:
+                if between is not None:
+                    between()
                 if code == RECORD:
                     record[row] = block[: program.recorded]
                 elif code == LOAD:
