@@ -437,7 +437,6 @@ class Calls:
         yield cp.CellArm, lambda: {"cell": self.scenario.cell, "name": "left"}
         yield urdf.check_urdf, lambda: {"text": self.urdf}
         yield urdf.text_checked, lambda: {"text": self.urdf, "loops": False}
-        yield urdf.read_loops, lambda: {"text": self.urdf}
         yield urdf.find_urdf, lambda: {"name_or_path": "panda", "package_dirs": (), "xacro_args": {}}
         yield urdf.check_file, lambda: {"urdf": urdf.find_urdf("panda")}
         yield urdf.load_checked, lambda: {"urdf": urdf.find_urdf("panda"), "strict": False, "loops": False}

@@ -552,7 +552,7 @@ def test_help_loads_no_dynamics_and_no_pictures():
 def test_a_check_loads_no_library_of_results():
     code = (
         "import sys\nfrom coop_pin.cli import main\nmain(['check', 'adept-paper'])\n"
-        "unused = {'xarray', 'pandas', 'matplotlib', 'urllib.request', 'scipy.interpolate'}\n"
+        "unused = {'xarray', 'pandas', 'matplotlib', 'urllib.request'}\n"
         "sys.exit(', '.join(unused & set(sys.modules)) or 0)"
     )
     done = child(code=code)

@@ -214,7 +214,7 @@ def test_torques_that_do_not_fit_are_refused_with_the_arms_name():
     cell, X_WP = catalogue_cell("panda-ur5-bar")
     with pytest.raises(ShapeError, match="torque of arm 'right'"):
         run(cell, X_WP, lambda _: [np.zeros(7), np.zeros(7)])
-    with pytest.raises(ShapeError, match="list of torques"):
+    with pytest.raises(ShapeError, match="list of torque commands"):
         run(cell, X_WP, lambda _: [np.zeros(7)])
 
 

@@ -33,7 +33,7 @@ def test_help_of_a_configuration_class_has_its_own_names_only(kind):
     assert not {"model_dump", "model_config", "__pydantic_fields__", "parse_raw"} & {*dir(kind)}
     assert {"replace", "override"} <= {*dir(kind)}
     assert "model_dump" not in text
-    assert len(text.splitlines()) < 170
+    assert len(text.splitlines()) < 190
 
 
 def test_dir_of_the_package_lists_public_names_only():

@@ -6,7 +6,6 @@ scenario (``kind`` and fields) and is called by the law.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Generic, Literal, TypeVar
 
@@ -32,7 +31,7 @@ class Sign(Description):
     """
 
     is_smooth: ClassVar[bool] = False
-    width: ClassVar[float] = math.nan
+    width: ClassVar[float] = np.nan
     """It has no layer."""
 
     kind: Literal["sign"] = "sign"

@@ -35,7 +35,6 @@ A moved link without mass is not, as its joint may be locked; if it is not, the 
 
 from coop_pin.description.urdf.check import check_file, check_urdf, load_checked, text_checked
 from coop_pin.description.urdf.find import UrdfFile, bundled_urdf_folder, find_urdf, robot_files
-from coop_pin.description.urdf.loops import read_loops
 from coop_pin.description.urdf.report import UrdfFinding, UrdfReport
 
 __all__ = [
@@ -47,7 +46,6 @@ __all__ = [
     "check_urdf",
     "find_urdf",
     "load_checked",
-    "read_loops",
     "robot_files",
     "text_checked",
 ]
