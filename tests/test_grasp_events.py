@@ -310,7 +310,7 @@ def check_hand_overs(seeds: range) -> None:
 
 
 def test_random_hand_overs():
-    check_hand_overs(range(12))
+    check_hand_overs(range(30))
 
 
 @pytest.mark.slow
