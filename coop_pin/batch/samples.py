@@ -196,6 +196,10 @@ class RunSamples(Mapping[str, Any]):
         """Return the part of each arm of values of all joints or drives."""
         return np.split(values, np.cumsum([len(arm.drive) for arm in self._arms]), axis=-1)[:-1]
 
+    def _shares(self) -> Array:
+        """Return the load shares of the arms, shape (runs, m)."""
+        return np.stack([plant.run.scenario.cell.shares for plant in self._prepared.plants])
+
     def _jacobians(self) -> list[Array]:
         values, k_0 = self._field("jacobians"), self._rows.size
         ends = k_0 * np.cumsum([len(arm.drive) for arm in self._arms])
@@ -220,7 +224,6 @@ class RunSamples(Mapping[str, Any]):
     def _state(self) -> dict[str, Callable[[], Any]]:
         """Return what gives the quantities that are read neither from measurements nor from others."""
         field, determined = self._field, self._plant.determined
-        shares = [scenario.cell.shares for scenario in self._prepared.scenarios]
         return {
             "time": lambda: self._desired(lambda desired: desired.time),
             "desired_pose": lambda: self._desired(lambda desired: desired.target.X_WP_d),
@@ -238,7 +241,7 @@ class RunSamples(Mapping[str, Any]):
             "tip_position": lambda: field("tips"),
             "interaction_wrench": lambda: np.where(determined, field("wrenches"), np.nan),
             "internal_wrench": lambda: np.stack(
-                list(map(internal_wrenches, self["interaction_wrench"], shares))
+                list(map(internal_wrenches, self["interaction_wrench"], self._shares()))
             ),
             "external_wrench": lambda: field("payload_wrench"),
             "closure_distance": lambda: field("closure_errors")[..., 0],
@@ -252,7 +255,6 @@ class RunSamples(Mapping[str, Any]):
     def _of_springs(self) -> dict[str, Callable[[], Any]]:
         """Return what gives the quantities of compliant grasps."""
         field, of_arms = self._field, self._plant.run.plant.chain.springs.of_arms
-        shares = np.stack([scenario.cell.shares for scenario in self._prepared.scenarios])
         work = {name: partial(self._numbers, "work", len(WORK) + i) for i, name in enumerate(WORK_OF_GRASPS)}
         return work | {
             "grasp_wrench": lambda: of_arms(field("grasp_wrench")),
@@ -260,5 +262,5 @@ class RunSamples(Mapping[str, Any]):
                 np.concatenate((field("grasp_position"), log3(field("grasp_rotation"))), axis=-1)
             ),
             "elastic_energy": lambda: self._numbers("elastic"),
-            "load_share": lambda: np.repeat(shares[:, None], len(self._kept), axis=1),
+            "load_share": lambda: np.repeat(self._shares()[:, None], len(self._kept), axis=1),
         }

@@ -27,7 +27,7 @@ from coop_pin.results.quantities import Samples
 from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.results.trust import TrustMonitor
 from coop_pin.results.window import Windows
-from coop_pin.schema.parts import Pattern
+from coop_pin.schema.parts import Filled
 from coop_pin.tracing.kernel import Layout, Machine, Program
 from coop_pin.tracing.llvm_machine import LlvmMachine, native_width
 
@@ -39,10 +39,6 @@ _COPIES = 3
 _KEPT = 8
 """Plants, and families with their code, that are kept, those used last; the tapes of one may take 60 MB.
 Of a family, so many orders of its kernels."""
-
-
-_ALIKE = 4
-"""Runs from which on the numbers of their laws are made together."""
 
 
 class BatchResult:
@@ -74,7 +70,7 @@ class BatchResult:
             give_back: Function that gives the memory of the records back.
         """
         self.scenarios, self.is_valid = prepared.scenarios, is_valid
-        self._plants, self._give_back = prepared.plants, give_back
+        self._plants, self._trust, self._give_back = prepared.plants, prepared.trust, give_back
         self._every, self.every_tick = (
             self.scenarios[0].clock.record_every,
             RunSamples(prepared, layout, records),
@@ -109,8 +105,8 @@ class BatchResult:
         extremes = self.every_tick.extremes(self.scenarios[0].trust.jacobian_condition)
         parts = (self._metrics(part, runs, extremes) for runs, part in self.every_tick.parts())
         metrics = list(itertools.chain.from_iterable(parts))
-        for index, scenario in enumerate(self.scenarios):
-            if scenario.trust != self.scenarios[0].trust:
+        for index, trust in enumerate(self._trust):
+            if trust != self._trust[0]:
                 metrics[index]["trustworthy"] = float(self.result(index).trustworthy)
         return metrics
 
@@ -214,36 +210,29 @@ class BatchSimulator:
         self._plants.insert(0, (fields, plant))  # the next scenario shares more objects with this one
         return Prepared.of_run(scenario, plant)
 
-    def prepare_alike(
-        self, scenarios: Sequence[Scenario], pattern: Pattern, numbers: Array, cover: Cover | None = None
-    ) -> list[Prepared] | None:
+    def prepare_alike(self, scenarios: Filled, cover: Cover | None = None) -> Prepared | None:
         """Return runs that differ in numbers of a law of the package, before they run.
 
         The first and the last are prepared by themselves, and the others must agree with them.
 
         Args:
-            scenarios: Scenarios of the runs.
-            pattern: Pattern of them.
-            numbers: Their numbers in it, shape (runs, numbers).
+            scenarios: Scenarios of the runs; see ``of_a_law``.
             cover: Provisions of the code, as of prepare.
 
         Returns:
             The runs; None where each must be prepared by itself.
         """
-        of_the_law = all(name.startswith("controller.") for name in pattern.names)
-        if not of_the_law or len(scenarios) < _ALIKE or scenarios[0].controller.user_code:
-            return None
         try:
             ends = [self.prepare(scenarios[end], cover) for end in (0, -1)]
         except CoopPinError:
             return None
         if ends[0].plants != ends[1].plants or ends[0].kind != ends[1].kind:
             return None
-        runs = ends[0].alike(scenarios, pattern, numbers)
+        runs = ends[0].alike(scenarios)
         if runs is None:
             return None
-        pairs = zip(ends, (runs[0], runs[-1]), strict=True)
-        return runs if all(end.values.tobytes() == run.values.tobytes() for end, run in pairs) else None
+        pairs = zip(ends, runs.values[[0, -1]], strict=True)
+        return runs if all(end.values.tobytes() == values.tobytes() for end, values in pairs) else None
 
     def run_prepared(
         self,
@@ -258,7 +247,7 @@ class BatchSimulator:
         """
         prepared = Prepared.joined(runs)
         del self._plants[_KEPT:]
-        family, count = self.family([prepared]), len(runs)
+        family, count = self.family([prepared]), len(prepared.plants)
         _, machine, order = family.orders[prepared.times]
         if machine.record_size(count) > sum(memory.size for memory in self._free):
             require_sample_memory(machine, count)

@@ -106,12 +106,11 @@ class Session:
         for first in jobs:  # a finished sweep does not wait for workers
             with contextlib.closing(self._outcomes(itertools.chain([first], jobs))) as batches:
                 for batch in batches:
-                    for outcome in batch:
-                        require_own_names(plan, outcome.record.metrics)
+                    records = [outcome.record for outcome in batch]
+                    require_own_names(plan, {name for record in records for name in record.metrics})
                     self.store.append(batch)
-                    for record in (outcome.record for outcome in batch):
-                        for _ in range(under_way.pop(record.key)):
-                            self.bar.count(bool(record.failure))
+                    counts = [(under_way.pop(record.key), bool(record.failure)) for record in records]
+                    self.bar.count(sum(n for n, _ in counts), failed=sum(n for n, failed in counts if failed))
         self.store.append(refused)
         if self._is_foreign and plan.engine == "batch":
             self._check_batches(plan)
@@ -191,9 +190,9 @@ class Session:
             if isinstance(scenario, ScenarioError):
                 if kind is None:
                     refused.append(Outcome(Record.of_failure(key, point.changes, scenario)))
-                self.bar.count(True, old=True)
+                self.bar.count(failed=1, old=True)
             elif kind is not None and not again and (kind or not keep or self.store.read_result(key)):
-                self.bar.count(bool(kind), old=True)
+                self.bar.count(failed=bool(kind), old=True)
             else:
                 under_way[key] += 1
                 if under_way[key] == 1:
@@ -203,9 +202,8 @@ class Session:
     def _job(plan: SweepPlan, keyed: KeyedPoint) -> Job:
         """Return the job of a point whose scenario has no mistakes."""
         point, limits = keyed.point, (plan.time_limit_s, int(plan.memory_limit_gb * 1e9))
-        keep, scenario = plan.keeps(point.number), cast(Scenario, keyed.scenario)
-        options = (point.changes, plan.metrics, *limits, keep, keyed.code, plan.engine)
-        return Job(keyed.key, scenario, *options, keyed.pattern, keyed.numbers)
+        options = (point.changes, plan.metrics, *limits, plan.keeps(point.number), keyed.code, plan.engine)
+        return Job(keyed.key, cast(Scenario, keyed.example), *options, keyed.pattern, keyed.numbers)
 
     def _require_files(self, code: Sequence[tuple[str, Sequence[str]]]) -> None:
         """Refuse code of a script or notebook that workers cannot import, or whose edits go undetected."""
