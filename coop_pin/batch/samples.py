@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
-from coop_pin.batch.preparation import Prepared
+from coop_pin.batch.preparation import Prepared, PreparedPlant
 from coop_pin.batch.signals import Desired
 from coop_pin.errors import InvalidStateError
 from coop_pin.results.quantities import WORK, WORK_OF_GRASPS, Samples, condition_numbers, padded
@@ -186,8 +186,12 @@ class RunSamples(Mapping[str, Any]):
 
     def _desired(self, read: Callable[[Desired], Array]) -> Array:
         """Return what a function reads of Desired."""
+        return self.of_plants(lambda plant: read(plant.desired)[self._kept])
+
+    def of_plants(self, read: Callable[[PreparedPlant], Array]) -> Array:
+        """Return what a function reads of the plants, (runs, ...); one plant is read once."""
         plants = self._prepared.plants
-        by_plant = {plant: read(plant.desired)[self._kept] for plant in {*plants}}
+        by_plant = {plant: read(plant) for plant in {*plants}}
         if len(by_plant) > 1:
             return np.stack([by_plant[plant] for plant in plants])
         return np.broadcast_to(values := by_plant[plants[0]], (len(plants), *values.shape))
@@ -198,7 +202,7 @@ class RunSamples(Mapping[str, Any]):
 
     def _shares(self) -> Array:
         """Return the load shares of the arms, shape (runs, m)."""
-        return np.stack([plant.run.scenario.cell.shares for plant in self._prepared.plants])
+        return self.of_plants(lambda plant: plant.run.scenario.cell.shares)
 
     def _jacobians(self) -> list[Array]:
         values, k_0 = self._field("jacobians"), self._rows.size

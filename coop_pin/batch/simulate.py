@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections import ChainMap
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from typing import Any, NamedTuple, cast
 
@@ -31,8 +30,8 @@ from coop_pin.schema.parts import Filled
 from coop_pin.tracing.kernel import Layout, Machine, Program
 from coop_pin.tracing.llvm_machine import LlvmMachine, native_width
 
-LARGEST_BLOCK = 64
-"""Runs that advance together; the samples of more leave the processor's caches."""
+LARGEST_BLOCK = 256
+"""Runs that advance together, between two looks at Ctrl-C."""
 
 _COPIES = 3
 """Of the samples: as recorded, by names, and those of single results."""
@@ -112,10 +111,11 @@ class BatchResult:
 
     def _metrics(self, part: RunSamples, runs: slice, extremes: Samples) -> list[dict[str, float]]:
         """Return the metrics of some of the runs, with the trust thresholds of the first of all."""
-        first, labels = self.scenarios[0], [plant.labels for plant in self._plants[runs]]
-        lower, upper = (np.stack([run[f"position_{side}"] for run in labels]) for side in ("lower", "upper"))
+        first, sides = self.scenarios[0], ("position_lower", "position_upper")
+        limits = part.of_plants(lambda plant: np.stack([plant.labels[side] for side in sides]))
+        lower, upper = np.moveaxis(limits, 1, 0)
         known = {name: values[runs] for name, values in extremes.items()}
-        known |= {"time": part["time"][0], "arm": labels[0]["arm"]}
+        known |= {"time": part["time"][0], "arm": self._plants[runs.start].labels["arm"]}
         data = ChainMap(known, cast(Any, part))
         with np.errstate(all="ignore"):  # of runs that are not valid
             trustworthy = ~TrustMonitor(first.trust, (), lower, upper).exceeded(data)
@@ -123,7 +123,7 @@ class BatchResult:
             metrics = all_metrics(data, windows, turns=first.cell.controls_turns)
             trustworthy &= ~(metrics["joint_drift_rad"] > first.trust.joint_drift)
         columns = {"trustworthy": trustworthy} | metrics
-        table = np.empty((len(columns), len(labels)))
+        table = np.empty((len(columns), len(trustworthy)))
         for row, values in zip(table, columns.values(), strict=True):
             row[:] = values
         return [dict(zip(columns, row, strict=True)) for row in table.T.tolist()]
@@ -237,13 +237,14 @@ class BatchSimulator:
     def run_prepared(
         self,
         runs: Sequence[Prepared],
-        compiled: AbstractContextManager[Callable[[], None] | None] | None = None,
+        begin: Callable[[], Callable[[], None] | None] = lambda: None,
     ) -> BatchResult:
         """Return the results of runs; raises as simulate_batch.
 
         Args:
             runs: Runs of one family with the same times.
-            compiled: Context in which compiled code runs; gives what its parts call in between.
+            begin: Function that is called before compiled code runs, from where on this simulator is not
+                used; it returns what the code's parts call in between.
         """
         prepared = Prepared.joined(runs)
         del self._plants[_KEPT:]
@@ -254,11 +255,11 @@ class BatchSimulator:
         (block, loads), lanes = family.code.begin(prepared), family.code.program.lanes
         parts = [slice(first, first + LARGEST_BLOCK) for first in range(0, count, LARGEST_BLOCK)]
         memories = [self._memory(machine.record_size(block[:, part].shape[1])) for part in parts]
-        with compiled or nullcontext() as between:
-            records = [
-                machine.run(block[:, part], order.uniforms, loads[:, :, part], memory, between)
-                for part, memory in zip(parts, memories, strict=True)
-            ]
+        between = begin()
+        records = [
+            machine.run(block[:, part], order.uniforms, loads[:, :, part], memory, between)
+            for part, memory in zip(parts, memories, strict=True)
+        ]
         is_valid = block[lanes.slots("is_valid")] == 1.0
         return BatchResult(prepared, lanes, records, is_valid, partial(self._give_back, memories))
 

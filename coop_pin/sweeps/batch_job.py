@@ -25,7 +25,7 @@ from coop_pin.sweeps.run_key import require_unchanged
 _simulator = BatchSimulator()
 """With plants, code and memory of the last families, for all batches of a process."""
 IN_PYTHON = threading.Lock()
-"""Held by the thread that works on a batch, but while compiled code runs."""
+"""Held by the thread that works on a batch, but while compiled code runs and metrics are found."""
 _untraceable = list[Hashable]()
 """Families that were refused: their later batches are not traced again."""
 _LOG = logging.getLogger("coop_pin.sweeps")
@@ -178,8 +178,8 @@ def _warn_once(message: str) -> None:
 
 
 @contextlib.contextmanager
-def _compiled(is_over: Callable[[], bool]) -> Iterator[Callable[[], None]]:
-    """Let other threads work on their batches, while compiled code runs; give what ends it early."""
+def _unlocked(is_over: Callable[[], bool]) -> Iterator[Callable[[], None]]:
+    """Let other threads prepare their batches, while compiled code and numpy run; give what ends it early."""
 
     def end() -> None:
         if is_over():
@@ -210,8 +210,9 @@ def _together(
     """
     start = times()
     try:
-        batch = _simulator.run_prepared([runs], _compiled(is_over))
-        metrics = batch.metrics()
+        with contextlib.ExitStack() as stack:
+            batch = _simulator.run_prepared([runs], lambda: stack.enter_context(_unlocked(is_over)))
+            metrics = batch.metrics()
     except TracingError:
         raise
     except Exception as error:
