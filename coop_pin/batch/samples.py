@@ -120,7 +120,8 @@ class RunSamples(Mapping[str, Any]):
         """Yield the samples of a few runs after the other, which stay in the caches: slices and samples."""
         first = 0
         for record in self._blocks():
-            size = _LINE * max(1, _AT_ONCE // (_LINE * len(record)))
+            lines = -(-record.shape[2] // _LINE)
+            size = _LINE * -(-lines // max(1, round(len(record) * record.shape[2] / _AT_ONCE)))
             for start in range(0, record.shape[2], size):
                 block = record[:, :, start : start + size]
                 runs = slice(first, first + block.shape[2])

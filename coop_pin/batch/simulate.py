@@ -118,9 +118,10 @@ class BatchResult:
         known |= {"time": part["time"][0], "arm": self._plants[runs.start].labels["arm"]}
         data = ChainMap(known, cast(Any, part))
         with np.errstate(all="ignore"):  # of runs that are not valid
-            trustworthy = ~TrustMonitor(first.trust, (), lower, upper).exceeded(data)
             windows = Windows.of(first, float(data["time"][-1]))
             metrics = all_metrics(data, windows, turns=first.cell.controls_turns)
+            monitor = TrustMonitor(first.trust, (), lower, upper)
+            trustworthy = ~monitor.exceeded(data, metrics["energy_balance_max_J"])
             trustworthy &= ~(metrics["joint_drift_rad"] > first.trust.joint_drift)
         columns = {"trustworthy": trustworthy} | metrics
         table = np.empty((len(columns), len(trustworthy)))
