@@ -104,7 +104,6 @@ class CellChain:
         cell: the description.
         model: the tree, with the positions of arms and payload in it; ``surround`` changes it in place.
         transmission: transmission between drives and joints, with their friction.
-        mechanism: the tree with its closures; ``mechanism.model`` is the Pinocchio model of the tree.
         springs: the compliant grasps in it.
         rigid: the rigid grasps in it that are closures.
         patches: patches of arms and tables in it.
@@ -129,14 +128,18 @@ class CellChain:
         self.model = CellModel(cell, options.payload)
         self.transmission = Transmission(cell, self.model.arms, self.model.model.nv)
         self.rigid = RigidGrasps(cell, self.model, options)
-        self.mechanism: ClosedChain = self.rigid.mechanism
         self.elements = ForceElements(self.model)
         self.springs = GraspSprings(cell, self.model, self.elements)
         self.patches = ContactPatches(cell, self.model, self.elements)
         parts: tuple[GraspSprings | ContactPatches, ...] = self.springs, self.patches
-        self.elements.elements = [part for part in parts if len(part)]
+        self.elements.elements = self._parts = [part for part in parts if len(part)]
         self._frames, self._free_data = GraspFrames(self.model), self.model.model.createData()
         self._welded = [index for index, name in enumerate(cell.arms) if name in self.model.closed_by_tree]
+
+    @property
+    def mechanism(self) -> ClosedChain:
+        """The tree with the closures that hold."""
+        return self.rigid.mechanism
 
     @cached_property
     def arms(self) -> tuple[CellArm, ...]:
@@ -160,32 +163,27 @@ class CellChain:
 
     def damp(self, q: Array) -> None:
         """Set the damping of grasps that is stated as a ratio, by the mobility at a configuration."""
-        if self.springs.arms:
-            self.springs.damp(q)
-        if len(self.patches):
-            self.patches.damp(q)
+        for part in self._parts:
+            part.damp(q)
 
     def release(self, arm: int) -> None:
         """Open the grasp of an arm, by its index."""
         grasps, number = self._grasp_of(arm)
         grasps.release(number)
-        self.mechanism = self.rigid.mechanism
 
     def grasp(self, arm: int, q: Array, is_nominal: bool = False) -> None:
         """Close the grasp of an arm where its tip is found at a configuration, or at the nominal pose."""
         grasps, number = self._grasp_of(arm)
         grasps.grasp(number, None if is_nominal else q)
-        self.mechanism = self.rigid.mechanism
 
     def gap(self, arm: int, q: Array) -> ClosureError:
         """Return distance and angle of an arm's tip from its nominal grasp."""
-        grasps, number = self._grasp_of(arm)
-        return grasps.gap(number, q)
+        frames = self._at(q)
+        return ClosureError.of(frames.grasps[arm].actInv(frames.tips[arm]))
 
     def brake(self, arm: int, q: Array) -> None:
         """Hold the joints of an arm, by its index, at a configuration from now on."""
         self.rigid.brake(arm, q)
-        self.mechanism = self.rigid.mechanism
 
     def held(self) -> tuple[GraspsHeld, ClosuresHeld]:
         """Return which compliant grasps hold, at which poses, and which closures."""
@@ -196,7 +194,6 @@ class CellChain:
         self.springs.restore(compliant)
         if closures.grasps.holds is not self.rigid.holds or closures.brakes is not self.rigid.brakes:
             self.rigid.restore(closures)
-            self.mechanism = self.rigid.mechanism
 
     def _grasp_of(self, arm: int) -> tuple[GraspSprings | ContactPatches | RigidGrasps, int]:
         """Return the grasps to which that of an arm belongs, and its number among them."""
@@ -248,8 +245,9 @@ class CellChain:
         Rigid grasps have their load shares, F_i = c_i [m_0 g, 0].
         """
         loads = self.cell.shares[:, None] * weight_wrench(self.cell.payload.mass, self.cell.gravity)
-        loads = self.springs.loads(self._q(q), loads) if self.springs.arms else loads
-        return self.patches.loads(self._q(q), loads) if self.patches.arms else loads
+        for part in self._parts:
+            loads = part.loads(self._q(q), loads)
+        return loads
 
     def posed_configuration(self, angles: Mapping[str, ArrayLike], X_WP: ArrayLike) -> Array:
         """Return the configuration at stated joint angles of every arm, whether or not the grasps are closed.
@@ -279,9 +277,7 @@ class CellChain:
         frames, X_WP, allowed = self._at(self._q(q)), as_pose("X_WP", X_WP), as_number("allowed", allowed)
         for arm, X_WE in zip(self.model.arms, frames.tips, strict=True):
             X_EG = X_WE.actInv(pin.SE3(X_WP @ self.cell.grasps[arm.name].matrix))
-            gap = ClosureError(
-                float(np.linalg.norm(X_EG.translation)), float(np.linalg.norm(pin.log3(X_EG.rotation)))
-            )
+            gap = ClosureError.of(X_EG)
             if not max(gap) <= allowed:
                 raise OpenClosureError(f"grasp of arm {arm.name}", gap.distance, gap.angle, allowed)
 

@@ -9,7 +9,6 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.chain.closed_chain import ClosedChain
-from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.grasp_springs import GraspsHeld, changed
 from coop_pin.description.cell import Cell
 from coop_pin.description.closure import Closure
@@ -109,11 +108,6 @@ class RigidGrasps:
             if joints.start <= tree.idx_vs[number] < joints.stop
         ]
         self.restore(self.held()._replace(brakes=(*self.brakes, *brakes)))
-
-    def gap(self, number: int, q: Array) -> ClosureError:
-        """Return distance and angle of a tip from its nominal grasp."""
-        X = pin.SE3(self._nominal[number]).actInv(self._tip_pose(number, q))
-        return ClosureError(float(np.linalg.norm(X.translation)), float(np.linalg.norm(pin.log3(X.rotation))))
 
     def _hold(self, holds: Mask, poses: Array) -> None:
         self.restore(ClosuresHeld(GraspsHeld(holds, poses), self.brakes))
