@@ -152,7 +152,7 @@ def _at_rate(
     G = rounded_down(part * min(_KAPPA, _ALONG / alone) / (T + 2.0 * lag)) * first
     rates = np.linalg.eigvals(np.linalg.solve(inertia.cell, G.sum(axis=0))).real
     lambda_min, fastest = float(rates.min()), float(rates.max())
-    Q, linear = turn_matrix(cell.task_rows, scenario.start.matrix), np.array(cell.task_rows.indices) < 3
+    Q, linear = turn_matrix(cell.task_rows, scenario.start.matrix), cell.task_rows.are_linear
 
     def tracking(gamma: float, k_I: float) -> float:
         x = needed.tracking(Q @ G.sum(axis=0) @ Q.T, gamma, k_I)
@@ -208,7 +208,7 @@ def _law(
         anchor_bias="none" if scenario.put_downs else b_0,
         anchor_bias_answered=b_max,
         gain_axes="payload",
-        knows_deflection=bool(cell.compliant) and getattr(scenario.controller, "zero_at_grasp", False),
+        knows_deflection=bool(cell.compliant) and scenario.controller.is_zeroed,
     )
 
 

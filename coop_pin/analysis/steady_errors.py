@@ -248,7 +248,7 @@ def _held_by_springs(
     if not np.isfinite(springs).all():
         return math.inf, 0.0
     rows = scenario.cell.task_rows
-    linear = np.ix_(*[[row for row, index in enumerate(rows.indices) if index < 3]] * 2)
+    linear = np.ix_(rows.are_linear, rows.are_linear)
     compliance, eye = np.linalg.inv(sum(springs)), np.eye(rows.size)
     force = max(
         float(np.linalg.norm((B_i @ ((i == j) * eye - compliance @ B_j))[linear], 2))

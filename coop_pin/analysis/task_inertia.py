@@ -143,7 +143,7 @@ def motion_wrenches(scenario: Scenario, cell_reach: Reachability, posture: Postu
         posture: gains of the spare joints.
     """
     cell, rows = scenario.cell, list(scenario.cell.task_rows.indices)
-    first = int(np.count_nonzero(cell_reach.arms[0].times == 0.0)) - 1
+    first = cell_reach.arms[0].first
     t = cell_reach.arms[0].times[first:]
     motion = scenario.motion.replace()  # reads a CSV table again
     end = min(time_at_rest(scenario) + _SETTLING, scenario.duration)
@@ -152,13 +152,8 @@ def motion_wrenches(scenario: Scenario, cell_reach: Reachability, posture: Postu
     acceleration = np.gradient(np.array([target.V_WP_d for target in targets]), fine, axis=0)
     mass, inertia = cell.payload.mass, cell.payload.inertia_matrix
     M_0 = np.array([spatial_inertia(mass, inertia, target.X_WP_d[:3, :3]) for target in targets])
-    held = [HeldArm(scenario, reach.arm, reach.q[first], posture) for reach in cell_reach.arms]
-    a = np.array(
-        [
-            arm.wrenches(fine, arm.path(fine, t, reach.q[first:]))
-            for arm, reach in zip(held, cell_reach.arms, strict=True)
-        ]
-    )
+    held = [(HeldArm(scenario, reach, posture), reach.q[first:]) for reach in cell_reach.arms]
+    a = np.array([arm.wrenches(fine, arm.path(fine, t, q)) for arm, q in held])
     mu = a - cell.shares[:, None, None] * a.sum(axis=0)
     d = a.sum(axis=0) + np.einsum("nij,nj->ni", M_0, acceleration)[:, rows]
     return MotionWrenches(float(fine[1]), d, mu)
@@ -169,12 +164,10 @@ def with_spare_motion(scenario: Scenario, cell_reach: Reachability, posture: Pos
 
     On full rows; arguments as of motion_wrenches.
     """
-    first = int(np.count_nonzero(cell_reach.arms[0].times == 0.0)) - 1
     arms = list[ArmReach]()
     for reach in cell_reach.arms:
-        held = HeldArm(scenario, reach.arm, reach.q[first], posture)
-        t = reach.times[first:]
-        moved = held.path(t, t, reach.q[first:])
+        t, first = reach.times[reach.first :], reach.first
+        moved = HeldArm(scenario, reach, posture).path(t, t, reach.q[first:])
         arms.append(dataclasses.replace(reach, q=np.concatenate((reach.q[:first], moved))))
     return dataclasses.replace(cell_reach, arms=tuple(arms))
 
@@ -190,8 +183,8 @@ def _payload_inertia(scenario: Scenario, cell_reach: Reachability) -> Array:
 class HeldArm:
     """An arm with what its torques hold besides the law's wrench."""
 
-    def __init__(self, scenario: Scenario, name: str, start: Array, posture: PostureGains) -> None:
-        cell = scenario.cell
+    def __init__(self, scenario: Scenario, reach: ArmReach, posture: PostureGains) -> None:
+        cell, name, start = scenario.cell, reach.arm, reach.q[reach.first]
         self.motion, self.rows = scenario.motion.replace(), cell.task_rows
         self.model, self.friction = CellArm(cell, name), friction(cell.arms[name], name)
         self.stiffness, self.damping = posture.of_drives(self.model.nv, self.model.base_joints)

@@ -447,7 +447,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
         Raises:
             FieldError: gamma is not that of any axes.
         """
-        gamma, linear = gains.pose_gain.diagonal(), np.array(rows.indices) < 3
+        gamma, linear = gains.pose_gain.diagonal(), rows.are_linear
         kinds = {*gamma[linear]}, {*gamma[~linear]}
         if self.gain_axes == "payload" and max(map(len, kinds)) > 1:
             detail = f"is {gamma.tolist()}; with gain_axes 'payload' it must be one value for all positions"
@@ -488,7 +488,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
         gains, internal, phi = self.gains.sized(rows.size, 0), self.force_path.tells_wrenches, self.switching
         beta, leak = gains.anchor_gain / (loop.every * period), self._leak(gains)
         anchored = self.measures and beta > 0.0
-        linear = [row for row, index in enumerate(rows.indices) if index < 3]
+        linear = np.flatnonzero(rows.are_linear)
         bound, free, most = self._bound(rows, gains, 1.0, period, loop.every + loop.delay), np.inf, np.inf
         if bound is not None:
             part = gains.anchor_gain / (loop.every * (1.0 + gains.force_gain))

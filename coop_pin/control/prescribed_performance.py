@@ -142,5 +142,4 @@ class PrescribedPerformance(DecentralisedLaw[PrescribedPerformanceGains]):
             V_r = gains.pose_gain * _push(np.full(rows.size, x), gains.pose_floor)
             return float((gains.velocity_gain * _push(V_r, gains.velocity_floor))[row])
 
-        linear = [row for row, index in enumerate(rows.indices) if index < 3]
-        return [SteadyDirection(partial(spring, row)) for row in linear]
+        return [SteadyDirection(partial(spring, row)) for row in np.flatnonzero(rows.are_linear).tolist()]
