@@ -252,8 +252,8 @@ def _on_patches(scenario: Scenario) -> dict[str, Any]:
 
 def _friction(scenario: Scenario) -> Iterator[str]:
     """Yield squeeze, split and guards of patches."""
-    least, law = least_squeeze(scenario), scenario.controller
-    if not scenario.cell.patches or least is None or not isinstance(law, PayloadSpace):
+    law: Any = scenario.controller
+    if not scenario.cell.patches or (least := least_squeeze(scenario)) is None:
         return
     yield least.summary()
     yield (
@@ -285,7 +285,13 @@ def _gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
             f" the motion{', or by the table' * bool(scenario.put_downs)}; it is 2 where a soft grasp lets"
             " the arm go unstable"
         )
-        yield _anchor_limit(proposal.law.anchor_bias)
+        bias = proposal.law.anchor_bias
+        yield (
+            "anchor_bias: none, by the put-down: a bounded anchor would keep the load that the table gets"
+            if bias == "none"
+            else f"anchor_bias: {1e3 * bias[0]:.3g} mm and {1e3 * bias[1]:.3g} mrad, by the usual bias and"
+            " the deflection of the grasps under load and squeeze; the layer is twice as wide"
+        )
         if proposal.law.knows_deflection:
             yield "knows_deflection: the arms give up no squeeze to what it deflects"
         parts = "0.4", "a tenth to a fortieth"
@@ -302,16 +308,6 @@ def _gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
     else:
         kind, g = force_path_of(scenario).kind, proposal.gains.anchor_gain
         yield f"force path: {kind}; g {g:.3g}, unstable from {proposal.anchor_bound:.3g} on"
-
-
-def _anchor_limit(bias: Any) -> str:
-    """Return what limits the bound of the anchor."""
-    if bias == "none":
-        return "anchor_bias: none, by the put-down: a bounded anchor would keep the load that the table gets"
-    return (
-        f"anchor_bias: {1e3 * bias[0]:.3g} mm and {1e3 * bias[1]:.3g} mrad, by the usual bias and the"
-        " deflection of the grasps under load and squeeze; the layer is twice as wide"
-    )
 
 
 def _null_space(proposal: GainProposal, loop: LoopStability) -> Iterator[str]:

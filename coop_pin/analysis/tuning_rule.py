@@ -182,7 +182,7 @@ def _at_rate(
     gamma, alpha = rounded_down(gamma), rounded_down(width * k_I)
     kappa = squeeze_rate(scenario, gamma, rate)
     k_I, force, moment = alpha / width, None, None
-    linear = np.array(scenario.cell.task_rows.indices) < 3
+    linear = scenario.cell.task_rows.are_linear
     tracking = float(np.linalg.norm(wrenches.tracking(K, gamma, k_I)[:, linear], axis=1).max())
     if not path.measures:
         sag = np.abs(wrenches.load - wrenches.load[0]).max(axis=0) / (K * gamma * (1.0 + k_I / _LEAK))
@@ -234,7 +234,9 @@ def damped(
 
 def squeeze_rate(scenario: Scenario, gamma: float, rate: float) -> float:
     """Return kappa, 1/s: faster than gamma where only the squeeze comes in with it."""
-    return max(gamma, min(_SQUEEZE_RATE, rate / 4.0)) if _starts_on_motion(scenario) else gamma
+    begin = np.array(scenario.motion.replace().at(0.0).X_WP_d)
+    starts_on_motion = float(np.abs(pose_error(scenario.start.matrix, begin)).max()) < _ON_START
+    return max(gamma, min(_SQUEEZE_RATE, rate / 4.0)) if starts_on_motion else gamma
 
 
 def _least_damping(rates: Array, gamma: float, k_I: float, *, lag: float) -> float:
@@ -251,15 +253,9 @@ def expected_internal_errors(
     scenario: Scenario, wrenches: MotionWrenches, anchor_rate: float
 ) -> tuple[float, float]:
     """Return the largest errors of the internal force and moment of an arm, N and N m."""
-    errors, linear = wrenches.internal_error(anchor_rate), np.array(scenario.cell.task_rows.indices) < 3
+    errors, linear = wrenches.internal_error(anchor_rate), scenario.cell.task_rows.are_linear
     force, moment = (np.linalg.norm(errors[..., rows], axis=-1).max() for rows in (linear, ~linear))
     return float(force), float(moment)
-
-
-def _starts_on_motion(scenario: Scenario) -> bool:
-    """Return whether the reference begins at the start, so that only the squeeze comes in with kappa."""
-    begin = scenario.motion.replace().at(0.0).X_WP_d
-    return float(np.abs(pose_error(scenario.start.matrix, np.array(begin))).max()) < _ON_START
 
 
 def control_rates(scenario: Scenario) -> Iterator[float]:

@@ -142,6 +142,16 @@ class Law(WithLaterFields):
         return False
 
     @property
+    def is_smooth(self) -> bool:
+        """Whether its commands are smooth near rest."""
+        return True
+
+    @property
+    def is_yielding(self) -> bool:
+        """Whether it is an admittance by velocities that follows the reference."""
+        return False
+
+    @property
     def linear_speed(self) -> float:
         """Speed up to which the damping is linear, m/s or rad/s; of laws that add signs, beyond which."""
         return 1.0
