@@ -11,6 +11,7 @@ from coop_pin.analysis.bisection import factor_edge
 from coop_pin.analysis.modes import NEUTRAL
 from coop_pin.arrays import Array, typed
 from coop_pin.chain.cell_chain import CellChain
+from coop_pin.control.consensus import laplacian
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError
 from coop_pin.model.cell_arm import CellArm
@@ -136,8 +137,8 @@ def _wrench_errors(scenario: Scenario) -> tuple[Array, int]:
     if path.measures:
         return np.eye(len(c)) - np.outer(c, np.ones(len(c))), path.delay + late
     network: Any = scenario.network
-    edges = network.edges_at(0.0, names)
-    heard = np.array([[float((one, other) in edges) for one in names] for other in names])
+    L = laplacian(network.edges_at(0.0, names), names)
+    heard = np.diag(L.diagonal()) - L
     return np.diag(heard @ c) - c[:, None] * heard, late + network.oldest_of(names, scenario.clock)
 
 

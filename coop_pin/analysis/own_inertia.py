@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from functools import cache, partial
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from coop_pin.analysis.reachability import Reachability
 from coop_pin.analysis.table_force import TABLE_ERROR, table_force
-from coop_pin.analysis.task_inertia import MotionWrenches, motion_wrenches
+from coop_pin.analysis.task_inertia import MotionWrenches
 from coop_pin.analysis.tuning_rule import (
     GainProposal,
+    accurate_proposal,
     anchor_of,
-    control_rates,
     damped,
     expected_internal_errors,
     force_path_of,
-    posture_gains,
     rounded_down,
     sampled_damping,
     slowest_lag,
@@ -116,16 +115,11 @@ def own_inertia_proposal(
         least_stiffness: Stiffness of the posture's spring, N m/rad.
         table_error: Height by which a table may be higher than planned, m.
     """
-    inertia, part = own_inertia(scenario, cell_reach), 1.0
-    wrenches = cache(partial(motion_wrenches, scenario, cell_reach))
-    for rate in control_rates(scenario):
-        posture = posture_gains(scenario, cell_reach, 1.0 / rate, least_stiffness)
-        proposal = _at_rate(scenario, inertia, rate, posture, wrenches(posture))
-        if proposal.is_accurate:
-            break
+    at_rate, part = partial(_at_rate, scenario, own_inertia(scenario, cell_reach)), 1.0
+    proposal, wrenches = accurate_proposal(scenario, cell_reach, least_stiffness, at_rate)
     while (use := _table_use(scenario, proposal, table_error)) > _AIM:
         part *= min(_LESS, (_AIM / use) ** (1.0 / 3.0))
-        proposal = _at_rate(scenario, inertia, rate, posture, wrenches(posture), part)
+        proposal = at_rate(proposal.rate_hz, proposal.posture, wrenches, part)
     return proposal
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache, partial
 from typing import NamedTuple
 
@@ -133,13 +133,9 @@ def gain_proposal(
     eigenvalues = np.linalg.eigvalsh(root[:, None] * inertia.mobility * root)
     largest = float(eigenvalues.max())
     spread = largest, max(float(eigenvalues.min()), _ROUND_OFF * largest)
-    wrenches = cache(partial(motion_wrenches, scenario, cell_reach))
-    for rate in control_rates(scenario):
-        posture = posture_gains(scenario, cell_reach, 1.0 / rate, least_stiffness)
-        proposal = _at_rate(scenario, scale, spread, rate, posture, wrenches(posture))
-        if proposal.is_accurate:
-            break
-    proposal = _anchored_faster(proposal, scenario, wrenches(proposal.posture))
+    at_rate = partial(_at_rate, scenario, scale, spread)
+    proposal, wrenches = accurate_proposal(scenario, cell_reach, least_stiffness, at_rate)
+    proposal = _anchored_faster(proposal, scenario, wrenches)
     if scenario.cell.task_rows.has_moments:
         return proposal
     moment = internal_moment(scenario, cell_reach, proposal.posture).moment  # no anchor acts on it
@@ -258,12 +254,26 @@ def expected_internal_errors(
     return float(force), float(moment)
 
 
-def control_rates(scenario: Scenario) -> Iterator[float]:
-    """Yield the scenario's rate, and its multiples where no delay or sensor is counted in its ticks."""
+def accurate_proposal(
+    scenario: Scenario,
+    cell_reach: Reachability,
+    least_stiffness: float,
+    at_rate: Callable[[float, PostureGains, MotionWrenches], GainProposal],
+) -> tuple[GainProposal, MotionWrenches]:
+    """Return the proposal at the first control rate at which it is accurate, and what the motion asks of it.
+
+    The rates are the scenario's, and its multiples where no delay or sensor is counted in its ticks.
+    """
     stated, path = scenario.clock.rate_hz, scenario.controller.force_path
     timed = bool(scenario.wrists or path.delay or path.pole)
     fastest = stated if timed else max(stated, _FASTEST_HZ)
-    yield from (stated * count for count in range(1, int(fastest / stated) + 1))
+    wrenches = cache(partial(motion_wrenches, scenario, cell_reach))
+    for count in range(1, int(fastest / stated) + 1):
+        posture = posture_gains(scenario, cell_reach, 1.0 / (stated * count), least_stiffness)
+        proposal = at_rate(stated * count, posture, wrenches(posture))
+        if proposal.is_accurate:
+            break
+    return proposal, wrenches(posture)
 
 
 def slowest_lag(scenario: Scenario) -> float:
