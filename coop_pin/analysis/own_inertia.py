@@ -66,13 +66,12 @@ def own_inertia(scenario: Scenario, cell_reach: Reachability) -> OwnInertia:
         scenario: Cell and motion.
         cell_reach: Reachability of the scenario, in which every arm holds the start.
     """
-    cell, inertias = scenario.cell, list[list[Array]]()
-    for reach in cell_reach.arms:
-        arm = CellArm(cell, reach.arm)
-        inertias.append([_in_payload_axes(arm, q) for q in reach.q])
+    cell = scenario.cell
+    models = [CellArm(cell, reach.arm) for reach in cell_reach.arms]
+    pairs = zip(models, cell_reach.arms, strict=True)
+    arms = np.array([[_in_payload_axes(arm, q) for q in reach.q] for arm, reach in pairs])
     rows, payload = list(cell.task_rows.indices), cell.payload
     M_0 = spatial_inertia(payload.mass, payload.inertia_matrix, np.eye(3))[np.ix_(rows, rows)]
-    arms = np.array(inertias)
     return OwnInertia(arms, M_0 + arms.sum(axis=0))
 
 

@@ -150,11 +150,12 @@ def suggest(
     count = math.ceil(steps.steps_per_tick * steps.value / (_STEP_PART * steps.limit))
     if count > steps.steps_per_tick:
         suggested = suggested.override({"clock.steps_per_tick": count})
+    pressed_table = table_force(suggested, table_error=table_error, lag=proposal.tracking)
     cut = f"squeeze CUT to {part:.2f} of what is stated: all that the drives hold beside weight and load"
     lines = (
         *_gain_limits(scenario, proposal),
         *_friction(suggested),
-        *_table(suggested, table_error, proposal.tracking),
+        *([] if pressed_table is None else [pressed_table.summary()]),
         *_null_space(proposal, loop),
         *_moment(scenario, proposal),
         *(_posture_limit(arm) for arm in posture_margins(scenario, cell_reach, statics)),
@@ -263,12 +264,6 @@ def _friction(scenario: Scenario) -> Iterator[str]:
     )
     normal = f", and below {law.normal_guard:.3g} N at its own wrist" if law.normal_guard else ""
     yield f"guards: an arm gives up its squeeze at {1e3 * law.slip_guard:.3g} mm of slip{normal}"
-
-
-def _table(scenario: Scenario, table_error: float, lag: float) -> Iterator[str]:
-    """Yield the force on the table of a put-down."""
-    if (force := table_force(scenario, table_error=table_error, lag=lag)) is not None:
-        yield force.summary()
 
 
 def _gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
