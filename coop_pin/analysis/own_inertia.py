@@ -24,7 +24,8 @@ from coop_pin.analysis.tuning_rule import (
 )
 from coop_pin.arrays import Array, typed
 from coop_pin.control.law import PostureGains
-from coop_pin.control.payload_space import PayloadSpace, PayloadSpaceGains
+from coop_pin.control.payload_space import PayloadSpace
+from coop_pin.control.payload_space_controller import PayloadSpaceGains
 from coop_pin.control.sliding_surface import Saturation
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm

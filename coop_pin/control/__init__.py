@@ -41,8 +41,8 @@ from coop_pin.control.mean_pose import (
     MeanPoseByMessages,
     MeanPoseController,
 )
-from coop_pin.control.payload_space import (
-    PayloadSpace,
+from coop_pin.control.payload_space import PayloadSpace
+from coop_pin.control.payload_space_controller import (
     PayloadSpaceController,
     PayloadSpaceGains,
     PayloadSpaceState,
