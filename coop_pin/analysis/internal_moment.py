@@ -9,7 +9,7 @@ import numpy as np
 from coop_pin.analysis.reachability import Reachability
 from coop_pin.analysis.task_inertia import HeldArm
 from coop_pin.arrays import Array, typed
-from coop_pin.control.law import PostureGains
+from coop_pin.control.posture import PostureGains
 from coop_pin.description.scenario import Scenario
 from coop_pin.spatial import spatial_inertia
 

@@ -23,9 +23,9 @@ from coop_pin.analysis.tuning_rule import (
     squeeze_rate,
 )
 from coop_pin.arrays import Array, typed
-from coop_pin.control.law import PostureGains
 from coop_pin.control.payload_space import PayloadSpace
 from coop_pin.control.payload_space_controller import PayloadSpaceGains
+from coop_pin.control.posture import PostureGains
 from coop_pin.control.sliding_surface import Saturation
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm

@@ -14,7 +14,7 @@ import pinocchio as pin
 from coop_pin.analysis.path_following import time_at_rest
 from coop_pin.analysis.reachability import ArmReach, Reachability
 from coop_pin.arrays import Array, typed
-from coop_pin.control.law import PostureGains
+from coop_pin.control.posture import PostureGains
 from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm

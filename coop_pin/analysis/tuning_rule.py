@@ -18,9 +18,9 @@ from coop_pin.analysis.task_inertia import MotionWrenches, motion_wrenches, task
 from coop_pin.arrays import Array, typed
 from coop_pin.control.bounds import ForcePath, sampled_loop
 from coop_pin.control.force_path import LateForcePath
-from coop_pin.control.law import PostureGains
 from coop_pin.control.payload_space import PayloadSpace
 from coop_pin.control.payload_space_controller import PayloadSpaceGains
+from coop_pin.control.posture import PostureGains
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.spatial import pose_error

@@ -21,8 +21,8 @@ from coop_pin.control.interface import (
     ArmController,
     ControlledArm,
 )
-from coop_pin.control.law import PostureGains
 from coop_pin.control.payload_space_controller import PayloadSpaceController, PayloadSpaceGains
+from coop_pin.control.posture import PostureGains
 from coop_pin.control.sliding_surface import Saturation, SurfaceLaw, Switching
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.errors import FieldError

@@ -15,8 +15,9 @@ from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.gains import PositiveGain
 from coop_pin.control.interface import ArmCommand, ArmMeasurement, ArmReference
 from coop_pin.control.law import LawController
+from coop_pin.control.posture import Posture, null_space_part
 from coop_pin.control.sliding_surface import SurfaceGains, Switching
-from coop_pin.control.terms import Posture, is_new, jacobian_inverse, null_space_part, right_inverse
+from coop_pin.control.terms import is_new, jacobian_inverse, right_inverse
 from coop_pin.schema.base import NotNegative
 from coop_pin.spatial.generic_numbers import identity, known, where
 

@@ -19,8 +19,8 @@ from coop_pin.control.interface import (
     ControlledArm,
 )
 from coop_pin.control.law import DecentralisedLaw, LawController
+from coop_pin.control.posture import spare_torque
 from coop_pin.control.steady_state import SteadyDirection
-from coop_pin.control.terms import spare_torque
 from coop_pin.schema.base import Interval, NotNegative
 from coop_pin.spatial.generic_numbers import exp
 from coop_pin.spatial.task_rows import TaskRows
