@@ -76,7 +76,10 @@ class CellTorques(NamedTuple):
 
 
 class CellChain(CellKinematics):
-    """Closed chain of a cell: interaction wrenches and dynamics, besides its kinematics."""
+    """Closed chain of a cell: its model, loop closures and interaction wrenches.
+
+    Kinematics and grasps are those of CellKinematics; here are the dynamics.
+    """
 
     @cached_property
     def _free_data(self) -> pin.Data:
