@@ -5,18 +5,15 @@ from __future__ import annotations
 import contextlib
 import copy
 import math
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coop_pin.arrays import Array, frozen
-from coop_pin.control.interface import ArmMeasurement
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError, NotEnoughMemoryError
 from coop_pin.memory import free_memory
-from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.results.quantities import (
     WORK,
@@ -32,6 +29,7 @@ from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.results.trust import Breach, TrustMonitor
 from coop_pin.simulation.drives import Applied
 from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.tick import TickInputs
 from coop_pin.simulation.timeline import Timeline
 
 _BLOCK = 1024
@@ -122,22 +120,21 @@ class Recorder:
         }
         self._forces = np.zeros((count, self._sizes["v"]))
 
-    def record(
-        self,
-        tick: int,
-        time: float,
-        measurements: Sequence[ArmMeasurement],
-        applied: Applied,
-        target: PoseTarget,
-        squeeze: Array,
-        shares: Array,
-    ) -> None:
-        """Record one tick; the plant already holds its torques."""
+    def record(self, time: float, inputs: TickInputs, applied: Applied, shares: Array) -> None:
+        """Record one tick; the plant already holds its torques.
+
+        Args:
+            time: Time of the tick, s.
+            inputs: Inputs of the controller.
+            applied: Torques of the drives.
+            shares: Load share of each arm, shape (m,).
+        """
         if self._running is not None and self.count - self._thinned == _BLOCK:
             self._thin(self._running)
         if not self._samples:
             self._allocate()
         samples, plant, sample = self._samples, self._plant, self.count
+        measurements, _, target, squeeze, _ = inputs
         distances, angles = zip(*plant.closure_errors(), strict=True)
         for name, value in {
             "time": time,
