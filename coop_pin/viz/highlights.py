@@ -81,8 +81,8 @@ def telling_instant(result: RunResult) -> Instant:
         verb = "pull the payload apart" if axial > 0.0 else "squeeze the payload"
         force = f"{verb} with {read_number(abs(axial))} N{at}"
         does = force if abs(axial) > _ROUNDING_N else "do not squeeze the payload"
-        wanted = f"{'a pull' if desired > 0.0 else 'a squeeze'} of {read_number(abs(desired))} N"
-        said = f"the arms {does}, where {'none' if abs(desired) < _SMALL_N else wanted} is wanted"
+        goal = f"{'a pull' if desired > 0.0 else 'a squeeze'} of {read_number(abs(desired))} N"
+        said = f"the arms {does}, where {'none' if abs(desired) < _SMALL_N else goal} is wanted"
     elif desired_shear < _SMALL_N:
         said = f"the arms load the payload across with {read_number(shear)} N{at}, where none is wanted"
     else:
