@@ -124,10 +124,8 @@ class ContactPatches:
         self._starts = np.cumsum([0, *counts])[:-1]
         self.parts = [slice(a, a + n) for a, n in zip(self._starts.tolist(), counts, strict=True)]
         self.on_body = np.concatenate([np.zeros((0, 3)), *points])
-        stiffness, shear_stiffness, mu = (
-            np.array([getattr(contact, name) for contact in contacts])[self.contact_of]
-            for name in ("stiffness", "shear_stiffness", "mu")
-        )
+        numbers = [(contact.stiffness, contact.shear_stiffness, contact.mu) for contact in contacts]
+        stiffness, shear_stiffness, mu = np.reshape(numbers, (-1, 3))[self.contact_of].T.copy()
         # The corners of a payload have a second face, which is not on the table at the same time.
         share = np.where(np.arange(len(counts)) < len(self.arms), self._counts, self._counts / 2.0)
         self._shared = shared = share[self.contact_of]

@@ -46,8 +46,8 @@ def _write_wrenches(kernel: Kernel, joints: Sequence[Sequence[int]]) -> None:
             F_J[joint] = F_J[joint] + np.concatenate((R_JW @ f, R_JW @ (m - np.cross(p, f))))
     kernel.write("F_J", F_J)
     kernel.write("dissipated", sum(state.power for state in states))
-    for name in SpringState._fields:
-        kernel.write(name, np.stack([getattr(state, name) for state in states]))
+    for name, values in zip(SpringState._fields, zip(*states, strict=True), strict=True):
+        kernel.write(name, np.stack(values))
 
 
 def _moving(X_WJ: Array, X_JF: Array, V_J: Array) -> MovingFrame:

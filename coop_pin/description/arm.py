@@ -94,7 +94,7 @@ class Miscalibration(Description):
     joint_offset: NumberOrVector = 0.0
     link_length: NumberOrVector = 0.0
 
-    def changes(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
+    def differences(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
         """Yield what is off in place of what the base has, as lengths, angles and shares."""
         arm = words(path[:-1])
         for part, pose, usual in (("tip", self.tip, base.tip), ("base", self.base, base.base)):

@@ -316,7 +316,7 @@ class Scenario(WithLaterFields):
         addition = self.summary.removeprefix(base.summary).removeprefix("; ")
         return "; ".join((*[addition][: bool(addition)], f"changed: {'; '.join(texts)}"))
 
-    def changes(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
+    def differences(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
         """Yield what makes the run another one than that of a base."""
         if not self.events and base.events:
             yield "no events"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from numbers import Real
 from typing import Annotated, Any, ClassVar, Self
 
@@ -21,6 +21,7 @@ from pydantic import (
 )
 
 from coop_pin.errors import FieldError, one_or_all, suggestion
+from coop_pin.schema.changes import table_differences
 from coop_pin.schema.parts import fields_of, overridden
 from coop_pin.schema.validation_errors import field_errors
 
@@ -227,6 +228,15 @@ class Description(BaseModel, metaclass=_Listed):  # type: ignore[metaclass]
             and type(self) is type(other)
             and fields_of(self) == fields_of(other)
         )
+
+    def differences(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
+        """Yield what makes it different from a value of its class, one text for each field.
+
+        Args:
+            base: the other value.
+            path: names of the fields that lead to both.
+        """
+        yield from table_differences(dict(self), dict(base), path)
 
     def replace(self, **fields: Any) -> Self:
         """Return a copy with some fields changed, validated like a new value."""
