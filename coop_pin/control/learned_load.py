@@ -140,7 +140,6 @@ class LearnedForcePath(PlainForcePath):
         Raises:
             FieldError: the consensus does not come to the mean over the scenario's graph.
         """
-        names, network = list(scenario.cell.arms), scenario.network
-        gain, edges = "controller.force_path.consensus_gain", network.edges_at(0.0, names)
-        require_consensus(edges, names, self.consensus_gain, network.slowest_of(names), gain)
+        names, path = list(scenario.cell.arms), "controller.force_path.consensus_gain"
+        require_consensus(scenario.network, names, self.consensus_gain, path)
         return LearnedLoad(law, arm, self, len(names))
