@@ -118,7 +118,8 @@ def test_the_torques_of_the_least_squeeze_use_all_friction_and_no_more(name):
     }
     use = friction_use(data, cell)
     assert_allclose(use.normal, squeeze.normal, rtol=1e-9, atol=1e-9)
-    assert use.used.max() < 1.0 + 1e-7
+    assert np.hypot(use.force, use.torsion).max() < 1.0 + 1e-7  # the ellipsoid
+    assert use.used.max() < 1.09  # the limit surface of nine points is up to 8 % inside
 
 
 def test_what_friction_cannot_hold_is_told():
