@@ -168,7 +168,7 @@ def test_patches_slip_where_the_margin_is_zero_whatever_twists_or_tilts_them(nam
     slides = (slip > 1e-3).argmax()
     begins = (use.used[:slides].max(axis=1) < 0.99).nonzero()[0][-1]
     print(name, offset, at_tips, N[begins] / found.force, slip[begins], use.used[slides])
-    assert_allclose(N[begins] / found.force, 1.0, atol=3e-2)  # single points slide before
+    assert_allclose(N[begins] / found.force, 1.0, atol=5e-2)  # palms that lean twist against each other
     assert slip[begins] < 5e-4
     assert_allclose(use.used[slides].max(), 1.0, atol=1e-2)
 
