@@ -17,7 +17,7 @@ from coop_pin.comparison import controllers_for
 from coop_pin.comparison.measures import measures
 from coop_pin.comparison.trials import benchmark_scenario, standard_trials
 from coop_pin.control import ArmMeasurement, ArmReference, PayloadSpace, bounded_anchor, payload_space
-from coop_pin.control.payload_space import PayloadSpaceController
+from coop_pin.control.payload_space_controller import PayloadSpaceController
 from coop_pin.control.sliding_mode import SlidingModeController
 from coop_pin.description import Scenario
 from coop_pin.errors import FieldError

@@ -14,7 +14,8 @@ from coop_pin.build_controller import build_controller
 from coop_pin.errors import CoopPinError
 from coop_pin.results.metrics import energy_balance
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.sensing import SlipSensors, slip_errors
+from coop_pin.simulation.sensing import SlipSensors
+from coop_pin.simulation.signals import SensorSignals
 from coop_pin.spatial import weight_wrench
 from coop_pin.spatial.internal_wrench import linkage_loads, virtual_linkage_internal_wrenches
 from coop_pin.viz.highlights import telling_instant
@@ -235,22 +236,22 @@ def test_guards_keep_arms_slow_after_a_loss_whose_anchor_has_no_bound(guard, spe
 def test_slip_is_noisy_and_late_and_that_of_arms_that_hold():
     sensors = {"sensors.slip": {"noise": 1e-3, "delay": 3}, "arm_sensors": {"left": {}}}
     scenario = palms(duration=1.0, **sensors)
-    slip, errors = SlipSensors.of(scenario), slip_errors(scenario, 0)
-    assert slip.noise.tolist() == [0.0, 1e-3]
+    slip, noise = SlipSensors.of(scenario), SensorSignals(scenario, [7, 7]).draw(400).slip_noise
+    assert not noise[:, 0].any()
     assert slip.delay.tolist() == [0, 3]
     memory, both, read = slip.start(), np.ones(2, dtype=bool), []
     for tick in range(400):
-        one, memory = slip.step(memory, np.array((0.0, 1.0)) * tick, next(errors), both)
+        one, memory = slip.step(memory, np.array((0.0, 1.0)) * tick, noise[tick], both)
         read.append(one)
     assert read[:3] == [0.0, 0.0, 0.0]
-    noise = np.array(read[3:]) - np.arange(397)
-    assert_allclose((noise.mean(), noise.std()), (0.0, 1e-3), atol=1.5e-4)
-    assert slip.step(memory, np.array((7.0, 9.0)), next(errors), both & False)[0] == 0.0
-    assert slip.step(memory, np.array((7.0, 9.0)), next(errors), np.array((True, False)))[0] == 7.0
-    later, again = slip_errors(scenario, 5), slip_errors(scenario, 0)
-    for _ in range(5):
-        next(again)
-    assert_array_equal(next(later), next(again))
+    errors = np.array(read[3:]) - np.arange(397)
+    assert_allclose(errors[1:], noise[1:397, 1], rtol=0, atol=1e-12)
+    assert_allclose((errors.mean(), errors.std()), (0.0, 1e-3), atol=1.5e-4)
+    assert slip.step(memory, np.array((7.0, 9.0)), noise[0], both & False)[0] == 0.0
+    assert slip.step(memory, np.array((7.0, 9.0)), noise[0], np.array((True, False)))[0] == 7.0
+    source = SensorSignals(scenario, [7, 7])
+    source.draw(5)
+    assert_array_equal(source.draw(1).slip_noise, noise[5:6])
     with pytest.raises(CoopPinError, match="delay"):
         palms(duration=0.001, **{"sensors.slip": {"delay": 2}})
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from coop_pin.analysis.bisection import factor_edge
 from coop_pin.analysis.carried_path import CarriedPath
 from coop_pin.analysis.path_parameterization import PathLimits, fastest, smoothed
 from coop_pin.arrays import Array
@@ -150,10 +151,7 @@ class CarryLimits(NamedTuple):
             low, high = high, 1.5 * high
         while holds(low):
             low, high = low / 1.5, low
-        while high - low > _STRETCHED * high:
-            middle = 0.5 * (low + high)
-            low, high = (low, middle) if holds(middle) else (middle, high)
-        return slower(motion, high)
+        return slower(motion, factor_edge(holds, high, low, _STRETCHED))
 
     def least_effort(self, seed: TimedLineMotion) -> TimedLineMotion:
         """Return the motion of least effort of a duration: a seed plus splines at rest at both ends.

@@ -12,7 +12,6 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.arrays import Array, Mask
-from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.contact_points import ContactPoints
 from coop_pin.chain.force_elements import ForceElements, as_seen
 from coop_pin.chain.grasp_springs import changed
@@ -154,13 +153,6 @@ class ContactPatches:
     def grasp(self, number: int, q: Array | None = None) -> None:
         """Count the slip of an arm's patch from now on."""
         self.state = self.state._replace(slip=changed(self.state.slip, number, 0.0))
-
-    def gap(self, number: int, q: Array) -> ClosureError:
-        """Return distance and angle of an arm's patch from its place on the face."""
-        self.bodies.move(q, self._rest)
-        A, B = self.sides[number]
-        X = B.pose.actInv(A.pose)
-        return ClosureError(float(np.linalg.norm(X.translation)), float(np.linalg.norm(pin.log3(X.rotation))))
 
     def act(self) -> float:
         """Add the wrenches at the state of the joints to theirs; return the power of ContactState, W."""

@@ -105,8 +105,10 @@ class LearnedLoad(TellingLaw):
 
     def _wrench_of_a_kilogram(self, acceleration: Array) -> Array:
         """Return phi, the wrench on the arms by a kilogram with an acceleration of P, shape (k_0,)."""
-        is_linear = np.array([float(index < 3) for index in self.arm.rows.indices])
-        return self.arm.rows.select(weight_wrench(1.0, self.arm.gravity)) - is_linear * acceleration
+        rows = self.arm.rows
+        return (
+            rows.select(weight_wrench(1.0, self.arm.gravity)) - rows.are_linear.astype(float) * acceleration
+        )
 
     def _with_wrench(self, measurement: ArmMeasurement, reference: ArmReference, x: Array) -> ArmMeasurement:
         """Return the measurement with the internal wrench, and the messages of the law."""

@@ -24,8 +24,8 @@ from coop_pin.control.interface import (
     DecentralisedController,
     Message,
 )
-from coop_pin.control.payload_space import (
-    PayloadSpace,
+from coop_pin.control.payload_space import PayloadSpace
+from coop_pin.control.payload_space_controller import (
     PayloadSpaceController,
     PayloadSpaceGains,
     PayloadSpaceState,

@@ -319,7 +319,3 @@ class Arm(WithLaterFields):
         if self.drive is not None and len(self.drive) != nv:
             raise FieldError(f"has {len(self.drive)} rows; the arm {self.urdf!r} has {nv} joints", "drive")
         return np.eye(nv) if self.drive is None else np.array(self.drive)
-
-    def posture_angles(self, nv: int) -> Array:
-        """Return the angles of the posture, zero without one, rad or m, shape (nv,)."""
-        return np.zeros(nv) if self.posture is None else np.array(self.posture)
