@@ -131,7 +131,7 @@ def _least(
     Args:
         cell: Description.
         arm: Name of the arm.
-        pad: Its patch or pad.
+        pad: Patch or pad of the arm.
         times: Times, s.
         load: Load of the arm at each, about P in payload axes.
         squeeze: Wrench of the squeeze, likewise.
