@@ -65,11 +65,11 @@ def elastic_pressures(F: Array, points: Array, levers: Array) -> Array:
     moment = levers * np.nan_to_num(moment / np.maximum(np.linalg.norm(moment, axis=-1, keepdims=True), 1.0))
     scale = levers.max()
     x = np.concatenate((np.ones((len(points), 1)), points / scale), axis=1)
-    wanted = np.stack((np.ones(F.shape[:-1]), -moment[..., 1] / scale, moment[..., 0] / scale), axis=-1)
+    centre = np.stack((np.ones(F.shape[:-1]), -moment[..., 1] / scale, moment[..., 0] / scale), axis=-1)
     bears = np.ones((*F.shape[:-1], len(points)))
     for _ in range(_NEWTON_STEPS):
         H = np.einsum("...k,ka,kb->...ab", bears, x, x)
-        p = (np.linalg.pinv(H, rcond=1e-9, hermitian=True) @ wanted[..., None])[..., 0] @ x.T
+        p = (np.linalg.pinv(H, rcond=1e-9, hermitian=True) @ centre[..., None])[..., 0] @ x.T
         bears = (p > 0.0).astype(float)
     parts = np.maximum(p, 0.0)
     return parts / parts.sum(axis=-1, keepdims=True)
