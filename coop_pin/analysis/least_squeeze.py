@@ -149,9 +149,9 @@ def _least(
 
 def _resultant(surroundings: Surroundings, R: Array, V: Array, A: Array) -> Array:
     """Return the wrench that the moving payload puts on the arms about P in payload axes, shape (6,)."""
-    mass, inertia, gravity, push, _ = surroundings
+    inertia, push = surroundings.inertia, surroundings.push
     omega, alpha = R.T @ V[3:], R.T @ A[3:]
-    force = R.T @ (mass * (gravity - A[:3]) + push[:3])
+    force = R.T @ (surroundings.mass * (surroundings.gravity - A[:3]) + push[:3])
     return np.concatenate((force, R.T @ push[3:] - inertia @ alpha - np.cross(omega, inertia @ omega)))
 
 
