@@ -188,7 +188,7 @@ class Plant:
     def payload_wrench(self, q: Array, v: Array, time: float) -> Array:
         """Return the whole wrench on the payload besides gravity about P in world axes, shape (6,).
 
-        It is read only if ``Surroundings.acts``. A force that depends on the state belongs here, there and into
+        It is read only if ``Surroundings.acts``. A force that depends on the state belongs into both and into
         ``batch.cell_dynamics.cell_motion``.
 
         Args:
