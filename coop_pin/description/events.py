@@ -51,6 +51,11 @@ class Surroundings(NamedTuple):
     push: Array
     partners: tuple[Partner, ...] = ()
 
+    @property
+    def acts(self) -> bool:
+        """Whether a wrench besides gravity may act on the payload: ``Plant.payload_wrench`` is read if so."""
+        return bool(self.push.any() or self.partners)
+
 
 class PayloadEvent(Description):
     """Event that changes the payload or what acts on it.
