@@ -21,6 +21,7 @@ from coop_pin.control import ArmMeasurement
 from coop_pin.control.terms import jacobian_inverse
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.sensors import measured_motion
+from coop_pin.simulation.tick import TickInputs
 
 UNIT = "constraintDynamics"
 STEP, BOTH, RECORD = "RK4 step of the plant", "both arms' sensing and law", "Recorder.record"
@@ -50,10 +51,11 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         run.tick()
     plant, chain, sensing, t = run.plant, run.plant.chain, run.sensing, run.timeline.time(TICK)
     target, squeeze, references = run.motion.at(t), run.squeeze.at(t, scenario.cell.grasps), run.references(t)
-    measured = run.sensing.start(plant.q, plant.v, references)
+    signals = next(run.signals())
+    measured = run.sensing.start(plant.q, plant.v, references, signals.sensors)
     law, state = controller.controllers["left"], run.controller_state
     command = controller.step(measured, references, state)
-    applied, free = run.actuation.apply(t, command), measured[0].saturated
+    applied, free = run.actuation.apply(t, command, signals.missed), measured[0].saturated
     q, v, tau, h = (
         plant.q,
         plant.v,
@@ -69,7 +71,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
 
     def recorded() -> None:
         run.recorder.count = TICK
-        run.recorder.record(TICK, t, measured, applied, target, squeeze, shares)
+        run.recorder.record(t, TickInputs(measured, references, target, squeeze, signals), applied, shares)
 
     seen = [np.tile(part, (100, 1)) for part in (q, v, plant.force)]
     shares = run.sensing.sensors.shares
@@ -84,8 +86,10 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
         "  SlidingModeController.step": lambda: law.step(measured[0], references[0], state[0]),
         "    jacobian_inverse": lambda: jacobian_inverse(measured[0].payload_jacobian, t),
         "    pose_error": lambda: law.arm.rows.pose_error(measured[0].payload_pose, references[0].pose),
-        BOTH: lambda: controller.step(run.sensing.measure(t, plant, applied), references, state),
-        "Actuation.apply": lambda: run.actuation.apply(t, command),
+        BOTH: lambda: controller.step(
+            run.sensing.measure(t, plant, applied, signals.sensors), references, state
+        ),
+        "Actuation.apply": lambda: run.actuation.apply(t, command, signals.missed),
         "references": lambda: run.references(t),
         STEP: lambda: plant._integrator.step(plant._rate, t, q, v, h),
         "  rate (one of its four)": lambda: plant._rate(t, q, v),

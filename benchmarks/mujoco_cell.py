@@ -119,18 +119,18 @@ class MujocoRun:
         """Run and record poses and forces at every tick."""
         loop, model, data, state, samples = self.loop, self.model, self.data, None, []
         applied = None
-        for tick in range(loop.timeline.ticks + 1):
+        for tick, signals in zip(range(loop.timeline.ticks + 1), loop.signals(), strict=False):
             t = loop.timeline.time(tick)
             references = loop.references(t)
             measurements = (
-                loop.sensing.measure(t, loop.plant, applied)
+                loop.sensing.measure(t, loop.plant, applied, signals.sensors)
                 if applied
-                else loop.sensing.start(loop.plant.q, loop.plant.v, references)
+                else loop.sensing.start(loop.plant.q, loop.plant.v, references, signals.sensors)
             )
             self._happen(t)
             state = self.controller.init(measurements, references) if state is None else state
             command = self.controller.step(measurements, references, state)
-            applied, state = loop.actuation.apply(t, command), command.state
+            applied, state = loop.actuation.apply(t, command, signals.missed), command.state
             data.ctrl[:] = np.concatenate(applied.torques)
             samples.append(self._sample(measurements[1].payload_jacobian))
             mujoco.mj_step(model, data, self.steps)

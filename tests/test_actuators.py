@@ -164,10 +164,12 @@ def missed(name, seed, ticks, probability=0.3):
     sizes = [len(place.drive) for place in run.plant.chain.model.arms]
     last, found = [torque[0] for torque in run.actuation.holding_commands(run.plant.q)], []
     command = CellCommand([np.zeros(size) for size in sizes], None)
-    for tick in range(1, ticks + 1):
+    for tick, signals in zip(range(1, ticks + 1), run.signals(), strict=False):
         for torque in command.torques:
             torque.fill(tick)  # as a controller may that computes in place
-        acting = [torques[0] for torques in run.actuation.apply(tick * 0.005, command).torques]
+        acting = [
+            torques[0] for torques in run.actuation.apply(tick * 0.005, command, signals.missed).torques
+        ]
         found.append([torque != tick for torque in acting])
         last = [old if lost else tick for old, lost in zip(last, found[-1], strict=True)]
         assert acting == last

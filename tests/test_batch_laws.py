@@ -2,6 +2,7 @@
 
 import logging
 import re
+from functools import partial
 from pathlib import Path
 from typing import get_args
 
@@ -17,7 +18,7 @@ from coop_pin import control
 from coop_pin.batch import BatchSimulator, simulate_batch, support
 from coop_pin.batch.constants import run_constants
 from coop_pin.batch.law_code import require_agreement as agree
-from coop_pin.batch.law_code import trace_law
+from coop_pin.batch.law_code import trace_law, traced_call
 from coop_pin.batch.support import shaken_ticks
 from coop_pin.build_controller import build_controller
 from coop_pin.control import CellCommand, CellController, MeanPose
@@ -126,7 +127,7 @@ def test_traced_laws_are_the_laws_themselves(cell, changes):
     ticks = shaken_ticks(scenario)
     assert support(scenario) is None
     law, rows = build_controller(scenario), scenario.cell.task_rows
-    start, step = trace_law(law, constants.arms, rows, ticks[0], exact=False)
+    start, step = trace_law(law, partial(traced_call, constants.arms, rows, ticks[0], False))
     agree(start, step, ticks)
     torques = np.array([np.concatenate([own.torque for own in tick]) for tick in ticks])
     assert np.ptp(torques, axis=0).min() > 1e-4

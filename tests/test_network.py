@@ -194,7 +194,7 @@ def test_messages_are_rounded_and_late_as_the_edge_says():
     )
     network, rng = cell_network(scenario), np.random.default_rng(1)
     said = [[rng.normal(size=3), rng.normal(size=2)] for _ in range(6)]
-    state, signals = network.start(said[0]), MessageSignals(scenario).rows()
+    state, signals = network.start(said[0]), MessageSignals(scenario).draw(len(said)).ticks()
     for tick, messages in enumerate(said):
         (left, right), state = network.step(state, messages, next(signals))
         assert_array_equal(left["right"].numbers, messages[1])

@@ -67,8 +67,7 @@ def test_a_gain_in_payload_axes_is_the_turned_one_in_world_axes(name):
         laws.append(build_controller(scenario).controllers["left"])
     simulation = Simulation(scenario, build_controller(scenario))
     rng, reference = np.random.default_rng(1), simulation.references(0.0)[0]
-    sensing = simulation.sensing
-    measured = sensing.start(simulation.plant.q, simulation.plant.v, simulation.references(0.0))[0]
+    measured = simulation.observe().measurements[0]
     measured = measured._replace(payload_pose=start.matrix)
     states = [law.init(measured, reference) for law in laws]
     for tick in range(10):

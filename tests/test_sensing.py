@@ -49,10 +49,19 @@ def started(scenario, ticks=1):
 
 def measured(simulation, count):
     """Measurements of all arms at ``count`` more ticks during which the plant stays as it is."""
-    return [
-        simulation.sensing.measure(simulation.time, simulation.plant, at_rest(simulation))
-        for _ in range(count)
-    ]
+    return [seen_by(simulation, next(simulation._signals)) for _ in range(count)]
+
+
+def seen_by(simulation, signals):
+    """Measurements of all arms at a tick, of a plant that stays as it is."""
+    return simulation.sensing.measure(simulation.time, simulation.plant, at_rest(simulation), signals.sensors)
+
+
+def first_of(simulation):
+    """The first measurements, and the signals of their tick."""
+    plant, signals = simulation.plant, next(simulation.signals())
+    references = simulation.references(0.0)
+    return simulation.sensing.start(plant.q, plant.v, references, signals.sensors), signals
 
 
 def at_rest(simulation):
@@ -200,8 +209,7 @@ def test_ideal_wrist_sensors_report_the_true_wrenches_and_their_internal_part(na
     sensed = started(scenario_of(name, changes | {"sensors.wrist": {}}), 6)
     assert_allclose(ideal.plant.q, sensed.plant.q, rtol=0, atol=1e-12)
     rows, truth = sensed.scenario.cell.task_rows, sensed.plant.interaction_wrenches()
-    seen = sensed.sensing.measure(sensed.time, sensed.plant, at_rest(sensed))
-    other = ideal.sensing.measure(ideal.time, ideal.plant, at_rest(ideal))
+    (seen,), (other,) = measured(sensed, 1), measured(ideal, 1)
     scale = np.abs(truth).max()
     for arm, F in zip(seen, truth, strict=True):
         assert_allclose(arm.interaction_wrench, rows.select(F), rtol=0, atol=1e-9 * scale)
@@ -213,8 +221,8 @@ def test_ideal_wrist_sensors_report_the_true_wrenches_and_their_internal_part(na
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_at_rest_each_wrist_carries_its_share_of_the_weight(name):
     simulation = started(scenario_of(name, {"cell.gravity": [0.0, -3.0, -9.81], "sensors.wrist": {}}), 0)
-    cell, plant = simulation.scenario.cell, simulation.plant
-    first = simulation.sensing.start(plant.q, plant.v, simulation.references(0.0))
+    cell = simulation.scenario.cell
+    first, _ = first_of(simulation)
     for share, seen in zip(cell.shares, first, strict=True):
         weight = share * cell.payload.mass * np.array([*cell.gravity, 0.0, 0.0, 0.0])
         assert_allclose(seen.interaction_wrench, cell.task_rows.select(weight), rtol=0, atol=1e-10)
@@ -543,16 +551,16 @@ def test_holding_torques_keep_the_cell_at_rest_without_internal_wrench(name, rob
     scenario = SCENARIOS[name]().override({"cell.gravity": [0.0, -3.0, -9.81], "actuators": actuators})
     simulation = Simulation(scenario, build_controller(scenario))
     plant, rows = simulation.plant, scenario.cell.task_rows
-    first = simulation.sensing.start(plant.q, plant.v, simulation.references(0.0))
+    first, signals = first_of(simulation)
     torques = [measurement.holding_torque for measurement in first]
     assert max(np.abs(torque).max() for torque in torques) > 1.0
-    plant.drive(simulation.actuation.apply(0.0, CellCommand(torques, None)).torques)
+    plant.drive(simulation.actuation.apply(0.0, CellCommand(torques, None), signals.missed).torques)
     acceleration = plant.chain.mechanism.solver.acceleration(plant.q, plant.v, plant.generalised_force())
     assert np.abs(acceleration).max() < 1e-10
     internal = internal_wrenches(plant.interaction_wrenches(), scenario.cell.shares)
     assert np.abs([rows.select(wrench) for wrench in internal]).max() < 1e-10
     simulation.tick()
-    later = simulation.sensing.measure(0.0, plant, at_rest(simulation))
+    later = seen_by(simulation, signals)
     assert [measurement.holding_torque for measurement in later] == [None] * len(first)
 
 
@@ -569,9 +577,9 @@ def test_signals_are_the_same_drawn_tick_by_tick_and_at_once(name):
     changes = ANYTHING | {"arm_sensors.right.wrist": wrist, "controller.force_path": {"kind": "late"}}
     scenario, count = scenario_of(name, changes), 700
     joints = [3, 3] if name == "planar" else [6, 6]
-    whole, rows = SensorSignals(scenario, joints).draw(count), SensorSignals(scenario, joints).rows()
+    whole, rows = SensorSignals(scenario, joints).draw(count), Simulation(scenario).signals()
     for k in range(count):
-        row = next(rows)
+        row = next(rows).sensors
         assert (row.age, row.arrived) == (whole.age[k], whole.arrived[k])
         for arm, arms in zip(row.arms, whole.arms, strict=True):
             assert all(np.array_equal(part, parts[k]) for part, parts in zip(arm, arms, strict=True))

@@ -267,11 +267,12 @@ def test_full_turns_between_kept_samples_are_counted():
     run.tick()
     place = run.plant.chain.model.arms[0]
     joint = int(np.flatnonzero(place.angles.continuous)[0])
+    inputs = run.observe()
     first, entry = run.recorder._angles[0][joint], place.angles.entry[joint] + place.q_slice.start
     for tick in range(1, 9):
         angle = first + 2.0 * tick
         run.plant.q[entry : entry + 2] = np.cos(angle), np.sin(angle)
-        measurements = run.sensing.measure(run.time, run.plant, run._applied)
-        target, squeeze = run.motion.at(0.0), run.squeeze.at(0.0, scenario.cell.grasps)
-        run.recorder.record(tick, tick / 80.0, measurements, run._applied, target, squeeze, squeeze[:, 0])
+        measurements = run.sensing.measure(run.time, run.plant, run._applied, inputs.signals.sensors)
+        now = inputs._replace(measurements=measurements)
+        run.recorder.record(tick / 80.0, now, run._applied, scenario.cell.shares)
     assert run.result().data["joint_position"].values[-1, 0, joint] == pytest.approx(first + 16.0)

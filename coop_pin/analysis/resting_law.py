@@ -14,6 +14,7 @@ from coop_pin.schema.pose import Pose
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.network import heard
 from coop_pin.simulation.sensing import Sensing
+from coop_pin.simulation.tick import SignalSource
 
 
 class RestingLaw:
@@ -46,10 +47,11 @@ class RestingLaw:
         holding = simulation.actuation.holding_commands(q)
         ideal = scenario.with_ideal_sensors
         self._sensing = Sensing(ideal, plant.chain, holding_torques=lambda _q: holding)
+        self._signals = next(SignalSource(ideal, plant.chain.model.arms).rows()).sensors
         self._law, is_zeroed = simulation.controller, scenario.controller.is_zeroed
         if is_zeroed:  # at this pose, not where the start is
             self._law = build_controller(scenario.replace(start=Pose.from_matrix(X_WP)))
-        first = self._sensing.start(q, self._rest, simulation.references(time))
+        first = self._sensing.start(q, self._rest, simulation.references(time), self._signals)
         self.references = [
             reference._replace(pose=X_WP if is_zeroed else seen.payload_pose, twist=0.0 * reference.twist)
             for reference, seen in zip(simulation.references(time), first, strict=True)
@@ -60,7 +62,7 @@ class RestingLaw:
 
     def measured(self, q: Array) -> list[ArmMeasurement]:
         """Return the measurements at rest at a configuration; what was asked for a tick ago has acted."""
-        seen = self._sensing.start(q, self._rest, self.references)
+        seen = self._sensing.start(q, self._rest, self.references, self._signals)
         return [arm._replace(time=self._time, reported_torque=None) for arm in seen]
 
     def moving(self, v: Array) -> list[ArmMeasurement]:

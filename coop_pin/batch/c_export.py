@@ -29,6 +29,7 @@ from coop_pin.batch.law_code import (
     tolerance,
     trace_law,
     trace_messages,
+    traced_call,
 )
 from coop_pin.build_controller import build_controller
 from coop_pin.control import DecentralisedController
@@ -107,11 +108,12 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     exact = bool(scenario.controller.user_code)
     try:
         alone = DecentralisedController({arm: law})
-        start, step = trace_law(alone, [constants], rows, arm_ticks[:1], exact=exact)
+        trace = partial(traced_call, [constants], rows, arm_ticks[:1], exact)
+        start, step = trace_law(alone, trace)
         require_agreement(start, step, [[tick] for tick in arm_ticks])
         code: tuple[LawCode, ...] = start, step
         if len(arm_ticks[0].message):
-            code += trace_messages(law, constants, rows, arm_ticks[0], exact=exact)
+            code += trace_messages(law, trace)
     except TracingError as error:
         raise TracingError(f"the law of arm {arm!r} cannot be exported: it {error}") from None
     name = _identifier(arm, list(scenario.cell.arms))

@@ -166,8 +166,9 @@ def changes(scenario: Scenario, timeline: Timeline, cover: Cover | None = None) 
     later = [scenario.surroundings_at(timeline.just_after(time)) for time in timeline.event_times()]
     present = [scenario.cell.surroundings, *later]
     present += present[-1:] * (cover.instants - len(later))  # instants that never come
-    names = [name for name in present[0]._fields if name in cover.changed]
-    return tuple({name: getattr(each, name) for name in names} for each in present)
+    return tuple(
+        {name: value for name, value in each._asdict().items() if name in cover.changed} for each in present
+    )
 
 
 def start(plant: Plant, actuation: Actuation, sensing: Sensing) -> dict[str, Array]:

@@ -7,7 +7,6 @@ import itertools
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -29,6 +28,8 @@ AGREEMENT = 1e-12
 
 Values: TypeAlias = Mapping[str, Any]
 """Values of fields of a measurement or a reference by name."""
+Trace: TypeAlias = Callable[..., "tuple[LawCode, Any]"]
+"""The function ``traced_call`` with all but its last two arguments."""
 
 
 _NOTHING = np.zeros(0)
@@ -141,30 +142,16 @@ def heard_fields(measurement: ArmMeasurement) -> dict[str, str]:
     return {f"heard_{index}_{re.sub(r'[^A-Za-z0-9]', '_', name)}": name for index, name in enumerate(heard)}
 
 
-def trace_law(
-    controller: CellController,
-    arms: Sequence[ArmConstants],
-    rows: TaskRows,
-    first: Sequence[LawTick],
-    *,
-    exact: bool,
-) -> tuple[LawCode, LawCode]:
+def trace_law(controller: CellController, trace: Trace) -> tuple[LawCode, LawCode]:
     """Return the traced start and step of a controller, with the kinematics of its arms.
 
     Args:
-        controller: Controller of these arms.
-        arms: Numbers of each arm.
-        rows: Task rows of the cell.
-        first: Tick of each arm, whose fields that are not None become inputs.
-        exact: Mode of tracing, as of law_code.
+        controller: Controller of the arms.
+        trace: Tracer of functions of their laws.
 
     Raises:
         TracingError: The controller cannot be traced.
     """
-    trace = partial(_traced_call, arms, rows, first, exact)
-
-    def init(measured: list[ArmMeasurement], desired: list[ArmReference], _: Any) -> tuple[Any, list[Number]]:
-        return controller.init(measured, desired), []
 
     def step(
         measured: list[ArmMeasurement], desired: list[ArmReference], state: Any
@@ -173,29 +160,23 @@ def trace_law(
         values, state = controller.step(measured, desired, state)
         return state, [entry for arm in values for entry in plain(arm).flat]
 
-    start, first_state = trace(init)
+    start, first_state = trace(lambda measured, desired, _: (controller.init(measured, desired), []))
     code, state = trace(step, first_state)
     if structure(state) != structure(first_state):
         raise TracingError("returns another kind of state from step than from init")
     return start, code
 
 
-def trace_messages(
-    law: ArmController, arm: ArmConstants, rows: TaskRows, first: LawTick, *, exact: bool
-) -> tuple[LawCode, LawCode]:
+def trace_messages(law: ArmController, trace: Trace) -> tuple[LawCode, LawCode]:
     """Return the traced messages of an arm before its first tick and at a tick, which stand for the torque.
 
     Args:
         law: Law of the arm.
-        arm: Numbers of the arm.
-        rows: Task rows of the cell.
-        first: Tick of the arm, whose fields that are not None become inputs.
-        exact: Mode of tracing, as of law_code.
+        trace: Tracer of functions of its law.
 
     Raises:
         TracingError: The law cannot be traced.
     """
-    trace = partial(_traced_call, [arm], rows, [first], exact)
 
     def say(
         measured: list[ArmMeasurement], desired: list[ArmReference], state: Any
@@ -207,7 +188,7 @@ def trace_messages(
     return trace(say)[0], trace(say, first_state)[0]
 
 
-def _traced_call(
+def traced_call(
     arms: Sequence[ArmConstants],
     rows: TaskRows,
     first: Sequence[LawTick],

@@ -7,6 +7,7 @@ from typing import Any
 from coop_pin.batch.cell_dynamics import CellMotion, CellNumbers, CellState, cell_motion
 from coop_pin.batch.serial_arm import Numbers
 from coop_pin.chain.integrators import RK4
+from coop_pin.chain.spring_damper import SpringState
 from coop_pin.tracing.kernel import Instruction, Kernel, Layout, Program
 from coop_pin.tracing.traced_array import traced
 from coop_pin.tracing.tree import SharedFunctions, leaves, rebuilt
@@ -41,8 +42,10 @@ def observed(cell: CellNumbers) -> dict[str, tuple[int, ...]]:
 def write_observed(kernel: Kernel, cell: CellNumbers, motion: CellMotion) -> None:
     """Write what is observed of a motion."""
     values = motion._asdict()
-    for field in ("wrench", "position", "rotation"):
-        values[f"grasp_{field}"] = [getattr(spring, field) for spring in motion.springs]
+    values |= {
+        f"grasp_{field}": column
+        for field, column in zip(SpringState._fields, zip(*motion.springs, strict=True), strict=False)
+    }
     for name in observed(cell):
         kernel.write(name, values[name])
 

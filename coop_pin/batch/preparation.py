@@ -22,7 +22,7 @@ from coop_pin.batch.constants import (
 from coop_pin.batch.hidden_state import digest, of_classes
 from coop_pin.batch.signals import (
     Desired,
-    SignalSource,
+    RunSignals,
     clocked_of,
     columns,
     desired_of,
@@ -42,6 +42,7 @@ from coop_pin.simulation import Simulation
 from coop_pin.simulation.actuation import Actuation
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.simulation import start_configuration
+from coop_pin.simulation.tick import SignalSource
 from coop_pin.tracing.numpy_machine import evaluate
 from coop_pin.tracing.tape import Tape, operands
 from coop_pin.tracing.traced_array import inputs
@@ -122,9 +123,8 @@ class PreparedPlant:
                 self._clocked = tuple(each and squeezed(each, self.run) for each in self._clocked)
         else:
             self.desired, self._clocked = desired_of(self.run, ticks), clocked_of(self.run, ticks)
-        self._joints = [len(arm.drive) for arm in self.run.plant.chain.model.arms]
-        self._source = SignalSource(scenario, self._joints)
-        drawn = self._source.draw(self.desired, self._clocked)
+        self._source = SignalSource(scenario, self.run.plant.chain.model.arms)
+        drawn = RunSignals(self.desired, self._source.draw(len(self.desired.time)), self._clocked)
         self.example, self._signals = first_of(drawn), {scenario.seed: columns(drawn)}
         self.table = self.run.recorder.table
         self.read = [each for each in QUANTITIES if each in self.table or each.group == "kinematics"]
@@ -174,7 +174,7 @@ class PreparedPlant:
 
     @property
     def determined(self) -> Mask:
-        """Rows of the interaction wrenches that are determinate; see determinate_rows."""
+        """Rows of the interaction wrenches that are determinate; see RigidGrasps."""
         return self.run.recorder.determined
 
     def with_controller(self, scenario: Scenario) -> tuple[CellController, Array, tuple[Hashable, ...]]:
@@ -220,15 +220,17 @@ class PreparedPlant:
     def signals(self, scenario: Scenario) -> Array:
         """Return the signals of a run of this plant at the ticks of ``desired``, shape (n, entries)."""
         if scenario.seed not in self._signals:
-            drawn = SignalSource(scenario, self._joints).draw(self.desired, self._clocked)
-            self._signals = {scenario.seed: columns(drawn)}  # those of one seed are kept
+            drawn = SignalSource(scenario, self.run.plant.chain.model.arms).draw(len(self.desired.time))
+            signals = RunSignals(self.desired, drawn, self._clocked)
+            self._signals = {scenario.seed: columns(signals)}  # those of one seed are kept
         return self._signals[scenario.seed]
 
     def later(self, ticks: range) -> tuple[PreparedPlant, Array]:
         """Return the plant with the desired motion of the ticks that come next, and their signals."""
         plant = copy.copy(self)
         plant.desired = desired_of(self.run, ticks)
-        return plant, columns(self._source.draw(plant.desired, clocked_of(self.run, ticks)))
+        drawn = self._source.draw(len(ticks))
+        return plant, columns(RunSignals(plant.desired, drawn, clocked_of(self.run, ticks)))
 
 
 class Prepared(NamedTuple):

@@ -9,11 +9,9 @@ import numpy as np
 
 from coop_pin.arrays import Array
 from coop_pin.description.network import ArmClock
-from coop_pin.description.scenario import Scenario
 from coop_pin.reference import PoseTarget
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.network import MessageSignals, NetworkSignals
-from coop_pin.simulation.signals import CellSignals, MissedTicks, SensorSignals
+from coop_pin.simulation.tick import TickSignals
 
 
 class Desired(NamedTuple):
@@ -35,16 +33,12 @@ class RunSignals(NamedTuple):
 
     Attributes:
         desired: desired motion and squeeze.
-        sensors: signals of the sensors.
-        missed: whether each arm misses the command, masks, shape (n, m).
-        network: timing of the messages; empty without a network.
+        drawn: signals of sensors, drives and messages.
         clocked: desired motion of each arm by its own clock, empty where that is exact; empty if all are.
     """
 
     desired: Desired
-    sensors: CellSignals
-    missed: Array
-    network: NetworkSignals | tuple[()] = ()
+    drawn: TickSignals
     clocked: tuple[Desired | tuple[()], ...] = ()
 
 
@@ -69,31 +63,6 @@ def clocked_of(run: Simulation, ticks: range) -> tuple[Desired | tuple[()], ...]
         return ()
     arms = range(len(run.scenario.cell.arms))
     return tuple(desired_of(run, ticks, clocks[index]) if index in clocks else () for index in arms)
-
-
-class SignalSource:
-    """Source of the signals of a run, in blocks of ticks that follow each other."""
-
-    def __init__(self, scenario: Scenario, joints: list[int]) -> None:
-        """Begin before the first tick.
-
-        Args:
-            scenario: Scenario with sensors, actuators and seed.
-            joints: Number of each arm's drives.
-        """
-        self._sensors, self._missed = SensorSignals(scenario, joints), MissedTicks(scenario)
-        self._network = None if scenario.network is None else MessageSignals(scenario)
-
-    def draw(self, desired: Desired, clocked: tuple[Desired | tuple[()], ...]) -> RunSignals:
-        """Return the signals of the next ticks.
-
-        Args:
-            desired: Desired motion and squeeze at them.
-            clocked: Desired motion of each arm by its own clock, as in RunSignals.
-        """
-        ticks = len(desired.time)
-        network = () if self._network is None else self._network.draw(ticks)
-        return RunSignals(desired, self._sensors.draw(ticks), self._missed.draw(ticks), network, clocked)
 
 
 def columns(signals: RunSignals) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from coop_pin.arrays import typed
 from coop_pin.batch.constants import RunConstants, run_constants
 from coop_pin.batch.hidden_state import Contents, of_classes, of_objects, require_unchanged
-from coop_pin.batch.law_code import LawTick, RecordedLaw, require_agreement, trace_law
+from coop_pin.batch.law_code import LawTick, RecordedLaw, require_agreement, trace_law, traced_call
 from coop_pin.build_controller import build_controller
 from coop_pin.control import ArmMeasurement, ArmReference, CellCommand, CellController
 from coop_pin.description.code_family import law_reason, plant_reason
@@ -64,7 +65,8 @@ def require_traceable(scenario: Scenario, constants: RunConstants) -> None:
     try:
         ticks = shaken_ticks(scenario)
         controller, rows = build_controller(scenario), scenario.cell.task_rows
-        code = trace_law(controller, constants.arms, rows, ticks[0], exact=True)
+        trace = partial(traced_call, constants.arms, rows, ticks[0], True)
+        code = trace_law(controller, trace)
         require_agreement(*code, ticks)
     except TracingError as error:
         raise TracingError(f"its controller {law.user_code[0]!r} cannot be traced: it {error}") from None

@@ -101,7 +101,7 @@ class TickCode:
             time=signals.desired.time,
             angles=q,
             rates=v,
-            signals=signals.sensors,
+            signals=signals.drawn.sensors,
             applied=applied._replace(saturated=[masks(cut) for cut in applied.saturated]),
             wrenches=kernel.read("wrenches"),
             R_WP=kernel.read("R_WP"),
@@ -126,7 +126,7 @@ class TickCode:
         applied, drives = constants.drives.step(
             self._drives(kernel),
             commanded,
-            signals.missed,
+            signals.drawn.missed,
             self._sensed(kernel, constants),
             Given(*kernel.uniform("gives")),
             kernel.uniform("s"),
@@ -163,7 +163,7 @@ class TickCode:
             if isinstance(clocked, Desired):
                 shown: Any = clocked.time
                 measurements[index] = measurements[index]._replace(time=shown)
-        network, timing = constants.network, signals.network
+        network, timing = constants.network, signals.drawn.network
         if network is None or not isinstance(timing, NetworkSignals):
             return measurements, None
 
@@ -301,7 +301,7 @@ def _happen(event: Kernel, before: Surroundings, changed: Mapping[str, Any], mot
         motion: Motion in the surroundings until then.
     """
     event.write("surroundings", changed)
-    if {*changed} - {"push"}:  # a push does its work while it lasts
+    if {*changed} - {"push"}:  # whose gain is zero: a push does its work while it lasts
         gain = energy_gain(before, before._replace(**changed), motion)
         *works, last = event.read("work")[: len(WORK)]
         event.write("work", [*works, last + gain, *event.read("work")[len(WORK) :]])

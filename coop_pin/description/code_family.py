@@ -43,9 +43,9 @@ class Cover(NamedTuple):
         after = [event.apply(start, event.time) for event in events]
         changed = (
             name
-            for name in start._fields
             for each in after
-            if getattr(each, name) is not getattr(start, name)
+            for name, first, then in zip(start._fields, start, each, strict=True)
+            if then is not first
         )
         instants = {time for event in events for time in (event.time, event.end)}
         delay = max((wrist.delay for wrist in scenario.wrists), default=0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,6 @@ from coop_pin.errors import ArgumentError, DivergedError, FieldError, ShapeError
 from coop_pin.simulation.drives import SAME, Applied, DriveMotion, DriveState, Given, cell_drives
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.servo import ServoState
-from coop_pin.simulation.signals import MissedTicks
 
 TORQUE_LIMIT = 1e7
 """A larger command counts as diverged, N m, rad/s or rad."""
@@ -62,7 +62,7 @@ class Actuation:
         self.drives = cell_drives(scenario, self._slots, [arm.limits for arm in self._models], self._inertia)
         self.has_servos = any(arm.servo is not None for arm in self.drives.arms)
         self._paths = [f"{scenario.actuators_path(name)}.servo" for name in self._names]
-        self._missed, self._gives = MissedTicks(scenario), self.gives(0.0)
+        self._gives = self.gives(0.0)
         self._sensed = DriveMotion(
             lambda index: self._weight(plant.q, index),
             lambda index: self._motion(plant.q, index),
@@ -82,11 +82,9 @@ class Actuation:
         """Return the memory of the drives."""
         return ActuationState(self.state, self._start, self._gives)
 
-    def restore(self, memory: ActuationState, scenario: Scenario, ticks: int) -> None:
-        """Return to a memory after a number of ticks, with the seed of a scenario."""
+    def restore(self, memory: ActuationState) -> None:
+        """Return to a memory."""
         self.state, self._start, self._gives = memory
-        self._missed = MissedTicks(scenario)
-        self._missed.draw(ticks)
 
     def holding_commands(self, q: Array) -> list[Array]:
         """Return the commands that hold the cell at rest, N m, shape (k,) each, read-only.
@@ -108,12 +106,13 @@ class Actuation:
             for weight, arm in zip(weights, self.drives.arms, strict=True)
         ]
 
-    def apply(self, time: float, command: CellCommand) -> Applied:
+    def apply(self, time: float, command: CellCommand, missed: Sequence[float]) -> Applied:
         """Return what the actuators make of a command.
 
         Args:
             time: Time of the tick, s.
             command: Output of the controller.
+            missed: Masks, whether each arm misses the tick, 0.0 or 1.0.
 
         Raises:
             ArgumentError: an arm is not commanded what it takes.
@@ -134,7 +133,7 @@ class Actuation:
         applied, self.state = self.drives.step(
             self.state,
             commanded,
-            self._missed.draw(1)[0],
+            missed,
             self._sensed,
             self.gives(time) if self._has_losses or not self.is_held else (),
             since,

@@ -179,12 +179,8 @@ class ArmDrives(NamedTuple):
         """What it takes as commands: "torque", "velocity" or "position"."""
         return "torque" if self.servo is None else self.servo.command
 
-    def weight(self, sensed: DriveMotion, index: int) -> Array | None:
-        """Return the torque that the robot adds for gravity, N m, shape (k,); None for nothing."""
-        return None if self.carried is None else self.carried * sensed.weight(index)
-
     def step(
-        self, last: Array, command: Array, missed: Array, weight: Array | None
+        self, last: Array, command: Array, missed: Any, sensed: DriveMotion, index: int
     ) -> tuple[Array, Array, Mask, Array, Array]:
         """Return the arm's entries of Applied after the first one, and its last command that arrived.
 
@@ -192,15 +188,22 @@ class ArmDrives(NamedTuple):
             last: Last command that arrived, N m, shape (k,).
             command: Command of this tick, likewise.
             missed: Whether it is missed, a mask.
-            weight: Torque that the robot adds, N m, shape (k,); None without gravity compensation.
+            sensed: Functions of the drives' arms.
+            index: Index of the arm.
         """
         arrived = np.where(missed, last, command) if self.misses else command
-        requested, torque, is_cut, change = self.limited(weight, arrived)
+        requested, torque, is_cut, change = self.limited(sensed, index, arrived)
         return requested, torque, is_cut, frozen(command + change), arrived if self.misses else last
 
-    def limited(self, weight: Array | None, torque: Array) -> Limited:
-        """Return torques with what the robot adds for gravity, None for nothing, and within the limits."""
-        requested = torque if weight is None else torque + weight
+    def limited(self, sensed: DriveMotion, index: int, torque: Array) -> Limited:
+        """Return torques with what the robot adds for gravity, and within the limits.
+
+        Args:
+            sensed: Functions of the drives' arms.
+            index: Index of the arm.
+            torque: Torques by the controller or the servo, N m, shape (k,).
+        """
+        requested = torque if self.carried is None else torque + self.carried * sensed.weight(index)
         acting = np.minimum(np.maximum(requested, self.lowest), self.limit)
         return requested, acting, frozen(np.not_equal(acting, requested)), acting - requested
 
@@ -238,7 +241,7 @@ class CellDrives(NamedTuple):
         self,
         state: DriveState,
         commanded: Sequence[Array],
-        missed: Array,
+        missed: Sequence[Any],
         sensed: DriveMotion,
         gives: Given | tuple[()],
         s: float,
@@ -248,7 +251,7 @@ class CellDrives(NamedTuple):
         Args:
             state: State after the tick before.
             commanded: Commands by the controller, shape (k,) each; torques in N m.
-            missed: Masks, whether each arm misses the tick, shape (m,).
+            missed: Masks, whether each arm misses the tick, 0.0 or 1.0.
             sensed: Functions of the drives' arms.
             gives: Factors of the arms; empty if none ever loses anything and torques are held.
             s: Time since the tick before, or the last sample of a servo, s.
@@ -258,8 +261,7 @@ class CellDrives(NamedTuple):
             servo = servos[index] if servos else None
             if arm.servo is None or servo is None:
                 sent = gives.commands[index] * command if gives else command
-                weight = arm.weight(sensed, index)
-                entries.append((command, *arm.step(state.last[index], sent, missed[index], weight)))
+                entries.append((command, *arm.step(state.last[index], sent, missed[index], sensed, index)))
             else:
                 arrives = (1.0 - missed[index]) * (gives.commands[index] if gives else 1.0)
                 servo = arm.servo.received(servo, command, 1.0 - arrives)
@@ -299,7 +301,7 @@ class CellDrives(NamedTuple):
         """Return an arm's entries of Applied at a sample of its servo, and the servo's state."""
         arm = self.arms[index]
         assert arm.servo is not None
-        limited = partial(arm.limited, arm.weight(sensed, index))
+        limited = partial(arm.limited, sensed, index)
         return arm.servo.sample(servo, sensed.motion(index), partial(sensed.inertial, index), limited)
 
     def due(self, share: float) -> tuple[int, ...]:

@@ -19,7 +19,7 @@ from coop_pin.control.interface import (
 from coop_pin.description.network import Channel, Edge, Network
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ShapeError
-from coop_pin.simulation.signals import EARLY, generator, in_blocks
+from coop_pin.simulation.signals import EARLY, generator
 from coop_pin.spatial.generic_numbers import known, where
 
 _NUMBER_BYTES = 8
@@ -36,6 +36,10 @@ class NetworkSignals(NamedTuple):
 
     arrived: Array
     age: Array
+
+    def ticks(self) -> Iterator[NetworkSignals]:
+        """Return the timing of one tick after the other."""
+        return map(NetworkSignals, self.arrived.tolist(), self.age.tolist())
 
 
 class NetworkState(NamedTuple):
@@ -188,11 +192,6 @@ class MessageSignals:
         arrived, age = zip(*(edge.draw(ticks) for edge in self._edges), strict=True)
         return NetworkSignals(np.stack(arrived, axis=1), np.stack(age, axis=1))
 
-    def rows(self, skipped: int = 0) -> Iterator[NetworkSignals]:
-        """Return the timing of one tick after the other, those of some skipped."""
-        self.draw(skipped)
-        return in_blocks(lambda count: map(NetworkSignals, *(part.tolist() for part in self.draw(count))))
-
 
 # ---------------------------------------------------------------- in a run
 
@@ -256,20 +255,8 @@ class Exchange:
 
     def __init__(self, scenario: Scenario) -> None:
         """Begin before the first tick of a scenario."""
-        self.network = cell_network(scenario)
-        self.restore(None, scenario, 0)
-
-    def restore(self, state: NetworkState | None, scenario: Scenario, ticks: int) -> None:
-        """Return to a state after messages of a number of ticks, with the seed of a scenario."""
-        self.state, self._scenario = state, scenario
-        if self.network is not None:
-            self._rows = MessageSignals(scenario).rows(ticks)
-
-    def first(self, messages: Sequence[Array]) -> list[dict[str, Message]]:
-        """Return what each arm hears before the first tick; it is said again at the first."""
-        received = self.step(messages)
-        self.restore(None, self._scenario, 0)
-        return received
+        self.network, self._scenario = cell_network(scenario), scenario
+        self.state: NetworkState | None = None
 
     def at_once(self, messages: Sequence[Array]) -> list[dict[str, Message] | None]:
         """Return what each arm hears of messages that arrive at once and exactly; None without a network."""
@@ -296,18 +283,25 @@ class Exchange:
         said = sum(size > 0 for size in counts)
         return Traffic(sum(counts), sum(1.0 / ticks for ticks in every) if said else 0.0)
 
-    def step(self, messages: Sequence[Array]) -> list[dict[str, Message]]:
+    def step(
+        self, messages: Sequence[Array], signals: NetworkSignals | tuple[()]
+    ) -> list[dict[str, Message]]:
         """Return what each arm has heard by a tick.
+
+        Args:
+            messages: Messages of all arms of this tick, shape (w_i,) each.
+            signals: Timing of this tick.
 
         Raises:
             ShapeError: an arm says another number of numbers than at the first tick.
         """
         assert self.network is not None
+        assert isinstance(signals, NetworkSignals)
         said = [np.asarray(message, dtype=np.float64) for message in messages]
         for index, (name, message) in enumerate(zip(self.network.arms, said, strict=True)):
             expected = message.shape[:1] if self.state is None else self.state.sent[index].shape[1:]
             if message.ndim != 1 or message.shape != expected:
                 raise ShapeError(f"message of arm {name!r}", message.shape, expected or (1,))
         state = self.network.start(said) if self.state is None else self.state
-        received, self.state = self.network.step(state, said, next(self._rows))
+        received, self.state = self.network.step(state, said, signals)
         return received

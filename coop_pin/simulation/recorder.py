@@ -5,19 +5,15 @@ from __future__ import annotations
 import contextlib
 import copy
 import math
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coop_pin.arrays import Array, frozen
-from coop_pin.chain.cell_chain import determinate_rows
-from coop_pin.control.interface import ArmMeasurement
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError, NotEnoughMemoryError
 from coop_pin.memory import free_memory
-from coop_pin.reference import PoseTarget
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.results.quantities import (
     WORK,
@@ -33,6 +29,7 @@ from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.results.trust import Breach, TrustMonitor
 from coop_pin.simulation.drives import Applied
 from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.tick import TickInputs
 from coop_pin.simulation.timeline import Timeline
 
 _BLOCK = 1024
@@ -78,7 +75,7 @@ class Recorder:
         count: number of samples, the newest tick's included.
         table: quantities of the run.
         memory: memory that a finished run and its file take, bytes.
-        determined: rows of the interaction wrenches that are determinate; see determinate_rows.
+        determined: rows of the interaction wrenches that are determinate; see RigidGrasps.
     """
 
     def __init__(self, scenario: Scenario, plant: Plant, timeline: Timeline) -> None:
@@ -86,7 +83,7 @@ class Recorder:
         self._limits = [arm.limits for arm in plant.chain.arms]
         self.count, self._thinned, self._held_from, self._observed = 0, 0, 0, 0
         self.table = quantities(scenario)
-        self.determined = determinate_rows(plant.chain, plant.q)
+        self.determined = plant.chain.rigid.determinate_rows(plant.q)
         self._every = scenario.clock.record_every
         arms, model, rows = plant.chain.model.arms, plant.chain.mechanism.model, scenario.cell.task_rows.size
         joints = max(len(arm.drive) for arm in arms)
@@ -123,22 +120,21 @@ class Recorder:
         }
         self._forces = np.zeros((count, self._sizes["v"]))
 
-    def record(
-        self,
-        tick: int,
-        time: float,
-        measurements: Sequence[ArmMeasurement],
-        applied: Applied,
-        target: PoseTarget,
-        squeeze: Array,
-        shares: Array,
-    ) -> None:
-        """Record one tick; the plant already holds its torques."""
+    def record(self, time: float, inputs: TickInputs, applied: Applied, shares: Array) -> None:
+        """Record one tick; the plant already holds its torques.
+
+        Args:
+            time: Time of the tick, s.
+            inputs: Inputs of the controller.
+            applied: Torques of the drives.
+            shares: Load share of each arm, shape (m,).
+        """
         if self._running is not None and self.count - self._thinned == _BLOCK:
             self._thin(self._running)
         if not self._samples:
             self._allocate()
         samples, plant, sample = self._samples, self._plant, self.count
+        measurements, _, target, squeeze, _ = inputs
         distances, angles = zip(*plant.closure_errors(), strict=True)
         for name, value in {
             "time": time,

@@ -1,36 +1,20 @@
-"""State of a run, from which it goes on bit for bit, and what a controller gets at a tick."""
+"""State of a run, from which it goes on bit for bit."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from coop_pin.arrays import Array
-from coop_pin.control.interface import ArmMeasurement, ArmReference, CellController
+from coop_pin.control.interface import CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError
-from coop_pin.reference import PoseReference, PoseTarget, SqueezeReference
+from coop_pin.reference import PoseReference, SqueezeReference
 from coop_pin.simulation.actuation import ActuationState
 from coop_pin.simulation.drives import Applied
 from coop_pin.simulation.network import NetworkState
 from coop_pin.simulation.plant import PlantState
 from coop_pin.simulation.recorder import RecordState
 from coop_pin.simulation.sensing import SensingState
-
-
-class TickInputs(NamedTuple):
-    """What a controller gets at a tick, and what the cell is to do then.
-
-    Attributes:
-        measurements: measurement of each arm.
-        references: reference of each arm.
-        target: desired motion of the payload.
-        squeeze: desired internal wrench of each arm about P in payload axes, N and N m, shape (m, 6).
-    """
-
-    measurements: list[ArmMeasurement]
-    references: list[ArmReference]
-    target: PoseTarget
-    squeeze: Array
+from coop_pin.simulation.tick import TickInputs
 
 
 class RunState(NamedTuple):

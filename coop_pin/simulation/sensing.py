@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -19,7 +19,7 @@ from coop_pin.model.joint_limits import per_joint
 from coop_pin.simulation.drives import Applied
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.sensors import SensorState, Truth, View, cell_sensors, sensors_path
-from coop_pin.simulation.signals import CellSignals, SensorSignals, generator
+from coop_pin.simulation.signals import CellSignals
 
 _NONE = np.empty(0)
 """Of the wrenches, where nothing senses them."""
@@ -31,46 +31,33 @@ class SlipSensors(NamedTuple):
     The memory are the readings, newest first.
 
     Attributes:
-        noise: standard deviations, m, shape (p,).
         delay: D, ticks, shape (p,).
     """
 
-    noise: Array
     delay: Array
 
     @classmethod
     def of(cls, scenario: Scenario) -> SlipSensors:
         """Return the sensors of the arms with patches."""
         sensors = [scenario.sensors_of(name).slip or SlipSensor() for name in scenario.cell.patches]
-        return cls(
-            np.array([one.noise for one in sensors]), np.array([one.delay for one in sensors], dtype=int)
-        )
+        return cls(np.array([one.delay for one in sensors], dtype=int))
 
     def start(self) -> Array:
         """Return the memory before the first reading: nothing has slid, shape (d, p)."""
-        return np.zeros((int(self.delay.max(initial=0)) + 1, len(self.noise)))
+        return np.zeros((int(self.delay.max(initial=0)) + 1, len(self.delay)))
 
-    def step(self, memory: Array, slips: Array, errors: Array, holds: Mask) -> tuple[float, Array]:
+    def step(self, memory: Array, slips: Array, noise: Array, holds: Mask) -> tuple[float, Array]:
         """Return the largest reading of patches whose arms hold, m, and the memory.
 
         Args:
             memory: Readings before.
             slips: Slip of each patch, m, shape (p,).
-            errors: Standard normal numbers, shape (p,).
+            noise: Noise of each sensor, m, shape (p,).
             holds: Arms that hold, shape (p,).
         """
-        memory = np.vstack((slips + self.noise * errors, memory[:-1]))
+        memory = np.vstack((slips + noise, memory[:-1]))
         readings = memory[self.delay, np.arange(len(slips))]
         return float(readings[holds].max(initial=0.0)), memory
-
-
-def slip_errors(scenario: Scenario, ticks: int) -> Iterator[Array]:
-    """Yield standard normal numbers for the patches, shape (p,), tick by tick after a number of ticks."""
-    sources = [generator(scenario.seed, f"{name}/slip") for name in scenario.cell.patches]
-    for source in sources:
-        source.standard_normal(ticks)
-    while True:
-        yield np.array([source.standard_normal() for source in sources])
 
 
 class SensingState(NamedTuple):
@@ -128,42 +115,28 @@ class Sensing:
         self.sensors = cell_sensors(scenario, slots)
         self._needs_wrenches = self.sensors.needs_wrenches
         self._holds, self._slips = np.ones(len(slots), dtype=bool), SlipSensors.of(scenario)
-        self.restore(None, scenario, 0)
-
-    def restore(self, state: SensingState | None, scenario: Scenario, ticks: int) -> None:
-        """Return to a state.
-
-        Args:
-            state: The state; None before the first tick.
-            scenario: Scenario of the run, for its seed.
-            ticks: Ticks that were measured.
-        """
-        self._scenario, self.state = scenario, state
-        self._signals, self._slip_errors = self._signals_after(ticks), slip_errors(scenario, ticks)
+        self._payload = scenario.cell.surroundings
+        self.state: SensingState | None = None
 
     def follow(self, plan: GraspPlan) -> None:
         """Split the wrenches by a plan from now on, and heed the slip of the arms that hold."""
         self.sensors = self.sensors._replace(shares=plan.carried, loads=plan.carried_linkage)
         self._holds = plan.holds
 
-    def _signals_after(self, ticks: int) -> Iterator[CellSignals]:
-        """Return the signals of one tick after the other, from that with a number on."""
-        return SensorSignals(self._scenario, [len(slot.drive) for slot in self._slots]).rows(ticks)
-
-    def start(self, q: Array, v: Array, references: Sequence[ArmReference]) -> list[ArmMeasurement]:
+    def start(
+        self, q: Array, v: Array, references: Sequence[ArmReference], signals: CellSignals
+    ) -> list[ArmMeasurement]:
         """Return the measurements at t = 0, with f_m[0] = f_d if the force path measures at all.
 
         They alone hold the holding torques. At rest, each arm carries its load share of the payload's weight,
         ``F_i = c_i [m_0 g, 0]``, without internal wrench; on patches, what presses them.
         """
-        payload = self._scenario.cell.surroundings
-        applied = Applied.at_rest([len(slot.drive) for slot in self._slots])
-        self._signals, self._slip_errors = self._signals_after(0), slip_errors(self._scenario, 1)
+        applied, payload = Applied.at_rest([len(slot.drive) for slot in self._slots]), self._payload
         loads = self.sensors.at_rest(payload.mass, payload.gravity) if self._loads is None else self._loads(q)
         R_WP = _NONE
         if self.sensors.wrists:
             R_WP = self._arms[0].payload_pose(q[self._slots[0].q_slice])[:3, :3]
-        truth, view = self._truth(0.0, q, v, applied, loads, R_WP), partial(self._view, q)
+        truth, view = self._truth(0.0, q, v, signals, applied, loads, R_WP), partial(self._view, q)
         measured = self._step(self.sensors.start(truth, view, references), truth, view, self._slips.start())
         return [
             reading._replace(holding_torque=frozen(torque * factor))
@@ -172,17 +145,19 @@ class Sensing:
             )
         ]
 
-    def measure(self, time: float, plant: Plant, applied: Applied) -> list[ArmMeasurement]:
+    def measure(
+        self, time: float, plant: Plant, applied: Applied, signals: CellSignals
+    ) -> list[ArmMeasurement]:
         """Return the measurements of a later tick, after the torques of the tick before."""
         q = plant.q
         wrenches = plant.interaction_wrenches() if self._needs_wrenches else _NONE
         R_WP = plant.chain.payload_pose(q)[:3, :3] if self.sensors.wrists else _NONE
         assert self.state is not None  # start() came first
-        truth = self._truth(time, q, plant.v, applied, wrenches, R_WP)
+        truth = self._truth(time, q, plant.v, signals, applied, wrenches, R_WP)
         patches, slips, slip = plant.chain.patches, self.state.slips, None
         if patches.arms:
             holds = self._holds[patches.arms]
-            slip, slips = self._slips.step(slips, patches.slips, next(self._slip_errors), holds)
+            slip, slips = self._slips.step(slips, patches.slips, signals.slip_noise, holds)
         measured = self._step(self.state.sensors, truth, partial(self._view, q), slips)
         return measured if slip is None else [reading._replace(slip=slip) for reading in measured]
 
@@ -201,13 +176,13 @@ class Sensing:
             time: Time of the tick, s.
             q: Configuration of the cell, shape (nq,).
             v: Velocity of the cell, shape (nv,).
-            others: Fields of Truth after the signals.
+            others: Fields of Truth after the rates.
         """
         angles, rates = [q[slot.q_slice] for slot in self._slots], [v[slot.v_slice] for slot in self._slots]
         for index, slot in self._turning:
             last = slot.posture if self.state is None else self.state.angles[index]
             angles[index] = slot.angles.near(angles[index], last)
-        return Truth(time, angles, rates, next(self._signals), *others)
+        return Truth(time, angles, rates, *others)
 
     def _view(self, q: Array, index: int, angles: Array | None) -> PayloadKinematics:
         slot = self._slots[index]

@@ -7,11 +7,10 @@ generator of its own, derived from the scenario's seed by the name of the source
 from __future__ import annotations
 
 import hashlib
-import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import reduce
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,10 +20,6 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import WristSensor
 from coop_pin.spatial import rotate_vector6, shift_wrench
 
-Signals = TypeVar("Signals")
-
-LARGEST_BLOCK = 1024
-"""Ticks whose signals a run draws at once, at most."""
 EARLY = 1e-9
 """A tick this part of a period before an instant is at the instant."""
 
@@ -40,18 +35,6 @@ def generator(seed: int, source: str) -> np.random.Generator:
     """
     name = int.from_bytes(hashlib.sha256(source.encode()).digest()[:16], "big")
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence((seed, name))))
-
-
-def in_blocks(draw: Callable[[int], Iterator[Signals]]) -> Iterator[Signals]:
-    """Yield signals tick by tick, of blocks that grow: a run may end, or another one begin, at any tick.
-
-    Args:
-        draw: Function that returns the signals of so many next ticks.
-    """
-    count = 1
-    while True:
-        yield from draw(count)
-        count = min(2 * count, LARGEST_BLOCK)
 
 
 class ArmSignals(NamedTuple):
@@ -77,11 +60,13 @@ class CellSignals(NamedTuple):
         arms: signals of each arm.
         arrived: whether an internal wrench arrives at the controllers, a mask, shape (n,).
         age: age of the newest that has arrived, ticks, inf before the first, shape (n,).
+        slip_noise: noise of the sensors of slip, m, shape (n, p).
     """
 
     arms: tuple[ArmSignals, ...]
     arrived: Any
     age: Any
+    slip_noise: Any
 
     def ticks(self) -> Iterator[CellSignals]:
         """Return the signals of one tick after the other."""
@@ -89,7 +74,8 @@ class CellSignals(NamedTuple):
             map(ArmSignals, *(part if part.ndim > 1 else part.tolist() for part in signals))
             for signals in self.arms
         ]
-        return map(CellSignals, zip(*arms, strict=True), self.arrived.tolist(), self.age.tolist())
+        others = (part.tolist() for part in (self.arrived, self.age, self.slip_noise))
+        return map(CellSignals, zip(*arms, strict=True), *others)
 
 
 class Sampling(NamedTuple):
@@ -124,7 +110,11 @@ class Sampling(NamedTuple):
 
 
 class SensorSignals:
-    """Source of the signals of a run's sensors, drawn in blocks of ticks that follow each other."""
+    """Source of the signals of a run's sensors, drawn in blocks of ticks that follow each other.
+
+    Attributes:
+        vary: whether they differ from tick to tick.
+    """
 
     def __init__(self, scenario: Scenario, joints: Sequence[int]) -> None:
         """Begin before the first tick.
@@ -133,7 +123,7 @@ class SensorSignals:
             scenario: Cell, sensors, clock and seed.
             joints: Number of each arm's drives.
         """
-        self._clock, arms = scenario.clock, list(scenario.cell.arms)
+        self._clock, self.vary, arms = scenario.clock, False, list(scenario.cell.arms)
         sensors = [scenario.sensors_of(name).wrist for name in arms]
         self._has_wrist = [sensor is not None for sensor in sensors]
         self._wrists = [sensor or WristSensor() for sensor in sensors]
@@ -149,16 +139,19 @@ class SensorSignals:
             self._normal(scenario, f"{name}/wrist", wrist.noise.vector6, 6)
             for name, wrist in zip(arms, self._wrists, strict=True)
         ]
-        noisy = [scenario.sensors_of(name).encoder.noise for name in arms]
-        self._vary = any(self._has_wrist) or path.by_sensors or any(np.any(noise) for noise in noisy)
+        self._slip_noise = [
+            self._normal(scenario, f"{name}/slip", np.array(sensor.noise if sensor else 0.0), 1)
+            for name in scenario.cell.patches
+            for sensor in (scenario.sensors_of(name).slip,)
+        ]
+        self.vary |= any(self._has_wrist) or path.by_sensors
         self._tick = 0
 
-    @staticmethod
-    def _normal(scenario: Scenario, source: str, deviation: Array, size: int) -> Callable[[int], Array]:
+    def _normal(self, scenario: Scenario, source: str, deviation: Array, size: int) -> Callable[[int], Array]:
         """Return a function that draws rows of Gaussian noise, shape (count, size)."""
         if not deviation.any():
             return lambda count: np.zeros((count, size))
-        rng = generator(scenario.seed, source)
+        rng, self.vary = generator(scenario.seed, source), True
         return lambda count: deviation * rng.standard_normal((count, size))
 
     def draw(self, count: int) -> CellSignals:
@@ -166,18 +159,13 @@ class SensorSignals:
         ticks = np.arange(self._tick, self._tick + count, dtype=np.float64)
         self._tick += count
         arms = tuple(self._arm(index, ticks) for index in range(len(self._wrists)))
+        slips = np.hstack([np.empty((count, 0)), *(draw(count) for draw in self._slip_noise)])
         if self._path_delay is None:
-            return CellSignals(arms, np.zeros(count), np.full(count, np.inf))
+            return CellSignals(arms, np.zeros(count), np.full(count, np.inf), slips)
         newest = self._sent(ticks - self._path_delay)
         is_new = newest > np.maximum(self._sent(ticks - self._path_delay - 1.0), 0.0)
-        return CellSignals(arms, is_new.astype(np.float64), ticks - np.where(newest > 0.0, newest, -np.inf))
-
-    def rows(self, skipped: int = 0) -> Iterator[CellSignals]:
-        """Return the signals of one tick after the other, those of some skipped."""
-        self.draw(skipped)
-        if not self._vary:
-            return itertools.repeat(next(self.draw(1).ticks()))
-        return in_blocks(lambda count: self.draw(count).ticks())
+        age = ticks - np.where(newest > 0.0, newest, -np.inf)
+        return CellSignals(arms, is_new.astype(np.float64), age, slips)
 
     def _arm(self, index: int, ticks: Array) -> ArmSignals:
         sensor, sampling, X_PE = self._wrists[index], self._sampling[index], self._grasps[index]
@@ -205,22 +193,10 @@ class SensorSignals:
         return reduce(np.minimum, [sampling.newest(ticks) for sampling in self._sampling])
 
 
-class MissedTicks:
-    """Source of the ticks at which arms miss a command, each with the probability of its actuators."""
-
-    def __init__(self, scenario: Scenario) -> None:
-        """Begin before the first tick of a scenario."""
-        arms = scenario.cell.arms
-        self._probabilities = [scenario.actuators_of(name).missed_ticks for name in arms]
-        self._generators = [generator(scenario.seed, f"{name}/missed_ticks") for name in arms]
-        self._none = np.zeros((1, len(self._generators)))
-
-    def draw(self, count: int) -> Array:
-        """Return masks of the next ticks, 0.0 or 1.0, shape (count, m)."""
-        if not any(self._probabilities):
-            return self._none.repeat(count, axis=0) if count > 1 else self._none
-        masks = np.zeros((count, len(self._generators)))
-        for index, (probability, rng) in enumerate(zip(self._probabilities, self._generators, strict=True)):
-            if probability:
-                masks[:, index] = rng.random(count) < probability
-        return masks
+def missed_ticks(scenario: Scenario, arm: str) -> Callable[[int], Array]:
+    """Return a function that draws whether an arm misses its command at each of the next ticks, masks."""
+    probability = scenario.actuators_of(arm).missed_ticks
+    if not probability:
+        return np.zeros
+    rng = generator(scenario.seed, f"{arm}/missed_ticks")
+    return lambda count: (rng.random(count) < probability).astype(np.float64)

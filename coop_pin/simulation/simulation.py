@@ -7,14 +7,15 @@ torques held (zero-order hold). ``observe`` and ``step`` are its two halves, for
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from coop_pin.arrays import Array, as_number, frozen, require_type
 from coop_pin.chain.cell_chain import CellChain
-from coop_pin.control.interface import ArmReference, CellCommand, CellController, Message
+from coop_pin.control.interface import ArmReference, CellCommand, CellController
 from coop_pin.description.events import PayloadEvent
 from coop_pin.description.grasp_events import Event
 from coop_pin.description.grasp_plan import GraspPlan
@@ -27,8 +28,9 @@ from coop_pin.simulation.drives import Applied
 from coop_pin.simulation.network import Exchange, Traffic, heard
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.recorder import Recorder
-from coop_pin.simulation.run_state import RunState, TickInputs
+from coop_pin.simulation.run_state import RunState
 from coop_pin.simulation.sensing import Sensing
+from coop_pin.simulation.tick import SignalSource, TickInputs, TickSignals
 from coop_pin.simulation.timeline import Timeline
 from coop_pin.spatial.task_rows import TaskRows
 
@@ -133,6 +135,7 @@ class Simulation:
         self._applied: Applied | None = None
         self._inputs: TickInputs | None = None
         self._replaced: tuple[str, ...] = ()
+        self._signals = self.signals()
         self._start = self.state()
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -162,9 +165,10 @@ class Simulation:
         with np.errstate(over="ignore", invalid="ignore"):
             inputs = self._observe()
             if self.ticks_done == 0:
-                measurements, references, *_ = self._heard(inputs, self.exchange.first, None)
+                measurements, references, *_ = self._heard(inputs, None)
                 self.controller_state = self.controller.init(measurements, references)
-            self._inputs = inputs = self._heard(inputs, self.exchange.step, self.controller_state)
+                self.exchange.state = None  # all is said again
+            self._inputs = inputs = self._heard(inputs, self.controller_state)
             measurements, references, *_ = inputs
             self._step(inputs, self.controller.step(measurements, references, self.controller_state))
 
@@ -227,11 +231,14 @@ class Simulation:
         self.motion, self.squeeze, self._replaced, self._inputs, self._applied = state[4:9]
         self._schedule()
         self.plant.restore(state.plant)
-        self.sensing.restore(state.sensing, self.scenario, self.ticks_done + (self._inputs is not None))
-        self.actuation.restore(state.actuation, self.scenario, self.ticks_done)
-        is_heard = self._inputs is not None and self._inputs.measurements[0].messages is not None
-        self.exchange.restore(state.network, self.scenario, self.ticks_done + is_heard)
+        self.actuation.restore(state.actuation)
+        self.sensing.state, self.exchange.state = state.sensing, state.network
+        self._signals = self.signals(self.ticks_done + (self._inputs is not None))
         self.recorder.restore(state.record, self.scenario)
+
+    def signals(self, first: int = 0) -> Iterator[TickSignals]:
+        """Return the signals of one tick after the other, from that with a number on."""
+        return SignalSource(self.scenario, self.plant.chain.model.arms).rows(first)
 
     def reset(self, seed: int | None = None) -> TickInputs:
         """Return to the start and observe the first tick.
@@ -337,28 +344,22 @@ class Simulation:
             references = self._by_clocks(time, self._references(target, squeeze, plan))
             if plan is not None:
                 self.sensing.follow(plan)
+            plant, signals = self.plant, next(self._signals)
             if self._applied is None:
-                measurements = self.sensing.start(self.plant.q, self.plant.v, references)
+                measurements = self.sensing.start(plant.q, plant.v, references, signals.sensors)
             else:
-                measurements = self.sensing.measure(time, self.plant, self._applied)
+                measurements = self.sensing.measure(time, plant, self._applied, signals.sensors)
             for index, clock in self._clocks.items():
                 measurements[index] = measurements[index]._replace(time=clock.reading(time))
             self._apply_events(time)
-            self._inputs = TickInputs(measurements, references, target, squeeze)
+            self._inputs = TickInputs(measurements, references, target, squeeze, signals)
         return self._inputs
 
-    def _heard(
-        self, inputs: TickInputs, exchange: Callable[[Sequence[Array]], list[dict[str, Message]]], state: Any
-    ) -> TickInputs:
-        """Return the inputs with the messages that the controllers exchange at this tick, once.
-
-        Args:
-            inputs: Inputs of the tick.
-            exchange: Function that returns what arms hear of their messages.
-            state: State of the controllers.
-        """
+    def _heard(self, inputs: TickInputs, state: Any) -> TickInputs:
+        """Return the inputs with the messages that controllers in a state exchange at this tick, once."""
         if self.exchange.network is None or inputs.measurements[0].messages is not None:
             return inputs
+        exchange = partial(self.exchange.step, signals=inputs.signals.network)
         measured = heard(self.controller, inputs.measurements, inputs.references, state, exchange)
         return inputs._replace(measurements=measured)
 
@@ -366,17 +367,9 @@ class Simulation:
         """Apply a command, record the tick and integrate to the next."""
         tick, time = self.ticks_done, self.time
         self.controller_state = command.state
-        self._applied = self.actuation.apply(time, command)
+        self._applied = self.actuation.apply(time, command, inputs.signals.missed)
         self.plant.drive(self._applied.torques)
-        self.recorder.record(
-            tick,
-            time,
-            inputs.measurements,
-            self._applied,
-            inputs.target,
-            inputs.squeeze,
-            self.sensing.sensors.shares,
-        )
+        self.recorder.record(time, inputs, self._applied, self.sensing.sensors.shares)
         self.ticks_done, self._inputs = tick + 1, None
         if tick < self.timeline.ticks:
             self._advance(tick)

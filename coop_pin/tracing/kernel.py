@@ -172,9 +172,13 @@ class Machine(ABC):
     """
 
     def __init__(self, program: Program, width: int = 1) -> None:
-        self.program, self.width, self._rows = program, width, program.rows(RECORD)
+        self.width = width
+        self._take(program)
 
-    @abstractmethod
+    def _take(self, program: Program) -> None:
+        self.program, self._rows = program, program.rows(RECORD)
+        self._instructions = np.array(program.instructions, dtype=np.int64).reshape(-1, 2)
+
     def run(
         self,
         block: Array,
@@ -199,12 +203,20 @@ class Machine(ABC):
         Raises:
             ArgumentError: ``out`` is too small, or no row of floats.
         """
+        record = self.new_record(block.shape[1], out)
+        self._execute(block, uniforms, loads, record, between or (lambda: None))
+        return record[:, :, : block.shape[1]]
+
+    @abstractmethod
+    def _execute(
+        self, block: Array, uniforms: Array, loads: Array, record: Array, between: Callable[[], None]
+    ) -> None:
+        """Run the program with a record of whole registers; see ``run``."""
 
     def in_order(self, instructions: Sequence[Instruction]) -> Self:
-        """Return the machine for the same kernels in another order."""
+        """Return the machine for the same kernels in another order, with the same code."""
         other = copy.copy(self)
-        other.program = self.program._replace(instructions=instructions)
-        other._rows = other.program.rows(RECORD)
+        other._take(self.program._replace(instructions=instructions))
         return other
 
     def record_size(self, lanes: int) -> int:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from coop_pin.arrays import Array
 from coop_pin.disk_cache import keep, kept
 from coop_pin.errors import ArgumentError
-from coop_pin.tracing.kernel import Instruction, Machine, Program
+from coop_pin.tracing.kernel import Machine, Program
 from coop_pin.tracing.llvm_emitter import ARGUMENTS, llvm_text
 
 _AT_ONCE = 2_000
@@ -50,19 +50,11 @@ class LlvmMachine(Machine):
         self._run = ctypes.CFUNCTYPE(None, ctypes.POINTER(_Arguments))(
             self._engine.get_function_address("run")
         )
-        self._instructions = _table(program.instructions)
 
-    def run(
-        self,
-        block: Array,
-        uniforms: Array,
-        loads: Array,
-        out: Array | None = None,
-        between: Callable[[], None] | None = None,
-    ) -> Array:
-        """Run the program; see Machine."""
-        lanes, width, record = block.shape[1], self.width, self.new_record(block.shape[1], out)
-        groups = record.shape[2] // width
+    def _execute(
+        self, block: Array, uniforms: Array, loads: Array, record: Array, between: Callable[[], None]
+    ) -> None:
+        lanes, width, groups = block.shape[1], self.width, record.shape[2] // self.width
         lane = np.minimum(np.arange(groups * width), lanes - 1)  # the last run fills the last group
         slots = np.ascontiguousarray(block[:, lane].reshape(-1, groups, width).swapaxes(0, 1))
         loads = loads[:, :, lane].reshape(*loads.shape[:2], groups, width)
@@ -71,16 +63,8 @@ class LlvmMachine(Machine):
         count = len(self._instructions)
         for first in range(0, count, _AT_ONCE):  # Python sees Ctrl-C in between
             call(first, min(_AT_ONCE, count - first))
-            if between is not None:
-                between()
+            between()
         block[:] = slots.swapaxes(0, 1).reshape(len(block), -1)[:, :lanes]
-        return record[:, :, :lanes]
-
-    def in_order(self, instructions: Sequence[Instruction]) -> Self:
-        """Return the machine for the same kernels in another order, with the same code."""
-        other = super().in_order(instructions)
-        other._instructions = _table(instructions)
-        return other
 
     def bound(
         self,
@@ -137,11 +121,6 @@ class LlvmMachine(Machine):
         )
         arguments.kept = self, instructions, block, uniforms, record, loads
         return arguments
-
-
-def _table(instructions: Sequence[Instruction]) -> NDArray[np.int64]:
-    """Return instructions as compiled code reads them, shape (n, 2)."""
-    return np.array(instructions, dtype=np.int64).reshape(-1, 2)
 
 
 def _llvm() -> Any:

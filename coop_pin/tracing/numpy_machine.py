@@ -55,20 +55,13 @@ def evaluate(tape: Tape, outputs: Sequence[Operand], inputs: Sequence[Any]) -> l
 class NumpyMachine(Machine):
     """Machine that evaluates a program by numpy."""
 
-    def run(
-        self,
-        block: Array,
-        uniforms: Array,
-        loads: Array,
-        out: Array | None = None,
-        between: Callable[[], None] | None = None,
-    ) -> Array:
-        """Run the program; see Machine."""
-        program, record = self.program, self.new_record(block.shape[1], out)
+    def _execute(
+        self, block: Array, uniforms: Array, loads: Array, record: Array, between: Callable[[], None]
+    ) -> None:
+        program = self.program
         with np.errstate(all="ignore"):
             for code, row in program.instructions:
-                if between is not None:
-                    between()
+                between()
                 if code == RECORD:
                     record[row] = block[: program.recorded]
                 elif code == LOAD:
@@ -82,4 +75,3 @@ class NumpyMachine(Machine):
                     slots, outputs = zip(*kernel.writes, strict=True) if kernel.writes else ((), ())
                     for slot, value in zip(slots, evaluate(kernel.tape, outputs, arguments), strict=True):
                         block[slot] = value
-        return record

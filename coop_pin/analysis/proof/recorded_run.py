@@ -97,20 +97,20 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Record
     beside, slots = _BESIDE * simulation.timeline.period, chain.model.arms
     recorded = {name: np.nan_to_num(data[name].values) for name in _RECORDED}
     applied: Any = None
-    for k, t in enumerate(data["time"].values.tolist()):
+    for k, (t, signals) in enumerate(zip(data["time"].values.tolist(), simulation.signals(), strict=False)):
         plant.q, plant.v, plant.time = recorded["configuration"][k], recorded["velocity"][k], t
         references = simulation.references(t)
         if k == 0:
-            measured = sensing.start(plant.q, plant.v, references)
+            measured = sensing.start(plant.q, plant.v, references, signals.sensors)
         else:
             plant.surround(simulation.scenario.surroundings_at(t - beside))
-            measured = sensing.measure(t, plant, applied)
+            measured = sensing.measure(t, plant, applied, signals.sensors)
         plant.surround(simulation.scenario.surroundings_at(t + beside))
         torques, commanded = (
             [tau[: len(slot.drive)] for tau, slot in zip(recorded[name][k], slots, strict=True)]
             for name in ("torque", "commanded_torque")
         )
-        applied = simulation.actuation.apply(t, CellCommand(commanded, None))
+        applied = simulation.actuation.apply(t, CellCommand(commanded, None), signals.missed)
         plant.hold(plant.transmission.torque(torques))
         friction, pushed = plant.transmission.friction(plant.v), plant.generalised_force()
         a = np.array(chain.mechanism.solver.acceleration(plant.q, plant.v, pushed))
