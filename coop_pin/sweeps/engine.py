@@ -72,7 +72,7 @@ class Session:
         store: the folder.
         bar: the progress bar.
         keys: keys of the points of the last plan.
-        columns: what was computed for it.
+        columns: columns of the runs computed for it.
     """
 
     keys: list[str]
