@@ -61,8 +61,8 @@ class Columns:
     @classmethod
     def of(cls, records: Iterable[Record], keys: Collection[str]) -> Self:
         """Return the columns of the records that have one of some keys."""
-        columns, wanted = cls(len(keys)), {*keys}
-        known = (record for record in records if record.key in wanted)
+        columns, runs = cls(len(keys)), {*keys}
+        known = (record for record in records if record.key in runs)
         while chunk := list(itertools.islice(known, _CHUNK)):
             columns.add(chunk)
         return columns
@@ -101,12 +101,13 @@ def read_runs(
     texts, numbers = columns.texts, columns.numbers
     require_own_names(plan, {*numbers} - {*_NUMBERS})
     conditions = [texts["failure"] == None, texts["failure"] != ""]  # noqa: E711  of each entry
-    status = np.select(conditions, [MISSING, FAILED], OK).astype(object)
+    status = np.array([OK, MISSING, FAILED], dtype=object)[np.select(conditions, [1, 2], 0)]
     if "trustworthy" in numbers:
         numbers["trustworthy"][status == FAILED] = 0.0
     for values in texts.values():
         values[status == MISSING] = ""
     rows = np.array([columns.places.get(key, -1) for key in keys])
+    columns.places.clear()
     variables = {"number": np.arange(len(plan)), "status": status[rows]}
     variables |= {name: texts.pop(name)[rows] for name in _TEXTS} | {"key": np.array(keys, dtype=object)}
     variables |= {name: numbers.pop(name)[rows] for name in sorted(numbers)}
