@@ -208,7 +208,7 @@ def _law(
         anchor_bias="none" if scenario.put_downs else b_0,
         anchor_bias_answered=b_max,
         gain_axes="payload",
-        knows_deflection=bool(cell.compliant) and getattr(scenario.controller, "zero_at_grasp", False),
+        knows_deflection=bool(cell.compliant) and scenario.controller.is_zeroed,
     )
 
 

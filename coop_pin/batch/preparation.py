@@ -49,7 +49,8 @@ from coop_pin.tracing.tree import flattened, leaves
 
 _NOT_OF_THE_PLANT = {"controller", "beyond_bound", "seed", "name", "summary", "trust"}
 """Fields of a scenario that do not make the plant; of the controller, its force path does."""
-_PLANT = attrgetter("controller.force_path", *sorted({*Scenario.model_fields} - _NOT_OF_THE_PLANT))
+plant_fields = attrgetter("controller.force_path", *sorted({*Scenario.model_fields} - _NOT_OF_THE_PLANT))
+"""What scenarios with one plant have in common, of a scenario."""
 _UNLOADED = attrgetter(
     "controller.force_path",
     *sorted({*Scenario.model_fields} - _NOT_OF_THE_PLANT - {"cell", "events"}),
@@ -58,8 +59,6 @@ _UNLOADED = attrgetter(
 """Fields of the plant besides the payload and the events."""
 _MOTION, _SQUEEZE = attrgetter("motion", "clock", "duration", "network"), attrgetter("squeeze", "cell.grasps")
 """Fields on which the desired motion at the ticks depends, and further ones of the squeeze."""
-_NOTHING = digest({})
-"""Digest of what a law of the package reads besides."""
 
 
 class PreparedPlant:
@@ -220,8 +219,8 @@ class PreparedPlant:
         """Return the signals of a run of this plant at the ticks of ``desired``, shape (n, entries)."""
         if scenario.seed not in self._signals:
             drawn = SignalSource(scenario, self.run.plant.chain.model.arms).draw(len(self.desired.time))
-            signals = RunSignals(self.desired, drawn, self._clocked)
-            self._signals = {scenario.seed: columns(signals)}  # those of one seed are kept
+            kept = columns(RunSignals(self.desired, drawn, self._clocked))
+            self._signals = {scenario.seed: kept}  # those of one seed
         return self._signals[scenario.seed]
 
     def later(self, ticks: range) -> tuple[PreparedPlant, Array]:
@@ -334,14 +333,8 @@ class Prepared(NamedTuple):
 
 
 def _surroundings(scenario: Scenario) -> str:
-    """Return a digest of what a law may read besides its object and its arguments."""
-    users = scenario.controller.user_code
-    return digest(of_classes(users)) if users else _NOTHING
-
-
-def plant_fields(scenario: Scenario) -> tuple[object, ...]:
-    """Return what scenarios with one plant have in common."""
-    return _PLANT(scenario)
+    """Return a digest of what a user's law may read besides its object and its arguments."""
+    return digest(of_classes(scenario.controller.user_code))
 
 
 def _kinds(scenario: Scenario) -> list[str]:
