@@ -22,21 +22,24 @@ STEPS_AT_ONCE = 64
 def observed(cell: CellNumbers) -> dict[str, tuple[int, ...]]:
     """Return the shapes of what an observation writes, by name."""
     m, n = len(cell.arms), len(cell.compliant)
-    shapes: dict[str, tuple[int, ...]] = {
+    of_grasps = {
+        "grasp_wrench": (n, 6),
+        "grasp_position": (n, 3),
+        "grasp_rotation": (n, 3, 3),
+        "elastic": (),
+    }
+    return {
         "R_WP": (3, 3),
         "tips": (m, 3),
         "wrenches": (m, 6),
         "closure_errors": (m, 2),
+        "p_WP": (3,),
+        "V_WP": (6,),
+        "payload_wrench": (6,),
+        "kinetic": (),
+        "potential": (),
+        **(of_grasps if n else {}),
     }
-    shapes |= {"p_WP": (3,), "V_WP": (6,), "payload_wrench": (6,), "kinetic": (), "potential": ()}
-    if n:
-        shapes |= {
-            "grasp_wrench": (n, 6),
-            "grasp_position": (n, 3),
-            "grasp_rotation": (n, 3, 3),
-            "elastic": (),
-        }
-    return shapes
 
 
 def write_observed(kernel: Kernel, cell: CellNumbers, motion: CellMotion) -> None:
