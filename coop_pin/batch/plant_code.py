@@ -99,9 +99,14 @@ class PlantCode:
         self._constants, functions, self.observed = cell, SharedFunctions(), list(observed(cell))
         nq, nv, works = cell.sizes
         self.lanes, self._uniforms = Layout(), Layout()
-        self.lanes.add(q=(nq,), v=(nv,), work=(works,), force=(cell.joints,), rates=(nv + works,))
         self.lanes.add(
-            **observed(cell), **{name: (len(leaves(part)),) for name, part in varying(cell).items()}
+            q=(nq,),
+            v=(nv,),
+            work=(works,),
+            force=(cell.joints,),
+            rates=(nv + works,),
+            **observed(cell),
+            **{name: (len(leaves(part)),) for name, part in varying(cell).items()},
         )
         self._uniforms.add(h=())
         steps = [Instruction(code, row) for row in range(STEPS_AT_ONCE) for code in (1, 2)]
