@@ -213,10 +213,11 @@ class Actuation:
         self.state = self.state._replace(servos=tuple(servos), held=holding)
 
     def _motion(self, q: Array, index: int) -> tuple[Array, Array]:
-        """Return positions and velocities of the drives, rad and rad/s; near the reference of the servo."""
-        slot, servo = self._slots[index], self.state.servos[index]
-        assert servo is not None
-        angles = slot.angles.near(q[slot.q_slice], slot.from_drive @ servo.reference)
+        """Return positions (near a servo's reference, else the posture) and velocities of the drives."""
+        slot, servos = self._slots[index], self.state.servos
+        servo = servos[index] if servos else None
+        near = slot.posture if servo is None else slot.from_drive @ servo.reference
+        angles = slot.angles.near(q[slot.q_slice], near)
         return slot.drive.dot(angles), slot.drive.dot(self._plant.v[slot.v_slice])
 
     def _inertial(self, q: Array, index: int, acceleration: Array) -> Array:
