@@ -6,14 +6,15 @@
 Each seed draws two or three palms that hold a box: mass, mu, squeeze, outline and attitude of the pads, pose
 of the payload, its weight and a push on it; even seeds are planar cells (weight across the plane, push in
 it), odd ones are turned in space. Weight and push grow together, in parts of their drawn size, until a palm
-slips; predicted is the part at which ``friction_use`` of the cell's pads tells a margin of zero.
+slips; predicted is the part at which ``friction_use`` of the cell's pads tells a margin of zero, or where one
+point touches the part at which force and torsion leave their ellipsoid.
 
 In MuJoCo the palms do what the law does: each is pressed with its normal force of squeeze and virtual
 linkage, and is held by position across it. One of two palms, or all three, have their moment about the normal
 from there, too. So statics leave nothing open, and what is compared is friction alone. Its contacts creep
 below the limit; a palm slips from a stated speed on, which counts spin at the pad's torsion radius.
 
-- finger: one point with friction about the normal (condim 4), whose cone is the ellipsoid of the margin.
+- finger: one point with friction about the normal (condim 4), whose cone is that ellipsoid.
 - pad: 64 points evenly over the pad (condim 3), which a ball joint lays on the face. The contact is soft,
   because MuJoCo's cones make sliding points lift: those that slide faster then bear more.
 """
@@ -86,11 +87,13 @@ class Grasps(NamedTuple):
         data = {"time": np.zeros(1), "payload_quaternion": quaternion[None]}
         return friction_use(data | {"interaction_wrench": F.reshape(1, -1, 6)}, self.cell)
 
-    def limit(self) -> float:
-        """Return the part of the load at which the margin is zero."""
+    def limit(self, contact: str) -> float:
+        """Return the part of the load at which the margin is zero, of a finger that of the ellipsoid."""
 
         def beyond(part: float) -> float:
-            return min(float(self.use(part).used.max()), 2.0) - 1.0
+            use = self.use(part)
+            used = use.used if contact == "pad" else np.hypot(use.force, use.torsion)
+            return min(float(used.max()), 2.0) - 1.0
 
         return brentq(beyond, 0.0, next(2.0**k for k in range(20) if beyond(2.0**k) > 0.0), xtol=1e-9)
 
@@ -218,7 +221,7 @@ class Slip(NamedTuple):
 
 def slip(grasps: Grasps, contact: str, settings: Settings = SETTINGS) -> Slip:
     """Let the load grow until a palm slips."""
-    limit, mass, (creep, step, *_) = grasps.limit(), grasps.cell.payload.mass, settings
+    limit, mass, (creep, step, *_) = grasps.limit(contact), grasps.cell.payload.mass, settings
     model = mujoco.MjModel.from_xml_string(mjcf(grasps, contact, settings))
     data, payload = mujoco.MjData(model), model.body("payload").id
     free = np.array([on for spin in spins(grasps).values() for on in (True, spin)])
@@ -277,7 +280,7 @@ def main(words: list[str] | None = None) -> None:
             parts.append(found.part)
             inertia = max(inertia, found.inertia)
             if given.all:
-                use = cell.use(cell.limit())
+                use = cell.use(cell.limit(contact))
                 print(
                     seed,
                     len(use.arms),

@@ -122,7 +122,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {"pinocchio"},
     ),
     "environment": (
-        {"batch", "build_controller", "chain", "control", "description", "results", "simulation", "tracing"},
+        {"batch", "build_controller", "control", "description", "results", "simulation", "tracing"},
         {"gymnasium"},
     ),
     "figures": ({"analysis", "comparison", "description", "results", "sweeps"}, {"matplotlib", "xarray"}),

@@ -8,8 +8,9 @@ from test_payload_space import inputs
 from coop_pin.control.gains import gain_vector
 from coop_pin.control.interface import ControlledArm
 from coop_pin.control.leader_follower import LeaderFollower, LeaderFollowerState
+from coop_pin.control.posture import spare_torque
 from coop_pin.control.prescribed_performance import PrescribedPerformance
-from coop_pin.control.terms import InternalForceIntegral, is_new, spare_torque
+from coop_pin.control.terms import InternalForceIntegral, is_new
 from coop_pin.errors import FieldError, ScenarioError
 from coop_pin.spatial import task_rows
 

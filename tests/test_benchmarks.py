@@ -73,11 +73,8 @@ def test_mujoco_slips_where_the_margin_is_zero(benchmark_module):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("contact", "near", "least"), [("finger", 0.95, 0.95), ("pad", 0.75, 0.90)], ids=["finger", "pad"]
-)
-def test_two_hundred_grasps_slip_in_mujoco_near_the_margin(benchmark_module, contact, near, least):
-    """Pads of 64 points slip up to 9 % before: their limit surface is that far inside the ellipsoid."""
+@pytest.mark.parametrize("contact", ["finger", "pad"])
+def test_two_hundred_grasps_slip_in_mujoco_near_the_margin(benchmark_module, contact):
     pytest.importorskip("mujoco", reason="mujoco is not installed (extra 'bench')")
     bench = benchmark_module("bench_slip")
     slips = np.array([bench.slip(bench.grasps(seed), contact) for seed in range(200)])
@@ -88,9 +85,8 @@ def test_two_hundred_grasps_slip_in_mujoco_near_the_margin(benchmark_module, con
         np.quantile(parts, (0, 0.05, 0.5, 0.95, 1)),
         inertia.max(),
     )
-    assert np.mean(np.abs(parts - 1.0) < 0.05) >= near
-    assert parts.min() > least
-    assert parts.max() < 1.05
+    assert np.mean(np.abs(parts - 1.0) < 0.05) >= 0.95
+    assert 0.9 < parts.min() < parts.max() < 1.05
     assert inertia.max() < 0.01
 
 

@@ -16,8 +16,14 @@ from coop_pin.build_controller import build_controller
 from coop_pin.comparison import controllers_for
 from coop_pin.comparison.measures import measures
 from coop_pin.comparison.trials import benchmark_scenario, standard_trials
-from coop_pin.control import ArmMeasurement, ArmReference, PayloadSpace, bounded_anchor, payload_space
-from coop_pin.control.payload_space import PayloadSpaceController
+from coop_pin.control import (
+    ArmMeasurement,
+    ArmReference,
+    PayloadSpace,
+    bounded_anchor,
+    payload_space_controller,
+)
+from coop_pin.control.payload_space_controller import PayloadSpaceController
 from coop_pin.control.sliding_mode import SlidingModeController
 from coop_pin.description import Scenario
 from coop_pin.errors import FieldError
@@ -236,7 +242,7 @@ def test_what_is_known_to_do_nothing_is_left_out_with_the_same_bits(name, monkey
     runs = []
     for knows in (True, False):
         if not knows:
-            for module in (bounded_anchor, payload_space):
+            for module in (bounded_anchor, payload_space_controller):
                 monkeypatch.setattr(module, "known", lambda _: False)
         biases = [bias_along(name, 5e-3), np.zeros(k)]
         cell = LinearCell(name, SHARES["unequal"], biases, tips=biases[::-1])

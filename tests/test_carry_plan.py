@@ -269,7 +269,7 @@ def friction_used(F, grasp, pad):
     moment = F[:, 3:] + np.cross(-np.array(grasp.xyz), F[:, :3])
     R = grasp.matrix[:3, :3] @ pad.plane[:3, :3]
     f, n = F[:, :3] @ R, moment @ R
-    slip = np.hypot(np.linalg.norm(f[:, :2], axis=1), n[:, 2] / pad.torsion_radius) / (pad.mu * f[:, 2])
+    slip = pad.needed_friction(np.hstack((f, n))) / (pad.mu * f[:, 2])
     return np.maximum(slip, np.linalg.norm(n[:, :2] / pad.levers, axis=1) / f[:, 2])
 
 

@@ -11,7 +11,6 @@ from linkages import bar, joint, robot
 from numpy.testing import assert_allclose
 
 from coop_pin.chain import CellChain
-from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.description import Arm, Cell, Payload, PlantOptions, Pose, Stabilisation
 from coop_pin.errors import NameNotFoundError, OpenClosureError, UnreachablePoseError
 from coop_pin.model import ArmModel
@@ -388,7 +387,7 @@ def test_a_single_arm_carries_its_payload_alone(name):
 def test_what_rigid_bodies_determine_is_what_both_formulations_agree_on(name, payload):
     """Two planar arms share a weight as their structures like; in space everything is determined."""
     plant, q = built(name, payload)
-    determined = determinate_rows(plant, q)
+    determined = plant.rigid.determinate_rows(q)
     expected = [True, True, False, False, False, True] if name == "planar" else [True] * 6
     assert determined.tolist() == expected
     v, tau = random_velocity(plant.mechanism, q, 4), np.ones(plant.mechanism.model.nv)
@@ -483,7 +482,7 @@ def test_of_two_doors_on_one_hinge_only_the_moment_about_it_is_determined(payloa
     X_WP[:3, 3] = (0.5, -0.3, 0.8)
     q = plant.model.configuration([np.array([0.0]), np.array([2.0])], X_WP)
     assert_close(plant.closure_errors(q), np.zeros((2, 2)), atol=1e-12)
-    assert determinate_rows(plant, q).tolist() == [False, False, False, False, False, True]
+    assert plant.rigid.determinate_rows(q).tolist() == [False, False, False, False, False, True]
     tau = gathered(plant, [np.array([3.0]), np.array([-1.0])])
     moments = plant.interaction_wrenches(q, np.zeros(plant.mechanism.model.nv), tau)[:, 5]
     own = 1.0 / 3.0  # of each door about the hinge

@@ -11,6 +11,8 @@ from cells import SCENARIOS, planar_scenario, spatial_scenario
 import coop_pin as cp
 from coop_pin import errors
 from coop_pin.description import scenario as scenario_module
+from coop_pin.description.network import Network
+from coop_pin.schema.changes import differences
 
 INSIST = {"beyond_bound": True}
 
@@ -623,6 +625,13 @@ def test_the_caption_of_many_changes_counts_those_that_it_leaves_out():
     text = planar_scenario().override(changes | plan).caption
     assert text.startswith("changed: no events; duration 20 → 11; payload mass 11.2 → 9; ")
     assert text.endswith("; 2 more")
+
+
+def test_networks_whose_graph_changes_differ_in_it():
+    """The field ``changes`` of a network is no method that tells differences."""
+    graph = {"time": 1.0, "graph": "ring"}
+    texts = differences(Network(changes=(graph,)), Network(), ("network",))
+    assert list(texts) == ["network changes ((time 1, graph ring))"]
 
 
 def test_the_caption_keeps_what_was_replaced_in_a_run():

@@ -11,7 +11,7 @@ from coop_pin.analysis.bisection import factor_edge
 from coop_pin.analysis.modes import NEUTRAL
 from coop_pin.arrays import Array, typed
 from coop_pin.chain.cell_chain import CellChain
-from coop_pin.control import Admittance
+from coop_pin.control.consensus import laplacian
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import ArgumentError
 from coop_pin.model.cell_arm import CellArm
@@ -91,14 +91,15 @@ def admittance_stability(scenario: Scenario) -> AdmittanceStability:
             another rate or a late one, or a compliant grasp.
     """
     law: Any = scenario.controller
-    if not isinstance(law, Admittance) or law.command != "velocity" or law.follows == "leader":
+    if not law.is_yielding:
         raise ArgumentError("the law is no admittance by velocities that follows the reference")
     if scenario.cell.compliant or not (law.measures or scenario.network):
         raise ArgumentError("a grasp is compliant, or no wrench is measured")
     arms = _arms(scenario)
 
     def radius(factor: float) -> float:
-        return _radius(_tick_matrix(scenario, arms, factor))
+        z = np.linalg.eigvals(_tick_matrix(scenario, arms, factor))
+        return float(np.abs(z[np.abs(z - 1.0) > NEUTRAL]).max())  # of what does not rest
 
     if radius(1.0 / _STIFFEST) < 1.0:
         return AdmittanceStability(radius(1.0), 0.0)
@@ -136,8 +137,8 @@ def _wrench_errors(scenario: Scenario) -> tuple[Array, int]:
     if path.measures:
         return np.eye(len(c)) - np.outer(c, np.ones(len(c))), path.delay + late
     network: Any = scenario.network
-    edges = network.edges_at(0.0, names)
-    heard = np.array([[float((one, other) in edges) for one in names] for other in names])
+    L = laplacian(network.edges_at(0.0, names), names)
+    heard = np.diag(L.diagonal()) - L
     return np.diag(heard @ c) - c[:, None] * heard, late + network.oldest_of(names, scenario.clock)
 
 
@@ -175,9 +176,3 @@ def _matrix_of(function: Callable[..., tuple[Array, ...]], shapes: list[tuple[in
     unit = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])
     values = function(*(part.reshape(*shape, -1) for part, shape in zip(unit, shapes, strict=True)))
     return np.concatenate([value.reshape(size, -1) for value, size in zip(values, sizes, strict=True)])
-
-
-def _radius(matrix: Array) -> float:
-    """Return the largest ``|z|`` of what does not rest."""
-    z = np.linalg.eigvals(matrix)
-    return float(np.abs(z[np.abs(z - 1.0) > NEUTRAL]).max())

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from coop_pin.analysis.bisection import factor_edge
 from coop_pin.analysis.carried_path import CarriedPath
 from coop_pin.analysis.path_parameterization import PathLimits, fastest, smoothed
 from coop_pin.arrays import Array
@@ -34,7 +35,7 @@ _PENALTY = 1e3
 _BACKWARD = 1e-9
 """Speed backwards that is rounding, 1/s."""
 _DIRECTIONS, _SIDES = 64, 16
-"""Planes that stand for the friction ellipsoid of a pad, and for the circle of the moment that tips it."""
+"""Planes that stand for the limit surface of a pad, and for the circle of the moment that tips it."""
 
 
 class CarryTiming(NamedTuple):
@@ -150,10 +151,7 @@ class CarryLimits(NamedTuple):
             low, high = high, 1.5 * high
         while holds(low):
             low, high = low / 1.5, low
-        while high - low > _STRETCHED * high:
-            middle = 0.5 * (low + high)
-            low, high = (low, middle) if holds(middle) else (middle, high)
-        return slower(motion, high)
+        return slower(motion, factor_edge(holds, high, low, _STRETCHED))
 
     def least_effort(self, seed: TimedLineMotion) -> TimedLineMotion:
         """Return the motion of least effort of a duration: a seed plus splines at rest at both ends.
@@ -210,9 +208,9 @@ def _moved(begun: CarryTiming, splines: list[Array], p: Array) -> CarryTiming:
 def _pad_rows(cell: Cell, name: str, reserve: float) -> Array:
     """Return rows of an arm's pad: planes inside the cones of ``chain.friction_cones``, shape (r, m, 6).
 
-    d . (f_x, f_y, m / R) <= (1 - reserve) mu N r and d . (b / l) <= (1 - reserve) N r for unit vectors d,
-    with the levers l of the pad and the radius r of the ball inside of which all corners between neighbouring
-    planes are.
+    d . (f_x, f_y, m / R) <= (1 - reserve) mu N h(d) r for unit vectors d = (v, w R), with the work h(d) =
+    sum_j |v + w e_z x x_j| / k that evenly pressed points can take, and d . (b / l) <= (1 - reserve) N r with
+    the levers l of the pad. r shrinks the planes until all their corners are inside the cone.
     """
     pad, X = cell.pads[name], cell.grasps[name].matrix
     on_pad = rotate_vector6((X[:3, :3] @ pad.plane[:3, :3]).T, shift_wrench(np.eye(6), -X[:3, 3])).T
@@ -220,11 +218,15 @@ def _pad_rows(cell: Cell, name: str, reserve: float) -> Array:
     z, azimuth = 1.0 - 2.0 * k / _DIRECTIONS, k * np.pi * (1.0 + np.sqrt(5.0))
     circle = np.sqrt(1.0 - z**2)
     d = np.stack((circle * np.cos(azimuth), circle * np.sin(azimuth), z), axis=1)
+    (p_x, p_y, _), w = pad.points.T, z[:, None] / R
+    h = np.hypot(d[:, :1] - w * p_y, d[:, 1:2] + w * p_x).mean(axis=1)
     from scipy.spatial import ConvexHull  # slow to load
 
-    corners = np.linalg.solve(d[ConvexHull(d).simplices], np.ones((1, 3, 1)))
-    slip = d @ (on_pad[[0, 1, 5]] / np.array([[1.0], [1.0], [R]]))
-    slip -= (1.0 - reserve) * pad.mu / np.linalg.norm(corners, axis=1).max() * on_pad[2]
+    sides = ConvexHull(d / h[:, None]).simplices  # three planes that meet in a corner each
+    corners = np.zeros((len(sides), 6))
+    corners[:, [0, 1, 5]] = np.linalg.solve(d[sides], h[sides][..., None])[..., 0] * (1.0, 1.0, R)
+    slip = d @ (on_pad[[0, 1, 5]] / np.array([[1.0], [1.0], [R]])) / h[:, None]
+    slip -= (1.0 - reserve) * pad.mu / pad.needed_friction(corners).max() * on_pad[2]
     turn = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
     tip = np.stack((np.cos(turn), np.sin(turn)), axis=1) @ (on_pad[3:5] / pad.levers[:, None])
     tip -= (1.0 - reserve) * np.cos(np.pi / _SIDES) * on_pad[2]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,11 +148,9 @@ def _require_smooth(scenario: Scenario) -> None:
         network.channel(edge).jitter for edge in network.edges([*scenario.cell.arms])
     ):
         raise ArgumentError("messages that are late by chance have no map of a tick; state network.jitter 0")
-    law: Any = scenario.controller
-    switching = getattr(law, "switching", None)
-    if switching is not None and not switching.is_smooth and np.any(law.gains.sign_gain):
+    if not scenario.controller.is_smooth:
         raise ArgumentError(
-            f"controller.switching is {switching.kind!r}: sgn has no eigenvalues; state a boundary layer"
+            "controller.switching is 'sign': sgn has no eigenvalues; state a boundary layer"
             " (switching.kind 'saturation' or 'tanh' with a width), or sign_gain 0"
         )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -229,7 +229,7 @@ def _best_posture(scenario: Scenario, name: str, poses: int) -> tuple[Scenario |
     with contextlib.suppress(UnreachablePoseError):
         branches = ik_branches(model, scenario.start.matrix, posture=arm.posture or _middle(model))
         for q in branches[:_BRANCHES]:
-            tried = _with_arm(scenario, name, posture=tuple(model.joint_angles(q).tolist()))
+            tried = scenario.override({f"cell.arms.{name}.posture": model.joint_angles(q)})
             reach = reachability(tried, poses=poses, arms=[name])
             (margin,) = posture_margins(tried, reach, statics_along(tried, reach))
             is_clear = min(joint_heights(model, q, arm.base.matrix).values()) >= 0.0
@@ -260,17 +260,11 @@ def _require_reach(reach: ArmReach) -> None:
         raise InfeasibleMotionError("reach", f"arm {reach.arm!r} {'; '.join(reach.problems())}")
 
 
-def _with_arm(scenario: Scenario, name: str, **fields: Any) -> Scenario:
-    arms = {**scenario.cell.arms, name: scenario.cell.arms[name].replace(**fields)}
-    return scenario.replace(cell=scenario.cell.replace(arms=arms))
-
-
 def _rolled(scenario: Scenario, name: str, roll: float) -> Scenario:
     """Return the scenario with the grasp of an arm turned about its own z axis."""
     X_PE = scenario.cell.grasps[name].matrix @ make_pose((0.0, 0.0, 0.0), (0.0, 0.0, roll))
-    pose = Pose.from_matrix(X_PE)
-    grasps = {**scenario.cell.grasps, name: scenario.cell.grasps[name].replace(xyz=pose.xyz, rpy=pose.rpy)}
-    return scenario.replace(cell=scenario.cell.replace(grasps=grasps))
+    pose, path = Pose.from_matrix(X_PE), f"cell.grasps.{name}"
+    return scenario.override({f"{path}.xyz": pose.xyz, f"{path}.rpy": pose.rpy})
 
 
 def _middle(model: CellArm) -> tuple[float, ...]:

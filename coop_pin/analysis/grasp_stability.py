@@ -103,7 +103,7 @@ def grasp_stability(simulation: Simulation) -> GraspStability:
     holds_from = 1.0 if is_stable else loop.least_factor()
     springs, patches = plant.chain.springs, plant.chain.patches
     deflection = springs.at(plant.q, plant.v).deflection if springs.arms else np.zeros((0, 6))
-    gaps = [patches.gap(number, plant.q) for number in range(len(patches.arms))]
+    gaps = [plant.chain.gap(arm, plant.q) for arm in patches.arms]
     distances = [*np.linalg.norm(deflection[:, :3], axis=1), *(gap.distance for gap in gaps)]
     angles = [*np.linalg.norm(deflection[:, 3:], axis=1), *(gap.angle for gap in gaps)]
     seen = np.array([X.translation for part in (springs, patches) for X in part.seen_poses(plant.q)])

@@ -9,7 +9,7 @@ import numpy as np
 from coop_pin.analysis.reachability import Reachability
 from coop_pin.analysis.task_inertia import HeldArm
 from coop_pin.arrays import Array, typed
-from coop_pin.control.law import PostureGains
+from coop_pin.control.posture import PostureGains
 from coop_pin.description.scenario import Scenario
 from coop_pin.spatial import spatial_inertia
 
@@ -102,12 +102,9 @@ class _Balance(NamedTuple):
     @classmethod
     def along(cls, scenario: Scenario, cell_reach: Reachability, posture: PostureGains) -> _Balance:
         """Return the balance; arguments as of internal_moment."""
-        first = int(np.count_nonzero(cell_reach.arms[0].times == 0.0)) - 1
+        first = cell_reach.arms[0].first
         t = cell_reach.arms[0].times[first:]
-        arms = [
-            (HeldArm(scenario, reach.arm, reach.q[first], posture), reach.q[first:])
-            for reach in cell_reach.arms
-        ]
+        arms = [(HeldArm(scenario, reach, posture), reach.q[first:]) for reach in cell_reach.arms]
         torques = [arm.missing(t, path) for arm, path in arms]
         turns = np.array([arms[0][0].model.payload_pose(q)[:3, :3] for q in arms[0][1]])
         asked = _moments_of_payload(scenario, t, turns)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +18,8 @@ from coop_pin.spatial import rotate_vector6, shift_wrench
 
 _POSES, _FEWER = 401, 101
 MARGIN = 1.5
-"""Proposed squeeze over the least one: points slide up to 1.08 times above the ellipsoid's least, and where a
-payload of unknown weight left a table, the law asked for 1.09 times what its motion does."""
+"""Proposed squeeze over the least one: where a payload of unknown weight left a table, the law asked for 1.09
+times what its motion does."""
 _MOST, _CLOSE = 1e4, 1e-3
 """Normal force from which on no squeeze carries the payload, N; error of the proposed one."""
 
@@ -65,14 +66,12 @@ class LeastSqueeze(NamedTuple):
 def least_squeeze(scenario: Scenario, *, poses: int = _POSES) -> LeastSqueeze | None:
     """Return the least squeeze of the cell's patches and pads along the motion; None without any.
 
-    With the load (f, N_0, m) that the motion puts on a patch of torsion radius r, and the part (f_d, N_d,
-    m_d) of the squeeze, by the law's split and the plan of grasps, slip asks for::
-
-        N >= sqrt(|f + f_d|^2 + ((m + m_d) / r)^2) / mu        (the ellipsoid of ``friction_use``)
-
-    and the moment m_t of both in the plane for ``N >= |m_t / l|`` with the levers l of the pad; N_0 counts,
-    and N_d is what is stated. Changes of payload and gravity, and pushes, are in it; friction of arms,
-    partners and errors of the law are not. A table bears nothing before a put-down begins, and all after it.
+    With the load (f, N_0, m) that the motion puts on a patch, and the part (f_d, N_d, m_d) of the squeeze, by
+    the law's split and the plan of grasps, mu N must be the friction that (f + f_d, m + m_d) needs by
+    ``spatial.limit_surface``, pressed as by the stated squeeze. The moment m_t of both in the plane asks for
+    ``N >= |m_t / l|`` with the levers l of the pad; N_0 counts, and N_d is what is stated. Changes of payload
+    and gravity, and pushes, are in it; friction of arms, partners and errors of the law are not. A table
+    bears nothing before a put-down begins, and all after it.
 
     Args:
         scenario: Scenario with motion and squeeze.
@@ -81,7 +80,7 @@ def least_squeeze(scenario: Scenario, *, poses: int = _POSES) -> LeastSqueeze | 
     cell, motion, pads = scenario.cell, scenario.motion.replace(), scenario.cell.padded
     if not pads:
         return None
-    candidates = list[LeastSqueeze]()
+    loads = {name: list[tuple[float, Array, Array]]() for name in pads}
     for time in np.linspace(0.0, scenario.duration, poses).tolist():
         target, plan = motion.at(time), scenario.grasp_plan_at(time)
         if plan.borne == 0.0:
@@ -92,12 +91,11 @@ def least_squeeze(scenario: Scenario, *, poses: int = _POSES) -> LeastSqueeze | 
         squeeze = plan.squeeze(scenario.squeeze.at(time, cell.grasps))
         for index, name in enumerate(cell.arms):
             if name in pads and plan.loads[index] > 0.0:
-                pad = pads[name]
-                borne, pressed = (
-                    _in_plane(cell, name, pad, F) for F in (parts[index] @ load, squeeze[index])
-                )
-                candidates.append(_least(name, time, pad, borne, pressed))
-    return max(candidates, key=lambda least: least.use)
+                loads[name].append((time, parts[index] @ load, squeeze[index]))
+    candidates = [
+        _least(cell, name, pads[name], *zip(*rows, strict=True)) for name, rows in loads.items() if rows
+    ]
+    return max(candidates, key=lambda least: least.use, default=None)
 
 
 def with_enough_squeeze(scenario: Scenario) -> tuple[Scenario, tuple[str, ...]]:
@@ -125,23 +123,39 @@ def with_enough_squeeze(scenario: Scenario) -> tuple[Scenario, tuple[str, ...]]:
     return scenario, (text,)
 
 
-def _least(arm: str, time: float, pad: Pad, load: Array, squeeze: Array) -> LeastSqueeze:
-    """Return the least normal force of a pad under the wrenches of load and squeeze in axes of its plane."""
-    F = load + squeeze
-    slip = float(np.hypot(np.linalg.norm(F[:2]), F[5] / pad.torsion_radius)) / pad.mu
-    tilt = float(np.linalg.norm(F[3:5] / pad.levers))
-    return LeastSqueeze(max(slip, tilt) - float(load[2]), float(squeeze[2]), arm, time, tilt > slip)
+def _least(
+    cell: Cell, arm: str, pad: Pad, times: Sequence[float], load: Sequence[Array], squeeze: Sequence[Array]
+) -> LeastSqueeze:
+    """Return the least normal force of an arm's pad where it is the largest part of the stated one.
+
+    Args:
+        cell: Description.
+        arm: Name of the arm.
+        pad: Patch or pad of the arm.
+        times: Times, s.
+        load: Load of the arm at each, about P in payload axes.
+        squeeze: Wrench of the squeeze, likewise.
+    """
+    borne, pressed = (_in_plane(cell, arm, pad, np.array(F)) for F in (load, squeeze))
+    F = borne + pressed
+    slip = pad.needed_friction(F) / pad.mu
+    tilt = np.linalg.norm(F[:, 3:5] / pad.levers, axis=1)
+    numbers = zip(np.maximum(slip, tilt) - borne[:, 2], pressed[:, 2], times, tilt > slip, strict=True)
+    candidates = [
+        LeastSqueeze(float(f), float(stated), arm, time, bool(tips)) for f, stated, time, tips in numbers
+    ]
+    return max(candidates, key=lambda least: least.use)
 
 
 def _resultant(surroundings: Surroundings, R: Array, V: Array, A: Array) -> Array:
     """Return the wrench that the moving payload puts on the arms about P in payload axes, shape (6,)."""
-    mass, inertia, gravity, push, _ = surroundings
+    inertia, push = surroundings.inertia, surroundings.push
     omega, alpha = R.T @ V[3:], R.T @ A[3:]
-    force = R.T @ (mass * (gravity - A[:3]) + push[:3])
+    force = R.T @ (surroundings.mass * (surroundings.gravity - A[:3]) + push[:3])
     return np.concatenate((force, R.T @ push[3:] - inertia @ alpha - np.cross(omega, inertia @ omega)))
 
 
 def _in_plane(cell: Cell, name: str, pad: Pad, F: Array) -> Array:
-    """Return a wrench about P in payload axes about the middle of a pad in axes of its plane."""
+    """Return wrenches about P in payload axes about the middle of a pad in axes of its plane."""
     X = cell.grasps[name].matrix
     return rotate_vector6((X[:3, :3] @ pad.plane[:3, :3]).T, shift_wrench(F, -X[:3, 3]))

@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
-from functools import cache, partial
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from coop_pin.analysis.reachability import Reachability
 from coop_pin.analysis.table_force import TABLE_ERROR, table_force
-from coop_pin.analysis.task_inertia import MotionWrenches, motion_wrenches
+from coop_pin.analysis.task_inertia import MotionWrenches
 from coop_pin.analysis.tuning_rule import (
     GainProposal,
+    accurate_proposal,
     anchor_of,
-    control_rates,
     damped,
     expected_internal_errors,
     force_path_of,
-    posture_gains,
     rounded_down,
     sampled_damping,
     slowest_lag,
     squeeze_rate,
 )
 from coop_pin.arrays import Array, typed
-from coop_pin.control.law import PostureGains
-from coop_pin.control.payload_space import PayloadSpace, PayloadSpaceGains
+from coop_pin.control.payload_space import PayloadSpace
+from coop_pin.control.payload_space_controller import PayloadSpaceGains
+from coop_pin.control.posture import PostureGains
 from coop_pin.control.sliding_surface import Saturation
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
@@ -67,13 +67,12 @@ def own_inertia(scenario: Scenario, cell_reach: Reachability) -> OwnInertia:
         scenario: Cell and motion.
         cell_reach: Reachability of the scenario, in which every arm holds the start.
     """
-    cell, inertias = scenario.cell, list[list[Array]]()
-    for reach in cell_reach.arms:
-        arm = CellArm(cell, reach.arm)
-        inertias.append([_in_payload_axes(arm, q) for q in reach.q])
+    cell = scenario.cell
+    models = [CellArm(cell, reach.arm) for reach in cell_reach.arms]
+    pairs = zip(models, cell_reach.arms, strict=True)
+    arms = np.array([[_in_payload_axes(arm, q) for q in reach.q] for arm, reach in pairs])
     rows, payload = list(cell.task_rows.indices), cell.payload
     M_0 = spatial_inertia(payload.mass, payload.inertia_matrix, np.eye(3))[np.ix_(rows, rows)]
-    arms = np.array(inertias)
     return OwnInertia(arms, M_0 + arms.sum(axis=0))
 
 
@@ -116,16 +115,11 @@ def own_inertia_proposal(
         least_stiffness: Stiffness of the posture's spring, N m/rad.
         table_error: Height by which a table may be higher than planned, m.
     """
-    inertia, part = own_inertia(scenario, cell_reach), 1.0
-    wrenches = cache(partial(motion_wrenches, scenario, cell_reach))
-    for rate in control_rates(scenario):
-        posture = posture_gains(scenario, cell_reach, 1.0 / rate, least_stiffness)
-        proposal = _at_rate(scenario, inertia, rate, posture, wrenches(posture))
-        if proposal.is_accurate:
-            break
+    at_rate, part = partial(_at_rate, scenario, own_inertia(scenario, cell_reach)), 1.0
+    proposal, wrenches = accurate_proposal(scenario, cell_reach, least_stiffness, at_rate)
     while (use := _table_use(scenario, proposal, table_error)) > _AIM:
         part *= min(_LESS, (_AIM / use) ** (1.0 / 3.0))
-        proposal = _at_rate(scenario, inertia, rate, posture, wrenches(posture), part)
+        proposal = at_rate(proposal.rate_hz, proposal.posture, wrenches, part)
     return proposal
 
 
@@ -152,7 +146,7 @@ def _at_rate(
     G = rounded_down(part * min(_KAPPA, _ALONG / alone) / (T + 2.0 * lag)) * first
     rates = np.linalg.eigvals(np.linalg.solve(inertia.cell, G.sum(axis=0))).real
     lambda_min, fastest = float(rates.min()), float(rates.max())
-    Q, linear = turn_matrix(cell.task_rows, scenario.start.matrix), np.array(cell.task_rows.indices) < 3
+    Q, linear = turn_matrix(cell.task_rows, scenario.start.matrix), cell.task_rows.are_linear
 
     def tracking(gamma: float, k_I: float) -> float:
         x = needed.tracking(Q @ G.sum(axis=0) @ Q.T, gamma, k_I)

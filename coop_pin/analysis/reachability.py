@@ -62,6 +62,11 @@ class ArmReach:
     fastest_joint: FastestJoint | None = None
 
     @property
+    def first(self) -> int:
+        """Index of the pose at which the reference begins."""
+        return int(np.count_nonzero(self.times == 0.0)) - 1
+
+    @property
     def ok(self) -> bool:
         """Whether the arm can follow within its limits and away from singular poses."""
         return not any(self.problems())

@@ -247,7 +247,7 @@ def force_reserve(scenario: Scenario, cell_reach: Reachability) -> float:
         model = CellArm(scenario.cell, reach.arm)
         for q, torque in zip(reach.q, arm.torque, strict=True):
             J = model.rows.select(model.payload_jacobian(q)) @ model.from_drive
-            per_newton = np.linalg.norm(J[np.array(model.rows.indices) < 3], axis=0)
+            per_newton = np.linalg.norm(J[model.rows.are_linear], axis=0)
             reserve = min(
                 reserve, float(np.min((arm.limit - np.abs(torque)) / np.maximum(per_newton, _NO_LEVER)))
             )

@@ -208,8 +208,8 @@ def _sag(direction: SteadyDirection, load: float) -> float:
         return 0.0
     if direction.held(LARGEST_SAG, direction.load_rate) < load:
         return math.inf
-    missing = lambda x: direction.held(x, direction.load_rate) - load  # noqa: E731
-    return float(brentq(missing, 0.0, LARGEST_SAG, xtol=1e-12))
+    rate = direction.load_rate
+    return float(brentq(lambda x: direction.held(x, rate) - load, 0.0, LARGEST_SAG, xtol=1e-12))
 
 
 def _drift(direction: SteadyDirection, share: float, force: float) -> float:
@@ -219,8 +219,7 @@ def _drift(direction: SteadyDirection, share: float, force: float) -> float:
     asked = direction.internal_rate * force / share
     if direction.integral(min(direction.free, LARGEST_SAG)) <= asked:
         return direction.free
-    missing = lambda x: direction.integral(x) - asked  # noqa: E731
-    return float(brentq(missing, 0.0, LARGEST_SAG, xtol=1e-12))
+    return float(brentq(lambda x: direction.integral(x) - asked, 0.0, LARGEST_SAG, xtol=1e-12))
 
 
 def _joint_springs(scenario: Scenario) -> list[Array]:
@@ -248,7 +247,7 @@ def _held_by_springs(
     if not np.isfinite(springs).all():
         return math.inf, 0.0
     rows = scenario.cell.task_rows
-    linear = np.ix_(*[[row for row, index in enumerate(rows.indices) if index < 3]] * 2)
+    linear = np.ix_(rows.are_linear, rows.are_linear)
     compliance, eye = np.linalg.inv(sum(springs)), np.eye(rows.size)
     force = max(
         float(np.linalg.norm((B_i @ ((i == j) * eye - compliance @ B_j))[linear], 2))

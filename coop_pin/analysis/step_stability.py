@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from coop_pin.analysis.bisection import edge
 from coop_pin.analysis.modes import NEUTRAL, damping_matrix, fastest_joints, motion_basis
 from coop_pin.analysis.reachability import Reachability
 from coop_pin.analysis.sampled_stability import start_and_later
@@ -144,13 +145,12 @@ def plant_matrix(
 def _ray_limit(pole: complex) -> float:
     """Return the largest ``h |s|`` at which RK4 does not let the mode of a pole s grow."""
     direction = pole / abs(pole) if abs(pole) > _NEUTRAL_POLE else -1.0
-    low, high = 0.0, _LONGEST
-    while high - low > _LIMIT_ERROR:
-        middle = (low + high) / 2.0
-        x = middle * direction
-        is_stable = abs(1.0 + x + x**2 / 2.0 + x**3 / 6.0 + x**4 / 24.0) <= 1.0 + NEUTRAL
-        low, high = (middle, high) if is_stable else (low, middle)
-    return low
+
+    def is_stable(size: float) -> bool:
+        x = size * direction
+        return abs(1.0 + x + x**2 / 2.0 + x**3 / 6.0 + x**4 / 24.0) <= 1.0 + NEUTRAL
+
+    return edge(is_stable, 0.0, _LONGEST, _LIMIT_ERROR)
 
 
 def _steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:

@@ -150,11 +150,12 @@ def suggest(
     count = math.ceil(steps.steps_per_tick * steps.value / (_STEP_PART * steps.limit))
     if count > steps.steps_per_tick:
         suggested = suggested.override({"clock.steps_per_tick": count})
+    pressed_table = table_force(suggested, table_error=table_error, lag=proposal.tracking)
     cut = f"squeeze CUT to {part:.2f} of what is stated: all that the drives hold beside weight and load"
     lines = (
         *_gain_limits(scenario, proposal),
         *_friction(suggested),
-        *_table(suggested, table_error, proposal.tracking),
+        *([] if pressed_table is None else [pressed_table.summary()]),
         *_null_space(proposal, loop),
         *_moment(scenario, proposal),
         *(_posture_limit(arm) for arm in posture_margins(scenario, cell_reach, statics)),
@@ -252,8 +253,8 @@ def _on_patches(scenario: Scenario) -> dict[str, Any]:
 
 def _friction(scenario: Scenario) -> Iterator[str]:
     """Yield squeeze, split and guards of patches."""
-    least, law = least_squeeze(scenario), scenario.controller
-    if not scenario.cell.patches or least is None or not isinstance(law, PayloadSpace):
+    law: Any = scenario.controller
+    if not scenario.cell.patches or (least := least_squeeze(scenario)) is None:
         return
     yield least.summary()
     yield (
@@ -263,12 +264,6 @@ def _friction(scenario: Scenario) -> Iterator[str]:
     )
     normal = f", and below {law.normal_guard:.3g} N at its own wrist" if law.normal_guard else ""
     yield f"guards: an arm gives up its squeeze at {1e3 * law.slip_guard:.3g} mm of slip{normal}"
-
-
-def _table(scenario: Scenario, table_error: float, lag: float) -> Iterator[str]:
-    """Yield the force on the table of a put-down."""
-    if (force := table_force(scenario, table_error=table_error, lag=lag)) is not None:
-        yield force.summary()
 
 
 def _gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
@@ -285,7 +280,13 @@ def _gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
             f" the motion{', or by the table' * bool(scenario.put_downs)}; it is 2 where a soft grasp lets"
             " the arm go unstable"
         )
-        yield _anchor_limit(proposal.law.anchor_bias)
+        bias = proposal.law.anchor_bias
+        yield (
+            "anchor_bias: none, by the put-down: a bounded anchor would keep the load that the table gets"
+            if bias == "none"
+            else f"anchor_bias: {1e3 * bias[0]:.3g} mm and {1e3 * bias[1]:.3g} mrad, by the usual bias and"
+            " the deflection of the grasps under load and squeeze; the layer is twice as wide"
+        )
         if proposal.law.knows_deflection:
             yield "knows_deflection: the arms give up no squeeze to what it deflects"
         parts = "0.4", "a tenth to a fortieth"
@@ -302,16 +303,6 @@ def _gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
     else:
         kind, g = force_path_of(scenario).kind, proposal.gains.anchor_gain
         yield f"force path: {kind}; g {g:.3g}, unstable from {proposal.anchor_bound:.3g} on"
-
-
-def _anchor_limit(bias: Any) -> str:
-    """Return what limits the bound of the anchor."""
-    if bias == "none":
-        return "anchor_bias: none, by the put-down: a bounded anchor would keep the load that the table gets"
-    return (
-        f"anchor_bias: {1e3 * bias[0]:.3g} mm and {1e3 * bias[1]:.3g} mrad, by the usual bias and the"
-        " deflection of the grasps under load and squeeze; the layer is twice as wide"
-    )
 
 
 def _null_space(proposal: GainProposal, loop: LoopStability) -> Iterator[str]:

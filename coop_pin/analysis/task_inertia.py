@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,8 @@ import pinocchio as pin
 from coop_pin.analysis.path_following import time_at_rest
 from coop_pin.analysis.reachability import ArmReach, Reachability
 from coop_pin.arrays import Array, typed
-from coop_pin.control.law import PostureGains
+from coop_pin.control.posture import PostureGains
+from coop_pin.description.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.transmission import friction
@@ -120,7 +122,7 @@ def task_inertia(scenario: Scenario, cell_reach: Reachability) -> TaskInertia:
     scenario.cell.require_rigid("the task-space inertia of the cell")
     cell, rows = scenario.cell, list(scenario.cell.task_rows.indices)
     times, arms = cell_reach.arms[0].times, [CellArm(cell, reach.arm) for reach in cell_reach.arms]
-    A = _payload_inertia(scenario, cell_reach)
+    A = _payload_inertias(cell.payload, [arms[0].payload_pose(q) for q in cell_reach.arms[0].q])
     for model, reach in zip(arms, cell_reach.arms, strict=True):
         J, M = (np.array(list(map(f, reach.q))) for f in (model.payload_jacobian, model.mass_matrix))
         moves = J @ np.linalg.solve(M, J.mT)
@@ -143,22 +145,16 @@ def motion_wrenches(scenario: Scenario, cell_reach: Reachability, posture: Postu
         posture: gains of the spare joints.
     """
     cell, rows = scenario.cell, list(scenario.cell.task_rows.indices)
-    first = int(np.count_nonzero(cell_reach.arms[0].times == 0.0)) - 1
+    first = cell_reach.arms[0].first
     t = cell_reach.arms[0].times[first:]
     motion = scenario.motion.replace()  # reads a CSV table again
     end = min(time_at_rest(scenario) + _SETTLING, scenario.duration)
     fine = np.linspace(0.0, end, _SAMPLES)
     targets = [motion.at(time) for time in fine.tolist()]
     acceleration = np.gradient(np.array([target.V_WP_d for target in targets]), fine, axis=0)
-    mass, inertia = cell.payload.mass, cell.payload.inertia_matrix
-    M_0 = np.array([spatial_inertia(mass, inertia, target.X_WP_d[:3, :3]) for target in targets])
-    held = [HeldArm(scenario, reach.arm, reach.q[first], posture) for reach in cell_reach.arms]
-    a = np.array(
-        [
-            arm.wrenches(fine, arm.path(fine, t, reach.q[first:]))
-            for arm, reach in zip(held, cell_reach.arms, strict=True)
-        ]
-    )
+    M_0 = _payload_inertias(cell.payload, [target.X_WP_d for target in targets])
+    held = [(HeldArm(scenario, reach, posture), reach.q[first:]) for reach in cell_reach.arms]
+    a = np.array([arm.wrenches(fine, arm.path(fine, t, q)) for arm, q in held])
     mu = a - cell.shares[:, None, None] * a.sum(axis=0)
     d = a.sum(axis=0) + np.einsum("nij,nj->ni", M_0, acceleration)[:, rows]
     return MotionWrenches(float(fine[1]), d, mu)
@@ -169,29 +165,25 @@ def with_spare_motion(scenario: Scenario, cell_reach: Reachability, posture: Pos
 
     On full rows; arguments as of motion_wrenches.
     """
-    first = int(np.count_nonzero(cell_reach.arms[0].times == 0.0)) - 1
     arms = list[ArmReach]()
     for reach in cell_reach.arms:
-        held = HeldArm(scenario, reach.arm, reach.q[first], posture)
-        t = reach.times[first:]
-        moved = held.path(t, t, reach.q[first:])
+        t, first = reach.times[reach.first :], reach.first
+        moved = HeldArm(scenario, reach, posture).path(t, t, reach.q[first:])
         arms.append(dataclasses.replace(reach, q=np.concatenate((reach.q[:first], moved))))
     return dataclasses.replace(cell_reach, arms=tuple(arms))
 
 
-def _payload_inertia(scenario: Scenario, cell_reach: Reachability) -> Array:
-    """Return M_0 at every pose, shape (n, 6, 6)."""
-    first = CellArm(scenario.cell, cell_reach.arms[0].arm)
-    turns = [first.payload_pose(q)[:3, :3] for q in cell_reach.arms[0].q]
-    payload = scenario.cell.payload
-    return np.array([spatial_inertia(payload.mass, payload.inertia_matrix, R) for R in turns])
+def _payload_inertias(payload: Payload, poses: Iterable[Array]) -> Array:
+    """Return M_0 at poses X_WP, shape (n, 6, 6)."""
+    mass, inertia = payload.mass, payload.inertia_matrix
+    return np.array([spatial_inertia(mass, inertia, X_WP[:3, :3]) for X_WP in poses])
 
 
 class HeldArm:
     """An arm with what its torques hold besides the law's wrench."""
 
-    def __init__(self, scenario: Scenario, name: str, start: Array, posture: PostureGains) -> None:
-        cell = scenario.cell
+    def __init__(self, scenario: Scenario, reach: ArmReach, posture: PostureGains) -> None:
+        cell, name, start = scenario.cell, reach.arm, reach.q[reach.first]
         self.motion, self.rows = scenario.motion.replace(), cell.task_rows
         self.model, self.friction = CellArm(cell, name), friction(cell.arms[name], name)
         self.stiffness, self.damping = posture.of_drives(self.model.nv, self.model.base_joints)

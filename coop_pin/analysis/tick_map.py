@@ -114,12 +114,9 @@ class TickMap:
     def _response(self, deviation: Array) -> Array:
         """Return x' and internal wrenches after N ticks from a deviation x."""
         self._simulation.restore(self._moved(deviation))
-        self._advance()
-        return self._coordinates()
-
-    def _advance(self) -> None:
         for _ in range(self._ticks):
             self._simulation.tick()
+        return self._coordinates()
 
     def _coordinates(self) -> Array:
         """Return x about the end of the undisturbed ticks, and internal wrenches, at the present state."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache, partial
 from typing import NamedTuple
 
@@ -18,8 +18,9 @@ from coop_pin.analysis.task_inertia import MotionWrenches, motion_wrenches, task
 from coop_pin.arrays import Array, typed
 from coop_pin.control.bounds import ForcePath, sampled_loop
 from coop_pin.control.force_path import LateForcePath
-from coop_pin.control.law import PostureGains
-from coop_pin.control.payload_space import PayloadSpace, PayloadSpaceGains
+from coop_pin.control.payload_space import PayloadSpace
+from coop_pin.control.payload_space_controller import PayloadSpaceGains
+from coop_pin.control.posture import PostureGains
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.spatial import pose_error
@@ -133,13 +134,9 @@ def gain_proposal(
     eigenvalues = np.linalg.eigvalsh(root[:, None] * inertia.mobility * root)
     largest = float(eigenvalues.max())
     spread = largest, max(float(eigenvalues.min()), _ROUND_OFF * largest)
-    wrenches = cache(partial(motion_wrenches, scenario, cell_reach))
-    for rate in control_rates(scenario):
-        posture = posture_gains(scenario, cell_reach, 1.0 / rate, least_stiffness)
-        proposal = _at_rate(scenario, scale, spread, rate, posture, wrenches(posture))
-        if proposal.is_accurate:
-            break
-    proposal = _anchored_faster(proposal, scenario, wrenches(proposal.posture))
+    at_rate = partial(_at_rate, scenario, scale, spread)
+    proposal, wrenches = accurate_proposal(scenario, cell_reach, least_stiffness, at_rate)
+    proposal = _anchored_faster(proposal, scenario, wrenches)
     if scenario.cell.task_rows.has_moments:
         return proposal
     moment = internal_moment(scenario, cell_reach, proposal.posture).moment  # no anchor acts on it
@@ -182,7 +179,7 @@ def _at_rate(
     gamma, alpha = rounded_down(gamma), rounded_down(width * k_I)
     kappa = squeeze_rate(scenario, gamma, rate)
     k_I, force, moment = alpha / width, None, None
-    linear = np.array(scenario.cell.task_rows.indices) < 3
+    linear = scenario.cell.task_rows.are_linear
     tracking = float(np.linalg.norm(wrenches.tracking(K, gamma, k_I)[:, linear], axis=1).max())
     if not path.measures:
         sag = np.abs(wrenches.load - wrenches.load[0]).max(axis=0) / (K * gamma * (1.0 + k_I / _LEAK))
@@ -234,7 +231,9 @@ def damped(
 
 def squeeze_rate(scenario: Scenario, gamma: float, rate: float) -> float:
     """Return kappa, 1/s: faster than gamma where only the squeeze comes in with it."""
-    return max(gamma, min(_SQUEEZE_RATE, rate / 4.0)) if _starts_on_motion(scenario) else gamma
+    begin = np.array(scenario.motion.replace().at(0.0).X_WP_d)
+    starts_on_motion = float(np.abs(pose_error(scenario.start.matrix, begin)).max()) < _ON_START
+    return max(gamma, min(_SQUEEZE_RATE, rate / 4.0)) if starts_on_motion else gamma
 
 
 def _least_damping(rates: Array, gamma: float, k_I: float, *, lag: float) -> float:
@@ -251,23 +250,31 @@ def expected_internal_errors(
     scenario: Scenario, wrenches: MotionWrenches, anchor_rate: float
 ) -> tuple[float, float]:
     """Return the largest errors of the internal force and moment of an arm, N and N m."""
-    errors, linear = wrenches.internal_error(anchor_rate), np.array(scenario.cell.task_rows.indices) < 3
+    errors, linear = wrenches.internal_error(anchor_rate), scenario.cell.task_rows.are_linear
     force, moment = (np.linalg.norm(errors[..., rows], axis=-1).max() for rows in (linear, ~linear))
     return float(force), float(moment)
 
 
-def _starts_on_motion(scenario: Scenario) -> bool:
-    """Return whether the reference begins at the start, so that only the squeeze comes in with kappa."""
-    begin = scenario.motion.replace().at(0.0).X_WP_d
-    return float(np.abs(pose_error(scenario.start.matrix, np.array(begin))).max()) < _ON_START
+def accurate_proposal(
+    scenario: Scenario,
+    cell_reach: Reachability,
+    least_stiffness: float,
+    at_rate: Callable[[float, PostureGains, MotionWrenches], GainProposal],
+) -> tuple[GainProposal, MotionWrenches]:
+    """Return the proposal at the first control rate at which it is accurate, and what the motion asks of it.
 
-
-def control_rates(scenario: Scenario) -> Iterator[float]:
-    """Yield the scenario's rate, and its multiples where no delay or sensor is counted in its ticks."""
+    The rates are the scenario's, and its multiples where no delay or sensor is counted in its ticks.
+    """
     stated, path = scenario.clock.rate_hz, scenario.controller.force_path
     timed = bool(scenario.wrists or path.delay or path.pole)
     fastest = stated if timed else max(stated, _FASTEST_HZ)
-    yield from (stated * count for count in range(1, int(fastest / stated) + 1))
+    wrenches = cache(partial(motion_wrenches, scenario, cell_reach))
+    for count in range(1, int(fastest / stated) + 1):
+        posture = posture_gains(scenario, cell_reach, 1.0 / (stated * count), least_stiffness)
+        proposal = at_rate(stated * count, posture, wrenches(posture))
+        if proposal.is_accurate:
+            break
+    return proposal, wrenches(posture)
 
 
 def slowest_lag(scenario: Scenario) -> float:

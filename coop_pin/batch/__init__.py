@@ -2,8 +2,9 @@
 
 Laws are those of coop_pin.control, sensors and drives those of coop_pin.simulation, run on traced numbers.
 The plant alone is written anew, as scalar code with the numbers of the cell's Pinocchio tree; tests hold the
-two together. llvmlite compiles batches. In the order in which they build on each
-other:
+two together. llvmlite compiles batches. A *family* of runs shares one code: its ``Cover`` (events, delays,
+lost torques) is what that code provides; numbers that all of them have *fold* into it, others are *inputs* in
+the *slots* of a *block* of runs. In the order in which they build on each other:
 
 - physics: serial_arm (kinematics), arm_dynamics, cell_dynamics (closures, forces on the payload);
 - numbers of runs: constants (what differs folds or is an input), signals (what changes in time);

@@ -236,12 +236,12 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
     """Return the constrained motion of a cell under drives, friction, compliant grasps and surroundings.
 
     With G_i and b_i of ArmResponse, 0 the arm that carries the payload, and about the world's origin the
-    payload wrench W less those of compliant grasps and f_i on arm i by the payload::
+    payload wrench W and f_i on arm i by the payload, f_c on those with compliant grasps::
 
-        G_i f_i + b_i + d_i = b_0 + G_0 (W - sum_j f_j),   i, j with closures
+        G_i f_i + b_i + d_i = b_0 + G_0 (W - sum_c f_c - sum_j f_j),   i, j with closures
         d_i = (V_i - V_0) x V_i + 2 zeta omega (V_i - V_0) + omega^2 e_i
 
-    f_0 follows from the balance of the payload. Where no grasp is rigid, W alone moves the payload.
+    f_0 follows from the balance of the payload. Where no grasp is rigid, W - sum_c f_c moves the payload.
 
     Args:
         functions: Shared functions of the arms.
@@ -249,11 +249,7 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
         state: traced.
     """
     acting, (q, v, force) = cell.surroundings, map(cell.by_arm, state)
-    payload, gravity, F_P = (
-        RigidInertia(acting.mass, np.zeros(3), acting.inertia),
-        acting.gravity,
-        acting.push,
-    )
+    payload, gravity = RigidInertia(acting.mass, np.zeros(3), acting.inertia), acting.gravity
     resistance = [friction.force(rates) for friction, rates in zip(cell.friction, v, strict=True)]
     tau = [drives + losses for drives, losses in zip(force, resistance, strict=True)]
     rows = cell.moving_rows(q)
@@ -266,8 +262,9 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
     ]
     R, p, V = body = _payload_frame(cell, terms, state)
     V_WP = join(V[:3] + cross(V[3:], p), V[3:])
-    # F_P is the whole wrench about the payload's centre of mass besides gravity, as Plant.payload_wrench: one
-    # that depends on R, p and V_WP is added here. Its power and its record are those of F_P, below.
+    # F_P is the whole wrench on the payload besides gravity, about P in world axes: Plant.payload_wrench. One
+    # that depends on R, p and V_WP is added to it here, and there, and told by Surroundings.acts.
+    F_P = acting.push
     W = join(F_P[:3], F_P[3:] + cross(p, F_P[:3]))
     springs = _spring_states(cell, terms, body)
     errors = {i: closure_error(R, p, terms[i].R_WP, terms[i].p_WP) for i in cell.closed}
@@ -286,15 +283,20 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
         A = arm.A + arm.S @ accelerations[cell.carrier]
         F[cell.carrier] = total - (moved.times(A) + force_cross(V, moved.times(V)))
     rates = state.v[: cell.joints]
-    powers = [state.force @ rates, traced(np.concatenate(resistance)) @ rates, F_P @ V_WP, 0.0]
-    if springs:
-        powers.append(sum(spring.power for spring in springs.values()))
+    powers = {
+        "work_actuation": state.force @ rates,
+        "work_friction": traced(np.concatenate(resistance)) @ rates,
+        "work_external": F_P @ V_WP,
+        "work_payload_change": 0.0,
+        "work_grasps": sum((spring.power for spring in springs.values()), 0.0),
+    }
+    works = WORK + WORK_OF_GRASPS if springs else WORK
     tips = np.stack([arm.p_WP + arm.R_WP @ tip for arm, tip in zip(terms, cell.tips, strict=True)])
     sizes = np.zeros((len(terms), 2)).astype(object)
     for i, error in errors.items():
         sizes[i] = _size(error, tips[i])
     motion = CellMotion(
-        rates=np.concatenate((*accelerations, powers)),
+        rates=np.concatenate((*accelerations, [powers[name] for name in works])),
         wrenches=np.stack([_about(p, F[i]) for i in sorted(F)]),
         R_WP=R,
         p_WP=p,

@@ -172,7 +172,7 @@ class PreparedPlant:
 
     @property
     def determined(self) -> Mask:
-        """Rows of the interaction wrenches that are determinate; see determinate_rows."""
+        """Rows of the interaction wrenches that are determinate; see RigidGrasps."""
         return self.run.recorder.determined
 
     def with_controller(self, scenario: Scenario) -> tuple[CellController, Array, tuple[Hashable, ...]]:

@@ -301,7 +301,7 @@ def _happen(event: Kernel, before: Surroundings, changed: Mapping[str, Any], mot
         motion: Motion in the surroundings until then.
     """
     event.write("surroundings", changed)
-    if {*changed} - {"push"}:  # a push does its work while it lasts
+    if {*changed} - {"push"}:  # whose gain is zero: a push does its work while it lasts
         gain = energy_gain(before, before._replace(**changed), motion)
         *works, last = event.read("work")[: len(WORK)]
         event.write("work", [*works, last + gain, *event.read("work")[len(WORK) :]])

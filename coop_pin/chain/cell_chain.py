@@ -2,43 +2,25 @@
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, Mask, as_array, as_number, as_pose, require_finite, require_type, shaped
-from coop_pin.chain.closed_chain import ClosedChain
-from coop_pin.chain.closure_set import ClosureError
-from coop_pin.chain.contact_equilibrium import started
-from coop_pin.chain.contact_patches import ContactPatches, ContactState
-from coop_pin.chain.force_elements import ForceElements
+from coop_pin.arrays import Array, as_array, require_finite, shaped
+from coop_pin.chain.cell_kinematics import CellKinematics
+from coop_pin.chain.contact_patches import ContactState
 from coop_pin.chain.friction_cones import Squeeze, friction_squeeze
-from coop_pin.chain.grasp_frames import GraspFrames
-from coop_pin.chain.grasp_springs import GraspsHeld, GraspSprings
 from coop_pin.chain.inverse_dynamics import Count, over_states
-from coop_pin.chain.inverse_kinematics import solve_ik
-from coop_pin.chain.kkt_solver import constraint_svd
 from coop_pin.chain.linearisation import Linearisation, linearised
-from coop_pin.chain.rigid_grasps import ClosuresHeld, RigidGrasps
 from coop_pin.chain.spring_damper import SpringState
 from coop_pin.chain.trajectory import ChainState
-from coop_pin.description.cell import Cell
-from coop_pin.description.events import Surroundings
-from coop_pin.description.plant import PlantOptions
-from coop_pin.errors import ArgumentError, NameNotFoundError, OpenClosureError
-from coop_pin.model.cell_arm import CellArm
-from coop_pin.model.cell_model import CellModel
-from coop_pin.model.pinocchio_model import symmetric
-from coop_pin.model.transmission import Transmission
-from coop_pin.spatial import rotate_vector6, shift_wrench, weight_wrench
+from coop_pin.errors import ArgumentError
 
 _NO_WRENCH = np.zeros(6)
-_INDETERMINATE = 1e-6
 _SINGULAR = 1e10
 _SUM_ALLOWED = 1e-6
 
@@ -93,217 +75,15 @@ class CellTorques(NamedTuple):
     rank: Count
 
 
-class CellChain:
+class CellChain(CellKinematics):
     """Closed chain of a cell: its model, loop closures and interaction wrenches.
 
-    The payload is welded to the tip of the first arm with a rigid grasp (that arm's wrench follows from the
-    equations of motion of the payload), or free. Closures hold the other rigid grasps, springs and dampers
-    the compliant ones. Both are the same mechanism.
-
-    Attributes:
-        cell: the description.
-        model: the tree, with the positions of arms and payload in it; ``surround`` changes it in place.
-        transmission: transmission between drives and joints, with their friction.
-        mechanism: the tree with its closures; ``mechanism.model`` is the Pinocchio model of the tree.
-        springs: the compliant grasps in it.
-        rigid: the rigid grasps in it that are closures.
-        patches: patches of arms and tables in it.
-        elements: all force elements, the springs among them.
+    Kinematics and grasps are those of CellKinematics; here are the dynamics.
     """
 
-    def __init__(self, cell: Cell, options: PlantOptions | None = None) -> None:
-        """Build the chain.
-
-        Args:
-            cell: the description.
-            options: payload welded or free, formulation and stabilisation; the defaults of PlantOptions when
-                omitted.
-
-        Raises:
-            UrdfError, NameNotFoundError: an arm cannot be built.
-        """
-        options = PlantOptions() if options is None else options
-        require_type("cell", cell, Cell)
-        require_type("options", options, PlantOptions)
-        self.cell = cell
-        self.model = CellModel(cell, options.payload)
-        self.transmission = Transmission(cell, self.model.arms, self.model.model.nv)
-        self.rigid = RigidGrasps(cell, self.model, options)
-        self.mechanism: ClosedChain = self.rigid.mechanism
-        self.elements = ForceElements(self.model)
-        self.springs = GraspSprings(cell, self.model, self.elements)
-        self.patches = ContactPatches(cell, self.model, self.elements)
-        parts: tuple[GraspSprings | ContactPatches, ...] = self.springs, self.patches
-        self.elements.elements = [part for part in parts if len(part)]
-        self._frames, self._free_data = GraspFrames(self.model), self.model.model.createData()
-        self._welded = [index for index, name in enumerate(cell.arms) if name in self.model.closed_by_tree]
-
     @cached_property
-    def arms(self) -> tuple[CellArm, ...]:
-        """Model of each arm, without the payload."""
-        return tuple(CellArm(self.cell, name) for name in self.cell.arms)
-
-    def surround(self, surroundings: Surroundings) -> None:
-        """Set the payload's inertia and gravity, from the next call on; the push is an argument of each."""
-        require_type("surroundings", surroundings, Surroundings)
-        self.model.surround(surroundings)
-
-    def carrying(self, cell: Cell) -> Self:
-        """Return the chain of a cell with another payload in rigid grasps, on the tree of this one.
-
-        The tree carries the other payload from then on.
-        """
-        chain = copy.copy(self)
-        chain.cell = cell
-        chain.surround(cell.surroundings)
-        return chain
-
-    def damp(self, q: Array) -> None:
-        """Set the damping of grasps that is stated as a ratio, by the mobility at a configuration."""
-        if self.springs.arms:
-            self.springs.damp(q)
-        if len(self.patches):
-            self.patches.damp(q)
-
-    def release(self, arm: int) -> None:
-        """Open the grasp of an arm, by its index."""
-        grasps, number = self._grasp_of(arm)
-        grasps.release(number)
-        self.mechanism = self.rigid.mechanism
-
-    def grasp(self, arm: int, q: Array, is_nominal: bool = False) -> None:
-        """Close the grasp of an arm where its tip is found at a configuration, or at the nominal pose."""
-        grasps, number = self._grasp_of(arm)
-        grasps.grasp(number, None if is_nominal else q)
-        self.mechanism = self.rigid.mechanism
-
-    def gap(self, arm: int, q: Array) -> ClosureError:
-        """Return distance and angle of an arm's tip from its nominal grasp."""
-        grasps, number = self._grasp_of(arm)
-        return grasps.gap(number, q)
-
-    def brake(self, arm: int, q: Array) -> None:
-        """Hold the joints of an arm, by its index, at a configuration from now on."""
-        self.rigid.brake(arm, q)
-        self.mechanism = self.rigid.mechanism
-
-    def held(self) -> tuple[GraspsHeld, ClosuresHeld]:
-        """Return which compliant grasps hold, at which poses, and which closures."""
-        return self.springs.held(), self.rigid.held()
-
-    def hold(self, compliant: GraspsHeld, closures: ClosuresHeld) -> None:
-        """Return to grasps and closures that held."""
-        self.springs.restore(compliant)
-        if closures.grasps.holds is not self.rigid.holds or closures.brakes is not self.rigid.brakes:
-            self.rigid.restore(closures)
-            self.mechanism = self.rigid.mechanism
-
-    def _grasp_of(self, arm: int) -> tuple[GraspSprings | ContactPatches | RigidGrasps, int]:
-        """Return the grasps to which that of an arm belongs, and its number among them."""
-        kinds = self.springs, self.patches, self.rigid
-        grasps = next(grasps for grasps in kinds if arm in grasps.arms)
-        return grasps, grasps.arms.index(arm)
-
-    def configuration(self, X_WP: ArrayLike, squeeze: ArrayLike | None = None) -> Array:
-        """Return the configuration that holds the payload at a pose, each arm near its posture.
-
-        Compliant grasps are deflected: each carries its arm's share of the payload's weight. Patches are
-        pressed.
-
-        Args:
-            X_WP: payload pose, shape (4, 4).
-            squeeze: desired internal wrenches by which patches are pressed, in payload axes, N and N m, shape
-                (m, 6); zero when omitted.
-
-        Raises:
-            UnreachablePoseError: an arm cannot reach its grasp; with the gap.
-            FieldError: a compliant grasp is too soft for its share.
-        """
-        X = as_pose("X_WP", X_WP)
-        configurations = [solve_ik(arm, X, posture=arm.description.posture) for arm in self.arms]
-        return self.settled(self.model.configuration(configurations, X), squeeze)
-
-    def settled(self, q: ArrayLike, squeeze: ArrayLike | None = None) -> Array:
-        """Return a configuration on the rigid grasps near one, with the others deflected by the load.
-
-        Args:
-            q: configuration with the tips of other grasps at them.
-            squeeze: Squeeze of ``configuration``.
-
-        Raises:
-            OpenClosureError: the rigid grasps cannot be closed.
-            FieldError: a compliant grasp is too soft for its share of the load.
-        """
-        q = self.mechanism.project_configuration(q)
-        q = self.springs.deflected(q) if self.springs.arms else q
-        if not len(self.patches):
-            return q
-        m = len(self.cell.arms)
-        pressed = np.zeros((m, 6)) if squeeze is None else as_array("squeeze", squeeze, m, 6)
-        return started(self.patches, q, pressed)
-
-    def loads(self, q: ArrayLike) -> Array:
-        """Return the wrench on each arm at rest about P as the arm's own kinematics see it, shape (m, 6).
-
-        Rigid grasps have their load shares, F_i = c_i [m_0 g, 0].
-        """
-        loads = self.cell.shares[:, None] * weight_wrench(self.cell.payload.mass, self.cell.gravity)
-        loads = self.springs.loads(self._q(q), loads) if self.springs.arms else loads
-        return self.patches.loads(self._q(q), loads) if self.patches.arms else loads
-
-    def posed_configuration(self, angles: Mapping[str, ArrayLike], X_WP: ArrayLike) -> Array:
-        """Return the configuration at stated joint angles of every arm, whether or not the grasps are closed.
-
-        Args:
-            angles: joint angles of every arm, rad, shape (k,) each.
-            X_WP: payload pose, shape (4, 4); not used if the payload is welded to the first arm.
-        """
-        require_type("angles", angles, Mapping)
-        for name in self.cell.arms:
-            if name not in angles:
-                raise NameNotFoundError("arm", name, map(str, angles), "the angles")
-        stated = [
-            arm.angles.configuration(
-                as_array(f"angles of arm {arm.name!r}", angles[arm.name], len(arm.drive))
-            )
-            for arm in self.model.arms
-        ]
-        return self.model.configuration(stated, as_pose("X_WP", X_WP))
-
-    def require_held(self, q: ArrayLike, X_WP: ArrayLike, allowed: float) -> None:
-        """Raise an error if a tip is farther from its grasp on the payload at X_WP than allowed, m or rad.
-
-        Raises:
-            OpenClosureError: with the arm and its closure error.
-        """
-        frames, X_WP, allowed = self._at(self._q(q)), as_pose("X_WP", X_WP), as_number("allowed", allowed)
-        for arm, X_WE in zip(self.model.arms, frames.tips, strict=True):
-            X_EG = X_WE.actInv(pin.SE3(X_WP @ self.cell.grasps[arm.name].matrix))
-            gap = ClosureError(
-                float(np.linalg.norm(X_EG.translation)), float(np.linalg.norm(pin.log3(X_EG.rotation)))
-            )
-            if not max(gap) <= allowed:
-                raise OpenClosureError(f"grasp of arm {arm.name}", gap.distance, gap.angle, allowed)
-
-    def payload_pose(self, q: ArrayLike) -> Array:
-        """Return X_WP, shape (4, 4)."""
-        return self._at(self._q(q)).payload.homogeneous
-
-    def payload_jacobian(self, q: ArrayLike) -> Array:
-        """Return J_WP with V_WP = J_WP v for the velocity v of the tree, shape (6, nv)."""
-        return self._frames.payload_jacobian(self._q(q))
-
-    def payload_twist(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return V_WP, shape (6,)."""
-        return require_finite("V_WP", self.payload_jacobian(q).dot(self._v("v", v)))
-
-    def tip_positions(self, q: ArrayLike) -> Array:
-        """Return the position of every tip in the world, m, shape (m, 3)."""
-        return self._at(self._q(q)).tip_positions()
-
-    def closure_errors(self, q: ArrayLike) -> list[ClosureError]:
-        """Return the closure error between tip and grasp of each arm."""
-        return self._at(self._q(q)).closure_errors(self.rigid.closed)
+    def _free_data(self) -> pin.Data:
+        return self.model.model.createData()
 
     def acceleration(self, q: Array, v: Array, tau: Array) -> tuple[Array, float]:
         """Return a, shape (nv,), and the power that the force elements dissipate, W.
@@ -477,7 +257,7 @@ class CellChain:
 
     def _least_squeeze(self, q: Array, v: Array, a: Array, push: Array) -> Squeeze:
         """Return the least squeeze at one state."""
-        rows = determinate_rows(self, q)
+        rows = self.rigid.determinate_rows(q)
         frames = self._at(q, v, a)
         load = push - np.kron(np.eye(2), frames.payload.rotation) @ frames.payload_balance()
         return friction_squeeze(self.cell, frames.payload.homogeneous, np.outer(self.cell.shares, load), rows)
@@ -551,17 +331,6 @@ class CellChain:
             parts += [contacts.wrench, contacts.touching, self.patches.state.slip]
         return (energy, *parts) if parts else ()
 
-    def _q(self, q: ArrayLike) -> Array:
-        return as_array("q", q, self.mechanism.model.nq)
-
-    def _v(self, name: str, v: ArrayLike) -> Array:
-        return as_array(name, v, self.mechanism.model.nv)
-
-    def _at(self, q: Array, *rates: Array) -> GraspFrames:
-        """Return the frames at (q, v, a), until the next call."""
-        self._frames.move(q, *rates)
-        return self._frames
-
     def _move(self, q: Array, v: Array, tau: Array) -> tuple[SpringState | None, ContactState | None]:
         """Move the frames under a generalised force; return compliant grasps and contacts, None without."""
         a = self.acceleration(q, v, tau)[0]
@@ -578,7 +347,7 @@ class CellChain:
         contacts: ContactState | None = None,
     ) -> Array:
         """Return the interaction wrenches, about P in world axes, of those of closures and elements."""
-        X_WP, tips = self._frames.payload, self._frames.tips
+        X_WP, tips, welded = self._frames.payload, self._frames.tips, self._frames.welded
         in_payload = np.zeros((len(tips), 6))
         for index, F_E in zip(self.rigid.closed, of_closures, strict=False):
             in_payload[index] = X_WP.actInv(tips[index]).act(F_E).vector
@@ -590,10 +359,10 @@ class CellChain:
             arms_touch = len(self.patches.arms)
             in_payload[self.patches.arms] = about_P[:arms_touch]
             by_tables = about_P[arms_touch:].sum(axis=0)
-        for index in self._welded:
+        for index in welded:
             in_payload[index] = by_tables - self._frames.payload_balance() - np.add.reduce(in_payload)
         wrenches: Array = in_payload.reshape(-1, 3).dot(X_WP.rotation.T).reshape(-1, 6)
-        for index in self._welded:
+        for index in welded:
             wrenches[index] += push
         return wrenches
 
@@ -605,30 +374,3 @@ def _require_internal(f: Array) -> None:
             f"the internal wrenches add up to {resultant:.3g} N or N m about P; internal wrenches add up to"
             " zero: make a wrench internal by coop_pin.spatial.internal_wrenches"
         )
-
-
-def determinate_rows(chain: CellChain, q: Array) -> Mask:
-    """Return which rows of the interaction wrenches, about P in world axes, are determinate, shape (6,).
-
-    Lagrange multipliers in the null space of J^T cause no joint torques. How the arms share the rows that
-    such multipliers reach depends on their elasticity, not on rigid-body dynamics: for example the weight of
-    a bar between two planar arms.
-
-    Args:
-        chain: the closed cell.
-        q: configuration, shape (nq,).
-    """
-    model, data = chain.mechanism.model, chain.mechanism.model.createData()
-    closed = chain.mechanism.closures
-    state = closed.state(q, np.zeros(model.nv))
-    svd = constraint_svd(symmetric(pin.crba(model, data, q)), state.jacobian)
-    null_space = np.eye(len(state.position)) - svd.left @ svd.left.T
-    pin.framesForwardKinematics(model, data, q)
-    p_WP = data.oMf[chain.model.payload_frame].translation
-    determinate = np.ones(6, dtype=bool)
-    for (tip, _), wrench_map in zip(closed.sides, state.wrench_map, strict=True):
-        X_WE = data.oMf[tip.named]
-        in_world = rotate_vector6(X_WE.rotation, (wrench_map @ null_space).T)
-        about_P = shift_wrench(in_world, X_WE.translation - p_WP)
-        determinate &= np.abs(about_P).max(axis=0, initial=0.0) < _INDETERMINATE
-    return determinate

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from coop_pin.arrays import Array, Mask, as_array, as_number, require_type
 from coop_pin.chain.closure_set import ClosureError, ClosureSet
 from coop_pin.chain.inverse_dynamics import InverseDynamics, least_torque, multipliers_of, over_states
-from coop_pin.chain.kkt_solver import ConstraintSVD, KKTSolver
+from coop_pin.chain.kkt_solver import KKTSolver
 from coop_pin.chain.linearisation import Linearisation, equilibrium, linearised
 from coop_pin.chain.minimal_coordinates import MinimalCoordinates, MinimalForm, ReducedDynamics
 from coop_pin.chain.projection import Projected, Projection
@@ -204,7 +204,8 @@ class ClosedChain:
         svd = self._projection.svd(q, state)
         a = np.array(self.solver.acceleration(q, v, tau))
         residual = float(np.abs(state.stabilised(a, self.stabilisation)).max(initial=0.0))
-        allowed = self._residual_allowed(svd, a)
+        # Near a singular pose the truncated rows add to it.
+        allowed = _allowed(a) + 10.0 * svd.dropped * float(np.linalg.norm(svd.factor.T @ a))
         if not residual <= allowed:
             raise ConstraintSolveError(residual, allowed)
         wrenches = self.solver.wrenches()
@@ -245,7 +246,9 @@ class ClosedChain:
                 or the motors cannot cause the motion.
             NameNotFoundError: a joint does not exist.
         """
-        (nq, nv), powered = (self.model.nq, self.model.nv), self._motors(motors)
+        nq, nv = self.model.nq, self.model.nv
+        powered = np.full(nv, motors is None)
+        powered[[] if motors is None else self.minimal_form.indices(motors)] = True
         return over_states(
             lambda *state: self._inverse_dynamics(*state, motors=powered),
             ("q", q, (nq,)),
@@ -261,7 +264,7 @@ class ClosedChain:
         """Return the torques at one state."""
         state = self.closures.state(q, v)
         opening = float(np.abs(state.jacobian @ a + state.drift).max(initial=0.0))
-        allowed = _RESIDUAL_ALLOWED * (1.0 + float(np.abs(a).max(initial=0.0)))
+        allowed = _allowed(a)
         if not opening <= allowed:
             raise ArgumentError(
                 f"a opens the closures: J a + gamma is {opening:.3g} m/s^2 or rad/s^2 (allowed"
@@ -465,22 +468,16 @@ class ClosedChain:
         """
         self._projection.require_closed(self._q(q), as_number("allowed", allowed))
 
-    def _motors(self, names: Sequence[str] | None) -> Mask:
-        """Return which entries of v have a motor."""
-        motors = np.full(self.model.nv, names is None)
-        motors[[] if names is None else self.minimal_form.indices(names)] = True
-        return motors
-
     def _after_step(self, q: Array, v: Array, rank: int | None) -> Projected:
         return self._projection.state(q, v, _STEP_ALLOWED, rank)
-
-    def _residual_allowed(self, svd: ConstraintSVD, a: Array) -> float:
-        """Return the largest accepted residual; near a singular pose the truncated rows add to it."""
-        truncated = svd.dropped * float(np.linalg.norm(svd.factor.T @ a))
-        return _RESIDUAL_ALLOWED * (1.0 + float(np.abs(a).max(initial=0.0))) + 10.0 * truncated
 
     def _q(self, q: ArrayLike) -> Array:
         return as_array("q", q, self.model.nq)
 
     def _v(self, name: str, v: ArrayLike) -> Array:
         return as_array(name, v, self.model.nv)
+
+
+def _allowed(a: Array) -> float:
+    """Return the largest accepted residual of an acceleration, m/s^2 or rad/s^2."""
+    return _RESIDUAL_ALLOWED * (1.0 + float(np.abs(a).max(initial=0.0)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import pinocchio as pin
@@ -112,6 +112,11 @@ class ClosureError(NamedTuple):
 
     distance: float
     angle: float
+
+    @classmethod
+    def of(cls, X: pin.SE3) -> Self:
+        """Return the error of all rows, of the pose of one frame in the other."""
+        return cls(float(np.linalg.norm(X.translation)), float(np.linalg.norm(pin.log3(X.rotation))))
 
 
 class ClosureSet:

@@ -12,7 +12,6 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.arrays import Array, Mask
-from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.contact_points import ContactPoints
 from coop_pin.chain.force_elements import ForceElements, as_seen
 from coop_pin.chain.grasp_springs import changed
@@ -125,10 +124,8 @@ class ContactPatches:
         self._starts = np.cumsum([0, *counts])[:-1]
         self.parts = [slice(a, a + n) for a, n in zip(self._starts.tolist(), counts, strict=True)]
         self.on_body = np.concatenate([np.zeros((0, 3)), *points])
-        stiffness, shear_stiffness, mu = (
-            np.array([getattr(contact, name) for contact in contacts])[self.contact_of]
-            for name in ("stiffness", "shear_stiffness", "mu")
-        )
+        numbers = [(contact.stiffness, contact.shear_stiffness, contact.mu) for contact in contacts]
+        stiffness, shear_stiffness, mu = np.reshape(numbers, (-1, 3))[self.contact_of].T.copy()
         # The corners of a payload have a second face, which is not on the table at the same time.
         share = np.where(np.arange(len(counts)) < len(self.arms), self._counts, self._counts / 2.0)
         self._shared = shared = share[self.contact_of]
@@ -154,13 +151,6 @@ class ContactPatches:
     def grasp(self, number: int, q: Array | None = None) -> None:
         """Count the slip of an arm's patch from now on."""
         self.state = self.state._replace(slip=changed(self.state.slip, number, 0.0))
-
-    def gap(self, number: int, q: Array) -> ClosureError:
-        """Return distance and angle of an arm's patch from its place on the face."""
-        self.bodies.move(q, self._rest)
-        A, B = self.sides[number]
-        X = B.pose.actInv(A.pose)
-        return ClosureError(float(np.linalg.norm(X.translation)), float(np.linalg.norm(pin.log3(X.rotation))))
 
     def act(self) -> float:
         """Add the wrenches at the state of the joints to theirs; return the power of ContactState, W."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy.linalg
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.description.cell import Cell
+from coop_pin.description.contact import Pad
 from coop_pin.errors import ArgumentError
 from coop_pin.spatial import rotate_vector6, shift_wrench
 
@@ -45,12 +48,12 @@ def friction_squeeze(cell: Cell, X_WP: Array, loads: Array, rows: Mask) -> Squee
 
     ::
 
-        |(t_i, m_i / r_i)| <= mu_i N_i,    |b_i / l_i| <= N_i
+        sum_j (tau_ij, x_ij x tau_ij) = (t_i, m_i),    |tau_ij| <= mu_i N_i / k_i,    |b_i / l_i| <= N_i
 
     (t_i, N_i, b_i, m_i) is the wrench of load and f_i on arm i about the middle of its pad in axes of the
-    plane: friction, normal force, moment in the plane and about the normal; r_i is the torsion radius, l_i
-    are the levers of the pad. The first cone is the ellipsoid of ``friction_use``, the second keeps the patch
-    from tipping. Among equals it is the solution farthest from the cones.
+    plane: friction, normal force, moment in the plane and about the normal; l_i are the levers of the pad.
+    Frictions tau_ij of its k_i points x_ij, evenly pressed, make its ``spatial.limit_surface``; the last cone
+    keeps it from tipping. Among equals it is the solution farthest from the cones.
 
     Args:
         cell: description, with a pad of every arm.
@@ -65,24 +68,58 @@ def friction_squeeze(cell: Cell, X_WP: Array, loads: Array, rows: Mask) -> Squee
     scale = (float(np.abs(loads).max()) or 1.0) / min(pad.mu for pad in cell.pads.values())
     sums_to_zero = np.linalg.svd(np.ones((1, m)))[2][1:].T
     basis = np.einsum("ij,rk->irjk", sums_to_zero, np.eye(6)[:, rows]).reshape(m, 6, -1)
-    A, b, limits = np.zeros((m, 6, basis.shape[2])), np.zeros((m, 6)), np.zeros((2 * m, 6))
+    A, b = np.zeros((m, 6, basis.shape[2])), np.zeros((m, 6))
     for i, name in enumerate(cell.arms):
-        pad, X = cell.pads[name], X_WP @ cell.grasps[name].matrix @ cell.pads[name].plane
-        p, turn, r = X[:3, 3] - X_WP[:3, 3], X[:3, :3].T, pad.torsion_radius
+        X = X_WP @ cell.grasps[name].matrix @ cell.pads[name].plane
+        p, turn = X[:3, 3] - X_WP[:3, 3], X[:3, :3].T
         A[i] = rotate_vector6(turn, shift_wrench(basis[i].T, -p)).T
         b[i] = rotate_vector6(turn, shift_wrench(loads[i] / scale, -p))
-        limits[i, [0, 1, 5]] = np.array((1.0, 1.0, 1.0 / r)) / pad.mu
-        limits[m + i, 3:5] = 1.0 / pad.levers
-    both = np.r_[:m, :m]
-    cones = _Cones(limits[:, :, None] * A[both], limits * b[both], A[both, 2], b[both, 2])
-    cost = cones.n[:m].sum(axis=0)
+    cones = _cones([cell.pads[name] for name in cell.arms], A, b)
+    cost = np.zeros(cones.n.shape[1])
+    cost[: A.shape[2]] = A[:, 2].sum(axis=0)
     x, missing = _least(cost, cones)
     if missing >= 0.0:
         raise ArgumentError(
             "friction at the pads holds no such motion: whatever the arms press, a pad lacks"
             f" {scale * missing:.3g} N; press across the payload, or raise mu or radius"
         )
+    x = x[: A.shape[2]]
     return Squeeze(scale * basis @ x, scale * (A[:, 2] @ x + b[:, 2]))
+
+
+def _cones(pads: Sequence[Pad], A: Array, b: Array) -> _Cones:
+    """Return the cones of points and pads; x are internal wrenches and frictions without a resultant.
+
+    Args:
+        pads: Pad of each arm.
+        A: Wrenches on the pads by each internal wrench, shape (m, 6, y).
+        b: Wrenches on the pads by the loads, shape (m, 6).
+    """
+    maps = [_point_frictions(pad) for pad in pads]
+    sizes = np.cumsum([A.shape[2], *(free.shape[2] for _, free in maps)])
+    cones = list[tuple[Array, Array, Array, float]]()
+    for pad, (of_wrench, free), A_i, b_i, end in zip(pads, maps, A, b, sizes[1:], strict=True):
+        n = np.zeros(sizes[-1])
+        n[: sizes[0]] = A_i[2]
+        for of_load, alone in zip(of_wrench, free, strict=True):
+            S = np.zeros((2, sizes[-1]))
+            S[:, : sizes[0]], S[:, end - free.shape[2] : end] = of_load @ A_i[[0, 1, 5]], alone
+            cones.append((S, of_load @ b_i[[0, 1, 5]], n, b_i[2]))
+        tilt = np.zeros((2, sizes[-1]))
+        tilt[:, : sizes[0]] = A_i[3:5] / pad.levers[:, None]
+        cones.append((tilt, b_i[3:5] / pad.levers, n, b_i[2]))
+    return _Cones(*(np.array(part) for part in zip(*cones, strict=True)))
+
+
+def _point_frictions(pad: Pad) -> tuple[Array, Array]:
+    """Return frictions of k points in parts of mu / k: of (t, m), (k, 2, 3), and of none, (k, 2, 2 k - 3)."""
+    (x, y, _), k = pad.points.T, len(pad.points)
+    G = np.zeros((3, k, 2))
+    G[0, :, 0] = G[1, :, 1] = 1.0
+    G[2, :, 0], G[2, :, 1] = -y, x
+    flat = G.reshape(3, -1)
+    inverse, free = np.linalg.pinv(flat), np.linalg.svd(flat)[2][3:].T
+    return k / pad.mu * np.asarray(inverse, float).reshape(k, 2, 3), free.reshape(k, 2, -1)
 
 
 def _least(cost: Array, cones: _Cones) -> tuple[Array, float]:
@@ -127,7 +164,7 @@ def _descend(cost: Array, cones: _Cones, x: Array, *, enough: float = -np.inf) -
             slopes = 2.0 * (axis[:, None] * n - np.einsum("ck,cki->ci", side, S)) / f[:, None]
             gradient = t * cost - slopes.sum(axis=0)
             hessian = slopes.T @ slopes - 2.0 * np.einsum("cij,c->ij", shape, 1.0 / f)
-            step = -np.linalg.lstsq(hessian, gradient, rcond=None)[0]
+            step = -scipy.linalg.lstsq(hessian, gradient, lapack_driver="gelsy", check_finite=False)[0]
             decrement = -float(gradient @ step)
             if not decrement > _AT_REST:
                 break

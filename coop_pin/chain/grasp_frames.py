@@ -26,6 +26,7 @@ class GraspFrames:
         payload: X_WP.
         tips: X_WE of each arm.
         grasps: pose of each nominal grasp in the world.
+        welded: indices of the arms whose grasp is a weld of the tree.
     """
 
     def __init__(self, tree: CellModel) -> None:
@@ -36,6 +37,7 @@ class GraspFrames:
         self.grasps: list[pin.SE3] = [
             frames[frame_id(tree.model, f"payload/{arm.name}")] for arm in tree.arms
         ]
+        self.welded = [number for number, arm in enumerate(tree.arms) if arm.name in tree.closed_by_tree]
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return how a copy is made, whose frames refer to data of its own."""

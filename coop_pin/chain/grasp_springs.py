@@ -14,7 +14,6 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.arrays import Array, Mask
-from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.equilibrium import MOST_STEPS, SETTLED, at_rest, reached
 from coop_pin.chain.force_elements import ForceElements, as_seen
 from coop_pin.chain.spring_damper import MovingFrame, SpringDamper, SpringState, spring_state
@@ -47,8 +46,8 @@ def _write_wrenches(kernel: Kernel, joints: Sequence[Sequence[int]]) -> None:
             F_J[joint] = F_J[joint] + np.concatenate((R_JW @ f, R_JW @ (m - np.cross(p, f))))
     kernel.write("F_J", F_J)
     kernel.write("dissipated", sum(state.power for state in states))
-    for name in SpringState._fields:
-        kernel.write(name, np.stack([getattr(state, name) for state in states]))
+    for name, values in zip(SpringState._fields, zip(*states, strict=True), strict=True):
+        kernel.write(name, np.stack(values))
 
 
 def _moving(X_WJ: Array, X_JF: Array, V_J: Array) -> MovingFrame:
@@ -225,14 +224,6 @@ class GraspSprings:
             X_GE = pin.SE3(state.rotation[number], state.position[number])
             pose = (pin.SE3(self._poses[number]) * X_GE).homogeneous
         self.restore(GraspsHeld(changed(self.holds, number, True), changed(self._poses, number, pose)))
-
-    def gap(self, number: int, q: Array) -> ClosureError:
-        """Return distance and angle of a tip from its nominal grasp."""
-        tip, payload = self._sides[number]
-        pin.forwardKinematics(self._bodies.model, self._data, q)
-        nominal = payload.X_WJ * self._X_JP * pin.SE3(list(self._grasps.values())[number].matrix)
-        X = nominal.actInv(tip.pose)
-        return ClosureError(float(np.linalg.norm(X.translation)), float(np.linalg.norm(pin.log3(X.rotation))))
 
     def held(self) -> GraspsHeld:
         """Return which grasps hold, and at which poses."""

@@ -47,10 +47,6 @@ class ConstraintSVD(NamedTuple):
         left, values, right = self.left[:, :max_rank], self.values[:max_rank], self.right[:, :max_rank]
         return ConstraintSVD(self.factor, left, values, right, float(self.values[max_rank]))
 
-    def solve_L(self, x: Array) -> Array:
-        """Return L^-1 x, shape (nv,)."""
-        return dtrsv(self.factor, x, lower=1)
-
     def solve_LT(self, y: Array) -> Array:
         """Return L^-T y, shape (nv,)."""
         return dtrsv(self.factor, y, lower=1, trans=1)
@@ -121,7 +117,7 @@ class KKTSolver:
         """
         state, gains = self._closures.state(q, v), self._stabilisation
         svd = constraint_svd(pin.crba(self._model, self._data, q), state.jacobian).truncated(max_rank)
-        y = svd.solve_L(tau - pin.nonLinearEffects(self._model, self._data, q, v))
+        y = dtrsv(svd.factor, tau - pin.nonLinearEffects(self._model, self._data, q, v), lower=1)
         acceleration = -gains.stabilised(state.drift, state.velocity, state.position)
         b = svd.left.T.dot(acceleration - state.jacobian.dot(svd.solve_LT(y))) / svd.values
         self._solution = state, svd.left.dot(b / svd.values)

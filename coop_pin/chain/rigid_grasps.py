@@ -9,15 +9,18 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array, Mask
 from coop_pin.chain.closed_chain import ClosedChain
-from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.grasp_springs import GraspsHeld, changed
+from coop_pin.chain.kkt_solver import constraint_svd
 from coop_pin.description.cell import Cell
 from coop_pin.description.closure import Closure
 from coop_pin.description.plant import PlantOptions
 from coop_pin.model.cell_model import CellModel
-from coop_pin.spatial import inverse_pose
+from coop_pin.model.pinocchio_model import symmetric
+from coop_pin.spatial import inverse_pose, rotate_vector6, shift_wrench
 
 _Z = np.array((0.0, 0.0, 1.0))
+_INDETERMINATE = 1e-6
+"""Part of a row of a wrench that rounding leaves, where multipliers cause no torques."""
 
 
 class ClosuresHeld(NamedTuple):
@@ -110,10 +113,26 @@ class RigidGrasps:
         ]
         self.restore(self.held()._replace(brakes=(*self.brakes, *brakes)))
 
-    def gap(self, number: int, q: Array) -> ClosureError:
-        """Return distance and angle of a tip from its nominal grasp."""
-        X = pin.SE3(self._nominal[number]).actInv(self._tip_pose(number, q))
-        return ClosureError(float(np.linalg.norm(X.translation)), float(np.linalg.norm(pin.log3(X.rotation))))
+    def determinate_rows(self, q: Array) -> Mask:
+        """Return which rows of the interaction wrenches, about P in world axes, are determinate, shape (6,).
+
+        Lagrange multipliers in the null space of J^T cause no joint torques. How the arms share the rows that
+        such multipliers reach depends on their elasticity, not on rigid-body dynamics: for example the weight
+        of a bar between two planar arms.
+        """
+        model, data, closed = self._tree.model, self._data, self.mechanism.closures
+        state = closed.state(q, np.zeros(model.nv))
+        svd = constraint_svd(symmetric(pin.crba(model, data, q)), state.jacobian)
+        null_space = np.eye(len(state.position)) - svd.left @ svd.left.T
+        pin.framesForwardKinematics(model, data, q)
+        p_WP = data.oMf[self._tree.payload_frame].translation
+        determinate = np.ones(6, dtype=bool)
+        for (tip, _), wrench_map in zip(closed.sides, state.wrench_map, strict=True):
+            X_WE = data.oMf[tip.named]
+            in_world = rotate_vector6(X_WE.rotation, (wrench_map @ null_space).T)
+            about_P = shift_wrench(in_world, X_WE.translation - p_WP)
+            determinate &= np.abs(about_P).max(axis=0, initial=0.0) < _INDETERMINATE
+        return determinate
 
     def _hold(self, holds: Mask, poses: Array) -> None:
         self.restore(ClosuresHeld(GraspsHeld(holds, poses), self.brakes))

@@ -31,7 +31,7 @@ from coop_pin.control.interface import (
     DecentralisedController,
     Message,
 )
-from coop_pin.control.law import DecentralisedLaw, Law, PostureGains
+from coop_pin.control.law import DecentralisedLaw, Law
 from coop_pin.control.leader_follower import LeaderFollower, LeaderFollowerController, LeaderFollowerGains
 from coop_pin.control.learned_load import LearnedForcePath, LearnedLoad
 from coop_pin.control.mean_pose import (
@@ -41,12 +41,13 @@ from coop_pin.control.mean_pose import (
     MeanPoseByMessages,
     MeanPoseController,
 )
-from coop_pin.control.payload_space import (
-    PayloadSpace,
+from coop_pin.control.payload_space import PayloadSpace
+from coop_pin.control.payload_space_controller import (
     PayloadSpaceController,
     PayloadSpaceGains,
     PayloadSpaceState,
 )
+from coop_pin.control.posture import Posture, PostureGains
 from coop_pin.control.prescribed_performance import (
     PrescribedPerformance,
     PrescribedPerformanceController,
@@ -61,7 +62,6 @@ from coop_pin.control.sliding_mode import (
     SlidingModeState,
 )
 from coop_pin.control.sliding_surface import Saturation, Sign, Switching, Tanh
-from coop_pin.control.terms import Posture
 
 __all__ = [
     "Admittance",

@@ -215,6 +215,11 @@ class Admittance(DecentralisedLaw[AdmittanceGains]):
         return self.command
 
     @property
+    def is_yielding(self) -> bool:
+        """Whether it commands velocities, and follows the reference."""
+        return self.command == "velocity" and self.follows == "reference"
+
+    @property
     def needs(self) -> tuple[str, ...]:
         """What the law uses besides kinematics: the internal wrench or else the arm's own, and the leader."""
         leader = FollowingController.needs if self.follows == "leader" else ()

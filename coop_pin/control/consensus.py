@@ -50,19 +50,19 @@ def graph_eigenvalues(edges: Edges, names: Sequence[str]) -> Array:
     return np.asarray(eigenvalues)
 
 
-def require_consensus(edges: Edges, names: Sequence[str], gain: float, delay: int, path: str) -> None:
-    """Refuse a graph, or a gain on it, for consensus on the mean.
+def require_consensus(network: Any, names: Sequence[str], gain: float, path: str) -> None:
+    """Refuse the graph of a network, or a gain on it, for consensus on the mean.
 
     Args:
-        edges: Edges.
+        network: Network of the scenario.
         names: Names of the arms.
         gain: g.
-        delay: Ticks by which messages are late.
         path: Path of the gain, for errors.
 
     Raises:
         FieldError: as ``graph_eigenvalues``, or the gain is not below ``consensus_bound``.
     """
+    edges, delay = network.edges_at(0.0, names), network.slowest_of(names)
     bound = consensus_bound(float(graph_eigenvalues(edges, names)[-1]), delay)
     if gain >= bound:
         detail = f"is {gain:g}; with this graph and messages {delay} ticks late it must be less than"

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
-import numpy as np
 from pydantic import Field, PrivateAttr, SerializerFunctionWrapHandler, model_serializer
 
 from coop_pin.arrays import Array
@@ -20,7 +19,7 @@ from coop_pin.control.bounds import (
 )
 from coop_pin.control.calibration import ZeroedController
 from coop_pin.control.force_path import INSIST, NoForcePath
-from coop_pin.control.gains import Gains, gain_vector
+from coop_pin.control.gains import Gains
 from coop_pin.control.interface import (
     ArmController,
     CellController,
@@ -29,59 +28,13 @@ from coop_pin.control.interface import (
     DecentralisedController,
 )
 from coop_pin.control.steady_state import SteadyDirection
-from coop_pin.control.terms import Posture
 from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, NotNegative, Vector, WithLaterFields, unknown_arms
+from coop_pin.schema.base import WithLaterFields, unknown_arms
 from coop_pin.schema.parts import fields_of
 from coop_pin.spatial.task_rows import TaskRows, joint_shortage
 
 _WRITTEN_FIRST = ("kind", "target", "options", "gains", "arm_gains", "switching", "force_path")
 """Fields in the order in which a law is written; the keys of stored runs depend on it."""
-
-
-class PostureGains(Description):
-    """Null-space spring towards the arm's posture, and damper, of the spare joints of redundant arms.
-
-    One value acts on the arm's own joints, not on those of a mobile base, so that the base follows the arm.
-
-    Attributes:
-        stiffness: N m/rad, one value for all joints or one for each.
-        damping: N m s/rad, likewise.
-    """
-
-    stiffness: NotNegative | Vector = 40.0
-    damping: NotNegative | Vector = 8.0
-
-    def term(self, arm: ControlledArm) -> Posture:
-        """Return the posture term of an arm: a spring towards its posture, and a damper.
-
-        Raises:
-            FieldError: the arm has continuous joints, or a gain does not fit it.
-        """
-        if arm.posture is None:
-            raise FieldError(
-                f"needs angles, but arm {arm.name!r} has continuous joints; lock them or give them limits",
-                "controller.posture",
-            )
-        return Posture(arm.posture, *self.of_drives(arm.drives, arm.base_drives))
-
-    def of_drives(self, drives: int, base_drives: int = 0) -> tuple[Array, Array]:
-        """Return stiffness and damping of every drive, shape (k,).
-
-        Args:
-            drives: Number k of drives of the arm.
-            base_drives: Number of its first drives that move a mobile base.
-
-        Raises:
-            FieldError: a gain has a wrong number of entries.
-        """
-        is_of_arm = np.arange(drives) >= base_drives
-        stiffness, damping = (
-            gain_vector(gain, drives, f"controller.posture.{name}")
-            * (is_of_arm if np.ndim(gain) == 0 else 1.0)
-            for name, gain in self
-        )
-        return stiffness, damping
 
 
 INFORMATION: Mapping[str, set[str]] = {
@@ -139,6 +92,16 @@ class Law(WithLaterFields):
     @property
     def has_linear_integral(self) -> bool:
         """Whether the law keeps an integral that is linear near rest."""
+        return False
+
+    @property
+    def is_smooth(self) -> bool:
+        """Whether its commands are smooth near rest."""
+        return True
+
+    @property
+    def is_yielding(self) -> bool:
+        """Whether it is an admittance by velocities that follows the reference."""
         return False
 
     @property

@@ -19,7 +19,7 @@ from coop_pin.control.interface import (
     ControlledArm,
 )
 from coop_pin.control.law import DecentralisedLaw, LawController
-from coop_pin.control.terms import spare_torque
+from coop_pin.control.posture import spare_torque
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import Interval, NotNegative, Positive
 from coop_pin.spatial.generic_numbers import exp

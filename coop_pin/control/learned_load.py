@@ -105,8 +105,10 @@ class LearnedLoad(TellingLaw):
 
     def _wrench_of_a_kilogram(self, acceleration: Array) -> Array:
         """Return phi, the wrench on the arms by a kilogram with an acceleration of P, shape (k_0,)."""
-        is_linear = np.array([float(index < 3) for index in self.arm.rows.indices])
-        return self.arm.rows.select(weight_wrench(1.0, self.arm.gravity)) - is_linear * acceleration
+        rows = self.arm.rows
+        return (
+            rows.select(weight_wrench(1.0, self.arm.gravity)) - rows.are_linear.astype(float) * acceleration
+        )
 
     def _with_wrench(self, measurement: ArmMeasurement, reference: ArmReference, x: Array) -> ArmMeasurement:
         """Return the measurement with the internal wrench, and the messages of the law."""
@@ -138,7 +140,6 @@ class LearnedForcePath(PlainForcePath):
         Raises:
             FieldError: the consensus does not come to the mean over the scenario's graph.
         """
-        names, network = list(scenario.cell.arms), scenario.network
-        gain, edges = "controller.force_path.consensus_gain", network.edges_at(0.0, names)
-        require_consensus(edges, names, self.consensus_gain, network.slowest_of(names), gain)
+        names, path = list(scenario.cell.arms), "controller.force_path.consensus_gain"
+        require_consensus(scenario.network, names, self.consensus_gain, path)
         return LearnedLoad(law, arm, self, len(names))

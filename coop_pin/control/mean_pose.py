@@ -24,8 +24,8 @@ from coop_pin.control.interface import (
     DecentralisedController,
     Message,
 )
-from coop_pin.control.payload_space import (
-    PayloadSpace,
+from coop_pin.control.payload_space import PayloadSpace
+from coop_pin.control.payload_space_controller import (
     PayloadSpaceController,
     PayloadSpaceGains,
     PayloadSpaceState,
@@ -259,18 +259,6 @@ def _mean(vectors: Sequence[Array]) -> Array:
     return reduce(add, vectors) / float(len(vectors))
 
 
-class AgreedDirection(SteadyDirection):
-    """A direction in which all arms see the same error, whatever their biases."""
-
-    def force(self, share: float, bias: float) -> float:
-        """Return the internal force of a bias: none."""
-        return 0.0
-
-    def growth(self, share: float, bias: float) -> float:
-        """Return the rate at which that force grows: it does not."""
-        return 0.0
-
-
 class MeanPose(PayloadSpace):
     """The payload-space law on exchanged poses: MeanPoseController.
 
@@ -349,14 +337,12 @@ class MeanPose(PayloadSpace):
 
     def _by_consensus(self, network: Any, laws: Mapping[str, ArmController]) -> CellController:
         """Return the controllers of arms that hear their neighbours only; see build."""
-        names, gain = list(laws), self.consensus_gain
-        edges = network.edges_at(0.0, names)
-        require_consensus(edges, names, gain, network.slowest_of(names), "controller.consensus_gain")
+        gain = self.consensus_gain
+        require_consensus(network, list(laws), gain, "controller.consensus_gain")
         return DecentralisedController({name: ConsensusPose(law, name, gain) for name, law in laws.items()})
 
     def steady_directions(self, rows: TaskRows, loop: SampledLoop, period: float) -> list[SteadyDirection]:
-        """Return those of the payload-space law, on which all arms agree."""
+        """Return those of the payload-space law, on which all agree; a leak to the mean takes no load."""
         directions = super().steady_directions(rows, loop, period)
-        if self.leak_to == "mean":  # which keeps the load
-            directions = [direction._replace(load_rate=0.0) for direction in directions]
-        return [AgreedDirection(*direction) for direction in directions]
+        keeps = self.leak_to == "mean"
+        return [each._replace(apart=0.0, load_rate=0.0 if keeps else each.load_rate) for each in directions]

@@ -19,8 +19,8 @@ from coop_pin.control.interface import (
     ControlledArm,
 )
 from coop_pin.control.law import DecentralisedLaw, LawController
+from coop_pin.control.posture import spare_torque
 from coop_pin.control.steady_state import SteadyDirection
-from coop_pin.control.terms import spare_torque
 from coop_pin.schema.base import Interval, NotNegative
 from coop_pin.spatial.generic_numbers import exp
 from coop_pin.spatial.task_rows import TaskRows
@@ -142,5 +142,4 @@ class PrescribedPerformance(DecentralisedLaw[PrescribedPerformanceGains]):
             V_r = gains.pose_gain * _push(np.full(rows.size, x), gains.pose_floor)
             return float((gains.velocity_gain * _push(V_r, gains.velocity_floor))[row])
 
-        linear = [row for row, index in enumerate(rows.indices) if index < 3]
-        return [SteadyDirection(partial(spring, row)) for row in linear]
+        return [SteadyDirection(partial(spring, row)) for row in np.flatnonzero(rows.are_linear).tolist()]

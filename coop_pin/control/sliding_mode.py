@@ -21,9 +21,10 @@ from coop_pin.control.interface import (
     ArmReference,
     ControlledArm,
 )
-from coop_pin.control.law import LawController, PostureGains
+from coop_pin.control.law import LawController
+from coop_pin.control.posture import Posture, PostureGains
 from coop_pin.control.sliding_surface import SurfaceGains, SurfaceLaw, Switching
-from coop_pin.control.terms import Posture, force_term, jacobian_inverse, right_inverse
+from coop_pin.control.terms import force_term, jacobian_inverse, right_inverse
 from coop_pin.schema.base import NotNegative
 from coop_pin.spatial.generic_numbers import exp
 

@@ -127,3 +127,8 @@ class SurfaceLaw(DecentralisedLaw[G], Generic[G]):
     def has_linear_integral(self) -> bool:
         """Whether the switching function is smooth at 0."""
         return self.switching.is_smooth
+
+    @property
+    def is_smooth(self) -> bool:
+        """Whether it is, or is not integrated."""
+        return self.has_linear_integral or not np.any(self.gains.sign_gain)

@@ -23,6 +23,7 @@ class SteadyDirection(NamedTuple):
         free: b_0 of an anchor's bound, m; inf without one.
         most: Largest ``|b_i - bbar|`` from the start on that an anchor follows, m; inf without a bound.
         force_gain: K_f of a measured internal wrench.
+        apart: Part of a bias by which the arms' views differ: 0 where all arms see the mean of their views.
     """
 
     spring: Callable[[float], float]
@@ -32,6 +33,7 @@ class SteadyDirection(NamedTuple):
     free: float = np.inf
     most: float = np.inf
     force_gain: float = 0.0
+    apart: float = 1.0
 
     def held(self, error: float, rate: float) -> float:
         """Return spring(x) + integral(x) / rate, N: what an arm with the whole share holds."""
@@ -43,7 +45,7 @@ class SteadyDirection(NamedTuple):
 
         What an error holds at once, K_f divides by 1 + K_f; what an integral holds, it does not.
         """
-        x = (1.0 - share) * bias
+        x = (1.0 - share) * self.apart * bias
         if self.growth(share, bias) > 0.0 and self.internal_rate > 0.0:
             return np.inf
         divided = self.spring(x) * (1.0 - 1.0 / (1.0 + self.force_gain))
@@ -52,7 +54,8 @@ class SteadyDirection(NamedTuple):
     def growth(self, share: float, bias: float) -> float:
         """Return the rate at which that force grows where it has no bound, N/s."""
         held = min(bias, self.limit(share)) if self.internal_rate else 0.0
-        rate = self.integral((1.0 - share) * bias) - self.integral((1.0 - share) * held)
+        off = (1.0 - share) * self.apart
+        rate = self.integral(off * bias) - self.integral(off * held)
         return share * rate / (1.0 + self.force_gain)
 
     def limit(self, share: float) -> float:

@@ -94,7 +94,7 @@ class Miscalibration(Description):
     joint_offset: NumberOrVector = 0.0
     link_length: NumberOrVector = 0.0
 
-    def changes(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
+    def differences(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
         """Yield what is off in place of what the base has, as lengths, angles and shares."""
         arm = words(path[:-1])
         for part, pose, usual in (("tip", self.tip, base.tip), ("base", self.base, base.base)):
@@ -319,7 +319,3 @@ class Arm(WithLaterFields):
         if self.drive is not None and len(self.drive) != nv:
             raise FieldError(f"has {len(self.drive)} rows; the arm {self.urdf!r} has {nv} joints", "drive")
         return np.eye(nv) if self.drive is None else np.array(self.drive)
-
-    def posture_angles(self, nv: int) -> Array:
-        """Return the angles of the posture, zero without one, rad or m, shape (nv,)."""
-        return np.zeros(nv) if self.posture is None else np.array(self.posture)

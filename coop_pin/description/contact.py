@@ -13,6 +13,7 @@ from coop_pin.errors import FieldError
 from coop_pin.schema.base import Description, Interval, Positive, positive
 from coop_pin.schema.pose import Pose
 from coop_pin.spatial import inverse_pose
+from coop_pin.spatial.limit_surface import elastic_pressures, needed_friction
 
 _ON_FACE = 1e-3
 """Largest distance of a patch from the face of a box, m."""
@@ -105,6 +106,22 @@ class Pad(Description):
         """Half extents of the patch along the axes of the plane, m, shape (2,)."""
         return np.full(2, self.radius) if self.size is None else 0.5 * np.array(self.size)
 
+    def pressures(self, F: Array) -> Array:
+        """Return the parts of the normal force that the points bear, shape (..., k): all the same.
+
+        Args:
+            F: Wrenches on the arm about the middle of the pad in axes of the plane, shape (..., 6).
+        """
+        return np.full((*F.shape[:-1], len(self.points)), 1.0 / len(self.points))
+
+    def needed_friction(self, F: Array) -> Array:
+        """Return the friction mu N that wrenches need (``spatial.limit_surface``), N, shape (...,).
+
+        Args:
+            F: Wrenches on the arm about the middle of the pad in axes of the plane, shape (..., 6).
+        """
+        return needed_friction(F, self.points[:, :2], self.pressures(F))
+
 
 class PatchGrasp(Pose, DryContact, Pad):
     """Grasp by friction: a patch fixed to the arm's tip is pressed on a flat face of the payload.
@@ -137,6 +154,14 @@ class PatchGrasp(Pose, DryContact, Pad):
         x, y, _ = (self.points**2).mean(axis=0).tolist()
         k, shear = self.stiffness, self.shear_stiffness
         return shear, shear, k, k * y, k * x, shear * (x + y)
+
+    def pressures(self, F: Array) -> Array:
+        """Return the parts of the normal force that the points bear, by their springs, shape (..., k).
+
+        Args:
+            F: Wrenches on the arm about the middle of the patch in axes of the plane, shape (..., 6).
+        """
+        return elastic_pressures(F, self.points[:, :2], self.levers)
 
     def bounds(self, payload: Payload) -> Array:
         """Return lower and upper corner of the payload's face in the plane, m, shape (2, 2).

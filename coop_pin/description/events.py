@@ -51,6 +51,11 @@ class Surroundings(NamedTuple):
     push: Array
     partners: tuple[Partner, ...] = ()
 
+    @property
+    def acts(self) -> bool:
+        """Whether a wrench besides gravity may act on the payload: ``Plant.payload_wrench`` is read if so."""
+        return bool(self.push.any() or self.partners)
+
 
 class PayloadEvent(Description):
     """Event that changes the payload or what acts on it.
@@ -180,7 +185,22 @@ class PayloadChange(PayloadEvent):
         return f"mass {surroundings.mass:g} → {self.mass:g} kg"
 
 
-class WrenchPulse(PayloadEvent):
+class LastingEvent(PayloadEvent):
+    """Event that takes a time.
+
+    Attributes:
+        duration: time that it takes, s.
+    """
+
+    duration: Positive
+
+    @property
+    def end(self) -> float:
+        """Time at which it is over, s."""
+        return self.time + self.duration
+
+
+class WrenchPulse(LastingEvent):
     """Constant wrench on the payload for a limited time.
 
     Attributes:
@@ -190,14 +210,8 @@ class WrenchPulse(PayloadEvent):
     """
 
     kind: Literal["wrench-pulse"] = "wrench-pulse"
-    duration: Positive
     wrench: Vector6
     title = "push"
-
-    @property
-    def end(self) -> float:
-        """End of the pulse, s."""
-        return self.time + self.duration
 
     def apply(self, surroundings: Surroundings, time: float) -> Surroundings:
         """Return the surroundings, with the wrench during the pulse."""
@@ -295,7 +309,7 @@ class GravityTurn(PayloadEvent):
         return surroundings._replace(gravity=np.array(self.gravity))
 
 
-class Partner(PayloadEvent):
+class Partner(LastingEvent):
     """Person or machine at a handle: spring and damper between the handle and a point that the partner moves.
 
     In axes of the point's frame, with the handle's displacement p and rotation R from it and its relative
@@ -312,7 +326,6 @@ class Partner(PayloadEvent):
     """
 
     kind: Literal["partner"] = "partner"
-    duration: Positive
     motion: Motion
     handle: Pose = Pose()
     stiffness: Annotated[Vector6, AfterValidator(not_negative)]
@@ -326,11 +339,6 @@ class Partner(PayloadEvent):
         if not any(stiffness):
             raise FieldError("is zero in every direction; a partner holds in at least one")
         return stiffness
-
-    @property
-    def end(self) -> float:
-        """Time at which the partner lets go, s."""
-        return self.time + self.duration
 
     def apply(self, surroundings: Surroundings, time: float) -> Surroundings:
         """Return the surroundings, with the partner while it holds."""

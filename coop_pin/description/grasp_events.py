@@ -14,6 +14,7 @@ from coop_pin.description.events import (
     MISSED,
     AnyEvent,
     GravityTurn,
+    LastingEvent,
     LoseArm,
     Partner,
     PayloadChange,
@@ -198,7 +199,7 @@ class Regrasp(GraspEvent):
         return f"{self.title} by {self.arm}, {self.rest} rest pose"
 
 
-class PutDown(PayloadEvent):
+class PutDown(LastingEvent):
     """Hand-over of the load to a table, by all arms.
 
     From then on no part of the measured wrenches is load: the law keeps each arm's whole wrench at its
@@ -213,11 +214,6 @@ class PutDown(PayloadEvent):
     kind: Literal["put-down"] = "put-down"
     duration: Positive = 0.5
     title = "put down"
-
-    @property
-    def end(self) -> float:
-        """Time at which the table bears the load, s."""
-        return self.time + self.duration
 
     @property
     def told(self) -> str:

@@ -27,18 +27,9 @@ from coop_pin.description.trust import TrustThresholds
 from coop_pin.errors import FieldError, NameNotFoundError, one_or_all
 from coop_pin.reference.motions import Motion
 from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze
-from coop_pin.schema.base import (
-    Name,
-    Positive,
-    Text,
-    Vector,
-    WithLaterFields,
-    check_arm_names,
-    overridden,
-    unknown_arms,
-)
+from coop_pin.schema.base import Name, Positive, Text, Vector, WithLaterFields, check_arm_names, unknown_arms
 from coop_pin.schema.changes import differences
-from coop_pin.schema.parts import fields_of
+from coop_pin.schema.parts import fields_of, overridden
 from coop_pin.schema.pose import Pose
 from coop_pin.user_files import parse_toml, read_toml
 
@@ -325,7 +316,7 @@ class Scenario(WithLaterFields):
         addition = self.summary.removeprefix(base.summary).removeprefix("; ")
         return "; ".join((*[addition][: bool(addition)], f"changed: {'; '.join(texts)}"))
 
-    def changes(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
+    def differences(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
         """Yield what makes the run another one than that of a base."""
         if not self.events and base.events:
             yield "no events"

@@ -120,7 +120,8 @@ def _comments(value: Any, path: str, meaning: str, annotation: Any) -> Iterator[
     """Yield the path and the comment of each table and field, in one line."""
     if isinstance(value, dict):
         for name, entry in value.items():
-            first = (inspect.getdoc(type(entry)) or "").split("\n\n")[0] if _has_own(entry) else meaning
+            has_own = isinstance(entry, BaseModel) and not isinstance(entry, Pose)  # these differ by field
+            first = (inspect.getdoc(type(entry)) or "").split("\n\n")[0] if has_own else meaning
             yield from _comments(entry, f"{path}.{name}", first, annotation)
     elif isinstance(value, BaseModel):
         if path:
@@ -135,11 +136,6 @@ def _comments(value: Any, path: str, meaning: str, annotation: Any) -> Iterator[
             yield from _comments(entry, below, texts.get(name, ""), field.annotation)
     elif meaning:
         yield path, _brief(meaning)
-
-
-def _has_own(entry: Any) -> bool:
-    """Whether the docstring of an entry's class says what it is: poses differ by their field."""
-    return isinstance(entry, BaseModel) and not isinstance(entry, Pose)
 
 
 def _of_table(value: BaseModel, meaning: str, annotation: Any) -> Iterator[str]:

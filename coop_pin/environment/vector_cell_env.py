@@ -11,7 +11,6 @@ from coop_pin.arrays import Array, Mask, as_count, require_type
 from coop_pin.batch.preparation import Prepared
 from coop_pin.batch.schedule import RunProgram
 from coop_pin.batch.simulate import BatchSimulator
-from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.description.code_family import law_reason
 from coop_pin.description.scenario import Scenario
 from coop_pin.environment.acted_law import ActedLaw
@@ -167,7 +166,7 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         alone = prepared.part(slice(1))
         self._code = RunProgram(alone, differs, is_loaded)
         program, order = self._code.program, self._code.order(alone)
-        kernel = self._outcome_kernel(determinate_rows(plant.run.plant.chain, plant.run.plant.q))
+        kernel = self._outcome_kernel(plant.run.plant.chain.rigid.determinate_rows(plant.run.plant.q))
         instructions = [each for each in order.instructions if each.code != RECORD]
         # A tick begins at its first instruction, but for the records of the ticks before it.
         starts, self._uniforms = [*order.ticks, len(order.instructions)], order.uniforms

@@ -81,9 +81,7 @@ def write_decades(panel: Axes) -> None:
     """Mark the powers of ten alone on a logarithmic vertical axis of several decades, written without TeX."""
     low, high = panel.get_ylim()
     if panel.get_yscale() == "log" and high >= 100.0 * low:
-        panel.yaxis.set_major_formatter(FuncFormatter(_power_of_ten))
+        panel.yaxis.set_major_formatter(
+            FuncFormatter(lambda value, _: "10" + str(round(np.log10(value))).translate(_SUPERSCRIPTS))
+        )
         panel.yaxis.set_minor_locator(NullLocator())
-
-
-def _power_of_ten(value: float, _: int | None) -> str:
-    return "10" + str(round(np.log10(value))).translate(_SUPERSCRIPTS)

@@ -49,7 +49,11 @@ def tracking_figure(result: RunResult) -> Figure:
         panels = list(axes.flat)
         _draw_positions(data, panels[: 2 if planar else 3])
         if planar:
-            _draw_heading(data, panels[2])
+            for name, style in (("payload", ACTUAL), ("desired", DESIRED)):
+                z, w = data[f"{name}_quaternion"].values[:, 2:].T
+                heading = np.degrees(np.unwrap(2.0 * np.arctan2(z, w)))
+                panels[2].plot(data["time"].values, heading, **style)
+            label(panels[2], "payload ψ", "deg")
         else:
             _draw_error(data, panels[3], slice(0, 3), "position error", "mm")
             _draw_error(data, panels[4], slice(3, 6), "rotation-vector error", "mrad")
@@ -70,18 +74,6 @@ def _draw_positions(data: xr.Dataset, panels: list[Axes]) -> None:
         panel.plot(time, values[1], label="desired", **DESIRED)
         label(panel, f"{name} about the desired one" if is_still else name, "mm" if is_still else "m")
     panels[0].legend(loc="best")
-
-
-def _draw_heading(data: xr.Dataset, panel: Axes) -> None:
-    for name, style in (("payload", ACTUAL), ("desired", DESIRED)):
-        panel.plot(data["time"].values, _heading_deg(data[f"{name}_quaternion"].values), **style)
-    label(panel, "payload ψ", "deg")
-
-
-def _heading_deg(quaternion: Array) -> Array:
-    """Return the angle of rotations about z, without jumps of a whole turn, degrees, shape (n,)."""
-    z, w = quaternion[:, 2], quaternion[:, 3]
-    return np.degrees(np.unwrap(2.0 * np.arctan2(z, w)))
 
 
 def _draw_error(data: xr.Dataset, panel: Axes, rows: slice, title: str, unit: str) -> None:

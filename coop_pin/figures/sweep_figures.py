@@ -70,11 +70,6 @@ def field_label(field: str) -> str:
     return f"{named} ({unit})" if unit else named
 
 
-def _numeric_dimensions(table: xr.Dataset) -> list[str]:
-    names = map(str, table.dims)
-    return [name for name in names if name != "sample" and table[name].dtype.kind in "iuf"]
-
-
 _MARKERS = "osDv^P"
 _DOUBTED: Any = {
     "linestyle": "",
@@ -243,7 +238,7 @@ def sweep_figure(result: SweepResult, metric: str, over: str | None = None) -> F
     table = metric_table(result, metric)
     if not (np.isfinite(table["value"]) | table["failed"]).any():
         raise FieldError("has no finite value in any finished run; choose another metric", metric)
-    fields = _numeric_dimensions(table)
+    fields = [name for name in map(str, table.dims) if name != "sample" and table[name].dtype.kind in "iuf"]
     if over is None and len(fields) == table["value"].ndim in (2, 3):
         return map_figure(table)
     if over is not None and over not in table.dims:

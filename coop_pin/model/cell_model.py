@@ -143,6 +143,6 @@ def _place(model: pin.Model, name: str, cell: Cell) -> ArmPlace:
         drive=arm.drive_matrix(nv),
         from_drive=np.asarray(np.linalg.inv(arm.drive_matrix(nv)), dtype=np.float64),
         angles=JointAngles(model, first, last),
-        posture=arm.posture_angles(nv),
+        posture=np.zeros(nv) if arm.posture is None else np.array(arm.posture),
         share=cell.share(name),
     )

@@ -23,19 +23,17 @@ _SLID = 1e-5
 class FrictionUse(NamedTuple):
     """Friction that g grasps use at n samples, as parts of what their pads or patches bear.
 
-    With the tangential force f, the normal force N and the moment m about the normal, the ellipsoid
-
-        u^2 = (|f| / (mu N))^2 + (m / (mu N r))^2,    slip from u = 1 on
-
-    stands for the limit surface of a patch of torsion radius r: 2/3 of the radius of a disc. The surface of a
-    disc lies up to 7 % inside the ellipsoid, and that of the nine points of a patch up to 7.5 %. NaN where an
+    With the tangential force f, the normal force N and the moment m about the normal, u is the friction that
+    they need by ``spatial.limit_surface`` over mu N: slip from u = 1 on. Springs of a patch press as its
+    moments in the plane say; a pad of a grasp that holds any wrench counts as evenly pressed. NaN where an
     arm does not bear its whole load share: it is free, takes hold or lets go, or a table takes the load.
 
     Attributes:
         arms: names of the arms.
         normal: N, shape (n, g).
         force: |f| / (mu N), shape (n, g); inf where nothing presses.
-        torsion: |m| / (mu N r), likewise.
+        torsion: |m| / (mu N r), likewise, with the torsion radius r of the pad.
+        used: part u of the friction, likewise; the margin is 1 - u.
         reserve: normal force beyond what friction needs, N (1 - u), N, shape (n, g); negative from slip on.
     """
 
@@ -43,12 +41,8 @@ class FrictionUse(NamedTuple):
     normal: Array
     force: Array
     torsion: Array
+    used: Array
     reserve: Array
-
-    @property
-    def used(self) -> Array:
-        """Part u of the friction, shape (n, g); the margin is 1 - u."""
-        return np.hypot(self.force, self.torsion)
 
 
 def friction_use(data: Arrays, cell: Cell) -> FrictionUse:
@@ -59,28 +53,21 @@ def friction_use(data: Arrays, cell: Cell) -> FrictionUse:
         cell: Cell of the run.
     """
     pads = cell.padded
-    wrenches = [pad_wrench(data, cell, name, pad) for name, pad in pads.items()]
-    F = np.stack(wrenches, axis=1) if wrenches else np.zeros((len(np.asarray(data["time"])), 0, 6))
-    mu = np.array([pad.mu for pad in pads.values()])
-    parts = friction_parts(F, mu, np.array([pad.torsion_radius for pad in pads.values()]))
+    parts = [np.zeros((5, len(np.asarray(data["time"])), 0))]
+    parts += [_parts(pad_wrench(data, cell, name, pad), pad)[..., None] for name, pad in pads.items()]
+    normal, *shares = np.concatenate(parts, axis=-1)
     bearing = _bearing(data, cell)[:, [list(cell.arms).index(name) for name in pads]]
-    return FrictionUse(tuple(pads), F[..., 2], *(np.where(bearing, part, np.nan) for part in parts))
+    return FrictionUse(tuple(pads), normal, *(np.where(bearing, share, np.nan) for share in shares))
 
 
-def friction_parts(F: Array, mu: Array | float, radius: Array | float) -> tuple[Array, Array, Array]:
-    """Return |f| / (mu N), |m| / (mu N r) and the reserve of FrictionUse, N, shape (...,) each.
-
-    Args:
-        F: wrenches on arms about the middles of their pads in axes of the planes, shape (..., 6).
-        mu: coefficients of friction.
-        radius: torsion radii, m.
-    """
-    bears = mu * np.maximum(F[..., 2], 0.0)
-    across, turning = np.linalg.norm(F[..., :2], axis=-1), np.abs(F[..., 5]) / radius
-    lost = np.where(np.isnan(F).any(axis=-1), np.nan, np.inf)
+def _parts(F: Array, pad: Pad) -> Array:
+    """Return N, |f| / (mu N), |m| / (mu N r), u and the reserve of a pad, shape (5, n)."""
+    N, need = F[:, 2], pad.needed_friction(F)
+    bears, lost = pad.mu * np.maximum(N, 0.0), np.where(np.isnan(F).any(axis=1), np.nan, np.inf)
+    loads = (np.linalg.norm(F[:, :2], axis=1), np.abs(F[:, 5]) / pad.torsion_radius, need)
     with np.errstate(divide="ignore", invalid="ignore"):
-        force, torsion = (np.where(bears > 0.0, part / bears, lost) for part in (across, turning))
-    return force, torsion, F[..., 2] - np.hypot(across, turning) / mu
+        parts = [np.where(bears > 0.0, load / bears, lost) for load in loads]
+    return np.stack((N, *parts, N - need / pad.mu))
 
 
 def _bearing(data: Arrays, cell: Cell) -> Mask:

@@ -58,6 +58,10 @@ class Quantity(NamedTuple):
     stored: bool = True
     group: str = ""
 
+    def shape(self, sizes: Mapping[str, int]) -> tuple[int, ...]:
+        """Return its shape at a tick, given the sizes of the dimensions that cells differ in."""
+        return tuple({**_FIXED_SIZES, **sizes}[dim] for dim in self.dims.split())
+
 
 def _quaternions(poses: Array) -> Array:
     return quaternions(poses[..., :3, :3])
@@ -296,11 +300,7 @@ def bytes_per_sample(table: Sequence[Quantity], sizes: Mapping[str, int]) -> int
         table: Quantities of the run.
         sizes: Sizes of the dimensions q, v, arm, joint and patch.
     """
-    sizes = {**_FIXED_SIZES, **sizes}
-    return sum(
-        8 * (1 + quantity.stored) * math.prod(sizes[dim] for dim in quantity.dims.split())
-        for quantity in table
-    )
+    return sum(8 * (1 + quantity.stored) * math.prod(quantity.shape(sizes)) for quantity in table)
 
 
 def allocate(table: Sequence[Quantity], count: int, sizes: Mapping[str, int]) -> Samples:
@@ -311,9 +311,8 @@ def allocate(table: Sequence[Quantity], count: int, sizes: Mapping[str, int]) ->
         count: Number of samples.
         sizes: Sizes of the dimensions q, v, arm, joint and patch.
     """
-    sizes = {**_FIXED_SIZES, **sizes}
     return {
-        quantity.name: np.full((count, *(sizes[dim] for dim in quantity.dims.split())), quantity.fill)
+        quantity.name: np.full((count, *quantity.shape(sizes)), quantity.fill)
         for quantity in table
         if quantity.source is None
     }
@@ -329,8 +328,7 @@ def shape_of(quantity: Quantity, arms: int, drives: int, rows: int) -> tuple[int
         rows: Number of task rows, k_0.
     """
     per_arm = {"arm joint": (drives,), "arm axis": (arms, rows)}
-    sizes = {**_FIXED_SIZES, "arm": arms}
-    return per_arm.get(quantity.dims) or tuple(sizes[dim] for dim in quantity.dims.split())
+    return per_arm.get(quantity.dims) or quantity.shape({"arm": arms})
 
 
 def computed(

@@ -135,7 +135,7 @@ class RunResult:
         The last one is the error that ended the run, if one did.
         """
         breaches = self._breaches_of_samples() if self.every_tick is None else self.every_tick.breaches
-        if self.ENDED_BY in getattr(self._data, "attrs", ()):
+        if self.ENDED_BY in self._texts:
             breaches += (Breach("error", "", "", self.end, self.end, self.scenario.duration),)
         return breaches
 

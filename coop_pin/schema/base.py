@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from numbers import Real
 from typing import Annotated, Any, ClassVar, Self
 
@@ -20,64 +20,10 @@ from pydantic import (
     model_serializer,
 )
 
-from coop_pin.arrays import require_type
-from coop_pin.errors import FieldError, UnknownFieldError, one_or_all, suggestion
-from coop_pin.schema.parts import fields_of
+from coop_pin.errors import FieldError, one_or_all, suggestion
+from coop_pin.schema.changes import table_differences
+from coop_pin.schema.parts import fields_of, overridden
 from coop_pin.schema.validation_errors import field_errors
-
-
-def overridden(description: BaseModel, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields of a configuration value with changes by dotted path, not yet validated.
-
-    Outer fields change before inner ones, and a ``kind`` before the fields beside it, whatever the order they
-    are given in.
-
-    Raises:
-        UnknownFieldError: a path leads through something that has no fields. An unknown last field is left to
-            the validation.
-    """
-    require_type("changes", changes, Mapping)
-    for path in changes:
-        require_type("a path of changes", path, str)
-    fields: Any = description
-    for path, value in sorted(changes.items(), key=lambda change: _order(change[0])):
-        fields = _changed(fields, path.split("."), value, path)
-    return dict(fields)
-
-
-def _order(path: str) -> tuple[int, bool]:
-    keys = path.split(".")
-    return len(keys), keys[-1] != "kind"
-
-
-class _Begun(dict[str, Any]):
-    """Table that changes begin; which fields it may have is left to the validation."""
-
-
-def _changed(node: Any, keys: Sequence[str], value: Any, path: str) -> Any:
-    """Return a copy of a node with the value at the end of the keys replaced."""
-    key, rest = keys[0], keys[1:]
-    if isinstance(node, BaseModel):
-        node = fields_of(node)
-    if isinstance(node, list | tuple):
-        index = _index(node, key, path)
-        old = node[index] if index < len(node) else None
-        return (*node[:index], _changed(old, rest, value, path) if rest else value, *node[index + 1 :])
-    if node is None or node == {}:
-        node = _Begun()
-    if not isinstance(node, dict):
-        raise UnknownFieldError(f"there is no field {key!r} in {node!r}", path)
-    if key == "kind" and not rest and node.get("kind", value) != value:
-        return {"kind": value}
-    if rest and key not in node and "kind" not in node and not isinstance(node, _Begun):
-        raise UnknownFieldError(f"there is no field {key!r}; {suggestion(key, list(node))}", path)
-    return type(node)({**node, key: _changed(node.get(key), rest, value, path) if rest else value})
-
-
-def _index(entries: Sequence[Any], key: str, path: str) -> int:
-    if key.isdecimal() and int(key) <= len(entries):
-        return int(key)
-    raise UnknownFieldError(f"there is no entry {key!r}; it has {len(entries)} entries, counted from 0", path)
 
 
 def _as_tuples(value: Any) -> Any:
@@ -282,6 +228,15 @@ class Description(BaseModel, metaclass=_Listed):  # type: ignore[metaclass]
             and type(self) is type(other)
             and fields_of(self) == fields_of(other)
         )
+
+    def differences(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
+        """Yield what makes it different from a value of its class, one text for each field.
+
+        Args:
+            base: the other value.
+            path: names of the fields that lead to both.
+        """
+        yield from table_differences(dict(self), dict(base), path)
 
     def replace(self, **fields: Any) -> Self:
         """Return a copy with some fields changed, validated like a new value."""

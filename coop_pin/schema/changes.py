@@ -24,18 +24,18 @@ def differences(new: Any, base: Any, path: tuple[str, ...] = ()) -> Iterator[str
     """
     if new == base:
         return
-    if isinstance(new, BaseModel) and type(new) is type(base):
-        changes = getattr(new, "changes", None)
-        yield from changes(base, path) if changes else _fields(dict(new), dict(base), path)
+    if type(new) is type(base) and isinstance(base, BaseModel):
+        yield from new.differences(base, path)
     elif isinstance(new, dict) and isinstance(base, dict):
-        yield from _fields(new, base, path)
+        yield from table_differences(new, base, path)
     else:
         kinds = getattr(new, "kind", None), getattr(base, "kind", None)
         texts = kinds if None not in kinds else (value_text(new), value_text(base))
         yield f"{words(path)} {_change(*texts)}"
 
 
-def _fields(new: dict[str, Any], base: dict[str, Any], path: tuple[str, ...]) -> Iterator[str]:
+def table_differences(new: dict[str, Any], base: dict[str, Any], path: tuple[str, ...]) -> Iterator[str]:
+    """Yield the differences of all entries of two tables; arguments as of ``differences``."""
     for name in dict.fromkeys((*base, *new)):
         yield from differences(new.get(name), base.get(name), (*path, name))
 

@@ -1,4 +1,4 @@
-"""Parts of configuration values by dotted path: copies with other parts, which are not validated."""
+"""Parts of configuration values by dotted path: copies with other parts, and changes, not yet validated."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 from pydantic import BaseModel
+
+from coop_pin.arrays import require_type
+from coop_pin.errors import UnknownFieldError, suggestion
 
 Tree = dict[str, Any]
 """Parts by name, of an object or of an object within it."""
@@ -84,3 +87,57 @@ class Pattern(NamedTuple):
 def _tree_of_places(names: tuple[str, ...]) -> Tree:
     """Return the places of names in a row as a tree."""
     return tree_of({name: index for index, name in enumerate(names)})
+
+
+def overridden(description: BaseModel, changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fields of a configuration value with changes by dotted path, not yet validated.
+
+    Outer fields change before inner ones, and a ``kind`` before the fields beside it, whatever the order they
+    are given in.
+
+    Raises:
+        UnknownFieldError: a path leads through something that has no fields. An unknown last field is left to
+            the validation.
+    """
+    require_type("changes", changes, Mapping)
+    for path in changes:
+        require_type("a path of changes", path, str)
+    fields: Any = description
+    for path, value in sorted(changes.items(), key=lambda change: _order(change[0])):
+        fields = _changed(fields, path.split("."), value, path)
+    return dict(fields)
+
+
+def _order(path: str) -> tuple[int, bool]:
+    keys = path.split(".")
+    return len(keys), keys[-1] != "kind"
+
+
+class _Begun(dict[str, Any]):
+    """Table that changes begin; which fields it may have is left to the validation."""
+
+
+def _changed(node: Any, keys: Sequence[str], value: Any, path: str) -> Any:
+    """Return a copy of a node with the value at the end of the keys replaced."""
+    key, rest = keys[0], keys[1:]
+    if isinstance(node, BaseModel):
+        node = fields_of(node)
+    if isinstance(node, list | tuple):
+        index = _index(node, key, path)
+        old = node[index] if index < len(node) else None
+        return (*node[:index], _changed(old, rest, value, path) if rest else value, *node[index + 1 :])
+    if node is None or node == {}:
+        node = _Begun()
+    if not isinstance(node, dict):
+        raise UnknownFieldError(f"there is no field {key!r} in {node!r}", path)
+    if key == "kind" and not rest and node.get("kind", value) != value:
+        return {"kind": value}
+    if rest and key not in node and "kind" not in node and not isinstance(node, _Begun):
+        raise UnknownFieldError(f"there is no field {key!r}; {suggestion(key, list(node))}", path)
+    return type(node)({**node, key: _changed(node.get(key), rest, value, path) if rest else value})
+
+
+def _index(entries: Sequence[Any], key: str, path: str) -> int:
+    if key.isdecimal() and int(key) <= len(entries):
+        return int(key)
+    raise UnknownFieldError(f"there is no entry {key!r}; it has {len(entries)} entries, counted from 0", path)

@@ -125,7 +125,7 @@ class Plant:
         """Replace the surroundings from now on; the energy that this adds counts as work."""
         before = self.energy()
         self.surroundings = surroundings
-        self._pushed = bool(surroundings.push.any() or surroundings.partners)
+        self._pushed = surroundings.acts
         self.chain.surround(surroundings)
         self._forces[2] = 0.0
         self._book(before)
@@ -188,8 +188,8 @@ class Plant:
     def payload_wrench(self, q: Array, v: Array, time: float) -> Array:
         """Return the whole wrench on the payload besides gravity about P in world axes, shape (6,).
 
-        It is read only if ``surround`` has found that there is one. A force that depends on the state belongs
-        here, and into ``batch.cell_dynamics.cell_motion``.
+        It is read only if ``Surroundings.acts``. A force that depends on the state belongs into both and into
+        ``batch.cell_dynamics.cell_motion``.
 
         Args:
             q: Configuration, shape (nq,).

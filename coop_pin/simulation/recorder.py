@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coop_pin.arrays import Array, frozen
-from coop_pin.chain.cell_chain import determinate_rows
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import CoopPinError, NotEnoughMemoryError
 from coop_pin.memory import free_memory
@@ -76,7 +75,7 @@ class Recorder:
         count: number of samples, the newest tick's included.
         table: quantities of the run.
         memory: memory that a finished run and its file take, bytes.
-        determined: rows of the interaction wrenches that are determinate; see determinate_rows.
+        determined: rows of the interaction wrenches that are determinate; see RigidGrasps.
     """
 
     def __init__(self, scenario: Scenario, plant: Plant, timeline: Timeline) -> None:
@@ -84,7 +83,7 @@ class Recorder:
         self._limits = [arm.limits for arm in plant.chain.arms]
         self.count, self._thinned, self._held_from, self._observed = 0, 0, 0, 0
         self.table = quantities(scenario)
-        self.determined = determinate_rows(plant.chain, plant.q)
+        self.determined = plant.chain.rigid.determinate_rows(plant.q)
         self._every = scenario.clock.record_every
         arms, model, rows = plant.chain.model.arms, plant.chain.mechanism.model, scenario.cell.task_rows.size
         joints = max(len(arm.drive) for arm in arms)

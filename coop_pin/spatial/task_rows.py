@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from coop_pin.arrays import Array, require_type
+from coop_pin.arrays import Array, Mask, require_type
 from coop_pin.errors import NameNotFoundError
 from coop_pin.spatial.generic_numbers import atan2
 from coop_pin.spatial.pose import pose_error
@@ -34,6 +34,11 @@ class TaskRows(ABC):
     def size(self) -> int:
         """The number of rows, k_0."""
         return len(self.indices)
+
+    @property
+    def are_linear(self) -> Mask:
+        """Which of them are translations, shape (k_0,)."""
+        return np.array(self.indices) < 3
 
     @property
     def has_moments(self) -> bool:

@@ -13,7 +13,7 @@ from coop_pin.description.contact import Pad
 from coop_pin.description.events import Partner
 from coop_pin.figures import palette
 from coop_pin.model.shapes import Box, Cylinder, Mesh, Sphere
-from coop_pin.results.friction import friction_parts, pad_wrench
+from coop_pin.results.friction import pad_wrench
 from coop_pin.results.quantities import Samples
 from coop_pin.spatial import exp3, make_pose, quaternions, rotations
 from coop_pin.viz.scene import Item
@@ -97,8 +97,8 @@ def _slides(samples: Samples, cell: Cell, name: str, pad: Pad, F: Array) -> Mask
     if name in cell.patches and "patch_slip" in samples:
         slip = samples["patch_slip"][:, list(cell.patches).index(name)]
         return np.diff(slip, prepend=slip[:1]) > _SLID_M
-    force, torsion, _ = friction_parts(F, pad.mu, pad.torsion_radius)
-    return np.hypot(force, torsion) > 1.0
+    slides: Mask = pad.needed_friction(F) > pad.mu * F[:, 2]
+    return slides
 
 
 def _poses(p: Array, R: Array) -> Array:

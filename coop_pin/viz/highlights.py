@@ -81,7 +81,8 @@ def telling_instant(result: RunResult) -> Instant:
         verb = "pull the payload apart" if axial > 0.0 else "squeeze the payload"
         force = f"{verb} with {read_number(abs(axial))} N{at}"
         does = force if abs(axial) > _ROUNDING_N else "do not squeeze the payload"
-        said = f"the arms {does}, where {_wanted(desired)} is wanted"
+        goal = f"{'a pull' if desired > 0.0 else 'a squeeze'} of {read_number(abs(desired))} N"
+        said = f"the arms {does}, where {'none' if abs(desired) < _SMALL_N else goal} is wanted"
     elif desired_shear < _SMALL_N:
         said = f"the arms load the payload across with {read_number(shear)} N{at}, where none is wanted"
     else:
@@ -237,12 +238,6 @@ def _when(scenario: Scenario, time: float) -> str:
     if abs(since) < 0.5 / scenario.clock.rate_hz:
         return f"{text}, as the {name} ends,"
     return f"{text}, while the {name} lasts," if since < 0.0 else f"{text}, {since:.2g} s after the {name},"
-
-
-def _wanted(axial: float) -> str:
-    if abs(axial) < _SMALL_N:
-        return "none"
-    return f"{'a pull' if axial > 0.0 else 'a squeeze'} of {read_number(abs(axial))} N"
 
 
 def _motion(result: RunResult, sample: int) -> str:

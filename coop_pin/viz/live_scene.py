@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array, require_type
-from coop_pin.chain.cell_chain import CellChain, determinate_rows
+from coop_pin.chain.cell_chain import CellChain
 from coop_pin.description.cell import Cell
 from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario
@@ -89,7 +89,7 @@ def _initial_snapshot(
     chain = CellChain(cell, plant)
     q, arms = chain.configuration(X_WP), len(cell.arms)
     joints = max(len(arm.drive) for arm in chain.model.arms)
-    zero = np.tile(np.where(determinate_rows(chain, q), 0.0, np.nan), (arms, 1))
+    zero = np.tile(np.where(chain.rigid.determinate_rows(q), 0.0, np.nan), (arms, 1))
     return Snapshot(
         time=0.0,
         configuration=q,

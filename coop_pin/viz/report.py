@@ -60,16 +60,19 @@ def metrics_table(result: RunResult) -> list[MetricRow]:
 
     The verdict, the ends of the windows and metrics that do not apply to the run are not among them.
     """
-    metrics = result.metrics()
+    values = {name: value for name, value in result.metrics().items() if not math.isnan(value)}
     return [
-        MetricRow(name, text, _value_text(metrics[name] * scale, unit), str(result.window_of(name)))
+        MetricRow(
+            name,
+            text,
+            f"{values[name] * scale:.3g} {unit}"
+            if math.isfinite(values[name])
+            else metric_text(values[name]),
+            str(result.window_of(name)),
+        )
         for name, (text, unit, scale) in METRIC_TEXTS.items()
-        if not math.isnan(metrics.get(name, math.nan))
+        if name in values
     ]
-
-
-def _value_text(value: float, unit: str) -> str:
-    return f"{value:.3g} {unit}" if math.isfinite(value) else metric_text(value)
 
 
 def scenario_facts(result: RunResult) -> list[tuple[str, str]]:
@@ -126,13 +129,14 @@ def report_html(result: RunResult) -> str:
     Args:
         result: the run, finished or not.
     """
-    scenario = result.scenario
+    scenario, end = result.scenario, result.end
+    broken_off = f'<p class="warning">This run broke off at t = {end:g} s of {scenario.duration:g} s.</p>'
     return Template(web_file("report.html")).substitute(
         title=html.escape(scenario.name),
         summary=html.escape(scenario.caption),
         style=web_file("report.css"),
         version=html.escape(__version__),
-        broken_off=_broken_off(result),
+        broken_off=broken_off * (end < scenario.duration - 1e-9),
         verdict=_verdict(result),
         told=html.escape(f"{events_text(result)} {telling_instant(result).text}".strip()),
         tiles=_tiles(result),
@@ -169,13 +173,6 @@ def save_report(result: RunResult, path: str | Path) -> None:
         path: the file, for example "report.html".
     """
     save_page(report_html(result), path)
-
-
-def _broken_off(result: RunResult) -> str:
-    end, duration = result.end, result.scenario.duration
-    if end >= duration - 1e-9:
-        return ""
-    return f'<p class="warning">This run broke off at t = {end:g} s of {duration:g} s.</p>'
 
 
 def _verdict(result: RunResult) -> str:

@@ -43,12 +43,9 @@ def sliding_mode_monitor(result: RunResult) -> xr.Dataset:
         for tick in recorded_ticks(result, simulation)
     ]
     values = {name: np.array([[sample[name] for sample in row] for row in rows]) for name in rows[0][0]}
-    return monitor_dataset(result, values | {"poses_apart": _apart(values["position"])}, _marks(arms, values))
-
-
-def _apart(positions: Array) -> Array:
-    """Return the largest distance between the payload positions that the arms see, m, shape (n,)."""
-    return np.linalg.norm(positions[:, :, None] - positions[:, None], axis=-1).max(axis=(1, 2))
+    p = values["position"]  # as each arm sees it
+    values["poses_apart"] = np.linalg.norm(p[:, :, None] - p[:, None], axis=-1).max(axis=(1, 2))
+    return monitor_dataset(result, values, _marks(arms, values))
 
 
 def _lyapunov(arm: ProofArm, x: ArmTick, now: ProofTerms) -> dict[str, Any]:
