@@ -21,7 +21,6 @@ from coop_pin.batch.constants import (
 )
 from coop_pin.batch.hidden_state import digest, of_classes
 from coop_pin.batch.signals import (
-    Desired,
     RunSignals,
     clocked_of,
     columns,
@@ -112,15 +111,13 @@ class PreparedPlant:
         self._last: tuple[Hashable, ...] = ()
         self._untraced = list[Hashable]()  # numbers whose controllers are built one by one
         ticks = range(self.run.timeline.ticks + 1)[:most_ticks]
-        self.desired: Desired
-        self._clocked: tuple[Desired | tuple[()], ...]
-        if like is not None and _MOTION(like.run.scenario) == _MOTION(scenario):
+        if like is None or _MOTION(like.run.scenario) != _MOTION(scenario):
+            self.desired, self._clocked = desired_of(self.run, ticks), clocked_of(self.run, ticks)
+        else:
             self.desired, self._clocked = like.desired, like._clocked
             if _SQUEEZE(like.run.scenario) != _SQUEEZE(scenario):
                 self.desired = squeezed(self.desired, self.run)
                 self._clocked = tuple(each and squeezed(each, self.run) for each in self._clocked)
-        else:
-            self.desired, self._clocked = desired_of(self.run, ticks), clocked_of(self.run, ticks)
         self._source = SignalSource(scenario, self.run.plant.chain.model.arms)
         drawn = RunSignals(self.desired, self._source.draw(len(self.desired.time)), self._clocked)
         self.example, self._signals = first_of(drawn), {scenario.seed: columns(drawn)}
@@ -259,6 +256,11 @@ class Prepared(NamedTuple):
         """Return the batch of some of the runs."""
         values = (self.scenarios[runs], self.plants[runs], self.signals[runs])
         return Prepared(*values, self.controller, self.values[runs], self.kind)
+
+    def loaded(self, first: Prepared) -> Mask:
+        """Return which signals of some run are not those of a first one, shape (entries,)."""
+        others = {id(signals): signals for signals in self.signals}.values()
+        return np.any([(signals != first.signals[0]).any(axis=0) for signals in others], axis=0)
 
     @property
     def times(self) -> Hashable:
