@@ -154,6 +154,17 @@ def test_lag_with_rate_limit_solves_its_differential_equation():
     assert caught.value.path == "actuators.rate_limit"
 
 
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_drives_without_a_servo_sense_where_they_are(name):
+    run = cp.Simulation(cell_of(name))
+    places = run.plant.chain.model.arms
+    run.plant.q, run.plant.v = run.plant.q + 0.1, run.plant.v + 0.2
+    for index, place in enumerate(places):
+        q, v = run.actuation._sensed.motion(index)
+        assert_allclose(q, place.drive @ run.plant.q[place.q_slice], rtol=0, atol=1e-15)
+        assert_allclose(v, place.drive @ run.plant.v[place.v_slice], rtol=0, atol=1e-15)
+
+
 # ---------------------------------------------------------------- missed ticks
 
 

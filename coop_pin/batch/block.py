@@ -55,15 +55,28 @@ class RunBlock:
         masks: Any = rest.torques
         self.applied = rest._replace(saturated=masks)  # as numbers
         self.lanes, self.uniforms = lanes, uniforms = Layout(), Layout()
-        lanes.add(q=(nq,), v=(nv,), work=(works,), is_valid=(), **observed(constants.cell))
-        lanes.add(jacobians=(k_0 * N,), condition_bounds=(m,))
-        lanes.add(**{each.name: shape_of(each, m, N, k_0) for each in table if each.read})
+        lanes.add(
+            q=(nq,),
+            v=(nv,),
+            work=(works,),
+            is_valid=(),
+            **observed(constants.cell),
+            jacobians=(k_0 * N,),
+            condition_bounds=(m,),
+            **{each.name: shape_of(each, m, N, k_0) for each in table if each.read},
+        )
         self.recorded = lanes.size
         lanes.add(signals=(int(is_loaded.sum()),))
         self.loaded = lanes.size - self.recorded
-        lanes.add(force=(N,), rates=(nv + works,), holding=(N,), applied=(len(leaves(self.applied)),))
-        lanes.add(drives=(len(leaves(self.drives)),), constants=(int(differs.sum()),))
-        lanes.add(surroundings=(len(leaves(constants.changes[0])),))
+        lanes.add(
+            force=(N,),
+            rates=(nv + works,),
+            holding=(N,),
+            applied=(len(leaves(self.applied)),),
+            drives=(len(leaves(self.drives)),),
+            constants=(int(differs.sum()),),
+            surroundings=(len(leaves(constants.changes[0])),),
+        )
         uniforms.add(h=(), s=(), gives=(2, m), signals=(int(is_uniform.sum()),))
 
     def kernel(self, name: str) -> tuple[Kernel, RunConstants]:

@@ -11,21 +11,22 @@ from coop_pin.batch.law_code import AGREEMENT, LawTick, heard_fields
 from coop_pin.control import ArmMeasurement
 from coop_pin.tracing.c_emitter import c_number
 
-_EXCHANGE = """   At every tick the arm tells the others {size} numbers before any arm steps: {name}_message.
+_TEXTS = {
+    "exchange": """\
+   At every tick the arm tells the others {size} numbers before any arm steps: {name}_message.
    Before start, which hears messages, too, it tells {name}_first_message. It hears {heard}:
    the latest message of each as it arrived, and its age; zeros of age INFINITY before the first.
-"""
-
-_DECLARED = """/* Set the {size} numbers that this arm tells the others, before start and at a tick. */
+""",
+    "messages": """\
+/* Set the {size} numbers that this arm tells the others, before start and at a tick. */
 int {name}_first_message(
     const {name}_measurement *measurement, const {name}_reference *reference, double *message);
 int {name}_message(
     const {name}_measurement *measurement, const {name}_reference *reference, const {name}_state *state,
     double *message);
 
-"""
-
-_SAID = """
+""",
+    "said": """
 static const double said[][{size}] = {{
 {said}
 }};
@@ -38,15 +39,15 @@ static int is_said(const double *message, const double *expected)
         good &= message[index] == expected[index] || fabs(message[index] - expected[index]) <= {tolerance};
     return good;
 }}
-"""
-
-_BEFORE = """
+""",
+    "before": """
     double message[{size}];
-    good &= {name}_first_message(&measured[0], &desired[0], message) & is_said(message, said[0]);"""
-
-_AT_TICK = """
+    good &= {name}_first_message(&measured[0], &desired[0], message) & is_said(message, said[0]);""",
+    "at_tick": """
         good &= {name}_message(&measured[tick], &desired[tick], &state, message);
-        good &= is_said(message, said[tick + 1]);"""
+        good &= is_said(message, said[tick + 1]);""",
+}
+"""Parts of header and self-test by name."""
 
 
 def meanings(measurement: ArmMeasurement) -> dict[str, str]:
@@ -64,15 +65,8 @@ def message_texts(name: str, ticks: Sequence[LawTick], first: Array) -> dict[str
         ticks: Ticks of the law.
         first: Message before the first of them.
     """
-    texts = {
-        "exchange": _EXCHANGE,
-        "messages": _DECLARED,
-        "said": _SAID,
-        "before": _BEFORE,
-        "at_tick": _AT_TICK,
-    }
     if not len(first):
-        return dict.fromkeys(texts, "")
+        return dict.fromkeys(_TEXTS, "")
     messages = [first, *(tick.message for tick in ticks)]
     rows = [", ".join(c_number(float(number)) for number in message) for message in messages]
     numbers = {
@@ -82,4 +76,4 @@ def message_texts(name: str, ticks: Sequence[LawTick], first: Array) -> dict[str
         "said": ",\n".join(f"    {{{row}}}" for row in rows),
         "tolerance": c_number(AGREEMENT * float(np.abs(messages).max())),
     }
-    return {part: text.format(**numbers) for part, text in texts.items()}
+    return {part: text.format(**numbers) for part, text in _TEXTS.items()}

@@ -22,21 +22,24 @@ STEPS_AT_ONCE = 64
 def observed(cell: CellNumbers) -> dict[str, tuple[int, ...]]:
     """Return the shapes of what an observation writes, by name."""
     m, n = len(cell.arms), len(cell.compliant)
-    shapes: dict[str, tuple[int, ...]] = {
+    of_grasps = {
+        "grasp_wrench": (n, 6),
+        "grasp_position": (n, 3),
+        "grasp_rotation": (n, 3, 3),
+        "elastic": (),
+    }
+    return {
         "R_WP": (3, 3),
         "tips": (m, 3),
         "wrenches": (m, 6),
         "closure_errors": (m, 2),
+        "p_WP": (3,),
+        "V_WP": (6,),
+        "payload_wrench": (6,),
+        "kinetic": (),
+        "potential": (),
+        **(of_grasps if n else {}),
     }
-    shapes |= {"p_WP": (3,), "V_WP": (6,), "payload_wrench": (6,), "kinetic": (), "potential": ()}
-    if n:
-        shapes |= {
-            "grasp_wrench": (n, 6),
-            "grasp_position": (n, 3),
-            "grasp_rotation": (n, 3, 3),
-            "elastic": (),
-        }
-    return shapes
 
 
 def write_observed(kernel: Kernel, cell: CellNumbers, motion: CellMotion) -> None:
@@ -96,9 +99,14 @@ class PlantCode:
         self._constants, functions, self.observed = cell, SharedFunctions(), list(observed(cell))
         nq, nv, works = cell.sizes
         self.lanes, self._uniforms = Layout(), Layout()
-        self.lanes.add(q=(nq,), v=(nv,), work=(works,), force=(cell.joints,), rates=(nv + works,))
         self.lanes.add(
-            **observed(cell), **{name: (len(leaves(part)),) for name, part in varying(cell).items()}
+            q=(nq,),
+            v=(nv,),
+            work=(works,),
+            force=(cell.joints,),
+            rates=(nv + works,),
+            **observed(cell),
+            **{name: (len(leaves(part)),) for name, part in varying(cell).items()},
         )
         self._uniforms.add(h=())
         steps = [Instruction(code, row) for row in range(STEPS_AT_ONCE) for code in (1, 2)]

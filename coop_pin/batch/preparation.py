@@ -21,7 +21,6 @@ from coop_pin.batch.constants import (
 )
 from coop_pin.batch.hidden_state import digest, of_classes
 from coop_pin.batch.signals import (
-    Desired,
     RunSignals,
     clocked_of,
     columns,
@@ -50,7 +49,8 @@ from coop_pin.tracing.tree import flattened, leaves
 
 _NOT_OF_THE_PLANT = {"controller", "beyond_bound", "seed", "name", "summary", "trust"}
 """Fields of a scenario that do not make the plant; of the controller, its force path does."""
-_PLANT = attrgetter("controller.force_path", *sorted({*Scenario.model_fields} - _NOT_OF_THE_PLANT))
+plant_fields = attrgetter("controller.force_path", *sorted({*Scenario.model_fields} - _NOT_OF_THE_PLANT))
+"""What scenarios with one plant have in common, of a scenario."""
 _UNLOADED = attrgetter(
     "controller.force_path",
     *sorted({*Scenario.model_fields} - _NOT_OF_THE_PLANT - {"cell", "events"}),
@@ -59,8 +59,6 @@ _UNLOADED = attrgetter(
 """Fields of the plant besides the payload and the events."""
 _MOTION, _SQUEEZE = attrgetter("motion", "clock", "duration", "network"), attrgetter("squeeze", "cell.grasps")
 """Fields on which the desired motion at the ticks depends, and further ones of the squeeze."""
-_NOTHING = digest({})
-"""Digest of what a law of the package reads besides."""
 
 
 class PreparedPlant:
@@ -114,15 +112,13 @@ class PreparedPlant:
         self._last: tuple[Hashable, ...] = ()
         self._untraced = list[Hashable]()  # numbers whose controllers are built one by one
         ticks = range(self.run.timeline.ticks + 1)[:most_ticks]
-        self.desired: Desired
-        self._clocked: tuple[Desired | tuple[()], ...]
-        if like is not None and _MOTION(like.run.scenario) == _MOTION(scenario):
+        if like is None or _MOTION(like.run.scenario) != _MOTION(scenario):
+            self.desired, self._clocked = desired_of(self.run, ticks), clocked_of(self.run, ticks)
+        else:
             self.desired, self._clocked = like.desired, like._clocked
             if _SQUEEZE(like.run.scenario) != _SQUEEZE(scenario):
                 self.desired = squeezed(self.desired, self.run)
                 self._clocked = tuple(each and squeezed(each, self.run) for each in self._clocked)
-        else:
-            self.desired, self._clocked = desired_of(self.run, ticks), clocked_of(self.run, ticks)
         self._source = SignalSource(scenario, self.run.plant.chain.model.arms)
         drawn = RunSignals(self.desired, self._source.draw(len(self.desired.time)), self._clocked)
         self.example, self._signals = first_of(drawn), {scenario.seed: columns(drawn)}
@@ -221,8 +217,8 @@ class PreparedPlant:
         """Return the signals of a run of this plant at the ticks of ``desired``, shape (n, entries)."""
         if scenario.seed not in self._signals:
             drawn = SignalSource(scenario, self.run.plant.chain.model.arms).draw(len(self.desired.time))
-            signals = RunSignals(self.desired, drawn, self._clocked)
-            self._signals = {scenario.seed: columns(signals)}  # those of one seed are kept
+            kept = columns(RunSignals(self.desired, drawn, self._clocked))
+            self._signals = {scenario.seed: kept}  # those of one seed
         return self._signals[scenario.seed]
 
     def later(self, ticks: range) -> tuple[PreparedPlant, Array]:
@@ -269,6 +265,11 @@ class Prepared(NamedTuple):
         controller = build if runs.start else self.controller
         values = (self.signals[runs], controller, self.values[runs], self.kind, self.trust[runs])
         return Prepared(scenarios, plants, *values)
+
+    def loaded(self, first: Prepared) -> Mask:
+        """Return which signals of some run are not those of a first one, shape (entries,)."""
+        others = {id(signals): signals for signals in self.signals}.values()
+        return np.any([(signals != first.signals[0]).any(axis=0) for signals in others], axis=0)
 
     @property
     def times(self) -> Hashable:
@@ -350,14 +351,8 @@ class Prepared(NamedTuple):
 
 
 def _surroundings(scenario: Scenario) -> str:
-    """Return a digest of what a law may read besides its object and its arguments."""
-    users = scenario.controller.user_code
-    return digest(of_classes(users)) if users else _NOTHING
-
-
-def plant_fields(scenario: Scenario) -> tuple[object, ...]:
-    """Return what scenarios with one plant have in common."""
-    return _PLANT(scenario)
+    """Return a digest of what a user's law may read besides its object and its arguments."""
+    return digest(of_classes(scenario.controller.user_code))
 
 
 def _kinds(scenario: Scenario) -> list[str]:

@@ -292,7 +292,7 @@ class BatchSimulator:
         known = {} if family is None else {times: order[0] for times, order in family.orders.items()}
         firsts = {each.times: known.get(each.times) or each.part(slice(1)) for each in reversed(batches)}
         differs = np.any([self._inputs(first, each) for each in batches], axis=0)
-        is_loaded = np.any([_differing(each, firsts[each.times]) for each in batches], axis=0)
+        is_loaded = np.any([each.loaded(firsts[each.times]) for each in batches], axis=0)
         if family is None:
             require_traceable(first.scenarios[0], first.constants)
         else:
@@ -314,12 +314,6 @@ class BatchSimulator:
         """Return the mask of the constants that are inputs: those in which runs differ from the first."""
         same = (prepared.values == first.values) | (np.isnan(prepared.values) & np.isnan(first.values))
         return ~same.all(axis=0)
-
-
-def _differing(batch: Prepared, first: Prepared) -> Mask:
-    """Return which signals of some run of a batch are not those of a first one, shape (entries,)."""
-    others = {id(signals): signals for signals in batch.signals}.values()
-    return np.any([(signals != first.signals[0]).any(axis=0) for signals in others], axis=0)
 
 
 def require_sample_memory(machine: Machine, runs: int) -> None:

@@ -34,8 +34,7 @@ from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.told_law import MemorylessTellingLaw, TellingCellLaw, TellingLaw, further, heard
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import Positive
-from coop_pin.spatial import exp3, pose_error
-from coop_pin.spatial.task_rows import TaskRows
+from coop_pin.spatial import TaskRows, exp3, pose_error
 
 
 @dataclass(frozen=True, eq=False)

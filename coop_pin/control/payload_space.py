@@ -27,8 +27,7 @@ from coop_pin.control.sliding_surface import Saturation, SurfaceLaw, Switching
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import NotNegative, Positive, number_or_row
-from coop_pin.spatial import weight_wrench
-from coop_pin.spatial.task_rows import TaskRows
+from coop_pin.spatial import TaskRows, weight_wrench
 
 _BOUND = ("anchor_bias", "anchor_bias_answered")
 """Fields of the bound; a law without one is written without them, as before there was one."""

@@ -159,12 +159,9 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         differs = ~((prepared.values == prepared.values[0]) | np.isnan(prepared.values)).all(axis=0)
         differs[added] = True
         other = plant.signals(self.scenarios[0].replace(seed=self.scenarios[0].seed + 1))
-        is_loaded = (other != plant.signals(self.scenarios[0])).any(axis=0)
-        self._is_random = bool(is_loaded.any())
-        for signals in {id(one): one for one in prepared.signals}.values():
-            is_loaded |= (signals != prepared.signals[0]).any(axis=0)
-        alone = prepared.part(slice(1))
-        self._code = RunProgram(alone, differs, is_loaded)
+        is_random = (other != plant.signals(self.scenarios[0])).any(axis=0)
+        self._is_random, alone = bool(is_random.any()), prepared.part(slice(1))
+        self._code = RunProgram(alone, differs, is_random | prepared.loaded(alone))
         program, order = self._code.program, self._code.order(alone)
         kernel = self._outcome_kernel(plant.run.plant.chain.rigid.determinate_rows(plant.run.plant.q))
         instructions = [each for each in order.instructions if each.code != RECORD]

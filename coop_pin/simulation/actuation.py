@@ -40,6 +40,7 @@ class Actuation:
         drives: the drives.
         state: memory of the drives.
         has_servos: whether an arm takes velocities or positions.
+        is_held: whether torques are held between ticks: no lag, no rate limit, no torque lost.
     """
 
     def __init__(self, scenario: Scenario, plant: Plant) -> None:
@@ -61,6 +62,7 @@ class Actuation:
         self._has_losses = any(each.lost_at is not None for each in options)
         self.drives = cell_drives(scenario, self._slots, [arm.limits for arm in self._models], self._inertia)
         self.has_servos = any(arm.servo is not None for arm in self.drives.arms)
+        self.is_held = self.drives.response is None
         self._paths = [f"{scenario.actuators_path(name)}.servo" for name in self._names]
         self._gives = self.gives(0.0)
         self._sensed = DriveMotion(
@@ -164,11 +166,6 @@ class Actuation:
                 detail = f"makes arm {name!r} take {arm.takes!r}, but the controller commands {commands!r}"
                 raise FieldError(f"{detail}; change one of them", path)
 
-    @property
-    def is_held(self) -> bool:
-        """Whether torques are held between ticks: no lag, no rate limit, no torque lost."""
-        return self.drives.response is None
-
     def torques(self, time: float, duration: float = 0.0) -> list[Array]:
         """Return the mean torques of each arm from a time in the tick over a duration, N m, shape (k,) each.
 
@@ -216,10 +213,11 @@ class Actuation:
         self.state = self.state._replace(servos=tuple(servos), held=holding)
 
     def _motion(self, q: Array, index: int) -> tuple[Array, Array]:
-        """Return positions and velocities of the drives, rad and rad/s; near the reference of the servo."""
-        slot, servo = self._slots[index], self.state.servos[index]
-        assert servo is not None
-        angles = slot.angles.near(q[slot.q_slice], slot.from_drive @ servo.reference)
+        """Return positions (near a servo's reference, else the posture) and velocities of the drives."""
+        slot, servos = self._slots[index], self.state.servos
+        servo = servos[index] if servos else None
+        near = slot.posture if servo is None else slot.from_drive @ servo.reference
+        angles = slot.angles.near(q[slot.q_slice], near)
         return slot.drive.dot(angles), slot.drive.dot(self._plant.v[slot.v_slice])
 
     def _inertial(self, q: Array, index: int, acceleration: Array) -> Array:

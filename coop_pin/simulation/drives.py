@@ -393,8 +393,7 @@ def _arm_drives(
     if options.servo is not None:
         path = f"{scenario.actuators_path(slot.name)}.servo"
         servo = JointServo.of(options.servo, scenario.clock.period, inertia(), path)
-    misses = options.missed_ticks > 0.0
-    limit = limits.torque
+    limit, misses = limits.torque, options.missed_ticks > 0.0
     return ArmDrives(limit, -limit, carried or None, misses, slot.v_slice, servo)
 
 
