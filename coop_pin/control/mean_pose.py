@@ -312,7 +312,7 @@ class MeanPose(PayloadSpace):
 
     def controller_of(self, arm: ControlledArm, gains: PayloadSpaceGains, scenario: Any) -> ArmController:
         """Return the law of one arm; without messages all integrals are equal, and leak nothing."""
-        law = self.payload_space_controller(arm, gains, scenario)
+        law: Any = super().controller_of(arm, gains, scenario)
         if self.leak_to == "start":
             return law
         return replace(law, leak=0.0) if scenario.network is None else AgreedIntegral(law, arm.name)
