@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coop_pin.control import CellController
-from coop_pin.control.feed_forward import FeedForwardController
-from coop_pin.control.interface import ControlledArm
+from coop_pin.control import CellController, ControlledArm, FeedForwardController
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import FieldError
 from coop_pin.model.arm_model import ArmModel

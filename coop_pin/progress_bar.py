@@ -42,14 +42,14 @@ class ProgressBar:
         self.finished, self._bar.total = finished, total
         self._bar.update(finished - self._bar.n)
 
-    def count(self, failed: bool, *, old: bool = False) -> None:
-        """Count one item; old ones, done by an earlier session, do not enter the rate."""
-        self.finished += 1
+    def count(self, items: int = 1, *, failed: int = 0, old: bool = False) -> None:
+        """Count items and the failed ones of them; old ones, of an earlier session, do not enter the rate."""
+        self.finished += items
         self.failed += failed
         if old and not self._bar.disable:
-            self._bar.initial += 1
+            self._bar.initial += items
         self._bar.set_postfix_str(f"{self.failed} failed" if self.failed else "", refresh=False)
-        self._bar.update(1)
+        self._bar.update(items)
 
     def describe(self, text: str) -> None:
         """Show a text before the bar."""

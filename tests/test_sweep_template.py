@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 import coop_pin as cp
 from coop_pin.batch import BatchSimulator
 from coop_pin.errors import ScenarioError
+from coop_pin.schema.parts import Filled
 from coop_pin.sweeps import SweepPlan
 from coop_pin.sweeps.run_key import keyed_points, run_key, unresolved_key
 from coop_pin.sweeps.template import Template, Templates
@@ -95,10 +95,11 @@ def test_keys_of_a_plan_are_those_of_its_runs_one_by_one() -> None:
         whole = plan.resolved(keyed.point)
         used += templates.of(keyed.point) is not None
         if isinstance(whole, ScenarioError):
-            assert isinstance(keyed.scenario, ScenarioError)
+            assert isinstance(keyed.example, ScenarioError)
             assert keyed.key == unresolved_key(plan.base["adept-anchored"], keyed.point.changes)
         else:
-            assert keyed.scenario == whole
+            filled = keyed.pattern and keyed.pattern.filled(keyed.numbers)
+            assert (filled or keyed.example) == whole
             assert keyed.key == run_key(whole, engine="batch")
     assert used == 64  # where the anchor gain is accepted
 
@@ -119,12 +120,11 @@ def test_numbers_of_laws_as_columns_have_the_bits_of_single_ones(cell: str, gain
     base = cp.Scenario.load(cell).replace(duration=0.1, events=())
     template, simulator = Template(base, [f"controller.gains.{gain}"]), BatchSimulator()
     values = [0.1 * base.clock.period * (1.0 + number) for number in range(5)]
-    scenarios = [template.pattern.filled([value]) for value in values]
-    runs = simulator.prepare_alike(scenarios, template.pattern, np.array(values)[:, None])
+    runs = simulator.prepare_alike(Filled(template.pattern, [[value] for value in values]))
     assert (runs is not None) == ALIKE[cell, gain]
-    for run, scenario in zip(runs or (), scenarios, strict=False):
-        alone = simulator.prepare(scenario)
-        assert run.values.tobytes() == alone.values.tobytes()
+    for index, value in enumerate(values if runs else ()):
+        run, alone = runs.part(slice(index, None)), simulator.prepare(template.pattern.filled([value]))
+        assert run.values[0].tobytes() == alone.values.tobytes()
         assert run.kind == alone.kind
         assert leaves(run.controller()) == leaves(alone.controller())
 

@@ -10,11 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.arrays import Array
-from coop_pin.chain.cell_chain import CellChain
+from coop_pin.chain import CellChain, solve_ik
 from coop_pin.chain.ik_solver import IKSolution, IKSolver
-from coop_pin.chain.inverse_kinematics import solve_ik
-from coop_pin.description.cell import Cell
-from coop_pin.description.plant import PlantOptions
+from coop_pin.description import Cell, PlantOptions
 from coop_pin.errors import InfeasibleMotionError
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.transmission import Transmission

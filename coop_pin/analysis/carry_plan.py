@@ -15,11 +15,7 @@ from coop_pin.analysis.carry_limits import KNOTS, CarryLimits, CarryTiming, slow
 from coop_pin.arrays import Array, as_count, as_number, require_path, require_type
 from coop_pin.build_controller import build_controller
 from coop_pin.control.feed_forward import FeedForward, FeedForwardController, FeedForwardState
-from coop_pin.description.actuators import Actuators
-from coop_pin.description.arm import Miscalibration
-from coop_pin.description.cell import Cell
-from coop_pin.description.scenario import Scenario
-from coop_pin.description.sensors import Sensors, WristSensor
+from coop_pin.description import Actuators, Cell, Miscalibration, Scenario, Sensors, WristSensor
 from coop_pin.errors import ArgumentError, FileReadError, InfeasibleMotionError, OutOfRangeError
 from coop_pin.reference import ConstantSqueeze, TimedLineMotion
 from coop_pin.reference.squeeze import Squeeze

@@ -10,10 +10,7 @@ from numpy.typing import ArrayLike
 
 from coop_pin.arrays import Array, typed
 from coop_pin.chain.cell_chain import CellChain
-from coop_pin.description.arm import Arm
-from coop_pin.description.cell import Cell
-from coop_pin.description.payload import Payload
-from coop_pin.description.plant import PlantOptions
+from coop_pin.description import Arm, Cell, Payload, PlantOptions
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, load_arm_model

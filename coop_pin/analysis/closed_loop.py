@@ -11,8 +11,7 @@ from coop_pin.analysis.modes import NEUTRAL, Mode
 from coop_pin.analysis.tick_map import MEMORY, TickMap
 from coop_pin.arrays import Array, as_number, typed
 from coop_pin.build_controller import build_controller
-from coop_pin.description.scenario import Scenario
-from coop_pin.description.sensors import Sensors
+from coop_pin.description import Scenario, Sensors
 from coop_pin.errors import ArgumentError, OutOfRangeError
 from coop_pin.simulation import Simulation
 

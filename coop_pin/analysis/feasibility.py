@@ -13,13 +13,10 @@ import pinocchio as pin
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
 from coop_pin.analysis.statics import StaticTorques, statics_along
 from coop_pin.arrays import Array, typed
-from coop_pin.chain.cell_chain import CellChain
-from coop_pin.chain.inverse_kinematics import ik_branches
-from coop_pin.description.cell import Cell
-from coop_pin.description.scenario import Scenario
+from coop_pin.chain import CellChain, ik_branches
+from coop_pin.description import Cell, Scenario
 from coop_pin.errors import InfeasibleMotionError, JointLimitError, UnreachablePoseError
-from coop_pin.model.arm_model import ArmModel
-from coop_pin.model.cell_arm import CellArm
+from coop_pin.model import ArmModel, CellArm
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.schema.pose import Pose
 from coop_pin.spatial import make_pose

@@ -15,10 +15,7 @@ from coop_pin.analysis.placement import ArmPlacement, Layout, Side, common_place
 from coop_pin.analysis.reachability import reachability
 from coop_pin.analysis.suggestion import Suggestion, suggest
 from coop_pin.arrays import as_array, as_positive, require_type, typed
-from coop_pin.description.arm import Arm
-from coop_pin.description.cell import Cell
-from coop_pin.description.payload import Payload
-from coop_pin.description.scenario import Scenario
+from coop_pin.description import Arm, Cell, Payload, Scenario
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.errors import FieldError, InfeasibleMotionError, UrdfError, suggestion

@@ -23,14 +23,10 @@ from coop_pin.analysis.tuning_rule import (
     squeeze_rate,
 )
 from coop_pin.arrays import Array, typed
-from coop_pin.control.payload_space import PayloadSpace
-from coop_pin.control.payload_space_controller import PayloadSpaceGains
-from coop_pin.control.posture import PostureGains
-from coop_pin.control.sliding_surface import Saturation
+from coop_pin.control import PayloadSpace, PayloadSpaceGains, PostureGains, Saturation
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
-from coop_pin.spatial import spatial_inertia, weight_wrench
-from coop_pin.spatial.task_rows import TaskRows
+from coop_pin.spatial import TaskRows, spatial_inertia, weight_wrench
 
 _KAPPA, _ALONG = 0.5, 0.9
 """T lambda of each arm alone at the start, and the largest along the motion; 2 is unstable."""

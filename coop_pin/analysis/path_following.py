@@ -9,9 +9,8 @@ import pinocchio as pin
 
 from coop_pin.analysis.bisection import edge
 from coop_pin.arrays import Array, frozen
-from coop_pin.chain.cell_chain import CellChain
+from coop_pin.chain import CellChain, solve_ik
 from coop_pin.chain.ik_solver import IKSolver
-from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import UnreachablePoseError
 from coop_pin.model.cell_arm import CellArm

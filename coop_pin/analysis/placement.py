@@ -14,14 +14,12 @@ from coop_pin.analysis.feasibility import joint_heights, position_margin
 from coop_pin.arrays import Array
 from coop_pin.chain.ik_solver import IKSolver
 from coop_pin.control.terms import CONDITION_LIMIT
-from coop_pin.description.arm import Arm
-from coop_pin.description.payload import Payload
+from coop_pin.description import Arm, Payload
 from coop_pin.errors import InfeasibleMotionError
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.pinocchio_model import frame_id
 from coop_pin.schema.pose import Pose
-from coop_pin.spatial import exp3, inverse_pose
-from coop_pin.spatial.task_rows import task_rows
+from coop_pin.spatial import exp3, inverse_pose, task_rows
 
 _HEIGHTS = (0.2, 0.3, 0.4, 0.55)
 """Heights of the payload that are tried, over the least reach of the arms."""

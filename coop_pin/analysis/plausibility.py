@@ -19,8 +19,7 @@ from coop_pin.analysis.step_stability import step_stability
 from coop_pin.analysis.table_force import table_force
 from coop_pin.arrays import Array, require_type
 from coop_pin.control import CellController
-from coop_pin.description.cell import Cell
-from coop_pin.description.scenario import Scenario
+from coop_pin.description import Cell, Scenario
 from coop_pin.errors import CoopPinError
 from coop_pin.memory import free_memory
 from coop_pin.model.joint_limits import JointLimits

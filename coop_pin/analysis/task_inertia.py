@@ -15,8 +15,7 @@ from coop_pin.analysis.path_following import time_at_rest
 from coop_pin.analysis.reachability import ArmReach, Reachability
 from coop_pin.arrays import Array, typed
 from coop_pin.control.posture import PostureGains
-from coop_pin.description.payload import Payload
-from coop_pin.description.scenario import Scenario
+from coop_pin.description import Payload, Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.transmission import friction
 from coop_pin.spatial import spatial_inertia, weight_wrench

@@ -16,11 +16,8 @@ from coop_pin.analysis.reachability import Reachability
 from coop_pin.analysis.sampled_motion import tick_matrix
 from coop_pin.analysis.task_inertia import MotionWrenches, motion_wrenches, task_inertia
 from coop_pin.arrays import Array, typed
+from coop_pin.control import LateForcePath, PayloadSpace, PayloadSpaceGains, PostureGains
 from coop_pin.control.bounds import ForcePath, sampled_loop
-from coop_pin.control.force_path import LateForcePath
-from coop_pin.control.payload_space import PayloadSpace
-from coop_pin.control.payload_space_controller import PayloadSpaceGains
-from coop_pin.control.posture import PostureGains
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.spatial import pose_error

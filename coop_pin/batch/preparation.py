@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-import functools
+import itertools
 from collections.abc import Callable, Hashable, Sequence
 from operator import attrgetter
 from typing import NamedTuple
@@ -33,9 +33,10 @@ from coop_pin.control import CellController
 from coop_pin.description.cell import Cell
 from coop_pin.description.code_family import Cover, plant_reason
 from coop_pin.description.scenario import Scenario
+from coop_pin.description.trust import TrustThresholds
 from coop_pin.errors import CoopPinError, TracingError
 from coop_pin.results.quantities import QUANTITIES
-from coop_pin.schema.parts import Pattern
+from coop_pin.schema.parts import Filled, Pattern
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.actuation import Actuation
 from coop_pin.simulation.plant import Plant
@@ -238,6 +239,7 @@ class Prepared(NamedTuple):
         controller: function that returns the controller of the first run.
         values: leaves of the constants, the controller's last, shape (runs, leaves).
         kind: family of the runs: what they share besides numbers and times.
+        trust: trust thresholds of each.
     """
 
     scenarios: Sequence[Scenario]
@@ -246,6 +248,7 @@ class Prepared(NamedTuple):
     controller: Callable[[], CellController]
     values: Array
     kind: tuple[Hashable, ...]
+    trust: Sequence[TrustThresholds]
 
     @property
     def constants(self) -> RunConstants:
@@ -254,8 +257,14 @@ class Prepared(NamedTuple):
 
     def part(self, runs: slice) -> Prepared:
         """Return the batch of some of the runs."""
-        values = (self.scenarios[runs], self.plants[runs], self.signals[runs])
-        return Prepared(*values, self.controller, self.values[runs], self.kind)
+        scenarios, plants = self.scenarios[runs], self.plants[runs]
+
+        def build() -> CellController:
+            return scenarios[0].controller.build(scenarios[0], plants[0].arms)
+
+        controller = build if runs.start else self.controller
+        values = (self.signals[runs], controller, self.values[runs], self.kind, self.trust[runs])
+        return Prepared(scenarios, plants, *values)
 
     def loaded(self, first: Prepared) -> Mask:
         """Return which signals of some run are not those of a first one, shape (entries,)."""
@@ -294,29 +303,29 @@ class Prepared(NamedTuple):
             CoopPinError: the run cannot start.
         """
         controller, values, kind = plant.with_controller(scenario)
-        return cls([scenario], [plant], [plant.signals(scenario)], lambda: controller, values[None], kind)
+        signals, trust = [plant.signals(scenario)], [scenario.trust]
+        return cls([scenario], [plant], signals, lambda: controller, values[None], kind, trust)
 
-    def alike(self, scenarios: Sequence[Scenario], pattern: Pattern, numbers: Array) -> list[Prepared] | None:
-        """Return runs of this plant that differ from this one in numbers of the law; None where they may not.
+    def alike(self, scenarios: Filled) -> Prepared | None:
+        """Return runs that begin with this one and differ from it in numbers of the law.
 
         Args:
             scenarios: Scenarios of the runs.
-            pattern: Pattern of them.
-            numbers: Their numbers in it, shape (runs, numbers).
+
+        Returns:
+            The runs; None where they may differ in more.
         """
-        (plant,) = self.plants
-        values = plant.columns(pattern, numbers, self.kind[1])
-        if values is None:
+        (plant,), count = self.plants, len(scenarios)
+        law = plant.columns(scenarios.pattern, np.array(scenarios.rows, dtype=np.float64), self.kind[1])
+        if law is None:
             return None
-        return [
-            self._replace(
-                scenarios=[scenario],
-                signals=[plant.signals(scenario)],
-                controller=functools.partial(scenario.controller.build, scenario, plant.arms),
-                values=np.concatenate((plant.values, row))[None],
-            )
-            for scenario, row in zip(scenarios, values, strict=True)
-        ]
+        return self._replace(
+            scenarios=scenarios,
+            plants=[plant] * count,
+            signals=[*self.signals] * count,
+            values=np.concatenate((np.tile(plant.values, (count, 1)), law), axis=1),
+            trust=[*self.trust] * count,
+        )
 
     @classmethod
     def joined(cls, runs: Sequence[Prepared]) -> Prepared:
@@ -325,13 +334,20 @@ class Prepared(NamedTuple):
         Raises:
             TracingError: they differ in more than numbers.
         """
-        for index, run in enumerate(runs):
-            if (run.kind, run.times) != (runs[0].kind, runs[0].times):
+        first, *others = runs
+        if not others:
+            return first
+        for index, run in enumerate(others, 1):
+            if (run.kind, run.times) != (first.kind, first.times):
                 raise TracingError(f"scenarios[{index}] differs from the first in more than numbers")
         values = np.concatenate([run.values for run in runs])
-        scenarios, plants = [run.scenarios[0] for run in runs], [run.plants[0] for run in runs]
-        signals = [run.signals[0] for run in runs]
-        return cls(scenarios, plants, signals, runs[0].controller, values, runs[0].kind)
+        scenarios, plants, signals, trust = (
+            [*itertools.chain.from_iterable(parts)]
+            for parts in zip(
+                *((run.scenarios, run.plants, run.signals, run.trust) for run in runs), strict=True
+            )
+        )
+        return cls(scenarios, plants, signals, first.controller, values, first.kind, trust)
 
 
 def _surroundings(scenario: Scenario) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coop_pin.arrays import Array
-from coop_pin.batch.preparation import Prepared
+from coop_pin.batch.preparation import Prepared, PreparedPlant
 from coop_pin.batch.signals import Desired
 from coop_pin.errors import InvalidStateError
 from coop_pin.results.quantities import WORK, WORK_OF_GRASPS, Samples, condition_numbers, padded
@@ -120,7 +120,8 @@ class RunSamples(Mapping[str, Any]):
         """Yield the samples of a few runs after the other, which stay in the caches: slices and samples."""
         first = 0
         for record in self._blocks():
-            size = _LINE * max(1, _AT_ONCE // (_LINE * len(record)))
+            lines = -(-record.shape[2] // _LINE)
+            size = _LINE * -(-lines // max(1, round(len(record) * record.shape[2] / _AT_ONCE)))
             for start in range(0, record.shape[2], size):
                 block = record[:, :, start : start + size]
                 runs = slice(first, first + block.shape[2])
@@ -186,8 +187,12 @@ class RunSamples(Mapping[str, Any]):
 
     def _desired(self, read: Callable[[Desired], Array]) -> Array:
         """Return what a function reads of Desired."""
+        return self.of_plants(lambda plant: read(plant.desired)[self._kept])
+
+    def of_plants(self, read: Callable[[PreparedPlant], Array]) -> Array:
+        """Return what a function reads of the plants, (runs, ...); one plant is read once."""
         plants = self._prepared.plants
-        by_plant = {plant: read(plant.desired)[self._kept] for plant in {*plants}}
+        by_plant = {plant: read(plant) for plant in {*plants}}
         if len(by_plant) > 1:
             return np.stack([by_plant[plant] for plant in plants])
         return np.broadcast_to(values := by_plant[plants[0]], (len(plants), *values.shape))
@@ -195,6 +200,10 @@ class RunSamples(Mapping[str, Any]):
     def _by_arm(self, values: Array) -> list[Array]:
         """Return the part of each arm of values of all joints or drives."""
         return np.split(values, np.cumsum([len(arm.drive) for arm in self._arms]), axis=-1)[:-1]
+
+    def _shares(self) -> Array:
+        """Return the load shares of the arms, shape (runs, m)."""
+        return self.of_plants(lambda plant: plant.run.scenario.cell.shares)
 
     def _jacobians(self) -> list[Array]:
         values, k_0 = self._field("jacobians"), self._rows.size
@@ -220,7 +229,6 @@ class RunSamples(Mapping[str, Any]):
     def _state(self) -> dict[str, Callable[[], Any]]:
         """Return what gives the quantities that are read neither from measurements nor from others."""
         field, determined = self._field, self._plant.determined
-        shares = [scenario.cell.shares for scenario in self._prepared.scenarios]
         return {
             "time": lambda: self._desired(lambda desired: desired.time),
             "desired_pose": lambda: self._desired(lambda desired: desired.target.X_WP_d),
@@ -238,7 +246,7 @@ class RunSamples(Mapping[str, Any]):
             "tip_position": lambda: field("tips"),
             "interaction_wrench": lambda: np.where(determined, field("wrenches"), np.nan),
             "internal_wrench": lambda: np.stack(
-                list(map(internal_wrenches, self["interaction_wrench"], shares))
+                list(map(internal_wrenches, self["interaction_wrench"], self._shares()))
             ),
             "external_wrench": lambda: field("payload_wrench"),
             "closure_distance": lambda: field("closure_errors")[..., 0],
@@ -252,7 +260,6 @@ class RunSamples(Mapping[str, Any]):
     def _of_springs(self) -> dict[str, Callable[[], Any]]:
         """Return what gives the quantities of compliant grasps."""
         field, of_arms = self._field, self._plant.run.plant.chain.springs.of_arms
-        shares = np.stack([scenario.cell.shares for scenario in self._prepared.scenarios])
         work = {name: partial(self._numbers, "work", len(WORK) + i) for i, name in enumerate(WORK_OF_GRASPS)}
         return work | {
             "grasp_wrench": lambda: of_arms(field("grasp_wrench")),
@@ -260,5 +267,5 @@ class RunSamples(Mapping[str, Any]):
                 np.concatenate((field("grasp_position"), log3(field("grasp_rotation"))), axis=-1)
             ),
             "elastic_energy": lambda: self._numbers("elastic"),
-            "load_share": lambda: np.repeat(shares[:, None], len(self._kept), axis=1),
+            "load_share": lambda: np.repeat(self._shares()[:, None], len(self._kept), axis=1),
         }

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections import ChainMap
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from typing import Any, NamedTuple, cast
 
@@ -27,22 +26,18 @@ from coop_pin.results.quantities import Samples
 from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.results.trust import TrustMonitor
 from coop_pin.results.window import Windows
-from coop_pin.schema.parts import Pattern
+from coop_pin.schema.parts import Filled
 from coop_pin.tracing.kernel import Layout, Machine, Program
 from coop_pin.tracing.llvm_machine import LlvmMachine, native_width
 
-LARGEST_BLOCK = 64
-"""Runs that advance together; the samples of more leave the processor's caches."""
+LARGEST_BLOCK = 256
+"""Runs that advance together, between two looks at Ctrl-C."""
 
 _COPIES = 3
 """Of the samples: as recorded, by names, and those of single results."""
 _KEPT = 8
 """Plants, and families with their code, that are kept, those used last; the tapes of one may take 60 MB.
 Of a family, so many orders of its kernels."""
-
-
-_ALIKE = 4
-"""Runs from which on the numbers of their laws are made together."""
 
 
 class BatchResult:
@@ -74,7 +69,7 @@ class BatchResult:
             give_back: Function that gives the memory of the records back.
         """
         self.scenarios, self.is_valid = prepared.scenarios, is_valid
-        self._plants, self._give_back = prepared.plants, give_back
+        self._plants, self._trust, self._give_back = prepared.plants, prepared.trust, give_back
         self._every, self.every_tick = (
             self.scenarios[0].clock.record_every,
             RunSamples(prepared, layout, records),
@@ -109,25 +104,27 @@ class BatchResult:
         extremes = self.every_tick.extremes(self.scenarios[0].trust.jacobian_condition)
         parts = (self._metrics(part, runs, extremes) for runs, part in self.every_tick.parts())
         metrics = list(itertools.chain.from_iterable(parts))
-        for index, scenario in enumerate(self.scenarios):
-            if scenario.trust != self.scenarios[0].trust:
+        for index, trust in enumerate(self._trust):
+            if trust != self._trust[0]:
                 metrics[index]["trustworthy"] = float(self.result(index).trustworthy)
         return metrics
 
     def _metrics(self, part: RunSamples, runs: slice, extremes: Samples) -> list[dict[str, float]]:
         """Return the metrics of some of the runs, with the trust thresholds of the first of all."""
-        first, labels = self.scenarios[0], [plant.labels for plant in self._plants[runs]]
-        lower, upper = (np.stack([run[f"position_{side}"] for run in labels]) for side in ("lower", "upper"))
+        first, sides = self.scenarios[0], ("position_lower", "position_upper")
+        limits = part.of_plants(lambda plant: np.stack([plant.labels[side] for side in sides]))
+        lower, upper = np.moveaxis(limits, 1, 0)
         known = {name: values[runs] for name, values in extremes.items()}
-        known |= {"time": part["time"][0], "arm": labels[0]["arm"]}
+        known |= {"time": part["time"][0], "arm": self._plants[runs.start].labels["arm"]}
         data = ChainMap(known, cast(Any, part))
         with np.errstate(all="ignore"):  # of runs that are not valid
-            trustworthy = ~TrustMonitor(first.trust, (), lower, upper).exceeded(data)
             windows = Windows.of(first, float(data["time"][-1]))
             metrics = all_metrics(data, windows, turns=first.cell.controls_turns)
+            monitor = TrustMonitor(first.trust, (), lower, upper)
+            trustworthy = ~monitor.exceeded(data, metrics["energy_balance_max_J"])
             trustworthy &= ~(metrics["joint_drift_rad"] > first.trust.joint_drift)
         columns = {"trustworthy": trustworthy} | metrics
-        table = np.empty((len(columns), len(labels)))
+        table = np.empty((len(columns), len(trustworthy)))
         for row, values in zip(table, columns.values(), strict=True):
             row[:] = values
         return [dict(zip(columns, row, strict=True)) for row in table.T.tolist()]
@@ -214,62 +211,56 @@ class BatchSimulator:
         self._plants.insert(0, (fields, plant))  # the next scenario shares more objects with this one
         return Prepared.of_run(scenario, plant)
 
-    def prepare_alike(
-        self, scenarios: Sequence[Scenario], pattern: Pattern, numbers: Array, cover: Cover | None = None
-    ) -> list[Prepared] | None:
+    def prepare_alike(self, scenarios: Filled, cover: Cover | None = None) -> Prepared | None:
         """Return runs that differ in numbers of a law of the package, before they run.
 
         The first and the last are prepared by themselves, and the others must agree with them.
 
         Args:
-            scenarios: Scenarios of the runs.
-            pattern: Pattern of them.
-            numbers: Their numbers in it, shape (runs, numbers).
+            scenarios: Scenarios of the runs; see ``of_a_law``.
             cover: Provisions of the code, as of prepare.
 
         Returns:
             The runs; None where each must be prepared by itself.
         """
-        of_the_law = all(name.startswith("controller.") for name in pattern.names)
-        if not of_the_law or len(scenarios) < _ALIKE or scenarios[0].controller.user_code:
-            return None
         try:
             ends = [self.prepare(scenarios[end], cover) for end in (0, -1)]
         except CoopPinError:
             return None
         if ends[0].plants != ends[1].plants or ends[0].kind != ends[1].kind:
             return None
-        runs = ends[0].alike(scenarios, pattern, numbers)
+        runs = ends[0].alike(scenarios)
         if runs is None:
             return None
-        pairs = zip(ends, (runs[0], runs[-1]), strict=True)
-        return runs if all(end.values.tobytes() == run.values.tobytes() for end, run in pairs) else None
+        pairs = zip(ends, runs.values[[0, -1]], strict=True)
+        return runs if all(end.values.tobytes() == values.tobytes() for end, values in pairs) else None
 
     def run_prepared(
         self,
         runs: Sequence[Prepared],
-        compiled: AbstractContextManager[Callable[[], None] | None] | None = None,
+        begin: Callable[[], Callable[[], None] | None] = lambda: None,
     ) -> BatchResult:
         """Return the results of runs; raises as simulate_batch.
 
         Args:
             runs: Runs of one family with the same times.
-            compiled: Context in which compiled code runs; gives what its parts call in between.
+            begin: Function that is called before compiled code runs, from where on this simulator is not
+                used; it returns what the code's parts call in between.
         """
         prepared = Prepared.joined(runs)
         del self._plants[_KEPT:]
-        family, count = self.family([prepared]), len(runs)
+        family, count = self.family([prepared]), len(prepared.plants)
         _, machine, order = family.orders[prepared.times]
         if machine.record_size(count) > sum(memory.size for memory in self._free):
             require_sample_memory(machine, count)
         (block, loads), lanes = family.code.begin(prepared), family.code.program.lanes
         parts = [slice(first, first + LARGEST_BLOCK) for first in range(0, count, LARGEST_BLOCK)]
         memories = [self._memory(machine.record_size(block[:, part].shape[1])) for part in parts]
-        with compiled or nullcontext() as between:
-            records = [
-                machine.run(block[:, part], order.uniforms, loads[:, :, part], memory, between)
-                for part, memory in zip(parts, memories, strict=True)
-            ]
+        between = begin()
+        records = [
+            machine.run(block[:, part], order.uniforms, loads[:, :, part], memory, between)
+            for part, memory in zip(parts, memories, strict=True)
+        ]
         is_valid = block[lanes.slots("is_valid")] == 1.0
         return BatchResult(prepared, lanes, records, is_valid, partial(self._give_back, memories))
 

@@ -21,9 +21,8 @@ from coop_pin.chain.grasp_frames import GraspFrames
 from coop_pin.chain.grasp_springs import GraspsHeld, GraspSprings
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.chain.rigid_grasps import ClosuresHeld, RigidGrasps
-from coop_pin.description.cell import Cell
+from coop_pin.description import Cell, PlantOptions
 from coop_pin.description.events import Surroundings
-from coop_pin.description.plant import PlantOptions
 from coop_pin.errors import NameNotFoundError, OpenClosureError
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.cell_model import CellModel

@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 from coop_pin.arrays import Array
 from coop_pin.control.interface import ArmCommand, ArmMeasurement, ArmReference
 from coop_pin.control.told_law import TellingLaw
-from coop_pin.spatial import inverse_pose
-from coop_pin.spatial.task_rows import TaskRows
+from coop_pin.spatial import TaskRows, inverse_pose
 
 
 class ZeroedState(NamedTuple):

@@ -34,8 +34,7 @@ from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.told_law import MemorylessTellingLaw, TellingCellLaw, TellingLaw, further, heard
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import Positive
-from coop_pin.spatial import exp3, pose_error
-from coop_pin.spatial.task_rows import TaskRows
+from coop_pin.spatial import TaskRows, exp3, pose_error
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,7 +312,7 @@ class MeanPose(PayloadSpace):
 
     def controller_of(self, arm: ControlledArm, gains: PayloadSpaceGains, scenario: Any) -> ArmController:
         """Return the law of one arm; without messages all integrals are equal, and leak nothing."""
-        law = self.payload_space_controller(arm, gains, scenario)
+        law: Any = super().controller_of(arm, gains, scenario)
         if self.leak_to == "start":
             return law
         return replace(law, leak=0.0) if scenario.network is None else AgreedIntegral(law, arm.name)

@@ -27,8 +27,7 @@ from coop_pin.control.sliding_surface import Saturation, SurfaceLaw, Switching
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import NotNegative, Positive, number_or_row
-from coop_pin.spatial import weight_wrench
-from coop_pin.spatial.task_rows import TaskRows
+from coop_pin.spatial import TaskRows, weight_wrench
 
 _BOUND = ("anchor_bias", "anchor_bias_answered")
 """Fields of the bound; a law without one is written without them, as before there was one."""
@@ -146,12 +145,6 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
 
     def controller_of(self, arm: ControlledArm, gains: PayloadSpaceGains, scenario: Any) -> ArmController:
         """Return the law of one arm."""
-        return self.payload_space_controller(arm, gains, scenario)
-
-    def payload_space_controller(
-        self, arm: ControlledArm, gains: PayloadSpaceGains, scenario: Any
-    ) -> PayloadSpaceController:
-        """Return the payload-space law of one arm."""
         leak, fastest, mass = self._leak(gains), 1.0 / arm.period, self.payload_mass
         if leak * arm.period > 1.0:  # the integral would overshoot its goal
             detail = f"is {leak:g} /s; at {fastest:g} Hz it can be at most {fastest:g}: state a smaller one"

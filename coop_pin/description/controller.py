@@ -8,20 +8,21 @@ from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar, get_args
 
 from pydantic import BeforeValidator, Field
 
-from coop_pin.control.admittance import Admittance
-from coop_pin.control.gains import Gains, PositiveRow
-from coop_pin.control.interface import (
+from coop_pin.control import (
+    Admittance,
     ArmController,
     CellController,
     ControlledArm,
     DecentralisedController,
+    LeaderFollower,
+    MeanPose,
+    PayloadSpace,
+    PrescribedPerformance,
+    RedundantSlidingMode,
+    SlidingMode,
 )
+from coop_pin.control.gains import Gains, PositiveRow
 from coop_pin.control.law import DecentralisedLaw, Law, ParametricLaw
-from coop_pin.control.leader_follower import LeaderFollower
-from coop_pin.control.mean_pose import MeanPose
-from coop_pin.control.payload_space import PayloadSpace
-from coop_pin.control.prescribed_performance import PrescribedPerformance
-from coop_pin.control.sliding_mode import RedundantSlidingMode, SlidingMode
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import Description, Interval, NotNegative, Positive
 from coop_pin.schema.user_code import FunctionName, load_class

@@ -25,8 +25,7 @@ from coop_pin.model.pinocchio_model import (
     symmetric,
     without_inertia,
 )
-from coop_pin.spatial import inverse_pose
-from coop_pin.spatial.task_rows import TaskRows
+from coop_pin.spatial import TaskRows, inverse_pose
 
 
 class ArmModel:

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.control import ArmCommand, ArmController, ArmMeasurement, ArmReference
-from coop_pin.control.interface import ControlledArm
+from coop_pin.control import ArmCommand, ArmController, ArmMeasurement, ArmReference, ControlledArm
 from coop_pin.control.terms import InternalForceIntegral, right_inverse
 from coop_pin.description.controller import Adaptive
 from coop_pin.description.scenario import Scenario

@@ -8,8 +8,7 @@ from itertools import count
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.control import ArmMeasurement, ArmReference, CellCommand, CellController
-from coop_pin.control.interface import ControlledArm
+from coop_pin.control import ArmMeasurement, ArmReference, CellCommand, CellController, ControlledArm
 from coop_pin.control.terms import InternalForceIntegral
 from coop_pin.description.controller import TorqueQp
 from coop_pin.description.scenario import Scenario

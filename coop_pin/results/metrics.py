@@ -223,13 +223,14 @@ def joint_drift(data: Arrays, windows: Windows) -> Array:
     NaN unless the reference rests since 4 s, after all events, and the payload moves at less than a tenth of
     what the joints do: joints that move are then the spare ones of redundant arms.
     """
-    time = np.asarray(data["time"])
+    time, shape = np.asarray(data["time"]), np.shape(data["joint_position"])
     settled = windows.after_event if windows.has_events else windows.steady
     late, last = (time >= time[-1] - span - _ROUNDING for span in (SETTLING_S, DRIFT_S))
-    desired = np.compress(late, np.asarray(data["desired_twist"]), axis=-2)
-    rests = ~desired.any(axis=(-2, -1)) & (settled.start <= time[-1] - DRIFT_S)
+    rests = np.full(shape[:-3], settled.start <= time[-1] - DRIFT_S)
+    if rests.any():
+        rests &= ~np.compress(late, np.asarray(data["desired_twist"]), axis=-2).any(axis=(-2, -1))
     if not rests.any():
-        return np.full((*rests.shape, *np.shape(data["joint_position"])[-2:]), np.nan)
+        return np.full((*shape[:-3], *shape[-2:]), np.nan)
     speeds, twist = (np.asarray(data[name]) for name in ("joint_velocity", "payload_twist"))
     drift = DRIFT_S * np.abs(np.compress(last, speeds, axis=-3).mean(axis=-3))
     moved = np.abs(np.compress(last, twist, axis=-2).mean(axis=-2)).max(axis=-1)

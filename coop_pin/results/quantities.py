@@ -14,9 +14,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.description.arm import Miscalibration
-from coop_pin.description.scenario import Scenario
-from coop_pin.description.sensors import Sensors
+from coop_pin.description import Miscalibration, Scenario, Sensors
 from coop_pin.spatial import internal_wrenches, log3, quaternions, rotate_vector6
 
 Samples: TypeAlias = dict[str, Any]

@@ -142,20 +142,16 @@ class TrustMonitor:
             [breach for series in self._series(samples) for breach in self._found(series, samples)]
         )
 
-    def exceeded(self, samples: Mapping[str, NDArray[Any]]) -> Mask:
-        """Return which runs have a breach, shape (...), from all their samples."""
-        runs = self._lower.shape[:-3]
-        energies_too = self._is_unexplained(samples)
-        return np.any(
-            [series.beyond.reshape(*runs, -1).any(axis=-1) for series in self._series(samples, energies_too)],
-            axis=0,
-        )
+    def exceeded(self, samples: Mapping[str, NDArray[Any]], unexplained: Array) -> Mask:
+        """Return which runs have a breach, shape (...), from all their samples.
 
-    def _is_unexplained(self, samples: Mapping[str, NDArray[Any]]) -> bool:
-        """Return whether a run has more energy not explained by work than without any work is accepted."""
-        energy, done = energies(samples)
-        energy = energy - sum(done)
-        return not (np.abs(energy - energy[..., :1]) <= self._allowed.energy_floor).all()
+        Args:
+            samples: quantities by name, with axes before that of time.
+            unexplained: largest energy minus work of each run, J, up to rounding; see energy_balance.
+        """
+        runs, energies_too = self._lower.shape[:-3], ~(unexplained <= 0.5 * self._allowed.energy_floor)
+        series = self._series(samples, bool(energies_too.any()))
+        return np.any([each.beyond.reshape(*runs, -1).any(axis=-1) for each in series], axis=0)
 
     def _found(self, series: _Series, samples: Mapping[str, NDArray[Any]]) -> Iterator[Breach]:
         """Yield the breaches of a series of one run."""

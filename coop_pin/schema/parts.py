@@ -83,6 +83,28 @@ class Pattern(NamedTuple):
         return filled(self.first, _tree_of_places(self.names), numbers)
 
 
+class Filled(Sequence[Any]):
+    """Configuration values of one pattern; each is made when it is asked for.
+
+    Attributes:
+        pattern: pattern of the values.
+        rows: numbers of each of them.
+    """
+
+    def __init__(self, pattern: Pattern, rows: Sequence[Sequence[Any]]) -> None:
+        """Make nothing yet."""
+        self.pattern, self.rows = pattern, rows
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self.rows)
+
+    def __getitem__(self, index: Any) -> Any:
+        """Return one of them, or some of them."""
+        rows = self.rows[index]
+        return type(self)(self.pattern, rows) if isinstance(index, slice) else self.pattern.filled(rows)
+
+
 @functools.lru_cache(64)
 def _tree_of_places(names: tuple[str, ...]) -> Tree:
     """Return the places of names in a row as a tree."""

@@ -27,7 +27,8 @@ from coop_pin.sweeps.job import CtrlC, Job, Outcome, Record, run_job
 
 BATCH_S = 0.25
 """Intended duration of a batch of short runs, s."""
-_LARGEST_BATCH = 64
+_LARGEST_BATCH, _MOST_PARTS, _BATCH_TICKS = 64, 4, 50_000
+"""Runs of a batch; of those that are simulated together so many times as many, up to a number of ticks."""
 _START_S, _POLL_S, _GRACE_S, _TRACKER_S = 180.0, 2.0, 2.0, 0.5
 """Longest time of a start, which takes a minute on a crowded machine; interval of looks at the slots; times
 that a host has to end, and its resource tracker after it; s."""
@@ -81,8 +82,11 @@ def _with_singles(
 def _next_batch(jobs: Iterator[Job], size: int) -> list[Job]:
     """Return the next jobs: as many as wanted, or the most of those that are simulated together."""
     first = list(itertools.islice(jobs, 1))
-    count = _LARGEST_BATCH if first and first[0].engine == "batch" else size
-    return first + list(itertools.islice(jobs, count - 1))
+    if first and first[0].engine == "batch":
+        scenario = first[0].example
+        ticks = _LARGEST_BATCH * scenario.clock.ticks(scenario.duration)
+        size = _LARGEST_BATCH * min(max(_BATCH_TICKS // ticks, 1), _MOST_PARTS)
+    return first + list(itertools.islice(jobs, size - 1))
 
 
 class Backend(Protocol):

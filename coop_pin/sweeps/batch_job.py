@@ -9,10 +9,8 @@ import itertools
 import logging
 import sys
 import threading
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from typing import Any, TypeVar
-
-import numpy as np
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 from coop_pin.arrays import Array
 from coop_pin.batch import BatchSimulator
@@ -20,16 +18,19 @@ from coop_pin.batch.hidden_state import digest
 from coop_pin.batch.preparation import Prepared
 from coop_pin.description.code_family import Cover
 from coop_pin.errors import CoopPinError, TracingError
-from coop_pin.sweeps.job import CtrlC, Job, Outcome, Record, outcome_of, run_job, separate, times
+from coop_pin.schema.parts import Filled
+from coop_pin.sweeps.job import CtrlC, Job, Outcome, Record, has_options, outcome_of, run_job, separate, times
 from coop_pin.sweeps.run_key import require_unchanged
 
 _simulator = BatchSimulator()
 """With plants, code and memory of the last families, for all batches of a process."""
 IN_PYTHON = threading.Lock()
-"""Held by the thread that works on a batch, but while compiled code runs."""
+"""Held by the thread that works on a batch, but while compiled code runs and metrics are found."""
 _untraceable = list[Hashable]()
 """Families that were refused: their later batches are not traced again."""
 _LOG = logging.getLogger("coop_pin.sweeps")
+_ALIKE = 4
+"""Runs from which on the numbers of their laws are made together."""
 Result = TypeVar("Result")
 
 
@@ -56,45 +57,69 @@ def run_batch(jobs: Sequence[Job], is_over: Callable[[], bool] = bool) -> list[O
         start, outcomes = times(), dict[int, Outcome | None]()
         for code in {job.code for job in jobs}:
             require_unchanged(code)
-        families = list[dict[int, Prepared]]()
-        for index, run in enumerate(_prepared(jobs)):
-            if run is None or run.kind in _untraceable:
+        families = list[list[_Block]]()
+        for block in _prepared(jobs):
+            if block.runs.kind in _untraceable:
                 continue
-            same = (each for each in families if next(iter(each.values())).kind == run.kind)
+            same = (each for each in families if each[0].runs.kind == block.runs.kind)
             if (family := next(same, None)) is None:
-                families.append(family := {})
-            family[index] = run
+                families.append(family := [])
+            family.append(block)
         preparation = (times() - start) / len(jobs)
         for family in families:
-            outcomes |= (
-                _attempted(jobs[next(iter(family))], _of_family, jobs, family, preparation, is_over) or {}
-            )
+            first = jobs[family[0].indices[0]]
+            outcomes |= _attempted(first, _of_family, jobs, family, preparation, is_over) or {}
         return [outcomes.get(index) for index in range(len(jobs))]
 
 
-def _prepared(jobs: Sequence[Job]) -> Iterator[Prepared | None]:
-    """Yield jobs prepared for a batch, those of a pattern together; None for one that cannot be."""
-    cover = Cover.of_all(job.scenario for job in jobs)
-    for _, group in itertools.groupby(jobs, lambda job: id(job.pattern)):
-        alike = list(group)
-        scenarios, pattern = [separate(job.scenario) for job in alike], alike[0].pattern
-        numbers = np.array([job.numbers for job in alike], dtype=np.float64)
-        runs = None if pattern is None else _simulator.prepare_alike(scenarios, pattern, numbers, cover)
-        if runs is not None:
-            yield from runs
+class _Block(NamedTuple):
+    """Runs that are prepared together.
+
+    Attributes:
+        indices: indices of their jobs.
+        runs: runs, prepared.
+    """
+
+    indices: Sequence[int]
+    runs: Prepared
+
+
+def _prepared(jobs: Sequence[Job]) -> Iterator[_Block]:
+    """Yield what can be in a batch, prepared: jobs that differ in numbers of a law together."""
+    groups = [[*group] for _, group in itertools.groupby(range(len(jobs)), lambda i: id(jobs[i].pattern))]
+    laws = [_of_a_law([jobs[index] for index in group]) for group in groups]
+    cover = Cover.of_all(
+        job.scenario
+        for law, group in zip(laws, groups, strict=True)
+        for job in (jobs[index] for index in (group[:1] if law else group))
+    )
+    for law, group in zip(laws, groups, strict=True):
+        if law and (runs := _simulator.prepare_alike(law, cover)) is not None:
+            yield _Block(group, runs)
             continue
-        for job, scenario in zip(alike, scenarios, strict=True):
-            yield _attempted(job, _simulator.prepare, scenario, cover)
+        for index in group:
+            job = jobs[index]
+            if (run := _attempted(job, _simulator.prepare, separate(job.scenario), cover)) is not None:
+                yield _Block([index], run)
+
+
+def _of_a_law(jobs: Sequence[Job]) -> Filled | None:
+    """Return the scenarios of jobs of one pattern that differ in numbers of a law of the package only."""
+    pattern, example = jobs[0].pattern, jobs[0].example
+    if pattern is None or len(jobs) < _ALIKE or jobs[0].code or has_options(example):
+        return None
+    is_of_the_law = all(name.startswith("controller.") for name in pattern.names)
+    return Filled(pattern, [job.numbers for job in jobs]) if is_of_the_law else None
 
 
 def _of_family(
-    jobs: Sequence[Job], family: Mapping[int, Prepared], preparation: Array, is_over: Callable[[], bool]
+    jobs: Sequence[Job], family: Sequence[_Block], preparation: Array, is_over: Callable[[], bool]
 ) -> dict[int, Outcome | None]:
     """Return the outcomes of runs of one code, by the index of their jobs; see _together.
 
     Args:
         jobs: jobs of all runs.
-        family: runs, prepared, by the index of their jobs.
+        family: runs of the code.
         preparation: Times of the preparation of one run, as of _together.
         is_over: see run_batch.
 
@@ -102,18 +127,25 @@ def _of_family(
         TracingError: the runs cannot be traced.
     """
     start, outcomes = times(), dict[int, Outcome | None]()
-    batches = dict[Hashable, dict[int, Prepared]]()
-    for index, run in family.items():
-        batches.setdefault(run.times, {})[index] = run
+    alike = dict[Hashable, list[_Block]]()
+    for block in family:
+        alike.setdefault(block.runs.times, []).append(block)
+    batches = [
+        (
+            [index for block in blocks for index in block.indices],
+            Prepared.joined([each.runs for each in blocks]),
+        )
+        for blocks in alike.values()
+    ]
     try:
-        _simulator.family([Prepared.joined([*runs.values()]) for runs in batches.values()])
+        _simulator.family([runs for _, runs in batches])
     except TracingError:
-        _untraceable.append(next(iter(family.values())).kind)
+        _untraceable.append(family[0].runs.kind)
         raise
-    shared = preparation + (times() - start) / len(family)
-    for runs in batches.values():
-        together = _together([jobs[index] for index in runs], [*runs.values()], shared, is_over)
-        outcomes |= zip(runs, together, strict=True)
+    shared = preparation + (times() - start) / sum(len(indices) for indices, _ in batches)
+    for indices, runs in batches:
+        together = _together([jobs[index] for index in indices], runs, shared, is_over)
+        outcomes |= zip(indices, together, strict=True)
     return outcomes
 
 
@@ -137,7 +169,7 @@ def _attempted(job: Job, function: Callable[..., Result], *arguments: Any) -> Re
 def _tell(job: Job, error: BaseException) -> None:
     """Warn that runs like a job are simulated one by one, and why."""
     reason = str(error) if isinstance(error, CoopPinError) else f"{type(error).__name__}: {error}"
-    _warn_once(f"runs of {job.scenario.name!r} are simulated one by one: {reason}")
+    _warn_once(f"runs of {job.example.name!r} are simulated one by one: {reason}")
 
 
 @functools.lru_cache(maxsize=64)
@@ -146,8 +178,8 @@ def _warn_once(message: str) -> None:
 
 
 @contextlib.contextmanager
-def _compiled(is_over: Callable[[], bool]) -> Iterator[Callable[[], None]]:
-    """Let other threads work on their batches, while compiled code runs; give what ends it early."""
+def _unlocked(is_over: Callable[[], bool]) -> Iterator[Callable[[], None]]:
+    """Let other threads prepare their batches, while compiled code and numpy run; give what ends it early."""
 
     def end() -> None:
         if is_over():
@@ -161,7 +193,7 @@ def _compiled(is_over: Callable[[], bool]) -> Iterator[Callable[[], None]]:
 
 
 def _together(
-    jobs: Sequence[Job], runs: Sequence[Prepared], preparation: Array, is_over: Callable[[], bool]
+    jobs: Sequence[Job], runs: Prepared, preparation: Array, is_over: Callable[[], bool]
 ) -> list[Outcome | None]:
     """Return the outcomes of runs of a family; None for one that breaks a guard: a single run has its error.
 
@@ -178,8 +210,9 @@ def _together(
     """
     start = times()
     try:
-        batch = _simulator.run_prepared(runs, _compiled(is_over))
-        metrics = batch.metrics()
+        with contextlib.ExitStack() as stack:
+            batch = _simulator.run_prepared([runs], lambda: stack.enter_context(_unlocked(is_over)))
+            metrics = batch.metrics()
     except TracingError:
         raise
     except Exception as error:
@@ -188,8 +221,9 @@ def _together(
             _tell(jobs[0], error)
             return [None]
         parts = slice(half), slice(half, None)
-        return [each for part in parts for each in _together(jobs[part], runs[part], preparation, is_over)]
-    family = digest((*runs[0].kind, jobs[0].code)) if runs[0].is_foreign else ""
+        together = (_together(jobs[part], runs.part(part), preparation, is_over) for part in parts)
+        return [*itertools.chain.from_iterable(together)]
+    family = digest((*runs.kind, jobs[0].code)) if runs.is_foreign else ""
     spent, outcomes = preparation + (times() - start) / len(jobs), list[Outcome | None]()
     for index, job in enumerate(jobs):
         if not batch.is_valid[index]:

@@ -33,7 +33,7 @@ from coop_pin.sweeps.plant_steps import with_steps
 from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.run_key import KeyedPoint, keyed_points
 from coop_pin.sweeps.store import TRANSIENT, SweepStore
-from coop_pin.sweeps.table import require_own_names
+from coop_pin.sweeps.table import Columns, require_own_names
 
 _LOG = logging.getLogger("coop_pin.sweeps")
 
@@ -72,9 +72,11 @@ class Session:
         store: the folder.
         bar: the progress bar.
         keys: keys of the points of the last plan.
+        columns: columns of the runs computed for it.
     """
 
     keys: list[str]
+    columns: Columns
     bar: ProgressBar
 
     def __init__(self, store: SweepStore, execution: Execution) -> None:
@@ -101,20 +103,28 @@ class Session:
         for folder in self._execution.merge:
             self._merge(plan, SweepStore(folder))
         self.keys, under_way, refused = list[str](), Counter[str](), list[Outcome]()
-        self._is_foreign = False
+        self._is_foreign, self._is_new, self.columns = False, True, Columns(len(plan))
         jobs = self._jobs(plan, retry_failed, under_way, refused)
         for first in jobs:  # a finished sweep does not wait for workers
             with contextlib.closing(self._outcomes(itertools.chain([first], jobs))) as batches:
                 for batch in batches:
-                    for outcome in batch:
-                        require_own_names(plan, outcome.record.metrics)
-                    self.store.append(batch)
-                    for record in (outcome.record for outcome in batch):
-                        for _ in range(under_way.pop(record.key)):
-                            self.bar.count(bool(record.failure))
-        self.store.append(refused)
+                    records = [outcome.record for outcome in batch]
+                    require_own_names(plan, {name for record in records for name in record.metrics})
+                    self._store(batch)
+                    counts = [(under_way.pop(record.key), bool(record.failure)) for record in records]
+                    self.bar.count(sum(n for n, _ in counts), failed=sum(n for n, failed in counts if failed))
+        self._store(refused)
         if self._is_foreign and plan.engine == "batch":
             self._check_batches(plan)
+
+    def _store(self, outcomes: Sequence[Outcome]) -> None:
+        """Store outcomes of the plan's runs."""
+        self.store.append(outcomes)
+        self.columns.add([outcome.record for outcome in outcomes])
+
+    def result(self, plan: SweepPlan) -> SweepResult:
+        """Return the results of the last plan; the store is read if it had some of them before."""
+        return SweepResult(plan, self.store, self.keys, self.columns if self._is_new else None)
 
     def _merge(self, plan: SweepPlan, other: SweepStore) -> None:
         """Store what another folder has of a plan, if a sample of it that is repeated here agrees.
@@ -154,7 +164,7 @@ class Session:
             if reason := _difference(self.store.read_records([each.key for each in records]), records):
                 scenario = plan.scenario(members[0])
                 _LOG.warning("runs of %r are repeated one by one: %s", scenario.name, told(scenario, reason))
-                self.store.append(self._singly(plan, members))
+                self._store(self._singly(plan, members))
             elif not {outcome.record.failure for outcome in singles} & {*TRANSIENT}:
                 self.store.append([Outcome(Record(family))])
 
@@ -187,13 +197,14 @@ class Session:
             self.keys.append(key)
             self._is_foreign |= isinstance(scenario, Scenario) and bool(scenario.controller.user_code)
             kind, keep = self.store.known.get(key), plan.keeps(point.number)
+            self._is_new &= kind is None
             again = retry_failed and kind in TRANSIENT
             if isinstance(scenario, ScenarioError):
                 if kind is None:
                     refused.append(Outcome(Record.of_failure(key, point.changes, scenario)))
-                self.bar.count(True, old=True)
+                self.bar.count(failed=1, old=True)
             elif kind is not None and not again and (kind or not keep or self.store.read_result(key)):
-                self.bar.count(bool(kind), old=True)
+                self.bar.count(failed=bool(kind), old=True)
             else:
                 under_way[key] += 1
                 if under_way[key] == 1:
@@ -203,9 +214,8 @@ class Session:
     def _job(plan: SweepPlan, keyed: KeyedPoint) -> Job:
         """Return the job of a point whose scenario has no mistakes."""
         point, limits = keyed.point, (plan.time_limit_s, int(plan.memory_limit_gb * 1e9))
-        keep, scenario = plan.keeps(point.number), cast(Scenario, keyed.scenario)
-        options = (point.changes, plan.metrics, *limits, keep, keyed.code, plan.engine)
-        return Job(keyed.key, scenario, *options, keyed.pattern, keyed.numbers)
+        options = (point.changes, plan.metrics, *limits, plan.keeps(point.number), keyed.code, plan.engine)
+        return Job(keyed.key, cast(Scenario, keyed.example), *options, keyed.pattern, keyed.numbers)
 
     def _require_files(self, code: Sequence[tuple[str, Sequence[str]]]) -> None:
         """Refuse code of a script or notebook that workers cannot import, or whose edits go undetected."""
@@ -320,6 +330,6 @@ def sweep_plan(
         plan = with_steps(with_engine(plan, session.store), session.store)
         session.store.write_plan(plan)
         session.compute(plan, retry_failed=retry_failed)
-        result = SweepResult(plan, session.store, session.keys)
+        result = session.result(plan)
         result.write_tables()
     return result

@@ -10,13 +10,12 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple, Self, cast
 
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, TypeAdapter, ValidationError
-from pydantic.dataclasses import dataclass
 
-from coop_pin.arrays import Array
+from coop_pin.arrays import Array, require_type
 from coop_pin.description.scenario import Scenario
 from coop_pin.engines import PREVIOUS, Engine
 from coop_pin.errors import CoopPinError, FieldError, FileReadError, RunTimeoutError, place_of
@@ -51,9 +50,9 @@ def checked_content(line: bytes) -> bytes:
     return match[2]
 
 
-@dataclass(frozen=True, config=ConfigDict(ser_json_inf_nan="strings"))  # JSON has no infinity
+@dataclasses.dataclass(frozen=True)
 class Record:
-    """Stored record of one run, finished or failed.
+    """Stored record of one run, finished or failed; what is read is validated, what is made here is not.
 
     Attributes:
         key: key of the run, see ``run_key``.
@@ -70,6 +69,8 @@ class Record:
         wall_s: duration; like ``cpu_s`` apart from the metrics, because it differs from run to run.
         cpu_s: processor time.
     """
+
+    __pydantic_config__ = ConfigDict(ser_json_inf_nan="strings")  # JSON has no infinity
 
     key: str
     changes: dict[str, Any] = dataclasses.field(default_factory=dict)
@@ -96,7 +97,7 @@ class Record:
         message = str(error) or kind
         if isinstance(error, Exception) and not is_own:  # of a user's metric or constructor, for example
             message = "at {}:{} in {}: {}".format(*place_of(error), message)
-        return cls(key, dict(changes), {}, kind, message, failed_at_s, trace)
+        return cls(key, dict(changes), {}, kind, printable(message), failed_at_s, printable(trace))
 
     def require_sound(self) -> None:
         """Refuse what no sweep writes: the record may be somebody else's.
@@ -145,7 +146,8 @@ class Job(NamedTuple):
 
     Attributes:
         key: key of the run, see ``run_key``.
-        scenario: the resolved scenario. Jobs that are sent together send what they share once.
+        example: the resolved scenario; with a pattern that of another run. Jobs that are sent together
+            send what they share once.
         changes: changes of its base scenario, for the record.
         metrics: the user's metrics, "module:function".
         time_limit_s: wall time after which the run is aborted, s.
@@ -159,7 +161,7 @@ class Job(NamedTuple):
     """
 
     key: str
-    scenario: Scenario
+    example: Scenario
     changes: Mapping[str, Any] = {}
     metrics: tuple[str, ...] = ()
     time_limit_s: float = 600.0
@@ -169,6 +171,11 @@ class Job(NamedTuple):
     engine: Engine = "pinocchio"
     pattern: Pattern | None = None
     numbers: tuple[float, ...] = ()
+
+    @property
+    def scenario(self) -> Scenario:
+        """The resolved scenario."""
+        return self.example if self.pattern is None else cast(Scenario, self.pattern.filled(self.numbers))
 
 
 class Outcome(NamedTuple):
@@ -208,9 +215,12 @@ def run_job(job: Job) -> Outcome:
 
 def separate(scenario: Scenario) -> Scenario:
     """Return a scenario with options of its own, lists and tables that the user's code may change."""
-    parts = scenario.controller, scenario.motion, scenario.squeeze
-    has_options = any(vars(part).get("options") for part in parts)
-    return Scenario.model_validate_json(scenario.model_dump_json()) if has_options else scenario
+    return Scenario.model_validate_json(scenario.model_dump_json()) if has_options(scenario) else scenario
+
+
+def has_options(scenario: Scenario) -> bool:
+    """Return whether the user's code may change parts of a scenario."""
+    return any(vars(part).get("options") for part in (scenario.controller, scenario.motion, scenario.squeeze))
 
 
 def outcome_of(job: Job, compute: Callable[[], RunResult]) -> Outcome:
@@ -221,7 +231,9 @@ def outcome_of(job: Job, compute: Callable[[], RunResult]) -> Outcome:
             result = compute()
             metrics = result.metrics()
             for name in job.metrics:  # the user's last
-                metrics |= {key: float(value) for key, value in load_function(name, {})(result).items()}
+                for key, value in load_function(name, {})(result).items():
+                    require_type("name of a metric", key, str)
+                    metrics[key] = float(value)
         record = Record(job.key, dict(job.changes), metrics, engine=result.engine)
     except BaseException as error:  # user code may raise anything, SystemExit as well: it is recorded
         if CtrlC in (type(error), type(error.__context__)):

@@ -276,7 +276,7 @@ def tune(
             newest = plan(generation)
             session.store.write_plan(plan(points))
             session.compute(newest)
-            metric, excess = objective.read(SweepResult(newest, session.store, session.keys))
+            metric, excess = objective.read(session.result(newest))
             least = np.where(excess > 0.0, np.inf, metric).min()
             session.bar.describe(f"best of the last {size}: {least:.4g}")
             return metric, excess

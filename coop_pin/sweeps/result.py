@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import functools
 import json
 import logging
@@ -25,7 +26,7 @@ from coop_pin.run_scenario import run
 from coop_pin.sweeps.plan import COLUMNS, SweepPlan
 from coop_pin.sweeps.run_key import file_digest, keyed_points
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.table import FAILED, MISSING, OK, PointResult, describe, read_runs
+from coop_pin.sweeps.table import FAILED, MISSING, OK, Columns, PointResult, describe, read_runs
 
 _LOG = logging.getLogger("coop_pin.sweeps")
 _TIMES = ["wall_s", "cpu_s"]
@@ -44,11 +45,17 @@ class SweepResult:
         store: folder of the sweep.
     """
 
-    def __init__(self, plan: SweepPlan, store: SweepStore, keys: Sequence[str] | None = None) -> None:
-        """Read nothing yet; ``keys`` are those of all points, where they are known."""
+    def __init__(
+        self,
+        plan: SweepPlan,
+        store: SweepStore,
+        keys: Sequence[str] | None = None,
+        columns: Columns | None = None,
+    ) -> None:
+        """Read nothing yet; keys of all points and columns of all records may be known, see ``read_runs``."""
         require_type("plan", plan, SweepPlan)
         require_type("store", store, SweepStore)
-        self.plan, self.store, self._keys = plan, store, keys
+        self.plan, self.store, self._known = plan, store, (keys, columns)
 
     @classmethod
     def load(cls, folder: str | Path) -> Self:
@@ -72,7 +79,9 @@ class SweepResult:
 
     @functools.cached_property
     def _runs(self) -> xr.Dataset:
-        return read_runs(self.plan, self.store, self._keys)
+        runs = read_runs(self.plan, self.store, *self._known)
+        self._known = None, None
+        return runs
 
     @functools.cached_property
     def data(self) -> xr.Dataset:
@@ -149,12 +158,18 @@ class SweepResult:
         self.store.write_changed(seal, self._seal())
 
     def _write_rows(self, columns: list[str] | None, path: Path) -> None:
-        """Write some columns of the table as CSV, all but the times when None; some rows after the other."""
+        """Write some columns of the table as DataFrame.to_csv does, all but the times when None.
+
+        Some rows are written after the other. Pandas takes twice as long for them.
+        """
         with path.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
             for first in range(0, self._runs["number"].size, _AT_ONCE):
                 rows = self._rows(slice(first, first + _AT_ONCE))
-                rows = rows.drop(columns=_TIMES) if columns is None else rows[columns]
-                rows.to_csv(file, header=not first, lineterminator="\n")
+                rows = (rows.drop(columns=_TIMES) if columns is None else rows[columns]).reset_index()
+                if not first:
+                    writer.writerow(rows.columns)
+                writer.writerows(zip(*(_cells(rows[name]) for name in rows), strict=True))
 
     def _seal(self) -> bytes:
         """Return the digests of the tables, the plan and the stored runs, as JSON."""
@@ -377,6 +392,12 @@ class SweepResult:
         if idle := self.fields_without_effect():
             lines.insert(1, f"  no effect on any metric here: {', '.join(idle)}")
         return "\n".join([self.plan.summary(), *lines])
+
+
+def _cells(column: pd.Series[Any]) -> list[Any]:
+    """Return the entries of a column as CSV has them, nothing where it is not a number."""
+    entries = column.tolist()
+    return ["" if entry != entry else entry for entry in entries] if column.hasnans else entries
 
 
 def _is_same(label: Any, value: Any) -> bool:

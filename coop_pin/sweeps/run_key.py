@@ -12,7 +12,7 @@ import sysconfig
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from modulefinder import ModuleFinder
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 from coop_pin import __version__
 from coop_pin.description.scenario import Scenario
@@ -227,8 +227,7 @@ class KeyedPoint(NamedTuple):
     Attributes:
         point: the run.
         key: key of the run, by ``run_key`` or ``unresolved_key``.
-        made: scenario of the run, or the error if the changed scenario has mistakes; None where a pattern has
-            it.
+        example: scenario of the run, with a pattern that of another run; the error if it has mistakes.
         code: digests of the user's code that the key covers.
         pattern: pattern of the scenario, if it is one of several that differ in plain numbers.
         numbers: numbers of the run in the pattern.
@@ -236,20 +235,10 @@ class KeyedPoint(NamedTuple):
 
     point: Point
     key: str
-    made: Scenario | ScenarioError | None
+    example: Scenario | ScenarioError
     code: Code = ()
     pattern: Pattern | None = None
     numbers: tuple[float, ...] = ()
-
-    @property
-    def scenario(self) -> Scenario | ScenarioError:
-        """Scenario of the run, or the error if the changed scenario has mistakes."""
-        return self.made or cast(Pattern, self.pattern).filled(self.numbers)
-
-    @property
-    def example(self) -> Scenario | ScenarioError:
-        """Scenario of the run, or one that differs from it in plain numbers."""
-        return self.scenario if self.pattern is None else self.pattern.first
 
 
 class _KeyTemplate:
@@ -291,7 +280,8 @@ def keyed_points(
         if template is not None and (values := template.numbers(point.changes)) is not None:
             keys, code = shared(template)
             numbers = tuple(number.value for number in values)
-            yield KeyedPoint(point, keys.key(values), None, code, template.pattern, numbers)
+            pattern = template.pattern
+            yield KeyedPoint(point, keys.key(values), pattern.first, code, pattern, numbers)
             continue
         scenario = plan.resolved(point)
         if isinstance(scenario, ScenarioError):

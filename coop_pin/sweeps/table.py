@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import itertools
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Collection, Iterable, Sequence
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
-from coop_pin.arrays import Array
 from coop_pin.errors import FieldError
 from coop_pin.results.metrics import NO_STEADY_METRICS
 from coop_pin.sweeps.job import Record
@@ -45,7 +43,47 @@ class PointResult(NamedTuple):
     message: str = ""
 
 
-def read_runs(plan: SweepPlan, store: SweepStore, keys: Sequence[str] | None = None) -> xr.Dataset:
+class Columns:
+    """Columns of the records of a plan's runs: a row for each key, with what the last record of it has.
+
+    Attributes:
+        places: row of each key.
+        texts: texts of records by name, None in a row without a record.
+        numbers: numbers of records and metrics by name, NaN likewise.
+    """
+
+    def __init__(self, most: int) -> None:
+        """Make room for so many keys, and for one row that stays empty, the last."""
+        self.places, size = dict[str, int](), most + 1
+        self.texts = {name: np.full(size, None, dtype=object) for name in _TEXTS}
+        self.numbers = {name: np.full(size, np.nan) for name in _NUMBERS}
+
+    @classmethod
+    def of(cls, records: Iterable[Record], keys: Collection[str]) -> Self:
+        """Return the columns of the records that have one of some keys."""
+        columns, runs = cls(len(keys)), {*keys}
+        known = (record for record in records if record.key in runs)
+        while chunk := list(itertools.islice(known, _CHUNK)):
+            columns.add(chunk)
+        return columns
+
+    def add(self, records: Sequence[Record]) -> None:
+        """Take over records."""
+        at = [self.places.setdefault(record.key, len(self.places)) for record in records]
+        for name, texts in self.texts.items():
+            texts[at] = [getattr(record, name) for record in records]
+        for name in _NUMBERS:
+            self.numbers[name][at] = np.array([getattr(record, name) for record in records], dtype=np.float64)
+        metrics = [record.metrics for record in records]
+        for name in {*itertools.chain.from_iterable(metrics)} - {*self.numbers}:
+            self.numbers[name] = np.full(len(self.numbers["wall_s"]), np.nan)
+        for name in {*self.numbers} - {*_NUMBERS}:
+            self.numbers[name][at] = [each.get(name, np.nan) for each in metrics]
+
+
+def read_runs(
+    plan: SweepPlan, store: SweepStore, keys: Sequence[str] | None = None, columns: Columns | None = None
+) -> xr.Dataset:
     """Return all runs of a plan, read from the store in one pass, with the plan's dimensions.
 
     Variables: COLUMNS, and every metric of the finished runs in alphabetical order, not a number where a run
@@ -56,46 +94,29 @@ def read_runs(plan: SweepPlan, store: SweepStore, keys: Sequence[str] | None = N
         plan: plan of the runs.
         store: store of their records.
         keys: keys of all points, where they are known.
+        columns: columns of all records, where they are known; they are used up.
     """
     keys = [each.key for each in keyed_points(plan)] if keys is None else keys
-    places = {key: row for row, key in enumerate(dict.fromkeys(keys))}
-    texts, numbers = _columns(store.records(), places)
+    columns = Columns.of(store.records(), keys) if columns is None else columns
+    texts, numbers = columns.texts, columns.numbers
     require_own_names(plan, {*numbers} - {*_NUMBERS})
     conditions = [texts["failure"] == None, texts["failure"] != ""]  # noqa: E711  of each entry
-    status = np.select(conditions, [MISSING, FAILED], OK).astype(object)
+    status = np.array([OK, MISSING, FAILED], dtype=object)[np.select(conditions, [1, 2], 0)]
     if "trustworthy" in numbers:
         numbers["trustworthy"][status == FAILED] = 0.0
-    rows, texts["key"] = [places[key] for key in keys], np.array([*places], dtype=object)
-    texts |= {name: np.where(status == MISSING, "", texts[name]) for name in _TEXTS}
-    columns = {"number": np.arange(len(plan)), "status": status[rows]}
-    columns |= {name: x[rows] for name, x in (*texts.items(), *sorted(numbers.items()))}
+    for values in texts.values():
+        values[status == MISSING] = ""
+    rows = np.array([columns.places.get(key, -1) for key in keys])
+    columns.places.clear()
+    variables = {"number": np.arange(len(plan)), "status": status[rows]}
+    variables |= {name: texts.pop(name)[rows] for name in _TEXTS} | {"key": np.array(keys, dtype=object)}
+    variables |= {name: numbers.pop(name)[rows] for name in sorted(numbers)}
     dims = [dimension.name for dimension in plan.dimensions]
     coordinates: dict[str, Any] = {}
     for dimension in plan.dimensions:
         labels = [dimension.labels(index) for index in range(dimension.size)]
         coordinates |= {name: (dimension.name, np.array([at[name] for at in labels])) for name in labels[0]}
-    return xr.Dataset({name: (dims, x.reshape(plan.shape)) for name, x in columns.items()}, coordinates)
-
-
-def _columns(
-    records: Iterator[Record], places: Mapping[str, int]
-) -> tuple[dict[str, NDArray[Any]], dict[str, Array]]:
-    """Return the texts and the numbers of the last record of each key, None and NaN without one."""
-    size = len(places)
-    texts = {name: np.full(size, None, dtype=object) for name in _TEXTS}
-    numbers = {name: np.full(size, np.nan) for name in _NUMBERS}
-    known = (record for record in records if record.key in places)
-    while chunk := list(itertools.islice(known, _CHUNK)):
-        at = [places[record.key] for record in chunk]
-        for name in _TEXTS:
-            texts[name][at] = [getattr(record, name) for record in chunk]
-        for name in _NUMBERS:
-            numbers[name][at] = np.array([getattr(record, name) for record in chunk], dtype=np.float64)
-        for name in {*itertools.chain.from_iterable(record.metrics for record in chunk)} - {*numbers}:
-            numbers[name] = np.full(size, np.nan)
-        for name in {*numbers} - {*_NUMBERS}:
-            numbers[name][at] = [record.metrics.get(name, np.nan) for record in chunk]
-    return texts, numbers
+    return xr.Dataset({name: (dims, x.reshape(plan.shape)) for name, x in variables.items()}, coordinates)
 
 
 def require_own_names(plan: SweepPlan, metrics: Iterable[str]) -> None:

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.description.cell import Cell
-from coop_pin.description.events import Partner
+from coop_pin.description import Cell, Partner
 from coop_pin.figures import palette
 from coop_pin.model.shapes import Box, Cylinder, Mesh, Shape, Sphere, half_extents, payload_shape
 from coop_pin.model.visuals import Body

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from coop_pin.build_controller import build_controller
-from coop_pin.description.events import PayloadChange, WrenchPulse
-from coop_pin.description.scenario import Scenario
+from coop_pin.description import PayloadChange, Scenario, WrenchPulse
 from coop_pin.errors import CoopPinError, FieldError, UserCodeError
 from coop_pin.reference import ConstantSqueeze
 from coop_pin.results import Observer, RunResult

@@ -9,9 +9,7 @@ import numpy as np
 
 from coop_pin.arrays import Array, require_type
 from coop_pin.chain.cell_chain import CellChain
-from coop_pin.description.cell import Cell
-from coop_pin.description.plant import PlantOptions
-from coop_pin.description.scenario import Scenario
+from coop_pin.description import Cell, PlantOptions, Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult, Snapshot

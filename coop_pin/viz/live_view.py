@@ -8,8 +8,7 @@ import warnings
 from pathlib import Path
 
 from coop_pin.arrays import as_positive
-from coop_pin.description.cell import Cell
-from coop_pin.description.scenario import Scenario
+from coop_pin.description import Cell, Scenario
 from coop_pin.errors import PortTakenError, ViewWarning
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.viz.frames import FRAMES_PER_SECOND

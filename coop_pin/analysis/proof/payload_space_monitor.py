@@ -16,8 +16,7 @@ from coop_pin.analysis.proof.monitored_quantities import monitor_dataset
 from coop_pin.analysis.proof.recorded_run import RecordedTick, recorded_ticks
 from coop_pin.arrays import Array, Mask
 from coop_pin.build_controller import build_controller
-from coop_pin.control import PayloadSpaceController
-from coop_pin.control.bounded_anchor import AnchorState
+from coop_pin.control import AnchorState, PayloadSpaceController
 from coop_pin.control.terms import is_new
 from coop_pin.description.events import Surroundings
 from coop_pin.errors import ArgumentError
