@@ -266,7 +266,7 @@ class Plant:
         """Return the acceleration, shape (nv,), and powers in the order of ``work``, the first of them."""
         tau, power = self._force(t, q, v), self._forces.dot(v)
         if not self._is_elastic:
-            return self.chain.mechanism.solver.acceleration(q, v, tau), power
+            return self.chain.rigid.mechanism.solver.acceleration(q, v, tau), power
         a, power[-1] = self.chain.acceleration(q, v, tau)
         return a, power
 
