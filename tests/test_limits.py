@@ -157,10 +157,10 @@ def test_an_effort_or_velocity_of_zero_is_not_stated(tmp_path):
 def test_saturation_cuts_at_the_limit_says_where_and_happens_once():
     scenario = cp.Scenario.load("panda-ur5-bar", {"cell.arms.right.torque_limits": "none"})
     simulation = Simulation(scenario, Given(nothing))
-    motors = simulation.actuation
+    motors, none = simulation.actuation, (0.0, 0.0)
     limits, rng = [JointLimits(arm) for arm in scenario.cell.arms.values()], np.random.default_rng(0)
     applied = motors.apply(
-        0.0, CellCommand([rng.normal(size=7) * 100.0, (rng.normal(size=6) * 1e4).tolist()], None)
+        0.0, CellCommand([rng.normal(size=7) * 100.0, (rng.normal(size=6) * 1e4).tolist()], None), none
     )
     commands = applied.commanded
     assert_allclose(
@@ -169,11 +169,11 @@ def test_saturation_cuts_at_the_limit_says_where_and_happens_once():
     assert list(applied.saturated[0]) == list(np.abs(commands[0]) > limits[0].torque)
     assert applied.saturated[0].any()
     assert_allclose(applied.torques[1], commands[1], rtol=0, atol=0)
-    again = motors.apply(0.0, CellCommand(applied.torques, None))
+    again = motors.apply(0.0, CellCommand(applied.torques, None), none)
     assert not again.saturated[0].any()
     assert_allclose(again.torques[0], applied.torques[0], rtol=0, atol=0)
     with pytest.raises(DivergedError, match="left") as caught:
-        motors.apply(2.5, CellCommand([np.full(7, np.nan), np.zeros(6)], None))
+        motors.apply(2.5, CellCommand([np.full(7, np.nan), np.zeros(6)], None), none)
     assert caught.value.time == 2.5
 
 

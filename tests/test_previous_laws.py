@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.control import LeaderFollower, PrescribedPerformance
-from coop_pin.description.controller import ComputedTorque
+from coop_pin.description.model_laws import ComputedTorque
 from coop_pin.sweeps import run_key
 from coop_pin.sweeps.store import SweepStore
 

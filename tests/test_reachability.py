@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.analysis import reachability
-from coop_pin.analysis.path_following import payload_path
+from coop_pin.analysis.payload_path import payload_path
 from coop_pin.description import Arm, Cell, Payload, Pose, Scenario, UserController
 from coop_pin.description.urdf import find_urdf
 from coop_pin.errors import ArgumentError, JointLimitError, UnreachablePoseError

@@ -23,6 +23,7 @@ from coop_pin.analysis.plausibility import (
     run_warnings,
 )
 from coop_pin.analysis.reachability import ArmReach, Reachability, reachability
+from coop_pin.analysis.reserves import force_reserve, loads_without_an_arm
 from coop_pin.analysis.root_locus import RootLocus, root_locus
 from coop_pin.analysis.sampled_motion import SampledMotion, sampled_motion
 from coop_pin.analysis.sampled_stability import (
@@ -35,8 +36,6 @@ from coop_pin.analysis.statics import (
     ArmStatics,
     DriveTorque,
     StaticTorques,
-    force_reserve,
-    loads_without_an_arm,
     start_torques,
     static_torques,
     statics_along,

@@ -12,11 +12,9 @@ from coop_pin.analysis.path_following import (
     JointLimitMargin,
     NearlySingular,
     PathFollowing,
-    PayloadPath,
     Unreachable,
-    payload_path,
-    with_free_turn,
 )
+from coop_pin.analysis.payload_path import PayloadPath, payload_path, with_free_turn
 from coop_pin.arrays import Array, as_count, frozen, require_type
 from coop_pin.chain.inverse_kinematics import solve_ik
 from coop_pin.control.terms import CONDITION_LIMIT

@@ -92,10 +92,10 @@ def table_force(
         CoopPinError: an arm does not reach its grasp there.
     """
     table_error = as_positive("table_error", table_error)
-    cell, law = scenario.cell, scenario.controller
+    law: Any = scenario.controller
+    cell = scenario.cell
     if not scenario.put_downs or not law.puts_down or len(cell.patches) < len(cell.arms):
         return None
-    assert isinstance(law, PayloadSpace)
     put_down = scenario.put_downs[0]
     X_WP = scenario.motion.replace().at(put_down.time).X_WP_d
     below = _table_below(scenario, X_WP)

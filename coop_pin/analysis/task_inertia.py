@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.analysis.path_following import time_at_rest
+from coop_pin.analysis.payload_path import time_at_rest
 from coop_pin.analysis.reachability import ArmReach, Reachability
 from coop_pin.arrays import Array, typed
 from coop_pin.control.posture import PostureGains

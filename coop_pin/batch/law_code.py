@@ -125,15 +125,15 @@ class LawCode(NamedTuple):
 
 def fields(tick: LawTick) -> tuple[Values, Values]:
     """Return the values of measurement and reference that are inputs of the code, by name."""
-    measured = {name: getattr(tick.measurement, name) for name in MEASURED}
+    seen, reference = tick.measurement._asdict(), tick.reference._asdict()
+    measured = {name: seen[name] for name in MEASURED}
     absent = {name for name, value in measured.items() if value is None}
     absent |= {f"{name}_age" for name in absent}
-    desired = {name: getattr(tick.reference, name) for name in DESIRED}
     present = {name: value for name, value in measured.items() if name not in absent}
     messages = tick.measurement.messages or {}
     for name, sender in heard_fields(tick.measurement).items():
         present |= {name: messages[sender].numbers, f"{name}_age": messages[sender].age}
-    return present, desired
+    return present, {name: reference[name] for name in DESIRED}
 
 
 def heard_fields(measurement: ArmMeasurement) -> dict[str, str]:

@@ -30,10 +30,8 @@ from coop_pin.batch.signals import (
 )
 from coop_pin.build_controller import controlled_arm
 from coop_pin.control import CellController
-from coop_pin.description.cell import Cell
+from coop_pin.description import Cell, Scenario, TrustThresholds
 from coop_pin.description.code_family import Cover, plant_reason
-from coop_pin.description.scenario import Scenario
-from coop_pin.description.trust import TrustThresholds
 from coop_pin.errors import CoopPinError, TracingError
 from coop_pin.results.quantities import QUANTITIES
 from coop_pin.schema.parts import Filled, Pattern

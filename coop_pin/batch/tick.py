@@ -19,8 +19,7 @@ from coop_pin.batch.law_code import law_code
 from coop_pin.batch.plant_code import write_observed, write_step
 from coop_pin.batch.serial_arm import Numbers, frames
 from coop_pin.batch.signals import Desired, RunSignals
-from coop_pin.control import ArmMeasurement, ArmReference
-from coop_pin.control.interface import Message
+from coop_pin.control import ArmMeasurement, ArmReference, Message
 from coop_pin.description.events import Surroundings
 from coop_pin.results.quantities import WORK
 from coop_pin.simulation.actuation import TORQUE_LIMIT

@@ -95,7 +95,7 @@ class CellChain(CellKinematics):
             v: velocity, shape (nv,).
             tau: generalised force of everything but grasps and force elements, shape (nv,).
         """
-        elements, closed = self.elements, self.mechanism
+        elements, closed = self.elements, self.rigid.mechanism
         if not elements.elements:
             return closed.solver.acceleration(q, v, tau), 0.0
         power = elements.act(q, v)

@@ -6,6 +6,7 @@ from coop_pin.control.admittance import (
     AdmittanceGains,
     FollowingController,
 )
+from coop_pin.control.agreed_integral import AgreedIntegral
 from coop_pin.control.averaged_wrench import (
     AveragedWrench,
     ConsensusForcePath,
@@ -34,13 +35,7 @@ from coop_pin.control.interface import (
 from coop_pin.control.law import DecentralisedLaw, Law
 from coop_pin.control.leader_follower import LeaderFollower, LeaderFollowerController, LeaderFollowerGains
 from coop_pin.control.learned_load import LearnedForcePath, LearnedLoad
-from coop_pin.control.mean_pose import (
-    AgreedIntegral,
-    ConsensusPose,
-    MeanPose,
-    MeanPoseByMessages,
-    MeanPoseController,
-)
+from coop_pin.control.mean_pose import ConsensusPose, MeanPose, MeanPoseByMessages, MeanPoseController
 from coop_pin.control.payload_space import PayloadSpace
 from coop_pin.control.payload_space_controller import (
     PayloadSpaceController,

@@ -81,3 +81,22 @@ def disagreement(name: str, heard: Mapping[str, Message]) -> Any:
         np.where(mine.age + other.age < np.inf, mine.numbers - other.numbers, 0.0) for other in others
     ]
     return reduce(add, terms)
+
+
+ANY_AGE = float(np.finfo(float).max)
+"""Age of the oldest message that was heard at all, ticks."""
+
+
+def mean_heard(messages: Mapping[str, Message], fallback: Array, oldest: float = ANY_AGE) -> Array:
+    """Return the mean of the first numbers of messages, the own as sent among them.
+
+    Args:
+        messages: Messages by name.
+        fallback: Numbers in its place before any arrived, shape (n,).
+        oldest: Largest age of a message in the mean, ticks.
+    """
+    weights = [np.where(one.age <= oldest, 1.0, 0.0) for one in messages.values()]
+    parts = [w * one.numbers[: len(fallback)] for w, one in zip(weights, messages.values(), strict=True)]
+    total = reduce(add, weights)
+    alone = total < 0.5
+    return np.where(alone, fallback, reduce(add, parts) / np.where(alone, 1.0, total))

@@ -12,8 +12,9 @@ import numpy as np
 from pydantic import model_validator
 
 from coop_pin.arrays import Array
+from coop_pin.control.agreed_integral import AgreedIntegral
 from coop_pin.control.bounds import SampledLoop
-from coop_pin.control.consensus import disagreement, require_consensus
+from coop_pin.control.consensus import ANY_AGE, disagreement, mean_heard, require_consensus
 from coop_pin.control.interface import (
     ArmCommand,
     ArmController,
@@ -22,13 +23,10 @@ from coop_pin.control.interface import (
     CellController,
     ControlledArm,
     DecentralisedController,
-    Message,
 )
 from coop_pin.control.payload_space import PayloadSpace
 from coop_pin.control.payload_space_controller import (
-    PayloadSpaceController,
     PayloadSpaceGains,
-    PayloadSpaceState,
 )
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.told_law import MemorylessTellingLaw, TellingCellLaw, TellingLaw, further, heard
@@ -94,7 +92,7 @@ class MeanPoseByMessages(MemorylessTellingLaw):
     def seen(self, measurement: ArmMeasurement, reference: ArmReference) -> ArmMeasurement:
         """Return the measurement with the mean of the views; its own before any arrived."""
         views, view = heard(measurement), _view(measurement, reference.pose)
-        mean = _mean_heard(views, view, views[self.name].age if self.skips else _ANY_AGE)
+        mean = mean_heard(views, view, views[self.name].age if self.skips else ANY_AGE)
         return _placed(_without_view(measurement), mean, reference.pose)
 
 
@@ -155,85 +153,6 @@ class ConsensusPose(TellingLaw):
         command = self.law.step(placed, reference, state.law)
         z = state.correction + self.gain * disagreement(self.name, heard(measurement))[: len(x)]
         return replace(command, state=ConsensusState(z, command.state))
-
-
-class AgreedState(NamedTuple):
-    """Memory of an arm whose integral agrees with the others.
-
-    Attributes:
-        start: Z(t_0), N and N m, shape (k_0,).
-        law: State of the law.
-    """
-
-    start: Array
-    law: PayloadSpaceState
-
-
-@dataclass(frozen=True, eq=False)
-class AgreedIntegral(TellingLaw):
-    """The payload-space law of one arm, whose integral leaks to the mean of those that it hears.
-
-    ::
-
-        D_i  = (Z_i - Z_i(t_0)) / c_i
-        Z_i <- Z_i - lambda T (Z_i - Z_i(t_0) - c_i mean_j D_j)      its own D_i as sent among the D_j
-
-    By equal views all D_i are equal, and nothing leaks. What they differ by, by a view that was lost, a drive
-    at its limit or the first ticks of a consensus, is internal force; it decays by 1 - lambda T a tick where
-    all hear all, and no slower than the graph's second eigenvalue says elsewhere. Their mean does not leak:
-    it still takes any constant load. Distributed-averaging proportional-integral control: Simpson-Porco,
-    Doerfler and Bullo, Automatica 49 (2013), with load shares in place of the inverters' ratings.
-
-    Every arm says D_i, k_0 numbers.
-
-    Attributes:
-        law: Payload-space law of this arm, with lambda and without a measured wrench.
-        name: Name of this arm.
-    """
-
-    needs: ClassVar[tuple[str, ...]] = ("messages",)
-
-    law: PayloadSpaceController
-    name: str
-
-    def said(self, measurement: ArmMeasurement, reference: ArmReference, state: AgreedState | None) -> Array:
-        """Return D_i, shape (k_0,)."""
-        return np.zeros(self.law.arm.rows.size) if state is None else self._gained(state)
-
-    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> AgreedState:
-        """Return the first state of the law, and its integral; raises as the law."""
-        state = self.law.init(measurement, reference)
-        return AgreedState(state.integral, state)
-
-    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: AgreedState) -> ArmCommand:
-        """Return the command of the law, and the next state; raises as the law."""
-        goal = self.law.arm.load_share * _mean_heard(heard(measurement), self._gained(state))
-        law = state.law._replace(anchored=state.start + goal)
-        command = self.law.step(measurement, reference, law)
-        return replace(command, state=state._replace(law=command.state))
-
-    def _gained(self, state: AgreedState) -> Array:
-        """Return D_i."""
-        return np.asarray((state.law.integral - state.start) / self.law.arm.load_share)
-
-
-_ANY_AGE = float(np.finfo(float).max)
-"""Age of the oldest message that was heard at all, ticks."""
-
-
-def _mean_heard(messages: Mapping[str, Message], fallback: Array, oldest: float = _ANY_AGE) -> Array:
-    """Return the mean of the first numbers of messages, the own as sent among them.
-
-    Args:
-        messages: Messages by name.
-        fallback: Numbers in its place before any arrived, shape (n,).
-        oldest: Largest age of a message in the mean, ticks.
-    """
-    weights = [np.where(one.age <= oldest, 1.0, 0.0) for one in messages.values()]
-    parts = [w * one.numbers[: len(fallback)] for w, one in zip(weights, messages.values(), strict=True)]
-    total = reduce(add, weights)
-    alone = total < 0.5
-    return np.where(alone, fallback, reduce(add, parts) / np.where(alone, 1.0, total))
 
 
 def _without_view(measurement: ArmMeasurement) -> ArmMeasurement:
@@ -312,7 +231,7 @@ class MeanPose(PayloadSpace):
 
     def controller_of(self, arm: ControlledArm, gains: PayloadSpaceGains, scenario: Any) -> ArmController:
         """Return the law of one arm; without messages all integrals are equal, and leak nothing."""
-        law = self.payload_space_controller(arm, gains, scenario)
+        law: Any = super().controller_of(arm, gains, scenario)
         if self.leak_to == "start":
             return law
         return replace(law, leak=0.0) if scenario.network is None else AgreedIntegral(law, arm.name)

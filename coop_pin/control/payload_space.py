@@ -145,12 +145,6 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
 
     def controller_of(self, arm: ControlledArm, gains: PayloadSpaceGains, scenario: Any) -> ArmController:
         """Return the law of one arm."""
-        return self.payload_space_controller(arm, gains, scenario)
-
-    def payload_space_controller(
-        self, arm: ControlledArm, gains: PayloadSpaceGains, scenario: Any
-    ) -> PayloadSpaceController:
-        """Return the payload-space law of one arm."""
         leak, fastest, mass = self._leak(gains), 1.0 / arm.period, self.payload_mass
         if leak * arm.period > 1.0:  # the integral would overshoot its goal
             detail = f"is {leak:g} /s; at {fastest:g} Hz it can be at most {fastest:g}: state a smaller one"

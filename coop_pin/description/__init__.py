@@ -5,7 +5,7 @@ from coop_pin.description.actuators import Actuators, GravityCompensation
 from coop_pin.description.arm import Arm, JointFriction, Miscalibration
 from coop_pin.description.cell import Cell, grasps_from_configuration
 from coop_pin.description.contact import Pad, PatchGrasp, Table
-from coop_pin.description.controller import ModelFactors, UserController
+from coop_pin.description.controller import UserController
 from coop_pin.description.events import (
     GravityTurn,
     LoseArm,
@@ -17,6 +17,7 @@ from coop_pin.description.events import (
 from coop_pin.description.grasp import CompliantGrasp
 from coop_pin.description.grasp_events import HandOver, PutDown, Regrasp, Release
 from coop_pin.description.mobile_base import MobileBase
+from coop_pin.description.model_laws import ModelFactors
 from coop_pin.description.network import ArmClock, Channel, EdgeChannel, GraphChange, Network
 from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions, Stabilisation

@@ -93,7 +93,7 @@ def _without_none(value: Any) -> Any:
 
 def _stated(value: Any, dumped: Any) -> Any:
     """Return what is dumped of a value without fields at their defaults; a ``kind`` stays."""
-    if isinstance(value, Payload) and _is_box(value):
+    if _is_box(value):
         return {"kind": "box", "mass": dumped["mass"], "size": dumped["size"]}
     if isinstance(value, Pose) and any(value.rpy[:2]) and Pose(**value.by_axis()) == value:
         return value.by_axis()
@@ -106,7 +106,7 @@ def _stated(value: Any, dumped: Any) -> Any:
     return dumped
 
 
-def _is_box(value: BaseModel) -> bool:
+def _is_box(value: Any) -> bool:
     """Whether a value is a homogeneous box, which its mass and edges state."""
     return isinstance(value, Payload) and value == Payload.box(value.mass, value.size)
 

@@ -10,7 +10,7 @@ _PUBLIC = {
     "error_figure": "coop_pin.figures.run_figures",
     "friction_figure": "coop_pin.figures.grasp_figures",
     "internal_force_figure": "coop_pin.figures.run_figures",
-    "motion_figure": "coop_pin.figures.run_figures",
+    "motion_figure": "coop_pin.figures.motion_views",
     "pareto_figure": "coop_pin.figures.sweep_figures",
     "root_locus_figure": "coop_pin.figures.locus_figure",
     "save_figure": "coop_pin.figures.style",

@@ -1,4 +1,4 @@
-"""Figures of one run: tracking, torques, errors, internal wrench, margin to singular poses, and the motion.
+"""Figures of one run: tracking, torques, errors, internal wrench, margin to singular poses.
 
 The tracking figure follows Fig. 2 of Gueaieb et al. (2007).
 """
@@ -24,7 +24,6 @@ from coop_pin.figures.style import (
     inset_peak,
     label,
     legend_above,
-    plain_figure,
     run_figure,
 )
 from coop_pin.results import RunResult
@@ -219,17 +218,11 @@ def internal_force_figure(result: RunResult) -> Figure:
 
 def _mirrors(data: xr.Dataset) -> bool:
     """Return whether two arms have the same axial force, shear force and moment, to rounding."""
-    parts = [data[f"internal_{part}"].values for part in ("axial", "shear", "moment")]
-    return parts[0].shape[1] == 2 and all(
-        np.allclose(
-            part[:, 0],
-            part[:, 1],
-            rtol=1e-6,
-            atol=1e-9 + 1e-6 * np.nanmax(np.abs(part), initial=0.0),
-            equal_nan=True,
-        )
-        for part in parts
-    )
+    parts = np.stack([data[f"internal_{part}"].values for part in ("axial", "shear", "moment")])
+    if parts.shape[2] != 2:
+        return False
+    close = 1e-9 + 1e-6 * np.nanmax(np.abs(parts), axis=(1, 2), initial=0.0)[:, None]
+    return np.allclose(parts[..., 0], parts[..., 1], rtol=1e-6, atol=close, equal_nan=True)
 
 
 @typed
@@ -253,62 +246,3 @@ def singularity_figure(result: RunResult) -> Figure:
         label(panel, "condition number of the payload Jacobian", "")
         legend_above(panel)
     return figure
-
-
-# ------------------------------------------------------------ motion
-
-_INSTANTS = 6
-_WIDTH, _MIN_WIDTH, _MAX_HEIGHT, _MARGIN = 6.6, 4.6, 7.0, 0.45
-"""Inches; at the least width, the legend still fits beside a cell that is narrow seen from above."""
-
-
-@typed
-def motion_figure(result: RunResult) -> Figure:
-    """Return the paths of payload and tips, and the polygon of the tips at six instants, seen from above.
-
-    Cells that move in space are also drawn from the side (x, z), below the view from above and to the same
-    scale.
-
-    Args:
-        result: the run.
-    """
-    views = [(0, 1)] if result.scenario.cell.rows == "planar" else [(0, 1), (0, 2)]
-    extent = _extent(result)
-    scale = min(_WIDTH / extent[0], _MAX_HEIGHT / sum(extent[second] for _, second in views))
-    heights = [scale * extent[second] + _MARGIN for _, second in views]
-    size = (max(scale * extent[0], _MIN_WIDTH) + 2.0 * _MARGIN, sum(heights) + 2.0 * _MARGIN)
-    shape: Any = {"sharex": True, "squeeze": False, "height_ratios": heights}
-    with plain_figure(*size, len(views), **shape) as (figure, grid):
-        for panel, view in zip(grid.flat, views, strict=True):
-            _draw_motion(panel, result, view)
-        grid[-1, 0].set_xlabel("x (m)")
-        figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    return figure
-
-
-def _extent(result: RunResult) -> Array:
-    """Return the extent of bases, tips and payload in x, y and z with a margin of 10 % on each side, m."""
-    names = ("tip_position", "payload_position", "desired_position")
-    bases = [arm.base.xyz for arm in result.scenario.cell.arms.values()]
-    points = np.concatenate([bases, *(result.data[name].values.reshape(-1, 3) for name in names)])
-    return 1.2 * np.maximum(np.ptp(points, axis=0), 0.1)
-
-
-def _draw_motion(panel: Axes, result: RunResult, view: tuple[int, int]) -> None:
-    data, first, second = result.data, *view
-    tips, actual, desired = (
-        data[name].values for name in ("tip_position", "payload_position", "desired_position")
-    )
-    samples = np.unique(np.linspace(0, len(tips) - 1, _INSTANTS).round().astype(int))
-    for age, sample in enumerate(samples):
-        corners = np.concatenate((tips[sample], tips[sample, :1]))
-        style: dict[str, Any] = {"color": palette.LOAD, "alpha": 0.25 + 0.75 * age / len(samples)}
-        panel.plot(corners[:, first], corners[:, second], linewidth=2.5, **style)
-    panel.plot(desired[:, first], desired[:, second], label="desired path", **DESIRED)
-    panel.plot(actual[:, first], actual[:, second], label="actual path", **ACTUAL)
-    for number, (name, arm) in enumerate(result.scenario.cell.arms.items()):
-        base, colour = arm.base.xyz, palette.arm(number)
-        panel.plot(tips[:, number, first], tips[:, number, second], color=colour, linewidth=0.6)
-        panel.plot(base[first], base[second], "^", color=colour, label=f"base of {as_written(name)}")
-    panel.set_aspect("equal", adjustable="box")
-    label(panel, "from above" if second == 1 else "from the side", f"{'xyz'[second]} (m)")

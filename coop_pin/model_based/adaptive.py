@@ -9,7 +9,7 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.control import ArmCommand, ArmController, ArmMeasurement, ArmReference, ControlledArm
 from coop_pin.control.terms import InternalForceIntegral, right_inverse
-from coop_pin.description.controller import Adaptive
+from coop_pin.description.model_laws import Adaptive
 from coop_pin.description.scenario import Scenario
 from coop_pin.model_based.arm_dynamics import ArmDynamics
 

@@ -10,7 +10,7 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.control import ArmMeasurement, ArmReference, CellCommand, CellController, ControlledArm
 from coop_pin.control.terms import InternalForceIntegral
-from coop_pin.description.controller import ObjectImpedance
+from coop_pin.description.model_laws import ObjectImpedance
 from coop_pin.description.scenario import Scenario
 from coop_pin.model_based.arm_dynamics import ArmDynamics
 from coop_pin.model_based.computed_torque import ComputedTorqueState, acceleration_torque

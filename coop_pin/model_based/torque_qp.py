@@ -10,7 +10,7 @@ import numpy as np
 from coop_pin.arrays import Array
 from coop_pin.control import ArmMeasurement, ArmReference, CellCommand, CellController, ControlledArm
 from coop_pin.control.terms import InternalForceIntegral
-from coop_pin.description.controller import TorqueQp
+from coop_pin.description.model_laws import TorqueQp
 from coop_pin.description.scenario import Scenario
 from coop_pin.errors import InvalidStateError, needs_extra
 from coop_pin.model.joint_limits import JointLimits

@@ -230,12 +230,7 @@ class Description(BaseModel, metaclass=_Listed):  # type: ignore[metaclass]
         )
 
     def differences(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
-        """Yield what makes it different from a value of its class, one text for each field.
-
-        Args:
-            base: the other value.
-            path: names of the fields that lead to both.
-        """
+        """Yield what makes it different from another value of its class; see ``schema.changes``."""
         yield from table_differences(dict(self), dict(base), path)
 
     def replace(self, **fields: Any) -> Self:

@@ -21,9 +21,8 @@ from coop_pin.chain.grasp_springs import GraspsHeld
 from coop_pin.chain.integrators import INTEGRATORS
 from coop_pin.chain.partner import PartnerState, partner_state
 from coop_pin.chain.rigid_grasps import ClosuresHeld
+from coop_pin.description import PlantOptions, Regrasp
 from coop_pin.description.events import MISSED, Surroundings
-from coop_pin.description.grasp_events import Regrasp
-from coop_pin.description.plant import PlantOptions
 from coop_pin.results.quantities import WORK, WORK_OF_GRASPS
 
 
@@ -267,7 +266,7 @@ class Plant:
         """Return the acceleration, shape (nv,), and powers in the order of ``work``, the first of them."""
         tau, power = self._force(t, q, v), self._forces.dot(v)
         if not self._is_elastic:
-            return self.chain.mechanism.solver.acceleration(q, v, tau), power
+            return self.chain.rigid.mechanism.solver.acceleration(q, v, tau), power
         a, power[-1] = self.chain.acceleration(q, v, tau)
         return a, power
 

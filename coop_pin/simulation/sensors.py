@@ -16,9 +16,8 @@ from coop_pin.simulation.drives import Applied
 from coop_pin.simulation.encoder import Encoders, EncoderState
 from coop_pin.simulation.signals import CellSignals
 from coop_pin.simulation.wrist import ForcePath, ForcePathState, Wrist
-from coop_pin.spatial import rotate_vector6
+from coop_pin.spatial import TaskRows, rotate_vector6
 from coop_pin.spatial.internal_wrench import linkage_loads
-from coop_pin.spatial.task_rows import TaskRows
 
 View = Callable[[int, Array | None], PayloadKinematics]
 """Payload pose and Jacobian by an arm's own kinematics, at its measured joint angles; None: the true ones."""

@@ -15,9 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.description.plant import Clock
-from coop_pin.description.scenario import Scenario
-from coop_pin.description.sensors import WristSensor
+from coop_pin.description import Clock, Scenario, WristSensor
 from coop_pin.spatial import rotate_vector6, shift_wrench
 
 EARLY = 1e-9

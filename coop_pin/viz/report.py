@@ -18,10 +18,10 @@ from matplotlib.figure import Figure
 from coop_pin import __version__
 from coop_pin.arrays import typed
 from coop_pin.figures.grasp_figures import friction_figure
+from coop_pin.figures.motion_views import motion_figure
 from coop_pin.figures.run_figures import (
     error_figure,
     internal_force_figure,
-    motion_figure,
     singularity_figure,
     torque_figure,
     tracking_figure,
