@@ -57,7 +57,12 @@ def test_the_table_of_batches_is_that_of_single_runs_and_errors_are_the_same(tmp
 @pytest.mark.slow
 def test_a_finished_batch_is_kept_and_values_that_come_later_are_simulated(tmp_path, monkeypatch):
     simulated, original = [], batch_job.run_batch
-    monkeypatch.setattr(batch_job, "run_batch", lambda jobs: simulated.append(len(jobs)) or original(jobs))
+
+    def counted(jobs, *rest):
+        simulated.append(len(jobs))
+        return original(jobs, *rest)
+
+    monkeypatch.setattr(batch_job, "run_batch", counted)
     gain = "controller.gains.pose_gain"
     first, _ = swept(plan(axes={gain: [5.0, 6.0]}), tmp_path)
     again, _ = swept(plan(axes={gain: [5.0, 6.0]}), tmp_path)

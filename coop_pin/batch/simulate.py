@@ -217,7 +217,7 @@ class BatchSimulator:
         The first and the last are prepared by themselves, and the others must agree with them.
 
         Args:
-            scenarios: Scenarios of the runs; see ``of_a_law``.
+            scenarios: Scenarios of the runs, alike but for numbers of the law.
             cover: Provisions of the code, as of prepare.
 
         Returns:
