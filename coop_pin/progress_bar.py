@@ -46,10 +46,10 @@ class ProgressBar:
         """Count items and the failed ones of them; old ones, of an earlier session, do not enter the rate."""
         self.finished += items
         self.failed += failed
-        if old and not self._bar.disable:
-            self._bar.initial += items
-        self._bar.set_postfix_str(f"{self.failed} failed" if self.failed else "", refresh=False)
-        self._bar.update(items)
+        if not self._bar.disable:
+            self._bar.initial += items * old
+            self._bar.set_postfix_str(f"{self.failed} failed" if self.failed else "", refresh=False)
+            self._bar.update(items)
 
     def describe(self, text: str) -> None:
         """Show a text before the bar."""

@@ -110,8 +110,9 @@ class Dimension(NamedTuple):
 
     def changes(self, index: int) -> Mapping[str, Any]:
         """Return the changed fields at one place."""
-        values = {field: values[index] for field, values in self.varied.items()}
-        return values if self.cases is None else self.cases[values[self.name]]
+        if self.cases is not None:
+            return self.cases[self.fields[self.name][index]]
+        return {field: values[index] for field, values in self.fields.items() if field != "sample"}
 
     def ends(self) -> list[int]:
         """Return the places of the least and largest values of each field; all of cases."""
@@ -126,18 +127,18 @@ class Dimension(NamedTuple):
 
     def labels(self, index: int) -> dict[str, Any]:
         """Return the coordinates of one place."""
-        return {field: _label(values[index]) for field, values in self.fields.items()}
+        return {field: label(values[index]) for field, values in self.fields.items()}
 
     def summary(self) -> str:
         """Return the values, or the names of the cases, on one line."""
-        labels = [_label(value) for value in self.fields[self.name][:6]]
+        labels = [label(value) for value in self.fields[self.name][:6]]
         shown = ", ".join(f"{each:.10g}" if isinstance(each, float) else str(each) for each in labels)
         more = ", ..." if self.size > len(labels) else ""
         together = f" together with {', '.join(list(self.fields)[1:])}" if len(self.fields) > 1 else ""
         return f"{self.size} {self.kind}: {shown}{more}{together}"
 
 
-def _label(value: Any) -> Any:
+def label(value: Any) -> Any:
     """Return the coordinate of a value: a number, text or truth value itself, anything else as JSON text."""
     is_plain = isinstance(value, str | int | float)
     return value if is_plain else json.dumps(value, default=lambda x: getattr(x, "model_dump", x.__str__)())

@@ -195,7 +195,8 @@ class Session:
             point, key, scenario = keyed.point, keyed.key, keyed.example
             self._require_files(keyed.code)
             self.keys.append(key)
-            self._is_foreign |= isinstance(scenario, Scenario) and bool(scenario.controller.user_code)
+            if keyed.code and isinstance(scenario, Scenario):
+                self._is_foreign |= bool(scenario.controller.user_code)
             kind, keep = self.store.known.get(key), plan.keeps(point.number)
             self._is_new &= kind is None
             again = retry_failed and kind in TRANSIENT

@@ -69,12 +69,14 @@ class Point(NamedTuple):
         base: name of its scenario.
         changes: changes of that scenario, by dotted path.
         parameters: coordinates: the label along every dimension and the value of every varied field.
+        places: place along each dimension.
     """
 
     number: int
     base: str
     changes: dict[str, Any]
     parameters: dict[str, Any]
+    places: tuple[int, ...]
 
 
 class SweepPlan(Description):
@@ -187,14 +189,14 @@ class SweepPlan(Description):
 
     def __getitem__(self, index: int) -> Point:
         """Return one point with all that is overridden in its run; negative places count from the end."""
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"point {index} of a plan with {len(self)}")
-        index %= len(self)
-        changes, parameters = dict(self.changes), dict[str, Any]()
-        for dimension, position in zip(self.dimensions, self.places(index), strict=True):
+        if not -(size := len(self)) <= index < size:
+            raise IndexError(f"point {index} of a plan with {size}")
+        places, changes, parameters = self.places(index % size), dict(self.changes), dict[str, Any]()
+        for dimension, position in zip(self.dimensions, places, strict=True):
             changes |= dimension.changes(position)
             parameters |= dimension.labels(position)
-        return Point(index, str(parameters.get("base", next(iter(self.base)))), changes, parameters)
+        base = str(parameters.get("base", next(iter(self.base))))
+        return Point(index % size, base, changes, parameters, places)
 
     def points(self, numbers: Iterable[int] | None = None) -> Iterator[Point]:
         """Yield points by their numbers, all in order when these are omitted."""

@@ -13,6 +13,7 @@ import xarray as xr
 
 from coop_pin.errors import FieldError
 from coop_pin.results.metrics import NO_STEADY_METRICS
+from coop_pin.sweeps.dimensions import label
 from coop_pin.sweeps.job import Record
 from coop_pin.sweeps.plan import COLUMNS, SweepPlan
 from coop_pin.sweeps.run_key import keyed_points
@@ -112,10 +113,11 @@ def read_runs(
     variables |= {name: texts.pop(name)[rows] for name in _TEXTS} | {"key": np.array(keys, dtype=object)}
     variables |= {name: numbers.pop(name)[rows] for name in sorted(numbers)}
     dims = [dimension.name for dimension in plan.dimensions]
-    coordinates: dict[str, Any] = {}
-    for dimension in plan.dimensions:
-        labels = [dimension.labels(index) for index in range(dimension.size)]
-        coordinates |= {name: (dimension.name, np.array([at[name] for at in labels])) for name in labels[0]}
+    coordinates = {
+        name: (dimension.name, np.array([*map(label, values)]))
+        for dimension in plan.dimensions
+        for name, values in dimension.fields.items()
+    }
     return xr.Dataset({name: (dims, x.reshape(plan.shape)) for name, x in variables.items()}, coordinates)
 
 
@@ -125,7 +127,7 @@ def require_own_names(plan: SweepPlan, metrics: Iterable[str]) -> None:
     Raises:
         FieldError: a metric of the user has such a name.
     """
-    fields = (name for dimension in plan.dimensions for name in dimension.labels(0))
+    fields = (name for dimension in plan.dimensions for name in dimension.fields)
     if clashes := sorted({*COLUMNS, *fields} & {*metrics}):
         raise FieldError(
             f"return {clashes[0]!r}, which another column of the table has; rename it", "metrics"

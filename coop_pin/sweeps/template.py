@@ -124,16 +124,15 @@ class Templates:
         """Return the template of a run; None if it must be validated by itself."""
         if not self._numbers:
             return None
-        places = self._plan.places(point.number)
-        kind = _without(places, self._numbers)
+        kind = _without(point.places, self._numbers)
         if kind not in self._plain and isinstance(first := self._plan.resolved(point), Scenario):
             self._plain[kind] = [axis for axis in self._numbers if self._template(first, [axis])]
         plain = self._plain.get(kind, [])
-        key = _without(places, plain)
+        key = kind if plain == self._numbers else _without(point.places, plain)
         if key not in self._made:
             while len(self._made) >= _MOST:
                 del self._made[next(iter(self._made))]
-            self._made[key] = self._checked(point, places, plain)
+            self._made[key] = self._checked(point, plain)
         return self._made[key]
 
     def _template(self, first: Scenario, axes: Iterable[int]) -> Template | None:
@@ -144,7 +143,7 @@ class Templates:
         except (TypeError, LookupError, AttributeError, ValueError, ScenarioError):
             return None
 
-    def _checked(self, point: Point, places: Sequence[int], axes: Sequence[int]) -> Template | None:
+    def _checked(self, point: Point, axes: Sequence[int]) -> Template | None:
         """Return the template of runs along some dimensions, if it agrees with the runs at their ends."""
         first = self._plan.resolved(point)
         if not isinstance(first, Scenario) or math.prod(self._shape[axis] for axis in axes) < _FEWEST:
@@ -152,7 +151,7 @@ class Templates:
         template = self._template(first, axes)
         for end in (0, -1):
             ends = {axis: self._plan.dimensions[axis].ends()[end] for axis in axes}
-            corner = [ends.get(axis, position) for axis, position in enumerate(places)]
+            corner = [ends.get(axis, position) for axis, position in enumerate(point.places)]
             run = self._plan[int(np.ravel_multi_index(corner, self._shape))]
             if template is not None and not template.agrees(self._plan.resolved(run), run.changes):
                 return None
