@@ -25,7 +25,7 @@ from tornado.websocket import websocket_connect
 import coop_pin as cp
 from coop_pin.errors import BrowserError
 from coop_pin.viz import LiveView, open_view
-from coop_pin.viz.export import find_browser, launch
+from coop_pin.viz.browser import find_browser, launch
 
 
 def slowdown(scenario: cp.Scenario, blocks: int) -> None:

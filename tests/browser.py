@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from coop_pin.errors import BrowserError
-from coop_pin.viz.export import find_browser, launch
+from coop_pin.viz.browser import find_browser, launch
 
 PATIENCE_MS = 90_000
 ALLOWED = ("file:", "data:", "blob:", "about:", "http://127.0.0.1:", "ws://127.0.0.1:")

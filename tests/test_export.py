@@ -23,7 +23,8 @@ from coop_pin.cli import main
 from coop_pin.cli.exit_codes import FAILED
 from coop_pin.errors import BrowserError, FileWriteError, MissingExtraError, OutOfRangeError
 from coop_pin.viz import replay_html, save_image, save_video
-from coop_pin.viz.export import find_browser, frame_times, offline_page, page_images, run_in_thread
+from coop_pin.viz.browser import find_browser, offline_page
+from coop_pin.viz.export import frame_times, page_images, run_in_thread
 
 WIDTH, HEIGHT, RATE = 480, 320, 4.0
 

@@ -13,7 +13,7 @@ _PUBLIC = {
     "motion_figure": "coop_pin.figures.motion_views",
     "pareto_figure": "coop_pin.figures.sweep_figures",
     "root_locus_figure": "coop_pin.figures.locus_figure",
-    "save_figure": "coop_pin.figures.style",
+    "save_figure": "coop_pin.figures.saving",
     "singularity_figure": "coop_pin.figures.run_figures",
     "sweep_figure": "coop_pin.figures.sweep_figures",
     "theorem_figure": "coop_pin.figures.proof_figure",

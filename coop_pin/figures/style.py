@@ -1,24 +1,20 @@
-"""Style and parts that all figures share: panels, labels, event marks, axis limits and scales, and saving."""
+"""Style and parts that all figures share: panels, labels, event marks, axis limits and scales."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
-from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, TypeAlias
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from coop_pin.arrays import Array, typed
-from coop_pin.atomic_write import write_atomically
+from coop_pin.arrays import Array
 from coop_pin.description.events import PayloadEvent
-from coop_pin.errors import NameNotFoundError
 from coop_pin.figures import palette
 from coop_pin.figures.layout import CAPTION_LINE, PanelLayout, write_decades
 from coop_pin.results import RunResult
@@ -237,76 +233,3 @@ def is_log_spaced(values: Array) -> bool:
         return False
     steps, ratios = np.diff(ordered), np.diff(np.log(ordered))
     return bool(np.ptp(ratios) / ratios.mean() < np.ptp(steps) / steps.mean() - 1e-9)
-
-
-_DPI = 150
-_COLUMN, _PAGE = 3.5, 7.16
-"""Widths of one and of two columns of a paper, inches."""
-Format: TypeAlias = Literal["png", "svg", "pdf"]
-
-
-@typed
-def save_figure(
-    figure: Figure,
-    stem: str | Path,
-    *,
-    formats: Sequence[Format] | None = None,
-    paper: bool = False,
-) -> tuple[Path, ...]:
-    """Write a figure as PNG, SVG or PDF; if writing fails, older files at these paths stay.
-
-    It is laid out once, and drawn once for each format: Figure.savefig does both twice.
-
-    Args:
-        figure: the figure.
-        stem: path of the files without their suffix, or with that of a format.
-        formats: formats to write; when omitted that of the suffix, or else PNG and SVG, for a paper PDF.
-        paper: make it as wide as one or two columns of a paper (3.5 or 7.16 inches), without a title inside,
-            with fonts that can be searched; text keeps its size.
-
-    Returns:
-        The paths.
-
-    Raises:
-        NameNotFoundError: there is no such format.
-    """
-    stem, suffix = Path(stem), Path(stem).suffix[1:]
-    named = [kind for kind in get_args(Format) if kind == suffix]
-    formats = formats or named or (("pdf",) if paper else ("png", "svg"))
-    for kind in formats:
-        if kind not in get_args(Format):
-            raise NameNotFoundError("format", str(kind), get_args(Format), "save_figure")
-    stem = stem.with_suffix("") if named else stem
-    paths = tuple(stem.with_name(f"{stem.name}.{kind}") for kind in formats)
-    if paper:
-        _fit_paper(figure)
-    engine, dpi, canvas = figure.get_layout_engine(), figure.dpi, figure.canvas
-    # Without a fixed salt, matplotlib makes the ids inside an SVG random.
-    with mpl.rc_context({"svg.hashsalt": "coop_pin", "pdf.fonttype": 42}):
-        try:
-            figure.dpi = _DPI
-            if engine is not None:
-                engine.execute(figure)
-            figure.set_layout_engine("none")
-            for path in paths:
-                write_atomically(path, lambda part: _write(figure, part))
-        finally:
-            figure.dpi = dpi
-            figure.set_layout_engine(engine)
-            figure.set_canvas(canvas)
-    return paths
-
-
-def _fit_paper(figure: Figure) -> None:
-    figure.suptitle("")
-    figure.supxlabel("")
-    width, height = figure.get_size_inches()
-    fitted = _COLUMN if width < 6.0 else _PAGE
-    figure.set_size_inches(fitted, height * fitted / width)
-
-
-def _write(figure: Figure, part: Path) -> None:
-    kind = part.suffix[1:]
-    canvas: Any = get_registered_canvas_class(kind)(figure)  # loads the backend: that of PDF takes 0.2 s
-    metadata = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
-    getattr(canvas, f"print_{kind}")(part, metadata=metadata[kind])
