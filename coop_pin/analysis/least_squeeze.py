@@ -8,10 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array
-from coop_pin.description.cell import Cell
-from coop_pin.description.contact import Pad
+from coop_pin.description import Cell, Pad, Scenario
 from coop_pin.description.events import Surroundings
-from coop_pin.description.scenario import Scenario
 from coop_pin.errors import InfeasibleMotionError
 from coop_pin.reference.squeeze import TipForceSqueeze
 from coop_pin.spatial import rotate_vector6, shift_wrench

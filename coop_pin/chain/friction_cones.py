@@ -9,8 +9,7 @@ import numpy as np
 import scipy.linalg
 
 from coop_pin.arrays import Array, Mask
-from coop_pin.description.cell import Cell
-from coop_pin.description.contact import Pad
+from coop_pin.description import Cell, Pad
 from coop_pin.errors import ArgumentError
 from coop_pin.spatial import rotate_vector6, shift_wrench
 

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.arrays import Array, Mask
-from coop_pin.description.cell import Cell
-from coop_pin.description.contact import Pad
+from coop_pin.description import Cell, Pad
 from coop_pin.results.quantities import Arrays
 from coop_pin.spatial import rotations, shift_wrench
 

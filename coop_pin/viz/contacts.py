@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coop_pin.arrays import Array, Mask
-from coop_pin.description.cell import Cell
-from coop_pin.description.contact import Pad
+from coop_pin.description import Cell, Pad
 from coop_pin.description.events import Partner
 from coop_pin.figures import palette
 from coop_pin.model.shapes import Box, Cylinder, Mesh, Sphere
