@@ -791,7 +791,12 @@ def test_cones_and_needles_show_friction_and_a_hand_where_its_partner_holds() ->
     patch = cell.patches["left"]
     bears = patch.mu * 10.0
     F = np.zeros((n, 2, 6))
-    F[:, 0, :3] = (0.5 * bears, 0.0, 10.0), (1.01 * bears, 0.0, 10.0), (0.0, 0.0, 0.0), (0.0, bears, 10.0)
+    F[:, 0, :3] = (
+        (0.5 * bears, 0.0, 10.0),
+        (1.01 * bears, 0.0, 10.0),
+        (0.0, 0.0, 0.0),
+        (0.0, (1 - 1e-12) * bears, 10.0),
+    )
     event = Scenario.load("human-partner").events[0]
     times = event.time + np.array((-0.1, 0.5, 1.0, event.duration + 0.1))
     states = [partner_state(event, time, X, np.zeros(6)) for time, X in zip(times, X_WP, strict=True)]
