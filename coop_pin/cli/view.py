@@ -7,7 +7,7 @@ import os
 import sys
 import threading
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -69,13 +69,16 @@ def view(
     pictures = image is not None or video is not None
     is_scenario = what in scenario_names() or (path.suffix == ".toml" and path.is_file())
     if is_scenario and not (pictures or against):
-        scenario = load_scenario(what, fields)
+        scenario, simulate = load_scenario(what, fields), _simulator(realtime_rate) if run else None
         with contextlib.closing(viz.open_view(scenario, port=port)) as live:
             _show(live.url, live.url, open)
             hint = "open this address in a browser on this machine; Ctrl-C ends the view"
             print(f"coop-pin: {hint}", file=sys.stderr)
             with contextlib.suppress(KeyboardInterrupt):  # which ends it normally
-                _keep_alive(live, scenario, realtime_rate if run else None)
+                if simulate is None:
+                    threading.Event().wait()
+                else:
+                    simulate(live, scenario)
         return
     refuse_fields(fields, what)
     if not pictures:
@@ -91,14 +94,18 @@ def view(
         print(video.resolve())
 
 
-def _keep_alive(live: Any, scenario: Any, realtime_rate: float | None) -> None:
-    """Wait, or simulate the scenario over and over at a rate while the view is open."""
+def _simulator(realtime_rate: float) -> Callable[[Any, Any], None]:
+    """Return the function that simulates a scenario over and over at a rate while its view is open.
+
+    It loads what it needs before Ctrl-C is told of, which is an ImportError where compiled code loads.
+    """
     from coop_pin.run_scenario import run
 
-    if realtime_rate is None:
-        threading.Event().wait()
-    while live.is_alive:
-        run(scenario, view=live, realtime_rate=realtime_rate)
+    def simulate(live: Any, scenario: Any) -> None:
+        while live.is_alive:
+            run(scenario, view=live, realtime_rate=realtime_rate)
+
+    return simulate
 
 
 def _show(text: str, address: str, opens: bool) -> None:
