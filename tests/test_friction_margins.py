@@ -99,6 +99,14 @@ def test_points_have_the_torsion_of_evenly_pressed_faces(outline):
     assert (pad.levers <= np.abs(pad.points[:, 1::-1]).max(axis=0)).all()
 
 
+@pytest.mark.parametrize("size", [(0.04, 0.04), (0.06, 0.02)])
+def test_five_points_slide_where_a_rectangle_does_within_six_percent(size):
+    x, y = ((np.arange(60) + 0.5) / 60 - 0.5) * np.array(size)[:, None]
+    points = np.stack([part.ravel() for part in np.meshgrid(x, y)], axis=1)
+    loads = sliding_loads(points, np.full(3600, 1.0 / 3600))
+    assert_allclose(cp.Pad(mu=MU, size=size).needed_friction(loads), MU * N, rtol=0.06)
+
+
 def test_pads_of_rigid_grasps_use_what_patches_use():
     scenario = palms(**{"duration": 0.02, "controller.gains.transient_rate": 20.0})
     patches = cp.run(scenario).friction_use()
