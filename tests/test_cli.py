@@ -424,6 +424,18 @@ def test_ctrl_c_leaves_the_result_and_ends_with_130(tmp_path):
     assert metrics["position_rms_m"] is None  # it did not reach the window
 
 
+def test_ctrl_c_while_compiled_code_loads_is_told_as_ctrl_c(monkeypatch, capsys):
+    def loading(_words):
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as interrupt:
+            raise ImportError("initialization failed") from interrupt
+
+    monkeypatch.setattr("coop_pin.cli.parsing.parse", loading)
+    assert main(["list"]) == 130
+    assert capsys.readouterr().err == "coop-pin: interrupted\n"
+
+
 COUNTING = """
 from pathlib import Path
 import interrupting

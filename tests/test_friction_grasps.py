@@ -18,7 +18,9 @@ from coop_pin.simulation.sensing import SlipSensors
 from coop_pin.simulation.signals import SensorSignals
 from coop_pin.spatial import weight_wrench
 from coop_pin.spatial.internal_wrench import linkage_loads, virtual_linkage_internal_wrenches
+from coop_pin.viz.frames import snapshot_samples
 from coop_pin.viz.highlights import telling_instant
+from coop_pin.viz.live_scene import LiveScene, initial_scene
 
 BAR = {"kind": "bar", "mass": 1.5, "length": 0.24}
 
@@ -55,6 +57,16 @@ def least(scenario: cp.Scenario) -> float:
     """Squeeze m g / (2 mu) at which two patches bear the weight, N."""
     mu = scenario.cell.patches["left"].mu
     return scenario.cell.payload.mass * 9.81 / (2.0 * mu)
+
+
+@pytest.mark.parametrize("name", CELLS)
+def test_a_view_shows_the_friction_that_the_result_has(name):
+    scenario, seen = CELLS[name](duration=0.05), []
+    used = cp.run(scenario, view=seen.append, realtime_rate=np.inf).friction_use().used
+    scene, samples = LiveScene(initial_scene(scenario)), snapshot_samples(seen[-1], scenario.cell)
+    assert len(scene.frame(seen[-1])) == len(scene.frame(seen[0]))
+    shown = [curve.values(samples) for curve in scene.curves if curve.plot == "friction"]
+    assert_allclose(np.concatenate(shown), 100.0 * np.minimum(used[-1], 2.0))
 
 
 @pytest.mark.parametrize("name", CELLS)

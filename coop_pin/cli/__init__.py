@@ -61,6 +61,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _report(f"{status}; go on with: {shlex.join(['coop-pin', *words])}", INTERRUPTED)
     except KeyboardInterrupt as interrupt:
         return _report(str(interrupt) or "interrupted", INTERRUPTED)
+    except ImportError as error:
+        if not isinstance(error.__cause__, KeyboardInterrupt):  # Ctrl-C while compiled code loads
+            raise
+        return _report("interrupted", INTERRUPTED)
     finally:
         warnings.formatwarning = original_format
 

@@ -71,9 +71,8 @@ def _parts(F: Array, pad: Pad) -> Array:
 
 def _bearing(data: Arrays, cell: Cell) -> Mask:
     """Return which arms bear their whole load share by the plan, shape (n, m)."""
-    if "load_share" not in data:
-        return np.ones((len(np.asarray(data["time"])), len(cell.arms)), dtype=bool)
-    shares = np.asarray(data["load_share"])
+    shares = np.asarray(data["load_share"]) if "load_share" in data else cell.shares
+    shares = np.broadcast_to(shares, (len(np.asarray(data["time"])), len(cell.arms)))
     loads = shares / cell.shares
     whole: Mask = loads > _WHOLE * loads.max(axis=1, keepdims=True)
     return whole & (shares.sum(axis=1, keepdims=True) > _WHOLE)

@@ -225,16 +225,16 @@ def _together(
         return [*itertools.chain.from_iterable(together)]
     family = digest((*runs.kind, jobs[0].code)) if runs.is_foreign else ""
     spent, outcomes = preparation + (times() - start) / len(jobs), list[Outcome | None]()
-    for index, job in enumerate(jobs):
-        if not batch.is_valid[index]:
+    told: dict[str, Any] = {"engine": "batch", "family": family}
+    told |= zip(("wall_s", "cpu_s"), spent.tolist(), strict=True)
+    for index, (job, is_valid) in enumerate(zip(jobs, batch.is_valid.tolist(), strict=True)):
+        if not is_valid:
             outcomes.append(None)
-            continue
-        told: dict[str, Any] = {"engine": "batch", "family": family}
-        told |= zip(("wall_s", "cpu_s"), spent.tolist(), strict=True)
-        if job.metrics or job.keep:
+        elif job.metrics or job.keep:
             outcome = outcome_of(job, functools.partial(batch.result, index))
-            told |= {name: told[name] + getattr(outcome.record, name) for name in ("wall_s", "cpu_s")}
-            outcomes.append(outcome._replace(record=dataclasses.replace(outcome.record, **told)))
+            more = {name: told[name] + getattr(outcome.record, name) for name in ("wall_s", "cpu_s")}
+            record = dataclasses.replace(outcome.record, **told | more)
+            outcomes.append(outcome._replace(record=record))
         else:
             outcomes.append(Outcome(Record(job.key, dict(job.changes), metrics[index], **told)))
     batch.release()

@@ -68,15 +68,23 @@ class Point(NamedTuple):
         number: number in the plan, counted from 0.
         base: name of its scenario.
         changes: changes of that scenario, by dotted path.
-        parameters: coordinates: the label along every dimension and the value of every varied field.
         places: place along each dimension.
+        dimensions: dimensions of the plan.
     """
 
     number: int
     base: str
     changes: dict[str, Any]
-    parameters: dict[str, Any]
     places: tuple[int, ...]
+    dimensions: tuple[Dimension, ...]
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """Coordinates: the label along every dimension and the value of every varied field."""
+        parameters = dict[str, Any]()
+        for dimension, position in zip(self.dimensions, self.places, strict=True):
+            parameters |= dimension.labels(position)
+        return parameters
 
 
 class SweepPlan(Description):
@@ -191,12 +199,11 @@ class SweepPlan(Description):
         """Return one point with all that is overridden in its run; negative places count from the end."""
         if not -(size := len(self)) <= index < size:
             raise IndexError(f"point {index} of a plan with {size}")
-        places, changes, parameters = self.places(index % size), dict(self.changes), dict[str, Any]()
+        places, changes = self.places(index % size), dict(self.changes)
         for dimension, position in zip(self.dimensions, places, strict=True):
             changes |= dimension.changes(position)
-            parameters |= dimension.labels(position)
-        base = str(parameters.get("base", next(iter(self.base))))
-        return Point(index % size, base, changes, parameters, places)
+        base = list(self.base)[places[0] if len(self.base) > 1 else 0]  # then they are the first dimension
+        return Point(index % size, base, changes, places, self.dimensions)
 
     def points(self, numbers: Iterable[int] | None = None) -> Iterator[Point]:
         """Yield points by their numbers, all in order when these are omitted."""

@@ -17,7 +17,7 @@ import pandas as pd
 import xarray as xr
 
 from coop_pin import __version__
-from coop_pin.arrays import as_count, as_number, require_path, require_type
+from coop_pin.arrays import Array, as_count, as_number, require_path, require_type
 from coop_pin.errors import ArgumentError, FieldError, InvalidStateError, NameNotFoundError, OutOfRangeError
 from coop_pin.heat_map import write_heat_map
 from coop_pin.results import RunResult
@@ -91,12 +91,13 @@ class SweepResult:
     @functools.cached_property
     def table(self) -> pd.DataFrame:
         """Table of all runs by number: varied fields, status, error, metrics, durations and key."""
-        return self._rows(slice(None))
+        return pd.DataFrame(self._columns()).set_index("number")
 
-    def _rows(self, rows: slice) -> pd.DataFrame:
+    def _columns(self) -> dict[str, Array]:
+        """Return the columns of the table by name."""
         runs: Any = self._runs
-        whole = {name: runs.variables[name].set_dims(runs["number"].sizes) for name in (*runs.coords, *runs)}
-        return pd.DataFrame({name: x.values.ravel()[rows] for name, x in whole.items()}).set_index("number")
+        sizes, names = runs["number"].sizes, ("number", *runs.coords, *runs.data_vars)
+        return {name: runs.variables[name].set_dims(sizes).values.ravel() for name in names}
 
     def at(self, fields: Mapping[str, Any]) -> Self:
         """Return the part of the sweep in which fields have given values.
@@ -151,25 +152,16 @@ class SweepResult:
         seal = folder / "tables.json"
         if seal.is_file() and seal.read_bytes() == self._seal():
             return
-        for name, columns in (("times.csv", [*_TIMES, "key"]), ("table.csv", None)):
-            self.store.write_with(folder / name, functools.partial(self._write_rows, columns))
+        columns = self._columns()
+        for name, names in (
+            ("times.csv", ["number", *_TIMES, "key"]),
+            ("table.csv", [name for name in columns if name not in _TIMES]),
+        ):
+            write_rows = functools.partial(_write_rows, {each: columns[each] for each in names})
+            self.store.write_with(folder / name, write_rows)
         write = functools.partial(Path.write_bytes, data=written_netcdf(self.data).getbuffer())
         self.store.write_with(folder / "table.nc", write)
         self.store.write_changed(seal, self._seal())
-
-    def _write_rows(self, columns: list[str] | None, path: Path) -> None:
-        """Write some columns of the table as DataFrame.to_csv does, all but the times when None.
-
-        Some rows are written after the other. Pandas takes twice as long for them.
-        """
-        with path.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            for first in range(0, self._runs["number"].size, _AT_ONCE):
-                rows = self._rows(slice(first, first + _AT_ONCE))
-                rows = (rows.drop(columns=_TIMES) if columns is None else rows[columns]).reset_index()
-                if not first:
-                    writer.writerow(rows.columns)
-                writer.writerows(zip(*(_cells(rows[name]) for name in rows), strict=True))
 
     def _seal(self) -> bytes:
         """Return the digests of the tables, the plan and the stored runs, as JSON."""
@@ -394,10 +386,21 @@ class SweepResult:
         return "\n".join([self.plan.summary(), *lines])
 
 
-def _cells(column: pd.Series[Any]) -> list[Any]:
+def _write_rows(columns: Mapping[str, Array], path: Path) -> None:
+    """Write columns of equal length as DataFrame.to_csv does, in half the time; some rows after the other."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        for first in range(0, len(columns["number"]), _AT_ONCE):
+            cells = (_cells(values[first : first + _AT_ONCE]) for values in columns.values())
+            writer.writerows(zip(*cells, strict=True))
+
+
+def _cells(values: Array) -> list[Any]:
     """Return the entries of a column as CSV has them, nothing where it is not a number."""
-    entries = column.tolist()
-    return ["" if entry != entry else entry for entry in entries] if column.hasnans else entries
+    entries: list[Any] = values.tolist()
+    is_empty = values != values
+    return ["" if entry != entry else entry for entry in entries] if is_empty.any() else entries
 
 
 def _is_same(label: Any, value: Any) -> bool:

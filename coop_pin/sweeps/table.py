@@ -75,11 +75,17 @@ class Columns:
             texts[at] = [getattr(record, name) for record in records]
         for name in _NUMBERS:
             self.numbers[name][at] = np.array([getattr(record, name) for record in records], dtype=np.float64)
-        metrics = [record.metrics for record in records]
-        for name in {*itertools.chain.from_iterable(metrics)} - {*self.numbers}:
-            self.numbers[name] = np.full(len(self.numbers["wall_s"]), np.nan)
         for name in {*self.numbers} - {*_NUMBERS}:
-            self.numbers[name][at] = [each.get(name, np.nan) for each in metrics]
+            self.numbers[name][at] = np.nan
+        for names, group in itertools.groupby(
+            zip(at, records, strict=True), lambda pair: (*pair[1].metrics,)
+        ):
+            rows, runs = zip(*group, strict=True)
+            values = np.array([[*run.metrics.values()] for run in runs], dtype=np.float64)
+            for name, column in zip(names, values.T, strict=True):
+                if name not in self.numbers:
+                    self.numbers[name] = np.full(len(self.numbers["wall_s"]), np.nan)
+                self.numbers[name][[*rows]] = column
 
 
 def read_runs(

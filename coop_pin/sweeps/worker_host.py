@@ -46,11 +46,11 @@ def start_worker() -> None:
 
 def main(fd: int) -> None:
     """Send the error and the value of every call that a connection brings, the first as the worker starts."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     parent, spawn = Connection(fd), multiprocessing.get_context("spawn")
     pool: Any = ProcessPool(1, initializer=start_worker, context=spawn)
     call: tuple[Any, ...] = (os.getpid,)
     with contextlib.suppress(EOFError, OSError, RuntimeError, KeyboardInterrupt):  # no parent, a broken pool
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
         while True:
             future = pool.schedule(*call)
             while not futures.wait([future], _POLL_S).done and pool.active and not parent.poll():
@@ -58,6 +58,7 @@ def main(fd: int) -> None:
             error = future.exception(0.0)
             parent.send((error, None if error else future.result()))
             call = parent.recv()
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # of a parent that does not know that this is the end
     pool.stop()
     time.sleep(_PAUSE_S)  # a worker that is just being started would report that it lost its parent
     for worker in multiprocessing.active_children():
