@@ -77,7 +77,7 @@ def connected(address: str) -> Iterator[DaskBackend]:
         WorkersLostError: there is no scheduler at that address.
     """
     with contextlib.ExitStack() as stack:
-        for logger in map(logging.getLogger, ("distributed", "distributed.client")):
+        for logger in map(logging.getLogger, ("distributed", "distributed.client", "tornado.application")):
             stack.callback(logger.setLevel, logger.level)
             logger.setLevel(logging.CRITICAL)  # what is lost arrives as errors and records
         try:
