@@ -429,7 +429,9 @@ def test_ctrl_c_while_compiled_code_loads_is_told_as_ctrl_c(monkeypatch, capsys)
         try:
             raise KeyboardInterrupt
         except KeyboardInterrupt as interrupt:
-            raise ImportError("initialization failed") from interrupt
+            inner = ImportError("initialization failed")
+            inner.__cause__ = interrupt
+            raise ImportError("one of its modules cannot be loaded") from inner
 
     monkeypatch.setattr("coop_pin.cli.parsing.parse", loading)
     assert main(["list"]) == 130

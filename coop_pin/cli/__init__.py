@@ -62,7 +62,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as interrupt:
         return _report(str(interrupt) or "interrupted", INTERRUPTED)
     except ImportError as error:
-        if not isinstance(error.__cause__, KeyboardInterrupt):  # Ctrl-C while compiled code loads
+        cause = error.__cause__
+        while isinstance(cause, ImportError):
+            cause = cause.__cause__
+        if not isinstance(cause, KeyboardInterrupt):  # Ctrl-C while compiled code loads
             raise
         return _report("interrupted", INTERRUPTED)
     finally:
