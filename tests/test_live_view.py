@@ -24,7 +24,8 @@ from tornado.websocket import websocket_connect
 
 import coop_pin as cp
 from coop_pin.build_controller import build_controller
-from coop_pin.errors import OutOfRangeError, PortTakenError, ViewWarning
+from coop_pin.description.scenario import scenario_names
+from coop_pin.errors import OutOfRangeError, PortTakenError, RunInterruptedError, ViewWarning
 from coop_pin.viz import LiveView, open_view
 from coop_pin.viz.live_scene import LiveScene, initial_scene
 from coop_pin.viz.live_server import LiveServer
@@ -200,6 +201,22 @@ def test_a_frame_has_the_wrenches_poses_and_curves_of_its_snapshot(scenario):
         assert_allclose(
             found[part, "desired"], end[f"desired_internal_{part}"].values[0], rtol=1e-5, atol=1e-6
         )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", scenario_names())
+def test_a_view_draws_the_first_ticks_of_every_scenario(name):
+    scenario, seen = cp.Scenario.load(name), []
+
+    def stop(tick, _total):
+        if tick == 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(RunInterruptedError):
+        cp.run(scenario, view=seen.append, realtime_rate=math.inf, progress=stop, warn=False)
+    scene = LiveScene(initial_scene(scenario))
+    assert len({len(scene.frame(snapshot)) for snapshot in seen}) == 1
+    assert len(seen) == 5
 
 
 def test_the_initial_snapshot_has_nan_in_the_rows_that_a_run_does_not_determine(scenario):
