@@ -424,18 +424,27 @@ def test_ctrl_c_leaves_the_result_and_ends_with_130(tmp_path):
     assert metrics["position_rms_m"] is None  # it did not reach the window
 
 
-def test_ctrl_c_while_compiled_code_loads_is_told_as_ctrl_c(monkeypatch, capsys):
+@pytest.mark.parametrize("kind", [ImportError, RuntimeError])
+def test_ctrl_c_while_modules_load_is_told_as_ctrl_c(kind, monkeypatch, capsys):
+    """Compiled code makes an ImportError of it, and Python's ``__set_name__`` a RuntimeError."""
+
     def loading(_words):
-        try:
-            raise KeyboardInterrupt
-        except KeyboardInterrupt as interrupt:
-            inner = ImportError("initialization failed")
-            inner.__cause__ = interrupt
-            raise ImportError("one of its modules cannot be loaded") from inner
+        inner = kind("initialization failed")
+        inner.__cause__ = KeyboardInterrupt()
+        raise ImportError("one of its modules cannot be loaded") from inner
 
     monkeypatch.setattr("coop_pin.cli.parsing.parse", loading)
     assert main(["list"]) == 130
     assert capsys.readouterr().err == "coop-pin: interrupted\n"
+
+
+def test_an_import_that_fails_by_itself_is_raised(monkeypatch):
+    def loading(_words):
+        raise ImportError("no such module")
+
+    monkeypatch.setattr("coop_pin.cli.parsing.parse", loading)
+    with pytest.raises(ImportError, match="no such module"):
+        main(["list"])
 
 
 COUNTING = """

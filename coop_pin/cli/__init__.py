@@ -61,11 +61,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _report(f"{status}; go on with: {shlex.join(['coop-pin', *words])}", INTERRUPTED)
     except KeyboardInterrupt as interrupt:
         return _report(str(interrupt) or "interrupted", INTERRUPTED)
-    except ImportError as error:
-        cause = error.__cause__
-        while isinstance(cause, ImportError):
+    except (ImportError, RuntimeError) as error:  # Ctrl-C while compiled code or a class loads is their cause
+        cause: BaseException | None = error
+        while cause is not None and not isinstance(cause, KeyboardInterrupt):
             cause = cause.__cause__
-        if not isinstance(cause, KeyboardInterrupt):  # Ctrl-C while compiled code loads
+        if cause is None:
             raise
         return _report("interrupted", INTERRUPTED)
     finally:
