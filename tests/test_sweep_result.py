@@ -9,6 +9,7 @@ from coop_pin.sweeps import Execution, SweepPlan, SweepResult, linspace, sweep
 from coop_pin.sweeps.job import Outcome, Record
 from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
+from coop_pin.sweeps.table import Columns
 
 GAIN, RATE, MASS = "controller.gains.sign_gain", "clock.rate_hz", "cell.payload.mass"
 SPAN = {"low": -np.pi, "high": np.pi}
@@ -257,6 +258,22 @@ def test_the_posture_of_six_joint_arms_is_told_to_have_no_effect_and_that_of_sev
     assert result.counts()["ok"] == 4
     assert result.fields_without_effect() == [spring] * idle
     assert (f"no effect on any metric here: {spring}" in result.summary()) == idle
+
+
+@pytest.mark.parametrize("at_once", [1, 3])
+def test_of_records_with_one_key_the_last_counts_with_all_it_has(at_once):
+    failed = Record("a", {}, {}, "DivergedError", "gone", 0.5)
+    ok = Record("a", {}, {"f": 1.0, "g": 2.0})
+    for records, f, g in (
+        ([ok, Record("b", {}, {"f": 3.0}), failed], [np.nan, 3.0], [np.nan, np.nan]),
+        ([failed, Record("b", {}, {"f": 3.0}), ok], [1.0, 3.0], [2.0, np.nan]),
+    ):
+        columns = Columns(2)
+        for first in range(0, 3, at_once):
+            columns.add(records[first : first + at_once])
+        assert_array_equal(columns.numbers["f"], [*f, np.nan])
+        assert_array_equal(columns.numbers["g"], [*g, np.nan])
+        assert columns.texts["failure"].tolist() == [records[-1].failure, "", None]
 
 
 def test_the_order_of_metrics_does_not_depend_on_which_run_ended_first(tmp_path):

@@ -75,17 +75,17 @@ class Columns:
             texts[at] = [getattr(record, name) for record in records]
         for name in _NUMBERS:
             self.numbers[name][at] = np.array([getattr(record, name) for record in records], dtype=np.float64)
-        for name in {*self.numbers} - {*_NUMBERS}:
-            self.numbers[name][at] = np.nan
         for names, group in itertools.groupby(
             zip(at, records, strict=True), lambda pair: (*pair[1].metrics,)
         ):
-            rows, runs = zip(*group, strict=True)
+            rows, runs = map(list, zip(*group, strict=True))
+            for name in {*self.numbers} - {*_NUMBERS, *names}:  # of an earlier record with the same key
+                self.numbers[name][rows] = np.nan
             values = np.array([[*run.metrics.values()] for run in runs], dtype=np.float64)
             for name, column in zip(names, values.T, strict=True):
                 if name not in self.numbers:
                     self.numbers[name] = np.full(len(self.numbers["wall_s"]), np.nan)
-                self.numbers[name][[*rows]] = column
+                self.numbers[name][rows] = column
 
 
 def read_runs(
