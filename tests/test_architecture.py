@@ -162,7 +162,17 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "schema",
             "user_files",
         },
-        {"distributed", "filelock", "optuna", "pandas", "pebble", "pydantic", "scipy", "xarray"},
+        {
+            "distributed",
+            "filelock",
+            "optuna",
+            "pandas",
+            "pebble",
+            "pydantic",
+            "pydantic_core",
+            "scipy",
+            "xarray",
+        },
     ),
     "comparison": (
         {

@@ -1,6 +1,7 @@
 """Sweeps in one process: runs are stored once, resumed, and repeated only after damage or a changed plan."""
 
 import csv
+import gc
 import signal
 import subprocess
 import sys
@@ -278,6 +279,17 @@ def test_tables_have_a_line_for_each_run_and_times_stand_apart(tmp_path):
     again = SweepResult.load(tmp_path)
     assert again.plan == result.plan
     assert again.data.identical(result.data)
+
+
+def test_what_a_sweep_leaves_out_of_garbage_collections_is_back_after_it_unless_others_did_so(tmp_path):
+    small(tmp_path)
+    assert gc.get_freeze_count() == 0
+    gc.freeze()
+    try:
+        small(tmp_path)
+        assert gc.get_freeze_count() > 0
+    finally:
+        gc.unfreeze()
 
 
 def test_a_folder_without_a_sweep_is_refused(tmp_path):

@@ -1,5 +1,7 @@
 """Analysis of sweeps against known results, on stores filled with records of made-up metrics."""
 
+import csv
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -290,3 +292,22 @@ def test_the_order_of_metrics_does_not_depend_on_which_run_ended_first(tmp_path)
         assert result.metric_names == ["a", "b", "c"]
         result.write_tables()
     assert len({(tmp_path / folder / "table.csv").read_bytes() for folder in ("one", "other")}) == 1
+
+
+def test_tables_as_text_have_every_number_and_text_as_it_is(tmp_path):
+    numbers = [0.0, -0.0, 1e-5, 1.25e-5, 0.1 + 0.2, 1e16, 1.7976931348623157e308, 5e-324, np.inf, -np.inf]
+    texts = ["", "a, b", 'said "so"', "two\nlines", "\u00e4", "NaN", "Infinity", "back\\", ",", " x "]
+    plan = SweepPlan(base="adept-paper", axes={GAIN: linspace(0.0, 0.9, 10)})
+    store, keys = SweepStore(tmp_path), [each.key for each in keyed_points(plan)]
+    for key, number, text in zip(keys, numbers, texts, strict=True):
+        failed = {"failure": "DivergedError", "message": text} if text else {}
+        store.append([Outcome(Record(key, {}, {"a": number, "b, c": np.nan}, **failed))])
+    result = SweepResult(plan, store)
+    result.write_tables()
+    with (tmp_path / "table.csv").open(newline="", encoding="utf-8") as file:
+        lines = list(csv.DictReader(file))
+    assert [line["message"] for line in lines] == texts
+    assert np.array([float(line["a"]) for line in lines]).tobytes() == np.array(numbers).tobytes()
+    assert {line["b, c"] for line in lines} == {""}
+    assert tuple(float(line[GAIN]) for line in lines) == plan.axes[GAIN]
+    assert [line["key"] for line in lines] == keys

@@ -236,6 +236,7 @@ def _together(
             record = dataclasses.replace(outcome.record, **told | more)
             outcomes.append(outcome._replace(record=record))
         else:
-            outcomes.append(Outcome(Record(job.key, dict(job.changes), metrics[index], **told)))
+            record = Record(job.key, dict(job.changes), metrics[index], **told)
+            outcomes.append(Outcome(record, line=record.to_line()))
     batch.release()
     return outcomes

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import gc
 import itertools
 import logging
 import random
@@ -246,6 +247,19 @@ def _difference(stored: Mapping[str, Record], singles: Sequence[Record]) -> str:
 
 
 @contextlib.contextmanager
+def _old_objects_uncollected() -> Iterator[None]:
+    """Leave what exists out of garbage collections: all else waits while one looks through it, for 0.1 s."""
+    if gc.get_freeze_count():  # by others, whom an end would surprise
+        yield
+        return
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+
+
+@contextlib.contextmanager
 def open_session(folder: str | Path, execution: Execution, total: int) -> Iterator[Session]:
     """Yield a session that has the folder to itself.
 
@@ -264,7 +278,7 @@ def open_session(folder: str | Path, execution: Execution, total: int) -> Iterat
     with session.store.locked(), ProgressBar("runs", total=total, quiet=execution.quiet, keep=True) as bar:
         try:
             session.bar = bar
-            with session.stack:
+            with session.stack, _old_objects_uncollected():
                 yield session
         except KeyboardInterrupt:
             raise SweepInterruptedError(str(folder), bar.finished, total) from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 import sys
 from collections import Counter
@@ -179,6 +180,10 @@ class SweepPlan(Description):
         return tuple(dimensions)
 
     @functools.cached_property
+    def _names(self) -> tuple[str, ...]:
+        return tuple(self.base)
+
+    @functools.cached_property
     def shape(self) -> tuple[int, ...]:
         """Size of each dimension."""
         return tuple(dimension.size for dimension in self.dimensions)
@@ -199,15 +204,20 @@ class SweepPlan(Description):
         """Return one point with all that is overridden in its run; negative places count from the end."""
         if not -(size := len(self)) <= index < size:
             raise IndexError(f"point {index} of a plan with {size}")
-        places, changes = self.places(index % size), dict(self.changes)
-        for dimension, position in zip(self.dimensions, places, strict=True):
+        return self._point(index % size, self.places(index % size))
+
+    def _point(self, number: int, places: tuple[int, ...]) -> Point:
+        dimensions, changes = self.dimensions, self.changes.copy()
+        for dimension, position in zip(dimensions, places, strict=True):
             changes |= dimension.changes(position)
-        base = list(self.base)[places[0] if len(self.base) > 1 else 0]  # then they are the first dimension
-        return Point(index % size, base, changes, places, self.dimensions)
+        base = self._names[places[0] if len(self._names) > 1 else 0]  # then they are the first dimension
+        return Point(number, base, changes, places, dimensions)
 
     def points(self, numbers: Iterable[int] | None = None) -> Iterator[Point]:
         """Yield points by their numbers, all in order when these are omitted."""
-        return map(self.__getitem__, range(len(self)) if numbers is None else numbers)
+        if numbers is not None:
+            return map(self.__getitem__, numbers)
+        return itertools.starmap(self._point, enumerate(itertools.product(*map(range, self.shape))))
 
     @functools.cached_property
     def has_open_steps(self) -> bool:

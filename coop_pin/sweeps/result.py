@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import csv
 import functools
 import json
 import logging
+import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import Any, Self
 import numpy as np
 import pandas as pd
 import xarray as xr
+from pydantic_core import to_json
 
 from coop_pin import __version__
 from coop_pin.arrays import Array, as_count, as_number, require_path, require_type
@@ -35,6 +36,8 @@ _APART = ["message", *_TIMES, "key"]
 """Columns that are not in the dataset."""
 _AT_ONCE = 10_000
 """Rows that are written at once."""
+_QUOTE, _QUOTED = '"', re.compile('[,"\\r\\n]')
+"""Quotation mark of CSV, and what is within two of them."""
 
 
 class SweepResult:
@@ -387,20 +390,27 @@ class SweepResult:
 
 
 def _write_rows(columns: Mapping[str, Array], path: Path) -> None:
-    """Write columns of equal length as DataFrame.to_csv does, in half the time; some rows after the other."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
+    """Write columns of equal length as CSV, some rows after the other; in a quarter of the time of csv."""
+    with path.open("wb") as file:
+        file.write(b",".join(map(_cell, columns)) + b"\n")
         for first in range(0, len(columns["number"]), _AT_ONCE):
             cells = (_cells(values[first : first + _AT_ONCE]) for values in columns.values())
-            writer.writerows(zip(*cells, strict=True))
+            file.write(b"\n".join(map(b",".join, zip(*cells, strict=True))) + b"\n")
 
 
-def _cells(values: Array) -> list[Any]:
+def _cells(values: Array) -> list[bytes]:
     """Return the entries of a column as CSV has them, nothing where it is not a number."""
     entries: list[Any] = values.tolist()
-    is_empty = values != values
-    return ["" if entry != entry else entry for entry in entries] if is_empty.any() else entries
+    if values.dtype.kind in "iuf":
+        numbers = to_json(entries, inf_nan_mode="constants")[1:-1]
+        return numbers.replace(b"NaN", b"").replace(b"Infinity", b"inf").split(b",")
+    texts = {entry: _cell(str(entry)) for entry in {*entries}}
+    return [texts[entry] for entry in entries]
+
+
+def _cell(text: str) -> bytes:
+    """Return a text as CSV has it."""
+    return (f'"{text.replace(_QUOTE, 2 * _QUOTE)}"' if _QUOTED.search(text) else text).encode()
 
 
 def _is_same(label: Any, value: Any) -> bool:

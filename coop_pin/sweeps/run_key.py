@@ -247,14 +247,14 @@ class _KeyTemplate:
     def __init__(self, template: Template, content: dict[str, Any]) -> None:
         """Hash what the runs share; ``content`` is what their keys cover besides the scenario."""
         whole = _json(content | {"scenario": "\0".join(template.texts)})
-        before, *self._texts = whole.split(json.dumps("\0")[1:-1])
-        self._begun = hashlib.sha256(before.encode())
+        before, *self._texts = whole.encode().split(json.dumps("\0")[1:-1].encode())
+        self._begun = hashlib.sha256(before)
 
     def key(self, numbers: Sequence[Number]) -> str:
         """Return the key of a run, as run_key does."""
         digest = self._begun.copy()
         for number, text in zip(numbers, self._texts, strict=True):
-            digest.update(f"{number.text}{text}".encode())
+            digest.update(number.text + text)
         return digest.hexdigest()
 
 
@@ -279,7 +279,7 @@ def keyed_points(
         template = templates.of(point)
         if template is not None and (values := template.numbers(point.changes)) is not None:
             keys, code = shared(template)
-            numbers = tuple(number.value for number in values)
+            numbers = tuple([number.value for number in values])
             pattern = template.pattern
             yield KeyedPoint(point, keys.key(values), pattern.first, code, pattern, numbers)
             continue

@@ -11,9 +11,9 @@ import logging
 import os
 import re
 import socket
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TypeVar
 
 from filelock import FileLock, Timeout
 
@@ -28,11 +28,12 @@ from coop_pin.errors import (
     StoreLockedError,
 )
 from coop_pin.results import RunResult
-from coop_pin.sweeps.job import Outcome, Record, checked_content, checksummed
+from coop_pin.sweeps.job import Known, Outcome, Record, checked_content, checksummed
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.user_files import read_user_file
 
 _LOG = logging.getLogger("coop_pin.sweeps")
+Read = TypeVar("Read")
 _PART = re.compile(r"\..*\.[0-9a-f]{32}(\.\w+)?")
 """Names of partial files that ``write_atomically`` leaves if it is killed."""
 TRANSIENT = ("RunTimeoutError", "WorkerDiedError", "MemoryError")
@@ -112,7 +113,7 @@ class SweepStore:
             if _PART.fullmatch(part.name) and not part.is_dir():
                 part.unlink()
         damaged: list[bytes] = []
-        self.known = _kinds(self.records(damaged))
+        self.known = {run.key: run.failure for run in self._read(Known.from_line, damaged)}
         content = b"".join(line + b"\n" for line in damaged)
         aside = self.folder / "quarantine" / f"{hashlib.sha256(content).hexdigest()[:16]}.jsonl"
         if damaged and not aside.exists():
@@ -128,16 +129,20 @@ class SweepStore:
         Args:
             damaged: takes the lines that are no records.
         """
+        return self._read(Record.from_line, damaged)
+
+    def _read(self, read: Callable[[bytes], Read], damaged: list[bytes] | None) -> Iterator[Read]:
+        """Yield what a function reads of each line."""
         for segment in self.segments():
             with segment.open("rb") as file:
                 for line in filter(None, map(bytes.strip, _lines(file))):
                     try:
-                        record = Record.from_line(line)
+                        part = read(line)
                     except FileReadError:
                         if damaged is not None:
                             damaged.append(line)
                     else:
-                        yield record
+                        yield part
 
     def segments(self) -> list[Path]:
         """Return the segments in the order they were begun."""
@@ -158,19 +163,19 @@ class SweepStore:
         Raises:
             FileWriteError: the disk is full, or the folder cannot be written.
         """
-        for record, result in outcomes:
+        for record, result, _ in outcomes:
             if result is not None:
                 self.write_with(
                     self._result_path(record.key), functools.partial(Path.write_bytes, data=result)
                 )
-        data = b"".join(b"\n%s\n" % outcome.record.to_line() for outcome in outcomes)
+        data = b"".join(b"\n%s\n" % (line or record.to_line()) for record, _, line in outcomes)
         with _write_errors(self.folder / "runs"):
             if data:
                 with self._segment.open("ab", buffering=0) as file:
                     while data:
                         data = data[file.write(data) :]
                     os.fsync(file.fileno())
-        self.known |= _kinds(outcome.record for outcome in outcomes)
+        self.known |= {outcome.record.key: outcome.record.failure for outcome in outcomes}
 
     def missing_of(self, other: SweepStore, keys: Collection[str]) -> dict[str, Record]:
         """Return what another folder has of some runs and this one does not, by key; say how many there are.
@@ -268,10 +273,6 @@ def _lines(file: BinaryIO) -> Iterator[bytes]:
         yield line
         if len(line) == _LINE_BYTES:
             return
-
-
-def _kinds(records: Iterable[Record]) -> dict[str, str]:
-    return {record.key: record.failure for record in records}
 
 
 def _text(path: Path) -> str:

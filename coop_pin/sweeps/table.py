@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import operator
 import textwrap
 from collections.abc import Collection, Iterable, Sequence
 from typing import Any, NamedTuple, Self
@@ -21,6 +22,7 @@ from coop_pin.sweeps.store import SweepStore
 
 OK, FAILED, MISSING = "ok", "failed", "missing"
 _TEXTS, _NUMBERS = ("failure", "message"), ("failed_at_s", "merged", "wall_s", "cpu_s")
+_PARTS = operator.attrgetter(*_TEXTS, *_NUMBERS)
 """Parts of a record that are columns, beside its key and its metrics."""
 _CHUNK = 1000
 """Records that are read at once."""
@@ -70,19 +72,22 @@ class Columns:
 
     def add(self, records: Sequence[Record]) -> None:
         """Take over records."""
-        at = [self.places.setdefault(record.key, len(self.places)) for record in records]
-        for name, texts in self.texts.items():
-            texts[at] = [getattr(record, name) for record in records]
-        for name in _NUMBERS:
-            self.numbers[name][at] = np.array([getattr(record, name) for record in records], dtype=np.float64)
-        for names, group in itertools.groupby(
-            zip(at, records, strict=True), lambda pair: (*pair[1].metrics,)
-        ):
-            rows, runs = map(list, zip(*group, strict=True))
+        at = np.array([self.places.setdefault(record.key, len(self.places)) for record in records], dtype=int)
+        parts = np.array([*map(_PARTS, records)], dtype=object).reshape(-1, len(_TEXTS + _NUMBERS)).T
+        for texts, values in zip(self.texts.values(), parts[: len(_TEXTS)], strict=True):
+            texts[at] = values
+        for name, values in zip(_NUMBERS, parts[len(_TEXTS) :].astype(np.float64), strict=True):
+            self.numbers[name][at] = values
+        first = 0
+        for names, group in itertools.groupby((record.metrics for record in records), tuple):
+            runs = [*group]
+            rows = at[first : first + len(runs)]
+            first += len(runs)
             for name in {*self.numbers} - {*_NUMBERS, *names}:  # of an earlier record with the same key
                 self.numbers[name][rows] = np.nan
-            values = np.array([[*run.metrics.values()] for run in runs], dtype=np.float64)
-            for name, column in zip(names, values.T, strict=True):
+            entries = itertools.chain.from_iterable(run.values() for run in runs)
+            table = np.fromiter(entries, np.float64).reshape(len(runs), -1)
+            for name, column in zip(names, table.T, strict=True):
                 if name not in self.numbers:
                     self.numbers[name] = np.full(len(self.numbers["wall_s"]), np.nan)
                 self.numbers[name][rows] = column

@@ -37,7 +37,7 @@ class Number(NamedTuple):
     """
 
     value: Any
-    text: str
+    text: bytes
 
 
 class _Hole:
@@ -98,7 +98,7 @@ class Template:
     def text(self, numbers: Iterable[Number]) -> str:
         """Return the scenario of a run as JSON."""
         pairs = zip(numbers, self.texts[1:], strict=True)
-        return self.texts[0] + "".join(number.text + text for number, text in pairs)
+        return self.texts[0] + "".join(number.text.decode() + text for number, text in pairs)
 
     def agrees(self, run: Scenario | ScenarioError, changes: Mapping[str, Any]) -> bool:
         """Return whether a run that was validated as a whole is as the template has it."""
@@ -118,13 +118,14 @@ class Templates:
         self._plan, self._shape = plan, plan.shape
         axes = [axis for axis, each in enumerate(plan.dimensions) if _is_of_numbers(each)]
         self._numbers = axes if math.prod(self._shape[axis] for axis in axes) >= _FEWEST else []
+        self._others = [axis for axis in range(len(self._shape)) if axis not in self._numbers]
         self._plain, self._made = dict[Any, list[int]](), dict[Any, Template | None]()
 
     def of(self, point: Point) -> Template | None:
         """Return the template of a run; None if it must be validated by itself."""
         if not self._numbers:
             return None
-        kind = _without(point.places, self._numbers)
+        kind = tuple([point.places[axis] for axis in self._others])
         if kind not in self._plain and isinstance(first := self._plan.resolved(point), Scenario):
             self._plain[kind] = [axis for axis in self._numbers if self._template(first, [axis])]
         plain = self._plain.get(kind, [])
@@ -210,13 +211,13 @@ def _check(scenario: Scenario, path: str) -> Callable[[Any], Number]:
         return part_of(made, name)
 
     is_plain = is_seed or not (rules.model_validators or rules.field_validators)
-    validated = adapter.validate_python if is_plain else by_class
+    validated = adapter.validator.validate_python if is_plain else by_class
 
     @functools.lru_cache(_VALUES, typed=True)
     def check(value: Any) -> Number:
         number = validated(value)
         if type(number) not in (int, float):
             raise ValueError("is no number")
-        return Number(number, adapter.dump_json(number).decode())
+        return Number(number, adapter.serializer.to_json(number))
 
     return check
