@@ -7,7 +7,6 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
 from coop_pin.analysis.closed_loop import ClosedLoop, eigenvalues
 from coop_pin.analysis.modes import NEUTRAL
@@ -75,6 +74,8 @@ def root_locus(scenario: Scenario, field: str, factors: Iterable[float], *, time
 
     def loop(factor: float) -> ClosedLoop:
         return eigenvalues(free.override({field: (factor * value).tolist()}), time=time)
+
+    from scipy.optimize import brentq  # slow to load
 
     loops = {factor: loop(factor) for factor in ordered.tolist()}
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import hashlib
-import re
 import sys
 import time
 import traceback
@@ -31,12 +30,15 @@ _MOST_METRICS, _LONGEST_NAME = 1000, 200
 """Bounds of what is taken over from others."""
 _Text = Annotated[str, AfterValidator(printable)]
 Read = TypeVar("Read")
-_LINE = re.compile(rb'\{"sha256": "([0-9a-f]{64})", "content": (.*)\}')
 
 
 def checksummed(content: bytes) -> bytes:
     """Return ``{"sha256": digest of the content, "content": ...}`` of JSON on one line, without its end."""
     return b'{"sha256": "%s", "content": %s}' % (hashlib.sha256(content).hexdigest().encode(), content)
+
+
+_BEFORE = len(checksummed(b"")) - 1
+"""Bytes before the content."""
 
 
 def checked_content(line: bytes) -> bytes:
@@ -45,8 +47,8 @@ def checked_content(line: bytes) -> bytes:
     Raises:
         FileReadError: the line is damaged, cut, or was written by something else.
     """
-    digest, content = match.groups() if (match := _LINE.fullmatch(line)) else (b"", b"")
-    if hashlib.sha256(content).hexdigest().encode() != digest:
+    content = line[_BEFORE:-1]
+    if checksummed(content) != line:
         raise FileReadError("it was not written by a sweep, or is damaged: its checksum does not match")
     return content
 
