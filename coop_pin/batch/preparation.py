@@ -208,8 +208,10 @@ class PreparedPlant:
         if not is_alike:
             self._untraced.append(untraced)
             return None
-        columns = evaluate(tape, outputs, list(numbers.T))
-        return np.stack([np.broadcast_to(column, len(numbers)) for column in columns], axis=1)
+        columns = np.empty((len(outputs), len(numbers)))
+        for column, value in zip(columns, evaluate(tape, outputs, list(numbers.T)), strict=True):
+            column[:] = value
+        return columns.T
 
     def signals(self, scenario: Scenario) -> Array:
         """Return the signals of a run of this plant at the ticks of ``desired``, shape (n, entries)."""
@@ -321,7 +323,7 @@ class Prepared(NamedTuple):
             scenarios=scenarios,
             plants=[plant] * count,
             signals=[*self.signals] * count,
-            values=np.concatenate((np.tile(plant.values, (count, 1)), law), axis=1),
+            values=np.concatenate((np.broadcast_to(plant.values, (count, plant.values.size)), law), axis=1),
             trust=[*self.trust] * count,
         )
 

@@ -8,7 +8,6 @@ import gc
 import itertools
 import logging
 import random
-from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -103,25 +102,24 @@ class Session:
             raise FieldError("is 'auto', which cp.run and cp.sweep choose; give a number here", STEPS_FIELD)
         for folder in self._execution.merge:
             self._merge(plan, SweepStore(folder))
-        self.keys, under_way, refused = list[str](), Counter[str](), list[Outcome]()
+        self.keys, under_way, refused = list[str](), dict[str, int](), list[Outcome]()
         self._is_foreign, self._is_new, self.columns = False, True, Columns(len(plan))
         jobs = self._jobs(plan, retry_failed, under_way, refused)
         for first in jobs:  # a finished sweep does not wait for workers
             with contextlib.closing(self._outcomes(itertools.chain([first], jobs))) as batches:
                 for batch in batches:
-                    records = [outcome.record for outcome in batch]
-                    require_own_names(plan, {name for record in records for name in record.metrics})
-                    self._store(batch)
-                    counts = [(under_way.pop(record.key), bool(record.failure)) for record in records]
+                    self._store(plan, batch)
+                    counts = [(under_way.pop(record.key), bool(record.failure)) for record, *_ in batch]
                     self.bar.count(sum(n for n, _ in counts), failed=sum(n for n, failed in counts if failed))
-        self._store(refused)
+        self._store(plan, refused)
         if self._is_foreign and plan.engine == "batch":
             self._check_batches(plan)
 
-    def _store(self, outcomes: Sequence[Outcome]) -> None:
-        """Store outcomes of the plan's runs."""
-        self.store.append(outcomes)
+    def _store(self, plan: SweepPlan, outcomes: Sequence[Outcome]) -> None:
+        """Store outcomes of the plan's runs; a name that another column has is refused before."""
         self.columns.add([outcome.record for outcome in outcomes])
+        require_own_names(plan, self.columns.metrics)
+        self.store.append(outcomes)
 
     def result(self, plan: SweepPlan) -> SweepResult:
         """Return the results of the last plan; the store is read if it had some of them before."""
@@ -165,7 +163,7 @@ class Session:
             if reason := _difference(self.store.read_records([each.key for each in records]), records):
                 scenario = plan.scenario(members[0])
                 _LOG.warning("runs of %r are repeated one by one: %s", scenario.name, told(scenario, reason))
-                self._store(self._singly(plan, members))
+                self._store(plan, self._singly(plan, members))
             elif not {outcome.record.failure for outcome in singles} & {*TRANSIENT}:
                 self.store.append([Outcome(Record(family))])
 
@@ -189,7 +187,7 @@ class Session:
         return functools.partial(outcomes, self.stack.enter_context(connected(scheduler)))
 
     def _jobs(
-        self, plan: SweepPlan, retry_failed: bool, under_way: Counter[str], refused: list[Outcome]
+        self, plan: SweepPlan, retry_failed: bool, under_way: dict[str, int], refused: list[Outcome]
     ) -> Iterator[Job]:
         """Yield the jobs still to be computed, and note the points whose scenario has mistakes."""
         for keyed in keyed_points(plan):
@@ -208,7 +206,7 @@ class Session:
             elif kind is not None and not again and (kind or not keep or self.store.read_result(key)):
                 self.bar.count(failed=bool(kind), old=True)
             else:
-                under_way[key] += 1
+                under_way[key] = under_way.get(key, 0) + 1
                 if under_way[key] == 1:
                     yield self._job(plan, keyed)
 

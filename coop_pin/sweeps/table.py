@@ -61,6 +61,11 @@ class Columns:
         self.texts = {name: np.full(size, None, dtype=object) for name in _TEXTS}
         self.numbers = {name: np.full(size, np.nan) for name in _NUMBERS}
 
+    @property
+    def metrics(self) -> set[str]:
+        """Names of metrics that some record has."""
+        return {*self.numbers} - {*_NUMBERS}
+
     @classmethod
     def of(cls, records: Iterable[Record], keys: Collection[str]) -> Self:
         """Return the columns of the records that have one of some keys."""
@@ -83,7 +88,7 @@ class Columns:
             runs = [*group]
             rows = at[first : first + len(runs)]
             first += len(runs)
-            for name in {*self.numbers} - {*_NUMBERS, *names}:  # of an earlier record with the same key
+            for name in self.metrics - {*names}:  # of an earlier record with the same key
                 self.numbers[name][rows] = np.nan
             entries = itertools.chain.from_iterable(run.values() for run in runs)
             table = np.fromiter(entries, np.float64).reshape(len(runs), -1)
@@ -111,7 +116,7 @@ def read_runs(
     keys = [each.key for each in keyed_points(plan)] if keys is None else keys
     columns = Columns.of(store.records(), keys) if columns is None else columns
     texts, numbers = columns.texts, columns.numbers
-    require_own_names(plan, {*numbers} - {*_NUMBERS})
+    require_own_names(plan, columns.metrics)
     conditions = [texts["failure"] == None, texts["failure"] != ""]  # noqa: E711  of each entry
     status = np.array([OK, MISSING, FAILED], dtype=object)[np.select(conditions, [1, 2], 0)]
     if "trustworthy" in numbers:
