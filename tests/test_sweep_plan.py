@@ -170,6 +170,13 @@ def test_a_plan_with_a_mistake_is_refused(fields):
         plan(**fields)
 
 
+def test_points_in_order_are_the_entries_of_the_plan_and_none_is_made_before_it_is_asked_for():
+    for each in (plan(), plan(axes={GAIN: [0.1, 0.2], "cell.payload.mass": [5.0, 6.0, 7.0]}, repeats=2)):
+        assert list(each.points()) == [each[number] for number in range(len(each))]
+    endless = plan(axes={GAIN: [0.1, 0.2]}, repeats=1 << 50).points()
+    assert [next(endless).places for _ in range(3)] == [(0, 0), (0, 1), (0, 2)]
+
+
 def test_repeats_are_a_last_dimension_of_seeds():
     repeated = plan(repeats=3, axes={GAIN: [0.1, 0.2]})
     assert repeated.shape == (2, 3)

@@ -138,7 +138,7 @@ class Record:
 
 @dataclasses.dataclass(frozen=True)
 class Known:
-    """What tells whether a run is known, of its stored record: read in a third of the time.
+    """What tells whether a run is known, of its stored record; it is read in half of the time.
 
     Attributes:
         key: key of the run.

@@ -217,7 +217,7 @@ class SweepPlan(Description):
         """Yield points by their numbers, all in order when these are omitted."""
         if numbers is not None:
             return map(self.__getitem__, numbers)
-        return itertools.starmap(self._point, enumerate(itertools.product(*map(range, self.shape))))
+        return itertools.starmap(self._point, enumerate(_places(self.shape)))
 
     @functools.cached_property
     def has_open_steps(self) -> bool:
@@ -297,3 +297,13 @@ class SweepPlan(Description):
             problems = scenario.problems if isinstance(scenario, ScenarioError) else ()
             if unknown := [problem for problem in problems if isinstance(problem, UnknownFieldError)]:
                 raise one_or_all(unknown, "the plan") from None
+
+
+def _places(shape: Sequence[int]) -> Iterator[tuple[int, ...]]:
+    """Yield the places of all runs along each dimension, the last running fastest; none is kept."""
+    if not shape:
+        yield ()
+        return
+    for outer in _places(shape[:-1]):
+        for place in range(shape[-1]):
+            yield *outer, place

@@ -36,8 +36,8 @@ _APART = ["message", *_TIMES, "key"]
 """Columns that are not in the dataset."""
 _AT_ONCE = 10_000
 """Rows that are written at once."""
-_QUOTE, _QUOTED = '"', re.compile('[,"\\r\\n]')
-"""Quotation mark of CSV, and what is within two of them."""
+_QUOTED = re.compile('[,"\\r\\n]')
+"""Characters of texts that CSV quotes."""
 
 
 class SweepResult:
@@ -390,7 +390,7 @@ class SweepResult:
 
 
 def _write_rows(columns: Mapping[str, Array], path: Path) -> None:
-    """Write columns of equal length as CSV, some rows after the other; in a quarter of the time of csv."""
+    """Write columns of equal length as CSV, some rows after the other, in half the time of csv."""
     with path.open("wb") as file:
         file.write(b",".join(map(_cell, columns)) + b"\n")
         for first in range(0, len(columns["number"]), _AT_ONCE):
@@ -410,7 +410,9 @@ def _cells(values: Array) -> list[bytes]:
 
 def _cell(text: str) -> bytes:
     """Return a text as CSV has it."""
-    return (f'"{text.replace(_QUOTE, 2 * _QUOTE)}"' if _QUOTED.search(text) else text).encode()
+    if _QUOTED.search(text):
+        text = '"{}"'.format(text.replace('"', '""'))
+    return text.encode()
 
 
 def _is_same(label: Any, value: Any) -> bool:

@@ -226,8 +226,8 @@ class SweepStore:
 
     def write_plan(self, plan: SweepPlan) -> None:
         """Write the plan, so that the folder can be read on its own."""
-        fields = {"coop_pin": __version__} | json.loads(plan.model_dump_json())
-        self.write_changed(self.folder / "plan.json", checksummed(json.dumps(fields).encode()) + b"\n")
+        content = f'{{"coop_pin":"{__version__}",{plan.model_dump_json()[1:]}'
+        self.write_changed(self.folder / "plan.json", checksummed(content.encode()) + b"\n")
 
     def read_plan(self) -> SweepPlan:
         """Return the last plan; see ``versioned_plan``."""
