@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 import urllib.error
 import urllib.request
 from pathlib import Path
@@ -436,6 +437,38 @@ def test_ctrl_c_while_modules_load_is_told_as_ctrl_c(kind, monkeypatch, capsys):
     monkeypatch.setattr("coop_pin.cli.parsing.parse", loading)
     assert main(["list"]) == 130
     assert capsys.readouterr().err == "coop-pin: interrupted\n"
+
+
+def test_ctrl_c_that_python_drops_in_a_destructor_comes_again(monkeypatch, capsys):
+    class Interrupting:
+        def __del__(self):
+            signal.raise_signal(signal.SIGINT)
+
+    def command():
+        Interrupting()
+        time.sleep(30.0)  # until it comes
+
+    hook, start = sys.unraisablehook, time.monotonic()
+    monkeypatch.setattr("coop_pin.cli.parsing.parse", lambda _words: command)
+    assert main(["list"]) == 130
+    assert time.monotonic() - start < 20.0
+    assert capsys.readouterr().err == "coop-pin: interrupted\n"
+    assert sys.unraisablehook is hook
+
+
+def test_other_errors_that_python_drops_are_told(monkeypatch):
+    class Failing:
+        def __del__(self):
+            raise ValueError("lost")
+
+    def command():
+        Failing()
+
+    told = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda dropped: told.append(dropped.exc_type))
+    monkeypatch.setattr("coop_pin.cli.parsing.parse", lambda _words: command)
+    assert main(["list"]) == 0
+    assert told == [ValueError]
 
 
 def test_an_import_that_fails_by_itself_is_raised(monkeypatch):

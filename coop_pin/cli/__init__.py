@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import shlex
+import signal
 import sys
+import threading
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from coop_pin import __version__
 from coop_pin.cli.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, OK, OUTPUT_CLOSED
 from coop_pin.user_files import printable
+
+_AGAIN_S = 0.05
+"""Time after which a dropped Ctrl-C is sent once more, s."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -40,6 +47,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if str(Path.cwd()) not in sys.path:
         sys.path.append(str(Path.cwd()))  # user modules are found as ``python -m`` finds them
     original_format, warnings.formatwarning = warnings.formatwarning, _format_warning
+    original_hook = sys.unraisablehook
+    sys.unraisablehook = functools.partial(_repeat_ctrl_c, original_hook)
     try:
         from coop_pin.cli.parsing import parse  # slow enough to load that Ctrl-C may come meanwhile
 
@@ -69,7 +78,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         return _report("interrupted", INTERRUPTED)
     finally:
-        warnings.formatwarning = original_format
+        warnings.formatwarning, sys.unraisablehook = original_format, original_hook
+
+
+def _repeat_ctrl_c(tell: Callable[[Any], object], dropped: Any) -> None:
+    """Send Ctrl-C once more if Python dropped it, as in a destructor; tell other errors that it drops."""
+    if issubclass(dropped.exc_type, KeyboardInterrupt):
+        signalled = threading.main_thread().ident, signal.SIGINT
+        timer = threading.Timer(_AGAIN_S, signal.pthread_kill, signalled)
+        timer.daemon = True
+        timer.start()
+    else:
+        tell(dropped)
 
 
 def _format_warning(message: Warning | str, *_details: object, **_more: object) -> str:
