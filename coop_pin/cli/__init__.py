@@ -84,8 +84,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _repeat_ctrl_c(tell: Callable[[Any], object], dropped: Any) -> None:
     """Send Ctrl-C once more if Python dropped it, as in a destructor; tell other errors that it drops."""
     if issubclass(dropped.exc_type, KeyboardInterrupt):
-        signalled = threading.main_thread().ident, signal.SIGINT
-        timer = threading.Timer(_AGAIN_S, signal.pthread_kill, signalled)
+        thread = threading.main_thread().ident
+        timer = threading.Timer(_AGAIN_S, signal.pthread_kill, (thread, signal.SIGINT))
         timer.daemon = True
         timer.start()
     else:

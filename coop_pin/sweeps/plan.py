@@ -305,5 +305,5 @@ def _places(shape: Sequence[int]) -> Iterator[tuple[int, ...]]:
         yield ()
         return
     for outer in _places(shape[:-1]):
-        for place in range(shape[-1]):
-            yield *outer, place
+        for position in range(shape[-1]):
+            yield *outer, position
