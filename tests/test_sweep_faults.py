@@ -29,7 +29,7 @@ def test_a_drill_of_two_sweeps_at_once_and_of_workers_loses_nothing(drill, tmp_p
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_hundred_and_ten_faults_lose_nothing(drill, tmp_path, seed):
-    """About an hour for each seed on two idle processors; a disk of its own needs the right to mount."""
+    """About ten minutes for each seed on two idle processors; a disk of its own needs the right to mount."""
     done = drill.run_drill(tmp_path, 110, runs=60, seed=seed)
     assert done.total() == 110
     assert min(done.values()) >= 7
