@@ -80,12 +80,13 @@ def test_no_squeeze_is_less(name, monkeypatch):
     for state in ((still, still), (v, a)):
         plant.least_squeeze(q, *state)
         cost, cones = programs[-1]
+        found, _ = friction_cones._least(cost, cones)
         with monkeypatch.context() as farther:
-            farther.setattr(friction_cones, "_GAP", 1e-7)  # nearer to the cones, f is rounding
+            farther.setattr(friction_cones, "_GAP", 1e-5)  # nearer to the cones, f is rounding
             x, _ = friction_cones._least(cost, cones)
         least, left = dual_bound(cost, cones, x)
         assert_allclose(left, 0.0, atol=1e-3 * np.abs(cost).max())
-        assert_allclose(cost @ x, least, rtol=1e-5)
+        assert_allclose((cost @ x, cost @ found), least, rtol=0.0, atol=1e-4)
 
 
 @pytest.mark.parametrize("name", CELLS)
