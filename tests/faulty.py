@@ -83,6 +83,10 @@ def number(_result):
     return {"number": 1.0}
 
 
+def wall_s(_result):
+    return {"wall_s": 1.0}
+
+
 def stiffness(result):
     return {"stiffness": abs(result.scenario.controller.gains.pose_gain - 3.0)}
 

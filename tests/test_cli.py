@@ -456,6 +456,19 @@ def test_ctrl_c_that_python_drops_in_a_destructor_comes_again(monkeypatch, capsy
     assert sys.unraisablehook is hook
 
 
+def test_ctrl_c_that_python_drops_at_the_end_of_a_command_does_not_outlive_it(monkeypatch):
+    class Interrupting:
+        def __del__(self):
+            signal.raise_signal(signal.SIGINT)
+
+    def command():
+        Interrupting()
+
+    monkeypatch.setattr("coop_pin.cli.parsing.parse", lambda _words: command)
+    assert main(["list"]) == 0
+    time.sleep(0.2)
+
+
 def test_other_errors_that_python_drops_are_told(monkeypatch):
     class Failing:
         def __del__(self):

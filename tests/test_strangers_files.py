@@ -208,6 +208,15 @@ def test_a_sample_of_the_runs_of_others_is_repeated_before_any_is_stored(honest,
         assert not list(SweepStore(tmp_path / "careful").records())
 
 
+def test_a_run_whose_scenario_has_mistakes_is_merged_and_not_repeated(tmp_path):
+    plan = {"axes": {"cell.payload.mass": [5.0, -1.0]}, "changes": {"duration": 0.02, "events": []}}
+    theirs = cp.sweep("adept-paper", **plan, out=tmp_path / "theirs", execution=HERE)
+    careful = dataclasses.replace(HERE, merge=(theirs.store.folder,), recompute=2)
+    mine = cp.sweep("adept-paper", **plan, out=tmp_path / "mine", execution=careful)
+    assert mine.counts() == theirs.counts() == {"ok": 1, "failed": 1, "missing": 0}
+    assert mine.table["merged"].tolist() == [1.0, 1.0]
+
+
 def test_the_order_of_control_characters_is_not_lost():
     assert printable("a\tb\nc: 0.1 \u00b5m") == "a\tb\nc: 0.1 \u00b5m"
     assert printable("a\x1b[2J\r\u202e\ud800") == "a\\x1b[2J\\r\\u202e\\ud800"

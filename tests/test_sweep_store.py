@@ -15,7 +15,7 @@ import coop_pin as cp
 from coop_pin.errors import DivergedError, FileReadError, FileWriteError, StoreLockedError
 from coop_pin.results.netcdf import to_netcdf
 from coop_pin.sweeps import SweepResult, sweep
-from coop_pin.sweeps.job import Known, Outcome, Record, checked_content, checksummed
+from coop_pin.sweeps.job import Outcome, Record, StoredRun, checked_content, checksummed
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.store import SweepStore
 
@@ -55,12 +55,12 @@ def test_any_flipped_bit_is_seen(record):
 @pytest.mark.parametrize("record", [RECORD, FAILED], ids=["finished", "failed"])
 def test_what_tells_whether_a_run_is_known_is_read_as_the_record_is(record):
     data = record.to_line()
-    assert Known.from_line(data) == Known(record.key, record.failure)
+    assert StoredRun.from_line(data) == StoredRun(record.key, record.failure)
     for place in range(0, len(data), 7):
         damaged = bytearray(data)
         damaged[place] ^= 1 << (place % 8)
         with pytest.raises(FileReadError):
-            Known.from_line(bytes(damaged))
+            StoredRun.from_line(bytes(damaged))
     for foreign in (
         b"",
         b"{}",
@@ -70,7 +70,7 @@ def test_what_tells_whether_a_run_is_known_is_read_as_the_record_is(record):
         checksummed(b""),
     ):
         with pytest.raises(FileReadError):
-            Known.from_line(foreign)
+            StoredRun.from_line(foreign)
 
 
 def test_any_cut_is_seen_and_so_are_other_files():

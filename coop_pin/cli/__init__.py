@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import functools
+import contextlib
 import os
 import shlex
 import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from coop_pin import __version__
 from coop_pin.cli.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, OK, OUTPUT_CLOSED
 from coop_pin.user_files import printable
 
-_AGAIN_S = 0.05
+_REPEAT_S = 0.05
 """Time after which a dropped Ctrl-C is sent once more, s."""
 
 
@@ -47,13 +47,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if str(Path.cwd()) not in sys.path:
         sys.path.append(str(Path.cwd()))  # user modules are found as ``python -m`` finds them
     original_format, warnings.formatwarning = warnings.formatwarning, _format_warning
-    original_hook = sys.unraisablehook
-    sys.unraisablehook = functools.partial(_repeat_ctrl_c, original_hook)
     try:
         from coop_pin.cli.parsing import parse  # slow enough to load that Ctrl-C may come meanwhile
 
         try:
-            return parse(words)() or OK
+            with _dropped_ctrl_c_repeated():
+                return parse(words)() or OK
         finally:
             sys.stdout.flush()
     except BrokenPipeError:
@@ -78,18 +77,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         return _report("interrupted", INTERRUPTED)
     finally:
-        warnings.formatwarning, sys.unraisablehook = original_format, original_hook
+        warnings.formatwarning = original_format
 
 
-def _repeat_ctrl_c(tell: Callable[[Any], object], dropped: Any) -> None:
-    """Send Ctrl-C once more if Python dropped it, as in a destructor; tell other errors that it drops."""
-    if issubclass(dropped.exc_type, KeyboardInterrupt):
-        thread = threading.main_thread().ident
-        timer = threading.Timer(_AGAIN_S, signal.pthread_kill, (thread, signal.SIGINT))
-        timer.daemon = True
-        timer.start()
-    else:
-        tell(dropped)
+@contextlib.contextmanager
+def _dropped_ctrl_c_repeated() -> Iterator[None]:
+    """Send Ctrl-C once more where Python drops it, as in a destructor; tell other errors that it drops."""
+    tell, timers, main_thread = sys.unraisablehook, list[threading.Timer](), threading.main_thread()
+
+    def repeat_or_tell(dropped: Any) -> None:
+        if issubclass(dropped.exc_type, KeyboardInterrupt) and threading.current_thread() == main_thread:
+            timers.append(threading.Timer(_REPEAT_S, signal.pthread_kill, (main_thread.ident, signal.SIGINT)))
+            timers[-1].start()
+        else:
+            tell(dropped)
+
+    sys.unraisablehook = repeat_or_tell
+    try:
+        yield
+    finally:
+        sys.unraisablehook = tell
+        for timer in timers:
+            timer.cancel()
 
 
 def _format_warning(message: Warning | str, *_details: object, **_more: object) -> str:

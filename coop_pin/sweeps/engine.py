@@ -117,8 +117,9 @@ class Session:
 
     def _store(self, plan: SweepPlan, outcomes: Sequence[Outcome]) -> None:
         """Store outcomes of the plan's runs; a name that another column has is refused before."""
-        self.columns.add([outcome.record for outcome in outcomes])
-        require_own_names(plan, self.columns.metrics)
+        records = [outcome.record for outcome in outcomes]
+        require_own_names(plan, set[str]().union(*(record.metrics for record in records)))
+        self.columns.add(records)
         self.store.append(outcomes)
 
     def result(self, plan: SweepPlan) -> SweepResult:
@@ -137,10 +138,11 @@ class Session:
         except FieldError as error:
             raise FileReadError(f"cannot be merged: its runs {error}", str(other.folder)) from None
         count = min(self._execution.recompute, len(records))
-        drawn = random.SystemRandom().sample([numbers[key] for key in records], count)
-        singles = [outcome.record for outcome in self._singly(plan, sorted(drawn))] if drawn else []
+        drawn = sorted(random.SystemRandom().sample([numbers[key] for key in records], count))
+        sound = [number for number in drawn if isinstance(plan.resolved(plan[number]), Scenario)]
+        singles = [outcome.record for outcome in self._singly(plan, sound)] if sound else []
         if reason := _difference(records, singles):
-            detail = f"is not merged: of {count} of its runs that were repeated here, {reason}"
+            detail = f"is not merged: of {len(sound)} of its runs that were repeated here, {reason}"
             raise FileReadError(detail, str(other.folder))
         self.store.append([Outcome(record) for record in records.values()])
 
@@ -245,13 +247,14 @@ def _difference(stored: Mapping[str, Record], singles: Sequence[Record]) -> str:
 
 
 @contextlib.contextmanager
-def _old_objects_uncollected() -> Iterator[None]:
-    """Leave what exists out of garbage collections: all else waits while one looks through it, for 0.1 s."""
-    if gc.get_freeze_count():  # by others, whom an end would surprise
-        yield
-        return
-    gc.freeze()
+def _frozen_objects() -> Iterator[None]:
+    """Exclude the objects that exist now from garbage collections until the end, those of the caller as well.
+
+    A full collection of them stops every thread for 0.1 s.
+    """
+    gc.collect(1)  # young garbage is not to grow old
     try:
+        gc.freeze()
         yield
     finally:
         gc.unfreeze()
@@ -276,7 +279,7 @@ def open_session(folder: str | Path, execution: Execution, total: int) -> Iterat
     with session.store.locked(), ProgressBar("runs", total=total, quiet=execution.quiet, keep=True) as bar:
         try:
             session.bar = bar
-            with session.stack, _old_objects_uncollected():
+            with session.stack, _frozen_objects():
                 yield session
         except KeyboardInterrupt:
             raise SweepInterruptedError(str(folder), bar.finished, total) from None

@@ -37,8 +37,8 @@ def checksummed(content: bytes) -> bytes:
     return b'{"sha256": "%s", "content": %s}' % (hashlib.sha256(content).hexdigest().encode(), content)
 
 
-_BEFORE = len(checksummed(b"")) - 1
-"""Bytes before the content."""
+_PREFIX_BYTES = len(checksummed(b"")) - 1
+"""Length of a line before its content, bytes."""
 
 
 def checked_content(line: bytes) -> bytes:
@@ -47,7 +47,7 @@ def checked_content(line: bytes) -> bytes:
     Raises:
         FileReadError: the line is damaged, cut, or was written by something else.
     """
-    content = line[_BEFORE:-1]
+    content = line[_PREFIX_BYTES:-1]
     if checksummed(content) != line:
         raise FileReadError("it was not written by a sweep, or is damaged: its checksum does not match")
     return content
@@ -137,8 +137,8 @@ class Record:
 
 
 @dataclasses.dataclass(frozen=True)
-class Known:
-    """What tells whether a run is known, of its stored record; it is read in half of the time.
+class StoredRun:
+    """Key and failure of a stored run: the part of its record that a resumed sweep reads.
 
     Attributes:
         key: key of the run.
@@ -149,12 +149,16 @@ class Known:
     failure: str = ""
 
     @classmethod
-    def from_line(cls, line: bytes) -> Known:
-        """Read it from the line of a record; raises as Record.from_line."""
-        return _read(_KNOWN, line)
+    def from_line(cls, line: bytes) -> StoredRun:
+        """Read it from the line of a record, whose other parts are not looked at.
+
+        Raises:
+            FileReadError: the line is damaged, or has no key.
+        """
+        return _read(_STORED, line)
 
 
-_RECORD, _KNOWN = TypeAdapter(Record), TypeAdapter(Known)
+_RECORD, _STORED = TypeAdapter(Record), TypeAdapter(StoredRun)
 
 
 def _read(adapter: TypeAdapter[Read], line: bytes) -> Read:

@@ -300,7 +300,7 @@ class SweepPlan(Description):
 
 
 def _places(shape: Sequence[int]) -> Iterator[tuple[int, ...]]:
-    """Yield the places of all runs along each dimension, the last running fastest; none is kept."""
+    """Yield the places of all runs along each dimension, the last running fastest, without a list of them."""
     if not shape:
         yield ()
         return

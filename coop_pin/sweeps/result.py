@@ -404,8 +404,9 @@ def _cells(values: Array) -> list[bytes]:
     if values.dtype.kind in "iuf":
         numbers = to_json(entries, inf_nan_mode="constants")[1:-1]
         return numbers.replace(b"NaN", b"").replace(b"Infinity", b"inf").split(b",")
-    texts = {entry: _cell(str(entry)) for entry in {*entries}}
-    return [texts[entry] for entry in entries]
+    texts = [*map(str, entries)]
+    cells = {text: _cell(text) for text in {*texts}}
+    return [cells[text] for text in texts]
 
 
 def _cell(text: str) -> bytes:

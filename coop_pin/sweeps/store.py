@@ -28,7 +28,7 @@ from coop_pin.errors import (
     StoreLockedError,
 )
 from coop_pin.results import RunResult
-from coop_pin.sweeps.job import Known, Outcome, Record, checked_content, checksummed
+from coop_pin.sweeps.job import Outcome, Record, StoredRun, checked_content, checksummed
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.user_files import read_user_file
 
@@ -113,7 +113,7 @@ class SweepStore:
             if _PART.fullmatch(part.name) and not part.is_dir():
                 part.unlink()
         damaged: list[bytes] = []
-        self.known = {run.key: run.failure for run in self._read(Known.from_line, damaged)}
+        self.known = {run.key: run.failure for run in self._read(StoredRun.from_line, damaged)}
         content = b"".join(line + b"\n" for line in damaged)
         aside = self.folder / "quarantine" / f"{hashlib.sha256(content).hexdigest()[:16]}.jsonl"
         if damaged and not aside.exists():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import logging
 import operator
 import textwrap
 from collections.abc import Collection, Iterable, Sequence
@@ -20,10 +21,12 @@ from coop_pin.sweeps.plan import COLUMNS, SweepPlan
 from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
 
+_LOG = logging.getLogger("coop_pin.sweeps")
 OK, FAILED, MISSING = "ok", "failed", "missing"
 _TEXTS, _NUMBERS = ("failure", "message"), ("failed_at_s", "merged", "wall_s", "cpu_s")
-_PARTS = operator.attrgetter(*_TEXTS, *_NUMBERS)
 """Parts of a record that are columns, beside its key and its metrics."""
+_PARTS = operator.attrgetter(*_TEXTS, *_NUMBERS)
+_UNREAD = "another version wrote them: choose another folder, and they are computed again"
 _CHUNK = 1000
 """Records that are read at once."""
 
@@ -114,7 +117,10 @@ def read_runs(
         columns: columns of all records, where they are known; they are used up.
     """
     keys = [each.key for each in keyed_points(plan)] if keys is None else keys
-    columns = Columns.of(store.records(), keys) if columns is None else columns
+    if columns is None:
+        columns = Columns.of(store.records(), keys)
+        if unread := {*keys} & {*store.known} - {*columns.places}:
+            _LOG.warning("%d stored runs of %s cannot be read; %s", len(unread), store.folder, _UNREAD)
     texts, numbers = columns.texts, columns.numbers
     require_own_names(plan, columns.metrics)
     conditions = [texts["failure"] == None, texts["failure"] != ""]  # noqa: E711  of each entry
