@@ -24,7 +24,7 @@ from coop_pin.comparison.controllers import controller_names
 from coop_pin.comparison.trials import benchmark_scenario, standard_trials
 
 cell, engine, part, out = sys.argv[1:]
-left_out = {"friction x0", "friction x3", "bias 0.1 mm", "mass x0.5", "80 Hz", "1000 Hz"}
+left_out = {"friction x0", "friction x3", "bias 0.1 mm", "mass x0.5", "80 Hz", "1000 Hz", "held by palms"}
 known = standard_trials(benchmark_scenario(cp.Scenario.load(cell), 2.0))
 trials = [name for name in known if name not in left_out]
 laws = [name for name in controller_names() if name != "adaptive-verginis"]
