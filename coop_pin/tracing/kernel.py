@@ -7,6 +7,7 @@ kernels run in which order, and what is loaded into slots and recorded from them
 from __future__ import annotations
 
 import copy
+import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -177,7 +178,8 @@ class Machine(ABC):
 
     def _take(self, program: Program) -> None:
         self.program, self._rows = program, program.rows(RECORD)
-        self._instructions = np.array(program.instructions, dtype=np.int64).reshape(-1, 2)
+        flat = itertools.chain.from_iterable(program.instructions)
+        self._instructions = np.fromiter(flat, np.int64).reshape(-1, 2)  # np.array makes a list of each
 
     def run(
         self,
