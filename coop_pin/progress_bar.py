@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Self
 
 from tqdm import tqdm
@@ -26,6 +27,7 @@ class ProgressBar:
         self, unit: str, *, total: int | None = None, title: str = "", quiet: bool = False, keep: bool = False
     ) -> None:
         self.finished, self.failed = 0, 0
+        self._counting = threading.Lock()
         # disable=None: tqdm draws on terminals only. smoothing near 0: the rate is that of the whole session.
         self._bar = tqdm(
             desc=title or None,
@@ -43,13 +45,17 @@ class ProgressBar:
         self._bar.update(finished - self._bar.n)
 
     def count(self, items: int = 1, *, failed: int = 0, old: bool = False) -> None:
-        """Count items and the failed ones of them; old ones, of an earlier session, do not enter the rate."""
-        self.finished += items
-        self.failed += failed
-        if not self._bar.disable:
-            self._bar.initial += items * old
-            self._bar.set_postfix_str(f"{self.failed} failed" if self.failed else "", refresh=False)
-            self._bar.update(items)
+        """Count items and the failed ones of them; old ones, of an earlier session, do not enter the rate.
+
+        Any thread may count.
+        """
+        with self._counting:
+            self.finished += items
+            self.failed += failed
+            if not self._bar.disable:
+                self._bar.initial += items * old
+                self._bar.set_postfix_str(f"{self.failed} failed" if self.failed else "", refresh=False)
+                self._bar.update(items)
 
     def describe(self, text: str) -> None:
         """Show a text before the bar."""

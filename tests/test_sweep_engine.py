@@ -109,6 +109,16 @@ def test_equal_points_are_computed_once(tmp_path, computed):
     assert result.counts()["ok"] == 3
 
 
+@pytest.mark.parametrize(("workers", "chosen"), [(0, "pinocchio"), (2, "pinocchio"), (2, "batch")])
+def test_equal_points_are_counted_like_others(tmp_path, workers, chosen):
+    plan = SweepPlan(base="adept-paper", changes=SHORT, axes={DAMPING: [1e5, 40.0, 40.0, 1e5]}, engine=chosen)
+    with open_session(tmp_path, Execution(workers=workers, quiet=True), len(plan)) as session:
+        session.store.write_plan(plan)
+        session.compute(plan)
+        assert (session.bar.finished, session.bar.failed) == (4, 2)
+        assert session.result(plan).counts() == {"ok": 2, "failed": 2, "missing": 0}
+
+
 def test_a_damaged_record_is_set_aside_and_computed_again(tmp_path, computed):
     before = small(tmp_path).data
     (segment,) = (tmp_path / "runs").iterdir()

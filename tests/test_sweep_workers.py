@@ -15,7 +15,7 @@ from faulty import law
 from pebble import ProcessExpired
 
 import coop_pin as cp
-from coop_pin.errors import CodeChangedError, WorkerDiedError, WorkersLostError
+from coop_pin.errors import CodeChangedError, FieldError, WorkerDiedError, WorkersLostError
 from coop_pin.sweeps import SweepPlan, backend, linspace, sweep
 from coop_pin.sweeps.backend import LocalBackend, Worker, outcomes
 from coop_pin.sweeps.job import Job, Outcome, Record
@@ -236,6 +236,38 @@ def test_short_runs_travel_in_batches_of_a_quarter_of_a_second(wall_s, largest):
     assert sorted(found, key=int) == [str(i) for i in range(2000)]
     assert batches[0] == 1
     assert max(batches) == largest
+
+
+def batch_jobs(count):
+    """Jobs of batches of 256 runs, and a note of each that is drawn."""
+    drawn, scenario = [], cp.Scenario.load("adept-paper", {"duration": 0.1, "events": []})
+
+    def jobs():
+        for i in range(count):
+            drawn.append(i)
+            yield Job(str(i), scenario, engine="batch")
+
+    return drawn, jobs()
+
+
+def test_threads_draw_batches_by_themselves_and_at_most_two_each_beyond_what_is_taken(monkeypatch):
+    monkeypatch.setattr(backend, "_batch_here", lambda batch, _: [[Outcome(Record(j.key)) for j in batch]])
+    drawn, jobs = batch_jobs(4000)
+    with contextlib.closing(LocalBackend(2)) as pool, contextlib.closing(pool.outcomes(jobs)) as found:
+        taken = next(found)
+        time.sleep(0.2)
+        assert len(drawn) <= (4 + 1) * 256
+        keys = [outcome.record.key for batch in (taken, *found) for outcome in batch]
+    assert sorted(keys, key=int) == [str(i) for i in range(4000)]
+
+
+def test_an_error_of_a_plan_is_raised_when_a_thread_draws_it():
+    def jobs():
+        yield from batch_jobs(300)[1]
+        raise FieldError("is wrong", "plan")
+
+    with contextlib.closing(LocalBackend(2)) as pool, pytest.raises(FieldError):
+        list(pool.outcomes(jobs()))
 
 
 def loaded(worker):

@@ -65,10 +65,6 @@ def _batch_here(batch: Sequence[Job], is_over: Callable[[], bool] = bool) -> Ite
     yield from _with_singles(batch, run_batch(batch, is_over), run)
 
 
-def _batch_in_thread(batch: Sequence[Job], is_over: Callable[[], bool]) -> list[Outcome]:
-    return list(itertools.chain.from_iterable(_batch_here(batch, is_over)))
-
-
 def _with_singles(
     batch: Sequence[Job], outcomes: Sequence[Outcome | None], run: Callable[[Job], list[Outcome]]
 ) -> Iterator[list[Outcome]]:
@@ -274,9 +270,40 @@ class LocalBackend:
 
     def submit(self, batch: Sequence[Job]) -> futures.Future[list[Outcome]]:
         """Send a batch to the next free worker."""
-        if batch[0].engine == "batch" and not any(job.code for job in batch):
-            return self._threads.submit(_batch_in_thread, batch, self._is_closed.is_set)
         return self._threads.submit(run_in_thread, self._name, batch)
+
+    def outcomes(self, jobs: Iterator[Job]) -> Generator[list[Outcome]]:
+        """Yield the outcomes of jobs of one engine as they finish; workers draw batches by themselves.
+
+        Raises:
+            WorkersLostError: workers cannot be started or run no jobs.
+            CodeChangedError: this process or a worker has loaded other code than a job's key covers.
+        """
+        first = next(jobs)
+        jobs = itertools.chain([first], jobs)
+        if first.engine != "batch":
+            yield from outcomes(self, jobs)
+            return
+        under_way = {self._threads.submit(self._drawn, jobs) for _ in range(2 * self._count)}
+        while under_way:
+            done, under_way = futures.wait(under_way, _POLL_S, futures.FIRST_COMPLETED)
+            for future in done:
+                if results := future.result():
+                    under_way.add(self._threads.submit(self._drawn, jobs))
+                    yield results
+
+    def _drawn(self, jobs: Iterator[Job]) -> list[Outcome]:
+        """Return the outcomes of the next batch, nothing after the last one."""
+        from coop_pin.sweeps.batch_job import IN_PYTHON  # slow to load
+
+        with IN_PYTHON:
+            batch = _next_batch(jobs, 1)
+        if not batch or self._is_closed.is_set():
+            return []
+        if any(job.code for job in batch):
+            with _reported():
+                return run_in_thread(self._name, batch)
+        return [*itertools.chain.from_iterable(_batch_here(batch, self._is_closed.is_set))]
 
     def close(self) -> None:
         """End all workers, also those at work."""

@@ -102,15 +102,17 @@ class Session:
             raise FieldError("is 'auto', which cp.run and cp.sweep choose; give a number here", STEPS_FIELD)
         for folder in self._execution.merge:
             self._merge(plan, SweepStore(folder))
-        self.keys, under_way, refused = list[str](), dict[str, int](), list[Outcome]()
+        self.keys, self._repeated = list[str](), list[str]()
         self._is_foreign, self._is_new, self.columns = False, True, Columns(len(plan))
+        under_way, refused = set[str](), list[Outcome]()
         jobs = self._jobs(plan, retry_failed, under_way, refused)
         for first in jobs:  # a finished sweep does not wait for workers
             with contextlib.closing(self._outcomes(itertools.chain([first], jobs))) as batches:
                 for batch in batches:
                     self._store(plan, batch)
-                    counts = [(under_way.pop(record.key), bool(record.failure)) for record, *_ in batch]
-                    self.bar.count(sum(n for n, _ in counts), failed=sum(n for n, failed in counts if failed))
+                    under_way.difference_update(outcome.record.key for outcome in batch)
+                    self.bar.count(len(batch), failed=sum(bool(record.failure) for record, *_ in batch))
+        self.bar.count(len(self._repeated), failed=sum(bool(self.store.known[key]) for key in self._repeated))
         self._store(plan, refused)
         if self._is_foreign and plan.engine == "batch":
             self._check_batches(plan)
@@ -182,22 +184,24 @@ class Session:
         if not scheduler:
             if not processes:
                 return outcomes_here
-            local = contextlib.closing(LocalBackend(processes))
-            return functools.partial(outcomes, self.stack.enter_context(local))
+            return self.stack.enter_context(contextlib.closing(LocalBackend(processes))).outcomes
         with needs_extra("distributed", "sweep", "to run a sweep on a scheduler"):
             from coop_pin.sweeps.dask_backend import connected  # slow to load
         return functools.partial(outcomes, self.stack.enter_context(connected(scheduler)))
 
     def _jobs(
-        self, plan: SweepPlan, retry_failed: bool, under_way: dict[str, int], refused: list[Outcome]
+        self, plan: SweepPlan, retry_failed: bool, under_way: set[str], refused: list[Outcome]
     ) -> Iterator[Job]:
-        """Yield the jobs still to be computed, and note the points whose scenario has mistakes."""
+        """Yield the jobs still to be computed, to any thread; note the points whose scenario has mistakes."""
         for keyed in keyed_points(plan):
             point, key, scenario = keyed.point, keyed.key, keyed.example
             self._require_files(keyed.code)
             self.keys.append(key)
             if keyed.code and isinstance(scenario, Scenario):
                 self._is_foreign |= bool(scenario.controller.user_code)
+            if key in under_way:
+                self._repeated.append(key)
+                continue
             kind, keep = self.store.known.get(key), plan.keeps(point.number)
             self._is_new &= kind is None
             again = retry_failed and kind in TRANSIENT
@@ -208,9 +212,8 @@ class Session:
             elif kind is not None and not again and (kind or not keep or self.store.read_result(key)):
                 self.bar.count(failed=bool(kind), old=True)
             else:
-                under_way[key] = under_way.get(key, 0) + 1
-                if under_way[key] == 1:
-                    yield self._job(plan, keyed)
+                under_way.add(key)
+                yield self._job(plan, keyed)
 
     @staticmethod
     def _job(plan: SweepPlan, keyed: KeyedPoint) -> Job:

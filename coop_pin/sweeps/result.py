@@ -391,29 +391,26 @@ class SweepResult:
 
 def _write_rows(columns: Mapping[str, Array], path: Path) -> None:
     """Write columns of equal length as CSV, some rows after the other, in half the time of csv."""
-    with path.open("wb") as file:
-        file.write(b",".join(map(_cell, columns)) + b"\n")
+    with path.open("w", encoding="utf-8", newline="") as file:
+        file.write(",".join(map(_cell, columns)) + "\n")
         for first in range(0, len(columns["number"]), _AT_ONCE):
             cells = (_cells(values[first : first + _AT_ONCE]) for values in columns.values())
-            file.write(b"\n".join(map(b",".join, zip(*cells, strict=True))) + b"\n")
+            file.write("\n".join(map(",".join, zip(*cells, strict=True))) + "\n")
 
 
-def _cells(values: Array) -> list[bytes]:
+def _cells(values: Array) -> list[str]:
     """Return the entries of a column as CSV has them, nothing where it is not a number."""
     entries: list[Any] = values.tolist()
     if values.dtype.kind in "iuf":
-        numbers = to_json(entries, inf_nan_mode="constants")[1:-1]
-        return numbers.replace(b"NaN", b"").replace(b"Infinity", b"inf").split(b",")
+        numbers = to_json(entries, inf_nan_mode="constants")[1:-1].decode()
+        return numbers.replace("NaN", "").replace("Infinity", "inf").split(",")
     texts = [*map(str, entries)]
-    cells = {text: _cell(text) for text in {*texts}}
-    return [cells[text] for text in texts]
+    return [*map(_cell, texts)] if _QUOTED.search("".join(texts)) else texts
 
 
-def _cell(text: str) -> bytes:
+def _cell(text: str) -> str:
     """Return a text as CSV has it."""
-    if _QUOTED.search(text):
-        text = '"{}"'.format(text.replace('"', '""'))
-    return text.encode()
+    return '"{}"'.format(text.replace('"', '""')) if _QUOTED.search(text) else text
 
 
 def _is_same(label: Any, value: Any) -> bool:
