@@ -24,7 +24,7 @@ from coop_pin import batch, tracing
 from coop_pin.control import Saturation
 from coop_pin.errors import ArgumentError, TracingError
 from coop_pin.tracing import elementary
-from coop_pin.tracing.kernel import RECORD, Instruction, Kernel, Layout, Program
+from coop_pin.tracing.kernel import RECORD, Kernel, Layout, Program
 from coop_pin.tracing.llvm_emitter import llvm_text
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.numpy_machine import NumpyMachine, evaluate
@@ -452,7 +452,7 @@ def small_program():
     kernel = Kernel("advance", lanes, uniforms)
     x = kernel.read("x")
     kernel.write("x", [x[0] + kernel.uniform("h") * x[1], np.exp(x[1])])
-    return Program([kernel], lanes, 2, 0, [Instruction(0, 0), Instruction(RECORD, 0)])
+    return Program([kernel], lanes, 2, 0, np.array([(0, 0), (RECORD, 0)]))
 
 
 def test_a_field_that_is_there_already_or_of_another_size_is_refused_by_name():
@@ -476,7 +476,7 @@ def run_small_program():
 
 
 def test_a_program_needs_as_many_rows_as_its_instructions_name():
-    program = Program((), Layout(), 0, 0, [Instruction(0, 7), Instruction(RECORD, 2)])
+    program = Program((), Layout(), 0, 0, np.array([(0, 7), (RECORD, 2)]))
     assert (program.rows(RECORD), program.rows(0), program.rows(1)) == (3, 8, 0)
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from coop_pin.batch.cell_dynamics import CellMotion, CellNumbers, CellState, cell_motion
 from coop_pin.batch.serial_arm import Numbers
 from coop_pin.chain.integrators import RK4
 from coop_pin.chain.spring_damper import SpringState
-from coop_pin.tracing.kernel import Instruction, Kernel, Layout, Program
+from coop_pin.tracing.kernel import Kernel, Layout, Program
 from coop_pin.tracing.traced_array import traced
 from coop_pin.tracing.tree import SharedFunctions, leaves, rebuilt
 
@@ -109,14 +111,14 @@ class PlantCode:
             **{name: (len(leaves(part)),) for name, part in varying(cell).items()},
         )
         self._uniforms.add(h=())
-        steps = [Instruction(code, row) for row in range(STEPS_AT_ONCE) for code in (1, 2)]
+        steps = [(code, row) for row in range(STEPS_AT_ONCE) for code in (1, 2)]
         observe, step = (Kernel(name, self.lanes, self._uniforms) for name in ("observe", "step"))
         motion = cell_motion(functions, self._cell(observe), CellState.of(observe))
         write_observed(observe, cell, motion)
         rates = observe.beside("rates")
         rates.write("rates", motion.rates)
         write_step(step, functions, self._cell(step))
-        self.program = Program([observe, rates, step], self.lanes, 0, 0, [Instruction(0, 0), *steps])
+        self.program = Program([observe, rates, step], self.lanes, 0, 0, np.array([(0, 0), *steps]))
 
     def _cell(self, kernel: Kernel) -> CellNumbers:
         """Return the constants of the cell in its present surroundings."""

@@ -20,8 +20,8 @@ from coop_pin.batch.preparation import Prepared
 from coop_pin.batch.tick import TickCode, sample_name
 from coop_pin.disk_cache import keep, kept, package_digest
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.timeline import Timeline
-from coop_pin.tracing.kernel import LOAD, RECORD, Instruction, Program
+from coop_pin.simulation.drives import Given
+from coop_pin.tracing.kernel import LOAD, RECORD, Program
 from coop_pin.tracing.llvm_emitter import llvm_text
 from coop_pin.tracing.tree import leaves, structure, valued
 
@@ -99,7 +99,7 @@ def _traced(block: RunBlock, first: Prepared, width: int | None) -> tuple[Progra
         traced = pickle.loads(zlib.decompress(content))
         return traced
     code = TickCode(block, exact=first.is_foreign)
-    program = Program(code.kernels(), block.lanes, block.recorded, block.loaded, ())
+    program = Program(code.kernels(), block.lanes, block.recorded, block.loaded)
     names, law = [kernel.name for kernel in program.kernels], [0.0] * len(leaves(code.law))
     if width is not None:
         program = program._replace(text=llvm_text(program, width), kernels=())
@@ -124,7 +124,7 @@ class Schedule:
     """Order of the kernels of a run at some of its ticks; rows of loads and record begin with the first.
 
     Attributes:
-        instructions: instructions in order.
+        instructions: instructions in order, as of Program.
         uniforms: numbers that all runs share, to which they refer, shape (rows, uniforms).
         ticks: index of the first instruction of each tick.
     """
@@ -141,6 +141,7 @@ class Schedule:
         self._tick, self._events, self._block = 0, 0, block
         self._slots = {name: block.uniforms.slots(name) for name in block.uniforms.names}
         self._timeline, self._actuation = run.timeline, run.actuation
+        self._has_samples = bool(run.actuation.drives.samples())
         self._target = 0.0  # time of the last command, or sample of a servo
 
     def later(self, signals: Array) -> Self:
@@ -154,48 +155,54 @@ class Schedule:
         return other
 
     def _lay_out(self, signals: Array) -> None:
-        """Lay out ticks, given the signals at them that are uniform."""
-        self.instructions, self._rows = list[Instruction](), list[Array]()
-        self._steps, self.ticks = dict[float, int](), list[int]()
+        """Lay out ticks, given the signals at them that are uniform.
+
+        No object is made for each instruction: garbage would be collected.
+        """
+        self._calls, self.ticks = list[int](), list[int]()
+        self._rows, self._steps = list[Array](), dict[float, int]()
+        self._others, since, gives = len(signals), list[float](), list[Given]()
         timeline, block = self._timeline, self._block
-        for index, uniform in enumerate(signals):
+        for index in range(len(signals)):
             tick, self._tick = self._tick, self._tick + 1
             time = timeline.time(tick)
-            self.ticks.append(len(self.instructions))
-            since, self._target = time - self._target, time
-            row = self._row(s=since, gives=self._actuation.gives(time), signals=uniform)
+            self.ticks.append(len(self._calls) // 2)
+            since.append(time - self._target)
+            gives.append(self._actuation.gives(time))
+            self._target = time
             if block.loaded:
-                self.instructions.append(Instruction(LOAD, index))
+                self._calls += LOAD, index
             if not tick:
-                self._call("start", row)
+                self._call("start", index)
             elif block.constants.sensors.needs_wrenches:
-                self._call("weigh", row)
-            self._call("tick", row)
-            self._happen(timeline, time)  # measured and computed before: the law sees it a tick later
-            self._call("observe", row)
-            self.instructions.append(Instruction(RECORD, index))
+                self._call("weigh", index)
+            self._call("tick", index)
+            self._happen(time)  # measured and computed before: the law sees it a tick later
+            self._call("observe", index)
+            self._calls += RECORD, index
             if tick < timeline.ticks:
-                self._advance(timeline, tick)
-        self.uniforms = np.array(self._rows)
+                self._advance(tick, gives[-1])
+        self.instructions = np.array(self._calls).reshape(-1, 2)
+        self.uniforms = np.zeros((self._others + len(self._rows), block.uniforms.size))
+        self.uniforms[self._others :] = self._rows or 0.0
+        for name, values in (("s", since), ("gives", gives), ("signals", signals)):
+            self.uniforms[: self._others, self._slots[name]] = values
 
-    def _advance(self, timeline: Timeline, tick: int) -> None:
+    def _advance(self, tick: int, gives: Given) -> None:
         """Add the plant steps of a tick."""
-        time, varies, row = timeline.time(tick), not self._actuation.is_held, 0
-        drives = self._actuation.drives
-        gives = self._actuation.gives(time)
+        timeline, actuation, drives = self._timeline, self._actuation, self._actuation.drives
+        time, varies = timeline.time(tick), not actuation.is_held
         for index, (start, length) in enumerate(timeline.steps(tick)):
             if index > 0:
-                self._happen(timeline, start)
-                if due := drives.due((start - time) / timeline.period):
+                self._happen(start)
+                if self._has_samples and (due := drives.due((start - time) / timeline.period)):
                     since, self._target = start - self._target, start
-                    self._call(sample_name(due), self._row(s=since, gives=self._actuation.gives(start)))
+                    self._call(sample_name(due), self._row(s=since, gives=actuation.gives(start)))
             if varies:
-                gives = self._actuation.gives(start)
+                gives = actuation.gives(start)
                 row = self._row(h=length, s=start - self._target, gives=gives)
                 self._call("drive", row)
-            elif length in self._steps:
-                row = self._steps[length]
-            else:
+            elif (row := self._steps.get(length, -1)) < 0:
                 row = self._steps[length] = self._row(h=length)
             if varies or index > 0:  # else the observation has left them
                 self._call("rates", row)
@@ -209,13 +216,13 @@ class Schedule:
         for name, value in fields.items():
             values[self._slots[name]] = value
         self._rows.append(values)
-        return len(self._rows) - 1
+        return self._others + len(self._rows) - 1
 
     def _call(self, kernel: str, row: int) -> None:
-        self.instructions.append(Instruction(self._index[kernel], row))
+        self._calls += self._index[kernel], row
 
-    def _happen(self, timeline: Timeline, time: float) -> None:
+    def _happen(self, time: float) -> None:
         """Add the kernel of the events at a time, if there are any."""
-        if timeline.happens_at(time):
+        if self._timeline.happens_at(time):
             self._call(f"event_{self._events}", 0)
             self._events += 1

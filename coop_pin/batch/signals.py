@@ -43,10 +43,15 @@ class RunSignals(NamedTuple):
 
 
 def desired_of(run: Simulation, ticks: range, clock: ArmClock | None = None) -> Desired:
-    """Return desired motion and squeeze at ticks of a run, or at what a clock shows then."""
+    """Return desired motion and squeeze at ticks of a run, or at what a clock shows then.
+
+    Targets are copied one by one: thousands that live at once would be searched for garbage.
+    """
     times = list(map(run.timeline.time, ticks))
     times = times if clock is None else list(map(clock.reading, times))
-    target = PoseTarget(*map(np.array, zip(*map(run.motion.at, times), strict=True)))
+    X, V, A = target = PoseTarget(*(np.empty((len(times), *shape)) for shape in ((4, 4), (6,), (6,))))
+    for index, time in enumerate(times):
+        X[index], V[index], A[index] = run.motion.at(time)
     return squeezed(Desired(np.array(times), target, np.empty(0)), run)
 
 

@@ -21,7 +21,7 @@ from coop_pin.description.cell import Cell
 from coop_pin.model.cell_model import CellModel
 from coop_pin.model.pinocchio_model import frame_id, symmetric
 from coop_pin.spatial import weight_wrench
-from coop_pin.tracing.kernel import Instruction, Kernel, Layout, Program
+from coop_pin.tracing.kernel import Kernel, Layout, Program
 from coop_pin.tracing.llvm_machine import LlvmMachine
 
 _OF_JOINTS = "X_WJ", "V_J", "F_J", "dissipated"
@@ -67,7 +67,7 @@ def _compiled(joints: tuple[tuple[int, int], ...], count: int) -> tuple[Layout, 
     lanes.add(on_body=(n, 6), wrench=(n, 6), power=(n,), position=(n, 3), rotation=(n, 3, 3))
     kernel = Kernel("grasps", lanes, Layout())
     _write_wrenches(kernel, joints)
-    return lanes, LlvmMachine(Program([kernel], lanes, 0, 0, [Instruction(0, 0)]), width=1)
+    return lanes, LlvmMachine(Program([kernel], lanes, 0, 0, np.array([(0, 0)])), width=1)
 
 
 class GraspsHeld(NamedTuple):

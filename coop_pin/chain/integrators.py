@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from coop_pin.arrays import Array
 from coop_pin.chain.free_flyer import displaced, increment_rate
-from coop_pin.tracing.kernel import Instruction, Kernel, Layout, Program
+from coop_pin.tracing.kernel import Kernel, Layout, Program
 from coop_pin.tracing.llvm_machine import LlvmMachine
 
 _FREE_FLYER = "JointModelFreeFlyer"
@@ -270,7 +270,7 @@ def _free_flyer_stages(joints: int, A: Any, b: Any) -> tuple[Layout, LlvmMachine
         kernel.write("v_i", v_i)
         kernel.write(f"k_{i + 1}", np.concatenate((v_i[joint], increment_rate(u[free], v_i[free]))))
         kernels.append(kernel)
-    order = [Instruction(i, 0) for i in range(len(rows))]
+    order = np.array([(i, 0) for i in range(len(rows))])
     return lanes, LlvmMachine(Program(kernels, lanes, 0, 0, order), width=1)
 
 

@@ -16,7 +16,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.environment.acted_law import ActedLaw
 from coop_pin.environment.task import Observed, Task, drives_of
 from coop_pin.errors import ArgumentError, InvalidStateError, TracingError, needs_extra
-from coop_pin.tracing.kernel import RECORD, Instruction, Kernel
+from coop_pin.tracing.kernel import RECORD, Kernel
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.traced_array import traced
 from coop_pin.tracing.tree import flattened
@@ -164,15 +164,16 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         self._code = RunProgram(alone, differs, is_random | prepared.loaded(alone))
         program, order = self._code.program, self._code.order(alone)
         kernel = self._outcome_kernel(plant.run.plant.chain.rigid.determinate_rows(plant.run.plant.q))
-        instructions = [each for each in order.instructions if each.code != RECORD]
+        instructions = order.instructions[order.instructions[:, 0] != RECORD]
         # A tick begins at its first instruction, but for the records of the ticks before it.
         starts, self._uniforms = [*order.ticks, len(order.instructions)], order.uniforms
         self._starts = [start - tick for tick, start in enumerate(starts)]
         of_tick = [kernel.name for kernel in program.kernels].index("tick")
-        rows = [row for code, row in instructions if code == of_tick]
-        outcomes = [Instruction(len(program.kernels), row) for row in rows]
+        outcomes = instructions[instructions[:, 0] == of_tick]
+        outcomes[:, 0] = len(program.kernels)
+        instructions = np.concatenate((instructions, outcomes))
         self._machine = LlvmMachine(
-            program._replace(kernels=[*program.kernels, kernel], instructions=[*instructions, *outcomes])
+            program._replace(kernels=[*program.kernels, kernel], instructions=instructions)
         )
         inputs = self._code.program.lanes.slots("constants")
         self._additions = inputs[np.cumsum(differs)[added] - 1]

@@ -13,7 +13,7 @@ from pydantic import model_validator
 
 from coop_pin.arrays import Array
 from coop_pin.errors import AmbiguousTurnError, FieldError
-from coop_pin.reference.pose_reference import PoseReference, PoseTarget, make_target
+from coop_pin.reference.pose_reference import PoseReference, PoseTarget, target_of
 from coop_pin.reference.quintic import TimeScaling, quintic
 from coop_pin.reference.splines import powers, quintic_coefficients
 from coop_pin.schema.base import Positive, Vector
@@ -49,26 +49,26 @@ class _Line(PoseReference):
 
     @model_validator(mode="after")
     def _shorter_way_exists(self) -> Self:
-        *_, angle, _ = self._path
+        angle = self._path[2]
         if angle > math.pi - _HALF_TURN_MARGIN:
             raise FieldError(f"is ambiguous: {AmbiguousTurnError('start', 'goal', 1, angle)}", "goal.rpy")
         return self
 
     @cached_property
-    def _path(self) -> tuple[Array, Array, Array, float, Array]:
-        """p_0, p_1 - p_0, phi, the angle |phi|, and the terms of the rotation about phi."""
+    def _path(self) -> tuple[Array, Array, float, Array]:
+        """p_0, [p_1 - p_0, phi], the angle |phi|, and the terms of the rotation about phi."""
         X_0, X_1 = self.start.matrix, self.goal.matrix
         R_0, p_0 = X_0[:3, :3], X_0[:3, 3]
         turn = log3(X_1[:3, :3] @ R_0.T)
         angle = float(np.linalg.norm(turn))
         terms = rotation_terms(turn / angle if angle else turn, R_0)
-        return p_0, X_1[:3, 3] - p_0, turn, angle, terms
+        return p_0, np.concatenate((X_1[:3, 3] - p_0, turn)), angle, terms
 
     def along(self, s: TimeScaling) -> PoseTarget:
         """Return the target at a place of the line, with its rates."""
-        start, d, phi, angle, terms = self._path
-        R, p = rotation_about_axis(terms, s.value * angle), start + s.value * d
-        return make_target(R, p, s.rate * d, s.rate * phi, s.acceleration * d, s.acceleration * phi)
+        start, way, angle, terms = self._path
+        R, p = rotation_about_axis(terms, s.value * angle), start + s.value * way[:3]
+        return target_of(R, p, s.rate * way, s.acceleration * way)
 
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s."""

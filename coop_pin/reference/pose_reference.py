@@ -79,12 +79,15 @@ def make_target(
         a: rate of v, m/s^2, shape (3,).
         alpha: rate of omega, rad/s^2, shape (3,).
     """
+    return target_of(R, p, np.concatenate((v, omega)), np.concatenate((a, alpha)))
+
+
+def target_of(R: Array, p: Array, V_WP_d: Array, A_WP_d: Array) -> PoseTarget:
+    """Return the target with a rotation matrix and a position of P in W; the rates become read-only."""
     X_WP_d = np.zeros((4, 4))
     X_WP_d[:3, :3] = R
     X_WP_d[:3, 3] = p
     X_WP_d[3, 3] = 1.0
-    V_WP_d = np.concatenate((v, omega))
-    A_WP_d = np.concatenate((a, alpha))
     return PoseTarget(frozen(X_WP_d), frozen(V_WP_d), frozen(A_WP_d))
 
 

@@ -7,7 +7,6 @@ kernels run in which order, and what is loaded into slots and recorded from them
 from __future__ import annotations
 
 import copy
-import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -122,19 +121,8 @@ class Kernel:
         return self._fields[key]
 
 
-class Instruction(NamedTuple):
-    """One instruction of a program.
-
-    Attributes:
-        code: Index of a kernel to run, or LOAD or RECORD.
-        row: Row of the uniforms, the loads, or the record.
-    """
-
-    code: int
-    row: int
-
-
 LOAD, RECORD = -1, -2
+"""Codes of instructions beside the indices of kernels."""
 
 CACHE_LINE = 64
 """Bytes. A record begins with a line; whole lines of it are written past the caches, which are smaller."""
@@ -148,7 +136,8 @@ class Program(NamedTuple):
         lanes: Slots of the block; the recorded ones are first, then those that are loaded.
         recorded: Number of slots that RECORD copies.
         loaded: Number of slots that LOAD fills.
-        instructions: Instructions in order.
+        instructions: Instructions in order, shape (n, 2): index of a kernel to run, LOAD or RECORD, and a row
+            of the uniforms, the loads or the record.
         text: LLVM's text of the kernels for the lanes of a machine; they may then be left out.
     """
 
@@ -156,12 +145,12 @@ class Program(NamedTuple):
     lanes: Layout
     recorded: int
     loaded: int
-    instructions: Sequence[Instruction]
+    instructions: NDArray[np.int64] = np.zeros((0, 2), dtype=np.int64)
     text: str = ""
 
     def rows(self, code: int) -> int:
         """Return the number of rows that a kind of instruction needs."""
-        return 1 + max((row for other, row in self.instructions if other == code), default=-1)
+        return 1 + int(self.instructions[self.instructions[:, 0] == code, 1].max(initial=-1))
 
 
 class Machine(ABC):
@@ -178,8 +167,6 @@ class Machine(ABC):
 
     def _take(self, program: Program) -> None:
         self.program, self._rows = program, program.rows(RECORD)
-        flat = itertools.chain.from_iterable(program.instructions)
-        self._instructions = np.fromiter(flat, np.int64).reshape(-1, 2)  # np.array makes a list of each
 
     def run(
         self,
@@ -215,7 +202,7 @@ class Machine(ABC):
     ) -> None:
         """Run the program with a record of whole registers; see ``run``."""
 
-    def in_order(self, instructions: Sequence[Instruction]) -> Self:
+    def in_order(self, instructions: NDArray[np.int64]) -> Self:
         """Return the machine for the same kernels in another order, with the same code."""
         other = copy.copy(self)
         other._take(self.program._replace(instructions=instructions))

@@ -60,7 +60,7 @@ class LlvmMachine(Machine):
         loads = loads[:, :, lane].reshape(*loads.shape[:2], groups, width)
         loads = np.ascontiguousarray(np.moveaxis(loads, 2, 0))
         call = self.bound(slots, np.ascontiguousarray(uniforms), record, loads)
-        count = len(self._instructions)
+        count = len(self.program.instructions)
         for first in range(0, count, _AT_ONCE):  # Python sees Ctrl-C in between
             call(first, min(_AT_ONCE, count - first))
             between()
@@ -82,7 +82,7 @@ class LlvmMachine(Machine):
             record: Memory that RECORD writes, as of new_record; for programs that record.
             loads: Numbers that LOAD fills in, shape (groups, rows, loaded, width); for programs that load.
         """
-        run, instructions = self._run, self._instructions
+        run, instructions = self._run, self.program.instructions
         arguments = self._arguments(instructions, block, uniforms, record, loads)
         start, size = arguments.program, instructions.itemsize * instructions.shape[1]
 
@@ -94,7 +94,8 @@ class LlvmMachine(Machine):
 
     def single(self, block: Array, uniforms: Array) -> list[Callable[[], object]]:
         """Return a function for each instruction of the program, half as long in the call as ``bound``."""
-        rows = [self._instructions[i : i + 1] for i in range(len(self._instructions))]
+        instructions = self.program.instructions
+        rows = [instructions[i : i + 1] for i in range(len(instructions))]
         return [partial(self._run, self._arguments(row, block, uniforms)) for row in rows]
 
     def _arguments(

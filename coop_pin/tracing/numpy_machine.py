@@ -60,7 +60,7 @@ class NumpyMachine(Machine):
     ) -> None:
         program = self.program
         with np.errstate(all="ignore"):
-            for code, row in program.instructions:
+            for code, row in program.instructions.tolist():
                 between()
                 if code == RECORD:
                     record[row] = block[: program.recorded]
