@@ -1,8 +1,9 @@
 """A comparison by engine "auto" against single runs: 14 laws, 12 trials of 2 s, whole processes.
 
 Prints the processor time of the processes, s: single runs; "auto" without code on disk, and with it; the laws
-that no engine but Pinocchio runs; and the first comparison called again, from its start on. With --six the
-ratio of "auto" to single runs where there are six runs: one law in six trials, and six laws in one.
+that no engine but Pinocchio runs; the ratio of "auto" with code on disk to these laws; and the first
+comparison called again, from its start on. With --six the ratio of "auto" to single runs where there are six
+runs: one law in six trials, and six laws in one.
 
 Usage: python benchmarks/bench_compare.py [--cell NAME] [--rounds N] [--six]
 """
@@ -71,6 +72,8 @@ def main() -> None:
             tasks = (("single", "pinocchio", "all"), ("cold", "auto", "all"), ("on disk", "auto", "all"))
             for name, *task in (*tasks, ("models alone", "auto", "models")):
                 times.setdefault(name, []).append(seconds(chosen.cell, *task, folder, name)[0])
+            ratio = times["on disk"][-1] / times["models alone"][-1]
+            times.setdefault("on disk / models alone", []).append(ratio)
             times.setdefault("again", []).append(seconds(chosen.cell, "auto", "all", folder, "cold")[1])
     for name, values in times.items():
         print(f"| {name} | {statistics.median(values):.2f} ({min(values):.2f} .. {max(values):.2f}) |")

@@ -161,6 +161,22 @@ def test_batches_have_the_servos_of_single_runs(name, kind):
         require_same_samples(batch.result(index).data, cp.run(scenario, engine="pinocchio").data)
 
 
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_an_event_some_nanoseconds_beside_a_tick_is_no_sample_of_a_servo(name):
+    """With one sample a tick, and with five of which one comes a plant step after the event."""
+    for rate_hz in (200.0, 1000.0):
+        for time in (0.02 - 2e-9, 0.02 + 2e-9):
+            event = {
+                "kind": "payload-change",
+                "time": time,
+                "mass": 1.3 * servo_cell(name, "velocity").cell.payload.mass,
+            }
+            changes = {"duration": 0.04, "events": [event], "actuators.servo.rate_hz": rate_hz}
+            scenario = servo_cell(name, "velocity", LIMITED).override(changes)
+            batch = cp.simulate_batch([scenario])
+            require_same_samples(batch.result(0).data, cp.run(scenario, engine="pinocchio").data)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_run_goes_on_from_its_state_with_the_same_bits(kind):
     simulation = cp.Simulation(

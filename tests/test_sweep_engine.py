@@ -109,7 +109,30 @@ def test_equal_points_are_computed_once(tmp_path, computed):
     assert result.counts()["ok"] == 3
 
 
-@pytest.mark.parametrize(("workers", "chosen"), [(0, "pinocchio"), (2, "pinocchio"), (2, "batch")])
+WAYS = [(0, "pinocchio"), (2, "pinocchio"), (0, "batch"), (2, "batch")]
+
+
+@pytest.mark.parametrize(("workers", "chosen"), WAYS)
+def test_an_equal_point_that_is_kept_has_its_full_result(tmp_path, workers, chosen):
+    plan = SweepPlan(
+        base="adept-paper", changes=SHORT, axes={GAIN: [0.1, 0.1, 0.2]}, engine=chosen, keep=(1,)
+    )
+    result = sweep(plan, out=tmp_path, execution=Execution(workers=workers, quiet=True))
+    keys = result.table["key"]
+    assert [result.store.read_result(key) is not None for key in keys] == [True, True, False]
+
+
+def test_a_session_that_ends_draws_no_points_any_more(tmp_path):
+    plan = SweepPlan(base="adept-paper", changes=SHORT, axes={GAIN: [0.1, 0.2]}, engine="pinocchio")
+    with open_session(tmp_path, Execution(workers=0, quiet=True), len(plan)) as session:
+        session.store.write_plan(plan)
+        session.compute(plan)
+        jobs = session._jobs(plan.replace(axes={GAIN: [0.3, 0.4, 0.5]}), False, set(), [])
+        assert next(jobs).changes[GAIN] == 0.3
+    assert list(jobs) == []
+
+
+@pytest.mark.parametrize(("workers", "chosen"), WAYS)
 def test_equal_points_are_counted_like_others(tmp_path, workers, chosen):
     plan = SweepPlan(base="adept-paper", changes=SHORT, axes={DAMPING: [1e5, 40.0, 40.0, 1e5]}, engine=chosen)
     with open_session(tmp_path, Execution(workers=workers, quiet=True), len(plan)) as session:

@@ -18,6 +18,7 @@ import coop_pin as cp
 from coop_pin.errors import CodeChangedError, FieldError, WorkerDiedError, WorkersLostError
 from coop_pin.sweeps import SweepPlan, backend, linspace, sweep
 from coop_pin.sweeps.backend import LocalBackend, Worker, outcomes
+from coop_pin.sweeps.batch_job import IN_PYTHON
 from coop_pin.sweeps.job import Job, Outcome, Record
 
 PLAN = SweepPlan(
@@ -259,6 +260,22 @@ def test_threads_draw_batches_by_themselves_and_at_most_two_each_beyond_what_is_
         assert len(drawn) <= (4 + 1) * 256
         keys = [outcome.record.key for batch in (taken, *found) for outcome in batch]
     assert sorted(keys, key=int) == [str(i) for i in range(4000)]
+
+
+def test_no_jobs_have_no_outcomes():
+    with contextlib.closing(LocalBackend(2)) as pool:
+        assert list(pool.outcomes(iter([]))) == []
+
+
+def test_threads_that_wait_for_a_batch_draw_none_after_the_end():
+    drawn, jobs = batch_jobs(4000)
+    pool = LocalBackend(2)
+    with IN_PYTHON:
+        under_way = [pool._threads.submit(pool._drawn, jobs) for _ in range(2)]
+        wait_until(lambda: all(future.running() for future in under_way))
+        pool.close()
+    assert [future.result() for future in under_way] == [[], []]
+    assert drawn == []
 
 
 def test_an_error_of_a_plan_is_raised_when_a_thread_draws_it():

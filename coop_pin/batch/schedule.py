@@ -157,18 +157,19 @@ class Schedule:
     def _lay_out(self, signals: Array) -> None:
         """Lay out ticks, given the signals at them that are uniform.
 
-        No object is made for each instruction: garbage would be collected.
+        Calls and torques are plain numbers: thousands of tuples would be searched for garbage.
         """
         self._calls, self.ticks = list[int](), list[int]()
         self._rows, self._steps = list[Array](), dict[float, int]()
-        self._others, since, gives = len(signals), list[float](), list[Given]()
+        self._tick_rows, since, gives = len(signals), list[float](), list[float]()
         timeline, block = self._timeline, self._block
         for index in range(len(signals)):
             tick, self._tick = self._tick, self._tick + 1
             time = timeline.time(tick)
             self.ticks.append(len(self._calls) // 2)
+            given = self._actuation.gives(time)
             since.append(time - self._target)
-            gives.append(self._actuation.gives(time))
+            gives += [*given.torques, *given.commands]
             self._target = time
             if block.loaded:
                 self._calls += LOAD, index
@@ -181,12 +182,14 @@ class Schedule:
             self._call("observe", index)
             self._calls += RECORD, index
             if tick < timeline.ticks:
-                self._advance(tick, gives[-1])
-        self.instructions = np.array(self._calls).reshape(-1, 2)
-        self.uniforms = np.zeros((self._others + len(self._rows), block.uniforms.size))
-        self.uniforms[self._others :] = self._rows or 0.0
+                self._advance(tick, given)
+        self.instructions = np.array(self._calls, dtype=np.int64).reshape(-1, 2)
+        self.uniforms = np.zeros((self._tick_rows + len(self._rows), block.uniforms.size))
+        self.uniforms[self._tick_rows :] = self._rows or 0.0
         for name, values in (("s", since), ("gives", gives), ("signals", signals)):
-            self.uniforms[: self._others, self._slots[name]] = values
+            slots = self._slots[name]
+            self.uniforms[: self._tick_rows, slots] = np.reshape(values, (-1, *slots.shape))
+        del self._calls, self._rows, self._steps
 
     def _advance(self, tick: int, gives: Given) -> None:
         """Add the plant steps of a tick."""
@@ -216,7 +219,7 @@ class Schedule:
         for name, value in fields.items():
             values[self._slots[name]] = value
         self._rows.append(values)
-        return self._others + len(self._rows) - 1
+        return self._tick_rows + len(self._rows) - 1
 
     def _call(self, kernel: str, row: int) -> None:
         self._calls += self._index[kernel], row

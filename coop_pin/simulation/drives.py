@@ -305,15 +305,15 @@ class CellDrives(NamedTuple):
         return arm.servo.sample(servo, sensed.motion(index), partial(sensed.inertial, index), limited)
 
     def due(self, share: float) -> tuple[int, ...]:
-        """Return the arms whose servos sample within a tick after a share of it, by index."""
-        if not any(arm.servo for arm in self.arms):
-            return ()
-        counts = [
-            0.0 if arm.servo is None else share * arm.servo.tick / arm.servo.period for arm in self.arms
-        ]
-        return tuple(
-            index for index, count in enumerate(counts) if count > SAME and abs(count - round(count)) < _CLOSE
-        )
+        """Return the arms, by index, whose servos sample after a share of a tick, but at its ends."""
+        due = list[int]()
+        for index, arm in enumerate(self.arms):
+            if arm.servo is not None:
+                samples = arm.servo.tick / arm.servo.period
+                count = round(share * samples)
+                if 0 < count < round(samples) and abs(share * samples - count) < _CLOSE:
+                    due.append(index)
+        return tuple(due)
 
     def samples(self) -> list[tuple[int, ...]]:
         """Return the sets of arms whose servos sample together within ticks, each once."""

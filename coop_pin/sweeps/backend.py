@@ -279,9 +279,9 @@ class LocalBackend:
             WorkersLostError: workers cannot be started or run no jobs.
             CodeChangedError: this process or a worker has loaded other code than a job's key covers.
         """
-        first = next(jobs)
-        jobs = itertools.chain([first], jobs)
-        if first.engine != "batch":
+        first = [*itertools.islice(jobs, 1)]
+        jobs = itertools.chain(first, jobs)
+        if not (first and first[0].engine == "batch"):
             yield from outcomes(self, jobs)
             return
         under_way = {self._threads.submit(self._drawn, jobs) for _ in range(2 * self._count)}
@@ -297,7 +297,7 @@ class LocalBackend:
         from coop_pin.sweeps.batch_job import IN_PYTHON  # slow to load
 
         with IN_PYTHON:
-            batch = _next_batch(jobs, 1)
+            batch = [] if self._is_closed.is_set() else _next_batch(jobs, 1)
         if not batch or self._is_closed.is_set():
             return []
         if any(job.code for job in batch):

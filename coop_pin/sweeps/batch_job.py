@@ -25,7 +25,7 @@ from coop_pin.sweeps.run_key import require_unchanged
 _simulator = BatchSimulator()
 """With plants, code and memory of the last families, for all batches of a process."""
 IN_PYTHON = threading.Lock()
-"""Held by the thread that works on a batch, but while compiled code runs and metrics are found."""
+"""Held by the thread that draws or works on a batch, but while compiled code runs and metrics are found."""
 _untraceable = list[Hashable]()
 """Families that were refused: their later batches are not traced again."""
 _LOG = logging.getLogger("coop_pin.sweeps")
@@ -231,7 +231,7 @@ def _together(
         if not is_valid:
             outcomes.append(None)
         elif job.metrics or job.keep:
-            outcome = outcome_of(job, functools.partial(batch.result, index))
+            outcome = outcome_of(job, functools.partial(batch.result, index), metrics[index])
             more = {name: told[name] + getattr(outcome.record, name) for name in ("wall_s", "cpu_s")}
             record = dataclasses.replace(outcome.record, **told | more)
             outcomes.append(outcome._replace(record=record))

@@ -8,6 +8,7 @@ import gc
 import itertools
 import logging
 import random
+import threading
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -81,7 +82,8 @@ class Session:
 
     def __init__(self, store: SweepStore, execution: Execution) -> None:
         self.store, self._execution, self._processes = store, execution, execution.processes
-        self.stack = contextlib.ExitStack()
+        self.stack, self._is_over = contextlib.ExitStack(), threading.Event()
+        self.stack.callback(self._is_over.set)
 
     def compute(self, plan: SweepPlan, *, retry_failed: bool = False) -> None:
         """Compute every run of a plan that the folder does not hold yet.
@@ -102,7 +104,7 @@ class Session:
             raise FieldError("is 'auto', which cp.run and cp.sweep choose; give a number here", STEPS_FIELD)
         for folder in self._execution.merge:
             self._merge(plan, SweepStore(folder))
-        self.keys, self._repeated = list[str](), list[str]()
+        self.keys, self._repeated, self._kept = list[str](), list[str](), set[str]()
         self._is_foreign, self._is_new, self.columns = False, True, Columns(len(plan))
         under_way, refused = set[str](), list[Outcome]()
         jobs = self._jobs(plan, retry_failed, under_way, refused)
@@ -112,6 +114,7 @@ class Session:
                     self._store(plan, batch)
                     under_way.difference_update(outcome.record.key for outcome in batch)
                     self.bar.count(len(batch), failed=sum(bool(record.failure) for record, *_ in batch))
+        # Equal points may come while their run is under way: they count when all are done.
         self.bar.count(len(self._repeated), failed=sum(bool(self.store.known[key]) for key in self._repeated))
         self._store(plan, refused)
         if self._is_foreign and plan.engine == "batch":
@@ -199,10 +202,13 @@ class Session:
             self.keys.append(key)
             if keyed.code and isinstance(scenario, Scenario):
                 self._is_foreign |= bool(scenario.controller.user_code)
-            if key in under_way:
+            if self._is_over.is_set():
+                return
+            is_begun, keep = key in under_way or key in self.columns.places, plan.keeps(point.number)
+            if is_begun and (not keep or key in self._kept):
                 self._repeated.append(key)
                 continue
-            kind, keep = self.store.known.get(key), plan.keeps(point.number)
+            kind = self.store.known.get(key)
             self._is_new &= kind is None
             again = retry_failed and kind in TRANSIENT
             if isinstance(scenario, ScenarioError):
@@ -213,6 +219,7 @@ class Session:
                 self.bar.count(failed=bool(kind), old=True)
             else:
                 under_way.add(key)
+                self._kept |= {key} if keep else set()
                 yield self._job(plan, keyed)
 
     @staticmethod

@@ -255,13 +255,15 @@ def has_options(scenario: Scenario) -> bool:
     return any(vars(part).get("options") for part in (scenario.controller, scenario.motion, scenario.squeeze))
 
 
-def outcome_of(job: Job, compute: Callable[[], RunResult]) -> Outcome:
-    """Return the outcome of a job whose result is computed by a function; see run_job."""
+def outcome_of(
+    job: Job, compute: Callable[[], RunResult], known: Mapping[str, float] | None = None
+) -> Outcome:
+    """Return the outcome of a job whose result is computed by a function, with its metrics if known."""
     content, start = None, times()
     try:
         with contextlib.redirect_stdout(sys.stderr):
             result = compute()
-            metrics = result.metrics()
+            metrics = result.metrics() if known is None else dict(known)
             for name in job.metrics:  # the user's last
                 for key, value in load_function(name, {})(result).items():
                     require_type("name of a metric", key, str)

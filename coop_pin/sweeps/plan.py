@@ -180,7 +180,7 @@ class SweepPlan(Description):
         return tuple(dimensions)
 
     @functools.cached_property
-    def _names(self) -> tuple[str, ...]:
+    def _base_names(self) -> tuple[str, ...]:
         return tuple(self.base)
 
     @functools.cached_property
@@ -210,7 +210,8 @@ class SweepPlan(Description):
         dimensions, changes = self.dimensions, self.changes.copy()
         for dimension, position in zip(dimensions, places, strict=True):
             changes |= dimension.changes(position)
-        base = self._names[places[0] if len(self._names) > 1 else 0]  # then they are the first dimension
+        names = self._base_names
+        base = names[places[0] if len(names) > 1 else 0]  # then they are the first dimension
         return Point(number, base, changes, places, dimensions)
 
     def points(self, numbers: Iterable[int] | None = None) -> Iterator[Point]:

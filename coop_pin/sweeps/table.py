@@ -26,7 +26,9 @@ OK, FAILED, MISSING = "ok", "failed", "missing"
 _TEXTS, _NUMBERS = ("failure", "message"), ("failed_at_s", "merged", "wall_s", "cpu_s")
 """Parts of a record that are columns, beside its key and its metrics."""
 _PARTS = operator.attrgetter(*_TEXTS, *_NUMBERS)
+"""These parts of a record, as a tuple."""
 _UNREAD = "another version wrote them: choose another folder, and they are computed again"
+"""Advice where lines are whole and cannot be read."""
 _CHUNK = 1000
 """Records that are read at once."""
 

@@ -166,7 +166,8 @@ class Machine(ABC):
         self._take(program)
 
     def _take(self, program: Program) -> None:
-        self.program, self._rows = program, program.rows(RECORD)
+        instructions = np.ascontiguousarray(program.instructions, dtype=np.int64)  # as compiled code reads
+        self.program, self._rows = program._replace(instructions=instructions), program.rows(RECORD)
 
     def run(
         self,
