@@ -167,9 +167,9 @@ class Schedule:
             tick, self._tick = self._tick, self._tick + 1
             time = timeline.time(tick)
             self.ticks.append(len(self._calls) // 2)
-            given = self._actuation.gives(time)
+            supply = self._actuation.gives(time)
             since.append(time - self._target)
-            gives += [*given.torques, *given.commands]
+            gives += [*supply.torques, *supply.commands]
             self._target = time
             if block.loaded:
                 self._calls += LOAD, index
@@ -182,7 +182,7 @@ class Schedule:
             self._call("observe", index)
             self._calls += RECORD, index
             if tick < timeline.ticks:
-                self._advance(tick, given)
+                self._advance(tick, supply)
         self.instructions = np.array(self._calls, dtype=np.int64).reshape(-1, 2)
         self.uniforms = np.zeros((self._tick_rows + len(self._rows), block.uniforms.size))
         self.uniforms[self._tick_rows :] = self._rows or 0.0
