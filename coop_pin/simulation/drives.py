@@ -305,7 +305,7 @@ class CellDrives(NamedTuple):
         return arm.servo.sample(servo, sensed.motion(index), partial(sensed.inertial, index), limited)
 
     def due(self, share: float) -> tuple[int, ...]:
-        """Return the arms, by index, whose servos sample after a share of a tick, but at its ends."""
+        """Return the arms, by index, whose servos sample after a share of a tick, never at its ends."""
         due = list[int]()
         for index, arm in enumerate(self.arms):
             if arm.servo is not None:

@@ -219,7 +219,8 @@ class Session:
                 self.bar.count(failed=bool(kind), old=True)
             else:
                 under_way.add(key)
-                self._kept |= {key} if keep else set()
+                if keep:
+                    self._kept.add(key)
                 yield self._job(plan, keyed)
 
     @staticmethod
