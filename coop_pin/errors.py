@@ -55,6 +55,23 @@ def _end_interrupted(kind: type[BaseException], error: BaseException, trace: Tra
     raise SystemExit(128 + signal.SIGINT)
 
 
+def is_ctrl_c(error: BaseException) -> bool:
+    """Return whether an error that is not coop_pin's own stands for Ctrl-C.
+
+    Compiled code that loads makes an ImportError of it, a class statement a RuntimeError, both with their
+    cause, and pydantic, while it writes JSON, a PydanticSerializationError with its name in the text.
+    """
+    if isinstance(error, CoopPinError):
+        return False
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, KeyboardInterrupt):
+        cause = cause.__cause__
+    is_of_pydantic = type(error).__name__ == "PydanticSerializationError"
+    return cause is not None or (
+        is_of_pydantic and any(name in str(error) for name in ("KeyboardInterrupt", "CtrlC"))
+    )
+
+
 class CoopPinError(_Picklable, Exception):
     """Base class of all errors of coop_pin; ``result`` is the RunResult up to the error if it ended a run."""
 

@@ -13,13 +13,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import BaseModel, field_serializer
 
 import coop_pin as cp
 from coop_pin.cli import main
 from coop_pin.cli.overrides import changes, literal
 from coop_pin.cli.parsing import split_fields
 from coop_pin.cli.run import run
+from coop_pin.errors import SweepInterruptedError, is_ctrl_c
 from coop_pin.run_folder import RunFolder, Timing
+from coop_pin.sweeps.engine import open_session
 
 NUMBERS = ["--no-replay", "--no-figures"]
 SHORT = ["--duration", "0.5", "--events", "[]"]
@@ -437,6 +440,24 @@ def test_ctrl_c_while_modules_load_is_told_as_ctrl_c(kind, monkeypatch, capsys):
     monkeypatch.setattr("coop_pin.cli.parsing.parse", loading)
     assert main(["list"]) == 130
     assert capsys.readouterr().err == "coop-pin: interrupted\n"
+
+
+class Serialized(BaseModel):
+    number: int = 1
+
+    @field_serializer("number")
+    def _interrupted(self, _number):
+        raise KeyboardInterrupt
+
+
+def test_ctrl_c_while_json_is_written_is_told_as_ctrl_c_and_ends_a_sweep(monkeypatch, capsys, tmp_path):
+    """Pydantic makes a ValueError of it, without cause."""
+    monkeypatch.setattr("coop_pin.cli.parsing.parse", lambda _words: Serialized().model_dump_json)
+    assert main(["list"]) == 130
+    assert capsys.readouterr().err == "coop-pin: interrupted\n"
+    with pytest.raises(SweepInterruptedError), open_session(tmp_path, cp.Execution(quiet=True), 1):
+        Serialized().model_dump_json()
+    assert not is_ctrl_c(ValueError("KeyboardInterrupt"))
 
 
 def test_ctrl_c_that_python_drops_in_a_destructor_comes_again(monkeypatch, capsys):

@@ -33,7 +33,7 @@ PLAN = SweepPlan(
     cases={"law": {"paper": {}, "dead": law("exit"), "wild": {"controller.gains.damping_gain": [3e4] * 3}}},
     changes=SHORT,
 )
-LONG = PLAN.replace(cases={}, axes={"controller.gains.sign_gain": linspace(0.0, 0.4, 400)})
+LONG = PLAN.replace(cases={}, axes={"controller.gains.sign_gain": linspace(0.0, 0.4, 4000)})
 EDITED = SweepPlan(
     base="adept-paper", changes=SHORT | {"controller": {"kind": "user", "target": "own_far:Push"}}
 )

@@ -69,11 +69,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _report(f"{status}; go on with: {shlex.join(['coop-pin', *words])}", INTERRUPTED)
     except KeyboardInterrupt as interrupt:
         return _report(str(interrupt) or "interrupted", INTERRUPTED)
-    except (ImportError, RuntimeError) as error:  # Ctrl-C while compiled code or a class loads is their cause
-        cause: BaseException | None = error
-        while cause is not None and not isinstance(cause, KeyboardInterrupt):
-            cause = cause.__cause__
-        if cause is None:
+    except Exception as error:
+        if not errors.is_ctrl_c(error):
             raise
         return _report("interrupted", INTERRUPTED)
     finally:

@@ -22,6 +22,7 @@ from coop_pin.errors import (
     FileReadError,
     ScenarioError,
     SweepInterruptedError,
+    is_ctrl_c,
     needs_extra,
 )
 from coop_pin.progress_bar import ProgressBar
@@ -292,7 +293,9 @@ def open_session(folder: str | Path, execution: Execution, total: int) -> Iterat
             session.bar = bar
             with session.stack, _frozen_objects():
                 yield session
-        except KeyboardInterrupt:
+        except BaseException as error:
+            if not is_ctrl_c(error):
+                raise
             raise SweepInterruptedError(str(folder), bar.finished, total) from None
 
 
