@@ -14,10 +14,10 @@ import pinocchio as pin
 from common import elsewhere, interleaved, ratio
 
 import coop_pin as cp
-from coop_pin.chain import CellChain
+from coop_pin.base.spatial import make_pose
 from coop_pin.description import Arm, Cell, Payload, PlantOptions, Pose
+from coop_pin.grasps import CellChain
 from coop_pin.simulation.plant import Plant
-from coop_pin.spatial import make_pose
 
 POSTURE = (-0.406, -0.537, 0.32, -2.256, 0.164, 1.739, 1.415)
 STEP = 1e-3

@@ -74,7 +74,7 @@ def single_runs(rounds: int) -> None:
 def main() -> None:
     """Print the table."""
     import coop_pin as cp
-    from coop_pin.engine_choice import runs_worth_a_batch
+    from coop_pin.compiled.engine_choice import runs_worth_a_batch
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=3)

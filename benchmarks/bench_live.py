@@ -23,7 +23,7 @@ import numpy as np
 from tornado.websocket import websocket_connect
 
 import coop_pin as cp
-from coop_pin.errors import BrowserError
+from coop_pin.base.errors import BrowserError
 from coop_pin.viz import LiveView, open_view
 from coop_pin.viz.browser import find_browser, launch
 

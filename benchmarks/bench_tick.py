@@ -15,12 +15,12 @@ import numpy as np
 import pinocchio as pin
 
 import coop_pin as cp
-from coop_pin.build_controller import build_controller
-from coop_pin.chain import CellChain
 from coop_pin.control import ArmMeasurement
 from coop_pin.control.terms import jacobian_inverse
+from coop_pin.grasps import CellChain
 from coop_pin.simulation import Simulation
-from coop_pin.simulation.sensors import measured_motion
+from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.devices.sensors import measured_motion
 from coop_pin.simulation.tick import TickInputs
 
 UNIT = "constraintDynamics"

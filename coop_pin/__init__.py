@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 _PUBLIC = {
@@ -24,23 +25,23 @@ _PUBLIC = {
     "ArmMeasurement": "coop_pin.control",
     "ArmModel": "coop_pin.model",
     "ArmReference": "coop_pin.control",
-    "CarryPlan": "coop_pin.analysis",
+    "CarryPlan": "coop_pin.design",
     "Cell": "coop_pin.description",
     "CellArm": "coop_pin.model",
-    "CellChain": "coop_pin.chain",
+    "CellChain": "coop_pin.grasps",
     "CellCommand": "coop_pin.control",
     "CellController": "coop_pin.control",
     "CircleMotion": "coop_pin.reference",
     "Clock": "coop_pin.description",
     "ClosedChain": "coop_pin.chain",
-    "Closure": "coop_pin.chain",
+    "Closure": "coop_pin.description",
     "CompliantGrasp": "coop_pin.description",
     "Pad": "coop_pin.description",
     "PatchGrasp": "coop_pin.description",
     "Table": "coop_pin.description",
     "ConsensusForcePath": "coop_pin.control",
     "ConstantSqueeze": "coop_pin.reference",
-    "CoopPinError": "coop_pin.errors",
+    "CoopPinError": "coop_pin.base.errors",
     "CsvMotion": "coop_pin.reference",
     "DifferencedVelocity": "coop_pin.description",
     "EdgeChannel": "coop_pin.description",
@@ -113,71 +114,78 @@ _PUBLIC = {
     "WrenchParts": "coop_pin.description",
     "WrenchPulse": "coop_pin.description",
     "WristSensor": "coop_pin.description",
-    "cell_summary": "coop_pin.analysis",
+    "cell_summary": "coop_pin.feasibility",
     "compare": "coop_pin.comparison",
-    "eigenvalues": "coop_pin.analysis",
-    "export_c": "coop_pin.batch",
-    "fewest_steps": "coop_pin.analysis",
+    "eigenvalues": "coop_pin.stability",
+    "export_c": "coop_pin.compiled",
+    "fewest_steps": "coop_pin.stability",
     "grasps_from_configuration": "coop_pin.description",
-    "ik_branches": "coop_pin.chain",
+    "ik_branches": "coop_pin.model",
     "linspace": "coop_pin.sweeps",
     "logspace": "coop_pin.sweeps",
-    "new_cell": "coop_pin.analysis",
+    "new_cell": "coop_pin.design",
     "open_view": "coop_pin.viz",
-    "plan_carry": "coop_pin.analysis",
-    "reachability": "coop_pin.analysis",
-    "root_locus": "coop_pin.analysis",
-    "run": "coop_pin.run_scenario",
-    "sampled_stability": "coop_pin.analysis",
+    "plan_carry": "coop_pin.design",
+    "reachability": "coop_pin.feasibility",
+    "root_locus": "coop_pin.stability",
+    "run": "coop_pin.running",
+    "sampled_stability": "coop_pin.stability",
     "scenario_names": "coop_pin.description",
     "simulate": "coop_pin.simulation",
-    "simulate_batch": "coop_pin.batch",
-    "solve_ik": "coop_pin.chain",
-    "static_torques": "coop_pin.analysis",
-    "suggest": "coop_pin.analysis",
+    "simulate_batch": "coop_pin.compiled",
+    "solve_ik": "coop_pin.model",
+    "static_torques": "coop_pin.feasibility",
+    "suggest": "coop_pin.design",
     "sweep": "coop_pin.sweeps",
     "tune": "coop_pin.sweeps",
 }
-_PACKAGES = (
-    "analysis",
-    "batch",
-    "chain",
-    "comparison",
-    "control",
-    "description",
-    "errors",
-    "figures",
-    "model",
-    "model_based",
-    "reference",
-    "results",
-    "schema",
-    "simulation",
-    "spatial",
-    "sweeps",
-    "tracing",
-    "viz",
-)
+_PACKAGES = {
+    "base": "coop_pin.base",
+    "chain": "coop_pin.chain",
+    "comparison": "coop_pin.comparison",
+    "compiled": "coop_pin.compiled",
+    "control": "coop_pin.control",
+    "description": "coop_pin.description",
+    "design": "coop_pin.design",
+    "environment": "coop_pin.environment",
+    "feasibility": "coop_pin.feasibility",
+    "figures": "coop_pin.figures",
+    "grasps": "coop_pin.grasps",
+    "model": "coop_pin.model",
+    "model_based": "coop_pin.model_based",
+    "proof": "coop_pin.proof",
+    "reference": "coop_pin.reference",
+    "results": "coop_pin.results",
+    "running": "coop_pin.running",
+    "simulation": "coop_pin.simulation",
+    "stability": "coop_pin.stability",
+    "sweeps": "coop_pin.sweeps",
+    "tracing": "coop_pin.tracing",
+    "viz": "coop_pin.viz",
+    "errors": "coop_pin.base.errors",
+    "schema": "coop_pin.base.schema",
+    "spatial": "coop_pin.base.spatial",
+}
 
 
 def lazy_names(
-    package: str, public: Mapping[str, str], packages: Iterable[str] = ()
+    package: str, public: Mapping[str, str], packages: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Return ``__getattr__`` and ``__dir__`` of a package whose public names are loaded on first use.
 
     Args:
         package: full name of the package.
         public: public names and the module that defines each.
-        packages: subpackages that are loaded on first use.
+        packages: attributes that are modules, and the full name of each, loaded on first use.
     """
 
     def load(name: str) -> Any:
         if name in public:
             value = getattr(importlib.import_module(public[name]), name)
         elif name in packages:
-            value = importlib.import_module(f"{package}.{name}")
+            value = importlib.import_module(packages[name])
         else:
-            hint = importlib.import_module(f"{__name__}.errors").suggestion(name, [*public, *packages])
+            hint = importlib.import_module(f"{__name__}.base.errors").suggestion(name, [*public, *packages])
             raise AttributeError(f"module {package!r} has no attribute {name!r}; {hint}")
         setattr(sys.modules[package], name, value)
         return value

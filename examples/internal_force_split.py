@@ -3,7 +3,7 @@
 import numpy as np
 
 import coop_pin as cp
-from coop_pin.spatial import internal_wrenches, load_wrenches
+from coop_pin.base.spatial import internal_wrenches, load_wrenches
 
 scenario = cp.Scenario.load("adept-paper")
 cell, rows = scenario.cell, scenario.cell.task_rows

@@ -33,7 +33,7 @@ import numpy as np
 import pandas as pd
 
 import coop_pin as cp
-from coop_pin.spatial import internal_wrenches, load_wrenches
+from coop_pin.base.spatial import internal_wrenches, load_wrenches
 from coop_pin.viz import notebook_view
 
 np.set_printoptions(precision=3, suppress=True)

@@ -34,7 +34,7 @@ import numpy as np
 import pandas as pd
 
 import coop_pin as cp
-from coop_pin.analysis import steady_errors
+from coop_pin.stability import steady_errors
 from coop_pin.viz import notebook_view
 
 # %% tags=["parameters"]

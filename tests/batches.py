@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
-from coop_pin.batch import BatchSimulator
-from coop_pin.batch.preparation import Prepared
+from coop_pin.compiled import BatchSimulator
+from coop_pin.compiled.preparation import Prepared
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.numpy_machine import NumpyMachine
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from coop_pin.base.schema.pose import Pose
+from coop_pin.base.spatial.task_rows import TaskRows
 from coop_pin.chain import ClosedChain
 from coop_pin.control import (
     ControlledArm,
@@ -14,12 +16,10 @@ from coop_pin.control import (
     SlidingModeGains,
 )
 from coop_pin.description import Arm, JointFriction
-from coop_pin.description.cell import Cell
-from coop_pin.description.payload import Payload
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.payload import Payload
 from coop_pin.description.scenario import Scenario, scenario_names
 from coop_pin.reference import HoldMotion
-from coop_pin.schema.pose import Pose
-from coop_pin.spatial.task_rows import TaskRows
 
 SPATIAL_START = Pose(xyz=(0.45, 0.05, 0.4), rpy=(0.3, -0.2, 0.5))
 

@@ -54,12 +54,12 @@ from coop_pin import (
     reference,
     results,
     simulation,
-    spatial,
     sweeps,
     viz,
 )
-from coop_pin.build_controller import build_controller
+from coop_pin.base import spatial
 from coop_pin.description import urdf
+from coop_pin.simulation.build_controller import build_controller
 from coop_pin.tracing.numpy_machine import NumpyMachine
 
 SOUND = {"result", "refused", "not callable so"}

@@ -42,10 +42,10 @@ from cells import SCENARIOS
 from malformed_urdf import CORPUS, arm
 
 import coop_pin as cp
-from coop_pin.build_controller import build_controller
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.simulation import Simulation
-from coop_pin.sweeps.job import checked_content, checksummed
+from coop_pin.simulation.build_controller import build_controller
+from coop_pin.sweeps.workers.job import checked_content, checksummed
 
 ALLOWED = {"result", "refused"}
 LIMIT_S, LIMIT_BYTES = 5, 4 << 30

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 import coop_pin as cp
+from coop_pin.base.spatial import exp3
 from coop_pin.description.actuators import GravityCompensation
 from coop_pin.model import ArmModel
-from coop_pin.spatial import exp3
 
 UR = {"tip": "tool0", "posture": (0.0, -1.2, 1.6, -1.97, -1.57, 0.0)}
 ROBOTS = {

@@ -48,14 +48,15 @@ PACKAGE = REPOSITORY / "coop_pin"
 EQUIVALENT = Path(__file__).with_name("mutate_equivalent.toml")
 FLOOR = 0.95
 TESTS = {
-    "batch": "adversaries batch batch_laws batch_sensing c_export gravity_turn sweep_batch tracing",
-    "chain": "branches cell_chain closed_chain closures ik_solver integrators inverse_kinematics mechanisms"
-    " projection sizes",
+    "base": "internal_wrench_definitions payload_space spatial",
+    "compiled": "adversaries batch batch_laws batch_sensing c_export gravity_turn sweep_batch tracing",
+    "chain": "closed_chain closures integrators mechanisms projection sizes",
     "comparison": "benchmarks compare comparison_figures",
     "control": "baseline_laws bounds interface payload_space redundant_sliding_mode sensing sliding_mode",
+    "grasps": "cell_chain compliant_grasps contact_patches friction_cones grasp_events rigid_grasps",
+    "model": "arm_model branches ik_solver inverse_kinematics limits",
     "model_based": "batch_laws compare model_based",
     "results": "internal_wrench_definitions metrics results trust user_files",
-    "spatial": "internal_wrench_definitions payload_space spatial",
     "tracing": "batch batch_laws c_export sweep_batch tracing",
 }
 """Test files that are run for each package; others hardly judge it, and take longer."""
@@ -515,7 +516,8 @@ def measured_run(chosen: list[Mutant], budget: float, workers: int) -> MutationR
         for file in {mutant.file for mutant in chosen}:
             importlib.import_module("coop_pin." + file.removesuffix(".py").replace("/", "."))
         names = {name for package in {mutant.package for mutant in chosen} for name in TESTS[package].split()}
-        run_pytest([f"tests/test_{name}.py" for name in sorted(names)], run)
+        files = {file.stem: str(file) for file in Path("tests").rglob("test_*.py")}
+        run_pytest([files[f"test_{name}"] for name in sorted(names)], run)
     return run
 
 

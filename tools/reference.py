@@ -16,17 +16,17 @@ from pathlib import Path
 from typing import Any
 
 import coop_pin
+from coop_pin.base.schema.base import Description
+from coop_pin.base.schema.meanings import described, meanings, section
 from coop_pin.description import Payload, Scenario
-from coop_pin.schema.base import Description
-from coop_pin.schema.meanings import described, meanings, section
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(REPOSITORY / "studies"))
 from pages import with_block  # noqa: E402
 
 DOCS = REPOSITORY / "docs"
-_RUNNING = ("run_scenario", "engine_choice", "build_controller", "simulation")
-"""Packages and modules that share a page."""
+_RUNNING = ("running", "simulation")
+"""Packages that share a page."""
 
 
 def pages() -> dict[Path, str]:
@@ -65,7 +65,7 @@ def _table(entries: Any) -> str:
 
 def _page_of(name: str, folder: str = "") -> str:
     """Return the page of a public name."""
-    package = coop_pin._PUBLIC[name].split(".")[1]
+    package = coop_pin._PUBLIC[name].removeprefix("coop_pin.").removeprefix("base.").split(".")[0]
     return f"{folder}{'running' if package in _RUNNING else package}.md"
 
 

@@ -11,7 +11,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, Mask, as_array, as_number, require_type
+from coop_pin.base.arrays import Array, Mask, as_array, as_number, require_type
+from coop_pin.base.errors import ArgumentError, ConstraintSolveError
 from coop_pin.chain.closure_set import ClosureError, ClosureSet
 from coop_pin.chain.inverse_dynamics import InverseDynamics, least_torque, multipliers_of, over_states
 from coop_pin.chain.kkt_solver import KKTSolver
@@ -20,9 +21,8 @@ from coop_pin.chain.minimal_coordinates import MinimalCoordinates, MinimalForm, 
 from coop_pin.chain.projection import Projected, Projection
 from coop_pin.chain.proximal_solver import DynamicsDerivatives, ProximalSolver
 from coop_pin.chain.trajectory import ChainState, Energy, Propagator, TorqueLaw, Trajectory, time_grid
-from coop_pin.description.closure import Closure
+from coop_pin.description.cell.closure import Closure
 from coop_pin.description.plant import Formulation, Stabilisation
-from coop_pin.errors import ArgumentError, ConstraintSolveError
 from coop_pin.model.mechanism_model import configuration_at, mechanism_model, velocity_at
 from coop_pin.model.pinocchio_model import frame_id
 

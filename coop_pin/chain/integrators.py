@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
 from coop_pin.chain.free_flyer import displaced, increment_rate
 from coop_pin.tracing.kernel import Kernel, Layout, Program
 from coop_pin.tracing.llvm_machine import LlvmMachine

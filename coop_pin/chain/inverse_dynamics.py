@@ -8,9 +8,9 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coop_pin.arrays import Array, Mask, as_array
+from coop_pin.base.arrays import Array, Mask, as_array
+from coop_pin.base.errors import ArgumentError
 from coop_pin.chain.closure_set import ClosureState
-from coop_pin.errors import ArgumentError
 
 _ALLOWED = 1e-6
 """Largest accepted remainder, as a part of 1 and the largest entry of what must be balanced."""

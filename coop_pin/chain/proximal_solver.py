@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
 from coop_pin.chain.closure_set import ClosureSet
-from coop_pin.description.closure import Closure
+from coop_pin.description.cell.closure import Closure
 from coop_pin.description.plant import Stabilisation
 
 # mu = 0, Pinocchio's default, gives NaN on redundant rows; from 1e-8 on twenty steps reach 1e-14.

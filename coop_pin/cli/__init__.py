@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from coop_pin import __version__
+from coop_pin.base.user_files import printable
 from coop_pin.cli.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, OK, OUTPUT_CLOSED
-from coop_pin.user_files import printable
 
 _REPEAT_S = 0.05
 """Time after which a dropped Ctrl-C is sent once more, s."""
@@ -34,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if words == ["--version"]:
         print(f"coop-pin {__version__}")
         return OK
-    from coop_pin import errors
+    from coop_pin.base import errors
 
     failures = (
         errors.CodeChangedError,

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import tyro
 
 from coop_pin import figures, viz
+from coop_pin.base.errors import FieldError
 from coop_pin.cli.execution import HERE, ExecutionOptions, kept_result, tell
-from coop_pin.errors import FieldError
 
 
 def compare(
@@ -100,7 +100,7 @@ def compare(
 
 def _write_replay(table: Any, folder: Path, texts: Sequence[str]) -> None:
     """Write the replay of some cells side by side, and link it in the page of the table."""
-    from coop_pin.heat_map import REPLAYS, cell_names, replay_file
+    from coop_pin.sweeps.heat_map import REPLAYS, cell_names, replay_file
 
     cells = list(map(cell_names, texts))
     runs = [_run(table, cell) for cell in cells]

@@ -96,7 +96,7 @@ def sweep_show(
         result.store.write_with(table, result.table.to_csv)
         print(f"written to {table}")
     if replay is not None:
-        from coop_pin.heat_map import REPLAYS
+        from coop_pin.sweeps.heat_map import REPLAYS
 
         file = (page or folder / "map.html").parent / REPLAYS / f"run-{replay}.html"
         viz.save_replay(kept_result(lambda: result.open(replay)), file)

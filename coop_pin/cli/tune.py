@@ -9,9 +9,9 @@ from typing import Annotated
 import tyro
 
 from coop_pin import sweeps
+from coop_pin.base.errors import FieldError
 from coop_pin.cli.execution import HERE, ExecutionOptions, tell
 from coop_pin.cli.overrides import NO_FIELDS, ScenarioName, TypedFields, changes, field_path, load_scenario
-from coop_pin.errors import FieldError
 
 
 def tune(

@@ -11,19 +11,19 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from coop_pin.arrays import as_count, require_path, require_type, typed
+from coop_pin.base.arrays import as_count, require_path, require_type, typed
+from coop_pin.base.errors import CoopPinError, FieldError, FileReadError, NameNotFoundError, ScenarioError
 from coop_pin.comparison.controllers import GAINS, Controllers, controllers_for, gains_used
 from coop_pin.comparison.measures import DROPPED, measures
 from coop_pin.comparison.table import CELL, COLUMNS, Comparison, bootstrap_interval
 from coop_pin.comparison.trials import Trial, benchmark_scenario, changes_of, standard_trials
+from coop_pin.compiled.engine_choice import choose_engines
+from coop_pin.compiled.engines import Engine
 from coop_pin.description.scenario import Scenario
-from coop_pin.engine_choice import choose_engines
-from coop_pin.engines import Engine
-from coop_pin.errors import CoopPinError, FieldError, FileReadError, NameNotFoundError, ScenarioError
 from coop_pin.sweeps import Execution, SweepPlan, SweepResult
 from coop_pin.sweeps.engine import sweep_plan
-from coop_pin.sweeps.execution import HERE
 from coop_pin.sweeps.feasibility import require_feasible_groups, require_reach
+from coop_pin.sweeps.workers.execution import HERE
 
 
 class _Part(NamedTuple):

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from coop_pin.arrays import Array, rms
+from coop_pin.base.arrays import Array, rms
 from coop_pin.comparison.controllers import t_lambda
 from coop_pin.results import RunResult
 

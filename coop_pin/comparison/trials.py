@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.analysis.least_squeeze import with_enough_squeeze
-from coop_pin.analysis.tuning_rule import force_path_of
-from coop_pin.arrays import typed
-from coop_pin.description.contact import PRESSES, PatchGrasp
+from coop_pin.base.arrays import typed
+from coop_pin.base.errors import FieldError
+from coop_pin.description.cell.contact import PRESSES, PatchGrasp
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import FieldError
+from coop_pin.design.tuning_rule import force_path_of
+from coop_pin.feasibility.least_squeeze import with_enough_squeeze
 from coop_pin.model.transmission import friction
 
 _NO_FRICTION = 1e-9

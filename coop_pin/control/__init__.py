@@ -1,24 +1,15 @@
 """Controllers that see only measurements. Importing this package imports neither Pinocchio nor a model."""
 
-from coop_pin.control.admittance import (
-    Admittance,
-    AdmittanceController,
-    AdmittanceGains,
-    FollowingController,
-)
-from coop_pin.control.agreed_integral import AgreedIntegral
 from coop_pin.control.averaged_wrench import (
     AveragedWrench,
     ConsensusForcePath,
     averaged_loop_radius,
     estimator_radius,
 )
-from coop_pin.control.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
 from coop_pin.control.calibration import ZeroedController
 from coop_pin.control.consensus import consensus_bound
 from coop_pin.control.exchanged_wrench import ExchangedWrench, MessageForcePath
-from coop_pin.control.feed_forward import FeedForward, FeedForwardController
 from coop_pin.control.force_path import LateForcePath, LowPassForcePath, NoForcePath
 from coop_pin.control.interface import (
     ArmCommand,
@@ -33,22 +24,33 @@ from coop_pin.control.interface import (
     Message,
 )
 from coop_pin.control.law import DecentralisedLaw, Law
-from coop_pin.control.leader_follower import LeaderFollower, LeaderFollowerController, LeaderFollowerGains
-from coop_pin.control.learned_load import LearnedForcePath, LearnedLoad
-from coop_pin.control.mean_pose import ConsensusPose, MeanPose, MeanPoseByMessages, MeanPoseController
-from coop_pin.control.payload_space import PayloadSpace
-from coop_pin.control.payload_space_controller import (
+from coop_pin.control.laws.admittance import (
+    Admittance,
+    AdmittanceController,
+    AdmittanceGains,
+    FollowingController,
+)
+from coop_pin.control.laws.agreed_integral import AgreedIntegral
+from coop_pin.control.laws.bounded_anchor import AnchorState, BoundedAnchor
+from coop_pin.control.laws.feed_forward import FeedForward, FeedForwardController
+from coop_pin.control.laws.leader_follower import (
+    LeaderFollower,
+    LeaderFollowerController,
+    LeaderFollowerGains,
+)
+from coop_pin.control.laws.mean_pose import ConsensusPose, MeanPose, MeanPoseByMessages, MeanPoseController
+from coop_pin.control.laws.payload_space import PayloadSpace
+from coop_pin.control.laws.payload_space_controller import (
     PayloadSpaceController,
     PayloadSpaceGains,
     PayloadSpaceState,
 )
-from coop_pin.control.posture import Posture, PostureGains
-from coop_pin.control.prescribed_performance import (
+from coop_pin.control.laws.prescribed_performance import (
     PrescribedPerformance,
     PrescribedPerformanceController,
     PrescribedPerformanceGains,
 )
-from coop_pin.control.sliding_mode import (
+from coop_pin.control.laws.sliding_mode import (
     RedundantSlidingMode,
     RedundantSlidingModeController,
     SlidingMode,
@@ -56,7 +58,9 @@ from coop_pin.control.sliding_mode import (
     SlidingModeGains,
     SlidingModeState,
 )
-from coop_pin.control.sliding_surface import Saturation, Sign, Switching, Tanh
+from coop_pin.control.laws.sliding_surface import Saturation, Sign, Switching, Tanh
+from coop_pin.control.learned_load import LearnedForcePath, LearnedLoad
+from coop_pin.control.posture import Posture, PostureGains
 
 __all__ = [
     "Admittance",

@@ -8,7 +8,9 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import FieldError
+from coop_pin.base.schema.base import NotNegative, Positive
 from coop_pin.control.consensus import disagreement, graph_eigenvalues
 from coop_pin.control.exchanged_wrench import less_load, own_wrench
 from coop_pin.control.force_path import INSIST, PlainForcePath
@@ -20,8 +22,6 @@ from coop_pin.control.interface import (
     ControlledArm,
 )
 from coop_pin.control.told_law import TellingLaw, heard
-from coop_pin.errors import FieldError
-from coop_pin.schema.base import NotNegative, Positive
 
 _AT_REST = 1e-9
 """Distance from 1 of a factor that counts as it: of an integral without an anchor."""

@@ -9,13 +9,13 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from coop_pin.arrays import Array, typed
+from coop_pin.base.arrays import Array, typed
+from coop_pin.base.errors import FieldError, OutOfRangeError
 from coop_pin.control.averaged_wrench import ConsensusForcePath
 from coop_pin.control.exchanged_wrench import MessageForcePath
 from coop_pin.control.force_path import INSIST, LateForcePath, LowPassForcePath, NoForcePath
 from coop_pin.control.interface import SampledWrist
 from coop_pin.control.learned_load import LearnedForcePath
-from coop_pin.errors import FieldError, OutOfRangeError
 
 _Paths = (
     NoForcePath | LateForcePath | LowPassForcePath | MessageForcePath | ConsensusForcePath | LearnedForcePath

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
+from coop_pin.base.spatial import TaskRows, inverse_pose
 from coop_pin.control.interface import ArmCommand, ArmMeasurement, ArmReference
 from coop_pin.control.told_law import TellingLaw
-from coop_pin.spatial import TaskRows, inverse_pose
 
 
 class ZeroedState(NamedTuple):

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import FieldError
 from coop_pin.control.interface import Message
-from coop_pin.errors import FieldError
 
 Edges = Collection[tuple[str, str]]
 """Pairs of sender and receiver."""

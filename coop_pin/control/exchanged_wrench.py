@@ -9,11 +9,11 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import InvalidStateError
 from coop_pin.control.force_path import PlainForcePath
 from coop_pin.control.interface import ArmController, ArmMeasurement, ArmReference, ControlledArm
 from coop_pin.control.told_law import MemorylessTellingLaw, further, heard
-from coop_pin.errors import InvalidStateError
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,9 +14,9 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array, Mask
-from coop_pin.errors import SingularJacobianError
-from coop_pin.spatial.task_rows import TaskRows
+from coop_pin.base.arrays import Array, Mask
+from coop_pin.base.errors import SingularJacobianError
+from coop_pin.base.spatial.task_rows import TaskRows
 
 
 class Message(NamedTuple):

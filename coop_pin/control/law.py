@@ -9,7 +9,11 @@ from typing import Any, ClassVar, Generic, Self, TypeVar
 
 from pydantic import Field, PrivateAttr, SerializerFunctionWrapHandler, model_serializer
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import FieldError
+from coop_pin.base.schema.base import WithLaterFields, unknown_arms
+from coop_pin.base.schema.parts import fields_of
+from coop_pin.base.spatial.task_rows import TaskRows, joint_shortage
 from coop_pin.control.bounds import (
     ForcePath,
     SampledLoop,
@@ -28,10 +32,6 @@ from coop_pin.control.interface import (
     DecentralisedController,
 )
 from coop_pin.control.steady_state import SteadyDirection
-from coop_pin.errors import FieldError
-from coop_pin.schema.base import WithLaterFields, unknown_arms
-from coop_pin.schema.parts import fields_of
-from coop_pin.spatial.task_rows import TaskRows, joint_shortage
 
 _WRITTEN_FIRST = ("kind", "target", "options", "gains", "arm_gains", "switching", "force_path")
 """Fields in the order in which a law is written; the keys of stored runs depend on it."""

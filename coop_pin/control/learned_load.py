@@ -7,7 +7,9 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
+from coop_pin.base.schema.base import NotNegative, Positive
+from coop_pin.base.spatial import weight_wrench
 from coop_pin.control.consensus import disagreement, require_consensus
 from coop_pin.control.exchanged_wrench import less_load, own_wrench
 from coop_pin.control.force_path import PlainForcePath
@@ -19,8 +21,6 @@ from coop_pin.control.interface import (
     ControlledArm,
 )
 from coop_pin.control.told_law import TellingLaw, heard
-from coop_pin.schema.base import NotNegative, Positive
-from coop_pin.spatial import weight_wrench
 
 
 class LearnedState(NamedTuple):

@@ -7,11 +7,11 @@ from functools import partial
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import ArgumentError, SingularJacobianError
+from coop_pin.base.spatial.generic_numbers import identity, inverse, require_less
+from coop_pin.base.spatial.task_rows import TaskRows, joint_shortage
 from coop_pin.control.interface import ArmMeasurement, ArmReference
-from coop_pin.errors import ArgumentError, SingularJacobianError
-from coop_pin.spatial.generic_numbers import identity, inverse, require_less
-from coop_pin.spatial.task_rows import TaskRows, joint_shortage
 
 CONDITION_LIMIT = 1e6
 """Payload Jacobians with a larger condition number count as singular."""

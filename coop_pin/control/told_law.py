@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import InvalidStateError
 from coop_pin.control.interface import (
     ArmCommand,
     ArmController,
@@ -19,7 +20,6 @@ from coop_pin.control.interface import (
     CellController,
     Message,
 )
-from coop_pin.errors import InvalidStateError
 
 
 @dataclass(frozen=True, eq=False)

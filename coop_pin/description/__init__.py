@@ -1,10 +1,15 @@
 """Configuration classes (frozen, validated): scenario, cell, arm, payload, controller, events, plant."""
 
-from coop_pin.catalogue import scenario_names
+from coop_pin.base.schema.pose import Pose
 from coop_pin.description.actuators import Actuators, GravityCompensation
-from coop_pin.description.arm import Arm, JointFriction, Miscalibration
-from coop_pin.description.cell import Cell, grasps_from_configuration
-from coop_pin.description.contact import Pad, PatchGrasp, Table
+from coop_pin.description.catalogue import scenario_names
+from coop_pin.description.cell.arm import Arm, JointFriction, Miscalibration
+from coop_pin.description.cell.cell import Cell, grasps_from_configuration
+from coop_pin.description.cell.closure import Closure
+from coop_pin.description.cell.contact import Pad, PatchGrasp, Table
+from coop_pin.description.cell.grasp import CompliantGrasp
+from coop_pin.description.cell.mobile_base import MobileBase
+from coop_pin.description.cell.payload import Payload
 from coop_pin.description.controller import UserController
 from coop_pin.description.events import (
     GravityTurn,
@@ -14,12 +19,9 @@ from coop_pin.description.events import (
     UserEvent,
     WrenchPulse,
 )
-from coop_pin.description.grasp import CompliantGrasp
 from coop_pin.description.grasp_events import HandOver, PutDown, Regrasp, Release
-from coop_pin.description.mobile_base import MobileBase
 from coop_pin.description.model_laws import ModelFactors
 from coop_pin.description.network import ArmClock, Channel, EdgeChannel, GraphChange, Network
-from coop_pin.description.payload import Payload
 from coop_pin.description.plant import Clock, PlantOptions, Stabilisation
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import (
@@ -34,7 +36,6 @@ from coop_pin.description.sensors import (
 )
 from coop_pin.description.servo import SERVOS, Servo
 from coop_pin.description.trust import TrustThresholds
-from coop_pin.schema.pose import Pose
 
 __all__ = [
     "SERVOS",
@@ -44,6 +45,7 @@ __all__ = [
     "Cell",
     "Channel",
     "Clock",
+    "Closure",
     "CompliantGrasp",
     "DifferencedVelocity",
     "EdgeChannel",

@@ -12,11 +12,9 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
 import numpy as np
 from pydantic import AfterValidator, Field, field_validator
 
-from coop_pin.arrays import Array
-from coop_pin.description.actuators import Actuators
-from coop_pin.errors import FieldError
-from coop_pin.reference.motions import Motion
-from coop_pin.schema.base import (
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import FieldError
+from coop_pin.base.schema.base import (
     Description,
     NotNegative,
     Positive,
@@ -25,8 +23,10 @@ from coop_pin.schema.base import (
     not_negative,
     unknown_arms,
 )
-from coop_pin.schema.pose import Pose
-from coop_pin.schema.user_code import FunctionName, load_function
+from coop_pin.base.schema.pose import Pose
+from coop_pin.base.schema.user_code import FunctionName, load_function
+from coop_pin.description.actuators import Actuators
+from coop_pin.reference.motions import Motion
 
 MISSED = "did not happen"
 """Words in the remark of a run on an event that did not happen."""

@@ -9,7 +9,9 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from coop_pin.description.cell import Cell
+from coop_pin.base.errors import FieldError
+from coop_pin.base.schema.base import NotNegative, Positive, unknown_arms
+from coop_pin.description.cell.cell import Cell
 from coop_pin.description.events import (
     MISSED,
     AnyEvent,
@@ -24,9 +26,7 @@ from coop_pin.description.events import (
     WrenchPulse,
     of_kind,
 )
-from coop_pin.errors import FieldError
 from coop_pin.reference.quintic import quintic
-from coop_pin.schema.base import NotNegative, Positive, unknown_arms
 
 
 class GraspEvent(PayloadEvent):

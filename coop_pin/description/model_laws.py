@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar, Generic, Literal, TypeVar
 
+from coop_pin.base.schema.base import Description, Interval, NotNegative, Positive
+from coop_pin.base.schema.user_code import load_class
 from coop_pin.control import ArmController, CellController, ControlledArm
 from coop_pin.control.gains import Gains, PositiveRow
 from coop_pin.control.law import DecentralisedLaw, ParametricLaw
-from coop_pin.schema.base import Description, Interval, NotNegative, Positive
-from coop_pin.schema.user_code import load_class
 
 
 class ModelFactors(Description):

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
 from coop_pin.control.interface import ArmMeasurement, ArmReference, CellCommand, CellController
 
 _FIELDS = {"torque": "torques", "velocity": "velocities", "position": "positions"}

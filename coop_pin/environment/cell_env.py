@@ -6,13 +6,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from coop_pin.arrays import Array, require_type
-from coop_pin.build_controller import build_controller
+from coop_pin.base.arrays import Array, require_type
+from coop_pin.base.errors import DivergedError, SingularJacobianError, needs_extra
 from coop_pin.description.scenario import Scenario
 from coop_pin.environment.acted_law import ActedLaw
 from coop_pin.environment.task import Observed, Task, drives_of
-from coop_pin.errors import DivergedError, SingularJacobianError, needs_extra
 from coop_pin.simulation import Simulation
+from coop_pin.simulation.build_controller import build_controller
 
 with needs_extra("gymnasium", "gym", "for environments of agents"):
     from gymnasium import Env

@@ -9,13 +9,13 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array, as_count, as_number, as_positive
+from coop_pin.base.arrays import Array, as_count, as_number, as_positive
+from coop_pin.base.errors import ArgumentError, NameNotFoundError, OutOfRangeError
+from coop_pin.base.spatial import rotate_vector6
 from coop_pin.description.scenario import Scenario
 from coop_pin.environment.acted_law import ActedLaw
-from coop_pin.errors import ArgumentError, NameNotFoundError, OutOfRangeError
 from coop_pin.results.quantities import QUANTITIES, computed
 from coop_pin.simulation import Simulation
-from coop_pin.spatial import rotate_vector6
 
 _OBSERVED = ("pose_error", "internal_wrench", "desired_internal_wrench", "axial_direction")
 

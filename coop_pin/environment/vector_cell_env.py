@@ -7,15 +7,15 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from coop_pin.arrays import Array, Mask, as_count, require_type
-from coop_pin.batch.preparation import Prepared
-from coop_pin.batch.schedule import RunProgram
-from coop_pin.batch.simulate import BatchSimulator
-from coop_pin.description.code_family import law_reason
+from coop_pin.base.arrays import Array, Mask, as_count, require_type
+from coop_pin.base.errors import ArgumentError, InvalidStateError, TracingError, needs_extra
+from coop_pin.compiled.code_family import law_reason
+from coop_pin.compiled.preparation import Prepared
+from coop_pin.compiled.schedule import RunProgram
+from coop_pin.compiled.simulate import BatchSimulator
 from coop_pin.description.scenario import Scenario
 from coop_pin.environment.acted_law import ActedLaw
 from coop_pin.environment.task import Observed, Task, drives_of
-from coop_pin.errors import ArgumentError, InvalidStateError, TracingError, needs_extra
 from coop_pin.tracing.kernel import RECORD, Kernel
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.traced_array import traced

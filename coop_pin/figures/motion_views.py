@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from coop_pin.arrays import Array, typed
+from coop_pin.base.arrays import Array, typed
 from coop_pin.figures import palette
 from coop_pin.figures.style import ACTUAL, DESIRED, as_written, label, plain_figure
 from coop_pin.results import RunResult

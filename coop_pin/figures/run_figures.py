@@ -13,7 +13,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from coop_pin.arrays import Array, typed
+from coop_pin.base.arrays import Array, typed
 from coop_pin.figures import palette
 from coop_pin.figures.style import (
     ACTUAL,

@@ -8,7 +8,7 @@ import importlib
 import re
 from types import ModuleType
 
-from coop_pin.errors import MissingPinocchioError
+from coop_pin.base.errors import MissingPinocchioError
 
 OLDEST, TOO_NEW = (4, 1), (5,)
 """Supported versions of Pinocchio: from the first up to, but not including, the second."""
@@ -45,5 +45,6 @@ import_pinocchio()
 
 from coop_pin.model.arm_model import ArmModel  # noqa: E402  after the check
 from coop_pin.model.cell_arm import CellArm  # noqa: E402
+from coop_pin.model.inverse_kinematics import ik_branches, solve_ik  # noqa: E402
 
-__all__ = ["ArmModel", "CellArm"]
+__all__ = ["ArmModel", "CellArm", "ik_branches", "solve_ik"]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
 from coop_pin.description import Arm, Cell, JointFriction
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import per_joint

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from coop_pin.arrays import require_path, require_type
-from coop_pin.atomic_write import write_atomically
+from coop_pin.base.arrays import require_path, require_type
+from coop_pin.base.atomic_write import write_atomically
+from coop_pin.base.errors import FileReadError, ScenarioError
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
 from coop_pin.results.friction import (
     FrictionUse,
@@ -209,7 +209,7 @@ class RunResult:
         """Return the internal wrench of every arm at every sample by each definition of the literature.
 
         Variables ``load_shares`` (the paper's, eqs. (7)-(12)), ``minimum_norm``, ``nonsqueezing``,
-        ``virtual_linkage``, ``constraint_consistent``, ``symmetric``: see coop_pin.spatial.internal_wrench.
+        ``virtual_linkage``, ``constraint_consistent``, ``symmetric``: see spatial.internal_wrench.
         """
         cell = self.scenario.cell
         return metrics.internal_wrench_definitions(self.data, cell.shares, cell.payload)

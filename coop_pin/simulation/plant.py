@@ -13,16 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array
-from coop_pin.chain.cell_chain import CellChain, Observation
+from coop_pin.base.arrays import Array
 from coop_pin.chain.closure_set import ClosureError
-from coop_pin.chain.contact_patches import PatchesState
-from coop_pin.chain.grasp_springs import GraspsHeld
 from coop_pin.chain.integrators import INTEGRATORS
-from coop_pin.chain.partner import PartnerState, partner_state
-from coop_pin.chain.rigid_grasps import ClosuresHeld
 from coop_pin.description import PlantOptions, Regrasp
 from coop_pin.description.events import MISSED, Surroundings
+from coop_pin.grasps.cell_chain import CellChain, Observation
+from coop_pin.grasps.contact_patches import PatchesState
+from coop_pin.grasps.grasp_springs import GraspsHeld
+from coop_pin.grasps.partner import PartnerState, partner_state
+from coop_pin.grasps.rigid_grasps import ClosuresHeld
 from coop_pin.results.quantities import WORK, WORK_OF_GRASPS
 
 

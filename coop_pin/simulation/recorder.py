@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coop_pin.arrays import Array, frozen
+from coop_pin.base.arrays import Array, frozen
+from coop_pin.base.errors import CoopPinError, NotEnoughMemoryError
+from coop_pin.base.memory import free_memory
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import CoopPinError, NotEnoughMemoryError
-from coop_pin.memory import free_memory
 from coop_pin.results import RunResult, Snapshot
 from coop_pin.results.quantities import (
     WORK,
@@ -27,7 +27,7 @@ from coop_pin.results.quantities import (
 )
 from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.results.trust import Breach, TrustMonitor
-from coop_pin.simulation.drives import Applied
+from coop_pin.simulation.devices.drives import Applied
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.tick import TickInputs
 from coop_pin.simulation.timeline import Timeline

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from coop_pin.base.errors import ArgumentError
 from coop_pin.control.interface import CellController
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import ArgumentError
 from coop_pin.reference import PoseReference, SqueezeReference
-from coop_pin.simulation.actuation import ActuationState
-from coop_pin.simulation.drives import Applied
-from coop_pin.simulation.network import NetworkState
+from coop_pin.simulation.devices.actuation import ActuationState
+from coop_pin.simulation.devices.drives import Applied
+from coop_pin.simulation.devices.network import NetworkState
+from coop_pin.simulation.devices.sensing import SensingState
 from coop_pin.simulation.plant import PlantState
 from coop_pin.simulation.recorder import RecordState
-from coop_pin.simulation.sensing import SensingState
 from coop_pin.simulation.tick import TickInputs
 
 

@@ -13,26 +13,26 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.arrays import Array, as_number, frozen, require_type
-from coop_pin.chain.cell_chain import CellChain
+from coop_pin.base.arrays import Array, as_number, frozen, require_type
+from coop_pin.base.errors import DivergedError, FieldError, InvalidStateError, OutOfRangeError
+from coop_pin.base.spatial.task_rows import TaskRows
 from coop_pin.control.interface import ArmReference, CellCommand, CellController
+from coop_pin.description.cell.grasp_plan import GraspPlan
 from coop_pin.description.events import PayloadEvent
 from coop_pin.description.grasp_events import Event
-from coop_pin.description.grasp_plan import GraspPlan
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import DivergedError, FieldError, InvalidStateError, OutOfRangeError
+from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.reference import PoseReference, PoseTarget, SqueezeReference, retreated
 from coop_pin.results import RunResult, Snapshot
-from coop_pin.simulation.actuation import Actuation
-from coop_pin.simulation.drives import Applied
-from coop_pin.simulation.network import Exchange, Traffic, heard
+from coop_pin.simulation.devices.actuation import Actuation
+from coop_pin.simulation.devices.drives import Applied
+from coop_pin.simulation.devices.network import Exchange, Traffic, heard
+from coop_pin.simulation.devices.sensing import Sensing
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.recorder import Recorder
 from coop_pin.simulation.run_state import RunState
-from coop_pin.simulation.sensing import Sensing
 from coop_pin.simulation.tick import SignalSource, TickInputs, TickSignals
 from coop_pin.simulation.timeline import Timeline
-from coop_pin.spatial.task_rows import TaskRows
 
 # A run beyond these has diverged: joint speed, rad/s; closure error, m or rad.
 SPEED_LIMIT = 1e3

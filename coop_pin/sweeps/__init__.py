@@ -7,7 +7,7 @@ from coop_pin import lazy_names
 
 _PUBLIC = {
     "Estimate": "coop_pin.sweeps.duration",
-    "Execution": "coop_pin.sweeps.execution",
+    "Execution": "coop_pin.sweeps.workers.execution",
     "PointResult": "coop_pin.sweeps.table",
     "Sample": "coop_pin.sweeps.dimensions",
     "Span": "coop_pin.sweeps.dimensions",

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coop_pin.errors import TracingError
+from coop_pin.base.errors import TracingError
 from coop_pin.tracing.tape import FOLD, Number, Traced
 
 _ROUNDER = 6755399441055744.0

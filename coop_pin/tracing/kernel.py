@@ -15,8 +15,8 @@ from typing import Any, Literal, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from coop_pin.arrays import Array
-from coop_pin.errors import ArgumentError
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import ArgumentError
 from coop_pin.tracing.tape import Operand, Tape, operands
 from coop_pin.tracing.traced_array import inputs
 from coop_pin.tracing.tree import leaves

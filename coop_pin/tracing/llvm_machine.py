@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coop_pin.arrays import Array
-from coop_pin.disk_cache import keep, kept
-from coop_pin.errors import ArgumentError
+from coop_pin.base.arrays import Array
+from coop_pin.base.disk_cache import keep, kept
+from coop_pin.base.errors import ArgumentError
 from coop_pin.tracing.kernel import Machine, Program
 from coop_pin.tracing.llvm_emitter import ARGUMENTS, llvm_text
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
 from coop_pin.tracing.kernel import LOAD, RECORD, Machine
 from coop_pin.tracing.tape import Operand, Tape
 

@@ -13,7 +13,7 @@ from typing import NamedTuple, NoReturn, TypeAlias
 
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
-from coop_pin.errors import TracingError
+from coop_pin.base.errors import TracingError
 
 Number: TypeAlias = "Traced | float"
 """Traced scalar, or constant."""
@@ -231,7 +231,7 @@ class Traced(NDArrayOperatorsMixin):
     def __float__(self) -> float:
         self._refuse(
             "turns a value into a plain float, which Pinocchio, scipy and math need;"
-            " use numpy's functions or coop_pin.spatial.generic_numbers"
+            " use numpy's functions or coop_pin.base.spatial.generic_numbers"
         )
 
     __int__ = __index__ = __complex__ = __round__ = __trunc__ = __floor__ = __ceil__ = __float__

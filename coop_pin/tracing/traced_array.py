@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coop_pin.errors import TracingError
+from coop_pin.base.errors import TracingError
 from coop_pin.tracing import elementary
 from coop_pin.tracing.tape import Number, Operand, Tape, Traced
 

@@ -18,8 +18,8 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from coop_pin.errors import TracingError
-from coop_pin.schema.base import Description
+from coop_pin.base.errors import TracingError
+from coop_pin.base.schema.base import Description
 from coop_pin.tracing.tape import Subroutine, Tape, Traced, operands
 from coop_pin.tracing.traced_array import TracedMask, as_truth, inputs, is_truth, scalar, traced
 

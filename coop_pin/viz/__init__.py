@@ -6,14 +6,14 @@ Public names are loaded on first use: meshcat takes its time.
 from coop_pin import lazy_names
 
 _PUBLIC = {
-    "LiveView": "coop_pin.viz.live_view",
-    "LiveRun": "coop_pin.viz.live_run",
+    "LiveView": "coop_pin.viz.live.live_view",
+    "LiveRun": "coop_pin.viz.live.live_run",
     "MetricRow": "coop_pin.viz.report",
     "NotebookView": "coop_pin.viz.replay",
-    "Panel": "coop_pin.viz.panel",
+    "Panel": "coop_pin.viz.live.panel",
     "metrics_table": "coop_pin.viz.report",
     "notebook_view": "coop_pin.viz.replay",
-    "open_view": "coop_pin.viz.live_view",
+    "open_view": "coop_pin.viz.live.live_view",
     "replay_html": "coop_pin.viz.replay",
     "report_html": "coop_pin.viz.report",
     "save_image": "coop_pin.viz.export",

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from coop_pin.description.cell import Cell
+from coop_pin.description.cell.cell import Cell
 from coop_pin.results import Snapshot
 
 TYPICAL_M = 0.15

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Mask
+from coop_pin.base.arrays import Mask
 from coop_pin.description.events import MISSED
 from coop_pin.description.scenario import Scenario
 from coop_pin.results import RunResult

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.arrays import Array, typed
-from coop_pin.errors import FieldError
+from coop_pin.base.arrays import Array, typed
+from coop_pin.base.errors import FieldError
 from coop_pin.figures import palette
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results import RunResult

@@ -1,0 +1,1 @@
+"""Compiled laws: controllers as traced code, checks of users' laws, and export as C99."""

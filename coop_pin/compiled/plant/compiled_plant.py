@@ -1,0 +1,240 @@
+"""Plant of a single run as compiled code: the engine "traced", in place of Pinocchio's solvers."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+
+import numpy as np
+
+from coop_pin.base.arrays import Array, require_finite
+from coop_pin.base.errors import ArgumentError, TracingError
+from coop_pin.base.spatial import log3
+from coop_pin.chain.closure_set import ClosureError
+from coop_pin.compiled.code_family import plant_reason
+from coop_pin.compiled.plant.cell_dynamics import CellNumbers, GraspNumbers
+from coop_pin.compiled.plant.plant_code import STEPS_AT_ONCE, PlantCode, varying
+from coop_pin.description import PlantOptions, Regrasp
+from coop_pin.description.events import Surroundings
+from coop_pin.grasps.cell_chain import CellChain, Observation
+from coop_pin.simulation.plant import Plant
+from coop_pin.tracing.llvm_machine import LlvmMachine
+from coop_pin.tracing.tree import leaves, structure
+
+_KEPT_CODES = 8
+"""Cells whose code a process keeps."""
+
+
+class TracedPlant(Plant):
+    """Plant whose steps and observations are compiled code; its chain remains that of Pinocchio.
+
+    Steps wait until the state is read or a force changes, so that a tick without events is one call.
+    """
+
+    engine = "traced"
+
+    def __init__(self, chain: CellChain, options: PlantOptions, q: Array) -> None:
+        """Start at rest, without torques; arguments as of Plant.
+
+        Raises:
+            ArgumentError: the engine does not have the options, or an arm is no serial chain.
+            MissingExtraError: llvmlite is not installed.
+        """
+        chain.damp(q)
+        code, self._machine = _compiled(_numbers(chain, options))
+        self._slots = code.lanes.slots
+        self._waiting: list[float] = []
+        self._is_observed = False
+        self._block, self._lengths = np.zeros(code.lanes.size), np.zeros((STEPS_AT_ONCE, 1))
+        self._call = self._machine.bound(self._block, self._lengths)
+        self._at = code.lanes.views(self._block)
+        self._names, self._joints = code.observed, len(self._at["force"])
+        self._arms, self._is_vector = chain.model.arms, all(a.angles.is_vector for a in chain.model.arms)
+        super().__init__(chain, options, q)
+
+    @property
+    def q(self) -> Array:
+        """Configuration, shape (nq,)."""
+        self._settle()
+        return self._q
+
+    @q.setter
+    def q(self, q: Array) -> None:
+        self._settle()
+        self._q = q
+        self._is_observed = False
+        self._at["q"][:] = self._angles(q)
+
+    @property
+    def v(self) -> Array:
+        """Velocity, shape (nv,)."""
+        self._settle()
+        return self._v
+
+    @v.setter
+    def v(self, v: Array) -> None:
+        self._settle()
+        self._is_observed = False
+        self._v = self._at["v"][:] = v
+
+    @property
+    def work(self) -> Array:
+        """Work done so far, as of Plant."""
+        self._settle()
+        return self._at["work"].copy()
+
+    @work.setter
+    def work(self, work: Array) -> None:
+        self._settle()
+        self._at["work"][:] = work
+
+    def hold(self, force: Array) -> None:
+        """Hold the generalised force of the actuators from now on, N m, shape (nv,)."""
+        self._settle()
+        super().hold(force)
+        self._is_observed = False
+        self._at["force"][:] = force[: self._joints]
+
+    def surround(self, surroundings: Surroundings) -> None:
+        """Replace the surroundings from now on; the energy that this adds counts as work.
+
+        Raises:
+            TracingError: a partner holds the payload.
+        """
+        if surroundings.partners:
+            raise TracingError("the traced plant has no partners; choose the engine 'pinocchio'")
+        self._settle()
+        super().surround(surroundings)
+        self._is_observed = False
+        self._at["surroundings"][:] = leaves(surroundings)
+        self._at["grasps"][:] = leaves(GraspNumbers.of_chain(self.chain))
+
+    def release(self, arm: int) -> None:
+        """Open the compliant grasp of an arm, as Plant does.
+
+        Raises:
+            TracingError: the grasp is rigid.
+        """
+        self._require_compliant(arm)
+        super().release(arm)
+        self.surround(self.surroundings)
+
+    def grasp(self, arm: int, event: Regrasp) -> None:
+        """Close the compliant grasp of an arm, as Plant does.
+
+        Raises:
+            TracingError: the grasp is rigid.
+        """
+        self._require_compliant(arm)
+        super().grasp(arm, event)
+        self.surround(self.surroundings)
+
+    def _require_compliant(self, arm: int) -> None:
+        if arm not in self.chain.springs.arms:
+            raise TracingError("the traced plant keeps rigid grasps closed; choose the engine 'pinocchio'")
+
+    def brake(self, arm: int) -> None:
+        """Refuse to brake an arm.
+
+        Raises:
+            TracingError: always.
+        """
+        raise TracingError("the traced plant has no brakes; choose the engine 'pinocchio'")
+
+    def advance(self, t: float, h: float) -> None:
+        """Integrate from time t over h seconds."""
+        self._waiting.append(h)
+        if len(self._waiting) == STEPS_AT_ONCE:
+            self._settle()
+
+    def observe(self, q: Array, v: Array, force: Array, time: Array) -> Observation:
+        """Return poses, wrenches and energy at n states in the present surroundings."""
+        blocks = np.tile(self._block, (len(q), 1))
+        for name, values in (("q", self._angles(q)), ("v", v), ("force", force[:, : self._joints])):
+            blocks[:, self._slots(name).ravel()] = values
+        self._machine.bound(blocks, self._lengths)(0, 1)
+        fields = {name: blocks[:, self._slots(name)] for name in self._names}
+        X_WP = np.tile(np.eye(4), (len(q), 1, 1))
+        X_WP[:, :3, :3], X_WP[:, :3, 3] = fields["R_WP"], fields["p_WP"]
+        return Observation(
+            payload_pose=X_WP,
+            payload_twist=fields["V_WP"],
+            tip_position=fields["tips"],
+            interaction_wrench=require_finite("the interaction wrenches", fields["wrenches"]),
+            kinetic_energy=fields["kinetic"],
+            potential_energy=fields["potential"],
+            **self._springs_observed(fields),
+        )
+
+    def _springs_observed(self, fields: Mapping[str, Array]) -> dict[str, Array]:
+        """Return the parts of an Observation of compliant grasps; none without any."""
+        if "elastic" not in fields:
+            return {}
+        deflection = np.concatenate((fields["grasp_position"], log3(fields["grasp_rotation"])), axis=-1)
+        of_arms = self.chain.springs.of_arms
+        return {
+            "elastic_energy": fields["elastic"],
+            "grasp_deflection": of_arms(deflection),
+            "grasp_wrench": of_arms(fields["grasp_wrench"]),
+        }
+
+    def interaction_wrenches(self) -> Array:
+        """Return the wrench on each arm by the payload, about P in world axes, shape (m, 6)."""
+        return self._observed()["wrenches"].copy()
+
+    def _closure_errors(self, q: Array) -> list[ClosureError]:
+        return [ClosureError(*error) for error in self._observed()["closure_errors"].tolist()]
+
+    def _observed(self) -> dict[str, Array]:
+        """Return the slots after an observation, which is made once for a state and its forces."""
+        self._settle()
+        if not self._is_observed:
+            self._call(0, 1)
+            self._is_observed = True
+        return self._at
+
+    def _settle(self) -> None:
+        """Make the steps that wait."""
+        if not self._waiting:
+            return
+        self._is_observed = False
+        count, self._lengths[: len(self._waiting), 0] = len(self._waiting), self._waiting
+        self._waiting.clear()
+        self._call(1, 2 * count)
+        self._v, q = self._at["v"].copy(), self._at["q"].copy()
+        self._q = q if self._is_vector else self._configuration(q)
+
+    def _angles(self, q: Array) -> Array:
+        if self._is_vector:
+            return q
+        free = q[..., self._arms[-1].q_slice.stop :]
+        return np.concatenate([*(arm.angles.of(q[..., arm.q_slice]) for arm in self._arms), free], axis=-1)
+
+    def _configuration(self, angles: Array) -> Array:
+        parts = [arm.angles.configuration(angles[arm.v_slice]) for arm in self._arms]
+        return np.concatenate((*parts, angles[self._joints :]))
+
+
+def _numbers(chain: CellChain, options: PlantOptions) -> CellNumbers:
+    """Return the constants of a cell; raises ArgumentError as TracedPlant."""
+    if reason := plant_reason(options, chain.cell):
+        raise ArgumentError(f"engine 'traced' does not fit: {reason}; choose engine 'pinocchio'")
+    try:
+        return CellNumbers.from_chain(chain)
+    except TracingError as error:
+        raise ArgumentError(f"engine 'traced' does not fit: {error}; choose engine 'pinocchio'") from None
+
+
+_CODES: dict[Hashable, tuple[PlantCode, LlvmMachine]] = {}
+
+
+def _compiled(cell: CellNumbers) -> tuple[PlantCode, LlvmMachine]:
+    """Return the code of a plant, which is traced once in a process for all surroundings."""
+    read = varying(cell)
+    folded = cell._asdict() | dict.fromkeys(read)
+    key = structure(folded), tuple(leaves(folded)), structure(read)
+    if key not in _CODES:
+        if len(_CODES) == _KEPT_CODES:
+            del _CODES[next(iter(_CODES))]
+        code = PlantCode(cell)
+        _CODES[key] = code, LlvmMachine(code.program, width=1)
+    return _CODES[key]

@@ -1,0 +1,264 @@
+"""Mean-pose law: the payload-space law of every arm, acting on the mean of what all arms see."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
+from typing import Any, ClassVar, Literal, NamedTuple, Self
+
+import numpy as np
+from pydantic import model_validator
+
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import FieldError
+from coop_pin.base.schema.base import Positive
+from coop_pin.base.spatial import TaskRows, exp3, pose_error
+from coop_pin.control.bounds import SampledLoop
+from coop_pin.control.consensus import ANY_AGE, disagreement, mean_heard, require_consensus
+from coop_pin.control.interface import (
+    ArmCommand,
+    ArmController,
+    ArmMeasurement,
+    ArmReference,
+    CellController,
+    ControlledArm,
+    DecentralisedController,
+)
+from coop_pin.control.laws.agreed_integral import AgreedIntegral
+from coop_pin.control.laws.payload_space import PayloadSpace
+from coop_pin.control.laws.payload_space_controller import PayloadSpaceGains
+from coop_pin.control.steady_state import SteadyDirection
+from coop_pin.control.told_law import MemorylessTellingLaw, TellingCellLaw, TellingLaw, further, heard
+
+
+@dataclass(frozen=True, eq=False)
+class MeanPoseController(TellingCellLaw):
+    """The payload-space law of every arm on the mean of all arms' pose errors and twists.
+
+    ::
+
+        e = (1/m) sum_j [p_j - p_d, log(R_j R_d^T)],   V = (1/m) sum_j V_j
+        p = p_d + e_p,   R = exp(e_R) R_d                for every arm, in place of its own p_i, R_i, V_i
+
+    m poses and twists cross between the arms at each tick, wrenches do not. Equal views make equal integrals:
+    a kinematic bias moves the payload by its mean and leaves no internal force that grows, and no integral
+    needs a leak. What the arms do not see, such as friction in their joints, stays in the internal force.
+
+    Here every view arrives at once and exactly; MeanPoseByMessages has them from a network.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ("poses of all arms",)
+
+    def seen(
+        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
+    ) -> tuple[Sequence[ArmMeasurement], Sequence[ArmReference]]:
+        """Return the measurements with the mean of all views, and the references."""
+        X_d = references[0].pose
+        mean = _mean([_view(seen, X_d) for seen in measurements])
+        return [_placed(seen, mean, X_d) for seen in measurements], references
+
+
+@dataclass(frozen=True, eq=False)
+class MeanPoseByMessages(MemorylessTellingLaw):
+    """The mean-pose law of one arm, which hears the views of the others and its own.
+
+    Every arm says ``[p_i - p_d, log(R_i R_d^T), V_i]``, k_0 + 6 numbers, and averages the latest of all views
+    as they were sent. So it takes its own view rounded and delayed like the others: else the arms' means, and
+    with them their integrals, differ by a constant for ever.
+
+    A view that is lost is replaced by the last that arrived: the means then differ by what that view changed
+    since, which is no bias and averages out. ``skips`` leaves it out instead: the means differ by the bias,
+    and the integrals drift apart. It is for arms that fall silent; let the integral leak then.
+
+    Attributes:
+        law: Payload-space law of this arm.
+        name: Name of this arm.
+        skips: Whether a view that is older than this arm's own is left out.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ("messages", "poses of all arms")
+
+    name: str
+    skips: bool = False
+
+    def said(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
+        """Return this arm's view, pose error and twist, shape (6 + k_0,)."""
+        return _view(measurement, reference.pose)
+
+    def seen(self, measurement: ArmMeasurement, reference: ArmReference) -> ArmMeasurement:
+        """Return the measurement with the mean of the views; its own before any arrived."""
+        views, view = heard(measurement), _view(measurement, reference.pose)
+        mean = mean_heard(views, view, views[self.name].age if self.skips else ANY_AGE)
+        return _placed(_without_view(measurement), mean, reference.pose)
+
+
+class ConsensusState(NamedTuple):
+    """Memory of an arm in consensus.
+
+    Attributes:
+        correction: z, shape (6 + k_0,).
+        law: state of the law.
+    """
+
+    correction: Array
+    law: Any
+
+
+@dataclass(frozen=True, eq=False)
+class ConsensusPose(TellingLaw):
+    """The mean-pose law of one arm by consensus: it hears its neighbours only.
+
+    ::
+
+        x_i = u_i - z_i,   z_i <- z_i + g sum_j (x_i - x_j),   z_i(t_0) = 0
+
+    u_i is the view of the arm, and x_i takes the place of the mean. Every arm says x_i; its neighbours' and
+    its own enter the sum as they were sent, so that what one adds the other takes away: the x_i keep the mean
+    of the views, and come to it at the rates 1 - g lambda, lambda > 0 the eigenvalues of the graph's
+    Laplacian. A constant bias of a view leaves no disagreement. Of views that change, x_i is late by about
+    1 / (g lambda_2) ticks. Dynamic average consensus of first order: Zhu and Martinez, Automatica 46 (2010).
+
+    Attributes:
+        law: Payload-space law of this arm.
+        name: Name of this arm.
+        gain: g, less than ``consensus_bound``.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ("messages", "poses of all arms")
+
+    name: str
+    gain: float
+
+    def said(
+        self, measurement: ArmMeasurement, reference: ArmReference, state: ConsensusState | None
+    ) -> Array:
+        """Return x_i, shape (6 + k_0,)."""
+        view = _view(measurement, reference.pose)
+        return view if state is None else view - state.correction
+
+    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> ConsensusState:
+        """Return z = 0 and the first state of the law at the arm's own view; raises as the law."""
+        view = _view(measurement, reference.pose)
+        placed = _placed(_without_view(measurement), view, reference.pose)
+        return ConsensusState(np.zeros(len(view)), self.law.init(placed, reference))
+
+    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: ConsensusState) -> ArmCommand:
+        """Return the command of the law at x_i, and the next state; raises as the law."""
+        x = self.said(measurement, reference, state)
+        placed = _placed(_without_view(measurement), x, reference.pose)
+        command = self.law.step(placed, reference, state.law)
+        z = state.correction + self.gain * disagreement(self.name, heard(measurement))[: len(x)]
+        return replace(command, state=ConsensusState(z, command.state))
+
+
+def _without_view(measurement: ArmMeasurement) -> ArmMeasurement:
+    """Return a measurement with the messages that go to the law: what follows the views."""
+    return measurement._replace(messages=further(measurement, 6 + len(measurement.payload_twist)))
+
+
+def _view(seen: ArmMeasurement, X_d: Array) -> Array:
+    """Return the pose error and the twist that an arm sees, shape (6 + k_0,)."""
+    return np.concatenate((pose_error(seen.payload_pose, X_d), seen.payload_twist))
+
+
+def _placed(seen: ArmMeasurement, mean: Array, X_d: Array) -> ArmMeasurement:
+    """Return a measurement with a mean of views, put to the desired pose."""
+    X = np.zeros_like(seen.payload_pose)
+    X[:3, :3], X[:3, 3], X[3, 3] = exp3(mean[3:6]).dot(X_d[:3, :3]), X_d[:3, 3] + mean[:3], 1.0
+    return seen._replace(payload_pose=X, payload_twist=mean[6:])
+
+
+def _mean(vectors: Sequence[Array]) -> Array:
+    """Return the mean of vectors."""
+    return reduce(add, vectors) / float(len(vectors))
+
+
+class MeanPose(PayloadSpace):
+    """The payload-space law on exchanged poses: MeanPoseController.
+
+    Where the scenario has a network, the arms hear each other through it, by MeanPoseByMessages; without one
+    they are one controller. Without a measured wrench nothing leaks unless ``gains.leak`` says so.
+
+    Attributes:
+        on_loss: substitute of a view that did not arrive: the "last" that did, or none, "skip".
+        averaging: way to the mean by messages: of "all" views, which each arm hears, or by "consensus" of
+            neighbours over any connected graph.
+        consensus_gain: g of the consensus.
+        leak_to: Goal of ``gains.leak``: the integral of the "start", or by messages the "mean" of all arms'
+            integrals, by AgreedIntegral.
+    """
+
+    reads_plan: ClassVar[bool] = False
+    later_fields: ClassVar[tuple[str, ...]] = (
+        "on_loss",
+        "averaging",
+        "consensus_gain",
+        "leak_to",
+        "slip_guard",
+        "normal_guard",
+        "knows_deflection",
+    )
+
+    kind: Literal["mean-pose"] = "mean-pose"  # type: ignore[assignment]  # names the class, not its base
+    on_loss: Literal["last", "skip"] = "last"
+    averaging: Literal["all", "consensus"] = "all"
+    consensus_gain: Positive = 0.25
+    leak_to: Literal["start", "mean"] = "start"
+
+    @model_validator(mode="after")
+    def _leaks_somewhere(self) -> Self:
+        if self.knows_deflection:
+            detail = "is true, but the mean of the poses that all arms see has no deflection by a squeeze"
+            raise FieldError(f"{detail}; leave it out", "knows_deflection")
+        if self.leak_to == "mean" and (self.measures or not self.gains.leak):
+            why = "a measured wrench anchors the integral" if self.measures else "gains.leak is its rate"
+            detail = f"is 'mean', but {why}; " + ("take 'start'" if self.measures else "state one above 0")
+            raise FieldError(detail, "leak_to")
+        return self
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """What the law uses besides kinematics: the poses of all arms, and wrenches as stated."""
+        return ("poses of all arms", *super().needs)
+
+    def _leak(self, gains: PayloadSpaceGains) -> float:
+        """Return lambda, 1/s: none where the integrals agree by themselves."""
+        return super()._leak(gains) if self.measures or gains.leak is not None else 0.0
+
+    def controller_of(self, arm: ControlledArm, gains: PayloadSpaceGains, scenario: Any) -> ArmController:
+        """Return the law of one arm; without messages all integrals are equal, and leak nothing."""
+        law: Any = super().controller_of(arm, gains, scenario)
+        if self.leak_to == "start":
+            return law
+        return replace(law, leak=0.0) if scenario.network is None else AgreedIntegral(law, arm.name)
+
+    def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
+        """Return the controller of the cell, or those of the arms where messages cross; see Law."""
+        laws, network = self.controllers(scenario, arms), scenario.network
+        if network is None:
+            return MeanPoseController(DecentralisedController(laws))
+        if self.averaging == "consensus":
+            return self._by_consensus(network, laws)
+        names, edges = list(laws), network.edges_at(0.0, list(laws))
+        pairs = [(one, other) for one in names for other in names if one != other]
+        if missing := [f"{other} does not hear {one}" for one, other in pairs if (one, other) not in edges]:
+            detail = f"leaves arms unheard ({', '.join(missing)}); 'mean-pose' averages all views: take 'all'"
+            raise FieldError(detail, "network.graph")
+        skips = self.on_loss == "skip"
+        return DecentralisedController(
+            {name: MeanPoseByMessages(law, name, skips) for name, law in laws.items()}
+        )
+
+    def _by_consensus(self, network: Any, laws: Mapping[str, ArmController]) -> CellController:
+        """Return the controllers of arms that hear their neighbours only; see build."""
+        gain = self.consensus_gain
+        require_consensus(network, list(laws), gain, "controller.consensus_gain")
+        return DecentralisedController({name: ConsensusPose(law, name, gain) for name, law in laws.items()})
+
+    def steady_directions(self, rows: TaskRows, loop: SampledLoop, period: float) -> list[SteadyDirection]:
+        """Return those of the payload-space law, on which all agree; a leak to the mean takes no load."""
+        directions = super().steady_directions(rows, loop, period)
+        keeps = self.leak_to == "mean"
+        return [each._replace(apart=0.0, load_rate=0.0 if keeps else each.load_rate) for each in directions]

@@ -1,0 +1,8 @@
+"""Grasps of a cell: rigid, compliant, patches, tables and partners, and the closed chain that they make."""
+
+import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
+from coop_pin.grasps.cell_chain import CellChain
+
+__all__ = [
+    "CellChain",
+]
