@@ -59,7 +59,7 @@ def measured(simulator: BatchSimulator, runs: list[cp.Scenario]) -> Callable[[],
 
 def swept(base: cp.Scenario, count: int) -> Callable[[], object]:
     """Return a sweep from plan to table in this process, with other values each time."""
-    plan = SweepPlan(base=base, axes={FIELD: np.linspace(4.0, 6.0, count).tolist()}, engine="batch")
+    plan = SweepPlan(base=base, axes={FIELD: np.linspace(4.0, 6.0, count).tolist()}, engine="compiled")
 
     def run() -> None:
         with tempfile.TemporaryDirectory() as folder:

@@ -28,6 +28,7 @@ _PUBLIC = {
     "Lane": "coop_pin.compiled.lane",
     "export_c": "coop_pin.compiled.laws.c_export",
     "law_reason": "coop_pin.compiled.code_family",
+    "plant_of": "coop_pin.compiled.engine_choice",
     "plant_reason": "coop_pin.compiled.code_family",
     "simulate_batch": "coop_pin.compiled.simulate",
     "support": "coop_pin.compiled.laws.support",

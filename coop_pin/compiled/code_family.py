@@ -99,7 +99,7 @@ def law_reason(law: Controller) -> str | None:
 
 @typed
 def plant_reason(plant: PlantOptions, cell: Cell, events: Sequence[PayloadEvent] = ()) -> str | None:
-    """Return None if a plant can be traced, otherwise the reason why it cannot.
+    """Return None if the plant of lanes can be compiled, otherwise the reason why it cannot.
 
     Args:
         plant: Options of the plant.
@@ -108,15 +108,21 @@ def plant_reason(plant: PlantOptions, cell: Cell, events: Sequence[PayloadEvent]
     """
     for event in events:
         if event.requires:
-            return f"its event {event.kind!r} needs {event.requires}; batches are compiled without"
+            return f"its event {event.kind!r} needs {event.requires}, which compiled code does not have"
     if cell.has_contacts:
         names = [*cell.patches, *cell.tables]
-        return f"the contacts {names} have friction; the traced plant has rigid grasps and no tables"
+        return f"the contacts {names} have friction; compiled plants have springs and rigid grasps"
     if cell.pads:
-        return f"its pads {list(cell.pads)} have margins of friction, which batches do not compute"
+        return f"its pads {list(cell.pads)} have margins of friction, which compiled code does not compute"
     if plant.payload != "welded":
-        return "its plant has a free payload; the traced one has it welded to the first arm"
+        return "its plant has a free payload; compiled ones have it welded to the first arm"
     if plant.integrator != "rk4" or plant.project != "start":
         options = f"integrator {plant.integrator!r} and project {plant.project!r}"
-        return f"its plant has {options}; the traced one has 'rk4' and 'start'"
+        return f"its plant has {options}; compiled ones have 'rk4' and 'start'"
     return None
+
+
+def pinocchio_reason(scenario: Scenario) -> str | None:
+    """Return None if a run can have a compiled plant, otherwise the reason why only Pinocchio has it."""
+    events = [event for event in scenario.events if event.needs_pinocchio(scenario.cell)]
+    return plant_reason(scenario.plant, scenario.cell, events)

@@ -169,7 +169,7 @@ class Lane:
 
     def _result(self) -> RunResult:
         """Return the result of the ticks that are done."""
-        plant, samples, attributes = self._prepared.plants[0], self._samples(), {RunResult.ENGINE: "batch"}
+        plant, samples, attributes = self._prepared.plants[0], self._samples(), {RunResult.ENGINE: "compiled"}
         if self._every > 1:
             attributes[RunResult.EVERY_TICK] = self._running.finished(samples, self._scenario).to_text()
         count = self._keep(samples)

@@ -92,7 +92,7 @@ class BatchResult:
         """Return the result of one run, as coop_pin.run returns it."""
         plant, scenario = self._plants[index], self.scenarios[index]
         samples = {each.name: self.every_tick[each.name][index].copy() for each in plant.table}
-        attributes = {RunResult.ENGINE: "batch"}
+        attributes = {RunResult.ENGINE: "compiled"}
         if self._every > 1:
             known = RunningMetrics(scenario, plant.labels).finished(samples, scenario)
             attributes[RunResult.EVERY_TICK] = known.to_text()

@@ -97,7 +97,7 @@ class RunResult:
 
     @property
     def engine(self) -> str:
-        """What computed the run: "pinocchio", "traced" or "batch"."""
+        """What computed the run: "pinocchio" or "compiled"."""
         return str(self._texts.get(self.ENGINE, "pinocchio"))
 
     @property

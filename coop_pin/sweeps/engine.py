@@ -23,6 +23,7 @@ from coop_pin.base.errors import (
     needs_extra,
 )
 from coop_pin.compiled.engine_choice import choose_engines
+from coop_pin.compiled.engines import Way
 from coop_pin.description.scenario import Scenario
 from coop_pin.stability.step_size import STEPS_FIELD
 from coop_pin.sweeps.feasibility import require_feasible
@@ -49,9 +50,9 @@ def with_engine(plan: SweepPlan, store: SweepStore, runs: int | None = None) -> 
         runs: number of runs of its kind in all; the plan's own when omitted.
 
     Raises:
-        FieldError: the plan wants batches, and its first run cannot be in one.
+        FieldError: the plan names "compiled", and nothing of its first run can be compiled.
     """
-    if plan.engine in ("pinocchio", "traced"):
+    if plan.engine == "pinocchio":
         return plan
     if plan.engine == "auto":
         with contextlib.suppress(FileReadError):
@@ -59,8 +60,8 @@ def with_engine(plan: SweepPlan, store: SweepStore, runs: int | None = None) -> 
     # A user's code runs in workers only; if it cannot be traced, they tell why.
     count = len(plan) if runs is None else runs
     (choice,) = choose_engines([plan.resolved(plan[0])], plan.engine, [count], traces_user_code=False)
-    if choice.obstacle is not None and plan.engine == "batch":
-        message = f"is 'batch', but the first run cannot be simulated in one: {choice.reason}"
+    if plan.engine == "compiled" and choice.way == "pinocchio":
+        message = f"is 'compiled', but the first run needs 'pinocchio' or 'auto': {choice.reason}"
         raise FieldError(message, "engine")
     if choice.obstacle not in (None, "few runs"):
         _LOG.warning("runs are simulated one by one: %s", choice.reason)
@@ -107,6 +108,7 @@ class Session:
             self._merge(plan, SweepStore(folder))
         self.keys, self._repeated, self._kept = list[str](), list[str](), set[str]()
         self._is_foreign, self._is_new, self.columns = False, True, Columns(len(plan))
+        self._way = _way(plan)
         under_way, refused = set[str](), list[Outcome]()
         jobs = self._jobs(plan, retry_failed, under_way, refused)
         for first in jobs:  # a finished sweep does not wait for workers
@@ -118,7 +120,7 @@ class Session:
         # Equal points may come while their run is under way: they count when all are done.
         self.bar.count(len(self._repeated), failed=sum(bool(self.store.known[key]) for key in self._repeated))
         self._store(plan, refused)
-        if self._is_foreign and plan.engine == "batch":
+        if self._is_foreign and self._way == "lanes":
             self._check_batches(plan)
 
     def _store(self, plan: SweepPlan, outcomes: Sequence[Outcome]) -> None:
@@ -177,7 +179,7 @@ class Session:
 
     def _singly(self, plan: SweepPlan, numbers: Sequence[int]) -> list[Outcome]:
         """Return the outcomes of single runs of a plan's points."""
-        jobs = (self._job(plan, keyed)._replace(engine="pinocchio") for keyed in keyed_points(plan, numbers))
+        jobs = (_job(plan, keyed, "pinocchio") for keyed in keyed_points(plan, numbers))
         with contextlib.closing(self._outcomes(jobs)) as batches:
             return list(itertools.chain.from_iterable(batches))
 
@@ -222,14 +224,7 @@ class Session:
                 under_way.add(key)
                 if keep:
                     self._kept.add(key)
-                yield self._job(plan, keyed)
-
-    @staticmethod
-    def _job(plan: SweepPlan, keyed: KeyedPoint) -> Job:
-        """Return the job of a point whose scenario has no mistakes."""
-        point, limits = keyed.point, (plan.time_limit_s, int(plan.memory_limit_gb * 1e9))
-        options = (point.changes, plan.metrics, *limits, plan.keeps(point.number), keyed.code, plan.engine)
-        return Job(keyed.key, cast(Scenario, keyed.example), *options, keyed.pattern, keyed.numbers)
+                yield _job(plan, keyed, self._way)
 
     def _require_files(self, code: Sequence[tuple[str, Sequence[str]]]) -> None:
         """Refuse code of a script or notebook that workers cannot import, or whose edits go undetected."""
@@ -239,6 +234,22 @@ class Session:
                 reason = "has no file in which edits could be seen" if is_here else "workers cannot import"
                 detail = f"names {name!r}, which {reason}; put it into a module (a file of its own)"
                 raise FieldError(detail, "the plan")
+
+
+def _way(plan: SweepPlan) -> Way:
+    """Return how the runs of a plan are computed: as the first one without mistakes can be."""
+    tried = map(plan.resolved, plan.points())
+    first = next((each for each in tried if isinstance(each, Scenario)), plan.resolved(plan[0]))
+    (choice,) = choose_engines([first], plan.engine, [1], traces_user_code=False)
+    _LOG.info(choice.summary())
+    return choice.way
+
+
+def _job(plan: SweepPlan, keyed: KeyedPoint, way: Way) -> Job:
+    """Return the job of a point whose scenario has no mistakes."""
+    point, limits = keyed.point, (plan.time_limit_s, int(plan.memory_limit_gb * 1e9))
+    options = (point.changes, plan.metrics, *limits, plan.keeps(point.number), keyed.code, way)
+    return Job(keyed.key, cast(Scenario, keyed.example), *options, keyed.pattern, keyed.numbers)
 
 
 def _difference(stored: Mapping[str, Record], singles: Sequence[Record]) -> str:

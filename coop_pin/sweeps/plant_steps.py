@@ -42,7 +42,7 @@ def with_steps(plan: SweepPlan, store: SweepStore) -> SweepPlan:
             decided = _decided(plan, least)
             if decided == stored.model_copy(update={"engine": plan.engine}):
                 return decided
-    plant = plant_of("pinocchio" if plan.engine == "pinocchio" else "traced")
+    plant = plant_of(plan.engine)
     steps = [least]
     for number in extreme_points(plan):
         scenario = plan.resolved(plan[number])

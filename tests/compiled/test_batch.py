@@ -318,7 +318,10 @@ def test_the_engine_is_decided_for_those_runs_together_that_share_their_code(nam
     assert shared == {change for change in changed if family_of(changed[change]) == family_of(base)}
     assert shared == {*TRIALS}
     release = base.override({"events": [{"kind": "lose-arm", "time": 0.05, "arm": "left", "form": "braked"}]})
-    assert [choice.obstacle for choice in choose_engines([base, release], "batch", [1, 1])] == [None, "plant"]
+    assert [choice.obstacle for choice in choose_engines([base, release], "compiled", [1, 1])] == [
+        None,
+        "plant",
+    ]
 
 
 @pytest.mark.parametrize(

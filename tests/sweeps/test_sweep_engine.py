@@ -110,7 +110,7 @@ def test_equal_points_are_computed_once(tmp_path, computed):
     assert result.counts()["ok"] == 3
 
 
-WAYS = [(0, "pinocchio"), (2, "pinocchio"), (0, "batch"), (2, "batch")]
+WAYS = [(0, "pinocchio"), (2, "pinocchio"), (0, "compiled"), (2, "compiled")]
 
 
 @pytest.mark.parametrize(("workers", "chosen"), WAYS)

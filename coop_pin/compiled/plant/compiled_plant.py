@@ -1,4 +1,4 @@
-"""Plant of a single run as compiled code: the engine "traced", in place of Pinocchio's solvers."""
+"""Plant of a single run as compiled code, under an interpreted law, in place of Pinocchio's solvers."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class TracedPlant(Plant):
     Steps wait until the state is read or a force changes, so that a tick without events is one call.
     """
 
-    engine = "traced"
+    engine = "compiled"
 
     def __init__(self, chain: CellChain, options: PlantOptions, q: Array) -> None:
         """Start at rest, without torques; arguments as of Plant.
@@ -101,7 +101,7 @@ class TracedPlant(Plant):
             TracingError: a partner holds the payload.
         """
         if surroundings.partners:
-            raise TracingError("the traced plant has no partners; choose the engine 'pinocchio'")
+            raise TracingError("the compiled plant has no partners; choose the engine 'pinocchio'")
         self._settle()
         super().surround(surroundings)
         self._is_observed = False
@@ -130,7 +130,7 @@ class TracedPlant(Plant):
 
     def _require_compliant(self, arm: int) -> None:
         if arm not in self.chain.springs.arms:
-            raise TracingError("the traced plant keeps rigid grasps closed; choose the engine 'pinocchio'")
+            raise TracingError("the compiled plant keeps rigid grasps closed; choose the engine 'pinocchio'")
 
     def brake(self, arm: int) -> None:
         """Refuse to brake an arm.
@@ -138,7 +138,7 @@ class TracedPlant(Plant):
         Raises:
             TracingError: always.
         """
-        raise TracingError("the traced plant has no brakes; choose the engine 'pinocchio'")
+        raise TracingError("the compiled plant has no brakes; choose the engine 'pinocchio'")
 
     def advance(self, t: float, h: float) -> None:
         """Integrate from time t over h seconds."""
@@ -217,11 +217,11 @@ class TracedPlant(Plant):
 def _numbers(chain: CellChain, options: PlantOptions) -> CellNumbers:
     """Return the constants of a cell; raises ArgumentError as TracedPlant."""
     if reason := plant_reason(options, chain.cell):
-        raise ArgumentError(f"engine 'traced' does not fit: {reason}; choose engine 'pinocchio'")
+        raise ArgumentError(f"engine 'compiled' does not fit: {reason}; choose engine 'pinocchio'")
     try:
         return CellNumbers.from_chain(chain)
     except TracingError as error:
-        raise ArgumentError(f"engine 'traced' does not fit: {error}; choose engine 'pinocchio'") from None
+        raise ArgumentError(f"engine 'compiled' does not fit: {error}; choose engine 'pinocchio'") from None
 
 
 _CODES: dict[Hashable, tuple[PlantCode, LlvmMachine]] = {}
