@@ -40,7 +40,7 @@ def loop(runs: list[cp.Scenario], width: int) -> Callable[[], object]:
     prepared = [simulator.prepare(run) for run in runs]
     batch = Prepared.joined(prepared)
     family = simulator.family([batch])
-    _, machine, order = family.orders[batch.times]
+    _, machine, order = family.orders[batch.kind.times]
     block, loads = family.code.begin(batch)
     memory = np.empty(machine.record_size(len(runs)))
     return lambda: machine.run(block.copy(), order.uniforms, loads, out=memory)

@@ -1,35 +1,28 @@
-"""Traced code: batches of runs, compiled once for many scenarios, and the law of one arm as C99.
+"""Compiled code of cells: the plant of a run, whole runs as lanes of one program, the law of an arm as C99.
 
 Laws are those of coop_pin.control, sensors and drives those of coop_pin.simulation, run on traced numbers.
 The plant alone is written anew, as scalar code with the numbers of the cell's Pinocchio tree; tests hold the
-two together. llvmlite compiles batches. A *family* of runs shares one code: its ``Cover`` (events, delays,
-lost torques) is what that code provides; numbers that all of them have *fold* into it, others are *inputs* in
-the *slots* of a *block* of runs. In the order in which they build on each other:
+two together. Runs of one ``Kind`` share their code: a ``Cover`` (events, delays, lost torques) is what it
+provides, numbers that all of them have *fold* into it, others are *inputs* in the *slots* of a *block*.
 
-- what runs share: engines, code_family;
-- physics (plant): serial_arm (kinematics), arm_dynamics, cell_dynamics (closures, forces on the payload);
-- numbers of runs: constants (what differs folds or is an input), signals (what changes in time);
-- code: plant_code (a Runge-Kutta step), law_code (a law);
-- checks of users' laws (laws): hidden_state (attributes), support (shaken ticks), single_runs (whole runs);
-- runs: preparation (what runs must share), block (slots of the runs), tick (kernels of sensors, law, drives,
-  observation, events), schedule (traced code on disk, the order of the kernels), samples (what was recorded),
-  simulate (families, blocks of runs);
-- other uses of the same code: lane (one run, interruptible), c_messages and c_export (what a law tells and
-  hears, and the law, as C99), compiled_plant (the plant of a single run);
-- engine_choice: which of them simulates a run.
+Open first: kind (what runs share, and what cannot be compiled), simulate (many runs), engine_choice (which
+engine, in which way). Before the code stand prepared_plant, preparation, constants and signals (numbers of
+runs); the code is plant (physics), laws, tick, block and schedule (code on disk, order of the kernels);
+after it come samples, batch_result and lane (one run, interruptible). It imports coop_pin.simulation and what
+that imports, and the compiler, coop_pin.tracing.
 """
 
 from coop_pin import lazy_names
 
 _PUBLIC = {
-    "BatchResult": "coop_pin.compiled.simulate",
+    "BatchResult": "coop_pin.compiled.batch_result",
     "BatchSimulator": "coop_pin.compiled.simulate",
     "CLaw": "coop_pin.compiled.laws.c_export",
     "Lane": "coop_pin.compiled.lane",
     "export_c": "coop_pin.compiled.laws.c_export",
-    "law_reason": "coop_pin.compiled.code_family",
+    "law_reason": "coop_pin.compiled.kind",
     "plant_of": "coop_pin.compiled.engine_choice",
-    "plant_reason": "coop_pin.compiled.code_family",
+    "plant_reason": "coop_pin.compiled.kind",
     "simulate_batch": "coop_pin.compiled.simulate",
     "support": "coop_pin.compiled.laws.support",
 }

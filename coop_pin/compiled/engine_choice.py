@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple, TypeAlias
 
 from coop_pin.base.errors import ArgumentError, NameNotFoundError, ScenarioError
-from coop_pin.compiled.code_family import family_of, law_reason, pinocchio_reason, plant_reason
 from coop_pin.compiled.engines import Engine, Way
+from coop_pin.compiled.kind import Kind, law_reason, pinocchio_reason, plant_reason
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.pinocchio_model import load_arm_model
 from coop_pin.simulation.plant import Plant
@@ -70,8 +70,8 @@ def choose_engines(
     """
     if engine == "pinocchio":
         return [EngineChoice(engine)] * len(scenarios)
-    kinds = [str(each) if isinstance(each, ScenarioError) else family_of(each) for each in scenarios]
-    ticks, choices = defaultdict[str, float](float), dict[str, EngineChoice]()
+    kinds = [str(each) if isinstance(each, ScenarioError) else Kind.of_scenario(each) for each in scenarios]
+    ticks, choices = defaultdict[str | Kind, float](float), dict[str | Kind, EngineChoice]()
     for kind, scenario, count in zip(kinds, scenarios, runs, strict=True):
         ticks[kind] += count * _ticks(scenario)
     for kind, scenario in zip(kinds, scenarios, strict=True):
@@ -121,7 +121,7 @@ def runs_worth_a_batch(scenario: Scenario) -> int:
     enough = math.ceil(_ticks_of_compiling(scenario) / _ticks(scenario))
     if not scenario.controller.user_code:
         return enough
-    from coop_pin.compiled.single_runs import CHECKED  # slow to load
+    from coop_pin.compiled.laws.single_runs import CHECKED  # slow to load
 
     return enough + CHECKED
 

@@ -18,8 +18,8 @@ from coop_pin.base.arrays import Array, Mask
 from coop_pin.base.disk_cache import keep, kept, package_digest
 from coop_pin.compiled.block import RunBlock
 from coop_pin.compiled.preparation import Prepared
+from coop_pin.compiled.prepared_plant import PreparedPlant
 from coop_pin.compiled.tick import TickCode, sample_name
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.devices.drives import Given
 from coop_pin.tracing.kernel import LOAD, RECORD, Program
 from coop_pin.tracing.llvm_emitter import llvm_text
@@ -54,14 +54,14 @@ class RunProgram:
         Raises:
             TracingError: The runs cannot be traced.
         """
-        is_whole = len(first.signals[0]) > first.plants[0].run.timeline.ticks  # else any may change later
+        is_whole = len(first.signals[0]) > first.plants[0].timeline.ticks  # else any may change later
         is_uniform = ~is_loaded & (varying([first, *others]) | (not is_whole))
         self.block = RunBlock(first, differs, is_uniform, is_loaded)
         self.program, self._names, self._law = _traced(self.block, first, width)
 
     def order(self, run: Prepared) -> Schedule:
         """Return the order of the kernels of a run, from its first tick on."""
-        return Schedule(run.plants[0].run, self.block, self._names).later(run.signals[0])
+        return Schedule(run.plants[0], self.block, self._names).later(run.signals[0])
 
     def begin(self, prepared: Prepared) -> tuple[Array, Array]:
         """Return the initial block, shape (slots, runs), and the loads, shape (ticks + 1, loaded, runs)."""
@@ -113,7 +113,7 @@ def _key(block: RunBlock, first: Prepared, width: int | None) -> bytes:
     """Return the digest of what the code depends on: the package, structure and numbers of the runs."""
     plant, masks = first.plants[0], (block.differs, block.is_uniform, block.is_loaded)
     folded = first.values[0][~block.differs], first.signals[0][0][~(block.is_uniform | block.is_loaded)]
-    shape = first.kind[-3:], structure(plant.example), structure(plant.drives)
+    shape = first.kind[:3], structure(plant.example), structure(plant.drives)
     digest = hashlib.sha256(repr((package_digest(), np.__version__, width, shape)).encode())
     for part in (*folded, *masks):
         digest.update(part.tobytes())
@@ -129,19 +129,19 @@ class Schedule:
         ticks: index of the first instruction of each tick.
     """
 
-    def __init__(self, run: Simulation, block: RunBlock, kernels: Sequence[str]) -> None:
+    def __init__(self, plant: PreparedPlant, block: RunBlock, kernels: Sequence[str]) -> None:
         """Begin before the first tick, without instructions.
 
         Args:
-            run: Simulation of one of the runs, for its timeline.
+            plant: Plant of one of the runs.
             block: Block of the runs.
             kernels: Names of the kernels of the block.
         """
         self._index = {name: index for index, name in enumerate(kernels)}
         self._tick, self._events, self._block = 0, 0, block
         self._slots = {name: block.uniforms.slots(name) for name in block.uniforms.names}
-        self._timeline, self._actuation = run.timeline, run.actuation
-        self._has_samples = bool(run.actuation.drives.samples())
+        self._timeline, self._actuation = plant.timeline, plant.actuation
+        self._has_samples = bool(plant.actuation.drives.samples())
         self._target = 0.0  # time of the last command, or sample of a servo
 
     def later(self, signals: Array) -> Self:

@@ -159,7 +159,7 @@ class Session:
 
         A family that agrees is kept in the folder, as a record of its own, and never checked again.
         """
-        from coop_pin.compiled.single_runs import checked, told  # slow to load
+        from coop_pin.compiled.laws.single_runs import checked, told  # slow to load
 
         numbers = {key: number for number, key in reversed([*enumerate(self.keys)])}
         families = dict[str, list[int]]()
@@ -254,7 +254,7 @@ def _job(plan: SweepPlan, keyed: KeyedPoint, way: Way) -> Job:
 
 def _difference(stored: Mapping[str, Record], singles: Sequence[Record]) -> str:
     """Return how stored runs differ from single ones; nothing of those that cannot be told."""
-    from coop_pin.compiled.single_runs import difference  # slow to load
+    from coop_pin.compiled.laws.single_runs import difference  # slow to load
 
     for single in singles:
         record = stored[single.key]

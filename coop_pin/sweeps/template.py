@@ -125,11 +125,11 @@ class Templates:
         """Return the template of a run; None if it must be validated by itself."""
         if not self._numbers:
             return None
-        kind = tuple([point.places[axis] for axis in self._others])
-        if kind not in self._plain and isinstance(first := self._plan.resolved(point), Scenario):
-            self._plain[kind] = [axis for axis in self._numbers if self._template(first, [axis])]
-        plain = self._plain.get(kind, [])
-        key = kind if plain == self._numbers else _without(point.places, plain)
+        others = tuple([point.places[axis] for axis in self._others])
+        if others not in self._plain and isinstance(first := self._plan.resolved(point), Scenario):
+            self._plain[others] = [axis for axis in self._numbers if self._template(first, [axis])]
+        plain = self._plain.get(others, [])
+        key = others if plain == self._numbers else _without(point.places, plain)
         if key not in self._made:
             while len(self._made) >= _MOST:
                 del self._made[next(iter(self._made))]

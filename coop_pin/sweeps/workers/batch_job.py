@@ -15,8 +15,8 @@ from typing import Any, NamedTuple, TypeVar
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import CoopPinError, TracingError
 from coop_pin.base.schema.parts import Filled
-from coop_pin.compiled.code_family import Cover
 from coop_pin.compiled.engines import Way
+from coop_pin.compiled.kind import Cover, Kind
 from coop_pin.compiled.laws.hidden_state import digest
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.simulate import BatchSimulator
@@ -37,7 +37,7 @@ _simulator = BatchSimulator()
 """With plants, code and memory of the last families, for all batches of a process."""
 IN_PYTHON = threading.Lock()
 """Held by the thread that draws or works on a batch, but while compiled code runs and metrics are found."""
-_untraceable = list[Hashable]()
+_untraceable = list[Kind]()
 """Families that were refused: their later batches are not traced again."""
 _LOG = logging.getLogger("coop_pin.sweeps")
 _ALIKE = 4
@@ -72,9 +72,9 @@ def run_batch(jobs: Sequence[Job], is_over: Callable[[], bool] = bool) -> list[O
             require_unchanged(code)
         families = list[list[_Block]]()
         for block in _prepared(jobs):
-            if block.runs.kind in _untraceable:
+            if (kind := block.runs.kind.code) in _untraceable:
                 continue
-            same = (each for each in families if each[0].runs.kind == block.runs.kind)
+            same = (each for each in families if each[0].runs.kind.code == kind)
             if (family := next(same, None)) is None:
                 families.append(family := [])
             family.append(block)
@@ -142,7 +142,7 @@ def _of_family(
     start, outcomes = times(), dict[int, Outcome | Way]()
     alike = dict[Hashable, list[_Block]]()
     for block in family:
-        alike.setdefault(block.runs.times, []).append(block)
+        alike.setdefault(block.runs.kind.times, []).append(block)
     batches = [
         (
             [index for block in blocks for index in block.indices],
@@ -153,7 +153,7 @@ def _of_family(
     try:
         _simulator.family([runs for _, runs in batches])
     except TracingError:
-        _untraceable.append(family[0].runs.kind)
+        _untraceable.append(family[0].runs.kind.code)
         raise
     shared = preparation + (times() - start) / sum(len(indices) for indices, _ in batches)
     for indices, runs in batches:
@@ -236,7 +236,7 @@ def _together(
         parts = slice(half), slice(half, None)
         together = (_together(jobs[part], runs.part(part), preparation, is_over) for part in parts)
         return [*itertools.chain.from_iterable(together)]
-    family = digest((*runs.kind, jobs[0].code)) if runs.is_foreign else ""
+    family = digest((*runs.kind.code, jobs[0].code)) if runs.is_foreign else ""
     spent, outcomes = preparation + (times() - start) / len(jobs), list[Outcome | Way]()
     told: dict[str, Any] = {"engine": "compiled", "family": family}
     told |= zip(("wall_s", "cpu_s"), spent.tolist(), strict=True)

@@ -19,9 +19,9 @@ from coop_pin.base.errors import CoopPinError, FieldError, FileReadError, RunTim
 from coop_pin.base.schema.parts import Pattern
 from coop_pin.base.schema.user_code import load_function
 from coop_pin.base.user_files import printable
-from coop_pin.compiled.code_family import pinocchio_reason
 from coop_pin.compiled.engine_choice import plant_of
 from coop_pin.compiled.engines import Way
+from coop_pin.compiled.kind import pinocchio_reason
 from coop_pin.description.scenario import Scenario
 from coop_pin.results import RunResult
 from coop_pin.results.netcdf import to_netcdf
