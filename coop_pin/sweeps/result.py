@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import functools
 import json
-import logging
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -17,7 +16,6 @@ import pandas as pd
 import xarray as xr
 from pydantic_core import to_json
 
-from coop_pin import __version__
 from coop_pin.base.arrays import Array, as_count, as_number, require_path, require_type
 from coop_pin.base.errors import (
     ArgumentError,
@@ -31,11 +29,10 @@ from coop_pin.results.netcdf import written_netcdf
 from coop_pin.running.run_scenario import run
 from coop_pin.sweeps.heat_map import write_heat_map
 from coop_pin.sweeps.plan import COLUMNS, SweepPlan
-from coop_pin.sweeps.run_key import file_digest, keyed_points
+from coop_pin.sweeps.run_key import file_digest
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.table import FAILED, MISSING, OK, Columns, PointResult, describe, read_runs
 
-_LOG = logging.getLogger("coop_pin.sweeps")
 _TIMES = ["wall_s", "cpu_s"]
 """Durations, which differ from machine to machine."""
 _APART = ["message", *_TIMES, "key"]
@@ -70,19 +67,12 @@ class SweepResult:
     def load(cls, folder: str | Path) -> Self:
         """Read the folder of a sweep, finished or not; another process may be writing it.
 
-        The table of another version's sweep is read as it was computed, and that is told.
-
         Raises:
-            FileReadError: the folder is not that of a sweep.
+            FileReadError: the folder is not that of a sweep of this version of coop_pin.
         """
         require_path("folder", folder)
         store = SweepStore(folder)
-        plan, version = store.versioned_plan()
-        if version == __version__:
-            return cls(plan, store)
-        message = "%s holds runs of coop_pin %s; its command, or sweep(plan, out=...), repeats them with %s"
-        _LOG.warning(message, folder, version, __version__)
-        return cls(plan, store, [keyed.key for keyed in keyed_points(plan, version=version)])
+        return cls(store.read_plan(), store)
 
     # ------------------------------------------------------------ tables
 

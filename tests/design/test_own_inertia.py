@@ -91,12 +91,6 @@ def test_mean_pose_knows_no_deflection():
         cp.MeanPose(gains=ANCHORED["planar"].gains, knows_deflection=True)
 
 
-def test_the_usual_axes_are_not_written():
-    law = ANCHORED["spatial"]
-    assert not {"gain_axes", "knows_deflection"} & {*law.model_dump()}
-    assert law.replace(gain_axes="payload").model_dump()["gain_axes"] == "payload"
-
-
 def test_the_monitor_refuses_gains_that_turn():
     result = cp.run(at_rest("planar", gain_axes="payload").override({"duration": 0.05}), warn=False)
     with pytest.raises(ArgumentError, match="gain_axes"):

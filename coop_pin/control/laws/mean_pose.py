@@ -191,15 +191,6 @@ class MeanPose(PayloadSpace):
     """
 
     reads_plan: ClassVar[bool] = False
-    later_fields: ClassVar[tuple[str, ...]] = (
-        "on_loss",
-        "averaging",
-        "consensus_gain",
-        "leak_to",
-        "slip_guard",
-        "normal_guard",
-        "knows_deflection",
-    )
 
     kind: Literal["mean-pose"] = "mean-pose"  # type: ignore[assignment]  # names the class, not its base
     on_loss: Literal["last", "skip"] = "last"
