@@ -22,8 +22,8 @@ from coop_pin.base.errors import (
     SweepInterruptedError,
 )
 from coop_pin.sweeps import Execution, SweepPlan, SweepResult, sweep
-from coop_pin.sweeps.engine import open_session
 from coop_pin.sweeps.run_key import keyed_points
+from coop_pin.sweeps.session import open_session
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.workers import backend
 from coop_pin.sweeps.workers.job import Job, checked_content, checksummed, run_job
