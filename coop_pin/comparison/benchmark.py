@@ -18,7 +18,7 @@ from coop_pin.comparison.measures import DROPPED, measures
 from coop_pin.comparison.table import CELL, COLUMNS, Comparison, bootstrap_interval
 from coop_pin.comparison.trials import Trial, benchmark_scenario, changes_of, standard_trials
 from coop_pin.compiled.engine_choice import EngineChoice, choose_engines
-from coop_pin.compiled.engines import Way
+from coop_pin.compiled.engines import Engine, Way
 from coop_pin.description.scenario import Scenario
 from coop_pin.sweeps import Execution, SweepPlan, SweepResult
 from coop_pin.sweeps.engine import sweep_plan
@@ -137,13 +137,8 @@ def ways_of(
     Raises:
         FieldError: the engine of the execution is "compiled", and only Pinocchio has the plant of a scenario.
     """
-    choices = choose_engines(scenarios, execution.engine or "auto", runs)
-    for choice in choices if execution.engine == "compiled" else ():
-        if choice.way == "pinocchio" and choice.obstacle == "plant":
-            raise FieldError(
-                f"is 'compiled', but a run needs 'pinocchio' or 'auto': {choice.reason}", "engine"
-            )
-    return [choice.way for choice in choices]
+    engine: Engine = execution.engine or "auto"
+    return [choice.require(engine).way for choice in choose_engines(scenarios, engine, runs)]
 
 
 def _parts(
@@ -203,9 +198,8 @@ def _by_engine(parts: Sequence[_Part], points: _Points, execution: Execution, ou
     divided = list[_Part]()
     for part in parts:
         repeats = len(part.plan) // len(part.cells)
-        lanes, plant = (part.folder.with_name(f"{part.folder.name}-{way}") for way in ("lanes", "plant"))
-        folders = {"pinocchio": part.folder, "lanes": lanes, "plant": plant}
-        began_singly = (out / part.folder).is_dir() and not (out / lanes).is_dir()
+        folders = {way: part.folder.with_name(f"{part.folder.name}-{way}") for way in ("lanes", "plant")}
+        began_singly = (out / part.folder).is_dir() and not (out / folders["lanes"]).is_dir()
         kept = dataclasses.replace(execution, engine="pinocchio") if began_singly else execution
         cases = [points[part.scenario, *cell] for cell in part.cells]
         ways = ways_of(cases, execution if execution.engine else kept, [repeats] * len(cases))
@@ -213,7 +207,7 @@ def _by_engine(parts: Sequence[_Part], points: _Points, execution: Execution, ou
         for way in sorted(set(ways)):
             cells = [cell for cell in part.cells if way_of[cell] == way]
             plan = part.plan.part(list(map(" | ".join, cells)), EngineChoice(way).engine)
-            divided.append(part._replace(folder=folders[way], cells=cells, plan=plan))
+            divided.append(part._replace(folder=folders.get(way, part.folder), cells=cells, plan=plan))
     return divided
 
 

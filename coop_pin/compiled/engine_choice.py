@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Sequence
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Literal, NamedTuple, Self, TypeAlias
 
-from coop_pin.base.errors import ArgumentError, NameNotFoundError, ScenarioError
+from coop_pin.base.errors import FieldError, NameNotFoundError, ScenarioError
 from coop_pin.compiled.engines import Engine, Way
 from coop_pin.compiled.kind import Kind, law_reason, pinocchio_reason, plant_reason
 from coop_pin.description.scenario import Scenario
@@ -42,6 +42,12 @@ class EngineChoice(NamedTuple):
     def engine(self) -> Engine:
         """The engine: "pinocchio" or "compiled"."""
         return "pinocchio" if self.way == "pinocchio" else "compiled"
+
+    def require(self, engine: Engine) -> Self:
+        """Return the choice; raises FieldError where the engine that is named has no such plant or event."""
+        if engine == "compiled" and self.way == "pinocchio" and self.obstacle == "plant":
+            raise FieldError(f"is {engine!r}, but {self.reason}; choose 'pinocchio' or 'auto'", "engine")
+        return self
 
     def summary(self) -> str:
         """Return the engine, how it computes the run, and why, on one line."""
@@ -92,11 +98,9 @@ def _choice(scenario: Scenario | ScenarioError, ticks: float | None, traces_user
     """Return the engine of runs like a scenario, by the ticks of all of them unless that is None."""
     if isinstance(scenario, ScenarioError):
         return EngineChoice("pinocchio", "scenario", str(scenario))
-    if text := pinocchio_reason(scenario):
-        return EngineChoice("pinocchio", "plant", text)
     alone: Way = "plant" if ticks is None else "pinocchio"
-    if text := plant_reason(scenario.plant, scenario.cell, scenario.events):
-        return EngineChoice(alone, "plant", text)
+    if (choice := _by_plant(scenario)).way != "lanes":
+        return choice._replace(way=min(choice.way, alone))
     try:
         enough = runs_worth_a_batch(scenario)
         reason = f"compiling takes as long as {enough} single runs"
@@ -110,6 +114,14 @@ def _choice(scenario: Scenario | ScenarioError, ticks: float | None, traces_user
     except Exception as error:  # a user's class may raise anything; the run itself reports it
         return EngineChoice("pinocchio", "scenario", str(error))
     return EngineChoice(alone, "law", text) if text else EngineChoice("lanes", None, reason)
+
+
+def _by_plant(scenario: Scenario) -> EngineChoice:
+    """Return the best way for the plant and the events of a scenario, whatever its law."""
+    if text := pinocchio_reason(scenario):
+        return EngineChoice("pinocchio", "plant", text)
+    text = plant_reason(scenario.plant, scenario.cell, scenario.events)
+    return EngineChoice("plant", "plant", text) if text else EngineChoice("lanes")
 
 
 def runs_worth_a_batch(scenario: Scenario) -> int:
@@ -135,30 +147,28 @@ def choose_engine(scenario: Scenario, engine: Engine = "auto", *, is_live: bool 
         is_live: whether something is done at every tick: a view, pacing, or a stop at a breach.
 
     Raises:
-        ArgumentError: "compiled" is asked for, and only Pinocchio has the plant or an event.
+        FieldError: "compiled" is asked for, and only Pinocchio has the plant or an event.
         CoopPinError: an arm cannot be loaded.
     """
     if engine == "pinocchio":
         return EngineChoice(engine)
-    reason, text = "", pinocchio_reason(scenario)
-    if text and engine == "compiled":
-        raise ArgumentError(f"engine 'compiled' does not fit: {text}; choose engine 'pinocchio'")
-    if text:
-        return EngineChoice("pinocchio", "plant", text)
+    if (choice := _by_plant(scenario).require(engine)).way == "pinocchio":
+        return choice
     if engine == "auto":
         needed, ticks = _ticks_of_compiling(scenario), scenario.clock.ticks(scenario.duration)
         reason = f"compiling takes as long as {needed} ticks on Pinocchio, and there are {ticks}"
         if ticks < needed:
             return EngineChoice("pinocchio", "few runs", reason)
-    if text := plant_reason(scenario.plant, scenario.cell, scenario.events):
-        return EngineChoice("plant", "plant", text)
-    if engine == "auto" and scenario.controller.user_code:
-        text = "a user's law is compiled only if engine 'compiled' is named"
+        choice = choice._replace(reason=choice.reason or reason)
+    if choice.way == "plant":
+        return choice
+    is_foreign = engine == "auto" and scenario.controller.user_code
+    text = "a user's law is compiled only if engine 'compiled' is named" if is_foreign else None
     if text := text or law_reason(scenario.controller):
         return EngineChoice("plant", "law", text)
     if is_live:
         return EngineChoice("plant", "live", "a view, pacing or a stop at a breach needs every tick")
-    return EngineChoice("lanes", None, reason)
+    return choice
 
 
 def saved_by_auto(scenario: Scenario, duration: float) -> float:

@@ -121,6 +121,10 @@ class Kind(NamedTuple):
         law = _without_numbers(scenario.controller.model_dump())
         return cls(repr((_without_numbers(fields), common)), repr(law))
 
+    def __hash__(self) -> int:
+        """Return a hash that takes no time: that of the structures takes longer than a run's preparation."""
+        return hash((self.surroundings, self.times))
+
     @property
     def code(self) -> Self:
         """Kind of the code: without the times."""

@@ -60,7 +60,7 @@ def run(
 
     Raises:
         ScenarioError: the scenario has mistakes.
-        ArgumentError: engine "compiled" does not have the scenario's plant or one of its events.
+        FieldError: engine "compiled" does not have the scenario's plant or one of its events.
         CoopPinError: the run could not start, or broke off; ``error.result`` holds what was computed.
     """
     if not isinstance(scenario, Scenario):

@@ -37,7 +37,7 @@ def with_engine(plan: SweepPlan, store: SweepStore, runs: int | None = None) -> 
         runs: number of runs of its kind in all; the plan's own when omitted.
 
     Raises:
-        FieldError: the plan names "compiled", and nothing of its first run can be compiled.
+        FieldError: the plan names "compiled", and only Pinocchio has the plant or an event of its first run.
     """
     if plan.engine == "pinocchio":
         return plan
@@ -47,12 +47,10 @@ def with_engine(plan: SweepPlan, store: SweepStore, runs: int | None = None) -> 
     # A user's code runs in workers only; if it cannot be traced, they tell why.
     count = len(plan) if runs is None else runs
     (choice,) = choose_engines([plan.resolved(plan[0])], plan.engine, [count], traces_user_code=False)
-    if plan.engine == "compiled" and choice.way == "pinocchio":
-        message = f"is 'compiled', but the first run needs 'pinocchio' or 'auto': {choice.reason}"
-        raise FieldError(message, "engine")
+    choice.require(plan.engine)
     if choice.obstacle not in (None, "few runs"):
         _LOG.warning("runs are simulated one by one: %s", choice.reason)
-    return plan.model_copy(update={"engine": choice.engine})
+    return plan.model_copy(update={"engine": choice.engine}) if plan.engine == "auto" else plan
 
 
 def with_steps(plan: SweepPlan, store: SweepStore) -> SweepPlan:
@@ -150,7 +148,7 @@ def sweep(
         MissingExtraError: dask is not installed.
         CodeChangedError: the user's code was edited after it was loaded.
         StoreLockedError: another process works on the folder.
-        FileReadError: an older version wrote the folder, or one of ``merge`` is not that of a sweep.
+        FileReadError: a folder of ``merge`` is not that of a sweep.
         FileWriteError: the disk is full; every run written before is kept.
         WorkersLostError: the scheduler is gone; every finished run is kept.
         SweepInterruptedError: Ctrl-C; every finished run is kept.

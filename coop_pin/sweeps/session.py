@@ -265,7 +265,6 @@ def open_session(folder: str | Path, execution: Execution, total: int) -> Iterat
     Raises:
         StoreLockedError: another process works on the folder.
         FieldError: the number of workers is negative.
-        FileReadError: an older version wrote the folder.
         SweepInterruptedError: Ctrl-C.
     """
     session = Session(SweepStore(folder), execution)  # a refusal leaves no folder

@@ -64,9 +64,9 @@ class SweepStore:
         self.folder = Path(folder)
         self.known: dict[str, str] = {}
         if any(path.is_dir() for path in (self.folder / "runs").glob("??")):
+            detail = "holds a sweep of an older version, one file for each run, and is left as it is"
             raise FileReadError(
-                f"{folder} holds a sweep of an older version, one file for each run; it is left as it is:"
-                " choose another folder, and the runs are computed again"
+                f"{folder} {detail}; repeat it: coop-pin sweep PLAN.toml --out ANOTHER_FOLDER"
             )
 
     # ------------------------------------------------------------ one writer

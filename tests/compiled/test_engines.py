@@ -190,7 +190,7 @@ def test_what_only_pinocchio_has_is_refused_before_the_run(change, tmp_path):
     scenario, ticks = cp.Scenario.load("adept-paper", {"duration": 0.2, "events": []}), []
     scenario = scenario.override(PINOCCHIO_ALONE[change])
     here = cp.Execution(workers=0, quiet=True, engine="compiled")
-    with pytest.raises(errors.ArgumentError, match="'pinocchio'"):
+    with pytest.raises(errors.FieldError, match="'pinocchio'"):
         cp.run(scenario, engine="compiled", warn=False, progress=lambda *_: ticks.append(1))
     with pytest.raises(errors.FieldError, match="'pinocchio'"):
         cp.sweep(scenario, {"seed": [0, 1]}, out=tmp_path, execution=here)

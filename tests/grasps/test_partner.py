@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from test_compliant_grasps import anchored, with_grasps
 
 import coop_pin as cp
-from coop_pin.base.errors import ArgumentError, CoopPinError, DivergedError
+from coop_pin.base.errors import CoopPinError, DivergedError, FieldError
 from coop_pin.base.spatial import exp3, make_pose
 from coop_pin.compiled import support
 from coop_pin.grasps.partner import partner_matrices, partner_state
@@ -180,7 +180,7 @@ def test_compiled_code_refuses_a_partner_before_the_run():
     assert "partner" in support(scenario)
     assert "partner" not in (support(scenario.replace(events=())) or "")
     assert cp.run(scenario, warn=False, engine="auto").engine == "pinocchio"
-    with pytest.raises(ArgumentError, match="'pinocchio'"):
+    with pytest.raises(FieldError, match="'pinocchio'"):
         cp.run(scenario, warn=False, engine="compiled")
 
 

@@ -70,16 +70,11 @@ def run_batch(jobs: Sequence[Job], is_over: Callable[[], bool] = bool) -> list[O
         start, outcomes = times(), dict[int, Outcome | Way]()
         for code in {job.code for job in jobs}:
             require_unchanged(code)
-        families = list[list[_Block]]()
+        families = dict[Kind, list[_Block]]()
         for block in _prepared(jobs):
-            if (kind := block.runs.kind.code) in _untraceable:
-                continue
-            same = (each for each in families if each[0].runs.kind.code == kind)
-            if (family := next(same, None)) is None:
-                families.append(family := [])
-            family.append(block)
+            families.setdefault(block.runs.kind.code, []).append(block)
         preparation = (times() - start) / len(jobs)
-        for family in families:
+        for family in (families[kind] for kind in families if kind not in _untraceable):
             first = jobs[family[0].indices[0]]
             outcomes |= _attempted(first, _of_family, jobs, family, preparation, is_over) or {}
         return [outcomes.get(index, "plant") for index in range(len(jobs))]

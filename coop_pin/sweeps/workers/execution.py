@@ -41,13 +41,7 @@ class Execution:
     quiet: bool = False
 
     def __post_init__(self) -> None:
-        if (self.workers, self.scheduler, self.merge, self.recompute, self.quiet) != (
-            None,
-            None,
-            (),
-            0,
-            False,
-        ):
+        if (self.workers, self.scheduler, self.merge, self.recompute, self.quiet) != (None, None, (), 0, 0):
             self._require_types()
         if self.engine is not None:
             engine_named(self.engine, "engine")
