@@ -27,7 +27,7 @@ def pair(name: str, duration: float) -> dict[str, cp.Scenario]:
     """Return a scenario with its rigid grasps and with compliant ones, at the steps that these need."""
     rigid = cp.Scenario.load(name).replace(events=(), duration=duration, beyond_bound=True)
     grasps = {
-        arm: cp.CompliantGrasp(kind="compliant", xyz=grasp.xyz, rpy=grasp.rpy, stiffness="paper")
+        arm: cp.CompliantGrasp(xyz=grasp.xyz, rpy=grasp.rpy, stiffness="paper")
         for arm, grasp in rigid.cell.grasps.items()
     }
     return {"rigid": rigid, "compliant": rigid.replace(cell=rigid.cell.replace(grasps=grasps))}

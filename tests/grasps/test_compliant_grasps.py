@@ -42,7 +42,7 @@ STABLE_ALONE = {
 def with_grasps(scenario: cp.Scenario, stiffness=UNEVEN, arms=None, **fields) -> cp.Scenario:
     """The scenario with compliant grasps."""
     grasps = {
-        name: cp.CompliantGrasp(kind="compliant", xyz=grasp.xyz, rpy=grasp.rpy, stiffness=stiffness, **fields)
+        name: cp.CompliantGrasp(xyz=grasp.xyz, rpy=grasp.rpy, stiffness=stiffness, **fields)
         if arms is None or name in arms
         else grasp
         for name, grasp in scenario.cell.grasps.items()

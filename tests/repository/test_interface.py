@@ -13,6 +13,7 @@ import pytest
 import coop_pin as cp
 
 PACKAGE = Path(cp.__file__).parent
+REPOSITORY = Path(__file__).resolve().parents[2]
 
 RESOLVES = """
 import importlib.util, os, sys, types
@@ -191,3 +192,22 @@ class Still(cp.ArmController):
 def test_a_users_controller_is_an_object_too():
     controller = cp.UserController(target="test_interface:Still", options={"damping": 20.0})
     assert cp.run(written_in_python(controller=controller)).end == pytest.approx(0.05)
+
+
+def test_grasps_of_a_class_need_no_kind():
+    soft = cp.CompliantGrasp(xyz=(-0.1, 0.0, 0.0), stiffness="soft")
+    palm = cp.PatchGrasp(xyz=(0.1, 0.0, 0.0), mu=0.5, radius=0.02, face=(0.1, 0.1))
+    cell = written_in_python().cell
+    given = cell.replace(grasps={"left": soft, "right": palm}).model_dump()
+    tables = {"left": given["grasps"]["left"], "right": given["grasps"]["right"]}
+    assert [table["kind"] for table in tables.values()] == ["compliant", "patch"]
+    assert cell.replace(grasps=tables).grasps == {"left": soft, "right": palm}
+
+
+def test_no_file_shows_an_internal_default_of_pydantic():
+    folders = ("coop_pin", "docs", "examples", "notebooks", "studies", "tests", "tools")
+    files = [file for folder in folders for file in (REPOSITORY / folder).rglob("*.*")]
+    texts = {".ipynb", ".md", ".py", ".toml"}
+    shown = ("Pydantic" + "Undefined").encode()
+    assert [file for file in files if file.suffix in texts and shown in file.read_bytes()] == []
+    assert len(files) > 500
