@@ -43,8 +43,8 @@ from malformed_urdf import CORPUS, arm
 
 import coop_pin as cp
 from coop_pin.model.visuals import CellVisuals
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.sweeps.workers.job import checked_content, checksummed
 
 ALLOWED = {"result", "refused"}

@@ -9,7 +9,7 @@ from coop_pin.base.errors import ArgumentError
 from coop_pin.proof.monitored_quantities import MONITORED
 from coop_pin.proof.payload_space_monitor import payload_space_monitor
 from coop_pin.proof.sliding_mode_monitor import sliding_mode_monitor
-from coop_pin.results import RunResult
+from coop_pin.results.run_result import RunResult
 
 __all__ = ["anchor_bounded_time", "theorem_monitor"]
 

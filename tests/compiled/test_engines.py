@@ -15,9 +15,9 @@ from coop_pin.cli import main
 from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps import CellChain
 from coop_pin.running.run_scenario import plant_of
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.simulation import Simulation
 
 CASES = {
     "planar": (planar_scenario, 0.5),

@@ -6,8 +6,11 @@ from close import assert_close
 from linkages import bar, robot
 
 import coop_pin as cp
+from coop_pin.base.schema.pose import Pose
 from coop_pin.control import RedundantSlidingModeController
-from coop_pin.description import Arm, Cell, Payload, Pose
+from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.payload import Payload
 from coop_pin.grasps import CellChain
 from coop_pin.simulation.build_controller import build_controller
 

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 import coop_pin as cp
 from coop_pin.base.spatial import shift_wrench
 from coop_pin.model import ArmModel, CellArm
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 
 QUIET = {"events": [], "duration": 10.0}
 CHANGES = {name: {} if name in CATALOGUE_CELLS else QUIET for name in cp.scenario_names()}

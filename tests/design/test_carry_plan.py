@@ -19,12 +19,11 @@ from coop_pin.base.errors import (
     UnreachablePoseError,
 )
 from coop_pin.base.spatial import internal_wrenches
-from coop_pin.design import PathLimits, fastest
 from coop_pin.design.carried_path import CarriedLine
 from coop_pin.design.carry_limits import CarryLimits, CarryTiming
-from coop_pin.design.path_parameterization import times_of
+from coop_pin.design.path_parameterization import PathLimits, fastest, times_of
 from coop_pin.grasps import CellChain
-from coop_pin.reference import check_consistency
+from coop_pin.reference.pose_reference import check_consistency
 
 
 def adept(degrees=300, turn=-np.pi / 3.0):

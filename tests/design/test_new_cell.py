@@ -14,7 +14,7 @@ from coop_pin.design.new_cell import _below_ground
 from coop_pin.design.placement import contacts
 from coop_pin.feasibility import maximum_reach
 from coop_pin.feasibility.motion_feasibility import joint_heights
-from coop_pin.running import implausible_numbers
+from coop_pin.running.plausibility import implausible_numbers
 
 CELLS = {
     "planar": (["adept_3dof"] * 2, {"payload": "bar", "size": (0.24, 0.03, 0.03), "mass": 5.0}),

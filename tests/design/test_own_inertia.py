@@ -16,8 +16,8 @@ from coop_pin.description.cell.grasp import STIFFNESSES
 from coop_pin.design import deflection_bias, own_inertia
 from coop_pin.feasibility import reachability
 from coop_pin.proof import theorem_monitor
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import grasp_stability, loop_stability, step_stability
 
 FULL = {

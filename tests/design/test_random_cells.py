@@ -7,8 +7,8 @@ from random_cells import random_cell
 import coop_pin as cp
 from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.feasibility import reachability, statics_along
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import loop_stability, start_stability, step_stability
 
 

@@ -17,8 +17,8 @@ from coop_pin.cli import main
 from coop_pin.design import gain_proposal
 from coop_pin.feasibility import MotionWrenches, closure_problem, reachability
 from coop_pin.model import ArmModel, CellArm
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import loop_stability
 
 ONES = cp.PayloadSpace(

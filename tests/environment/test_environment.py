@@ -16,7 +16,9 @@ pytest.importorskip("gymnasium")
 
 from gymnasium.utils.env_checker import check_env
 
-from coop_pin.environment import CellEnv, Task, VectorCellEnv
+from coop_pin.environment.cell_env import CellEnv
+from coop_pin.environment.task import Task
+from coop_pin.environment.vector_cell_env import VectorCellEnv
 
 TASKS = {
     "squeeze": Task("squeeze", scale=5.0, ticks=2),

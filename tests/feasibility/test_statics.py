@@ -24,8 +24,8 @@ from coop_pin.feasibility import (
     statics_along,
 )
 from coop_pin.model import ArmModel, CellArm
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 
 STEP = 1e-6
 

@@ -18,9 +18,9 @@ from coop_pin.grasps import CellChain
 from coop_pin.grasps.spring_damper import SpringDamper
 from coop_pin.proof import theorem_monitor
 from coop_pin.results.metrics import energy_balance
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import grasp_stability, loop_stability, step_stability
 
 UNEVEN = (3e4, 5e4, 2e4, 300.0, 200.0, 450.0)

@@ -19,11 +19,11 @@ from coop_pin.base.spatial.internal_wrench import virtual_linkage
 from coop_pin.compiled import support
 from coop_pin.description.cell.grasp_plan import grasp_plan
 from coop_pin.model.visuals import CellVisuals
-from coop_pin.reference import PoseTarget, retreated
+from coop_pin.reference.pose_reference import PoseTarget, retreated
 from coop_pin.results.metrics import energy_balance
 from coop_pin.running.plausibility import implausible_numbers
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.viz.frames import FREE, CellFrames, run_samples, strut_columns
 from coop_pin.viz.highlights import events_text
 from coop_pin.viz.replay import replay_html

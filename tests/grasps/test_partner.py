@@ -14,8 +14,8 @@ from coop_pin.base.spatial import exp3, make_pose
 from coop_pin.compiled import support
 from coop_pin.grasps.partner import partner_matrices, partner_state
 from coop_pin.results.metrics import energy_balance
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import step_stability
 
 HANDLE = cp.Pose(xyz=(0.05, -0.08, 0.0), rpy=(0.3, -0.2, 0.5))

@@ -15,7 +15,7 @@ from coop_pin.base.spatial.internal_wrench import (
     nonsqueezing_internal_wrenches,
     virtual_linkage_internal_wrenches,
 )
-from coop_pin.description import PayloadChange
+from coop_pin.description.events import PayloadChange
 from coop_pin.results import metrics
 from coop_pin.results.dataset import LIMITS, dataset
 from coop_pin.results.limits import LimitViolation

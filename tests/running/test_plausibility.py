@@ -10,7 +10,7 @@ import coop_pin as cp
 from coop_pin.base.errors import ScenarioWarning
 from coop_pin.base.spatial import make_pose
 from coop_pin.cli import main
-from coop_pin.running import implausible_numbers, run_warnings
+from coop_pin.running.plausibility import implausible_numbers, run_warnings
 from coop_pin.simulation.build_controller import build_controller
 
 

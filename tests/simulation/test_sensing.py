@@ -15,12 +15,12 @@ from coop_pin.control import CellCommand
 from coop_pin.control.bounds import force_gain_bound
 from coop_pin.control.interface import ArmMeasurement
 from coop_pin.figures.run_figures import internal_force_figure
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.devices.drives import Applied
 from coop_pin.simulation.devices.encoder import Encoders
 from coop_pin.simulation.devices.signals import SensorSignals, generator
 from coop_pin.simulation.devices.wrist import Wrist
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.viz.live.live_scene import LiveScene, initial_scene
 from coop_pin.viz.report import scenario_facts
 

@@ -13,13 +13,14 @@ import coop_pin as cp
 from coop_pin.base.errors import OpenClosureError, OutOfRangeError, UserCodeError
 from coop_pin.base.spatial import internal_wrenches
 from coop_pin.control import CellCommand, CellController
-from coop_pin.description import Clock, PayloadChange, WrenchPulse
+from coop_pin.description.events import PayloadChange, WrenchPulse
+from coop_pin.description.plant import Clock
 from coop_pin.grasps import CellChain
 from coop_pin.model.transmission import Transmission
 from coop_pin.results.metrics import energy_balance
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.recorder import Recorder
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.simulation.timeline import Timeline
 
 

@@ -19,9 +19,10 @@ from coop_pin.cli import main
 from coop_pin.control.interface import ArmCommand, ArmController
 from coop_pin.feasibility import reachability
 from coop_pin.grasps import CellChain
-from coop_pin.model import CellArm, solve_ik
-from coop_pin.simulation import Simulation
+from coop_pin.model import CellArm
+from coop_pin.model.inverse_kinematics import solve_ik
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import (
     SampledStability,
     loop_stability,

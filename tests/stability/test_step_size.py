@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.base.errors import DivergedError, FieldError, OutOfRangeError
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import step_size, step_stability
 from coop_pin.sweeps import plant_steps
 from coop_pin.sweeps.engine import open_session

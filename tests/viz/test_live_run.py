@@ -18,9 +18,9 @@ from coop_pin.base.errors import (
     MissingExtraError,
     UserCodeError,
 )
-from coop_pin.reference import ConstantSqueeze
-from coop_pin.simulation import Simulation
+from coop_pin.reference.squeeze import ConstantSqueeze
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.viz import LiveRun, Panel
 from coop_pin.viz.live.panel import gain_sliders
 
