@@ -14,10 +14,10 @@ from functools import partial
 from common import interleaved, ratio
 
 import coop_pin as cp
+from coop_pin import Simulation
 from coop_pin.compiled import BatchSimulator
 from coop_pin.compiled.engine_choice import plant_of
-from coop_pin.simulation import Simulation
-from coop_pin.simulation.build_controller import build_controller
+from coop_pin.laws import build_controller
 
 CELLS = ("adept-anchored", "two-pandas-box", "three-ur5-plate")
 STEP, STEPS = 1e-5, 64

@@ -48,7 +48,7 @@ def run(
         progress: function that is called with (ticks done, ticks in all): after every tick, by engine "batch"
             after some hundred.
         view: function that is called with a snapshot after every tick, for example what
-            coop_pin.viz.open_view returns.
+            coop_pin.open_view returns.
         realtime_rate: simulated seconds in one second of wall time; inf is as fast as possible. When omitted
             1 with a view, otherwise inf.
         stop_at_breach: end the run at its first breach of the scenario's trust thresholds.

@@ -230,7 +230,7 @@ def test_xacro_sees_no_environment(tmp_path, monkeypatch):
         _xacro(tmp_path / "arm", "$(env SECRET)")
     (tmp_path / "arm" / "arm.xacro").unlink()
     arm = _xacro(tmp_path / "arm", "$(optenv SECRET 3)")
-    assert cp.ArmModel(arm).model.inertias[1].mass == 3.0
+    assert cp.model.ArmModel(arm).model.inertias[1].mass == 3.0
 
 
 DOUBLED = """<xacro:macro name="m0"/>{}<xacro:m40/>""".format(

@@ -136,7 +136,7 @@ def test_an_event_added_on_the_way_acts():
         run = Simulation(scenario, build_controller(scenario), plant=plant_of(engine))
         for _ in range(10):
             run.tick()
-        run.add_event(cp.PayloadChange(time=0.2, mass=1.0))
+        run.add_event(cp.events.PayloadChange(time=0.2, mass=1.0))
         while not run.is_finished:
             run.tick()
         results.append(run.result().data)

@@ -95,7 +95,7 @@ def scenario(request, tmp_path_factory):
 
 def spare_direction(cell, name, angles):
     """The unit joint velocity that leaves the payload at rest."""
-    model = cp.CellArm(cell, name)
+    model = cp.model.CellArm(cell, name)
     J = cell.task_rows.select(model.payload_jacobian(model.posture(np.array(angles))))
     assert J.shape[1] == J.shape[0] + 1
     return np.linalg.svd(J)[2][-1]

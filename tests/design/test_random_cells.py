@@ -45,7 +45,7 @@ def test_forty_random_cells_run_as_proposed_or_are_refused_before_a_run(seed):
         except InfeasibleMotionError as error:
             refused.append((number, error.cause))
             continue
-        result = cp.simulate_batch([scenario]).result(0)
+        result = cp.compiled.simulate_batch([scenario]).result(0)
         assert result.trustworthy, (scenario.name, result.verdict())
         assert result.metrics()["joint_drift_rad"] < 1e-3, scenario.name
         error = np.linalg.norm(result.data.pose_error.values[:, :3], axis=1).max()

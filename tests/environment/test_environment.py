@@ -41,7 +41,7 @@ def cell(name, changes=None):
 SERVOS = {
     "clock.rate_hz": 200.0,
     "clock.steps_per_tick": 5,
-    "controller": cp.Admittance(command="velocity"),
+    "controller": cp.laws.Admittance(command="velocity"),
     "actuators.servo": {"command": "velocity", "rate_hz": 1000.0},
 }
 

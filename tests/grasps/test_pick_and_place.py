@@ -81,7 +81,7 @@ def test_waypoints_that_stop_rest_at_each_and_do_not_swing_out():
     heights = np.array([motion.at(time).X_WP_d[2, 3] for time in np.linspace(0.0, 9.0, 500)])
     assert heights.min() >= 0.3 - 1e-12
     assert heights.max() <= 0.36 + 1e-12
-    turn = cp.WaypointsMotion(
+    turn = cp.motions.WaypointsMotion(
         stops=True,
         points=[
             {"time": 0.0},

@@ -424,7 +424,7 @@ def test_a_summary_says_that_a_run_ends_too_soon_after_its_events(times, missing
 
 
 def test_a_torque_beyond_its_limit_is_what_was_asked_with_the_compensation_of_gravity():
-    actuators = SCENARIO.actuators.replace(gravity_compensation=cp.GravityCompensation())
+    actuators = SCENARIO.actuators.replace(gravity_compensation=cp.actuators.GravityCompensation())
     limits = np.full((4, 2, 2), NO_LIMIT)
     limits[list(LIMITS).index("torque_limit")] = 10.0
     result = made(

@@ -286,8 +286,10 @@ def test_a_controller_without_state_starts_once():
 
 def test_a_controller_in_python_is_the_one_of_a_scenario_file():
     scenario = cp.Scenario.load("adept-paper")
-    gains = cp.PayloadSpaceGains(pose_gain=2.0, sliding_gain=800.0, sign_gain=0.2, transient_rate=5.0)
-    law = cp.PayloadSpace(gains=gains, switching=cp.Tanh(width=0.1), force_path=cp.LowPassForcePath(pole=0.5))
+    gains = cp.laws.PayloadSpaceGains(pose_gain=2.0, sliding_gain=800.0, sign_gain=0.2, transient_rate=5.0)
+    law = cp.laws.PayloadSpace(
+        gains=gains, switching=cp.laws.Tanh(width=0.1), force_path=cp.laws.LowPassForcePath(pole=0.5)
+    )
     typed = scenario.override({"controller": law})
     assert typed == scenario.override({"controller": law.model_dump()})
     assert typed.controller is law

@@ -215,7 +215,7 @@ def test_what_does_not_fit_is_refused():
     with pytest.raises(cp.CoopPinError):
         simulation.step([np.zeros(3)] * 2)
     simulation.observe()
-    push = cp.WrenchPulse(time=simulation.time, duration=0.01, wrench=(1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    push = cp.events.WrenchPulse(time=simulation.time, duration=0.01, wrench=(1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     with pytest.raises(FieldError, match="reached"):
         simulation.add_event(push)  # the tick was observed without it
     finished(simulation)
