@@ -144,7 +144,7 @@ def _rows(result: TuneResult, search: _Search) -> list[dict[str, Any]]:
     for path, value in result.tuned.items():
         low, high = search.ranges[path]
         field = path.removeprefix("controller.")
-        row = {"scenario": scenario.name, "controller": search.name, "field": field}
+        row: dict[str, Any] = {"scenario": scenario.name, "controller": search.name, "field": field}
         row |= {"value": f"{value:.6g}", "low": low, "high": high} | budget
         rows.append(row | {"cost": f"{result.value:.6g}"})
     return rows
