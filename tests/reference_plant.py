@@ -95,8 +95,7 @@ class Spring:
         X, R_WG, p = G.X.actInv(E.X), G.X.rotation, E.X.translation
         RG = X.rotation @ self.G
         bent = RG - RG.T
-        carried = G.velocity_at(p)
-        V = np.concatenate((R_WG.T @ (E.v - carried), R_WG.T @ (E.w - G.w)))
+        V = np.concatenate((R_WG.T @ (E.v - G.velocity_at(p)), R_WG.T @ (E.w - G.w)))
         still = -np.concatenate((self.K[:3] * X.translation, (bent[2, 1], bent[0, 2], bent[1, 0])))
         wrench = still - self.D * V
         in_world = turned(R_WG, wrench)
@@ -108,7 +107,6 @@ class Spring:
             energy=0.5 * float(X.translation @ (self.K[:3] * X.translation))
             + float(np.trace(self.G) - np.trace(RG)),
             dissipated=-float(V @ (self.D * V)),
-            supplied=float(in_world[:3] @ carried + in_world[3:] @ G.w),
         )
 
 
