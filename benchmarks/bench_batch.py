@@ -17,11 +17,10 @@ import numpy as np
 from common import elsewhere, interleaved, ratio
 
 import coop_pin as cp
+from coop_pin import Simulation, SweepPlan
 from coop_pin.compiled import BatchSimulator
 from coop_pin.compiled.preparation import Prepared
-from coop_pin.simulation import Simulation
-from coop_pin.simulation.build_controller import build_controller
-from coop_pin.sweeps import SweepPlan
+from coop_pin.laws import build_controller
 from coop_pin.tracing.llvm_machine import native_width
 
 DURATION_S = 2.0

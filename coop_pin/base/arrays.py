@@ -93,7 +93,7 @@ def as_pose(name: str, value: ArrayLike) -> Array:
     deviation = float(max(np.abs(R.T @ R - np.eye(3)).max(), np.abs(X[3] - last_row).max()))
     name, deviation = (f"{name} (a mirror image)", 2.0) if np.linalg.det(R) < 0.0 else (name, deviation)
     if deviation > POSE_ALLOWED:
-        allowed = f"at most {POSE_ALLOWED:.3g}: build it with coop_pin.base.spatial.make_pose"
+        allowed = f"at most {POSE_ALLOWED:.3g}: build it with cp.spatial.make_pose"
         raise OutOfRangeError(f"the deviation of {name} from a pose", deviation, allowed)
     return X
 

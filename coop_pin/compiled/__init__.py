@@ -25,9 +25,7 @@ from coop_pin import lazy_names
 _PUBLIC = {
     "BatchResult": "coop_pin.compiled.simulate",
     "BatchSimulator": "coop_pin.compiled.simulate",
-    "CLaw": "coop_pin.compiled.laws.c_export",
     "Lane": "coop_pin.compiled.lane",
-    "export_c": "coop_pin.compiled.laws.c_export",
     "law_reason": "coop_pin.compiled.code_family",
     "plant_reason": "coop_pin.compiled.code_family",
     "simulate_batch": "coop_pin.compiled.simulate",

@@ -19,8 +19,8 @@ from coop_pin.compiled.samples import RunSamples, kept_of
 from coop_pin.compiled.simulate import BatchSimulator, Family, require_sample_memory
 from coop_pin.compiled.single_runs import require_agreement
 from coop_pin.description.scenario import Scenario
-from coop_pin.results import RunResult
 from coop_pin.results.quantities import Samples
+from coop_pin.results.run_result import RunResult
 from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.simulation.simulate import Progress, errors_with_results
 from coop_pin.tracing.llvm_machine import LlvmMachine

@@ -26,13 +26,14 @@ from coop_pin.compiled.laws.hidden_state import digest, of_classes
 from coop_pin.compiled.laws.law_code import as_tracing_errors
 from coop_pin.compiled.signals import RunSignals, clocked_of, columns, desired_of, first_of, squeezed
 from coop_pin.control import CellController
-from coop_pin.description import Cell, Scenario, TrustThresholds
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.scenario import Scenario
+from coop_pin.description.trust import TrustThresholds
 from coop_pin.results.quantities import QUANTITIES
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import controlled_arm
 from coop_pin.simulation.devices.actuation import Actuation
 from coop_pin.simulation.plant import Plant
-from coop_pin.simulation.simulation import start_configuration
+from coop_pin.simulation.simulation import Simulation, start_configuration
 from coop_pin.simulation.tick import SignalSource
 from coop_pin.tracing.numpy_machine import evaluate
 from coop_pin.tracing.tape import Tape, UntraceableError, operands

@@ -20,8 +20,8 @@ from coop_pin.compiled.block import RunBlock
 from coop_pin.compiled.laws.law_code import as_tracing_errors
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.tick import TickCode, sample_name
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.devices.drives import Given
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.tracing.kernel import LOAD, RECORD, Program
 from coop_pin.tracing.llvm_emitter import llvm_text
 from coop_pin.tracing.tree import leaves, structure, valued

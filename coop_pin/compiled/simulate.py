@@ -22,9 +22,9 @@ from coop_pin.compiled.samples import RunSamples
 from coop_pin.compiled.schedule import RunProgram, Schedule, varying
 from coop_pin.compiled.single_runs import checked, require_agreement
 from coop_pin.description.scenario import Scenario
-from coop_pin.results import RunResult
 from coop_pin.results.metrics import all_metrics
 from coop_pin.results.quantities import Samples
+from coop_pin.results.run_result import RunResult
 from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.results.trust import TrustMonitor
 from coop_pin.results.window import Windows

@@ -39,8 +39,8 @@ from coop_pin.feasibility.statics import statics_along
 from coop_pin.feasibility.table_force import TABLE_ERROR, table_force
 from coop_pin.feasibility.task_inertia import with_spare_motion
 from coop_pin.running.plausibility import implausible_numbers
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.grasp_stability import grasp_stability
 from coop_pin.stability.loop_stability import LoopStability, loop_stability
 from coop_pin.stability.sampled_stability import start_stability

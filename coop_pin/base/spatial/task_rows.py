@@ -169,7 +169,7 @@ def task_rows(name: RowsName) -> TaskRows:
     """
     require_type("name", name, str)
     if name not in _ROWS:
-        raise NameNotFoundError("kind of task rows", name, _ROWS, "coop_pin.base.spatial")
+        raise NameNotFoundError("kind of task rows", name, _ROWS, "cp.spatial")
     return _ROWS[name]
 
 

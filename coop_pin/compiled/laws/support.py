@@ -23,8 +23,8 @@ from coop_pin.compiled.laws.law_code import (
 )
 from coop_pin.control import ArmMeasurement, ArmReference, CellCommand, CellController
 from coop_pin.description.scenario import Scenario
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.tracing.tree import structure
 
 _TICKS = 16

@@ -14,8 +14,9 @@ from coop_pin.chain.closure_set import ClosureError
 from coop_pin.compiled.code_family import plant_reason
 from coop_pin.compiled.plant.cell_dynamics import CellNumbers, GraspNumbers
 from coop_pin.compiled.plant.plant_code import STEPS_AT_ONCE, PlantCode, varying
-from coop_pin.description import PlantOptions, Regrasp
 from coop_pin.description.events import Surroundings
+from coop_pin.description.grasp_events import Regrasp
+from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps.cell_chain import CellChain, Observation
 from coop_pin.simulation.plant import Plant
 from coop_pin.tracing.llvm_machine import LlvmMachine
