@@ -24,9 +24,10 @@ from coop_pin.control import ArmMeasurement, ArmReference, Message
 from coop_pin.description.events import Surroundings
 from coop_pin.results.quantities import WORK
 from coop_pin.simulation.devices.actuation import TORQUE_LIMIT
-from coop_pin.simulation.devices.drives import Applied, DriveMotion, DriveState, Given, TorqueResponse
+from coop_pin.simulation.devices.drives import Applied, DriveMotion, DriveState, Given
 from coop_pin.simulation.devices.network import NetworkSignals, heard
 from coop_pin.simulation.devices.sensors import Truth, View
+from coop_pin.simulation.devices.torque_response import TorqueResponse
 from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
 from coop_pin.tracing.comparisons import less
 from coop_pin.tracing.elementary import sqrt

@@ -2,6 +2,7 @@
 
 from coop_pin.base.schema.pose import Pose
 from coop_pin.description.actuators import Actuators, GravityCompensation
+from coop_pin.description.arm_events import LoseArm, UserEvent
 from coop_pin.description.catalogue import scenario_names
 from coop_pin.description.cell.arm import Arm, JointFriction, Miscalibration
 from coop_pin.description.cell.cell import Cell, grasps_from_configuration
@@ -11,14 +12,7 @@ from coop_pin.description.cell.grasp import CompliantGrasp
 from coop_pin.description.cell.mobile_base import MobileBase
 from coop_pin.description.cell.payload import Payload
 from coop_pin.description.controller import UserController
-from coop_pin.description.events import (
-    GravityTurn,
-    LoseArm,
-    Partner,
-    PayloadChange,
-    UserEvent,
-    WrenchPulse,
-)
+from coop_pin.description.events import GravityTurn, Partner, PayloadChange, WrenchPulse
 from coop_pin.description.grasp_events import HandOver, PutDown, Regrasp, Release
 from coop_pin.description.model_laws import ModelFactors
 from coop_pin.description.network import ArmClock, Channel, EdgeChannel, GraphChange, Network

@@ -286,7 +286,7 @@ def is_understood(words):
 
 def test_code_and_commands_on_pages_use_what_exists():
     offenders = []
-    tests = "\n".join(path.read_text(encoding="utf-8") for path in (REPOSITORY / "tests").glob("test_*.py"))
+    tests = "\n".join(path.read_text(encoding="utf-8") for path in (REPOSITORY / "tests").rglob("test_*.py"))
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
         offenders += [(page.name, name) for code in blocks(page, "python") for name in missing_names(code)]
