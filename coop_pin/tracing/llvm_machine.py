@@ -31,7 +31,8 @@ class CodeCache(Protocol):
     def get(self, key: bytes, /) -> bytes | None:
         """Return the code of a key, None for none."""
 
-    def __setitem__(self, key: bytes, code: bytes, /) -> None: ...
+    def __setitem__(self, key: bytes, code: bytes, /) -> None:
+        """Keep the code of a key, or do not."""
 
 
 class LlvmMachine(Machine):

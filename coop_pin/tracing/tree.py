@@ -17,7 +17,6 @@ from types import MappingProxyType
 from typing import Any, NamedTuple, TypeAlias, TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .tape import Subroutine, Tape, Traced, UntraceableError, operands
 from .traced_array import TracedMask, as_truth, inputs, is_truth, scalar, traced
@@ -88,7 +87,7 @@ def _flatten(
         numbers.append(tree)
         return float if kind is _NUMBER else "mask"
     if kind is _ARRAY:
-        if not _has_numbers(tree):
+        if tree.dtype.kind not in _KINDS_OF_NUMBERS:
             return tree.shape, tree.tobytes()
         numbers += tree.ravel().tolist()
         if tree.dtype.kind == "O" and any(truths := tuple(map(is_truth, tree.flat))):
@@ -120,17 +119,13 @@ def _mapped(function: Callable[[Any], Any], tree: Tree, owner: Any = None, name:
     kind = _kind_of(tree, owner, name)
     if kind is _NUMBER or kind is _MASK:
         return cast(Tree, function(tree))
-    if isinstance(tree, np.ndarray) and _has_numbers(tree):
+    if isinstance(tree, np.ndarray) and tree.dtype.kind in _KINDS_OF_NUMBERS:
         entries = np.empty(tree.size, dtype=object)
         for index, entry in enumerate(tree.ravel().tolist()):
             entries[index] = function(entry)
         return cast(Tree, traced(entries.reshape(tree.shape)))
     parts = {name: _mapped(function, part, tree, name) for name, part in kind.read(tree)}
     return cast(Tree, kind.make(tree, parts))
-
-
-def _has_numbers(array: NDArray[Any]) -> bool:
-    return array.dtype.kind in _KINDS_OF_NUMBERS
 
 
 def _kind_of(tree: Any, owner: Any = None, name: object = "") -> _Kind:
@@ -179,8 +174,7 @@ def _fields(names: Iterable[str]) -> Callable[[Any], Iterable[tuple[str, Any]]]:
 
 
 def _name(value: Any) -> str:
-    kind = type(value)
-    return f"{kind.__module__}.{kind.__qualname__}".removeprefix("builtins.")
+    return f"{type(value).__module__}.{type(value).__qualname__}".removeprefix("builtins.")
 
 
 class SharedFunctions:
