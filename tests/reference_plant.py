@@ -127,7 +127,15 @@ class Contact:
         self.k, self.shear = description.stiffness / shares, description.shear_stiffness / shares
         self.ratio, self.shares, (self.lower, self.upper) = description.damping_ratio, shares, bounds
         self.c = self.shear_c = 0.0
-        self.roots, self.within, self.slip = np.zeros((len(points), 2)), [True] * len(points), 0.0
+        self.roots, self.within, self.slip = np.zeros((len(points), 2)), [False] * len(points), 0.0
+
+    def start(self, A: Moving, B: Moving, roots: np.ndarray) -> None:
+        """Start with roots of bristles; points within the bounds may touch."""
+        self.roots, self.within = np.array(roots), [self.is_inside(x) for x in self.places(A, B)]
+
+    def is_inside(self, x: np.ndarray) -> bool:
+        """Return whether a point is within the bounds of the plane."""
+        return bool(np.all(x[:2] >= self.lower) and np.all(x[:2] <= self.upper))
 
     def damp(self, along: float, across: float) -> None:
         """Set the damping, by the mobilities of A against B along the normal and across it."""
@@ -170,8 +178,7 @@ class Contact:
         before, slid, touching = self.at(A, B).energy, 0.0, 0
         for j, x in enumerate(self.places(A, B)):
             depth = -x[2]
-            inside = bool(np.all(x[:2] >= self.lower) and np.all(x[:2] <= self.upper))
-            self.within[j] = inside and (self.within[j] or depth < LANDS_UP_TO)
+            self.within[j] = self.is_inside(x) and (self.within[j] or depth < LANDS_UP_TO)
             limit = self.mu * self.k * depth / self.shear if self.within[j] and depth > 0.0 else 0.0
             z = x[:2] - self.roots[j]
             length = float(np.hypot(*z))
@@ -359,8 +366,8 @@ class ReferencePlant:
         Springs take arm and payload as free bodies. Contacts take the payload with the arm to which it is
         welded, if it is.
         """
-        cell, X_WP, moved = self.cell, self.state.X_WP, self._moved(self.state)
-        P = self._payload(self.state, moved)
+        cell, X_WP, moved = self.cell, self.state.X_WP, self.moved(self.state)
+        P = self.payload(self.state, moved)
         alone = np.zeros((6, 6))
         alone[:3, :3], alone[3:, 3:] = np.eye(3) / self.mass, np.linalg.inv(self._inertia(P))
         together = alone
@@ -397,11 +404,11 @@ class ReferencePlant:
 
     # ------------------------------------------------------------ motion
 
-    def _moved(self, state: State) -> list[SimpleNamespace]:
+    def moved(self, state: State) -> list[SimpleNamespace]:
         parts = zip(self.arms, state.q, self.columns, strict=True)
         return [arm.moved(q, state.v[columns], self.gravity) for arm, q, columns in parts]
 
-    def _payload(self, state: State, moved: list[SimpleNamespace]) -> Moving:
+    def payload(self, state: State, moved: list[SimpleNamespace]) -> Moving:
         """Return the payload in motion."""
         if self.carrier is None:
             R, twist = state.X_WP.rotation, state.v[-6:]
@@ -410,12 +417,12 @@ class ReferencePlant:
 
     def motion(self, t: float, state: State) -> SimpleNamespace:
         """Return accelerations, wrenches, powers and energies at a time and a state."""
-        moved = self._moved(state)
-        P = self._payload(state, moved)
+        moved = self.moved(state)
+        P = self.payload(state, moved)
         p, tips = P.X.translation, [one.tip.X.translation for one in moved]
         springs = {i: spring.at(moved[i].tip, P.fixed(self.rests[i])) for i, spring in self.springs.items()}
         holding = [(i, one) for i, one in springs.items() if i not in self.opened]
-        contacts = [row[0].at(*self._sides(row, moved, P)) for row in self.contacts]
+        contacts = [row[0].at(*self.sides(row, moved, P)) for row in self.contacts]
         partners = [self._partner(each, t, P) for each in self.partners]
         outside = sum((one.about_P for one in partners), self.push)
         by_tables, on_arms = np.zeros(6), [np.zeros(6) for _ in tips]  # about P; about the tips
@@ -467,7 +474,7 @@ class ReferencePlant:
         """Return the payload's inertia in world axes."""
         return P.X.rotation @ self.inertia @ P.X.rotation.T
 
-    def _sides(self, row: Any, moved: list[SimpleNamespace], P: Moving) -> tuple[Moving, Moving]:
+    def sides(self, row: Any, moved: list[SimpleNamespace], P: Moving) -> tuple[Moving, Moving]:
         """Return body A and the plane of body B of a contact."""
         _, arm, X_A, X_B = row
         return (P, STANDING.fixed(X_B)) if arm is None else (moved[arm].tip.fixed(X_A), P.fixed(X_B))
@@ -579,10 +586,10 @@ class ReferencePlant:
         for name in powers[0]:
             first, second, third, last = (power[name] for power in powers)
             self.work[name] += h / 6.0 * (first + 2.0 * second + 2.0 * third + last)
-        moved = self._moved(self.state) if self.contacts else []
+        moved = self.moved(self.state) if self.contacts else []
         for row in self.contacts:
             self.work["work_grasps"] -= row[0].settle(
-                *self._sides(row, moved, self._payload(self.state, moved))
+                *self.sides(row, moved, self.payload(self.state, moved))
             )
 
     # ------------------------------------------------------------ events
@@ -592,7 +599,7 @@ class ReferencePlant:
         state, P = self.state, motion.payload
         kinetic = 0.5 * (self.mass * float(P.v @ P.v) + float(P.w @ self._inertia(P) @ P.w))
         potential = -self.mass * float(self.gravity @ P.X.translation)
-        for arm, q, columns, one in zip(self.arms, state.q, self.columns, self._moved(state), strict=True):
+        for arm, q, columns, one in zip(self.arms, state.q, self.columns, self.moved(state), strict=True):
             kinetic += 0.5 * float(state.v[columns] @ one.M @ state.v[columns])
             potential += arm.potential(q, self.gravity)
         return kinetic, potential, motion.elastic
@@ -624,8 +631,8 @@ class ReferencePlant:
 
     def _meet(self) -> None:
         """Make the velocities meet at all closures, by an impulse: M (v+ - v-) = J^T L and J v+ = 0."""
-        state, moved = self.state, self._moved(self.state)
-        P = self._payload(state, moved)
+        state, moved = self.state, self.moved(self.state)
+        P = self.payload(state, moved)
         M = np.zeros((self.nv, self.nv))
         for arm, columns in zip(moved, self.columns, strict=True):
             M[columns, columns] = arm.M
@@ -729,9 +736,10 @@ def replayed(
     plant, first = ReferencePlant(cell, data["configuration"].values[0], scenario.plant.payload), 0
     decay = scenario.plant.stabilisation
     plant.decay, plant.decay_ratio = decay.frequency, decay.damping_ratio
-    for contact, *_ in plant.contacts:
-        last = first + len(contact.points)
-        contact.roots = np.array(bristles[first:last])
+    moved = plant.moved(plant.state)
+    for row in plant.contacts:
+        last = first + len(row[0].points)
+        row[0].start(*plant.sides(row, moved, plant.payload(plant.state, moved)), bristles[first:last])
         first = last
     waiting, near = changes(scenario.events, plant.names), 1e-9 * period / steps
     torques = data["torque"].values

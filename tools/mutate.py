@@ -527,8 +527,8 @@ def run_pytest(files: Iterable[str], plugin: object) -> None:
     pytest.main([*quiet, "-W", "ignore::pytest.PytestAssertRewriteWarning", *files], plugins=[plugin])
 
 
-def measured_run(chosen: list[Mutant], budget: float, workers: int, verbose: bool) -> MutationRun:
-    """Return a finished mutation run."""
+def measured_run(chosen: list[Mutant], tests: str, budget: float, workers: int, verbose: bool) -> MutationRun:
+    """Return a finished mutation run, with the tests of the packages, or with others."""
     run = MutationRun(chosen, budget, workers, verbose)
     os.chdir(REPOSITORY)
     os.environ |= {"PYTHONPATH": str(REPOSITORY), "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
@@ -540,9 +540,9 @@ def measured_run(chosen: list[Mutant], budget: float, workers: int, verbose: boo
     with executed_lines() as run.at_import:
         for file in {mutant.file for mutant in chosen}:
             importlib.import_module("coop_pin." + file.removesuffix(".py").replace("/", "."))
-        names = {name for package in {mutant.package for mutant in chosen} for name in TESTS[package].split()}
+        tests = tests or " ".join(TESTS[package] for package in {mutant.package for mutant in chosen})
         files = {file.stem: str(file) for file in Path("tests").rglob("test_*.py")}
-        run_pytest([files[f"test_{name}"] for name in sorted(names)], run)
+        run_pytest([files[f"test_{name}"] for name in sorted(set(tests.split()))], run)
     return run
 
 
@@ -556,6 +556,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the sample")
     parser.add_argument("--workers", type=int, default=1, help="mutants at a time")
     parser.add_argument("--budget", type=float, default=10.0, help="longest time of the tests of a mutant, s")
+    parser.add_argument(
+        "--tests", default="", help="test files in place of those of the packages, in one text"
+    )
     parser.add_argument("--planted", action="store_true", help="the faults of planted_faults.toml")
     parser.add_argument("--verbose", action="store_true", help="name the test that notices each mutant, too")
     given = parser.parse_args(arguments)
@@ -568,7 +571,7 @@ def main(arguments: list[str] | None = None) -> int:
         chosen = random.Random(given.seed).sample(chosen, min(given.sample, len(chosen)))
     start = time.monotonic()
     different = [one for one in chosen if one.key not in left_out]
-    run = measured_run(different, given.budget, given.workers, given.verbose)
+    run = measured_run(different, given.tests, given.budget, given.workers, given.verbose)
     alive, ran = Counter(one.package for one in run.alive), Counter(one.package for one in run.chosen)
     for package, total in sorted(Counter(one.package for one in chosen).items()):
         noticed, others = ran[package] - alive[package], ran[package]
