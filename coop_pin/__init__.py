@@ -81,7 +81,8 @@ _NAMESPACES: dict[str, tuple[str, dict[str, str]]] = {
     "events": (
         "Events of a scenario: changes of the payload, pushes, failures, and grasps that open and close.",
         {
-            "description.events": "GravityTurn LoseArm Partner PayloadChange UserEvent WrenchPulse",
+            "description.arm_events": "LoseArm UserEvent",
+            "description.events": "GravityTurn Partner PayloadChange WrenchPulse",
             "description.grasp_events": "HandOver PutDown Regrasp Release",
         },
     ),
@@ -120,7 +121,7 @@ _NAMESPACES: dict[str, tuple[str, dict[str, str]]] = {
     ),
     "numbers": (
         "Functions for laws that are compiled: they take numbers and what stands for them in traced code.",
-        {"base.spatial.generic_numbers": "atan2 exp inverse sqrt where"},
+        {"base.spatial.generic_numbers": "Traceable atan2 exp inverse sqrt where"},
     ),
     "plant": (
         "Options of the simulated plant: integration, payload, and stabilisation of the closures.",

@@ -18,7 +18,7 @@ from typing import Any, TypeAlias, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coop_pin.base.errors import ArgumentError, CoopPinError, OutOfRangeError, ShapeError, WrongTypeError
+from coop_pin.base.errors import ArgumentError, OutOfRangeError, ShapeError, WrongTypeError
 
 Array: TypeAlias = NDArray[np.float64]
 """A float64 array."""
@@ -52,8 +52,6 @@ def as_array(name: str, value: ArrayLike, *shape: int | str) -> Array:
         array: NDArray[Any] = np.array(value, dtype=np.float64)
     except OverflowError:
         raise OutOfRangeError(name, math.inf, "a finite number") from None
-    except CoopPinError:  # of a traced number
-        raise
     except (ValueError, TypeError):
         raise ShapeError(name, np.shape(np.array(value, dtype=object)), shape) from None
     if array.shape != shape and not _sizes_match(array.shape, shape):

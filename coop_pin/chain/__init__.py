@@ -1,8 +1,9 @@
 """Chain: any mechanism from URDF with loop closures: constrained dynamics, projection, integration.
 
-Open first: ``closed_chain`` (the class: assembly, dynamics, energy, integration), ``closure_set`` (errors,
-Jacobian and drift of all closures; ``closure`` of one), ``integrators`` (Runge-Kutta methods as tableaus).
+Open first: ``closed_chain`` (the class: assembly, motion, energy; ``closed_kinematics`` its kinematics),
+``forward_dynamics`` (accelerations and closure wrenches), ``integrators`` (Runge-Kutta methods as tableaus).
 
+- ``closure`` and ``closure_set``: error, Jacobian and drift of one closure, and of all.
 - Solvers of J a + gamma = 0: ``kkt_solver`` (truncated SVD), ``proximal_solver`` (Pinocchio's).
 - ``projection`` onto the closures; ``trajectory`` (a motion, step by step).
 - ``minimal_coordinates``: independent joints, reduced mass matrix and bias.
@@ -20,7 +21,7 @@ from coop_pin import lazy_names
 __all__, __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        "ChainDynamics": "chain.closed_chain",
+        "ChainDynamics": "chain.forward_dynamics",
         "ChainState": "chain.trajectory",
         "ClosureError": "chain.closure_set",
         "Energy": "chain.trajectory",

@@ -4,10 +4,11 @@ Open first: ``engine_choice`` (Pinocchio or compiled code, and how), ``simulate`
 ``preparation`` (what runs of one program must share).
 
 Laws are those of ``control``, sensors and drives those of ``simulation/devices``, run on traced numbers. The
-plant alone is written anew, as scalar code with the numbers of the cell's Pinocchio tree; tests hold the two
-together. llvmlite compiles batches. A *family* of runs shares one code: its ``Cover`` (events, delays, lost
-torques) is what that code provides; numbers that all of them have *fold* into it, others are *inputs* in the
-*slots* of a *block* of runs. In the order in which they build on each other:
+plant alone is written anew, as scalar code with the numbers of the cell's Pinocchio tree, but for springs and
+the free-flyer, which are those of ``grasps`` and ``chain``; tests hold the two together. llvmlite compiles
+batches. A *family* of runs shares one code: its ``Cover`` (events, delays, lost torques) is what that code
+provides; numbers that all of them have *fold* into it, others are *inputs* in the *slots* of a *block* of
+runs. In the order in which they build on each other:
 
 - what runs share: engines, code_family;
 - physics (plant): serial_arm (kinematics), arm_dynamics, cell_dynamics (closures, forces on the payload);

@@ -7,7 +7,6 @@ that of the samples which it keeps.
 from __future__ import annotations
 
 import hashlib
-from functools import partial
 from typing import cast
 
 import numpy as np
@@ -38,8 +37,8 @@ class LaneSimulator(BatchSimulator):
 
     def __init__(self) -> None:
         """Begin without code."""
-        super().__init__(machine=partial(LlvmMachine, width=1), width=1)
-        self._folding = BatchSimulator(machine=self._new_machine, width=1)
+        super().__init__(width=1)
+        self._folding = BatchSimulator(width=1)
 
     def lane(self, scenario: Scenario) -> tuple[Prepared, Family]:
         """Return a run before it runs, and its code; raises as Lane.

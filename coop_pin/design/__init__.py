@@ -6,7 +6,7 @@ least time).
 
 - Of a carry: ``carried_path`` (joint paths and torques), ``carry_limits`` (limits along it),
   ``path_parameterization`` (least time under them, TOPP-RA).
-- ``own_inertia``: gains for grasps however soft.
+- Of gains: ``posture_gains``, ``proposal_limits``; ``own_inertia`` for grasps however soft.
 
 Public names of carries are in ``cp.carry``; ``suggest`` and ``new_cell`` are in ``cp``.
 

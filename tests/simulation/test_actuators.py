@@ -13,7 +13,7 @@ from coop_pin.control import CellCommand, CellController
 from coop_pin.feasibility import static_torques
 from coop_pin.model.transmission import friction
 from coop_pin.simulation.build_controller import build_controller
-from coop_pin.simulation.devices.drives import TorqueResponse
+from coop_pin.simulation.devices.torque_response import TorqueResponse
 
 ACCELERATION = (0.0, -3.0, -9.81)
 """A gravity that loads the planar arms, too."""

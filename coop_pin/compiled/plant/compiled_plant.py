@@ -7,6 +7,7 @@ from collections.abc import Hashable, Mapping
 import numpy as np
 
 from coop_pin.base.arrays import Array, require_finite
+from coop_pin.base.disk_cache import DiskCache
 from coop_pin.base.errors import ArgumentError, TracingError
 from coop_pin.base.spatial import log3
 from coop_pin.chain.closure_set import ClosureError
@@ -237,5 +238,5 @@ def _compiled(cell: CellNumbers) -> tuple[PlantCode, LlvmMachine]:
         if len(_CODES) == _KEPT_CODES:
             del _CODES[next(iter(_CODES))]
         code = PlantCode(cell)
-        _CODES[key] = code, LlvmMachine(code.program, width=1)
+        _CODES[key] = code, LlvmMachine(code.program, 1, DiskCache())
     return _CODES[key]
