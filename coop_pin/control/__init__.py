@@ -1,29 +1,26 @@
 """Controllers that see only measurements. Importing this package imports neither Pinocchio nor a model."""
 
-from coop_pin.control.averaged_wrench import (
+from coop_pin.control.bounds import CellTiming, anchor_gain_bound, force_gain_bound
+from coop_pin.control.calibration import ZeroedController
+from coop_pin.control.consensus import consensus_bound
+from coop_pin.control.controller import (
+    ArmCommand,
+    ArmController,
+    CellCommand,
+    CellController,
+    DecentralisedController,
+)
+from coop_pin.control.decentralised_law import DecentralisedLaw
+from coop_pin.control.force_paths.averaged_wrench import (
     AveragedWrench,
     ConsensusForcePath,
     averaged_loop_radius,
     estimator_radius,
 )
-from coop_pin.control.bounds import anchor_gain_bound, force_gain_bound
-from coop_pin.control.calibration import ZeroedController
-from coop_pin.control.consensus import consensus_bound
-from coop_pin.control.exchanged_wrench import ExchangedWrench, MessageForcePath
-from coop_pin.control.force_path import LateForcePath, LowPassForcePath, NoForcePath
-from coop_pin.control.interface import (
-    ArmCommand,
-    ArmController,
-    ArmMeasurement,
-    ArmReference,
-    CellCommand,
-    CellController,
-    CellTiming,
-    ControlledArm,
-    DecentralisedController,
-    Message,
-)
-from coop_pin.control.law import DecentralisedLaw, Law
+from coop_pin.control.force_paths.exchanged_wrench import ExchangedWrench, MessageForcePath
+from coop_pin.control.force_paths.force_path import LateForcePath, LowPassForcePath, NoForcePath
+from coop_pin.control.force_paths.learned_load import LearnedForcePath, LearnedLoad
+from coop_pin.control.law import Law, LoadTransfer, NearRest
 from coop_pin.control.laws.admittance import (
     Admittance,
     AdmittanceController,
@@ -59,7 +56,8 @@ from coop_pin.control.laws.sliding_mode import (
     SlidingModeState,
 )
 from coop_pin.control.laws.sliding_surface import Saturation, Sign, Switching, Tanh
-from coop_pin.control.learned_load import LearnedForcePath, LearnedLoad
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
+from coop_pin.control.messages import Message
 from coop_pin.control.posture import Posture, PostureGains
 
 __all__ = [
@@ -93,12 +91,14 @@ __all__ = [
     "LeaderFollowerGains",
     "LearnedForcePath",
     "LearnedLoad",
+    "LoadTransfer",
     "LowPassForcePath",
     "MeanPose",
     "MeanPoseByMessages",
     "MeanPoseController",
     "Message",
     "MessageForcePath",
+    "NearRest",
     "NoForcePath",
     "PayloadSpace",
     "PayloadSpaceController",

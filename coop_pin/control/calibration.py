@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.spatial import TaskRows, inverse_pose
-from coop_pin.control.interface import ArmCommand, ArmMeasurement, ArmReference
+from coop_pin.control.controller import ArmCommand
+from coop_pin.control.measurement import ArmMeasurement, ArmReference
 from coop_pin.control.told_law import TellingLaw
 
 

@@ -11,7 +11,7 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import ArgumentError, SingularJacobianError
 from coop_pin.base.spatial.generic_numbers import identity, inverse, require_less
 from coop_pin.base.spatial.task_rows import TaskRows, joint_shortage
-from coop_pin.control.interface import ArmMeasurement, ArmReference
+from coop_pin.control.measurement import ArmMeasurement, ArmReference
 
 CONDITION_LIMIT = 1e6
 """Payload Jacobians with a larger condition number count as singular."""

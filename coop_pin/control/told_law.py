@@ -11,15 +11,9 @@ import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import InvalidStateError
-from coop_pin.control.interface import (
-    ArmCommand,
-    ArmController,
-    ArmMeasurement,
-    ArmReference,
-    CellCommand,
-    CellController,
-    Message,
-)
+from coop_pin.control.controller import ArmCommand, ArmController, CellCommand, CellController
+from coop_pin.control.measurement import ArmMeasurement, ArmReference
+from coop_pin.control.messages import Message
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,8 +20,12 @@ from coop_pin.control import (
     ControlledArm,
     estimator_radius,
 )
-from coop_pin.control.averaged_wrench import AveragedState, ConsensusForcePath, averaged_loop_radius
 from coop_pin.control.consensus import graph_eigenvalues
+from coop_pin.control.force_paths.averaged_wrench import (
+    AveragedState,
+    ConsensusForcePath,
+    averaged_loop_radius,
+)
 from coop_pin.control.laws.mean_pose import ConsensusState
 from coop_pin.description.network import edges_of
 from coop_pin.simulation.build_controller import build_controller

@@ -22,8 +22,7 @@ from coop_pin.base.errors import (
     WrongTypeError,
 )
 from coop_pin.base.spatial import make_pose
-from coop_pin.control import CellController
-from coop_pin.control.interface import CellCommand
+from coop_pin.control import CellCommand, CellController
 from coop_pin.description import Arm, Cell, Payload, PlantOptions, Pose
 from coop_pin.description.cell.cell import grasps_from_configuration
 from coop_pin.description.scenario_file import anchor_files

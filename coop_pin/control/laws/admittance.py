@@ -12,18 +12,13 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import NotNegative, Positive
 from coop_pin.base.spatial.generic_numbers import exp
+from coop_pin.control.bounds import CellTiming
+from coop_pin.control.controller import ArmCommand, ArmController, CellController
+from coop_pin.control.decentralised_law import DecentralisedLaw
 from coop_pin.control.gains import Gains, PositiveRow, RowGain
-from coop_pin.control.interface import (
-    ArmCommand,
-    ArmController,
-    ArmMeasurement,
-    ArmReference,
-    CellController,
-    CellTiming,
-    ControlledArm,
-    Message,
-)
-from coop_pin.control.law import DecentralisedLaw, LawController
+from coop_pin.control.law import LawController
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
+from coop_pin.control.messages import Message
 from coop_pin.control.terms import right_inverse
 from coop_pin.control.told_law import TellingCellLaw
 
@@ -199,7 +194,6 @@ class Admittance(DecentralisedLaw[AdmittanceGains]):
         follows: Source of the followers' desired motion: the "reference", as of every arm, or the "leader".
     """
 
-    uses: ClassVar[tuple[str, ...]] = ("internal wrench", "own wrench")
     equal_gains: ClassVar[dict[str, str]] = {
         "admittance_damping": "else the offsets move the payload: it needs one D"
     }
@@ -213,11 +207,6 @@ class Admittance(DecentralisedLaw[AdmittanceGains]):
     def command_kind(self) -> str:
         """What it commands."""
         return self.command
-
-    @property
-    def is_yielding(self) -> bool:
-        """Whether it commands velocities, and follows the reference."""
-        return self.command == "velocity" and self.follows == "reference"
 
     @property
     def needs(self) -> tuple[str, ...]:

@@ -9,8 +9,9 @@ import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.control.consensus import mean_heard
-from coop_pin.control.interface import ArmCommand, ArmMeasurement, ArmReference
+from coop_pin.control.controller import ArmCommand
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceController, PayloadSpaceState
+from coop_pin.control.measurement import ArmMeasurement, ArmReference
 from coop_pin.control.told_law import TellingLaw, heard
 
 

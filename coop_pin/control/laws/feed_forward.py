@@ -13,7 +13,8 @@ from pydantic import model_validator
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import Description, Matrix, Vector, check_arm_names
-from coop_pin.control.interface import ArmMeasurement, ArmReference, CellCommand, CellController
+from coop_pin.control.controller import CellCommand, CellController
+from coop_pin.control.measurement import ArmMeasurement, ArmReference
 
 
 class FeedForward(Description):

@@ -17,18 +17,12 @@ from coop_pin.base.schema.base import Positive
 from coop_pin.base.spatial import TaskRows, exp3, pose_error
 from coop_pin.control.bounds import SampledLoop
 from coop_pin.control.consensus import ANY_AGE, disagreement, mean_heard, require_consensus
-from coop_pin.control.interface import (
-    ArmCommand,
-    ArmController,
-    ArmMeasurement,
-    ArmReference,
-    CellController,
-    ControlledArm,
-    DecentralisedController,
-)
+from coop_pin.control.controller import ArmCommand, ArmController, CellController, DecentralisedController
+from coop_pin.control.law import LoadTransfer
 from coop_pin.control.laws.agreed_integral import AgreedIntegral
 from coop_pin.control.laws.payload_space import PayloadSpace
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceGains
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.told_law import MemorylessTellingLaw, TellingCellLaw, TellingLaw, further, heard
 
@@ -190,7 +184,6 @@ class MeanPose(PayloadSpace):
             integrals, by AgreedIntegral.
     """
 
-    reads_plan: ClassVar[bool] = False
     later_fields: ClassVar[tuple[str, ...]] = (
         "on_loss",
         "averaging",
@@ -217,6 +210,11 @@ class MeanPose(PayloadSpace):
             detail = f"is 'mean', but {why}; " + ("take 'start'" if self.measures else "state one above 0")
             raise FieldError(detail, "leak_to")
         return self
+
+    @property
+    def load_transfer(self) -> LoadTransfer:
+        """Response of an arm that reads no plan: the mean is of the poses of all."""
+        return super().load_transfer._replace(follows_plan=False)
 
     @property
     def needs(self) -> tuple[str, ...]:

@@ -19,13 +19,12 @@ from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import NotNegative, Positive, number_or_row
 from coop_pin.base.spatial import TaskRows, weight_wrench
 from coop_pin.control.bounds import SampledLoop
-from coop_pin.control.interface import (
-    ArmController,
-    ControlledArm,
-)
+from coop_pin.control.controller import ArmController
+from coop_pin.control.law import LoadTransfer
 from coop_pin.control.laws.bounded_anchor import BoundedAnchor
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceController, PayloadSpaceGains
 from coop_pin.control.laws.sliding_surface import Saturation, SurfaceLaw, Switching
+from coop_pin.control.measurement import ControlledArm
 from coop_pin.control.posture import PostureGains
 from coop_pin.control.steady_state import SteadyDirection
 
@@ -83,7 +82,6 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     }
 
     spare_spring: ClassVar[str] = "controller.posture.stiffness"
-    reads_plan: ClassVar[bool] = True
 
     kind: Literal["payload-space"] = "payload-space"
     switching: Switching = Saturation(width=0.05)
@@ -124,9 +122,10 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
         return self.payload_mass is not None or self.force_path.measures
 
     @property
-    def puts_down(self) -> bool:
-        """Whether it anchors the integral without a bound, which would keep the load that a table gets."""
-        return self.measures and self.gains.anchor_gain > 0.0 and self.anchor_bias == "none"
+    def load_transfer(self) -> LoadTransfer:
+        """Response to the plan; an anchor with a bound would keep the load that a table gets."""
+        is_anchored = self.measures and self.gains.anchor_gain > 0.0
+        return LoadTransfer(follows_plan=True, releases=is_anchored and self.anchor_bias == "none")
 
     @property
     def needs(self) -> tuple[str, ...]:

@@ -13,11 +13,12 @@ import numpy as np
 from coop_pin.base.arrays import Array
 from coop_pin.base.schema.base import NotNegative
 from coop_pin.base.spatial.generic_numbers import identity, known, where
+from coop_pin.control.controller import ArmCommand
 from coop_pin.control.gains import PositiveGain
-from coop_pin.control.interface import ArmCommand, ArmMeasurement, ArmReference
 from coop_pin.control.law import LawController
 from coop_pin.control.laws.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.laws.sliding_surface import SurfaceGains, Switching
+from coop_pin.control.measurement import ArmMeasurement, ArmReference
 from coop_pin.control.posture import Posture, null_space_part
 from coop_pin.control.terms import is_new, jacobian_inverse, right_inverse
 

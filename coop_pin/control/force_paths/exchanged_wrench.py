@@ -11,8 +11,9 @@ import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import InvalidStateError
-from coop_pin.control.force_path import PlainForcePath
-from coop_pin.control.interface import ArmController, ArmMeasurement, ArmReference, ControlledArm
+from coop_pin.control.controller import ArmController
+from coop_pin.control.force_paths.force_path import PlainForcePath
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
 from coop_pin.control.told_law import MemorylessTellingLaw, further, heard
 
 

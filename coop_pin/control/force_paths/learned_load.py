@@ -11,15 +11,10 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.schema.base import NotNegative, Positive
 from coop_pin.base.spatial import weight_wrench
 from coop_pin.control.consensus import disagreement, require_consensus
-from coop_pin.control.exchanged_wrench import less_load, own_wrench
-from coop_pin.control.force_path import PlainForcePath
-from coop_pin.control.interface import (
-    ArmCommand,
-    ArmController,
-    ArmMeasurement,
-    ArmReference,
-    ControlledArm,
-)
+from coop_pin.control.controller import ArmCommand, ArmController
+from coop_pin.control.force_paths.exchanged_wrench import less_load, own_wrench
+from coop_pin.control.force_paths.force_path import PlainForcePath
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
 from coop_pin.control.told_law import TellingLaw, heard
 
 

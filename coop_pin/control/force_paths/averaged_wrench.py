@@ -12,15 +12,10 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import NotNegative, Positive
 from coop_pin.control.consensus import disagreement, graph_eigenvalues
-from coop_pin.control.exchanged_wrench import less_load, own_wrench
-from coop_pin.control.force_path import INSIST, PlainForcePath
-from coop_pin.control.interface import (
-    ArmCommand,
-    ArmController,
-    ArmMeasurement,
-    ArmReference,
-    ControlledArm,
-)
+from coop_pin.control.controller import ArmCommand, ArmController
+from coop_pin.control.force_paths.exchanged_wrench import less_load, own_wrench
+from coop_pin.control.force_paths.force_path import INSIST, PlainForcePath
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
 from coop_pin.control.told_law import TellingLaw, heard
 
 _AT_REST = 1e-9

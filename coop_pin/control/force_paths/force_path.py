@@ -7,7 +7,8 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field
 
 from coop_pin.base.schema.base import Description, WithLaterFields
-from coop_pin.control.interface import ArmController, ControlledArm
+from coop_pin.control.controller import ArmController
+from coop_pin.control.measurement import ControlledArm
 
 INSIST = "or insist with beyond_bound = true"
 """Advice for those who know better than the bounds."""

@@ -1,0 +1,1 @@
+"""Force paths: the ways in which a measured internal wrench reaches a law."""
