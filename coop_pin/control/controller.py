@@ -97,8 +97,8 @@ class ArmController(ABC):
 
     Attributes:
         needs: quantities that it uses besides kinematics: "model", "regressor", "own wrench", "internal
-            wrench" (made of every wrist's wrench), "wrenches of all arms", "told mass", "poses of all arms",
-            "states of all arms", "role", "holding torque" and "start pose", both once.
+            wrench" (made of every wrist's wrench), "wrenches of all arms", "learned mass", "poses of all
+            arms", "states of all arms", "role", "holding torque" and "start pose", both once.
     """
 
     needs: ClassVar[tuple[str, ...]] = ()

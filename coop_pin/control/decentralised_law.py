@@ -77,7 +77,7 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
             if (key := (id(gains), *size)) not in sized:  # equal arms share them
                 sized[key] = gains.sized(*size, path)
             law = self.controller_of(arm, sized[key], scenario)
-            law = self.force_path.law_told(law, arm, scenario)
+            law = self.force_path.wrapped(law, arm, scenario)
             laws[arm.name] = ZeroedController(law, arm.rows, arm.start_pose) if self.zero_at_grasp else law
         return laws
 

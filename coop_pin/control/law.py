@@ -137,7 +137,7 @@ class Law(WithLaterFields):
     def measured(self, needs: Iterable[str]) -> tuple[str, ...]:
         """Return needs with what the force path makes of "internal wrench": nothing if none is measured."""
         path = self.force_path
-        wrench = ("internal wrench",) if path.tells_wrenches else ("own wrench", "told mass")
+        wrench = ("internal wrench",) if path.exchanges_wrenches else ("own wrench", "learned mass")
         replaced = {"internal wrench": wrench if path.measures else ()}
         return tuple(name for need in needs for name in replaced.get(need, (need,)))
 

@@ -1,8 +1,11 @@
-"""Messages between arms."""
+"""Messages between arms, and their named parts."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
 
 from coop_pin.base.arrays import Array
 
@@ -17,3 +20,29 @@ class Message(NamedTuple):
 
     numbers: Array
     age: float
+
+
+Messages: TypeAlias = Mapping[str, Message]
+"""Messages by sender."""
+Parts: TypeAlias = Mapping[str, Array]
+"""Numbers of a message by name, in the order in which they are sent."""
+
+
+def packed(parts: Parts, rest: Array) -> Array:
+    """Return a message of named parts and the numbers that follow them, shape (w,)."""
+    return np.concatenate([*parts.values(), rest])
+
+
+def unpacked(messages: Messages, parts: Parts) -> tuple[dict[str, Messages], Messages]:
+    """Return the messages of each part by its name, and those of the numbers that follow the parts.
+
+    Args:
+        messages: Messages of equal parts.
+        parts: Parts of the same sizes.
+    """
+    by_part, rest = dict[str, Messages](), messages
+    for name, part in parts.items():
+        size = len(part)
+        by_part[name] = {sender: Message(one.numbers[:size], one.age) for sender, one in rest.items()}
+        rest = {sender: Message(one.numbers[size:], one.age) for sender, one in rest.items()}
+    return by_part, rest

@@ -1,4 +1,4 @@
-"""Internal wrench of an arm, formed from the wrist wrenches that all arms tell each other."""
+"""Internal wrench of an arm by the wrist wrenches of all arms, exchanged as messages."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import InvalidStateError
 from coop_pin.control.controller import ArmController
 from coop_pin.control.force_paths.force_path import PlainForcePath
+from coop_pin.control.law_wrapper import Exchange, LawWrapper, WrappedState
 from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
-from coop_pin.control.told_law import MemorylessTellingLaw, further, heard
+from coop_pin.control.messages import Parts
 
 
 @dataclass(frozen=True, eq=False)
-class ExchangedWrench(MemorylessTellingLaw):
-    """A law that measures the internal wrench by messages: ``f_i = F_i - c_i sum_j F_j``.
+class ExchangedWrench(LawWrapper):
+    """Law that measures the internal wrench by messages: ``f_i = F_i - c_i sum_j F_j``.
 
-    Every arm says its wrist wrench about P in world axes and the age of that sample, k_0 + 1 numbers, then
-    what its law says. All F_j, its own among them, are those that were sent: equal sets at all arms make f_i
-    that sum to zero and do not move the payload. f_i is as old as the oldest of them, and f_d before all are
-    there. Where one is lost, sets differ by what the wrenches changed since.
+    Every arm sends its wrist wrench about P in world axes and the age of that sample, k_0 + 1 numbers. All
+    F_j, its own among them, are those that were sent: equal sets at all arms make f_i that sum to zero and do
+    not move the payload. f_i is as old as the oldest of them, and f_d before all are there. Where one is
+    lost, sets differ by what the wrenches changed since.
 
     The network's delay adds to that of the wrists: the anchor gain is stable below ``anchor_gain_bound`` of
     both, 2 sin(pi / (4 D + 2)) without a filter.
@@ -34,27 +35,24 @@ class ExchangedWrench(MemorylessTellingLaw):
         arm: Numbers of the arm; c_i is its load share where references name none.
     """
 
-    needs: ClassVar[tuple[str, ...]] = ("messages", "wrenches of all arms")
-
     arm: ControlledArm
 
-    def said(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
-        """Return F_i and the age of its sample, shape (k_0 + 1,)."""
-        return np.append(own_wrench(measurement, self.arm), measurement.interaction_wrench_age)
+    def sent(self, measurement: ArmMeasurement, reference: ArmReference, state: WrappedState) -> Parts:
+        """Return F_i and the age of its sample."""
+        age = np.atleast_1d(measurement.interaction_wrench_age)
+        return {"wrench": own_wrench(measurement, self.arm), "wrench_age": age}
 
-    def seen(self, measurement: ArmMeasurement, reference: ArmReference) -> ArmMeasurement:
-        """Return the measurement with the internal wrench, and the messages of the law."""
-        k_0, messages = len(measurement.payload_twist), heard(measurement)
-        wrenches = [message.numbers[:k_0] for message in messages.values()]
-        ages = [message.age + message.numbers[k_0] for message in messages.values()]
-        f = messages[self.arm.name].numbers[:k_0] - reference.share(self.arm) * reduce(add, wrenches)
+    def transformed(
+        self, measurement: ArmMeasurement, reference: ArmReference, memory: Any, exchange: Exchange
+    ) -> tuple[ArmMeasurement, Any]:
+        """Return the measurement with the internal wrench."""
+        wrenches, ages = exchange.received["wrench"], exchange.received["wrench_age"]
+        total = reduce(add, [F.numbers for F in wrenches.values()])
+        age = reduce(np.maximum, [late.age + late.numbers[0] for late in ages.values()])
+        f = wrenches[self.arm.name].numbers - reference.share(self.arm) * total
         f_d = self.arm.rows.turn(measurement.payload_pose, reference.internal_wrench)
-        age = reduce(np.maximum, ages)
-        return measurement._replace(
-            internal_wrench=np.where(age < np.inf, f, f_d),
-            internal_wrench_age=age,
-            messages=further(measurement, k_0 + 1),
-        )
+        f = np.where(age < np.inf, f, f_d)
+        return measurement._replace(internal_wrench=f, internal_wrench_age=age), memory
 
 
 def own_wrench(measurement: ArmMeasurement, arm: ControlledArm) -> Array:
@@ -69,7 +67,7 @@ def own_wrench(measurement: ArmMeasurement, arm: ControlledArm) -> Array:
 
 
 def less_load(
-    measurement: ArmMeasurement, reference: ArmReference, arm: ControlledArm, load: Array, size: int
+    measurement: ArmMeasurement, reference: ArmReference, arm: ControlledArm, load: Array
 ) -> ArmMeasurement:
     """Return a measurement with F_i - c_i load for the internal wrench, f_d before the wrist's first sample.
 
@@ -78,14 +76,12 @@ def less_load(
         reference: Reference of the arm.
         arm: Numbers of the arm.
         load: Wrench of the payload on all arms, shape (k_0,).
-        size: Number of numbers of a message that are not the law's.
     """
     age, F = measurement.interaction_wrench_age, own_wrench(measurement, arm)
     f_d = arm.rows.turn(measurement.payload_pose, reference.internal_wrench)
     return measurement._replace(
         internal_wrench=np.where(age < np.inf, F - reference.share(arm) * load, f_d),
         internal_wrench_age=age,
-        messages=further(measurement, size),
     )
 
 
@@ -96,6 +92,6 @@ class MessageForcePath(PlainForcePath):
 
     kind: Literal["messages"] = "messages"
 
-    def law_told(self, law: ArmController, arm: ControlledArm, scenario: Any) -> ArmController:
-        """Return the law of an arm, told by ExchangedWrench."""
+    def wrapped(self, law: ArmController, arm: ControlledArm, scenario: Any) -> ArmController:
+        """Return the law of an arm in an ExchangedWrench."""
         return ExchangedWrench(law, arm)

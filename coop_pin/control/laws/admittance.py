@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -17,10 +17,10 @@ from coop_pin.control.controller import ArmCommand, ArmController, CellControlle
 from coop_pin.control.decentralised_law import DecentralisedLaw
 from coop_pin.control.gains import Gains, PositiveRow, RowGain
 from coop_pin.control.law import LawController
+from coop_pin.control.law_wrapper import CellLawWrapper
 from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
-from coop_pin.control.messages import Message
+from coop_pin.control.messages import Messages, Parts, packed, unpacked
 from coop_pin.control.terms import right_inverse
-from coop_pin.control.told_law import TellingCellLaw
 
 
 class AdmittanceState(NamedTuple):
@@ -100,10 +100,7 @@ class AdmittanceController(LawController[AdmittanceGains]):
 
     def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
         """Return u and c, shape (k_0 + 1,); nothing where the internal wrench is measured, or F is not."""
-        if measurement.internal_wrench is not None or measurement.interaction_wrench is None:
-            return np.zeros(0)
-        f_d = self.arm.rows.turn(measurement.payload_pose, reference.internal_wrench)
-        return np.append(measurement.interaction_wrench - f_d, reference.share(self.arm))
+        return packed(self._sent(measurement, reference), np.zeros(0))
 
     def step(
         self, measurement: ArmMeasurement, reference: ArmReference, state: AdmittanceState
@@ -129,6 +126,14 @@ class AdmittanceController(LawController[AdmittanceGains]):
         q_c = state.command + step + T * self._spare(J, J_plus, state.start - state.command)
         return ArmCommand(position=q_c, state=AdmittanceState(d, V_a, state.start, q_c))
 
+    def _sent(self, measurement: ArmMeasurement, reference: ArmReference) -> Parts:
+        """Return the parts of the message."""
+        F = measurement.interaction_wrench
+        if measurement.internal_wrench is not None or F is None:
+            return {}
+        f_d = self.arm.rows.turn(measurement.payload_pose, reference.internal_wrench)
+        return {"error": F - f_d, "share": np.atleast_1d(reference.share(self.arm))}
+
     def _wrench_error(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
         """Return w, shape (k_0,)."""
         arm = self.arm
@@ -136,7 +141,8 @@ class AdmittanceController(LawController[AdmittanceGains]):
         if measurement.internal_wrench is not None:
             return measurement.internal_wrench - f_d
         if measurement.messages is not None:
-            return _disagreement(measurement.messages, arm.name)
+            received, _ = unpacked(measurement.messages, self._sent(measurement, reference))
+            return _disagreement(received["error"], received["share"], arm.name)
         if measurement.interaction_wrench is not None:
             return measurement.interaction_wrench - f_d - arm.load_share * self.gains.payload_weight
         return np.zeros(arm.rows.size)
@@ -148,24 +154,25 @@ class AdmittanceController(LawController[AdmittanceGains]):
         return self.gains.spare_rate * (way - J_plus.dot(J.dot(way)))
 
 
-def _disagreement(messages: Mapping[str, Message], name: str) -> Array:
-    """Return the sum of c_j u_i - c_i u_j of the arms j that an arm i hears, its own as sent, shape (k_0,).
+def _disagreement(errors: Messages, shares: Messages, name: str) -> Array:
+    """Return the sum of c_j u_i - c_i u_j over the neighbours j of an arm i, its own as sent, shape (k_0,).
 
     Args:
-        messages: u and c of each arm, shape (k_0 + 1,).
+        errors: u of each arm.
+        shares: c of each arm.
         name: name of the arm i.
     """
-    u, c, largest = messages[name].numbers[:-1], messages[name].numbers[-1], np.finfo(float).max
+    u, c, largest = errors[name].numbers, shares[name].numbers, np.finfo(float).max
     total = 0.0 * u
-    for other, (numbers, age) in messages.items():
+    for other, (u_j, age) in errors.items():
         if other != name:  # silent so far: nothing to agree with
-            total = total + np.where(age <= largest, numbers[-1] * u - c * numbers[:-1], 0.0)
+            total = total + np.where(age <= largest, shares[other].numbers * u - c * u_j, 0.0)
     return total
 
 
 @dataclass(frozen=True, eq=False)
-class FollowingController(TellingCellLaw):
-    """A law whose followers take the motion of the first arm, as that sees it, for the desired one.
+class FollowingController(CellLawWrapper):
+    """Law whose followers take the motion of the first arm, as that sees it, for the desired one.
 
     Leader and follower by position: Luh and Zheng (1987), "Constrained relations between two coordinated
     industrial robots for motion control"::
@@ -177,7 +184,7 @@ class FollowingController(TellingCellLaw):
 
     needs: ClassVar[tuple[str, ...]] = ("poses of all arms", "role")
 
-    def seen(
+    def transformed(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
     ) -> tuple[Sequence[ArmMeasurement], Sequence[ArmReference]]:
         """Return the measurements, and the references, those of followers with the leader's motion."""

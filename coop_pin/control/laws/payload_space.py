@@ -213,7 +213,11 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
 
     def steady_directions(self, rows: TaskRows, loop: SampledLoop, period: float) -> list[SteadyDirection]:
         """Return K gamma and the integral K alpha phi(gamma x) in each linear task row."""
-        gains, internal, phi = self.gains.sized(rows.size, 0), self.force_path.tells_wrenches, self.switching
+        gains, internal, phi = (
+            self.gains.sized(rows.size, 0),
+            self.force_path.exchanges_wrenches,
+            self.switching,
+        )
         beta, leak = gains.anchor_gain / (loop.every * period), self._leak(gains)
         anchored = self.measures and beta > 0.0
         linear = np.flatnonzero(rows.are_linear)
