@@ -10,7 +10,6 @@ from coop_pin.control.controller import (
     CellController,
     DecentralisedController,
 )
-from coop_pin.control.decentralised_law import DecentralisedLaw
 from coop_pin.control.force_paths.averaged_wrench import (
     AveragedWrench,
     ConsensusForcePath,
@@ -20,7 +19,7 @@ from coop_pin.control.force_paths.averaged_wrench import (
 from coop_pin.control.force_paths.exchanged_wrench import ExchangedWrench, MessageForcePath
 from coop_pin.control.force_paths.force_path import LateForcePath, LowPassForcePath, NoForcePath
 from coop_pin.control.force_paths.learned_load import LearnedForcePath, LearnedLoad
-from coop_pin.control.law import Law, LoadTransfer, NearRest
+from coop_pin.control.law import DecentralisedLaw, Law, LoadTransfer
 from coop_pin.control.laws.admittance import (
     Admittance,
     AdmittanceController,
@@ -56,9 +55,9 @@ from coop_pin.control.laws.sliding_mode import (
     SlidingModeState,
 )
 from coop_pin.control.laws.sliding_surface import Saturation, Sign, Switching, Tanh
-from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
-from coop_pin.control.messages import Message
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm, Message
 from coop_pin.control.posture import Posture, PostureGains
+from coop_pin.control.steady_state import NearRest
 
 __all__ = [
     "Admittance",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.spatial import TaskRows, inverse_pose
-from coop_pin.control.law_wrapper import Exchange, LawWrapper, WrappedState
+from coop_pin.control.law_wrapper import LawWrapper, Parts, Received, WrappedState
 from coop_pin.control.measurement import ArmMeasurement, ArmReference
 
 
@@ -42,7 +42,12 @@ class ZeroedController(LawWrapper):
         return super().message(self._zeroed(measurement, offset), reference, state)
 
     def transformed(
-        self, measurement: ArmMeasurement, reference: ArmReference, memory: Array, exchange: Exchange
+        self,
+        measurement: ArmMeasurement,
+        reference: ArmReference,
+        memory: Array,
+        sent: Parts,
+        received: Received,
     ) -> tuple[ArmMeasurement, Array]:
         """Return the corrected measurement, and the same correction."""
         return self._zeroed(measurement, memory), memory

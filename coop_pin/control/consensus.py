@@ -11,7 +11,7 @@ import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError
-from coop_pin.control.messages import Messages
+from coop_pin.control.measurement import Messages
 
 Edges = Collection[tuple[str, str]]
 """Pairs of sender and receiver."""

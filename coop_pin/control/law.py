@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, Literal, NamedTuple, Self, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
-from pydantic import PrivateAttr, SerializerFunctionWrapHandler, model_serializer
+from pydantic import Field, PrivateAttr, SerializerFunctionWrapHandler, model_serializer
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError
-from coop_pin.base.schema.base import WithLaterFields
+from coop_pin.base.schema.base import WithLaterFields, unknown_arms
 from coop_pin.base.schema.parts import fields_of
-from coop_pin.base.spatial.task_rows import TaskRows
+from coop_pin.base.spatial.task_rows import TaskRows, joint_shortage
 from coop_pin.control.bounds import (
     CellTiming,
     ForcePath,
@@ -22,40 +22,15 @@ from coop_pin.control.bounds import (
     force_gain_problems,
     sampled_loop,
 )
-from coop_pin.control.controller import ArmController, CellController
-from coop_pin.control.force_paths.force_path import NoForcePath
+from coop_pin.control.calibration import ZeroedController
+from coop_pin.control.controller import ArmController, CellController, DecentralisedController
+from coop_pin.control.force_paths.force_path import INSIST, NoForcePath
 from coop_pin.control.gains import Gains
 from coop_pin.control.measurement import ControlledArm
-from coop_pin.control.steady_state import SteadyDirection
+from coop_pin.control.steady_state import NearRest, SteadyDirection
 
 _WRITTEN_FIRST = ("kind", "target", "options", "gains", "arm_gains", "switching", "force_path")
 """Fields in the order in which a law is written; the keys of stored runs depend on it."""
-
-
-INFORMATION: Mapping[str, set[str]] = {
-    "internal wrench": {"internal wrench", "wrenches of all arms"},
-    "own wrench": {"own wrench"},
-    "exchanged poses": {"poses of all arms"},
-    "agreed start": {"holding torque", "start pose"},
-}
-"""Classes of what laws measure, the largest first, and the needs that make a law one of them."""
-
-
-class NearRest(NamedTuple):
-    """Model of a law near rest on the reference.
-
-    Attributes:
-        integral: Kind of its integral of the error; that of a sign has no linear model.
-        linear_speed: Speed up to which the damping is linear, m/s or rad/s; of laws that add signs, beyond
-            which.
-        spare_spring: Path of the field with the spring of spare joints; empty if the law has none.
-        is_zeroed: Whether the arms place their payload frames at the start pose, once.
-    """
-
-    integral: Literal["none", "linear", "sign"] = "none"
-    linear_speed: float = 1.0
-    spare_spring: str = ""
-    is_zeroed: bool = False
 
 
 class LoadTransfer(NamedTuple):
@@ -125,14 +100,6 @@ class Law(WithLaterFields):
     def needs(self) -> tuple[str, ...]:
         """Quantities that the law uses besides kinematics in its scenario, as of ``ArmController.needs``."""
         return self.measured(self.uses)
-
-    @property
-    def information(self) -> str:
-        """Class of what the law has besides its own arm's joints: "model" with the first of INFORMATION."""
-        needs = {*self.needs}
-        model = ["model"] if needs & {"model", "regressor"} else []
-        measured = [name for name, of in INFORMATION.items() if needs & of][:1]
-        return ", ".join(model + measured) or "blind"
 
     def measured(self, needs: Iterable[str]) -> tuple[str, ...]:
         """Return needs with what the force path makes of "internal wrench": nothing if none is measured."""
@@ -254,3 +221,91 @@ class LawController(ArmController, Generic[G]):
 
     arm: ControlledArm
     gains: G
+
+
+class DecentralisedLaw(ParametricLaw[G], Generic[G]):
+    """A law of one arm, for every arm of the cell.
+
+    Attributes:
+        arm_gains: Gains of single arms, in place of ``gains``.
+        zero_at_grasp: Whether each arm places its payload frame at the scenario's start pose, once: a
+            kinematic bias fixed in its tip vanishes.
+    """
+
+    equal_gains: ClassVar[Mapping[str, str]] = {}
+    """Gains that must be the same for all arms, and why."""
+    needs_square: ClassVar[bool] = False
+    """Whether an arm must have exactly as many joints as task rows."""
+
+    arm_gains: dict[str, G] = Field(default_factory=dict)
+    zero_at_grasp: bool = False
+
+    @property
+    def near_rest(self) -> NearRest:
+        """Model of the law near rest."""
+        return super().near_rest._replace(is_zeroed=self.zero_at_grasp)
+
+    def gains_of(self, arm: str) -> G:
+        """Return the gains of one arm."""
+        return self.arm_gains.get(arm, self.gains)
+
+    def measured(self, needs: Iterable[str]) -> tuple[str, ...]:
+        """Return needs as of any law, and the start pose where the arms place themselves by it."""
+        return super().measured([*needs, "start pose"] if self.zero_at_grasp else needs)
+
+    @abstractmethod
+    def controller_of(self, arm: ControlledArm, gains: G, scenario: Any) -> ArmController:
+        """Return the controller of one arm.
+
+        Args:
+            arm: The arm.
+            gains: Gains of the arm, those of rows and drives as arrays.
+            scenario: Scenario to run, for laws that build a model.
+        """
+
+    def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
+        """Return the controller; see Law."""
+        return DecentralisedController(self.controllers(scenario, arms))
+
+    def controllers(self, scenario: Any, arms: Iterable[ControlledArm]) -> dict[str, ArmController]:
+        """Return the controllers of all arms by name; arguments and errors as of ``build``."""
+        laws, sized = dict[str, ArmController](), dict[tuple[int, ...], G]()
+        for arm in arms:
+            self._require_joints(arm)
+            path = f"controller.arm_gains.{arm.name}" if arm.name in self.arm_gains else "controller.gains"
+            gains, size = self.gains_of(arm.name), (arm.rows.size, arm.drives)
+            if (key := (id(gains), *size)) not in sized:  # equal arms share them
+                sized[key] = gains.sized(*size, path)
+            law = self.controller_of(arm, sized[key], scenario)
+            law = self.force_path.wrapped(law, arm, scenario)
+            laws[arm.name] = ZeroedController(law, arm.rows, arm.start_pose) if self.zero_at_grasp else law
+        return laws
+
+    def _require_joints(self, arm: ControlledArm) -> None:
+        """Refuse an arm with too few joints for the task rows, or too many for the printed law."""
+        k, k_0 = arm.drives, arm.rows.size
+        if k < k_0:
+            count, joints = "at least", joint_shortage(k, k_0)
+        elif self.needs_square and k > k_0:
+            remedy = "choose 'sliding-mode-redundant' or 'payload-space'"
+            count, joints = "exactly", f"{k} joints, {k_0} task rows: {remedy}"
+        else:
+            return
+        expected = f"{count} as many joints as task rows; arm {arm.name!r} has {joints}"
+        raise FieldError(f"is {self.kind!r}, which needs {expected}", "controller.kind")
+
+    def problems(self, cell: CellTiming) -> list[FieldError]:
+        """Return gains of arms that are not there, that must be equal, or with which feedback is unstable."""
+        if strangers := unknown_arms(self.arm_gains, cell.arms):
+            return [problem.below("arm_gains") for problem in strangers]
+        return [*self._unequal(cell.arms), *self.feedback_problems(cell)]
+
+    def _unequal(self, arms: Sequence[str]) -> list[FieldError]:
+        """Return the gains that differ between arms although the theory needs one value for all."""
+        problems: list[FieldError] = []
+        for field, reason in self.equal_gains.items() if self.arm_gains else ():
+            values = {name: fields_of(self.gains_of(name))[field] for name in arms}
+            if len(set(values.values())) > 1:
+                detail = f"differs between arms: {values}; {reason} for all arms"
+                problems.append(FieldError(f"{detail}. Make them equal, {INSIST}", f"arm_gains.*.{field}"))
+        return problems

@@ -5,14 +5,39 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import InvalidStateError
 from coop_pin.control.controller import ArmCommand, ArmController, CellCommand, CellController
-from coop_pin.control.measurement import ArmMeasurement, ArmReference
-from coop_pin.control.messages import Messages, Parts, packed, unpacked
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, Message, Messages
+
+Parts: TypeAlias = Mapping[str, Array]
+"""Numbers of a message by name, in the order in which they are sent."""
+Received: TypeAlias = Mapping[str, Messages]
+"""Messages of each part, by its name."""
+
+
+def packed(parts: Parts, rest: Array) -> Array:
+    """Return a message of named parts and the numbers that follow them, shape (w,)."""
+    return np.concatenate([*parts.values(), rest])
+
+
+def unpacked(messages: Messages, parts: Parts) -> tuple[dict[str, Messages], Messages]:
+    """Return the messages of each part by its name, and those of the numbers that follow the parts.
+
+    Args:
+        messages: Messages of equal parts.
+        parts: Parts of the same sizes.
+    """
+    by_part, rest = dict[str, Messages](), messages
+    for name, part in parts.items():
+        size = len(part)
+        by_part[name] = {sender: Message(one.numbers[:size], one.age) for sender, one in rest.items()}
+        rest = {sender: Message(one.numbers[size:], one.age) for sender, one in rest.items()}
+    return by_part, rest
 
 
 class WrappedState(NamedTuple):
@@ -25,18 +50,6 @@ class WrappedState(NamedTuple):
 
     memory: Any
     law: Any
-
-
-class Exchange(NamedTuple):
-    """Messages of a wrapper at a tick, by the names of their parts.
-
-    Attributes:
-        sent: Parts of this arm's message.
-        received: Messages of all arms that it hears, its own among them as it was sent, by part and sender.
-    """
-
-    sent: Parts = MappingProxyType({})
-    received: Mapping[str, Messages] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +84,12 @@ class LawWrapper(ArmController):
 
     @abstractmethod
     def transformed(
-        self, measurement: ArmMeasurement, reference: ArmReference, memory: Any, exchange: Exchange
+        self,
+        measurement: ArmMeasurement,
+        reference: ArmReference,
+        memory: Any,
+        sent: Parts,
+        received: Received,
     ) -> tuple[ArmMeasurement, Any]:
         """Return the measurement for the law, and the memory for the next tick.
 
@@ -79,19 +97,20 @@ class LawWrapper(ArmController):
             measurement: Measurement, with the messages of the law.
             reference: Reference.
             memory: Memory of the wrapper.
-            exchange: Messages of the wrapper.
+            sent: Parts of this arm's message.
+            received: Messages of all arms that it hears, its own among them as it was sent, of each part.
         """
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> WrappedState:
         """Return the memory at t_0 and the law's state there; raises as the law."""
         state = WrappedState(self.start(measurement, reference), None)
-        inner, _ = self.received(measurement, reference, state)
-        return state._replace(law=self.law.init(inner, reference))
+        measurement, _ = self.inner(measurement, reference, state)
+        return state._replace(law=self.law.init(measurement, reference))
 
     def step(self, measurement: ArmMeasurement, reference: ArmReference, state: WrappedState) -> ArmCommand:
         """Return the command of the law, and the next state; raises as the law."""
-        inner, memory = self.received(measurement, reference, state)
-        command = self.law.step(inner, reference, state.law)
+        measurement, memory = self.inner(measurement, reference, state)
+        command = self.law.step(measurement, reference, state.law)
         return replace(command, state=WrappedState(memory, command.state))
 
     def message(
@@ -106,21 +125,21 @@ class LawWrapper(ArmController):
         """Return the remarks of the law."""
         return self.law.remarks(pose, state.law)
 
-    def received(
+    def inner(
         self, measurement: ArmMeasurement, reference: ArmReference, state: WrappedState
     ) -> tuple[ArmMeasurement, Any]:
-        """Return what ``transformed`` makes of a measurement and its messages.
+        """Return the measurement for the law and the next memory, by ``transformed``.
 
         Raises:
             InvalidStateError: the wrapper sends messages, and there are none.
         """
-        exchange = Exchange(self.sent(measurement, reference, state))
-        if exchange.sent:
+        sent, received = self.sent(measurement, reference, state), dict[str, Messages]()
+        if sent:
             if measurement.messages is None:
                 raise InvalidStateError("the law receives no messages; give the scenario a network")
-            received, rest = unpacked(measurement.messages, exchange.sent)
-            measurement, exchange = measurement._replace(messages=rest), exchange._replace(received=received)
-        return self.transformed(measurement, reference, state.memory, exchange)
+            received, rest = unpacked(measurement.messages, sent)
+            measurement = measurement._replace(messages=rest)
+        return self.transformed(measurement, reference, state.memory, sent, received)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,13 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.base.spatial.task_rows import TaskRows
-from coop_pin.control.messages import Message
+
+
+class Message(NamedTuple):
+    """Latest message that an arm has received from a neighbour.
+
+    Attributes:
+        numbers: numbers of the message, rounded as they were sent, shape (w,); zero before the first.
+        age: ticks since it was sent; inf before the first.
+    """
+
+    numbers: Array
+    age: float
+
+
+Messages: TypeAlias = Mapping[str, Message]
+"""Messages by sender."""
 
 
 class ArmMeasurement(NamedTuple):

@@ -8,9 +8,8 @@ from typing import Any, ClassVar, Generic, Literal, TypeVar
 from coop_pin.base.schema.base import Description, Interval, NotNegative, Positive
 from coop_pin.base.schema.user_code import load_class
 from coop_pin.control import ArmController, CellController, ControlledArm
-from coop_pin.control.decentralised_law import DecentralisedLaw
 from coop_pin.control.gains import Gains, PositiveRow
-from coop_pin.control.law import ParametricLaw
+from coop_pin.control.law import DecentralisedLaw, ParametricLaw
 
 
 class ModelFactors(Description):

@@ -292,11 +292,10 @@ def test_graphs_and_gains_are_checked(path, network, where):
 def test_they_need_a_network_and_wrists():
     kinds = ("consensus", "learned-load")
     laws = {kind: in_a_line("three planar", {"kind": kind}).controller for kind in kinds}
-    assert {kind: law.information for kind, law in laws.items()} == {
-        "consensus": "internal wrench",
-        "learned-load": "own wrench",
+    assert {kind: law.needs for kind, law in laws.items()} == {
+        "consensus": ("poses of all arms", "holding torque", "internal wrench"),
+        "learned-load": ("poses of all arms", "holding torque", "own wrench", "learned mass"),
     }
-    assert "learned mass" in laws["learned-load"].needs
     for missing in ({"network": None}, {"sensors.wrist": None}):
         with pytest.raises(ScenarioError, match=r"network|wrist"):
             in_a_line("three planar", {"kind": "consensus"}, **missing)

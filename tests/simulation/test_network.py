@@ -25,7 +25,7 @@ from coop_pin.control import (
     consensus_bound,
 )
 from coop_pin.control.consensus import laplacian
-from coop_pin.control.law_wrapper import Exchange, WrappedState
+from coop_pin.control.law_wrapper import WrappedState
 from coop_pin.description.network import edges_of
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.cell_arm import CellArm
@@ -104,10 +104,10 @@ class LateMean(MeanPoseController):
             for one in measurements
         ]
         means = seen if views is None else [sum(views) / len(views)] * len(seen)
-        exchanges = [Exchange({"view": mean}, {"view": {"": Message(mean, 0.0)}}) for mean in means]
+        law_of_mean = MeanPoseByMessages(None, "")
         placed = [
-            MeanPoseByMessages(None, "").transformed(measured, desired, (), exchange)[0]
-            for measured, desired, exchange in zip(measurements, references, exchanges, strict=True)
+            law_of_mean.transformed(one, desired, (), {"view": mean}, {"view": {"": Message(mean, 0.0)}})[0]
+            for one, desired, mean in zip(measurements, references, means, strict=True)
         ]
         command = self.law.step(placed, references, law)
         return cp.CellCommand(command.torques, (command.state, seen))
@@ -362,11 +362,9 @@ def test_no_drift_in_ten_minutes_in_space():
 class ExactOwn(MeanPoseByMessages):
     """Averages its own view as it is, and those of the others as they were sent."""
 
-    def transformed(self, measurement, reference, memory, exchange):
-        views = exchange.received["view"] | {self.name: Message(exchange.sent["view"], 0.0)}
-        return super().transformed(
-            measurement, reference, memory, exchange._replace(received={"view": views})
-        )
+    def transformed(self, measurement, reference, memory, sent, received):
+        views = received["view"] | {self.name: Message(sent["view"], 0.0)}
+        return super().transformed(measurement, reference, memory, sent, {"view": views})
 
 
 @pytest.mark.slow
@@ -411,7 +409,7 @@ def test_integrals_of_unequal_arms_come_to_their_mean_at_the_rate_of_the_leak(ce
     run, gained = cp.Simulation(scenario, build_controller(scenario)), []
     while not run.is_finished:
         run.tick()
-        Z = np.array([state.law.law.integral - state.law.memory for state in run.controller_state])
+        Z = np.array([state.law.law.integral.value - state.law.memory for state in run.controller_state])
         gained.append(Z / scenario.cell.shares[:, None])
     apart = np.linalg.norm(gained - np.mean(gained, axis=1, keepdims=True), axis=(1, 2))
     period = scenario.clock.period

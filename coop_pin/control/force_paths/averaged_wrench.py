@@ -15,9 +15,8 @@ from coop_pin.control.consensus import disagreement, graph_eigenvalues
 from coop_pin.control.controller import ArmController
 from coop_pin.control.force_paths.exchanged_wrench import less_load, own_wrench
 from coop_pin.control.force_paths.force_path import INSIST, PlainForcePath
-from coop_pin.control.law_wrapper import Exchange, LawWrapper, WrappedState
+from coop_pin.control.law_wrapper import LawWrapper, Parts, Received, WrappedState
 from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
-from coop_pin.control.messages import Parts
 
 _AT_REST = 1e-9
 """Distance from 1 of a factor that counts as it: of an integral without an anchor."""
@@ -76,13 +75,16 @@ class AveragedWrench(LawWrapper):
         return {"mean": np.where(age < np.inf, nu, F), "correction": eta}
 
     def transformed(
-        self, measurement: ArmMeasurement, reference: ArmReference, memory: AveragedState, exchange: Exchange
+        self,
+        measurement: ArmMeasurement,
+        reference: ArmReference,
+        memory: AveragedState,
+        sent: Parts,
+        received: Received,
     ) -> tuple[ArmMeasurement, AveragedState]:
         """Return the measurement with the internal wrench, and the next nu and eta."""
-        F, path, nu = own_wrench(measurement, self.arm), self.path, exchange.sent["mean"]
-        nu_apart, eta_apart = (
-            disagreement(self.arm.name, exchange.received[part]) for part in ("mean", "correction")
-        )
+        F, path, nu = own_wrench(measurement, self.arm), self.path, sent["mean"]
+        nu_apart, eta_apart = (disagreement(self.arm.name, received[part]) for part in ("mean", "correction"))
         change = path.input_gain * (F - nu) - path.proportional_gain * nu_apart
         following = AveragedState(
             nu + change + path.integral_gain * eta_apart,

@@ -13,9 +13,8 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import InvalidStateError
 from coop_pin.control.controller import ArmController
 from coop_pin.control.force_paths.force_path import PlainForcePath
-from coop_pin.control.law_wrapper import Exchange, LawWrapper, WrappedState
+from coop_pin.control.law_wrapper import LawWrapper, Parts, Received, WrappedState
 from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
-from coop_pin.control.messages import Parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,10 +42,15 @@ class ExchangedWrench(LawWrapper):
         return {"wrench": own_wrench(measurement, self.arm), "wrench_age": age}
 
     def transformed(
-        self, measurement: ArmMeasurement, reference: ArmReference, memory: Any, exchange: Exchange
+        self,
+        measurement: ArmMeasurement,
+        reference: ArmReference,
+        memory: Any,
+        sent: Parts,
+        received: Received,
     ) -> tuple[ArmMeasurement, Any]:
         """Return the measurement with the internal wrench."""
-        wrenches, ages = exchange.received["wrench"], exchange.received["wrench_age"]
+        wrenches, ages = received["wrench"], received["wrench_age"]
         total = reduce(add, [F.numbers for F in wrenches.values()])
         age = reduce(np.maximum, [late.age + late.numbers[0] for late in ages.values()])
         f = wrenches[self.arm.name].numbers - reference.share(self.arm) * total

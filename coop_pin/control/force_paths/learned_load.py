@@ -14,9 +14,8 @@ from coop_pin.control.consensus import disagreement, require_consensus
 from coop_pin.control.controller import ArmController
 from coop_pin.control.force_paths.exchanged_wrench import less_load, own_wrench
 from coop_pin.control.force_paths.force_path import PlainForcePath
-from coop_pin.control.law_wrapper import Exchange, LawWrapper, WrappedState
+from coop_pin.control.law_wrapper import LawWrapper, Parts, Received, WrappedState
 from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
-from coop_pin.control.messages import Parts
 
 
 class LearnedState(NamedTuple):
@@ -74,14 +73,19 @@ class LearnedLoad(LawWrapper):
         return {"belief": state.memory.belief - state.memory.correction}
 
     def transformed(
-        self, measurement: ArmMeasurement, reference: ArmReference, memory: LearnedState, exchange: Exchange
+        self,
+        measurement: ArmMeasurement,
+        reference: ArmReference,
+        memory: LearnedState,
+        sent: Parts,
+        received: Received,
     ) -> tuple[ArmMeasurement, LearnedState]:
         """Return the measurement with the internal wrench, and the next u, z and V."""
-        F, V, x = own_wrench(measurement, self.arm), measurement.payload_twist, exchange.sent["belief"]
+        F, V, x = own_wrench(measurement, self.arm), measurement.payload_twist, sent["belief"]
         phi = self._wrench_of_a_kilogram((V - memory.twist) / self.arm.period)
         precision = np.where(measurement.interaction_wrench_age < np.inf, self.path.force_deviation**-2, 0.0)
         news = precision * np.array([self.arms * phi.dot(F), phi.dot(phi)])
-        apart = disagreement(self.arm.name, exchange.received["belief"])
+        apart = disagreement(self.arm.name, received["belief"])
         z = memory.correction + self.path.consensus_gain * apart
         load = x[0] / x[1] * self._wrench_of_a_kilogram(reference.acceleration)
         inner = less_load(measurement, reference, self.arm, load)

@@ -14,12 +14,10 @@ from coop_pin.base.schema.base import NotNegative, Positive
 from coop_pin.base.spatial.generic_numbers import exp
 from coop_pin.control.bounds import CellTiming
 from coop_pin.control.controller import ArmCommand, ArmController, CellController
-from coop_pin.control.decentralised_law import DecentralisedLaw
 from coop_pin.control.gains import Gains, PositiveRow, RowGain
-from coop_pin.control.law import LawController
-from coop_pin.control.law_wrapper import CellLawWrapper
-from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
-from coop_pin.control.messages import Messages, Parts, packed, unpacked
+from coop_pin.control.law import DecentralisedLaw, LawController
+from coop_pin.control.law_wrapper import CellLawWrapper, Parts, packed, unpacked
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm, Messages
 from coop_pin.control.terms import right_inverse
 
 

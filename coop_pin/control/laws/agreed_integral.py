@@ -9,10 +9,9 @@ import numpy as np
 from coop_pin.base.arrays import Array
 from coop_pin.control.consensus import mean_received
 from coop_pin.control.controller import ArmCommand
-from coop_pin.control.law_wrapper import Exchange, LawWrapper, WrappedState
+from coop_pin.control.law_wrapper import LawWrapper, Parts, Received, WrappedState
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceController
 from coop_pin.control.measurement import ArmMeasurement, ArmReference
-from coop_pin.control.messages import Parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,22 +41,28 @@ class AgreedIntegral(LawWrapper):
         """Return D_i, zero before ``init``."""
         if state.law is None:
             return {"gained": np.zeros(self.law.arm.rows.size)}
-        return {"gained": (state.law.integral - state.memory) / self.law.arm.load_share}
+        return {"gained": (state.law.integral.value - state.memory) / self.law.arm.load_share}
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> WrappedState:
         """Return the first integral and the first state of the law; raises as the law."""
         law = self.law.init(measurement, reference)
-        return WrappedState(law.integral, law)
+        return WrappedState(law.integral.value, law)
 
     def step(self, measurement: ArmMeasurement, reference: ArmReference, state: WrappedState) -> ArmCommand:
         """Return the command of the law, which leaks to the mean, and the next state; raises as the law."""
-        inner, goal = self.received(measurement, reference, state)
-        command = self.law.step(inner, reference, state.law._replace(anchored=goal))
+        measurement, goal = self.inner(measurement, reference, state)
+        integral = state.law.integral._replace(anchored=goal)
+        command = self.law.step(measurement, reference, state.law._replace(integral=integral))
         return replace(command, state=state._replace(law=command.state))
 
     def transformed(
-        self, measurement: ArmMeasurement, reference: ArmReference, memory: Array, exchange: Exchange
+        self,
+        measurement: ArmMeasurement,
+        reference: ArmReference,
+        memory: Array,
+        sent: Parts,
+        received: Received,
     ) -> tuple[ArmMeasurement, Array]:
         """Return the measurement, and Z_i(t_0) + c_i mean_j D_j."""
-        mean = mean_received(exchange.received["gained"], exchange.sent["gained"])
+        mean = mean_received(received["gained"], sent["gained"])
         return measurement, memory + self.law.arm.load_share * mean

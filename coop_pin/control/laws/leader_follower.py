@@ -13,11 +13,11 @@ from coop_pin.base.schema.base import Interval, NotNegative, Positive
 from coop_pin.base.spatial.generic_numbers import exp
 from coop_pin.control.bounds import CellTiming, SampledLoop
 from coop_pin.control.controller import ArmCommand, ArmController
-from coop_pin.control.decentralised_law import DecentralisedLaw
 from coop_pin.control.gains import Gains, PositiveRow, RowGain
-from coop_pin.control.law import LawController, NearRest
+from coop_pin.control.law import DecentralisedLaw, LawController
 from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
 from coop_pin.control.posture import spare_torque
+from coop_pin.control.steady_state import NearRest
 
 
 class LeaderFollowerState(NamedTuple):

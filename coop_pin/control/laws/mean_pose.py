@@ -19,12 +19,11 @@ from coop_pin.control.bounds import SampledLoop
 from coop_pin.control.consensus import ANY_AGE, disagreement, mean_received, require_consensus
 from coop_pin.control.controller import ArmController, CellController, DecentralisedController
 from coop_pin.control.law import LoadTransfer
-from coop_pin.control.law_wrapper import CellLawWrapper, Exchange, LawWrapper, WrappedState
+from coop_pin.control.law_wrapper import CellLawWrapper, LawWrapper, Parts, Received, WrappedState
 from coop_pin.control.laws.agreed_integral import AgreedIntegral
 from coop_pin.control.laws.payload_space import PayloadSpace
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceGains
 from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
-from coop_pin.control.messages import Parts
 from coop_pin.control.steady_state import SteadyDirection
 
 
@@ -79,12 +78,17 @@ class MeanPoseByMessages(LawWrapper):
         return {"view": _view(measurement, reference.pose)}
 
     def transformed(
-        self, measurement: ArmMeasurement, reference: ArmReference, memory: Any, exchange: Exchange
+        self,
+        measurement: ArmMeasurement,
+        reference: ArmReference,
+        memory: Any,
+        sent: Parts,
+        received: Received,
     ) -> tuple[ArmMeasurement, Any]:
         """Return the measurement with the mean of the views; its own before any arrived."""
-        views = exchange.received["view"]
+        views = received["view"]
         oldest = views[self.name].age if self.skips else ANY_AGE
-        mean = mean_received(views, exchange.sent["view"], oldest)
+        mean = mean_received(views, sent["view"], oldest)
         return _placed(measurement, mean, reference.pose), memory
 
 
@@ -121,11 +125,16 @@ class ConsensusPose(LawWrapper):
         return {"view": _view(measurement, reference.pose) - state.memory}
 
     def transformed(
-        self, measurement: ArmMeasurement, reference: ArmReference, memory: Array, exchange: Exchange
+        self,
+        measurement: ArmMeasurement,
+        reference: ArmReference,
+        memory: Array,
+        sent: Parts,
+        received: Received,
     ) -> tuple[ArmMeasurement, Array]:
         """Return the measurement at x_i, and the next z_i."""
-        z = memory + self.gain * disagreement(self.name, exchange.received["view"])
-        return _placed(measurement, exchange.sent["view"], reference.pose), z
+        z = memory + self.gain * disagreement(self.name, received["view"])
+        return _placed(measurement, sent["view"], reference.pose), z
 
 
 def _view(measurement: ArmMeasurement, X_d: Array) -> Array:

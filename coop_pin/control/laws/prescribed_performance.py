@@ -14,12 +14,11 @@ from coop_pin.base.spatial.generic_numbers import exp
 from coop_pin.base.spatial.task_rows import TaskRows
 from coop_pin.control.bounds import SampledLoop
 from coop_pin.control.controller import ArmCommand, ArmController
-from coop_pin.control.decentralised_law import DecentralisedLaw
 from coop_pin.control.gains import Gains, PositiveRow
-from coop_pin.control.law import LawController, NearRest
+from coop_pin.control.law import DecentralisedLaw, LawController
 from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
 from coop_pin.control.posture import spare_torque
-from coop_pin.control.steady_state import SteadyDirection
+from coop_pin.control.steady_state import NearRest, SteadyDirection
 
 _SMALL_PART = 1e-3
 """Part of a funnel in which its gain counts as constant."""

@@ -14,9 +14,9 @@ from pydantic import Field
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.schema.base import Description, NotNegative, Positive
-from coop_pin.control.decentralised_law import DecentralisedLaw
 from coop_pin.control.gains import Gains, PositiveGain, SignGain
-from coop_pin.control.law import NearRest
+from coop_pin.control.law import DecentralisedLaw
+from coop_pin.control.steady_state import NearRest
 
 
 class Sign(Description):
