@@ -19,7 +19,7 @@ from coop_pin.control.force_paths.averaged_wrench import (
 from coop_pin.control.force_paths.exchanged_wrench import ExchangedWrench, MessageForcePath
 from coop_pin.control.force_paths.force_path import LateForcePath, LowPassForcePath, NoForcePath
 from coop_pin.control.force_paths.learned_load import LearnedForcePath, LearnedLoad
-from coop_pin.control.law import DecentralisedLaw, Law, LoadTransfer
+from coop_pin.control.law import DecentralisedLaw, Law
 from coop_pin.control.laws.admittance import (
     Admittance,
     AdmittanceController,
@@ -57,7 +57,6 @@ from coop_pin.control.laws.sliding_mode import (
 from coop_pin.control.laws.sliding_surface import Saturation, Sign, Switching, Tanh
 from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm, Message
 from coop_pin.control.posture import Posture, PostureGains
-from coop_pin.control.steady_state import NearRest
 
 __all__ = [
     "Admittance",
@@ -90,14 +89,12 @@ __all__ = [
     "LeaderFollowerGains",
     "LearnedForcePath",
     "LearnedLoad",
-    "LoadTransfer",
     "LowPassForcePath",
     "MeanPose",
     "MeanPoseByMessages",
     "MeanPoseController",
     "Message",
     "MessageForcePath",
-    "NearRest",
     "NoForcePath",
     "PayloadSpace",
     "PayloadSpaceController",

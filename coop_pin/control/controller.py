@@ -15,6 +15,7 @@ import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import SingularJacobianError
+from coop_pin.base.spatial.generic_numbers import Traceable
 from coop_pin.control.measurement import ArmMeasurement, ArmReference
 
 COMMANDS = {"torque": "N m", "velocity": "rad/s", "position": "rad"}
@@ -92,7 +93,7 @@ class CellCommand:
         return [next(value for value in each if value is not None) for each in zip(*kinds, strict=True)]
 
 
-class ArmController(ABC):
+class ArmController(Traceable, ABC):
     """Controller of one arm from its own measurements: the decentralised laws. Immutable.
 
     Attributes:
@@ -136,7 +137,7 @@ class ArmController(ABC):
         return []
 
 
-class CellController(ABC):
+class CellController(Traceable, ABC):
     """Controller of all arms from all measurements: the centralised laws.
 
     Attributes:

@@ -16,8 +16,9 @@ import numpy as np
 from coop_pin.base.arrays import Array
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.integrators import INTEGRATORS
-from coop_pin.description import PlantOptions, Regrasp
 from coop_pin.description.events import MISSED, Surroundings
+from coop_pin.description.grasp_events import Regrasp
+from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps.cell_chain import CellChain, Observation
 from coop_pin.grasps.contact_patches import PatchesState
 from coop_pin.grasps.grasp_springs import GraspsHeld

@@ -14,7 +14,7 @@ from coop_pin.base.arrays import Array, frozen
 from coop_pin.base.errors import CoopPinError, NotEnoughMemoryError
 from coop_pin.base.memory import free_memory
 from coop_pin.description.scenario import Scenario
-from coop_pin.results import RunResult, Snapshot
+from coop_pin.results import Snapshot
 from coop_pin.results.quantities import (
     WORK,
     WORK_OF_GRASPS,
@@ -25,6 +25,7 @@ from coop_pin.results.quantities import (
     computed,
     quantities,
 )
+from coop_pin.results.run_result import RunResult
 from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.results.trust import Breach, TrustMonitor
 from coop_pin.simulation.devices.drives import Applied

@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.base.arrays import Array, Mask, frozen
-from coop_pin.control import ArmMeasurement, ArmReference
-from coop_pin.description import Scenario, SlipSensor
+from coop_pin.control.measurement import ArmMeasurement, ArmReference
 from coop_pin.description.cell.grasp_plan import GraspPlan
+from coop_pin.description.scenario import Scenario
+from coop_pin.description.sensors import SlipSensor
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.arm_model import PayloadKinematics
 from coop_pin.model.joint_limits import per_joint
