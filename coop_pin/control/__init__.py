@@ -1,4 +1,16 @@
-"""Controllers that see only measurements. Importing this package imports neither Pinocchio nor a model."""
+"""Control: laws that have measurements of the arms and no model of the robot.
+
+A controller is a pure function of a measurement, a reference and a state; it returns a command and the next
+state. The simulation, batches and exported C code run the same function. Open first:
+
+- ``measurement.py``: what a law has: measurement, reference, messages, numbers of arm and cell;
+- ``controller.py``: commands, and the controllers of one arm and of all arms;
+- ``laws/sliding_mode.py``: a law, equation first; ``law.py`` is the base of laws as a scenario states them.
+
+``force_paths`` are the ways of a measured internal wrench, ``law_wrapper.py`` is a law around a law
+(calibration, consensus), ``bounds.py`` has the gains at which sampled feedback is unstable. The package
+imports ``base`` alone, neither Pinocchio nor a model.
+"""
 
 from coop_pin.control.bounds import CellTiming, anchor_gain_bound, force_gain_bound
 from coop_pin.control.calibration import ZeroedController

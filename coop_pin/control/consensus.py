@@ -1,4 +1,4 @@
-"""Consensus over a graph: how arms that hear their neighbours only come to the mean of all."""
+"""Average consensus over a graph of neighbours: its Laplacian, its bounds, and its step from messages."""
 
 from __future__ import annotations
 

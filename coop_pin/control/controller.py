@@ -97,7 +97,7 @@ class ArmController(Traceable, ABC):
     """Controller of one arm from its own measurements: the decentralised laws. Immutable.
 
     Attributes:
-        needs: quantities that it uses besides kinematics: "model", "regressor", "own wrench", "internal
+        needs: quantities that it uses with kinematics: "model", "regressor", "own wrench", "internal
             wrench" (made of every wrist's wrench), "wrenches of all arms", "learned mass", "poses of all
             arms", "states of all arms", "role", "holding torque" and "start pose", both once.
     """
@@ -118,17 +118,17 @@ class ArmController(Traceable, ABC):
         return "torque"
 
     def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
-        """Return what this arm tells the others at a tick, before any arm steps, shape (w,); nothing here.
+        """Return the message of this arm to the others, sent before any arm steps, shape (w,); empty here.
 
         Args:
             measurement: Measurement of the tick, without messages.
             reference: Reference of the tick.
-            state: State that ``step`` returned; None once more before ``init``, which hears messages, too.
+            state: State that ``step`` returned; None once more before ``init``, which has messages, too.
         """
         return np.zeros(0)
 
     def remarks(self, pose: Array, state: Any) -> list[str]:
-        """Return sentences on what a state says of a run; none by default.
+        """Return remarks on a run by a state of the law, for people to read; none by default.
 
         Args:
             pose: Desired pose of the payload, shape (4, 4).
@@ -168,11 +168,11 @@ class CellController(Traceable, ABC):
     def messages(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
     ) -> list[Array]:
-        """Return what each arm tells the others at a tick; none of a law that sees all arms."""
+        """Return the message of each arm to the others; none of a law that has all measurements."""
         return []
 
     def remarks(self, pose: Array, state: Any) -> list[str]:
-        """Return sentences on what a state says of a run, as an ArmController; none by default."""
+        """Return remarks on a run by a state of the law, as an ArmController; none by default."""
         return []
 
 
@@ -219,7 +219,7 @@ class DecentralisedController(CellController):
     def messages(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
     ) -> list[Array]:
-        """Return what each arm tells the others at a tick; see ArmController."""
+        """Return the message of each arm to the others; see ArmController."""
         laws = self.controllers.values()
         states = [None] * len(laws) if state is None else state
         return [

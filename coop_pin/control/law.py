@@ -1,4 +1,4 @@
-"""Control laws as a scenario states them: what every law answers, with its defaults."""
+"""Control laws as a scenario states them: fields, checks and properties of every law, with defaults."""
 
 from __future__ import annotations
 
@@ -49,16 +49,16 @@ class LoadTransfer(NamedTuple):
 class Law(WithLaterFields):
     """A controller as a scenario states it.
 
-    A law answers what it commands (``command_kind``) and needs (``uses``), how it behaves near rest
-    (``near_rest``, ``steady_directions``, ``joint_spring``) and with a load that changes hands
-    (``load_transfer``), what is wrong with it for a cell (``problems``), and builds its controller.
+    A law overrides ``build`` and what differs from these defaults: needs (``uses``) and commands
+    (``command_kind``), the model near rest (``near_rest``, ``steady_directions``, ``joint_spring``), the
+    response to a load that changes hands (``load_transfer``), and mistakes in a cell (``problems``).
 
     Attributes:
         force_path: Path by which the internal wrench reaches the law.
     """
 
     uses: ClassVar[tuple[str, ...]] = ()
-    """What the law uses besides kinematics where it is measured."""
+    """Quantities that the law uses where they are measured, in addition to kinematics."""
     spare_spring: ClassVar[str] = ""
     """Path of the field with the spring of spare joints; empty if the law has none."""
     _stored_as: Any = PrivateAttr(default=None)
@@ -73,12 +73,12 @@ class Law(WithLaterFields):
 
     @property
     def stored_as(self) -> Any:
-        """The law as the data says from which it was read; keys of stored runs are made of it."""
+        """The law as it stood in the data from which it was read; keys of stored runs are made of it."""
         return self._stored_as or self
 
     @property
     def command_kind(self) -> str:
-        """Kind of its commands: "torque", "velocity" or "position"; empty if only its controller can say."""
+        """Kind of its commands: "torque", "velocity" or "position"; empty if only its controller knows."""
         return "torque"
 
     @property
@@ -98,7 +98,7 @@ class Law(WithLaterFields):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """Quantities that the law uses besides kinematics in its scenario, as of ``ArmController.needs``."""
+        """Quantities that the law uses in its scenario, in the words of ``ArmController.needs``."""
         return self.measured(self.uses)
 
     def measured(self, needs: Iterable[str]) -> tuple[str, ...]:
@@ -119,7 +119,7 @@ class Law(WithLaterFields):
 
         Args:
             scenario: Scenario to run; only laws that build a model, and users' classes, look at it.
-            arms: Arms of the cell; made one by one as they are asked for.
+            arms: Arms of the cell; made one by one.
 
         Raises:
             FieldError: the law does not fit an arm's number of joints; a gain does not fit its arm.

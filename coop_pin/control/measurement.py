@@ -57,7 +57,7 @@ class ArmMeasurement(NamedTuple):
         slip: largest distance that a patch of an arm that holds has slid since then, m; None at the first
             tick and without patches.
         messages: latest message of each arm that this one hears, by name in the order of the cell's arms, its
-            own among them as it was sent; None where the scenario has no network, or the law says nothing.
+            own among them as it was sent; None where the scenario has no network, or the law sends nothing.
     """
 
     time: float
@@ -100,7 +100,7 @@ class ArmReference(NamedTuple):
 
 
 class ControlledArm(NamedTuple):
-    """Numbers that a law may know of its arm and cell besides measurements.
+    """Numbers of its arm and cell that a law may know in addition to measurements.
 
     Attributes:
         name: Name of the arm.

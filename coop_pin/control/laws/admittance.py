@@ -72,7 +72,7 @@ class AdmittanceController(LawController[AdmittanceGains]):
     et al. (2024), arXiv:2406.05613 (same information, other equations). About P in world axes on task rows,
     with the error w of the wrench on the arm, x the pose and x_d, V_d, A_d the desired motion::
 
-        w     = f_m - f_d, the internal wrench; or of those heard sum_j (c_j u_i - c_i u_j), u = F - f_d;
+        w     = f_m - f_d, the internal wrench; or of the messages sum_j (c_j u_i - c_i u_j), u = F - f_d;
                 or F - f_d - c What, the arm's own; or 0 where none is measured
         V_a  <- p V_a + (1 - p) D^-1 (w - S d),   d <- d + T V_a,   p = exp(-l T)
         velocity   V_c = V_d + V_a - gamma (x - x_d - d),   qdot_c = J^+ V_c + k_n N (q_0 - q)
@@ -81,7 +81,7 @@ class AdmittanceController(LawController[AdmittanceGains]):
     With S = 0 the arm comes to rest where w = 0, wherever its kinematics see the payload; internal wrenches
     sum to zero, and so do the offsets d, so that the payload stays. Without a wrench d = 0: stiff following.
 
-    Where the scenario has a network and no force path measures, every arm says u_i and c_i, k_0 + 1 numbers.
+    Where the scenario has a network and no force path measures, every arm sends u_i and c_i, k_0 + 1 numbers.
     If all hear all, w is the internal wrench. Over a connected graph heard both ways the w still sum to zero,
     and vanish together only where every u_i is its share of their sum: without internal wrench.
 
@@ -180,8 +180,6 @@ class FollowingController(CellLawWrapper):
     One pose and one twist cross to every follower at each tick. A follower is late by what its servo is.
     """
 
-    needs: ClassVar[tuple[str, ...]] = ("poses of all arms", "role")
-
     def transformed(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
     ) -> tuple[Sequence[ArmMeasurement], Sequence[ArmReference]]:
@@ -215,8 +213,8 @@ class Admittance(DecentralisedLaw[AdmittanceGains]):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """What the law uses besides kinematics: the internal wrench or else the arm's own, and the leader."""
-        leader = FollowingController.needs if self.follows == "leader" else ()
+        """Needs of the law: the internal wrench or else the arm's own, and the leader."""
+        leader = ("poses of all arms", "role") if self.follows == "leader" else ()
         return (*leader, "internal wrench" if self.force_path.measures else "own wrench")
 
     def controller_of(self, arm: ControlledArm, gains: AdmittanceGains, scenario: Any) -> ArmController:

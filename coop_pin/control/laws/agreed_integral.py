@@ -25,7 +25,7 @@ class AgreedIntegral(LawWrapper):
 
     By equal views all D_i are equal, and nothing leaks. What they differ by, by a view that was lost, a drive
     at its limit or the first ticks of a consensus, is internal force; it decays by 1 - lambda T a tick where
-    all hear all, and no slower than the graph's second eigenvalue says elsewhere. Their mean does not leak:
+    all hear all, and no slower than by the graph's second eigenvalue elsewhere. Their mean does not leak:
     it still takes any constant load. Distributed-averaging proportional-integral control: Simpson-Porco,
     Doerfler and Bullo, Automatica 49 (2013), with load shares in place of the inverters' ratings.
 

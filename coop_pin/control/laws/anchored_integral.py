@@ -39,8 +39,9 @@ class AnchoredIntegral(NamedTuple):
         leak     Z <- Z - lambda T (Z - Z_hold)              while no measurement is recent
         integral Z <- Z + T c K alpha phi(s)                 while no torque of the arm is saturated
 
-    With a bound, see BoundedAnchor, the anchor moves as far as a stated bias may ask for. While measurements
-    are recent the integral then takes over what drives cut, where they report it, and does not wait.
+    With a bound, see BoundedAnchor, the anchor moves no further than a stated bias explains. While
+    measurements are recent the integral then takes over what drives cut, where they report it, and does not
+    wait.
 
     Attributes:
         gain: g.

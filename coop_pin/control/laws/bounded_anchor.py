@@ -1,4 +1,4 @@
-"""The bounded anchor: measured wrenches move an integral as far as a stated bias may ask for."""
+"""Bounded anchor: measured wrenches move an integral no further than a stated bias explains."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _STANDS = float(np.exp(-8.0))
 _NEARLY = 1.02
 """Factor of y with which a bound that is nearly reached counts as reached."""
 _TINY_PART, _LAGS = 1e-6, 30.0
-"""Part of a bias to which a limit is found, and time constants after which nothing moves."""
+"""Accuracy of a limit as a part of it, and time constants after which nothing moves."""
 
 
 class AnchorState(NamedTuple):
     """Memory of a bounded anchor.
 
     Attributes:
-        held: y = G^-1 A, the bias that asks for A, what the anchor has moved within about 1 / k_I, m and rad,
+        held: y = G^-1 A, the bias that explains A, what the anchor has moved within about 1 / k_I, m and rad,
             shape (k_0,).
         from_base: C_B, the bias that the start has shown, as of a base that is off: constant in world axes, m
             and rad, shape (k_0,).
@@ -39,7 +39,7 @@ class AnchorState(NamedTuple):
 
 
 class BoundedAnchor(NamedTuple):
-    """Bound of what the anchor of an integral moves, in the biases of the kinematics that would ask for it.
+    """Bound of what the anchor of an integral moves, in the biases of the kinematics that would explain it.
 
     ::
 
@@ -58,11 +58,11 @@ class BoundedAnchor(NamedTuple):
 
     Norms and products are those of positions and those of rotations, each by itself. A constant bias moves A
     only while it takes effect after the first measurements, and C follows it; later, what moves A is no bias.
-    A bias turns with the payload as far as it is of the tip, which the start does not tell: b covers both.
+    A bias turns with the payload as far as it is of the tip, which the start does not show: b covers both.
 
     Attributes:
-        axes: axes of G; where they turn with the payload, A is kept as the biases that asked for its parts
-            when they did.
+        axes: axes of G; where they turn with the payload, A is kept as the biases that explained its
+            parts at their time.
         gain: G = c K gamma, shape (k_0, k_0).
         gain_inverse: G^-1.
         same_kind: 1.0 between two positions or two rotations, else 0.0, shape (k_0, k_0).

@@ -158,7 +158,7 @@ class MeanPose(PayloadSpace):
     """The payload-space law on exchanged poses: MeanPoseController.
 
     Where the scenario has a network, the arms hear each other through it, by MeanPoseByMessages; without one
-    they are one controller. Without a measured wrench nothing leaks unless ``gains.leak`` says so.
+    they are one controller. Without a measured wrench nothing leaks without ``gains.leak``.
 
     Attributes:
         on_loss: substitute of a view that did not arrive: the "last" that did, or none, "skip".
@@ -203,7 +203,7 @@ class MeanPose(PayloadSpace):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """What the law uses besides kinematics: the poses of all arms, and wrenches as stated."""
+        """Needs of the law: the poses of all arms, and wrenches as stated."""
         return ("poses of all arms", *super().needs)
 
     def _leak(self, gains: PayloadSpaceGains) -> float:

@@ -62,7 +62,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
 
     Attributes:
         posture: Spring and damper of the spare joints of redundant arms.
-        payload_mass: Approximate mass of the payload, kg, to tell the payload's weight from the internal
+        payload_mass: Approximate mass of the payload, kg, to separate the payload's weight from the internal
             wrench at the arm's own wrist; when omitted, wrist sensors are not used by themselves.
         stale_after: Ticks without a new measurement after which the integral leaks, beyond those that the
             force path itself takes.
@@ -135,7 +135,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """What the law uses besides kinematics: the holding torque, and the internal or its own wrench."""
+        """Needs of the law: the holding torque, and the internal or its own wrench."""
         is_own = self.payload_mass is not None and not self.force_path.measures
         return self.measured(["holding torque", "own wrench" if is_own else "internal wrench"])
 

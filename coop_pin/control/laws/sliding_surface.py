@@ -121,7 +121,7 @@ class SurfaceLaw(DecentralisedLaw[G], Generic[G]):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """What the law uses besides kinematics: the internal wrench if K_f is not zero."""
+        """Needs of the law: the internal wrench if K_f is not zero."""
         return self.measured(["internal wrench"] if self.gains.force_gain > 0.0 else [])
 
     @property
