@@ -168,12 +168,27 @@ def _parts(
             yield _Part(Path(scenario.name, name), scenario.name, list(cases), labels, plan)
 
 
+_INFORMATION: Mapping[str, set[str]] = {
+    "internal wrench": {"internal wrench", "wrenches of all arms"},
+    "own wrench": {"own wrench"},
+    "exchanged poses": {"poses of all arms"},
+    "agreed start": {"holding torque", "start pose"},
+}
+"""Classes of what laws measure, the largest first, and the needs that make a law one of them."""
+
+
 def _information(scenario: Scenario, law: dict[str, Any]) -> str:
-    """Return the class of information of a law; "" where the scenario refuses it, and its runs fail."""
+    """Return what a law has besides its own arm's joints: "model" with the first of _INFORMATION, or "blind".
+
+    It is "" where the scenario refuses the law, and its runs fail.
+    """
     try:
-        return scenario.override({"controller": law}).controller.information
+        needs = {*scenario.override({"controller": law}).controller.needs}
     except CoopPinError:
         return ""
+    model = ["model"] if needs & {"model", "regressor"} else []
+    measured = [name for name, of in _INFORMATION.items() if needs & of][:1]
+    return ", ".join(model + measured) or "blind"
 
 
 def _points(parts: Sequence[_Part]) -> _Points:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from coop_pin.base.errors import ArgumentError
-from coop_pin.control.interface import CellController
+from coop_pin.control import CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.reference.pose_reference import PoseReference
 from coop_pin.reference.squeeze import SqueezeReference

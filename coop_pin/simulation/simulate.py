@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 
 from coop_pin.base.arrays import require_type
 from coop_pin.base.errors import CoopPinError, RunInterruptedError, UserCodeError
-from coop_pin.control.interface import CellController
+from coop_pin.control import CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Observer, ThrottledObserver

@@ -16,7 +16,7 @@ import numpy as np
 from coop_pin.base.arrays import Array, as_number, frozen, require_type
 from coop_pin.base.errors import DivergedError, FieldError, InvalidStateError, OutOfRangeError
 from coop_pin.base.spatial.task_rows import TaskRows
-from coop_pin.control.interface import ArmReference, CellCommand, CellController
+from coop_pin.control import ArmReference, CellCommand, CellController
 from coop_pin.description.cell.grasp_plan import GraspPlan
 from coop_pin.description.events import PayloadEvent
 from coop_pin.description.grasp_events import Event

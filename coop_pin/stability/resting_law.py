@@ -9,7 +9,7 @@ import numpy as np
 
 from coop_pin.base.arrays import Array, frozen
 from coop_pin.base.schema.pose import Pose
-from coop_pin.control.interface import ArmMeasurement
+from coop_pin.control.measurement import ArmMeasurement
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.devices.network import heard
 from coop_pin.simulation.devices.sensing import Sensing
@@ -48,7 +48,7 @@ class RestingLaw:
         ideal = scenario.with_ideal_sensors
         self._sensing = Sensing(ideal, plant.chain, holding_torques=lambda _q: holding)
         self._signals = next(SignalSource(ideal, plant.chain.model.arms).rows()).sensors
-        self._law, is_zeroed = simulation.controller, scenario.controller.is_zeroed
+        self._law, is_zeroed = simulation.controller, scenario.controller.near_rest.is_zeroed
         if is_zeroed:  # at this pose, not where the start is
             self._law = build_controller(scenario.replace(start=Pose.from_matrix(X_WP)))
         first = self._sensing.start(q, self._rest, simulation.references(time), self._signals)

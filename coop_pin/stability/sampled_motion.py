@@ -158,7 +158,8 @@ def sampled_motion(
 
     def response(seen: Any, moved: Array, v: Array) -> Array:
         now, state = step(seen, moved, v, law.state)
-        kept = step(law.at_rest, q, rest, state)[0] if scenario.controller.has_linear_integral else 0.0 * now
+        is_kept = scenario.controller.near_rest.integral == "linear"
+        kept = step(law.at_rest, q, rest, state)[0] if is_kept else 0.0 * now
         return np.concatenate((now, kept))
 
     def responses(y: Array) -> list[Array]:

@@ -137,7 +137,7 @@ def configurations_along(
 
 def _stability_at(simulation: Simulation, q: Array, time: float) -> SampledStability:
     """Return the sampled stability at a configuration and a time."""
-    law, speed = RestingLaw(simulation, q, time), simulation.scenario.controller.linear_speed
+    law, speed = RestingLaw(simulation, q, time), simulation.scenario.controller.near_rest.linear_speed
 
     def torque(v: Array, hears_rest: bool = False) -> Array:
         # Laws are linear in small speeds but for bounded signs, which cancel between opposite large ones.

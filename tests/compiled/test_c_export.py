@@ -17,7 +17,7 @@ import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, NameNotFoundError, TracingError
 from coop_pin.cli import main
 from coop_pin.control import ArmMeasurement, ArmReference
-from coop_pin.control.interface import DESIRED
+from coop_pin.control.measurement import DESIRED
 from coop_pin.model.arm_model import ArmKinematics, ArmModel
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.tracing.c_emitter import CEmitter, c_number

@@ -225,8 +225,11 @@ def _ball(points):
 def test_laws_for_which_no_bound_is_derived_have_none(fields):
     """sgn has no layer; at its own wrist an anchor holds the weight's error, which is no bias."""
     zeros = np.zeros((2, 3))
-    assert [law.bound for law in LinearCell("planar", SHARES["equal"], zeros, **fields).laws] == [None, None]
-    assert LinearCell("planar", SHARES["equal"], zeros).laws[0].bound is not None
+    assert [law.integral.bound for law in LinearCell("planar", SHARES["equal"], zeros, **fields).laws] == [
+        None,
+        None,
+    ]
+    assert LinearCell("planar", SHARES["equal"], zeros).laws[0].integral.bound is not None
 
 
 @pytest.mark.parametrize("name", DAMPING)

@@ -24,7 +24,7 @@ from coop_pin.base.errors import (
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import make_pose
 from coop_pin.control import CellController
-from coop_pin.control.interface import CellCommand
+from coop_pin.control.controller import CellCommand
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell, grasps_from_configuration
 from coop_pin.description.cell.payload import Payload

@@ -397,11 +397,13 @@ from coop_pin.control import (
     ZeroedController,
 )
 from coop_pin.control import Admittance
+from coop_pin.control.laws.anchored_integral import AnchoredIntegral
 from coop_pin.control.laws.leader_follower import LeaderFollower
 from coop_pin.control.laws.payload_space import PayloadSpace
 from coop_pin.control.laws.prescribed_performance import PrescribedPerformance
 from coop_pin.control.laws.sliding_mode import RedundantSlidingMode, SlidingMode
 from coop_pin.base.spatial import make_pose, task_rows
+from coop_pin.control.terms import GainAxes
 
 rows = task_rows("planar")
 arm = ControlledArm("left", True, rows, 0.0125, 0.5, 3, np.zeros(3), np.zeros(3), np.eye(4), 0)
@@ -422,13 +424,14 @@ assert np.isfinite(torque).all() and np.abs(torque).max() > 1.0 and np.abs(state
 stiff = PayloadSpaceGains(
     pose_gain=2.0, sliding_gain=(800.0, 800.0, 40.0), sign_gain=0.25, transient_rate=5.0
 )
-anchored = PayloadSpaceController(arm, stiff.sized(3, 3), Saturation(), 0.2)
+integral = AnchoredIntegral(stiff.anchor_gain, 0.2, arm.load_share, arm.period)
+anchored = PayloadSpaceController(arm, stiff.sized(3, 3), Saturation(), integral, GainAxes(rows))
 zeroed = ZeroedController(anchored, rows, make_pose((0.6, 0.1, 0.0)))
 first = measurement._replace(time=0.0, internal_wrench_age=0.0, holding_torque=np.array([1.0, 2.0, 3.0]))
 state = zeroed.init(first, reference)
 for k in range(3):
     torque, state = zeroed.step(first._replace(time=0.0125 * k), reference, state)
-assert np.isfinite(torque).all() and np.abs(state.law.integral).max() > 0.0
+assert np.isfinite(torque).all() and np.abs(state.law.integral.value).max() > 0.0
 own = dataclasses.replace(anchored, payload_weight=np.ones(3))
 for measured in (first._replace(internal_wrench=None, interaction_wrench=f, interaction_wrench_age=0.0),
                  first._replace(internal_wrench=None)):  # by the own wrist, and by nothing

@@ -25,7 +25,7 @@ from coop_pin.control import (
     consensus_bound,
 )
 from coop_pin.control.consensus import laplacian
-from coop_pin.control.laws.mean_pose import ConsensusState
+from coop_pin.control.law_wrapper import WrappedState
 from coop_pin.description.network import edges_of
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.cell_arm import CellArm
@@ -90,11 +90,12 @@ class LateMean(MeanPoseController):
     """Mean pose of the views of the tick before; at the first, each arm has its own only."""
 
     def remarks(self, pose, state):
-        return self.laws.remarks(pose, state[0])
+        return self.law.remarks(pose, state[0])
 
     def init(self, measurements, references):
-        own = [self.seen([seen], [one])[0][0] for seen, one in zip(measurements, references, strict=True)]
-        return self.laws.init(own, references), None
+        pairs = zip(measurements, references, strict=True)
+        own = [self.transformed([measured], [desired])[0][0] for measured, desired in pairs]
+        return self.law.init(own, references), None
 
     def step(self, measurements, references, state):
         law, views = state
@@ -103,17 +104,19 @@ class LateMean(MeanPoseController):
             for one in measurements
         ]
         means = seen if views is None else [sum(views) / len(views)] * len(seen)
-        said = [Message(mean, 0.0) for mean in means]
-        heard = [one._replace(messages={"": mean}) for one, mean in zip(measurements, said, strict=True)]
-        placed = [MeanPoseByMessages(None, "").seen(*pair) for pair in zip(heard, references, strict=True)]
-        command = self.laws.step(placed, references, law)
+        law_of_mean = MeanPoseByMessages(None, "")
+        placed = [
+            law_of_mean.transformed(one, desired, (), {"view": mean}, {"view": {"": Message(mean, 0.0)}})[0]
+            for one, desired, mean in zip(measurements, references, means, strict=True)
+        ]
+        command = self.law.step(placed, references, law)
         return cp.CellCommand(command.torques, (command.state, seen))
 
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_sent_with_the_command_it_is_the_law_fed_the_last_tick(cell):
     late = biased(cell, network={"delay": 1})
-    oracle = LateMean(build_controller(biased(cell)).laws)
+    oracle = LateMean(build_controller(biased(cell)).law)
     assert samples(late).equals(samples(late, oracle))
 
 
@@ -361,10 +364,9 @@ def test_no_drift_in_ten_minutes_in_space():
 class ExactOwn(MeanPoseByMessages):
     """Averages its own view as it is, and those of the others as they were sent."""
 
-    def seen(self, measurement, reference):
-        own = Message(self.message(measurement, reference, None), 0.0)
-        heard = dict(measurement.messages) | {self.name: own}
-        return super().seen(measurement._replace(messages=heard), reference)
+    def transformed(self, measurement, reference, memory, sent, received):
+        views = received["view"] | {self.name: Message(sent["view"], 0.0)}
+        return super().transformed(measurement, reference, memory, sent, {"view": views})
 
 
 @pytest.mark.slow
@@ -409,7 +411,7 @@ def test_integrals_of_unequal_arms_come_to_their_mean_at_the_rate_of_the_leak(ce
     run, gained = cp.Simulation(scenario, build_controller(scenario)), []
     while not run.is_finished:
         run.tick()
-        Z = np.array([state.law.integral - state.start for state in run.controller_state])
+        Z = np.array([state.law.law.integral.value - state.law.memory for state in run.controller_state])
         gained.append(Z / scenario.cell.shares[:, None])
     apart = np.linalg.norm(gained - np.mean(gained, axis=1, keepdims=True), axis=(1, 2))
     period = scenario.clock.period
@@ -715,7 +717,7 @@ def disagreements(arms, gain, *, rows=3, delay=0, ticks=60):
     laws = [ConsensusPose(Silent(), name, gain) for name in names]
     said = [law.message(one, reference, None) for law, one in zip(laws, seen, strict=True)]
     mean, network_state = np.mean(said, axis=0), network.start(said)
-    states = [ConsensusState(np.zeros(6 + rows), None) for _ in names]
+    states = [WrappedState(np.zeros(6 + rows), None) for _ in names]
     distances = []
     for tick in range(ticks):
         said = [
@@ -769,7 +771,7 @@ def test_three_unequal_arms_on_a_ring_agree(cell):
     views = []
     while not run.is_finished:
         run.tick()
-        views.append([state.correction for state in run.controller_state])
+        views.append([state.memory for state in run.controller_state])
     corrections = np.array(views)[:, :, 0]
     assert_allclose(corrections.sum(axis=1), 0.0, atol=1e-12)
     assert_allclose(np.abs(np.diff(corrections[-3:], axis=0)).max(), 0.0, atol=2e-5)

@@ -11,9 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 import coop_pin as cp
 from coop_pin.base import errors
 from coop_pin.base.spatial import internal_wrenches, make_pose
-from coop_pin.control import CellCommand
+from coop_pin.control import ArmMeasurement, CellCommand
 from coop_pin.control.bounds import force_gain_bound
-from coop_pin.control.interface import ArmMeasurement
 from coop_pin.figures.run_figures import internal_force_figure
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.devices.drives import Applied

@@ -12,7 +12,7 @@ from cells import SCENARIOS
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, FieldError, InvalidStateError, ShapeError
 from coop_pin.compiled.plant.compiled_plant import TracedPlant
-from coop_pin.control.interface import CellCommand
+from coop_pin.control.controller import CellCommand
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.simulation import Simulation

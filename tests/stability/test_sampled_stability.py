@@ -16,7 +16,7 @@ import coop_pin as cp
 from coop_pin.base.errors import CoopPinError, DivergedError, ScenarioWarning
 from coop_pin.chain.integrators import INTEGRATORS
 from coop_pin.cli import main
-from coop_pin.control.interface import ArmCommand, ArmController
+from coop_pin.control import ArmCommand, ArmController
 from coop_pin.feasibility import reachability
 from coop_pin.grasps import CellChain
 from coop_pin.model import CellArm

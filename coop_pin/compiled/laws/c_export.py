@@ -33,7 +33,8 @@ from coop_pin.compiled.laws.law_code import (
     traced_call,
 )
 from coop_pin.control import DecentralisedController
-from coop_pin.control.interface import COMMANDS, DESIRED, MEASURED
+from coop_pin.control.controller import COMMANDS
+from coop_pin.control.measurement import DESIRED, MEASURED
 from coop_pin.description.scenario import Scenario
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from pydantic import model_validator
@@ -13,7 +13,9 @@ from pydantic import model_validator
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import Description, Matrix, Vector, check_arm_names
-from coop_pin.control.interface import ArmMeasurement, ArmReference, CellCommand, CellController
+from coop_pin.control.controller import CellCommand
+from coop_pin.control.law_wrapper import CellLawWrapper, WrappedState
+from coop_pin.control.measurement import ArmMeasurement, ArmReference
 
 
 class FeedForward(Description):
@@ -65,76 +67,55 @@ class FeedForward(Description):
         return [(1.0 - part) * table[i] + part * table[i + 1] for table in self._tables]
 
 
-class FeedForwardState(NamedTuple):
-    """Memory of a law with feed-forward.
-
-    Attributes:
-        law: state of the law.
-        added: torques that were added to the last command, N m, shape (k,) each.
-    """
-
-    law: Any
-    added: Sequence[Array]
-
-
 Added = Callable[[float, Sequence[Array]], Sequence[Array]]
 """Torques to add at a time, s, to commands of the law; N m, shape (k,) for each arm."""
 
 
 @dataclass(frozen=True, eq=False)
-class FeedForwardController(CellController):
-    """A law whose torques are those of another law and added ones.
+class FeedForwardController(CellLawWrapper):
+    """Law of all arms with torques that are added to its commands.
 
-    The law is told as reported torque what acted of its own command: cuts are its own.
+    The torque that is reported to the law is the part of its own command that acted: cuts are its own.
+
+    The memory is what was added to the last command, N m, shape (k,) for each arm.
 
     Attributes:
-        law: the law.
         added: torques to add.
     """
 
-    law: CellController
     added: Added
-
-    @property
-    def needs(self) -> tuple[str, ...]:  # type: ignore[override]
-        """What the law uses."""
-        return self.law.needs
-
-    def commands_of(self, arm: str) -> str:
-        """Return what the law commands to an arm."""
-        return self.law.commands_of(arm)
 
     def init(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
-    ) -> FeedForwardState:
+    ) -> WrappedState:
         """Return the state at the first tick; raises as the law."""
         nothing = [np.zeros(len(measured.q)) for measured in measurements]
-        return FeedForwardState(self.law.init(measurements, references), nothing)
+        return WrappedState(nothing, self.law.init(measurements, references))
 
     def step(
         self,
         measurements: Sequence[ArmMeasurement],
         references: Sequence[ArmReference],
-        state: FeedForwardState,
+        state: WrappedState,
     ) -> CellCommand:
         """Return the torques of this tick and the state of the next; raises as the law."""
-        command = self.law.step(_without(measurements, state.added), references, state.law)
+        command = self.law.step(_without(measurements, state.memory), references, state.law)
         added = self.added(measurements[0].time, command.torques)
         torques = [torque + more for torque, more in zip(command.torques, added, strict=True)]
-        return replace(command, torques=torques, state=FeedForwardState(command.state, added))
+        return replace(command, torques=torques, state=WrappedState(added, command.state))
 
     def messages(
         self,
         measurements: Sequence[ArmMeasurement],
         references: Sequence[ArmReference],
-        state: FeedForwardState | None,
+        state: WrappedState | None,
     ) -> list[Array]:
-        """Return what the law's arms tell each other."""
+        """Return the messages of the law's arms."""
         if state is None:
             return self.law.messages(measurements, references, None)
-        return self.law.messages(_without(measurements, state.added), references, state.law)
+        return self.law.messages(_without(measurements, state.memory), references, state.law)
 
-    def remarks(self, pose: Array, state: FeedForwardState) -> list[str]:
+    def remarks(self, pose: Array, state: WrappedState) -> list[str]:
         """Return the remarks of the law."""
         return self.law.remarks(pose, state.law)
 
@@ -142,8 +123,8 @@ class FeedForwardController(CellController):
 def _without(measurements: Sequence[ArmMeasurement], added: Sequence[Array]) -> list[ArmMeasurement]:
     """Return measurements whose reported torques are without the added ones."""
     return [
-        seen
-        if seen.reported_torque is None or not more.any()
-        else seen._replace(reported_torque=seen.reported_torque - more)
-        for seen, more in zip(measurements, added, strict=True)
+        each
+        if each.reported_torque is None or not more.any()
+        else each._replace(reported_torque=each.reported_torque - more)
+        for each, more in zip(measurements, added, strict=True)
     ]

@@ -9,7 +9,8 @@ import numpy as np
 
 from coop_pin.base.arrays import Array, frozen
 from coop_pin.base.errors import ArgumentError, DivergedError, FieldError, ShapeError
-from coop_pin.control.interface import COMMANDS, CellCommand, CellController
+from coop_pin.control import CellCommand, CellController
+from coop_pin.control.controller import COMMANDS
 from coop_pin.description.scenario import Scenario
 from coop_pin.simulation.devices.drives import Applied, DriveMotion, DriveState, Given, cell_drives
 from coop_pin.simulation.devices.servo import ServoState

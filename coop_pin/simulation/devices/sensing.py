@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.base.arrays import Array, Mask, frozen
-from coop_pin.control.interface import ArmMeasurement, ArmReference
+from coop_pin.control.measurement import ArmMeasurement, ArmReference
 from coop_pin.description.cell.grasp_plan import GraspPlan
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import SlipSensor
