@@ -163,7 +163,7 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         self._is_random, alone = bool(is_random.any()), prepared.part(slice(1))
         self._code = RunProgram(alone, differs, is_random | prepared.loaded(alone))
         program, order = self._code.program, self._code.order(alone)
-        kernel = self._outcome_kernel(plant.run.plant.chain.rigid.determinate_rows(plant.run.plant.q))
+        kernel = self._outcome_kernel(plant.determined)
         instructions = order.instructions[order.instructions[:, 0] != RECORD]
         # A tick begins at its first instruction, but for the records of the ticks before it.
         starts, self._uniforms = [*order.ticks, len(order.instructions)], order.uniforms

@@ -9,9 +9,11 @@ import numpy as np
 
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.control import ArmMeasurement, ArmReference, CellCommand
+from coop_pin.description import PlantOptions
 from coop_pin.description.events import Surroundings
 from coop_pin.results import RunResult
 from coop_pin.simulation import Simulation
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 
 _RECORDED = (
     "configuration",
@@ -93,15 +95,16 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Record
     """
     result.scenario.cell.require_rigid("the monitor of a law's proof")
     data, rows = result.data, list(result.scenario.cell.task_rows.indices)
-    plant, sensing, chain = simulation.plant, simulation.sensing, simulation.plant.chain
-    beside, slots = _BESIDE * simulation.timeline.period, chain.model.arms
+    plant, sensing, chain, slots = simulation.plant, simulation.sensing, simulation.chain, simulation.slots
+    beside, forces_at = _BESIDE * simulation.timeline.period, PinocchioPlant(chain, PlantOptions(), plant.q)
     recorded = {name: np.nan_to_num(data[name].values) for name in _RECORDED}
     applied: Any = None
     for k, (t, signals) in enumerate(zip(data["time"].values.tolist(), simulation.signals(), strict=False)):
-        plant.q, plant.v, plant.time = recorded["configuration"][k], recorded["velocity"][k], t
+        q, v = recorded["configuration"][k], recorded["velocity"][k]
+        plant.restore(plant.state()._replace(q=q, v=v, time=t))
         references = simulation.references(t)
         if k == 0:
-            measured = sensing.start(plant.q, plant.v, references, signals.sensors)
+            measured = sensing.start(q, v, references, signals.sensors)
         else:
             plant.surround(simulation.scenario.surroundings_at(t - beside))
             measured = sensing.measure(t, plant, applied, signals.sensors)
@@ -111,15 +114,15 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Record
             for name in ("torque", "commanded_torque")
         )
         applied = simulation.actuation.apply(t, CellCommand(commanded, None), signals.missed)
-        plant.hold(plant.transmission.torque(torques))
-        friction, pushed = plant.transmission.friction(plant.v), plant.generalised_force()
-        a = np.array(chain.mechanism.solver.acceleration(plant.q, plant.v, pushed))
-        push = plant.payload_wrench(plant.q, plant.v, t)
-        forces = pushed - chain.payload_jacobian(plant.q).T @ push
+        plant.drive(torques)
+        forces_at.restore(plant.state())
+        friction, pushed = chain.transmission.friction(v), forces_at.generalised_force()
+        a = np.array(chain.mechanism.solver.acceleration(q, v, pushed))
+        forces = pushed - chain.payload_jacobian(q).T @ forces_at.payload_wrench(q, v, t)
         arms = tuple(
             ArmTick(
-                q=plant.q[slot.q_slice],
-                v=plant.v[slot.v_slice],
+                q=q[slot.q_slice],
+                v=v[slot.v_slice],
                 a=a[slot.v_slice],
                 friction=friction[slot.v_slice],
                 forces=forces[slot.v_slice],
@@ -134,4 +137,4 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Record
             )
             for i, slot in enumerate(slots)
         )
-        yield RecordedTick(t, plant.q, plant.v, a, plant.surroundings, arms)
+        yield RecordedTick(t, q, v, a, forces_at.surroundings, arms)

@@ -19,7 +19,7 @@ from coop_pin.base.spatial.task_rows import TaskRows
 from coop_pin.control.interface import ArmReference, CellCommand, CellController
 from coop_pin.description.cell.grasp_plan import GraspPlan
 from coop_pin.description.events import PayloadEvent
-from coop_pin.description.grasp_events import Event
+from coop_pin.description.grasp_events import Event, MissedGrasp
 from coop_pin.description.scenario import Scenario
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.reference import PoseReference, PoseTarget, SqueezeReference, retreated
@@ -28,7 +28,8 @@ from coop_pin.simulation.devices.actuation import Actuation
 from coop_pin.simulation.devices.drives import Applied
 from coop_pin.simulation.devices.network import Exchange, Traffic, heard
 from coop_pin.simulation.devices.sensing import Sensing
-from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
+from coop_pin.simulation.plant import PlantMaker
 from coop_pin.simulation.recorder import Recorder
 from coop_pin.simulation.run_state import RunState
 from coop_pin.simulation.tick import SignalSource, TickInputs, TickSignals
@@ -89,17 +90,24 @@ class Simulation:
         controller_state: returned by its last step.
         ticks_done: ticks recorded so far.
         timeline: the times of ticks and events.
-        plant: the closed chain in motion; mutable, see its module.
+        chain: the cell's closed chain, on which its start is found and a plant may move.
+        slots: positions of the arms in q and v.
+        plant: the cell in motion; mutable, see its module.
         sensing: sensors of the arms.
         actuation: drives of the arms.
         exchange: messages between the arms.
         motion: the desired motion.
         squeeze: the desired internal wrenches.
         recorder: samples recorded so far.
+        missed: grasps that did not happen.
     """
 
     def __init__(
-        self, scenario: Scenario, controller: CellController | None = None, *, plant: type[Plant] = Plant
+        self,
+        scenario: Scenario,
+        controller: CellController | None = None,
+        *,
+        plant: PlantMaker = PinocchioPlant,
     ) -> None:
         """Start at t = 0, at rest.
 
@@ -107,7 +115,7 @@ class Simulation:
             scenario: Scenario to run.
             controller: Controller of the cell; it need not be the one that the scenario names. Without one,
                 ``step`` is given commands from outside.
-            plant: Class that computes the motion.
+            plant: Maker of the plant, which computes the motion: a class of plants.
 
         Raises:
             UnreachablePoseError: the start is out of an arm's reach.
@@ -120,18 +128,21 @@ class Simulation:
         self.controller_state: Any = None
         self.ticks_done = 0
         self._schedule()
-        chain = CellChain(scenario.cell, scenario.plant)
-        self.plant = plant(chain, scenario.plant, start_configuration(chain, scenario))
-        self.actuation = Actuation(scenario, self.plant)
+        self.chain = chain = CellChain(scenario.cell, scenario.plant)
+        self.slots, q = chain.model.arms, start_configuration(chain, scenario)
+        self.plant, self._maker = plant(chain, scenario.plant, q), plant
+        self.actuation = Actuation(scenario, self.plant, self.slots, chain.arms, chain.loads(q))
         if controller is not None:
             self.actuation.require_taken(controller)
         holding, loads = self.actuation.holding_commands, chain.loads if chain.patches.arms else None
-        self.sensing = Sensing(scenario, chain, holding_torques=holding, loads=loads)
+        self.sensing = Sensing(scenario, self.slots, chain.arms, holding_torques=holding, loads=loads)
         self.exchange = Exchange(scenario)
         self.motion: PoseReference = scenario.motion.replace()  # reads a CSV table again
         self.squeeze: SqueezeReference = scenario.squeeze
-        self.recorder = Recorder(scenario, self.plant, self.timeline)
+        limits, determined = [arm.limits for arm in chain.arms], chain.rigid.determinate_rows(q)
+        self.recorder = Recorder(scenario, self.plant, self.timeline, self.slots, limits, determined)
         self._grasps, self._rows = scenario.cell.grasps, scenario.cell.task_rows
+        self.missed: tuple[MissedGrasp, ...] = ()
         self._applied: Applied | None = None
         self._inputs: TickInputs | None = None
         self._replaced: tuple[str, ...] = ()
@@ -140,7 +151,7 @@ class Simulation:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return how a copy is made (``copy.deepcopy``, pickle): a new simulation in the same state."""
-        return _restored, (self._start.scenario, self.controller, type(self.plant), self.state())
+        return _restored, (self._start.scenario, self.controller, self._maker, self.state())
 
     @property
     def time(self) -> float:
@@ -209,6 +220,7 @@ class Simulation:
             self.controller_state,
             self.motion,
             self.squeeze,
+            self.missed,
             self._replaced,
             self._inputs,
             self._applied,
@@ -228,7 +240,7 @@ class Simulation:
         require_type("state", state, RunState)
         state.require_of(self._start.scenario)
         self.scenario, self.ticks_done, self.controller, self.controller_state = state[:4]
-        self.motion, self.squeeze, self._replaced, self._inputs, self._applied = state[4:9]
+        self.motion, self.squeeze, self.missed, self._replaced, self._inputs, self._applied = state[4:10]
         self._schedule()
         self.plant.restore(state.plant)
         self.actuation.restore(state.actuation)
@@ -238,7 +250,7 @@ class Simulation:
 
     def signals(self, first: int = 0) -> Iterator[TickSignals]:
         """Return the signals of one tick after the other, from that with a number on."""
-        return SignalSource(self.scenario, self.plant.chain.model.arms).rows(first)
+        return SignalSource(self.scenario, self.slots).rows(first)
 
     def reset(self, seed: int | None = None) -> TickInputs:
         """Return to the start and observe the first tick.
@@ -273,7 +285,7 @@ class Simulation:
         result = self.recorder.result(scenario)
         if self.controller_state is not None:
             pose = self.motion.at(result.end).X_WP_d
-            remarks = [*map(str, self.plant.missed), *self.controller.remarks(pose, self.controller_state)]
+            remarks = [*map(str, self.missed), *self.controller.remarks(pose, self.controller_state)]
             if remarks:
                 result.data.attrs[RunResult.REMARKS] = "\n".join(remarks)
         return result
@@ -389,7 +401,7 @@ class Simulation:
         squeeze = self.squeeze.at(time, self._grasps)
         if not self._has_plan:
             return squeeze, None
-        missed = [missed.event for missed in self.plant.missed]
+        missed = [missed.event for missed in self.missed]
         plan = self.scenario.grasp_plan_at(self.timeline.just_after(time), missed)
         return plan.squeeze(squeeze), plan
 
@@ -422,7 +434,8 @@ class Simulation:
             self.plant.surround(self.scenario.surroundings_at(after))
             for event in self.scenario.events:
                 if abs(event.instant - time) <= after - time:
-                    event.act(self.plant, list(self.scenario.cell.arms))
+                    missed = event.act(self.plant, list(self.scenario.cell.arms))
+                    self.missed += () if missed is None else (missed,)
 
     def _advance(self, tick: int) -> None:
         """Integrate the plant to the next tick, event times included."""
@@ -456,7 +469,7 @@ class Simulation:
 
 
 def _restored(
-    scenario: Scenario, controller: CellController, plant: type[Plant], state: RunState
+    scenario: Scenario, controller: CellController, plant: PlantMaker, state: RunState
 ) -> Simulation:
     """Return a simulation in a state."""
     simulation = Simulation(scenario, controller, plant=plant)
