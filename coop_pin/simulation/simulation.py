@@ -127,7 +127,6 @@ class Simulation:
         self.scenario, self.controller = scenario, controller or _NoController()
         self.controller_state: Any = None
         self.ticks_done = 0
-        self._schedule()
         self.chain = chain = CellChain(scenario.cell, scenario.plant)
         self.slots, q = chain.model.arms, start_configuration(chain, scenario)
         self.plant, self._maker = plant(chain, scenario.plant, q), plant
@@ -139,6 +138,7 @@ class Simulation:
         self.exchange = Exchange(scenario)
         self.motion: PoseReference = scenario.motion.replace()  # reads a CSV table again
         self.squeeze: SqueezeReference = scenario.squeeze
+        self._schedule()
         limits, determined = [arm.limits for arm in chain.arms], chain.rigid.determinate_rows(q)
         self.recorder = Recorder(scenario, self.plant, self.timeline, self.slots, limits, determined)
         self._grasps, self._rows = scenario.cell.grasps, scenario.cell.task_rows
@@ -181,7 +181,7 @@ class Simulation:
                 self.exchange.state = None  # all is said again
             self._inputs = inputs = self._heard(inputs, self.controller_state)
             measurements, references, *_ = inputs
-            self._step(inputs, self.controller.step(measurements, references, self.controller_state))
+            self._step(self.controller.step(measurements, references, self.controller_state))
 
     def observe(self) -> TickInputs:
         """Return what a controller gets at the next tick; asked again before ``step``, the same.
@@ -206,10 +206,10 @@ class Simulation:
         """
         require_type("command", command, CellCommand)
         with np.errstate(over="ignore", invalid="ignore"):
-            inputs, since = self._observe(), f"commanded from outside from t = {self.time:g} s on"
+            self._observe()
             if not any(text.startswith("commanded") for text in self._replaced):
-                self._replaced += (since,)
-            self._step(inputs, command)
+                self._replaced += (f"commanded from outside from t = {self.time:g} s on",)
+            self._step(command)
 
     def state(self) -> RunState:
         """Return the state of the run, from which ``restore`` makes it go on with the same bits."""
@@ -344,28 +344,36 @@ class Simulation:
         return self._by_clocks(time, self._references(target, *self._planned(time)))
 
     def _observe(self) -> TickInputs:
-        """Measure and apply the events of the next tick, once."""
+        """Do the stages of the next tick before its command, once."""
         if self.is_finished:
             raise InvalidStateError(
                 f"the simulation finished at t = {self.timeline.time(self.timeline.ticks):.6g} s;"
                 " create a new Simulation, or give the scenario a longer duration"
             )
         if self._inputs is None:
-            time = self.time
-            target, (squeeze, plan) = self.motion.at(time), self._planned(time)
-            references = self._by_clocks(time, self._references(target, squeeze, plan))
-            if plan is not None:
-                self.sensing.follow(plan)
-            plant, signals = self.plant, next(self._signals)
-            if self._applied is None:
-                measurements = self.sensing.start(plant.q, plant.v, references, signals.sensors)
-            else:
-                measurements = self.sensing.measure(time, plant, self._applied, signals.sensors)
-            for index, clock in self._clocks.items():
-                measurements[index] = measurements[index]._replace(time=clock.reading(time))
-            self._apply_events(time)
-            self._inputs = TickInputs(measurements, references, target, squeeze, signals)
+            for kind, time, *_ in self.timeline.before_command(self.ticks_done):
+                match kind:
+                    case "measure":
+                        self._inputs = self._measure(time)
+                    case "happen":
+                        self._happen(time)
+        assert self._inputs is not None
         return self._inputs
+
+    def _measure(self, time: float) -> TickInputs:
+        """Return what a controller gets at a time, without messages."""
+        target, (squeeze, plan) = self.motion.at(time), self._planned(time)
+        references = self._by_clocks(time, self._references(target, squeeze, plan))
+        if plan is not None:
+            self.sensing.follow(plan)
+        plant, signals = self.plant, next(self._signals)
+        if self._applied is None:
+            measurements = self.sensing.start(plant.q, plant.v, references, signals.sensors)
+        else:
+            measurements = self.sensing.measure(time, plant, self._applied, signals.sensors)
+        for index, clock in self._clocks.items():
+            measurements[index] = measurements[index]._replace(time=clock.reading(time))
+        return TickInputs(measurements, references, target, squeeze, signals)
 
     def _heard(self, inputs: TickInputs, state: Any) -> TickInputs:
         """Return the inputs with the messages that controllers in a state exchange at this tick, once."""
@@ -375,25 +383,41 @@ class Simulation:
         measured = heard(self.controller, inputs.measurements, inputs.references, state, exchange)
         return inputs._replace(measurements=measured)
 
-    def _step(self, inputs: TickInputs, command: CellCommand) -> None:
-        """Apply a command, record the tick and integrate to the next."""
-        tick, time = self.ticks_done, self.time
-        self.controller_state = command.state
-        self._applied = self.actuation.apply(time, command, inputs.signals.missed)
-        self.plant.drive(self._applied.torques)
-        self.recorder.record(time, inputs, self._applied, self.sensing.sensors.shares)
-        self.ticks_done, self._inputs = tick + 1, None
-        if tick < self.timeline.ticks:
-            self._advance(tick)
-        else:
+    def _step(self, command: CellCommand) -> None:
+        """Do the stages of a tick from its command on."""
+        tick, actuation, plant, inputs = self.ticks_done, self.actuation, self.plant, self._observe()
+        for kind, time, length, due in self.timeline.from_command(tick):
+            match kind:
+                case "advance":
+                    plant.advance(time, length)
+                case "command":
+                    self.controller_state = command.state
+                    self._applied = actuation.apply(time, command, inputs.signals.missed)
+                    plant.drive(self._applied.torques)
+                case "record":
+                    assert self._applied is not None
+                    self.recorder.record(time, inputs, self._applied, self.sensing.sensors.shares)
+                    self.ticks_done, self._inputs = tick + 1, None
+                case "happen":
+                    self._happen(time)
+                case "sample":
+                    plant.drive(actuation.sample(due, time))
+                case "drive":
+                    plant.drive(actuation.torques(time, length))
+                case "release":
+                    plant.drive(actuation.torques(time))
+        if self.is_finished:
             self.recorder.observe()
+        else:
+            self._require_closed(self.timeline.time(tick))
 
     def _schedule(self) -> None:
         """Lay out the times of the run, and what of them a tick asks for."""
         scenario = self.scenario
         lost = [scenario.actuators_of(name).lost_at for name in scenario.cell.arms]
         instants = [time for time in lost if time is not None]
-        self.timeline = Timeline(scenario.clock, scenario.duration, scenario.events, instants)
+        clock, drives = scenario.clock, self.actuation.drives
+        self.timeline = Timeline(clock, scenario.duration, scenario.events, instants, drives)
         self._clocks, self._has_plan = scenario.clocks, scenario.has_grasp_plan
 
     def _planned(self, time: float) -> tuple[Array, GraspPlan | None]:
@@ -426,37 +450,15 @@ class Simulation:
             references[index] = self._references(self.motion.at(shown), *self._planned(shown))[index]
         return references
 
-    def _apply_events(self, time: float) -> None:
-        """Put the plant into the surroundings that the events at this time make."""
-        if self.timeline.happens_at(time):
-            self.recorder.observe()  # in the surroundings until now
-            after = self.timeline.just_after(time)
-            self.plant.surround(self.scenario.surroundings_at(after))
-            for event in self.scenario.events:
-                if abs(event.instant - time) <= after - time:
-                    missed = event.act(self.plant, list(self.scenario.cell.arms))
-                    self.missed += () if missed is None else (missed,)
-
-    def _advance(self, tick: int) -> None:
-        """Integrate the plant to the next tick, event times included."""
-        actuation, is_held = self.actuation, self.actuation.is_held
-        for index, step in enumerate(self.timeline.steps(tick)):
-            if index > 0:
-                self._apply_events(step.start)
-                if actuation.has_servos:
-                    self._sample(tick, step.start)
-            if not is_held:
-                self.plant.drive(actuation.torques(step.start, step.length))
-            self.plant.advance(step.start, step.length)
-        if not is_held:
-            self.plant.drive(actuation.torques(self.timeline.time(tick + 1)))
-        self._require_closed(self.timeline.time(tick))
-
-    def _sample(self, tick: int, time: float) -> None:
-        """Let the servos sample that are due at a time within a tick."""
-        share = (time - self.timeline.time(tick)) / self.timeline.period
-        if (torques := self.actuation.sample(share, time)) is not None:
-            self.plant.drive(torques)
+    def _happen(self, time: float) -> None:
+        """Put the plant into the surroundings that the events at a time make."""
+        self.recorder.observe()  # in the surroundings until now
+        after = self.timeline.just_after(time)
+        self.plant.surround(self.scenario.surroundings_at(after))
+        for event in self.scenario.events:
+            if abs(event.instant - time) <= after - time:
+                missed = event.act(self.plant, list(self.scenario.cell.arms))
+                self.missed += () if missed is None else (missed,)
 
     def _require_closed(self, time: float) -> None:
         """Refuse a state that diverged; ``not <`` also catches NaN."""

@@ -153,15 +153,13 @@ class Actuation:
         )
         return applied
 
-    def sample(self, share: float, time: float) -> list[Array] | None:
-        """Return the torques of each arm after samples of servos within a tick, N m; None if there are none.
+    def sample(self, due: Sequence[int], time: float) -> list[Array]:
+        """Return the torques of each arm after samples of servos within a tick, N m.
 
         Args:
-            share: Share of the tick that has passed.
+            due: Arms whose servos sample, by index.
             time: Time, s.
         """
-        if not (due := self.drives.due(share)):
-            return None
         self._gives, since, self._start = self.gives(time), time - self._start, time
         torques, self.state = self.drives.sample(self.state, due, self._sensed, self._gives, since)
         return torques
