@@ -30,9 +30,9 @@ from coop_pin.results.quantities import QUANTITIES
 from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import controlled_arm
 from coop_pin.simulation.devices.actuation import Actuation
+from coop_pin.simulation.loop import start_configuration
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.plant import Plant
-from coop_pin.simulation.simulation import start_configuration
 from coop_pin.simulation.tick import SignalSource
 from coop_pin.tracing.numpy_machine import evaluate
 from coop_pin.tracing.tape import Tape, operands

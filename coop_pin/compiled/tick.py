@@ -27,7 +27,7 @@ from coop_pin.simulation.devices.actuation import TORQUE_LIMIT
 from coop_pin.simulation.devices.drives import Applied, DriveMotion, DriveState, Given, TorqueResponse
 from coop_pin.simulation.devices.network import NetworkSignals, heard
 from coop_pin.simulation.devices.sensors import Truth, View
-from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
+from coop_pin.simulation.plant import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
 from coop_pin.tracing import elementary
 from coop_pin.tracing.kernel import Kernel
 from coop_pin.tracing.tape import Number

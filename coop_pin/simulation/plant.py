@@ -9,11 +9,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
+import numpy as np
+
 from coop_pin.base.arrays import Array
+from coop_pin.base.errors import DivergedError
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.description import PlantOptions
 from coop_pin.description.events import Surroundings
 from coop_pin.grasps.cell_chain import CellChain, Observation
+
+# A run beyond these has diverged: joint speed, rad/s; closure error, m or rad.
+SPEED_LIMIT = 1e3
+CLOSURE_ERROR_LIMIT = 1e-2
 
 
 class PlantState(NamedTuple):
@@ -119,3 +126,17 @@ class Plant(Protocol):
 
 PlantMaker: TypeAlias = Callable[[CellChain, PlantOptions, Array], Plant]
 """Maker of a plant of a cell at rest at a configuration on the closures, shape (nq,), without torques."""
+
+
+def require_closed(plant: Plant, time: float) -> None:
+    """Refuse a state that diverged since a time, s; ``not <`` also catches NaN.
+
+    Raises:
+        DivergedError: a speed or a closure error is beyond its limit.
+    """
+    v = plant.v
+    if not v.dot(v) < SPEED_LIMIT**2 and not (speed := float(np.abs(v).max())) < SPEED_LIMIT:
+        raise DivergedError(time, "joint speed, rad/s,", speed, SPEED_LIMIT)
+    closure_error = max(max(error) for error in plant.closure_errors())
+    if not closure_error < CLOSURE_ERROR_LIMIT:
+        raise DivergedError(time, "closure error, m or rad,", closure_error, CLOSURE_ERROR_LIMIT)
