@@ -14,9 +14,10 @@ import pinocchio as pin
 from common import elsewhere, interleaved, ratio
 
 import coop_pin as cp
+from coop_pin import Arm, Cell, Payload, Pose
 from coop_pin.base.spatial import make_pose
-from coop_pin.description import Arm, Cell, Payload, PlantOptions, Pose
 from coop_pin.grasps import CellChain
+from coop_pin.plant import PlantOptions
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 
 POSTURE = (-0.406, -0.537, 0.32, -2.256, 0.164, 1.739, 1.415)

@@ -1,6 +1,6 @@
 """Controllers compared: the same cells, trials and measures for all, and a table with intervals."""
 
-from coop_pin.comparison.benchmark import compare
+from coop_pin import lazy_names
 from coop_pin.comparison.controllers import controller_names, controllers_for
 from coop_pin.comparison.costs import tick_costs
 from coop_pin.comparison.table import Comparison
@@ -12,10 +12,10 @@ __all__ = [
     "Comparison",
     "Trial",
     "benchmark_scenario",
-    "compare",
     "controller_names",
     "controllers_for",
     "standard_trials",
     "tick_costs",
     "tune_controllers",
 ]
+__getattr__, __dir__ = lazy_names(__name__)

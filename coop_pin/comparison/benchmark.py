@@ -20,10 +20,11 @@ from coop_pin.comparison.trials import Trial, benchmark_scenario, changes_of, st
 from coop_pin.compiled.engine_choice import choose_engines
 from coop_pin.compiled.engines import Engine
 from coop_pin.description.scenario import Scenario
-from coop_pin.sweeps import Execution, SweepPlan, SweepResult
 from coop_pin.sweeps.engine import sweep_plan
 from coop_pin.sweeps.feasibility import require_feasible_groups, require_reach
-from coop_pin.sweeps.workers.execution import HERE
+from coop_pin.sweeps.plan import SweepPlan
+from coop_pin.sweeps.result import SweepResult
+from coop_pin.sweeps.workers.execution import HERE, Execution
 
 
 class _Part(NamedTuple):

@@ -18,10 +18,11 @@ from coop_pin.comparison.measures import tuning_cost
 from coop_pin.comparison.trials import benchmark_scenario, standard_trials
 from coop_pin.description.scenario import Scenario
 from coop_pin.feasibility import loads_without_an_arm, reachability
-from coop_pin.sweeps import Execution, TuneResult, tune
+from coop_pin.sweeps import TuneResult
 from coop_pin.sweeps.dimensions import Span
 from coop_pin.sweeps.feasibility import require_feasible_groups, require_reach
-from coop_pin.sweeps.workers.execution import HERE
+from coop_pin.sweeps.optimisation import tune
+from coop_pin.sweeps.workers.execution import HERE, Execution
 
 TUNED_SEED = 1000
 """Seed of the search and of its noise; trials are judged with the seeds 0, 1, 2, ..."""

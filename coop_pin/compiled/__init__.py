@@ -1,10 +1,11 @@
 """Traced code: batches of runs, compiled once for many scenarios, and the law of one arm as C99.
 
 Laws are those of coop_pin.control, sensors and drives those of coop_pin.simulation, run on traced numbers.
-The plant alone is written anew, as scalar code with the numbers of the cell's Pinocchio tree; tests hold the
-two together. llvmlite compiles batches. A *family* of runs shares one code: its ``Cover`` (events, delays,
-lost torques) is what that code provides; numbers that all of them have *fold* into it, others are *inputs* in
-the *slots* of a *block* of runs. In the order in which they build on each other:
+The plant alone is written anew, as scalar code with the numbers of the cell's Pinocchio tree, but for springs
+and the free-flyer, which are those of coop_pin.grasps and coop_pin.chain; tests hold the two together.
+llvmlite compiles batches. A *family* of runs shares one code: its ``Cover`` (events, delays, lost torques) is
+what that code provides; numbers that all of them have *fold* into it, others are *inputs* in the *slots* of a
+*block* of runs. In the order in which they build on each other:
 
 - what runs share: engines, code_family;
 - physics (plant): serial_arm (kinematics), arm_dynamics, cell_dynamics (closures, forces on the payload);
@@ -24,9 +25,7 @@ from coop_pin import lazy_names
 _PUBLIC = {
     "BatchResult": "coop_pin.compiled.simulate",
     "BatchSimulator": "coop_pin.compiled.simulate",
-    "CLaw": "coop_pin.compiled.laws.c_export",
     "Lane": "coop_pin.compiled.lane",
-    "export_c": "coop_pin.compiled.laws.c_export",
     "law_reason": "coop_pin.compiled.code_family",
     "plant_reason": "coop_pin.compiled.code_family",
     "simulate_batch": "coop_pin.compiled.simulate",

@@ -18,14 +18,15 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import PayloadKinematics
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.cell_model import ArmPlace
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.devices.actuation import Actuation
-from coop_pin.simulation.devices.drives import CellDrives, DriveState, TorqueResponse
+from coop_pin.simulation.devices.drives import CellDrives, DriveState
 from coop_pin.simulation.devices.network import CellNetwork
 from coop_pin.simulation.devices.sensing import Sensing
 from coop_pin.simulation.devices.sensors import CellSensors
+from coop_pin.simulation.devices.torque_response import TorqueResponse
 from coop_pin.simulation.devices.wrist import Wrist
 from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.simulation.timeline import Timeline
 from coop_pin.tracing.traced_array import traced
 

@@ -23,19 +23,22 @@ from coop_pin.compiled.constants import (
     start,
 )
 from coop_pin.compiled.laws.hidden_state import digest, of_classes
+from coop_pin.compiled.laws.law_code import as_tracing_errors
 from coop_pin.compiled.signals import RunSignals, clocked_of, columns, desired_of, first_of, squeezed
 from coop_pin.control import CellController
-from coop_pin.description import Cell, Scenario, TrustThresholds
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.scenario import Scenario
+from coop_pin.description.trust import TrustThresholds
 from coop_pin.results.quantities import QUANTITIES
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import controlled_arm
 from coop_pin.simulation.devices.actuation import Actuation
 from coop_pin.simulation.loop import start_configuration
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.simulation.tick import SignalSource
 from coop_pin.tracing.numpy_machine import evaluate
-from coop_pin.tracing.tape import Tape, operands
+from coop_pin.tracing.tape import Tape, UntraceableError, operands
 from coop_pin.tracing.traced_array import inputs
 from coop_pin.tracing.tree import flattened, leaves
 
@@ -165,6 +168,7 @@ class PreparedPlant:
         """Rows of the interaction wrenches that are determinate; see RigidGrasps."""
         return self.run.recorder.determined
 
+    @as_tracing_errors()
     def with_controller(self, scenario: Scenario) -> tuple[CellController, Array, tuple[Hashable, ...]]:
         """Return the controller of a run of this plant, the numbers of both, and the family of the run.
 
@@ -197,7 +201,7 @@ class PreparedPlant:
             entries, traced = flattened(scenario.controller.build(scenario, self.arms), self._known)
             outputs = operands(tape, entries)
             is_alike = traced == structure and tape.rounds_alike(outputs)
-        except (CoopPinError, TypeError, ValueError, AttributeError):
+        except (CoopPinError, UntraceableError, TypeError, ValueError, AttributeError):
             is_alike = False
         if not is_alike:
             self._untraced.append(untraced)

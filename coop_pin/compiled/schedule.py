@@ -17,9 +17,10 @@ import numpy as np
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.base.disk_cache import keep, kept, package_digest
 from coop_pin.compiled.block import RunBlock
+from coop_pin.compiled.laws.law_code import as_tracing_errors
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.tick import TickCode, sample_name
-from coop_pin.simulation import Simulation
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.tracing.kernel import LOAD, RECORD, Program
 from coop_pin.tracing.llvm_emitter import llvm_text
 from coop_pin.tracing.tree import leaves, structure, valued
@@ -33,6 +34,7 @@ class RunProgram:
         program: kernels, or their text, without an order.
     """
 
+    @as_tracing_errors()
     def __init__(
         self,
         first: Prepared,
@@ -102,7 +104,7 @@ def _traced(block: RunBlock, first: Prepared, width: int | None) -> tuple[Progra
     program = Program(code.kernels(), block.lanes, block.recorded, block.loaded)
     names, law = [kernel.name for kernel in program.kernels], [0.0] * len(leaves(code.law))
     if width is not None:
-        program = program._replace(text=llvm_text(program, width), kernels=())
+        program = program._replace(text=llvm_text(program, width), width=width, kernels=())
     traced = program, names, valued(code.law, iter(law))
     if is_kept:
         keep(key, zlib.compress(pickle.dumps(traced), 1))

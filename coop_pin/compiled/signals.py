@@ -9,8 +9,8 @@ import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.description.network import ArmClock
-from coop_pin.reference import PoseTarget
-from coop_pin.simulation import Simulation
+from coop_pin.reference.pose_reference import PoseTarget
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.simulation.tick import TickSignals
 
 

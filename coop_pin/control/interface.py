@@ -16,6 +16,7 @@ import numpy as np
 
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.base.errors import SingularJacobianError
+from coop_pin.base.spatial.generic_numbers import Traceable
 from coop_pin.base.spatial.task_rows import TaskRows
 
 
@@ -267,7 +268,7 @@ class CellTiming(NamedTuple):
     lag: float = 0.0
 
 
-class ArmController(ABC):
+class ArmController(Traceable, ABC):
     """Controller of one arm from its own measurements: the decentralised laws. Immutable.
 
     Attributes:
@@ -311,7 +312,7 @@ class ArmController(ABC):
         return []
 
 
-class CellController(ABC):
+class CellController(Traceable, ABC):
     """Controller of all arms from all measurements: the centralised laws.
 
     Attributes:

@@ -11,18 +11,17 @@ from pydantic import Field
 
 from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import NotNegative, Positive, unknown_arms
+from coop_pin.description.arm_events import LoseArm, UserEvent
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.events import (
     MISSED,
     AnyEvent,
     GravityTurn,
     LastingEvent,
-    LoseArm,
     Partner,
     PayloadChange,
     PayloadEvent,
     Surroundings,
-    UserEvent,
     WrenchPulse,
     of_kind,
 )

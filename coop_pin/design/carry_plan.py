@@ -16,13 +16,17 @@ from coop_pin.base.schema.base import Description, Matrix, NotNegative, Positive
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.user_files import read_user_file
 from coop_pin.control.laws.feed_forward import FeedForward, FeedForwardController, FeedForwardState
-from coop_pin.description import Actuators, Cell, Miscalibration, Scenario, Sensors, WristSensor
+from coop_pin.description.actuators import Actuators
+from coop_pin.description.cell.arm import Miscalibration
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.scenario import Scenario
+from coop_pin.description.sensors import Sensors, WristSensor
 from coop_pin.design.carried_path import CarriedLine
 from coop_pin.design.carry_limits import KNOTS, CarryLimits, CarryTiming, slower
-from coop_pin.reference import ConstantSqueeze, TimedLineMotion
-from coop_pin.reference.squeeze import Squeeze
-from coop_pin.simulation import Simulation
+from coop_pin.reference.lines import TimedLineMotion
+from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 
 _MOST_BYTES = 50_000_000
 _LATER = 0.5

@@ -11,6 +11,7 @@ from coop_pin.base.arrays import Array, typed
 from coop_pin.base.spatial import TaskRows, spatial_inertia, weight_wrench
 from coop_pin.control import PayloadSpace, PayloadSpaceGains, PostureGains, Saturation
 from coop_pin.description.scenario import Scenario
+from coop_pin.design.posture_gains import rounded_down, slowest_lag
 from coop_pin.design.tuning_rule import (
     GainProposal,
     accurate_proposal,
@@ -18,9 +19,7 @@ from coop_pin.design.tuning_rule import (
     damped,
     expected_internal_errors,
     force_path_of,
-    rounded_down,
     sampled_damping,
-    slowest_lag,
     squeeze_rate,
 )
 from coop_pin.feasibility.reachability import Reachability

@@ -11,8 +11,8 @@ from coop_pin.base.errors import DivergedError, SingularJacobianError, needs_ext
 from coop_pin.description.scenario import Scenario
 from coop_pin.environment.acted_law import ActedLaw
 from coop_pin.environment.task import Observed, Task, drives_of
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 
 with needs_extra("gymnasium", "gym", "for environments of agents"):
     from gymnasium import Env

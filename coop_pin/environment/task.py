@@ -15,7 +15,7 @@ from coop_pin.base.spatial import rotate_vector6
 from coop_pin.description.scenario import Scenario
 from coop_pin.environment.acted_law import ActedLaw
 from coop_pin.results.quantities import QUANTITIES, computed
-from coop_pin.simulation import Simulation
+from coop_pin.simulation.simulation import Simulation
 
 _OBSERVED = ("pose_error", "internal_wrench", "desired_internal_wrench", "axial_direction")
 

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, cast
 import numpy as np
 
 from coop_pin.base.arrays import Array, Mask, as_count, require_type
+from coop_pin.base.disk_cache import DiskCache
 from coop_pin.base.errors import ArgumentError, InvalidStateError, TracingError, needs_extra
 from coop_pin.compiled.code_family import law_reason
 from coop_pin.compiled.preparation import Prepared
@@ -168,7 +169,8 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         outcomes = [(len(program.kernels), row) for row in range(len(order.ticks))]
         instructions = np.concatenate((order.instructions, outcomes))
         self._machine = LlvmMachine(
-            program._replace(kernels=[*program.kernels, kernel], instructions=instructions)
+            program._replace(kernels=[*program.kernels, kernel], instructions=instructions),
+            cache=DiskCache(),
         )
         inputs = self._code.program.lanes.slots("constants")
         self._additions = inputs[np.cumsum(differs)[added] - 1]

@@ -1,6 +1,7 @@
 """Feasibility of a scenario: reach, limits, static torques, least squeeze, task inertia along its motion."""
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
+from coop_pin import lazy_names
 from coop_pin.feasibility.cell_summary import CellSummary, cell_summary, maximum_reach
 from coop_pin.feasibility.internal_moment import InternalMoment, internal_moment, positional_torques
 from coop_pin.feasibility.least_squeeze import LeastSqueeze, least_squeeze
@@ -51,3 +52,4 @@ __all__ = [
     "table_force",
     "task_inertia",
 ]
+__getattr__, __dir__ = lazy_names(__name__)

@@ -11,7 +11,7 @@ from coop_pin.base.arrays import Array, frozen, typed
 from coop_pin.description.scenario import Scenario
 from coop_pin.feasibility.reachability import Reachability, reachability
 from coop_pin.model.cell_arm import CellArm
-from coop_pin.simulation import Simulation
+from coop_pin.simulation.simulation import Simulation
 
 
 class DriveTorque(NamedTuple):

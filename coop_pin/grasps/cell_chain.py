@@ -390,5 +390,5 @@ def _require_internal(f: Array) -> None:
     if not resultant <= _SUM_ALLOWED * (1.0 + largest):
         raise ArgumentError(
             f"the internal wrenches add up to {resultant:.3g} N or N m about P; internal wrenches add up to"
-            " zero: make a wrench internal by coop_pin.base.spatial.internal_wrenches"
+            " zero: make a wrench internal by cp.spatial.internal_wrenches"
         )

@@ -16,8 +16,9 @@ from coop_pin.base.errors import NameNotFoundError, OpenClosureError
 from coop_pin.base.spatial import weight_wrench
 from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closure_set import ClosureError
-from coop_pin.description import Cell, PlantOptions
+from coop_pin.description.cell.cell import Cell
 from coop_pin.description.events import Surroundings
+from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps.contact_equilibrium import started
 from coop_pin.grasps.contact_patches import ContactPatches, PatchesState
 from coop_pin.grasps.force_elements import ForceElements

@@ -8,7 +8,8 @@ import importlib
 import re
 from types import ModuleType
 
-from coop_pin.base.errors import MissingPinocchioError
+from coop_pin import lazy_names
+from coop_pin.base import errors
 
 OLDEST, TOO_NEW = (4, 1), (5,)
 """Supported versions of Pinocchio: from the first up to, but not including, the second."""
@@ -25,17 +26,17 @@ def import_pinocchio() -> ModuleType:
         module = importlib.import_module("pinocchio")
     except ImportError as error:
         missing = isinstance(error, ModuleNotFoundError) and error.name == "pinocchio"
-        raise MissingPinocchioError(
+        raise errors.MissingPinocchioError(
             "Pinocchio is not installed" if missing else f"Pinocchio does not load: {error}"
         ) from error
     if not hasattr(module, "buildModelFromXML"):
-        raise MissingPinocchioError(
+        raise errors.MissingPinocchioError(
             f"{module!r} is not Pinocchio; rename or remove it"
             " (on PyPI a plugin for nose has that name: pip uninstall pinocchio)"
         )
     major, minor, *_ = [*map(int, re.findall(r"\d+", module.__version__)), 0, 0]
     if not OLDEST <= (major, minor) < TOO_NEW:
-        raise MissingPinocchioError(
+        raise errors.MissingPinocchioError(
             f"Pinocchio {module.__version__} is installed; coop_pin needs 4.1 or later, before 5"
         )
     return module
@@ -45,6 +46,7 @@ import_pinocchio()
 
 from coop_pin.model.arm_model import ArmModel  # noqa: E402  after the check
 from coop_pin.model.cell_arm import CellArm  # noqa: E402
-from coop_pin.model.inverse_kinematics import ik_branches, solve_ik  # noqa: E402
+from coop_pin.model.inverse_kinematics import ik_branches  # noqa: E402
 
-__all__ = ["ArmModel", "CellArm", "ik_branches", "solve_ik"]
+__all__ = ["ArmModel", "CellArm", "ik_branches"]
+__getattr__, __dir__ = lazy_names(__name__)

@@ -21,9 +21,9 @@ from coop_pin.description.events import Surroundings
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.proof.monitored_quantities import monitor_dataset
 from coop_pin.proof.recorded_run import RecordedTick, recorded_ticks
-from coop_pin.results import RunResult
-from coop_pin.simulation import Simulation
+from coop_pin.results.run_result import RunResult
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 
 _STEP = 1e-5
 """Half the span of central differences along the motion, s."""

@@ -10,10 +10,10 @@ import numpy as np
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.control import ArmMeasurement, ArmReference, CellCommand
 from coop_pin.description.events import Surroundings
-from coop_pin.results import RunResult
-from coop_pin.simulation import Simulation
+from coop_pin.results.run_result import RunResult
 from coop_pin.simulation.devices.drives import Applied
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
+from coop_pin.simulation.simulation import Simulation
 
 _RECORDED = (
     "configuration",

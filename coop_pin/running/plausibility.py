@@ -17,13 +17,14 @@ from coop_pin.base.schema.parts import fields_of
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import inverse_pose, pose_error
 from coop_pin.control import CellController
-from coop_pin.description import Cell, Scenario
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.scenario import Scenario
 from coop_pin.feasibility.least_squeeze import least_squeeze
 from coop_pin.feasibility.reachability import reachability
 from coop_pin.feasibility.statics import start_torques
 from coop_pin.feasibility.table_force import table_force
 from coop_pin.model.joint_limits import JointLimits
-from coop_pin.simulation import Simulation
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.grasp_stability import grasp_stability
 from coop_pin.stability.loop_stability import loop_stability
 from coop_pin.stability.sampled_stability import start_stability

@@ -12,7 +12,8 @@ from coop_pin.control.interface import CellCommand, CellController
 from coop_pin.description.grasp_events import MissedGrasp
 from coop_pin.description.scenario import Scenario
 from coop_pin.grasps.cell_chain import CellChain
-from coop_pin.reference import PoseReference, SqueezeReference
+from coop_pin.reference.pose_reference import PoseReference
+from coop_pin.reference.squeeze import SqueezeReference
 from coop_pin.simulation.devices.actuation import Actuation
 from coop_pin.simulation.devices.drives import Applied
 from coop_pin.simulation.devices.network import Exchange, heard

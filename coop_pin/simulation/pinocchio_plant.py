@@ -16,8 +16,8 @@ import numpy as np
 from coop_pin.base.arrays import Array
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.integrators import INTEGRATORS
-from coop_pin.description import PlantOptions
 from coop_pin.description.events import Surroundings
+from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps.cell_chain import CellChain, Observation
 from coop_pin.grasps.partner import PartnerState, partner_state
 from coop_pin.results.quantities import WORK, WORK_OF_GRASPS

@@ -14,8 +14,8 @@ import numpy as np
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import DivergedError
 from coop_pin.chain.closure_set import ClosureError
-from coop_pin.description import PlantOptions
 from coop_pin.description.events import Surroundings
+from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps.cell_chain import CellChain, Observation
 
 # A run beyond these has diverged: joint speed, rad/s; closure error, m or rad.

@@ -17,7 +17,7 @@ from coop_pin.base.memory import free_memory
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import JointLimits
-from coop_pin.results import RunResult, Snapshot
+from coop_pin.results import Snapshot
 from coop_pin.results.quantities import (
     WORK,
     WORK_OF_GRASPS,
@@ -28,6 +28,7 @@ from coop_pin.results.quantities import (
     computed,
     quantities,
 )
+from coop_pin.results.run_result import RunResult
 from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.results.trust import Breach, TrustMonitor
 from coop_pin.simulation.devices.drives import Applied

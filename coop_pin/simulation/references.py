@@ -11,7 +11,8 @@ from coop_pin.control.interface import ArmReference
 from coop_pin.description.cell.grasp_plan import GraspPlan
 from coop_pin.description.grasp_events import MissedGrasp
 from coop_pin.description.scenario import Scenario
-from coop_pin.reference import PoseReference, PoseTarget, SqueezeReference, retreated
+from coop_pin.reference.pose_reference import PoseReference, PoseTarget, retreated
+from coop_pin.reference.squeeze import SqueezeReference
 from coop_pin.simulation.timeline import Timeline
 
 Wanted: TypeAlias = tuple[list[ArmReference], PoseTarget, Array, GraspPlan | None]

@@ -14,8 +14,9 @@ from coop_pin.base.errors import FieldError, OutOfRangeError
 from coop_pin.control.interface import ArmReference, CellCommand, CellController
 from coop_pin.description.events import PayloadEvent
 from coop_pin.description.grasp_events import Event
-from coop_pin.reference import SqueezeReference
-from coop_pin.results import RunResult, Snapshot
+from coop_pin.reference.squeeze import SqueezeReference
+from coop_pin.results import Snapshot
+from coop_pin.results.run_result import RunResult
 from coop_pin.simulation.devices.network import Traffic
 from coop_pin.simulation.loop import TickLoop
 from coop_pin.simulation.tick import TickInputs

@@ -12,7 +12,7 @@ from coop_pin.base.arrays import Array
 from coop_pin.control.interface import ArmMeasurement, ArmReference
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_model import ArmPlace
-from coop_pin.reference import PoseTarget
+from coop_pin.reference.pose_reference import PoseTarget
 from coop_pin.simulation.devices.network import MessageSignals, NetworkSignals
 from coop_pin.simulation.devices.signals import CellSignals, SensorSignals, missed_ticks
 

@@ -1,6 +1,7 @@
 """Stability of a scenario in discrete time: sampled law, plant steps, eigenvalues, steady errors."""
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
+from coop_pin import lazy_names
 from coop_pin.stability.admittance_stability import AdmittanceStability, admittance_stability
 from coop_pin.stability.closed_loop import ClosedLoop, eigenvalues
 from coop_pin.stability.grasp_stability import GraspStability, grasp_stability
@@ -44,3 +45,4 @@ __all__ = [
     "steady_errors",
     "step_stability",
 ]
+__getattr__, __dir__ = lazy_names(__name__)

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from coop_pin.base.arrays import Array, as_number, typed
 from coop_pin.base.errors import ArgumentError, OutOfRangeError
-from coop_pin.description import Scenario, Sensors
-from coop_pin.simulation import Simulation
+from coop_pin.description.scenario import Scenario
+from coop_pin.description.sensors import Sensors
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.modes import NEUTRAL, Mode
 from coop_pin.stability.tick_map import MEMORY, TickMap
 

@@ -14,7 +14,7 @@ from coop_pin.base.bisection import factor_edge
 from coop_pin.base.errors import ArgumentError
 from coop_pin.base.spatial import internal_wrenches, rotate_vector6
 from coop_pin.description.scenario import Scenario
-from coop_pin.simulation import Simulation
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.modes import NEUTRAL
 from coop_pin.stability.sampled_motion import closed_tick, sampled_motion
 from coop_pin.stability.sampled_stability import SampledStability, start_stability

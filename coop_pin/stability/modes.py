@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coop_pin.base.arrays import Array, Mask
-from coop_pin.chain import ClosedChain
+from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.grasps import CellChain
-from coop_pin.simulation import Simulation
+from coop_pin.simulation.simulation import Simulation
 
 NEUTRAL = 1e-6
 """Growth in a tick, and part of a singular value, that count as none."""

@@ -10,10 +10,10 @@ import numpy as np
 from coop_pin.base.arrays import Array, frozen
 from coop_pin.base.schema.pose import Pose
 from coop_pin.control.interface import ArmMeasurement
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.devices.network import heard
 from coop_pin.simulation.devices.sensing import Sensing
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.simulation.tick import SignalSource
 
 

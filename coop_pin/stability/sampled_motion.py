@@ -11,8 +11,8 @@ import pinocchio as pin
 from coop_pin.base.arrays import Array
 from coop_pin.control.bounds import lag_pole
 from coop_pin.description.sensors import Sensors
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.devices.encoder import Encoders, EncoderState
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.modes import NEUTRAL, Mode, Motions, fastest_joints
 from coop_pin.stability.resting_law import RestingLaw
 

@@ -11,8 +11,8 @@ from coop_pin.base.bisection import edge
 from coop_pin.description.scenario import Scenario
 from coop_pin.feasibility.reachability import Reachability
 from coop_pin.model.cell_arm import CellArm
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.modes import damping_matrix, fastest_joints
 from coop_pin.stability.resting_law import RestingLaw
 

@@ -11,10 +11,10 @@ import numpy as np
 from coop_pin.base.arrays import Array, as_positive, require_type
 from coop_pin.base.errors import DivergedError, OutOfRangeError
 from coop_pin.description.scenario import Scenario
-from coop_pin.simulation import simulate
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.plant import PlantMaker
+from coop_pin.simulation.simulate import simulate
 
 STEPS_FIELD, AUTO = "clock.steps_per_tick", "auto"
 """Field whose value "auto", in changes of a scenario, stands for the fewest steps that keep an error."""

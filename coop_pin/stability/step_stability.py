@@ -14,7 +14,7 @@ from coop_pin.description.events import Partner
 from coop_pin.feasibility.reachability import Reachability
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.grasps.partner import partner_matrices
-from coop_pin.simulation import Simulation
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.modes import NEUTRAL, damping_matrix, fastest_joints, motion_basis
 from coop_pin.stability.sampled_stability import start_and_later
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import ArgumentError
-from coop_pin.simulation import Simulation
-from coop_pin.simulation.devices.drives import ResponseState
+from coop_pin.simulation.devices.torque_response import ResponseState
 from coop_pin.simulation.run_state import RunState
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.modes import Motions
 
 MEMORY = "memory"

@@ -7,18 +7,13 @@ from coop_pin import lazy_names
 
 _PUBLIC = {
     "Estimate": "coop_pin.sweeps.duration",
-    "Execution": "coop_pin.sweeps.workers.execution",
     "PointResult": "coop_pin.sweeps.table",
     "Sample": "coop_pin.sweeps.dimensions",
     "Span": "coop_pin.sweeps.dimensions",
-    "SweepPlan": "coop_pin.sweeps.plan",
-    "SweepResult": "coop_pin.sweeps.result",
     "estimate": "coop_pin.sweeps.duration",
     "linspace": "coop_pin.sweeps.dimensions",
     "logspace": "coop_pin.sweeps.dimensions",
-    "sweep": "coop_pin.sweeps.engine",
     "TuneResult": "coop_pin.sweeps.optimisation",
-    "tune": "coop_pin.sweeps.optimisation",
 }
 
 __all__ = sorted(_PUBLIC)

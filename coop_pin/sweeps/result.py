@@ -26,8 +26,8 @@ from coop_pin.base.errors import (
     NameNotFoundError,
     OutOfRangeError,
 )
-from coop_pin.results import RunResult
 from coop_pin.results.netcdf import written_netcdf
+from coop_pin.results.run_result import RunResult
 from coop_pin.running.run_scenario import run
 from coop_pin.sweeps.heat_map import write_heat_map
 from coop_pin.sweeps.plan import COLUMNS, SweepPlan

@@ -13,7 +13,6 @@ _PUBLIC = {
     "Panel": "coop_pin.viz.live.panel",
     "metrics_table": "coop_pin.viz.report",
     "notebook_view": "coop_pin.viz.replay",
-    "open_view": "coop_pin.viz.live.live_view",
     "replay_html": "coop_pin.viz.replay",
     "report_html": "coop_pin.viz.report",
     "save_image": "coop_pin.viz.export",

@@ -15,9 +15,9 @@ from coop_pin.cli import main
 from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps import CellChain
 from coop_pin.running.run_scenario import plant_of
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
+from coop_pin.simulation.simulation import Simulation
 
 CASES = {
     "planar": (planar_scenario, 0.5),
@@ -136,7 +136,7 @@ def test_an_event_added_on_the_way_acts():
         run = Simulation(scenario, build_controller(scenario), plant=plant_of(engine))
         for _ in range(10):
             run.tick()
-        run.add_event(cp.PayloadChange(time=0.2, mass=1.0))
+        run.add_event(cp.events.PayloadChange(time=0.2, mass=1.0))
         while not run.is_finished:
             run.tick()
         results.append(run.result().data)

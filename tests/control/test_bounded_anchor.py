@@ -20,10 +20,10 @@ from coop_pin.control import ArmMeasurement, ArmReference, PayloadSpace
 from coop_pin.control.laws import bounded_anchor, payload_space_controller
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceController
 from coop_pin.control.laws.sliding_mode import SlidingModeController
-from coop_pin.description import Scenario
+from coop_pin.description.scenario import Scenario
 from coop_pin.proof import theorem_monitor
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import steady_errors
 from coop_pin.sweeps import run_key
 

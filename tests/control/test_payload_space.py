@@ -416,7 +416,7 @@ def test_redundant_variant_moves_the_payload_as_the_printed_law_says():
 
 def test_sgn_is_used_only_when_asked_for():
     """The default is a wide layer; the scenarios with a measured internal wrench use it, without K_f."""
-    width = cp.PayloadSpace.model_fields["switching"].default.width
+    width = cp.laws.PayloadSpace.model_fields["switching"].default.width
     assert width >= 0.05
     named = {
         name: cp.Scenario.load(name).controller for name in ("adept-anchored", *CATALOGUE_CELLS, *FAR_CELLS)

@@ -148,7 +148,7 @@ def in_a_line(cell, path, **fields):
             "network": {"graph": graph},
             "duration": 2.0,
             BIASED.format(arms[0]): [1e-3, 0.0, 0.0],
-            "motion": cp.LineMotion(start=base.start, goal=goal, duration=1.0),
+            "motion": cp.motions.LineMotion(start=base.start, goal=goal, duration=1.0),
             **fields,
         }
     )
@@ -265,7 +265,7 @@ def test_both_engines_agree(cell, kind):
     far = {"network.delay": 1, "network.loss": 0.2, "network.resolution": 1e-5, "duration": 0.15}
     scenario = in_a_line(cell, {"kind": kind}).override(far)
     assert support(scenario) is None
-    require_same_samples(samples(scenario), cp.simulate_batch([scenario]).result(0).data)
+    require_same_samples(samples(scenario), cp.compiled.simulate_batch([scenario]).result(0).data)
 
 
 @pytest.mark.parametrize(

@@ -21,11 +21,14 @@ from coop_pin.base.errors import (
     UrdfError,
     WrongTypeError,
 )
+from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import make_pose
 from coop_pin.control import CellController
 from coop_pin.control.interface import CellCommand
-from coop_pin.description import Arm, Cell, Payload, PlantOptions, Pose
-from coop_pin.description.cell.cell import grasps_from_configuration
+from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.cell import Cell, grasps_from_configuration
+from coop_pin.description.cell.payload import Payload
+from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario_file import anchor_files
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot

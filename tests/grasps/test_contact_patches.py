@@ -32,9 +32,7 @@ class Bench:
         scenario, rpy = TABLES[name]
         cell = cp.Scenario.load(scenario).cell
         arm = next(iter(cell.arms))
-        palm = cp.PatchGrasp(
-            kind="patch", xyz=(-0.1, 0.0, 0.0), press="x", mu=MU, radius=0.02, face=(0.2, 0.1)
-        )
+        palm = cp.PatchGrasp(xyz=(-0.1, 0.0, 0.0), press="x", mu=MU, radius=0.02, face=(0.2, 0.1))
         table = cp.Table(
             xyz=(3.0, 1.0, 0.2), rpy=rpy, size=(4.0, 4.0), mu=MU, stiffness=k, shear_stiffness=k,
             damping_ratio=0.7,

@@ -132,8 +132,10 @@ def test_scenarios_of_the_catalogue_are_those_of_pinocchio(name):
 
 
 def test_releases_are_traced_alone_and_batches_refuse_them_by_name():
-    event = cp.HandOver(time=0.01, arm="left", duration=0.02)
-    scenario = compliant("planar").replace(events=(event, cp.Regrasp(time=0.04, arm="left", duration=0.01)))
+    event = cp.events.HandOver(time=0.01, arm="left", duration=0.02)
+    scenario = compliant("planar").replace(
+        events=(event, cp.events.Regrasp(time=0.04, arm="left", duration=0.01))
+    )
     single = cp.run(scenario, warn=False)
     assert single.data["load_share"].values[:, 0].min() == 0.0
     require_same_samples(cp.run(scenario, engine="traced", warn=False).data, single.data)

@@ -17,8 +17,8 @@ from cells import SCENARIOS
 
 import coop_pin
 from coop_pin.control import ArmMeasurement, CellController
-from coop_pin.simulation import simulate
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulate import simulate
 
 PACKAGE = Path(coop_pin.__file__).parent
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -30,7 +30,7 @@ EVERYWHERE = {"base"}
 # - yourdfpy, whose XML reader is lxml, gives poses of links and bodies of payloads;
 # - Pinocchio's geometry is read in model, so that viz needs no Pinocchio;
 # - model solves inverse kinematics, which takes Pinocchio's poses;
-# - tracing is a compiler of functions of arrays and knows no robot; llvmlite compiles;
+# - tracing is a compiler of functions of arrays, knows no robot and imports not even base; llvmlite compiles;
 # - grasps trace the wrenches of springs and patches, and compiled the laws and the plant of runs;
 # - nothing imports model_based but by name: description has its laws, which load when they are built;
 # - simulation builds controllers, and asks a model for the number of joints that gains must fit;
@@ -183,6 +183,9 @@ COMES_WITH = {
 FROM_THE_TOP = {"__version__", "lazy_names"}
 """The only names that a package may take from ``coop_pin`` itself, which loads nothing."""
 
+COPIED = "tracing"
+"""The package that works as a copy of its folder elsewhere: it imports its own files by relative names."""
+
 TREES = {file: ast.parse(file.read_text(encoding="utf-8")) for file in sorted(PACKAGE.rglob("*.py"))}
 MODULES = {
     ".".join(("coop_pin", *file.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__"): file
@@ -194,6 +197,12 @@ def package_of(file: Path) -> str:
     return file.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
+def module_of(node: ast.ImportFrom, file: Path) -> str:
+    """Full name of the module from which a statement of a file imports."""
+    folder = ("coop_pin", *file.relative_to(PACKAGE).parts[: -node.level]) if node.level else ()
+    return ".".join((*folder, *filter(None, [node.module])))
+
+
 def imports_of(file: Path) -> list[tuple[str, list[str]]]:
     """Module and names of every import of a file, inside functions and by ``import_module`` too."""
     found: list[tuple[str, list[str]]] = []
@@ -201,11 +210,11 @@ def imports_of(file: Path) -> list[tuple[str, list[str]]]:
         if isinstance(node, ast.Import):
             found += [(alias.name, []) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            names = [alias.name for alias in node.names]
-            if node.module == "coop_pin":
+            names, module = [alias.name for alias in node.names], module_of(node, file)
+            if module == "coop_pin":
                 found += [(f"coop_pin.{name}", []) for name in names if name in PACKAGES]
                 names = [name for name in names if name not in PACKAGES]
-            found.append(("." * node.level + (node.module or ""), names))
+            found.append((module, names))
         elif isinstance(node, ast.Call) and ast.unparse(node.func) == "importlib.import_module":
             found += [(str(given.value), []) for given in node.args if isinstance(given, ast.Constant)]
     return found
@@ -230,9 +239,12 @@ def test_files_are_in_a_package_of_the_table_and_import_by_full_name_without_esc
         f"{file.relative_to(PACKAGE)}: {module} {names}"
         for file in TREES
         for module, names in imports_of(file)
-        if module.startswith(".") or (module == "coop_pin" and not set(names) <= FROM_THE_TOP)
+        if module == "coop_pin" and not set(names) <= FROM_THE_TOP
     ]
     assert offenders == []
+    nodes = [(file, node) for file, tree in TREES.items() for node in ast.walk(tree)]
+    relative = {(package_of(file), node.level) for file, node in nodes if getattr(node, "level", 0)}
+    assert relative == {(COPIED, 1)}
     assert {package_of(file) for file in TREES} == {*PACKAGES, "__init__"}
 
 
@@ -259,6 +271,7 @@ def test_a_package_imports_exactly_what_the_table_allows():
         beyond[package], unused[package] = used - allowed, allowed - used
     assert {package: names for package, names in beyond.items() if names} == {}
     assert {package: names for package, names in unused.items() if names} == {}
+    assert imports()[COPIED] == {"numpy", "llvmlite"}
 
 
 BASE = {
@@ -477,9 +490,7 @@ def test_control_imports_and_steps_where_importing_pinocchio_raises():
 
 
 def test_every_module_of_control_is_importable_without_pinocchio():
-    modules = sorted(
-        name for name in MODULES if name.startswith("coop_pin.control.") and name != "coop_pin.control.laws"
-    )
+    modules = sorted(name for name in MODULES if name.startswith("coop_pin.control."))
     load = "import sys, importlib\nsys.modules['pinocchio'] = None\n"
     load += f"for name in {modules}: importlib.import_module(name)\n"
     loaded = run_python(

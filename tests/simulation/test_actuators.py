@@ -13,7 +13,7 @@ from coop_pin.control import CellCommand, CellController
 from coop_pin.feasibility import static_torques
 from coop_pin.model.transmission import friction
 from coop_pin.simulation.build_controller import build_controller
-from coop_pin.simulation.devices.drives import TorqueResponse
+from coop_pin.simulation.devices.torque_response import TorqueResponse
 
 ACCELERATION = (0.0, -3.0, -9.81)
 """A gravity that loads the planar arms, too."""
@@ -277,7 +277,7 @@ def test_compensation_follows_the_true_configuration_and_is_cut_with_the_command
 def test_static_torques_are_the_whole_drive_torques_whoever_commands_them(name):
     plain = SCENARIOS[name]()
     carried = plain.override({"actuators.gravity_compensation.mass_error": 0.1})
-    assert carried.actuators.gravity_compensation == cp.GravityCompensation(mass_error=0.1)
+    assert carried.actuators.gravity_compensation == cp.actuators.GravityCompensation(mass_error=0.1)
     assert static_torques(plain, poses=2).drives == static_torques(carried, poses=2).drives
 
 
@@ -332,7 +332,7 @@ def test_an_arm_without_commands_keeps_its_own_weight(name, lag):
 
 def rough(name, **fields):
     """Overrides that give every arm of a cell a friction with stiction."""
-    friction = cp.JointFriction(**{"viscous": 0.5, "coulomb": 1.0, "stiction": 1.5} | fields)
+    friction = cp.actuators.JointFriction(**{"viscous": 0.5, "coulomb": 1.0, "stiction": 1.5} | fields)
     return {f"cell.arms.{arm}.friction": friction for arm in SCENARIOS[name]().cell.arms}
 
 

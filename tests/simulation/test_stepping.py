@@ -13,9 +13,9 @@ import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, FieldError, InvalidStateError, ShapeError
 from coop_pin.compiled.plant.compiled_plant import CompiledPlant
 from coop_pin.control.interface import CellCommand
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
+from coop_pin.simulation.simulation import Simulation
 
 EVERYTHING = {
     "sensors": {
@@ -217,7 +217,7 @@ def test_what_does_not_fit_is_refused():
     with pytest.raises(cp.CoopPinError):
         simulation.step([np.zeros(3)] * 2)
     simulation.observe()
-    push = cp.WrenchPulse(time=simulation.time, duration=0.01, wrench=(1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    push = cp.events.WrenchPulse(time=simulation.time, duration=0.01, wrench=(1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     with pytest.raises(FieldError, match="reached"):
         simulation.add_event(push)  # the tick was observed without it
     finished(simulation)

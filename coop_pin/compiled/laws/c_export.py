@@ -35,8 +35,8 @@ from coop_pin.compiled.laws.law_code import (
 from coop_pin.control import DecentralisedController
 from coop_pin.control.interface import COMMANDS, DESIRED, MEASURED
 from coop_pin.description.scenario import Scenario
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.tracing.c_emitter import CEmitter, c_number
 from coop_pin.tracing.tape import Operand, Tape
 

@@ -8,14 +8,15 @@ from contextlib import contextmanager
 import numpy as np
 
 from coop_pin.base.arrays import Array, require_finite
+from coop_pin.base.disk_cache import DiskCache
 from coop_pin.base.errors import ArgumentError, TracingError
 from coop_pin.base.spatial import log3
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.compiled.code_family import plant_reason
 from coop_pin.compiled.plant.cell_dynamics import CellNumbers, GraspNumbers
 from coop_pin.compiled.plant.plant_code import STEPS_AT_ONCE, PlantCode, varying
-from coop_pin.description import PlantOptions
 from coop_pin.description.events import Surroundings
+from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps.cell_chain import CellChain, Observation
 from coop_pin.results.quantities import WORK
 from coop_pin.simulation.plant import PlantState
@@ -274,5 +275,5 @@ def _compiled(cell: CellNumbers) -> tuple[PlantCode, LlvmMachine]:
         if len(_CODES) == _KEPT_CODES:
             del _CODES[next(iter(_CODES))]
         code = PlantCode(cell)
-        _CODES[key] = code, LlvmMachine(code.program, width=1)
+        _CODES[key] = code, LlvmMachine(code.program, 1, DiskCache())
     return _CODES[key]

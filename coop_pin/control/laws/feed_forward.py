@@ -20,7 +20,7 @@ class FeedForward(Description):
     """Torques that are added to the commands of the law, a part of the scenario as the reference is.
 
     Between two times they are interpolated; before the first there are none, and the last ones stay. Laws
-    without a model remain so: whoever wrote the table may have used one (``cp.plan_carry`` does).
+    without a model remain so: whoever wrote the table may have used one (``cp.carry.plan_carry`` does).
 
     Attributes:
         times: s, strictly increasing.

@@ -13,8 +13,9 @@ from coop_pin.control.interface import COMMANDS, CellCommand, CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.cell_model import ArmPlace
-from coop_pin.simulation.devices.drives import SAME, Applied, DriveMotion, DriveState, Given, cell_drives
+from coop_pin.simulation.devices.drives import Applied, DriveMotion, DriveState, Given, cell_drives
 from coop_pin.simulation.devices.servo import ServoState
+from coop_pin.simulation.devices.torque_response import SAME
 from coop_pin.simulation.plant import Plant
 
 TORQUE_LIMIT = 1e7

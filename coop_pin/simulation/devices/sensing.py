@@ -10,8 +10,9 @@ import numpy as np
 
 from coop_pin.base.arrays import Array, Mask, frozen
 from coop_pin.control.interface import ArmMeasurement, ArmReference
-from coop_pin.description import Scenario, SlipSensor
 from coop_pin.description.cell.grasp_plan import GraspPlan
+from coop_pin.description.scenario import Scenario
+from coop_pin.description.sensors import SlipSensor
 from coop_pin.model.arm_model import PayloadKinematics
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.cell_model import ArmPlace

@@ -21,8 +21,8 @@ from coop_pin.base.schema.user_code import load_function
 from coop_pin.base.user_files import printable
 from coop_pin.compiled.engines import PREVIOUS, Engine
 from coop_pin.description.scenario import Scenario
-from coop_pin.results import RunResult
 from coop_pin.results.netcdf import to_netcdf
+from coop_pin.results.run_result import RunResult
 from coop_pin.running.run_scenario import run
 from coop_pin.sweeps.run_key import Code, require_unchanged
 
