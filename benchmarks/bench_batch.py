@@ -80,7 +80,7 @@ def rollout(base: cp.Scenario, count: int) -> Callable[[], object]:
     data.qpos[:], kind = run.plant.q, mujoco.mjtState.mjSTATE_FULLPHYSICS
     state = np.zeros(mujoco.mj_stateSize(model, kind))
     mujoco.mj_getState(model, data, state, kind)
-    held = run.plant.transmission.torque(run.actuation.holding_commands(run.plant.q))
+    held = run.chain.transmission.torque(run.actuation.holding_commands(run.plant.q))
     states, control = np.tile(state, (count, 1)), np.tile(held, (count, steps, 1))
     given = int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
     return lambda: mujoco.rollout.rollout(model, data, states, control, control_spec=given, nstep=steps)

@@ -39,7 +39,7 @@ def steps_of(scenario: cp.Scenario, engine: str) -> Callable[[], object]:
     q, v = plant.q, plant.v
 
     def steps() -> object:
-        plant.q, plant.v = q, v
+        plant.restore(plant.state()._replace(q=q, v=v))
         for step in range(STEPS):
             plant.advance(step * STEP, STEP)
         return plant.v

@@ -12,7 +12,8 @@ from coop_pin.compiled.code_family import family_of, law_reason, plant_reason
 from coop_pin.compiled.engines import PREVIOUS, Engine
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.pinocchio_model import load_arm_model
-from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
+from coop_pin.simulation.plant import PlantMaker
 
 Obstacle: TypeAlias = Literal["few runs", "plant", "scenario", "law", "live"]
 """What keeps a run from a batch."""
@@ -161,8 +162,8 @@ def _ticks_of_compiling(scenario: Scenario) -> int:
     return _TICKS_PER_JOINT * sum(load_arm_model(arm).nv for arm in scenario.cell.arms.values())
 
 
-def plant_of(engine: str) -> type[Plant]:
-    """Return the plant of a run by itself: of "pinocchio" or "traced".
+def plant_of(engine: str) -> PlantMaker:
+    """Return the maker of the plant of a run by itself: of "pinocchio" or "traced".
 
     Raises:
         NameNotFoundError: there is no such engine.
@@ -171,9 +172,9 @@ def plant_of(engine: str) -> type[Plant]:
     if engine not in ("pinocchio", "traced"):
         raise NameNotFoundError("engine", engine, get_args(Engine), "coop_pin.run")
     if engine == "pinocchio":
-        return Plant
+        return PinocchioPlant
     from coop_pin.compiled.plant.compiled_plant import (
-        TracedPlant,  # a run by Pinocchio does without its compiler
+        CompiledPlant,  # a run by Pinocchio does without its compiler
     )
 
-    return TracedPlant
+    return CompiledPlant

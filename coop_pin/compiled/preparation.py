@@ -32,8 +32,10 @@ from coop_pin.description.trust import TrustThresholds
 from coop_pin.results.quantities import QUANTITIES
 from coop_pin.simulation.build_controller import controlled_arm
 from coop_pin.simulation.devices.actuation import Actuation
+from coop_pin.simulation.loop import start_configuration
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.plant import Plant
-from coop_pin.simulation.simulation import Simulation, start_configuration
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.simulation.tick import SignalSource
 from coop_pin.tracing.numpy_machine import evaluate
 from coop_pin.tracing.tape import Tape, UntraceableError, operands
@@ -96,7 +98,7 @@ class PreparedPlant:
         if reason := plant_reason(scenario.plant, scenario.cell, scenario.events):
             raise TracingError(f"{scenario.name!r} cannot run in a batch: {reason}")
         self.run = Simulation(scenario)
-        self.arms = [controlled_arm(scenario, arm) for arm in self.run.plant.chain.arms]
+        self.arms = [controlled_arm(scenario, arm) for arm in self.run.chain.arms]
         self._cover, self._needed = cover, run_constants(scenario, self.run)._replace(controller=None)
         fixed = self._needed.cell.arms, self._needed.arms, self._needed.sensors
         self._known = {id(part): flattened(part) for part in (*self.arms, *fixed)}
@@ -112,7 +114,7 @@ class PreparedPlant:
             if _SQUEEZE(like.run.scenario) != _SQUEEZE(scenario):
                 self.desired = squeezed(self.desired, self.run)
                 self._clocked = tuple(each and squeezed(each, self.run) for each in self._clocked)
-        self._source = SignalSource(scenario, self.run.plant.chain.model.arms)
+        self._source = SignalSource(scenario, self.run.slots)
         drawn = RunSignals(self.desired, self._source.draw(len(self.desired.time)), self._clocked)
         self.example, self._signals = first_of(drawn), {scenario.seed: columns(drawn)}
         self.table = self.run.recorder.table
@@ -130,7 +132,7 @@ class PreparedPlant:
         self.constants, (numbers, structure) = constants, flattened(constants, self._known)
         self.values = np.array(numbers, dtype=np.float64)
         others = {"drives": self.drives, "surroundings": constants.changes[0]}
-        begins = start(plant, actuation, self.run.sensing) | others
+        begins = start(plant, self.run.slots, actuation, self.run.sensing) | others
         self.begins = {name: leaves(part) for name, part in begins.items()}
         return structure
 
@@ -150,9 +152,9 @@ class PreparedPlant:
         is_alike = _times(scenario) == self.times and _UNLOADED(scenario) == _UNLOADED(run.scenario)
         if not is_alike or _kinds(scenario) != _kinds(run.scenario):
             return None
-        prepared, chain = copy.copy(self), run.plant.chain.carrying(cell)
-        plant = Plant(chain, scenario.plant, start_configuration(chain, scenario))
-        actuation = Actuation(scenario, plant)
+        prepared, chain = copy.copy(self), run.chain.carrying(cell)
+        plant = PinocchioPlant(chain, scenario.plant, start_configuration(chain, scenario))
+        actuation = Actuation(scenario, plant, run.slots, chain.arms, chain.loads(plant.q))
         prepared._needed = self._needed._replace(
             cell=self._needed.cell._replace(surroundings=cell.surroundings),
             drives=actuation.drives,
@@ -212,7 +214,7 @@ class PreparedPlant:
     def signals(self, scenario: Scenario) -> Array:
         """Return the signals of a run of this plant at the ticks of ``desired``, shape (n, entries)."""
         if scenario.seed not in self._signals:
-            drawn = SignalSource(scenario, self.run.plant.chain.model.arms).draw(len(self.desired.time))
+            drawn = SignalSource(scenario, self.run.slots).draw(len(self.desired.time))
             kept = columns(RunSignals(self.desired, drawn, self._clocked))
             self._signals = {scenario.seed: kept}  # those of one seed
         return self._signals[scenario.seed]

@@ -62,7 +62,7 @@ class RunSamples(Mapping[str, Any]):
         self._kept, self._every = kept_of(len(records[0]), every), every
         self._records: Sequence[Array] | None = records
         self._plant, scenario = prepared.plants[0], prepared.scenarios[0]
-        self._arms, self._rows = self._plant.run.plant.chain.model.arms, scenario.cell.task_rows
+        self._arms, self._rows = self._plant.run.slots, scenario.cell.task_rows
         self._recorded, self._made = self._state(), dict[str, Any]()
         self._table = {each.name: each for plant in dict.fromkeys(prepared.plants) for each in plant.table}
 
@@ -259,7 +259,7 @@ class RunSamples(Mapping[str, Any]):
 
     def _of_springs(self) -> dict[str, Callable[[], Any]]:
         """Return what gives the quantities of compliant grasps."""
-        field, of_arms = self._field, self._plant.run.plant.chain.springs.of_arms
+        field, of_arms = self._field, self._plant.run.chain.springs.of_arms
         work = {name: partial(self._numbers, "work", len(WORK) + i) for i, name in enumerate(WORK_OF_GRASPS)}
         return work | {
             "grasp_wrench": lambda: of_arms(field("grasp_wrench")),

@@ -16,7 +16,7 @@ from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps import CellChain
 from coop_pin.running.run_scenario import plant_of
 from coop_pin.simulation.build_controller import build_controller
-from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.simulation import Simulation
 
 CASES = {
@@ -78,12 +78,11 @@ def test_the_plant_has_the_accelerations_of_pinocchio_at_random_states(name):
         v = chain.mechanism.project_velocity(q, rng.normal(size=model.nv))
         force, push = 20.0 * rng.normal(size=model.nv), np.zeros(6)
         push[list(rows.indices)] = rng.normal(size=rows.size)
-        oracle = Plant(chain, PlantOptions(), q)
+        oracle = PinocchioPlant(chain, PlantOptions(), q)
         seen = []
         for plant in (oracle, traced):
-            plant.q, plant.v = q, v
-            plant.hold(force)
-            plant.surround(plant.surroundings._replace(push=push))
+            state, pushed = plant.state(), chain.cell.surroundings._replace(push=push)
+            plant.restore(state._replace(q=q, v=v, force=force, surroundings=pushed))
             seen.append(plant.observe(*(np.array([part, part]) for part in (q, v, force)), np.zeros(2)))
             found = plant.interaction_wrenches()
             assert_allclose(seen[-1].interaction_wrench, [found, found], rtol=1e-12, atol=1e-12)
@@ -103,7 +102,8 @@ def test_steps_wait_until_something_asks_and_give_the_same_state():
     q = chain.configuration(scenario.start.matrix)
     at_once, one_by_one = (plant_of("traced")(chain, PlantOptions(), q) for _ in range(2))
     for plant in (at_once, one_by_one):
-        plant.hold(np.linspace(-3.0, 3.0, chain.mechanism.model.nv))
+        force = np.linspace(-3.0, 3.0, chain.mechanism.model.nv)
+        plant.restore(plant.state()._replace(force=force))
     for step in range(150):  # more than one call makes
         for plant in (at_once, one_by_one):
             plant.advance(1e-3 * step, 1e-3)

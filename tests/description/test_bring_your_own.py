@@ -38,7 +38,7 @@ from coop_pin.grasps import CellChain
 from coop_pin.model import ArmModel
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.model.pinocchio_model import load_arm_model
-from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 
 FINGERS = {"panda_finger_joint1": 0.02}
 BODY = (
@@ -504,7 +504,7 @@ def test_a_cell_that_falls_stays_closed_and_keeps_its_energy(name, payload):
     cell, X_WP = catalogue_cell(name)
     options = PlantOptions(payload=payload)
     chain = CellChain(cell, options)
-    plant = Plant(chain, options, chain.configuration(X_WP))
+    plant = PinocchioPlant(chain, options, chain.configuration(X_WP))
     start = chain.mechanism.energy(plant.q, plant.v).total
     for _ in range(100):
         plant.advance(0.0, 2e-3)

@@ -152,7 +152,7 @@ def suggestion(six):
 def closed_chain_mobility(scenario, found, at):
     """A^-1 by unit wrenches on the payload of the closed chain at rest, without any inertia of arms."""
     simulation = Simulation(scenario, build_controller(scenario))
-    chain, cell = simulation.plant.chain, scenario.cell
+    chain, cell = simulation.chain, scenario.cell
     first = CellArm(cell, found.arms[0].arm)
     q_first = found.arms[0].q[at]
     q = chain.model.configuration([arm.q[at] for arm in found.arms], first.payload_pose(q_first))

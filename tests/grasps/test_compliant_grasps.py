@@ -19,7 +19,7 @@ from coop_pin.grasps.spring_damper import SpringDamper
 from coop_pin.proof import theorem_monitor
 from coop_pin.results.metrics import energy_balance
 from coop_pin.simulation.build_controller import build_controller
-from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import grasp_stability, loop_stability, step_stability
 
@@ -192,7 +192,7 @@ def test_stable_step_is_where_free_vibration_starts_to_grow(name):
     step = scenario.clock.period / scenario.clock.steps_per_tick * found.limit / found.value
     growth = []
     for factor in (0.97, 1.03):
-        plant = Plant(CellChain(scenario.cell), PlantOptions(), simulation.plant.q)
+        plant = PinocchioPlant(CellChain(scenario.cell), PlantOptions(), simulation.plant.q)
         plant.drive(simulation.actuation.holding_commands(plant.q))
         plant.v = 1e-6 * np.random.default_rng(7).normal(size=len(plant.v))
         first = np.linalg.norm(plant.v)

@@ -69,8 +69,7 @@ def test_the_plant_moves_and_observes_as_that_of_pinocchio(name, arms):
     force = np.zeros(len(v))
     force[: chain.model.arms[-1].v_slice.stop] = 20.0 * rng.normal(size=chain.model.arms[-1].v_slice.stop)
     for plant in plants:
-        plant.q, plant.v = q, v
-        plant.hold(force)
+        plant.restore(plant.state()._replace(q=q, v=v, force=force))
         seen.append(plant.observe(q[None], v[None], force[None], np.zeros(1)))
         for step in range(3):
             plant.advance(1e-4 * step, 1e-4)

@@ -35,14 +35,13 @@ def test_a_plant_in_turned_gravity_is_one_built_with_it(name, engine):
     v = turned.mechanism.project_velocity(q, 0.1 * rng.normal(size=model.nv))
     force, rows = rng.normal(size=model.nv), list(scenario.cell.task_rows.indices)
     plants = [plant_of(engine)(chain, PlantOptions(), q) for chain in (turned, built)]
-    plants[0].surround(plants[0].surroundings._replace(gravity=TURNED))
+    plants[0].surround(plants[0].state().surroundings._replace(gravity=TURNED))
     pin_data = model.createData()
     centre = np.array(pin.centerOfMass(model, pin_data, q))
     lowered = -pin_data.mass[0] * (TURNED - np.array(scenario.cell.gravity)) @ centre
     assert_allclose(plants[0].work, [0.0, 0.0, 0.0, lowered], rtol=1e-10)
     for plant in plants:
-        plant.v = v
-        plant.hold(force)
+        plant.restore(plant.state()._replace(v=v, force=force))
     wrenches = [plant.interaction_wrenches()[:, rows] for plant in plants]
     assert_allclose(wrenches[0], wrenches[1], rtol=0, atol=1e-9)
     seen = [plant.observe(q[None], v[None], force[None], np.zeros(1)) for plant in plants]

@@ -65,7 +65,7 @@ def first_of(simulation):
 
 def at_rest(simulation):
     """No torque cut, and none reported."""
-    return Applied.at_rest([len(place.drive) for place in simulation.plant.chain.model.arms])
+    return Applied.at_rest([len(place.drive) for place in simulation.slots])
 
 
 def of_arm(measurements, arm, field):

@@ -51,7 +51,7 @@ def servo_cell(name, kind, servo=None, **changes):
 def inertias(scenario):
     """The diagonal of each arm's own inertia at its drives at the start."""
     simulation, values = cp.Simulation(scenario), []
-    for slot in simulation.plant.chain.model.arms:
+    for slot in simulation.slots:
         M = cp.model.CellArm(scenario.cell, slot.name).mass_matrix(simulation.plant.q[slot.q_slice])
         inverse = np.linalg.inv(slot.drive)
         values.append(np.diag(inverse.T @ M @ inverse))
@@ -74,7 +74,7 @@ def test_the_servo_is_its_equations(name, kind):
     scenario = servo_cell(name, kind, LIMITED, **clock, **{"actuators.gravity_compensation": {}})
     data, h, limit = cp.run(scenario, engine="pinocchio").data, 1e-3, LIMITED["speed_limit"]
     for arm, (inertia, slot) in enumerate(
-        zip(inertias(scenario), cp.Simulation(scenario).plant.chain.model.arms, strict=True)
+        zip(inertias(scenario), cp.Simulation(scenario).slots, strict=True)
     ):
         q = of_arm(data, "joint_position", arm) @ slot.drive.T
         v = of_arm(data, "joint_velocity", arm) @ slot.drive.T
@@ -316,7 +316,7 @@ def series_stiffness(scenario, gain):
     """(sum_i (J_i^-T I_i gain J_i^-1)^-1 + compliance of the grasp i)^-1 about P in world axes, task rows."""
     compliance, chosen = 0.0, list(scenario.cell.task_rows.indices)
     simulation = cp.Simulation(scenario)
-    for slot, inertia in zip(simulation.plant.chain.model.arms, inertias(scenario), strict=True):
+    for slot, inertia in zip(simulation.slots, inertias(scenario), strict=True):
         arm = cp.model.CellArm(scenario.cell, slot.name)
         J = arm.task_jacobian(simulation.plant.q[slot.q_slice])
         compliance = compliance + J @ np.diag(1.0 / (inertia * gain)) @ J.T
@@ -444,7 +444,7 @@ def test_a_follower_of_the_leader_s_pose_pulls_with_its_whole_stiffness(name):
     ends = [
         rows.select(cp.run(one, engine="batch").data.interaction_wrench.values[-1, 1]) for one in (true, off)
     ]
-    slot, inertia = cp.Simulation(true).plant.chain.model.arms[1], inertias(true)[1]
+    slot, inertia = cp.Simulation(true).slots[1], inertias(true)[1]
     J = cp.model.CellArm(true.cell, "right").task_jacobian(cp.Simulation(true).plant.q[slot.q_slice])
     b = view_error(off) - view_error(true)
     S_2 = np.linalg.inv(J @ np.diag(1.0 / (inertia * 18e3)) @ J.T)
@@ -605,7 +605,7 @@ def test_three_unequal_arms_pull_with_the_stiffness_of_their_servos(name, follow
     b_x = 5e-4 if follows == "reference" else 2e-5  # a leader's pose moves by as much as it is pulled
     off, true = (three_arms(name).override(stiff | {tip: [b, 0.0, 0.0]}) for b in (b_x, 0.0))
     rows, simulation, S = off.cell.task_rows, cp.Simulation(true), []
-    for slot, inertia in zip(simulation.plant.chain.model.arms, inertias(true), strict=True):
+    for slot, inertia in zip(simulation.slots, inertias(true), strict=True):
         J = cp.model.CellArm(true.cell, slot.name).task_jacobian(simulation.plant.q[slot.q_slice])
         S.append(np.linalg.inv(J @ np.diag(1.0 / (inertia * 2000.0)) @ J.T))
     views = [[one.payload_pose for one in cp.Simulation(each).observe().measurements] for each in (off, true)]
@@ -643,7 +643,7 @@ def test_over_a_line_of_arms_a_bias_goes_at_the_rate_of_its_graph(name):
         laplacian[i, i] += shares[j]
         laplacian[i, j] -= shares[i]
     simulation = cp.Simulation(base)
-    for slot, inertia in zip(simulation.plant.chain.model.arms, inertias(base), strict=True):
+    for slot, inertia in zip(simulation.slots, inertias(base), strict=True):
         J_inverse = np.linalg.inv(
             cp.model.CellArm(base.cell, slot.name).task_jacobian(simulation.plant.q[slot.q_slice])
         )

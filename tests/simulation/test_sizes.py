@@ -269,7 +269,7 @@ def test_full_turns_between_kept_samples_are_counted():
     scenario = Scenario.load("kinova-pair", {"duration": 1.0, "events": ()})
     run = Simulation(scenario.override({"clock.record_every": 10**6}), build_controller(scenario))
     run.tick()
-    place = run.plant.chain.model.arms[0]
+    place = run.slots[0]
     joint = int(np.flatnonzero(place.angles.continuous)[0])
     inputs = run.observe()
     first, entry = run.recorder._angles[0][joint], place.angles.entry[joint] + place.q_slice.start

@@ -504,6 +504,6 @@ def test_the_joints_are_those_of_the_worst_mode_the_fastest_first(monkeypatch):
     D = modes @ np.diag([1.0, 90.0, 2.0, 0.0, 0.0, 0.0]) @ np.linalg.inv(modes)
     for module in modules:
         monkeypatch.setattr(module, "damping_matrix", lambda *_: D)
-    names = [name for place in simulation.plant.chain.model.arms for name in place.angles.names]
+    names = [name for place in simulation.slots for name in place.angles.names]
     for found in (modules[0].start_stability(simulation), modules[1].step_stability(simulation)):
         assert found.joints == (names[3], names[4], names[1])
