@@ -1,11 +1,14 @@
-"""Traced code: batches of runs, compiled once for many scenarios, and the law of one arm as C99.
+"""Compiled: plant, tick and laws of a run as compiled code: batches of runs, single lanes, laws as C99.
 
-Laws are those of coop_pin.control, sensors and drives those of coop_pin.simulation, run on traced numbers.
-The plant alone is written anew, as scalar code with the numbers of the cell's Pinocchio tree, but for springs
-and the free-flyer, which are those of coop_pin.grasps and coop_pin.chain; tests hold the two together.
-llvmlite compiles batches. A *family* of runs shares one code: its ``Cover`` (events, delays, lost torques) is
-what that code provides; numbers that all of them have *fold* into it, others are *inputs* in the *slots* of a
-*block* of runs. In the order in which they build on each other:
+Open first: ``engine_choice`` (Pinocchio or compiled code, and how), ``simulate`` (batches of runs),
+``preparation`` (what runs of one program must share).
+
+Laws are those of ``control``, sensors and drives those of ``simulation/devices``, run on traced numbers. The
+plant alone is written anew, as scalar code with the numbers of the cell's Pinocchio tree, but for springs and
+the free-flyer, which are those of ``grasps`` and ``chain``; tests hold the two together. llvmlite compiles
+batches. A *family* of runs shares one code: its ``Cover`` (events, delays, lost torques) is what that code
+provides; numbers that all of them have *fold* into it, others are *inputs* in the *slots* of a *block* of
+runs. In the order in which they build on each other:
 
 - what runs share: engines, code_family;
 - physics (plant): serial_arm (kinematics), arm_dynamics, cell_dynamics (closures, forces on the payload);
@@ -18,19 +21,24 @@ what that code provides; numbers that all of them have *fold* into it, others ar
 - other uses of the same code: lane (one run, interruptible), c_messages and c_export (what a law tells and
   hears, and the law, as C99), compiled_plant (the plant of a single run);
 - engine_choice: which of them simulates a run.
+
+``law_code`` and ``c_export`` are in ``laws``. The public names of C99 are in ``cp.export``.
+
+Imports ``base``, ``chain``, ``control``, ``description``, ``grasps``, ``model``, ``reference``, ``results``,
+``simulation`` and ``tracing``.
 """
 
 from coop_pin import lazy_names
 
-_PUBLIC = {
-    "BatchResult": "coop_pin.compiled.simulate",
-    "BatchSimulator": "coop_pin.compiled.simulate",
-    "Lane": "coop_pin.compiled.lane",
-    "law_reason": "coop_pin.compiled.code_family",
-    "plant_reason": "coop_pin.compiled.code_family",
-    "simulate_batch": "coop_pin.compiled.simulate",
-    "support": "coop_pin.compiled.laws.support",
-}
-
-__all__ = sorted(_PUBLIC)
-__getattr__, __dir__ = lazy_names(__name__, _PUBLIC)
+__all__, __getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "BatchResult": "compiled.simulate",
+        "BatchSimulator": "compiled.simulate",
+        "Lane": "compiled.lane",
+        "law_reason": "compiled.code_family",
+        "plant_reason": "compiled.code_family",
+        "simulate_batch": "compiled.simulate",
+        "support": "compiled.laws.support",
+    },
+)

@@ -14,8 +14,8 @@ from coop_pin.base.errors import ArgumentError, CoopPinError, ScenarioWarning, T
 from coop_pin.compiled.engine_choice import choose_engine, plant_of, saved_by_auto
 from coop_pin.compiled.engines import PREVIOUS, Engine
 from coop_pin.description.scenario import Scenario
-from coop_pin.results import Observer
 from coop_pin.results.run_result import RunResult
+from coop_pin.results.snapshot import Observer
 from coop_pin.running.plausibility import run_warnings
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulate import Progress, simulate

@@ -14,7 +14,6 @@ from coop_pin.base.arrays import Array, frozen
 from coop_pin.base.errors import CoopPinError, NotEnoughMemoryError
 from coop_pin.base.memory import free_memory
 from coop_pin.description.scenario import Scenario
-from coop_pin.results import Snapshot
 from coop_pin.results.quantities import (
     WORK,
     WORK_OF_GRASPS,
@@ -27,6 +26,7 @@ from coop_pin.results.quantities import (
 )
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.running_metrics import RunningMetrics
+from coop_pin.results.snapshot import Snapshot
 from coop_pin.results.trust import Breach, TrustMonitor
 from coop_pin.simulation.devices.drives import Applied
 from coop_pin.simulation.plant import Plant

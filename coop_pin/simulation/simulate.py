@@ -10,8 +10,8 @@ from coop_pin.base.arrays import require_type
 from coop_pin.base.errors import CoopPinError, RunInterruptedError, UserCodeError
 from coop_pin.control import CellController
 from coop_pin.description.scenario import Scenario
-from coop_pin.results import Observer, ThrottledObserver
 from coop_pin.results.run_result import RunResult
+from coop_pin.results.snapshot import Observer, ThrottledObserver
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.realtime import RealtimePacer
 from coop_pin.simulation.simulation import Simulation

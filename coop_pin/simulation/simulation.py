@@ -24,8 +24,8 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.reference.pose_reference import PoseReference, PoseTarget, retreated
 from coop_pin.reference.squeeze import SqueezeReference
-from coop_pin.results import Snapshot
 from coop_pin.results.run_result import RunResult
+from coop_pin.results.snapshot import Snapshot
 from coop_pin.simulation.devices.actuation import Actuation
 from coop_pin.simulation.devices.drives import Applied
 from coop_pin.simulation.devices.network import Exchange, Traffic, heard

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.chain.closed_chain import ClosedChain
-from coop_pin.grasps import CellChain
+from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.simulation.simulation import Simulation
 
 NEUTRAL = 1e-6

@@ -16,6 +16,7 @@ import pytest
 from cells import SCENARIOS
 
 import coop_pin
+from coop_pin.cli.parsing import COMMANDS
 from coop_pin.control import ArmMeasurement, CellController
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulate import simulate
@@ -340,6 +341,27 @@ def test_a_package_of_many_stages_says_in_which_order_its_files_are_read(package
         and places[imported] > places[importer]
     ]
     assert later == []
+
+
+FOLDERS = sorted(file.parent.relative_to(PACKAGE).as_posix() for file in PACKAGE.rglob("__init__.py"))
+TOLD = [folder for folder in FOLDERS if not re.match(r"\.|control|tracing", folder)]
+"""Folders whose docstrings a newcomer reads first."""
+
+
+@pytest.mark.parametrize("folder", TOLD)
+def test_a_package_says_what_to_open_first_and_what_it_imports(folder):
+    """Files that are named exist, and imports are those of the table."""
+    text = ast.get_docstring(TREES[PACKAGE / folder / "__init__.py"])
+    (first,) = re.findall(r"Open first: (.*?)\n\n", text, re.DOTALL)
+    assert len(re.findall(r"``[\w/]+``", first)) >= 3
+    known = {file.stem for file in TREES} | {Path(name).name for name in FOLDERS}
+    known |= {*dir(coop_pin), *COMMANDS, "cp", "fields", "init", "step", "module", "web", "scenarios"}
+    known |= {name for space in dir(coop_pin) for name in getattr(getattr(coop_pin, space), "__all__", ())}
+    named = {name.rpartition("/")[2] for name in re.findall(r"``([a-z][a-z0-9_/]+)``", text)}
+    assert named - known == set() or folder == "description/urdf"  # which names its findings
+    if folder in PACKAGES:
+        imported = set(re.findall(r"``(\w+)``", text.rpartition("\n\nImports ")[2]))
+        assert imported == (PACKAGES[folder][0] | EVERYWHERE) - {folder}
 
 
 def test_no_class_name_stands_twice_in_the_package():
