@@ -84,7 +84,7 @@ class Law(WithLaterFields):
     @property
     def near_rest(self) -> NearRest:
         """Model of the law near rest."""
-        return NearRest(spare_spring=self.spare_spring)
+        return NearRest()
 
     @property
     def load_transfer(self) -> LoadTransfer:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -32,12 +32,12 @@ def unpacked(messages: Messages, parts: Parts) -> tuple[dict[str, Messages], Mes
         messages: Messages of equal parts.
         parts: Parts of the same sizes.
     """
-    by_part, rest = dict[str, Messages](), messages
+    by_part, first = dict[str, Messages](), 0
     for name, part in parts.items():
-        size = len(part)
-        by_part[name] = {sender: Message(one.numbers[:size], one.age) for sender, one in rest.items()}
-        rest = {sender: Message(one.numbers[size:], one.age) for sender, one in rest.items()}
-    return by_part, rest
+        last = first + len(part)
+        by_part[name] = {sender: Message(x[first:last], age) for sender, (x, age) in messages.items()}
+        first = last
+    return by_part, {sender: Message(x[first:], age) for sender, (x, age) in messages.items()}
 
 
 class WrappedState(NamedTuple):
@@ -111,7 +111,8 @@ class LawWrapper(ArmController):
         """Return the command of the law, and the next state; raises as the law."""
         measurement, memory = self.inner(measurement, reference, state)
         command = self.law.step(measurement, reference, state.law)
-        return replace(command, state=WrappedState(memory, command.state))
+        state = WrappedState(memory, command.state)
+        return ArmCommand(command.torque, state, command.velocity, command.position)
 
     def message(
         self, measurement: ArmMeasurement, reference: ArmReference, state: WrappedState | None

@@ -18,13 +18,11 @@ class NearRest(NamedTuple):
         integral: Kind of its integral of the error; that of a sign has no linear model.
         linear_speed: Speed up to which the damping is linear, m/s or rad/s; of laws that add signs, beyond
             which.
-        spare_spring: Path of the field with the spring of spare joints; empty if the law has none.
         is_zeroed: Whether the arms place their payload frames at the start pose, once.
     """
 
     integral: Literal["none", "linear", "sign"] = "none"
     linear_speed: float = 1.0
-    spare_spring: str = ""
     is_zeroed: bool = False
 
 

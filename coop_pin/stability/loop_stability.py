@@ -125,7 +125,7 @@ def _stability(simulation: Simulation, motion: SampledMotion, bound: float) -> L
         least_damped=min(modes, key=lambda mode: mode.damping),
         spare=max((mode for mode in modes if mode.is_spare), key=lambda mode: abs(mode.z), default=None),
         period=motion.period,
-        remedy=scenario.controller.near_rest.spare_spring,
+        remedy=scenario.controller.spare_spring,
         time=motion.time,
     )
 

@@ -48,7 +48,7 @@ class MeanPoseController(CellLawWrapper):
     ) -> tuple[Sequence[ArmMeasurement], Sequence[ArmReference]]:
         """Return the measurements with the mean of all views, and the references."""
         X_d = references[0].pose
-        mean = _mean([_view(each, X_d) for each in measurements])
+        mean = reduce(add, [_view(each, X_d) for each in measurements]) / float(len(measurements))
         return [_placed(each, mean, X_d) for each in measurements], references
 
 
@@ -144,14 +144,9 @@ def _view(measurement: ArmMeasurement, X_d: Array) -> Array:
 
 def _placed(measurement: ArmMeasurement, view: Array, X_d: Array) -> ArmMeasurement:
     """Return a measurement with the pose and twist of a view, at a desired pose."""
-    X, (position, rotation, twist) = np.zeros_like(X_d), np.split(view, (3, 6))
-    X[:3, :3], X[:3, 3], X[3, 3] = exp3(rotation).dot(X_d[:3, :3]), X_d[:3, 3] + position, 1.0
-    return measurement._replace(payload_pose=X, payload_twist=twist)
-
-
-def _mean(vectors: Sequence[Array]) -> Array:
-    """Return the mean of vectors."""
-    return reduce(add, vectors) / float(len(vectors))
+    X = np.zeros_like(measurement.payload_pose)
+    X[:3, :3], X[:3, 3], X[3, 3] = exp3(view[3:6]).dot(X_d[:3, :3]), X_d[:3, 3] + view[:3], 1.0
+    return measurement._replace(payload_pose=X, payload_twist=view[6:])
 
 
 class MeanPose(PayloadSpace):
