@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from cells import planar_scenario, spatial_scenario
 from numpy.testing import assert_allclose
@@ -12,6 +13,7 @@ from numpy.testing import assert_allclose
 import coop_pin as cp
 from coop_pin.base import errors
 from coop_pin.cli import main
+from coop_pin.compiled.plant.cell_dynamics import closure_error
 from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps import CellChain
 from coop_pin.running.run_scenario import plant_of
@@ -94,6 +96,17 @@ def test_the_plant_has_the_accelerations_of_pinocchio_at_random_states(name):
         assert_allclose(F, F_wanted, rtol=0.0, atol=1e-10 * np.abs(F_wanted).max())
         for field in ("kinetic_energy", "potential_energy"):
             assert_allclose(getattr(seen[1], field), getattr(seen[0], field), rtol=1e-12)
+
+
+def test_closure_errors_of_compiled_code_are_logarithms():
+    """Of a weld that has come apart by some hundredths of a radian, far from the world's origin."""
+    rng = np.random.default_rng(2)
+    for size in (1e-9, 1e-3, 0.05):
+        X_0 = pin.SE3(pin.exp3(rng.normal(size=3)), rng.normal(size=3))
+        X_i = X_0 * pin.exp6(pin.Motion(size * rng.uniform(-1.0, 1.0, 6)))
+        sides = (X_0.rotation, X_0.translation, X_i.rotation, X_i.translation)
+        wanted = -pin.log6(X_0 * X_i.inverse()).vector
+        assert_allclose(closure_error(*sides).astype(float), wanted, rtol=0, atol=1e-12)
 
 
 def test_steps_wait_until_something_asks_and_give_the_same_state():
