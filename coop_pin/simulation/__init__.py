@@ -1,8 +1,8 @@
 """Simulation: one run of a scenario, tick by tick: plant, sensors, law, drives, events, recorder.
 
-Open first: ``timeline`` (the order of the stages of a tick, and when events happen), ``plant`` (what a run asks
-of a simulator of the cell; ``pinocchio_plant`` is one, a second simulator would be another), ``devices``
-(sensors, drives, servos, network).
+Open first: ``timeline`` (the order of the stages of a tick, and when events happen), ``plant`` (what a run
+asks of a simulator of the cell; ``pinocchio_plant`` is one, a second simulator would be another),
+``devices`` (sensors, drives, servos, network).
 
 - ``loop`` (runs the stages), ``simulation`` (changes of a run that goes on), ``simulate`` (a whole run).
 - ``tick``: signals and inputs of a tick, for every engine. ``references``: desired motion of each arm.
