@@ -70,7 +70,7 @@ def test_the_results_name_their_engines(pair):
 
 @pytest.mark.parametrize("name", ["planar", "spatial"])
 def test_the_plant_has_the_accelerations_of_pinocchio_at_random_states(name):
-    """From the change of velocity over so short a step that only the acceleration counts; off closures, too."""
+    """From the change of velocity in a step so short that only the acceleration counts; off closures, too."""
     scenario, rng = CASES[name][0](), np.random.default_rng(3)
     chain = CellChain(scenario.cell)
     q_start, model = chain.configuration(scenario.start.matrix), chain.mechanism.model
