@@ -32,7 +32,7 @@ SWEEP = """
 import sys, coop_pin as cp
 name, engine, runs, out = sys.argv[1], sys.argv[2], int(sys.argv[3]), sys.argv[4]
 base = cp.Scenario.load(name).replace(duration=2.0, events=())
-gains = list(cp.linspace(0.01, 0.1, runs))
+gains = list(cp.sweeps.linspace(0.01, 0.1, runs))
 axes, here = {"controller.gains.sign_gain": gains}, cp.Execution(workers=0, quiet=True)
 cp.sweep(base, axes, out=out, engine=engine, execution=here)
 """
@@ -53,13 +53,12 @@ def one_run(cell: str, engine: str) -> float:
     """Return the processor time of a single run in this process, its labelled result included, s."""
     import coop_pin as cp
     from coop_pin.compiled import plant_of
-    from coop_pin.simulation import simulate
-    from coop_pin.simulation.build_controller import build_controller
+    from coop_pin.laws import build_controller
 
     start = time.process_time()
     if engine == "plant":  # under the law as Python, as with a view
         scenario = cp.Scenario.load(cell)
-        _ = simulate(scenario, build_controller(scenario), plant=plant_of("compiled")).data
+        _ = cp.simulate(scenario, build_controller(scenario), plant=plant_of("compiled")).data
     else:
         _ = cp.run(cell, engine=engine, warn=False).data
     return time.process_time() - start

@@ -23,7 +23,8 @@ from typing import NamedTuple
 import psutil
 
 import coop_pin as cp
-from coop_pin.sweeps import SweepPlan, SweepResult, linspace, sweep
+from coop_pin import SweepPlan, SweepResult, sweep
+from coop_pin.sweeps import linspace
 from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.workers.backend import LocalBackend, outcomes

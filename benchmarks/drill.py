@@ -31,7 +31,7 @@ from pathlib import Path
 
 import psutil
 
-from coop_pin.sweeps import Execution, SweepPlan, SweepResult, sweep
+from coop_pin import Execution, SweepPlan, SweepResult, sweep
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.workers.job import Record
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 import coop_pin as cp
-from coop_pin.base.spatial import shift_wrench
+from coop_pin.spatial import shift_wrench
 
 CHANGES = {"duration": 0.5, "clock.steps_per_tick": 1, "controller.gains.transient_rate": 20.0}
 for name in ("two-pandas-box", "panda-ur5-bar"):

@@ -3,7 +3,7 @@
 import numpy as np
 
 import coop_pin as cp
-from coop_pin.base.spatial import make_pose
+from coop_pin.spatial import make_pose
 
 CENTRE, TURN = np.array([0.5, 0.05, 0.0]), np.pi / 3
 

@@ -1,8 +1,8 @@
 """Runs of compiled code in each of its ways, whatever the choice of the engine: tests compare them."""
 
+from coop_pin import simulate
 from coop_pin.compiled import Lane, plant_of
-from coop_pin.simulation import simulate
-from coop_pin.simulation.build_controller import build_controller
+from coop_pin.laws import build_controller
 
 
 def run_on(engine, scenario, **options):

@@ -18,7 +18,7 @@ from typing import Any, TypeAlias, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coop_pin.base.errors import ArgumentError, CoopPinError, OutOfRangeError, ShapeError, WrongTypeError
+from coop_pin.base.errors import ArgumentError, OutOfRangeError, ShapeError, WrongTypeError
 
 Array: TypeAlias = NDArray[np.float64]
 """A float64 array."""
@@ -52,8 +52,6 @@ def as_array(name: str, value: ArrayLike, *shape: int | str) -> Array:
         array: NDArray[Any] = np.array(value, dtype=np.float64)
     except OverflowError:
         raise OutOfRangeError(name, math.inf, "a finite number") from None
-    except CoopPinError:  # of a traced number
-        raise
     except (ValueError, TypeError):
         raise ShapeError(name, np.shape(np.array(value, dtype=object)), shape) from None
     if array.shape != shape and not _sizes_match(array.shape, shape):
@@ -95,7 +93,7 @@ def as_pose(name: str, value: ArrayLike) -> Array:
     deviation = float(max(np.abs(R.T @ R - np.eye(3)).max(), np.abs(X[3] - last_row).max()))
     name, deviation = (f"{name} (a mirror image)", 2.0) if np.linalg.det(R) < 0.0 else (name, deviation)
     if deviation > POSE_ALLOWED:
-        allowed = f"at most {POSE_ALLOWED:.3g}: build it with coop_pin.base.spatial.make_pose"
+        allowed = f"at most {POSE_ALLOWED:.3g}: build it with cp.spatial.make_pose"
         raise OutOfRangeError(f"the deviation of {name} from a pose", deviation, allowed)
     return X
 

@@ -79,6 +79,12 @@ def keep(key: bytes, code: bytes) -> None:
         _tidy(path.parent)
 
 
+class DiskCache:
+    """The cache as a mapping."""
+
+    get, __setitem__ = staticmethod(kept), staticmethod(keep)
+
+
 def _tidy(folder: Path) -> None:
     """Remove what was used least lately, beyond the size of all, and what killed processes left."""
     files = [(entry, entry.lstat()) for entry in folder.iterdir()]

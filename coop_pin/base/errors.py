@@ -315,7 +315,8 @@ class JointLimitError(UnreachablePoseError):
 class InfeasibleMotionError(CoopPinError, ValueError):
     """A motion beyond a cell.
 
-    ``cause`` is "rank", "reach", "singularity", "limits", "torque", "stability" or "friction".
+    ``cause`` is "rank", "reach", "singularity", "limits", "torque", "stability" or "friction"; ``detail``
+    says where and by how much.
     """
 
     def __init__(self, cause: str, detail: str) -> None:

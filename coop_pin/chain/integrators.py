@@ -16,6 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.base.arrays import Array
+from coop_pin.base.disk_cache import DiskCache
 from coop_pin.chain.free_flyer import displaced, increment_rate
 from coop_pin.tracing.kernel import Kernel, Layout, Program
 from coop_pin.tracing.llvm_machine import LlvmMachine
@@ -271,7 +272,7 @@ def _free_flyer_stages(joints: int, A: Any, b: Any) -> tuple[Layout, LlvmMachine
         kernel.write(f"k_{i + 1}", np.concatenate((v_i[joint], increment_rate(u[free], v_i[free]))))
         kernels.append(kernel)
     order = np.array([(i, 0) for i in range(len(rows))])
-    return lanes, LlvmMachine(Program(kernels, lanes, 0, 0, order), width=1)
+    return lanes, LlvmMachine(Program(kernels, lanes, 0, 0, order), 1, DiskCache())
 
 
 def _runge_kutta(model: pin.Model) -> Integrator:

@@ -44,14 +44,15 @@ def check(
         table_error: height by which a table on which the payload is put down may be higher than planned, m.
         fields: fields of the scenario, as typed.
     """
-    from coop_pin import feasibility, running
-    from coop_pin.simulation import Simulation
+    from coop_pin import feasibility
+    from coop_pin.running.plausibility import gains_are_known
     from coop_pin.simulation.build_controller import build_controller
+    from coop_pin.simulation.simulation import Simulation
 
     chosen = load_scenario(scenario, fields)
     reach = feasibility.reachability(chosen, poses=poses)
     is_feasible = _feasible(chosen, reach, table_error)
-    if not reach.ok or not running.gains_are_known(chosen):
+    if not reach.ok or not gains_are_known(chosen):
         return OK if is_feasible else FAILED
     simulation = Simulation(chosen, build_controller(chosen))
     is_stable = _stable(simulation, reach, table_error)
@@ -61,9 +62,10 @@ def check(
 
 def _feasible(scenario: Any, reach: Any, table_error: float) -> bool:
     """Print what does not depend on the law, and return whether the cell can do the motion."""
-    from coop_pin import feasibility, running, stability
+    from coop_pin import feasibility, stability
+    from coop_pin.running.plausibility import implausible_numbers, large_record
 
-    numbers = (f"! {number}" for number in running.implausible_numbers(scenario))
+    numbers = (f"! {number}" for number in implausible_numbers(scenario))
     print_wrapped(*numbers, reach.summary(), sep="\n")
     torques, squeeze = feasibility.statics_along(scenario, reach), feasibility.least_squeeze(scenario)
     singular, is_stable = feasibility.closure_problem(scenario) if reach.ok else "", True
@@ -75,7 +77,7 @@ def _feasible(scenario: Any, reach: Any, table_error: float) -> bool:
             lines.append(f"{loop.summary()}; errors at rest on servos are not checked")
         except ArgumentError as error:
             lines.append(f"the arms have servos, and gains and errors at rest are not checked: {error}")
-    lines.append(running.large_record(scenario))
+    lines.append(large_record(scenario))
     pressed = feasibility.table_force(scenario, table_error=table_error)
     lines += [forces.summary() for forces in (squeeze, pressed) if forces is not None]
     if scenario.cell.tables and not scenario.cell.unclosed:

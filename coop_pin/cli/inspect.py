@@ -61,7 +61,7 @@ def fields_of(scenario: ScenarioName) -> None:
     key = hashlib.sha256(f"fields {package_digest()}\n".encode() + content).digest()
     if (text := kept(key) if is_known else None) is None:
         from coop_pin.cli.field_list import field_list
-        from coop_pin.description import Scenario  # its classes take three times as long as all else
+        from coop_pin.description.scenario import Scenario  # slow to load
 
         text = "\n".join(field_list(Scenario.load(scenario))).encode()
         if is_known:
@@ -134,10 +134,10 @@ def suggest(
     Raises:
         InfeasibleMotionError: the cell cannot do the motion.
     """
-    from coop_pin import design
+    from coop_pin.design import suggestion
 
     draft = load_scenario(scenario, fields, draft=True)
-    suggested = design.suggest(draft, poses=poses, table_error=table_error)
+    suggested = suggestion.suggest(draft, poses=poses, table_error=table_error)
     print_wrapped(suggested.summary())
     if out is not None:
         suggested.scenario.save(out)
@@ -176,7 +176,7 @@ def new(
         UrdfError: there is no such robot or tip.
         InfeasibleMotionError: the arms cannot carry the payload.
     """
-    from coop_pin.design import new_cell
+    from coop_pin.design.new_cell import new_cell
 
     path = Path(scenario)
     if not path.name:

@@ -27,7 +27,7 @@ def load_scenario(name_or_file: str, fields: Mapping[str, Sequence[str]], *, dra
     Raises:
         NameNotFoundError, FileReadError, ScenarioError: as Scenario.load and Scenario.override.
     """
-    from coop_pin.description import Scenario  # slow to load
+    from coop_pin.description.scenario import Scenario  # slow to load
 
     scenario = Scenario.load(name_or_file, draft=draft)
     typed = changes(fields, scenario.cell.arms)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from coop_pin.base.atomic_write import write_atomically
-from coop_pin.results import RunResult
+from coop_pin.results.run_result import RunResult
 
 
 class Timing(NamedTuple):

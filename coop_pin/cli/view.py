@@ -69,8 +69,10 @@ def view(
     pictures = image is not None or video is not None
     is_scenario = what in scenario_names() or (path.suffix == ".toml" and path.is_file())
     if is_scenario and not (pictures or against):
+        from coop_pin.viz.live.live_view import open_view
+
         scenario, simulate = load_scenario(what, fields), _simulator(realtime_rate) if run else None
-        with contextlib.closing(viz.open_view(scenario, port=port)) as live:
+        with contextlib.closing(open_view(scenario, port=port)) as live:
             _show(live.url, live.url, open)
             hint = "open this address in a browser on this machine; Ctrl-C ends the view"
             print(f"coop-pin: {hint}", file=sys.stderr)
@@ -119,7 +121,7 @@ def _show(text: str, address: str, opens: bool) -> None:
 def _result(path: Path) -> Any:
     """Return the RunResult of a run's folder or file; the class is loaded only when it is needed."""
     from coop_pin.cli.run_folder import RunFolder
-    from coop_pin.results import RunResult
+    from coop_pin.results.run_result import RunResult
 
     return RunResult.load(path / RunFolder.RESULT if path.is_dir() else path)
 

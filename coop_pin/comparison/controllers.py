@@ -18,12 +18,12 @@ from coop_pin.base.user_files import read_toml, read_user_file
 from coop_pin.comparison.trials import benchmark_scenario
 from coop_pin.control.gains import gain_vector
 from coop_pin.description.scenario import Scenario
-from coop_pin.design import suggest
+from coop_pin.design.suggestion import suggest
 from coop_pin.feasibility import reachability
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.cell_arm import CellArm
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import motion_stability
 
 _FOLDER = Path(__file__).parent

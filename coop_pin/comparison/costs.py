@@ -15,9 +15,9 @@ from coop_pin.base.errors import ArgumentError, TracingError
 from coop_pin.comparison.controllers import Controllers, controllers_for
 from coop_pin.comparison.trials import benchmark_scenario
 from coop_pin.description.scenario import Scenario
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.devices.network import heard
+from coop_pin.simulation.simulation import Simulation
 
 _TICKS = 100
 

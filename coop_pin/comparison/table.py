@@ -14,9 +14,9 @@ from coop_pin.base.arrays import Array, as_count, require_path, require_type
 from coop_pin.base.errors import FileReadError, InvalidStateError, NameNotFoundError
 from coop_pin.base.user_files import read_user_file
 from coop_pin.comparison.measures import DROPPED, MEASURES
-from coop_pin.results import RunResult
-from coop_pin.sweeps import SweepResult
+from coop_pin.results.run_result import RunResult
 from coop_pin.sweeps.heat_map import cell_text, write_heat_map
+from coop_pin.sweeps.result import SweepResult
 
 COLUMNS = MEASURES | {"settling_time_s": "settling time (s)"}
 """Measures of the table, with their texts."""

@@ -154,9 +154,7 @@ def _palms(scenario: Scenario) -> dict[str, Any]:
     cell, grasps = scenario.cell, dict[str, PatchGrasp]()
     for name, grasp in cell.grasps.items():
         for press in PRESSES:
-            palm = PatchGrasp(
-                xyz=grasp.xyz, rpy=grasp.rpy, kind="patch", mu=_PALM_MU, radius=_TINY, press=press
-            )
+            palm = PatchGrasp(xyz=grasp.xyz, rpy=grasp.rpy, mu=_PALM_MU, radius=_TINY, press=press)
             with contextlib.suppress(FieldError):
                 edge = float(np.abs(palm.bounds(cell.payload)).min())
                 grasps[name] = palm.replace(radius=min(_PALM_RADIUS, edge))

@@ -1,31 +1,36 @@
-"""Compiled code of cells: the plant of a run, whole runs as lanes of one program, the law of an arm as C99.
+"""Compiled: plant, tick and laws of a run as compiled code: one run, runs as lanes of a program, laws as C99.
 
-Laws are those of coop_pin.control, sensors and drives those of coop_pin.simulation, run on traced numbers.
-The plant alone is written anew, as scalar code with the numbers of the cell's Pinocchio tree; tests hold the
-two together. Runs of one ``Kind`` share their code: a ``Cover`` (events, delays, lost torques) is what it
-provides, numbers that all of them have *fold* into it, others are *inputs* in the *slots* of a *block*.
+Open first: ``engine_choice`` (Pinocchio or compiled code, and in which way), ``kind`` (what runs of one code
+share, and what cannot be compiled), ``simulate`` (batches of runs).
 
-Open first: kind (what runs share, and what cannot be compiled), simulate (many runs), engine_choice (which
-engine, in which way). Before the code stand prepared_plant, preparation, constants and signals (numbers of
-runs); the code is plant (physics), laws, tick, block and schedule (code on disk, order of the kernels);
-after it come samples, batch_result and lane (one run, interruptible). It imports coop_pin.simulation and what
-that imports, and the compiler, coop_pin.tracing.
+Laws are those of ``control``, sensors and drives those of ``simulation/devices``, run on traced numbers. The
+plant alone is written anew, as scalar code with the numbers of the cell's Pinocchio tree, but for springs and
+the free-flyer, which are those of ``grasps`` and ``chain``; tests hold the two together. Runs of one
+``Kind`` share their code: a ``Cover`` (events, delays, lost torques) is what it provides, numbers that all of
+them have *fold* into it, others are *inputs* in the *slots* of a *block* of runs.
+
+- Numbers of runs: ``prepared_plant``, ``preparation``, ``constants``, ``signals``.
+- Code: ``plant`` (physics), ``laws``, ``tick``, ``block``, ``schedule`` (code on disk, order of the kernels).
+- Runs: ``lane`` (one run, interruptible), ``samples`` and ``batch_result`` (what was recorded).
+
+The public names of C99 are in ``cp.export``.
+
+Imports ``base``, ``chain``, ``control``, ``description``, ``grasps``, ``model``, ``reference``, ``results``,
+``simulation`` and ``tracing``.
 """
 
 from coop_pin import lazy_names
 
-_PUBLIC = {
-    "BatchResult": "coop_pin.compiled.batch_result",
-    "BatchSimulator": "coop_pin.compiled.simulate",
-    "CLaw": "coop_pin.compiled.laws.c_export",
-    "Lane": "coop_pin.compiled.lane",
-    "export_c": "coop_pin.compiled.laws.c_export",
-    "law_reason": "coop_pin.compiled.kind",
-    "plant_of": "coop_pin.compiled.engine_choice",
-    "plant_reason": "coop_pin.compiled.kind",
-    "simulate_batch": "coop_pin.compiled.simulate",
-    "support": "coop_pin.compiled.laws.support",
-}
-
-__all__ = sorted(_PUBLIC)
-__getattr__, __dir__ = lazy_names(__name__, _PUBLIC)
+__all__, __getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "BatchResult": "compiled.batch_result",
+        "BatchSimulator": "compiled.simulate",
+        "Lane": "compiled.lane",
+        "law_reason": "compiled.kind",
+        "plant_of": "compiled.engine_choice",
+        "plant_reason": "compiled.kind",
+        "simulate_batch": "compiled.simulate",
+        "support": "compiled.laws.support",
+    },
+)

@@ -12,9 +12,9 @@ import numpy as np
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.samples import RunSamples
-from coop_pin.results import RunResult
 from coop_pin.results.metrics import all_metrics
 from coop_pin.results.quantities import Samples
+from coop_pin.results.run_result import RunResult
 from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.results.trust import TrustMonitor
 from coop_pin.results.window import Windows

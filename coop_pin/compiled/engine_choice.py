@@ -12,7 +12,8 @@ from coop_pin.compiled.engines import Engine, Way
 from coop_pin.compiled.kind import Kind, law_reason, pinocchio_reason, plant_reason
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.pinocchio_model import load_arm_model
-from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
+from coop_pin.simulation.plant import PlantMaker
 
 Obstacle: TypeAlias = Literal["few runs", "plant", "scenario", "law", "live"]
 """What keeps runs from being lanes."""
@@ -192,8 +193,8 @@ def _ticks_of_compiling(scenario: Scenario) -> int:
     return _TICKS_PER_JOINT * sum(load_arm_model(arm).nv for arm in scenario.cell.arms.values())
 
 
-def plant_of(engine: str) -> type[Plant]:
-    """Return the plant of a run by itself: of "pinocchio" or "compiled".
+def plant_of(engine: str) -> PlantMaker:
+    """Return the maker of the plant of a run by itself: of "pinocchio" or "compiled".
 
     Raises:
         NameNotFoundError: there is no such engine.
@@ -201,7 +202,7 @@ def plant_of(engine: str) -> type[Plant]:
     if engine not in ("pinocchio", "compiled"):
         raise NameNotFoundError("engine", engine, ("pinocchio", "compiled"), "single runs")
     if engine == "pinocchio":
-        return Plant
-    from coop_pin.compiled.plant.compiled_plant import TracedPlant  # a run by Pinocchio does without it
+        return PinocchioPlant
+    from coop_pin.compiled.plant.compiled_plant import CompiledPlant  # a run by Pinocchio does without it
 
-    return TracedPlant
+    return CompiledPlant

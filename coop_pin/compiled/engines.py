@@ -7,7 +7,7 @@ from typing import Any, Literal, TypeAlias, get_args
 from coop_pin.base.errors import FieldError
 
 Engine: TypeAlias = Literal["auto", "pinocchio", "compiled"]
-"""What simulates a run: Pinocchio, which is the oracle; "compiled", code for the cell: of plant, sensors, law
+"""What simulates a run: "pinocchio", one tree of arms and payload; "compiled", code of plant, sensors, law
 and drives where all can be compiled, otherwise of the plant; "auto" chooses by length and number of runs."""
 Way: TypeAlias = Literal["pinocchio", "plant", "lanes"]
 """How a run is computed: on Pinocchio; by a compiled plant under an interpreted law; or by compiled code of

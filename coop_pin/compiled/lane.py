@@ -6,7 +6,6 @@ that of the samples which it keeps.
 
 from __future__ import annotations
 
-from functools import partial
 from typing import cast
 
 import numpy as np
@@ -20,8 +19,8 @@ from coop_pin.compiled.prepared_plant import PreparedPlant
 from coop_pin.compiled.samples import RunSamples, kept_of
 from coop_pin.compiled.simulate import BatchSimulator, Family, require_sample_memory
 from coop_pin.description.scenario import Scenario
-from coop_pin.results import RunResult
 from coop_pin.results.quantities import Samples
+from coop_pin.results.run_result import RunResult
 from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.simulation.simulate import Progress, errors_with_results
 from coop_pin.tracing.llvm_machine import LlvmMachine
@@ -38,8 +37,8 @@ class LaneSimulator(BatchSimulator):
 
     def __init__(self) -> None:
         """Begin without code."""
-        super().__init__(machine=partial(LlvmMachine, width=1), width=1)
-        self._folding = BatchSimulator(machine=self._new_machine, width=1)
+        super().__init__(width=1)
+        self._folding = BatchSimulator(width=1)
 
     def lane(self, scenario: Scenario) -> tuple[Prepared, Family]:
         """Return a run before it runs, and its code; raises as Lane.

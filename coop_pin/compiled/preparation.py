@@ -15,7 +15,8 @@ from coop_pin.compiled.constants import RunConstants
 from coop_pin.compiled.kind import Kind, surroundings_of
 from coop_pin.compiled.prepared_plant import PreparedPlant
 from coop_pin.control import CellController
-from coop_pin.description import Scenario, TrustThresholds
+from coop_pin.description.scenario import Scenario
+from coop_pin.description.trust import TrustThresholds
 
 
 class Prepared(NamedTuple):

@@ -21,18 +21,20 @@ from coop_pin.compiled.kind import (
     times_of,
     unloaded_fields,
 )
+from coop_pin.compiled.laws.law_code import as_tracing_errors
 from coop_pin.compiled.signals import DesiredSource, RunSignals, columns, first_of
 from coop_pin.control import CellController
-from coop_pin.description import Scenario
+from coop_pin.description.scenario import Scenario
 from coop_pin.results.quantities import QUANTITIES
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import controlled_arm
 from coop_pin.simulation.devices.actuation import Actuation
+from coop_pin.simulation.loop import start_configuration
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.plant import Plant
-from coop_pin.simulation.simulation import start_configuration
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.simulation.tick import SignalSource
 from coop_pin.tracing.numpy_machine import evaluate
-from coop_pin.tracing.tape import Tape, operands
+from coop_pin.tracing.tape import Tape, UntraceableError, operands
 from coop_pin.tracing.traced_array import inputs
 from coop_pin.tracing.tree import flattened, leaves
 
@@ -85,8 +87,8 @@ class PreparedPlant:
             raise TracingError(f"{scenario.name!r} cannot run in a batch: {reason}")
         run = Simulation(scenario)
         self.scenario, self.timeline, self._sensing = scenario, run.timeline, run.sensing
-        self._chain = chain = run.plant.chain  # read while a plant is built, with that plant's payload
-        self.slots, self.of_springs = chain.model.arms, chain.springs.of_arms
+        self._chain = chain = run.chain  # read while a plant is built, with that plant's payload
+        self.slots, self.of_springs = run.slots, chain.springs.of_arms
         self.arms = [controlled_arm(scenario, arm) for arm in chain.arms]
         self.table, self.labels = run.recorder.table, run.recorder.labels()
         self.determined = run.recorder.determined
@@ -126,7 +128,7 @@ class PreparedPlant:
         numbers, structure = flattened(constants, self._known)
         self.values = np.array(numbers, dtype=np.float64)
         others = {"drives": self.drives, "surroundings": constants.changes[0]}
-        begins = start(plant, actuation, self._sensing) | others
+        begins = start(plant, self.slots, actuation, self._sensing) | others
         self.begins = {name: leaves(part) for name, part in begins.items()}
         names, samples = tuple(each.name for each in self.read), tuple(constants.drives.samples())
         self.kind = Kind((structure, tuple(scenario.cell.arms), names, samples), times=times_of(scenario))
@@ -149,8 +151,8 @@ class PreparedPlant:
         if unloaded_fields(scenario) != unloaded_fields(own):
             return None
         prepared, chain = copy.copy(self), self._chain.carrying(cell)
-        plant = Plant(chain, scenario.plant, start_configuration(chain, scenario))
-        actuation = Actuation(scenario, plant)
+        plant = PinocchioPlant(chain, scenario.plant, start_configuration(chain, scenario))
+        actuation = Actuation(scenario, plant, self.slots, chain.arms, chain.loads(plant.q))
         prepared.scenario, prepared._chain = scenario, chain
         prepared.source = self.source._replace(scenario=scenario)
         needed = self._needed._replace(
@@ -161,6 +163,7 @@ class PreparedPlant:
         prepared._begin(needed, plant, actuation)
         return prepared if prepared.kind == self.kind else None
 
+    @as_tracing_errors()
     def with_controller(self, scenario: Scenario) -> tuple[CellController, Array, Kind]:
         """Return the controller of a run of this plant, the numbers of both, and the kind of the run.
 
@@ -193,7 +196,7 @@ class PreparedPlant:
             entries, traced = flattened(scenario.controller.build(scenario, self.arms), self._known)
             outputs = operands(tape, entries)
             is_alike = traced == structure and tape.rounds_alike(outputs)
-        except (CoopPinError, TypeError, ValueError, AttributeError):
+        except (CoopPinError, UntraceableError, TypeError, ValueError, AttributeError):
             is_alike = False
         if not is_alike:
             self._untraced.append(untraced)

@@ -10,7 +10,7 @@ import numpy as np
 from coop_pin.base.arrays import Array
 from coop_pin.description.network import ArmClock
 from coop_pin.description.scenario import Scenario
-from coop_pin.reference import PoseReference, PoseTarget
+from coop_pin.reference.pose_reference import PoseReference, PoseTarget
 from coop_pin.simulation.tick import TickSignals
 from coop_pin.simulation.timeline import Timeline
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.base.arrays import Array, Mask, require_type, typed
+from coop_pin.base.disk_cache import DiskCache
 from coop_pin.base.errors import ArgumentError, CoopPinError
 from coop_pin.base.memory import require_memory
 from coop_pin.base.schema.parts import Filled
@@ -65,16 +66,16 @@ class BatchSimulator:
     """Simulates batches one after the other, of any families; plants and code are kept for the next ones."""
 
     def __init__(
-        self, *, machine: Callable[[Program], Machine] = LlvmMachine, width: int | None = None
+        self, *, machine: Callable[[Program], Machine] | None = None, width: int | None = None
     ) -> None:
         """Begin without code.
 
         Args:
-            machine: Maker of the machine of a program.
-            width: Number of lanes of LLVM's registers, if it is one by LLVM; that of this processor for
-                LlvmMachine. Other machines need the kernels themselves.
+            machine: Maker of the machine of a program of kernels; None for compiled code, kept on disk.
+            width: Number of lanes of compiled code; that of this processor when omitted.
         """
-        self._new_machine, self._width = machine, width
+        self._new_machine = machine or partial(LlvmMachine, width=width, cache=DiskCache())
+        self._takes_kernels, self._width = machine is not None, width
         self._plants, self._families = list[tuple[tuple[object, ...], PreparedPlant]](), list[Family]()
         self._free = list[Array]()
 
@@ -205,8 +206,7 @@ class BatchSimulator:
             differs, is_loaded = differs | block.differs, is_loaded | block.is_loaded
         if family is None or not family.serves(differs, is_loaded, [*firsts.values()]):
             first.require_surroundings()
-            is_plain = self._new_machine is LlvmMachine and self._width is None
-            width = native_width() if is_plain else self._width
+            width = None if self._takes_kernels else self._width or native_width()
             code = RunProgram(first, differs, is_loaded, width, [*firsts.values()])
             family = Family(first, code, self._new_machine(code.program), {})
         orders = {times: family.orders.get(times) or family.order(run) for times, run in firsts.items()}
@@ -229,7 +229,7 @@ def require_sample_memory(machine: Machine, runs: int) -> None:
 
 @typed
 def simulate_batch(
-    scenarios: Sequence[Scenario], *, machine: Callable[[Program], Machine] = LlvmMachine
+    scenarios: Sequence[Scenario], *, machine: Callable[[Program], Machine] | None = None
 ) -> BatchResult:
     """Return the results of scenarios that differ in numbers only.
 
@@ -238,7 +238,7 @@ def simulate_batch(
 
     Args:
         scenarios: scenarios with equal kinds of everything and equal times of ticks and events.
-        machine: maker of the machine of a program.
+        machine: maker of the machine of a program of kernels; None for compiled code, kept on disk.
 
     Raises:
         ArgumentError: there are none.

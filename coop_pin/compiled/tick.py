@@ -24,11 +24,13 @@ from coop_pin.control import ArmMeasurement, ArmReference, Message
 from coop_pin.description.events import Surroundings
 from coop_pin.results.quantities import WORK
 from coop_pin.simulation.devices.actuation import TORQUE_LIMIT
-from coop_pin.simulation.devices.drives import Applied, DriveMotion, DriveState, Given, TorqueResponse
+from coop_pin.simulation.devices.drives import Applied, DriveMotion, DriveState, Given
 from coop_pin.simulation.devices.network import NetworkSignals, heard
 from coop_pin.simulation.devices.sensors import Truth, View
-from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
-from coop_pin.tracing import elementary
+from coop_pin.simulation.devices.torque_response import TorqueResponse
+from coop_pin.simulation.plant import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
+from coop_pin.tracing.comparisons import less
+from coop_pin.tracing.elementary import sqrt
 from coop_pin.tracing.kernel import Kernel
 from coop_pin.tracing.tape import Number
 from coop_pin.tracing.traced_array import masks, traced
@@ -136,7 +138,7 @@ class TickCode:
         kernel.write("applied", applied._replace(servo_commands=()))
         self._hold(kernel, constants, applied.torques)
         self._record(kernel, measurements, applied)
-        self._guard(kernel, [elementary.less(abs(u), TORQUE_LIMIT) for part in commanded for u in part])
+        self._guard(kernel, [less(abs(u), TORQUE_LIMIT) for part in commanded for u in part])
         return kernel
 
     def _heard(
@@ -257,16 +259,16 @@ class TickCode:
         motion = cell_motion(self._functions, cell, CellState.of(observe))
         observe.write("rates", motion.rates)
         write_observed(observe, constants.cell, motion)
-        bounds = [elementary.less(abs(rate), SPEED_LIMIT) for rate in observe.read("v")]
-        bounds += [elementary.less(error, CLOSURE_ERROR_LIMIT) for error in motion.closure_errors.ravel()]
+        bounds = [less(abs(rate), SPEED_LIMIT) for rate in observe.read("v")]
+        bounds += [less(error, CLOSURE_ERROR_LIMIT) for error in motion.closure_errors.ravel()]
         self._guard(observe, bounds)
-        rates, weigh = observe.beside("rates"), observe.beside("weigh")
+        rates, weigh = observe.on_same_tape("rates"), observe.on_same_tape("weigh")
         rates.write("rates", motion.rates)
         if constants.sensors.needs_wrenches:
             weigh.write("wrenches", motion.wrenches)
             weigh.write("R_WP", motion.R_WP)
         instants = constants.changes[1:]
-        events = [observe.beside(f"event_{index}") for index in range(len(instants))]
+        events = [observe.on_same_tape(f"event_{index}") for index in range(len(instants))]
         for event, changed in zip(events, instants, strict=True):
             _happen(event, cell.surroundings, changed, motion)
         return [observe, rates, weigh, *events]
@@ -313,4 +315,4 @@ def _condition_bound(J: Numbers) -> Number:
     """
     if len(J) == J.shape[1]:
         return inverse(J)[1]
-    return elementary.sqrt(inverse(J.dot(J.T) if len(J) < J.shape[1] else J.T.dot(J))[1])
+    return sqrt(inverse(J.dot(J.T) if len(J) < J.shape[1] else J.T.dot(J))[1])

@@ -24,7 +24,8 @@ from coop_pin.base.schema.changes import differences
 from coop_pin.base.schema.parts import fields_of, overridden
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.user_files import parse_toml, read_toml
-from coop_pin.control.interface import CellTiming, SampledWrist
+from coop_pin.control import CellTiming
+from coop_pin.control.bounds import SampledWrist
 from coop_pin.control.laws.feed_forward import FeedForward
 from coop_pin.description.actuators import Actuators
 from coop_pin.description.catalogue import scenario_file, scenario_names, scenario_tables

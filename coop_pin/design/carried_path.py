@@ -12,13 +12,14 @@ import pinocchio as pin
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.base.spatial import rotate_vector6
-from coop_pin.description import Cell, PlantOptions
-from coop_pin.grasps import CellChain
-from coop_pin.model import solve_ik
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.plant import PlantOptions
+from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.ik_solver import IKSolution, IKSolver
+from coop_pin.model.inverse_kinematics import solve_ik
 from coop_pin.model.transmission import Transmission
-from coop_pin.reference import TimedLineMotion
+from coop_pin.reference.lines import TimedLineMotion
 from coop_pin.reference.quintic import TimeScaling
 
 _NODES = 33

@@ -15,7 +15,7 @@ from coop_pin.description.cell.cell import Cell
 from coop_pin.design.carried_path import CarriedPath
 from coop_pin.design.path_parameterization import PathLimits, fastest, smoothed
 from coop_pin.model.joint_limits import JointLimits
-from coop_pin.reference import TimedLineMotion
+from coop_pin.reference.lines import TimedLineMotion
 from coop_pin.reference.splines import powers, quintic_coefficients
 
 KNOTS = 201

@@ -16,13 +16,17 @@ from coop_pin.base.schema.base import Description, Matrix, NotNegative, Positive
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.user_files import read_user_file
 from coop_pin.control.laws.feed_forward import FeedForward, FeedForwardController, FeedForwardState
-from coop_pin.description import Actuators, Cell, Miscalibration, Scenario, Sensors, WristSensor
+from coop_pin.description.actuators import Actuators
+from coop_pin.description.cell.arm import Miscalibration
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.scenario import Scenario
+from coop_pin.description.sensors import Sensors, WristSensor
 from coop_pin.design.carried_path import CarriedLine
 from coop_pin.design.carry_limits import KNOTS, CarryLimits, CarryTiming, slower
-from coop_pin.reference import ConstantSqueeze, TimedLineMotion
-from coop_pin.reference.squeeze import Squeeze
-from coop_pin.simulation import Simulation
+from coop_pin.reference.lines import TimedLineMotion
+from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 
 _MOST_BYTES = 50_000_000
 _LATER = 0.5
@@ -239,7 +243,7 @@ def _beyond_the_law(plan: CarryPlan, scenario: Scenario, start_time: float) -> F
     simulation = Simulation(scenario, build_controller(scenario))
     while simulation.time < start_time - _SAME * period:
         simulation.tick()
-    nothing = [np.zeros(len(slot.drive)) for slot in simulation.plant.chain.model.arms]
+    plant, nothing = simulation.plant, [np.zeros(len(slot.drive)) for slot in simulation.slots]
 
     def missing(time: float, commanded: Sequence[Array]) -> Sequence[Array]:
         planned = plan.torques_at(time - start_time + _LATER * period)
@@ -251,9 +255,9 @@ def _beyond_the_law(plan: CarryPlan, scenario: Scenario, start_time: float) -> F
     while not times or times[-1] < start_time + plan.duration:
         times.append(simulation.time)
         s = motion.scaling(times[-1] - start_time)
-        simulation.plant.q, rate, _ = line.derivatives(s.value)
-        simulation.plant.v = rate * s.rate
-        simulation.plant.drive(plan.torques_at(times[-1] - start_time))
+        q, rate, _ = line.derivatives(s.value)
+        plant.restore(plant.state()._replace(q=q, v=rate * s.rate))
+        plant.drive(plan.torques_at(times[-1] - start_time))
         simulation.tick()
         added.append(simulation.controller_state.added)
     tables = (np.array(rows) for rows in zip(*added, strict=True))

@@ -14,7 +14,10 @@ from coop_pin.base.arrays import as_array, as_positive, require_type, typed
 from coop_pin.base.errors import FieldError, InfeasibleMotionError, UrdfError, suggestion
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial.task_rows import RowsName
-from coop_pin.description import Arm, Cell, Payload, Scenario
+from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.payload import Payload
+from coop_pin.description.scenario import Scenario
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.design.placement import ArmPlacement, Layout, Side, common_places, contacts

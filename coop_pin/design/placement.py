@@ -14,7 +14,8 @@ from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import exp3, inverse_pose, task_rows
 from coop_pin.control.terms import CONDITION_LIMIT
-from coop_pin.description import Arm, Payload
+from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.payload import Payload
 from coop_pin.feasibility.cell_summary import maximum_reach
 from coop_pin.feasibility.motion_feasibility import joint_heights, position_margin
 from coop_pin.model.arm_model import ArmModel

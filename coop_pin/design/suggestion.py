@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,10 +17,17 @@ from coop_pin.base.errors import ArgumentError, InfeasibleMotionError, ScenarioW
 from coop_pin.control.laws.payload_space import SLIP_GUARD, PayloadSpace
 from coop_pin.description.scenario import Scenario
 from coop_pin.design.own_inertia import own_inertia_proposal
-from coop_pin.design.tuning_rule import GainProposal, force_path_of, gain_proposal, rounded_down
+from coop_pin.design.posture_gains import rounded_down
+from coop_pin.design.proposal_limits import (
+    friction_limits,
+    gain_limits,
+    moment_limits,
+    null_space_limits,
+    posture_limit,
+)
+from coop_pin.design.tuning_rule import GainProposal, force_path_of, gain_proposal
 from coop_pin.feasibility.least_squeeze import least_squeeze, with_enough_squeeze
 from coop_pin.feasibility.motion_feasibility import (
-    PostureMargin,
     posture_margins,
     require_feasible,
     require_rank,
@@ -32,8 +39,8 @@ from coop_pin.feasibility.statics import statics_along
 from coop_pin.feasibility.table_force import TABLE_ERROR, table_force
 from coop_pin.feasibility.task_inertia import with_spare_motion
 from coop_pin.running.plausibility import implausible_numbers
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.grasp_stability import grasp_stability
 from coop_pin.stability.loop_stability import LoopStability, loop_stability
 from coop_pin.stability.sampled_stability import start_stability
@@ -153,12 +160,12 @@ def suggest(
     pressed_table = table_force(suggested, table_error=table_error, lag=proposal.tracking)
     cut = f"squeeze CUT to {part:.2f} of what is stated: all that the drives hold beside weight and load"
     lines = (
-        *_gain_limits(scenario, proposal),
-        *_friction(suggested),
+        *gain_limits(scenario, proposal),
+        *friction_limits(suggested),
         *([] if pressed_table is None else [pressed_table.summary()]),
-        *_null_space(proposal, loop),
-        *_moment(scenario, proposal),
-        *(_posture_limit(arm) for arm in posture_margins(scenario, cell_reach, statics)),
+        *null_space_limits(proposal, loop),
+        *moment_limits(scenario, proposal),
+        *(posture_limit(arm) for arm in posture_margins(scenario, cell_reach, statics)),
         "squeeze: as stated" if part == 1.0 else f"squeeze: {part:.2f} of what is stated, by the drives",
         f"plant: {suggested.clock.steps_per_tick} steps in a tick; {start_stability(simulation).summary()}",
     )
@@ -233,7 +240,7 @@ def _with_gains(scenario: Scenario, proposal: GainProposal) -> Scenario:
     controller = law.replace(
         posture=proposal.posture,
         force_path=force_path_of(scenario),
-        zero_at_grasp=scenario.controller.is_zeroed,
+        zero_at_grasp=scenario.controller.near_rest.is_zeroed,
         **_on_patches(scenario),
     )
     clock = clock.replace(rate_hz=proposal.rate_hz, steps_per_tick=steps)
@@ -249,84 +256,3 @@ def _on_patches(scenario: Scenario) -> dict[str, Any]:
         if len(scenario.wrists) == len(scenario.cell.arms):
             fields["normal_guard"] = rounded_down(least.stated / 4.0)
     return fields
-
-
-def _friction(scenario: Scenario) -> Iterator[str]:
-    """Yield squeeze, split and guards of patches."""
-    law: Any = scenario.controller
-    if not scenario.cell.patches or (least := least_squeeze(scenario)) is None:
-        return
-    yield least.summary()
-    yield (
-        f"split of the load: {law.force_path.split}; a patch bears no moments of equal shares"
-        if law.measures
-        else "force path: none, so that nothing keeps the squeeze: add --controller.force-path.kind late"
-    )
-    normal = f", and below {law.normal_guard:.3g} N at its own wrist" if law.normal_guard else ""
-    yield f"guards: an arm gives up its squeeze at {1e3 * law.slip_guard:.3g} mm of slip{normal}"
-
-
-def _gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
-    """Yield what limits rate and gains."""
-    stated, T = scenario.clock.rate_hz, 1.0 / proposal.rate_hz
-    kept = "as stated" if proposal.rate_hz == stated else f"raised from {stated:g} Hz"
-    yield f"rate: {kept}; the error to expect while moving grows with T^3, the internal force with T"
-    if proposal.law is None:
-        yield f"K: by T lambda_max(A^-1 K) = {proposal.t_lambda_max:.2g} <= 1 along the motion"
-        parts = "half", "a quarter"
-    else:
-        yield (
-            f"K: by T lambda_max(Lambda_i^-1 c_i K_i) = {proposal.t_lambda_max:.2g} of each arm alone along"
-            f" the motion{', or by the table' * bool(scenario.put_downs)}; it is 2 where a soft grasp lets"
-            " the arm go unstable"
-        )
-        bias = proposal.law.anchor_bias
-        yield (
-            "anchor_bias: none, by the put-down: a bounded anchor would keep the load that the table gets"
-            if bias == "none"
-            else f"anchor_bias: {1e3 * bias[0]:.3g} mm and {1e3 * bias[1]:.3g} mrad, by the usual bias and"
-            " the deflection of the grasps under load and squeeze; the layer is twice as wide"
-        )
-        if proposal.law.knows_deflection:
-            yield "knows_deflection: the arms give up no squeeze to what it deflects"
-        parts = "0.4", "a tenth to a fortieth"
-    yield (
-        f"k_I: {proposal.integral_rate:.3g} /s, by {parts[0]} of lambda_min = {proposal.lambda_min:.3g} /s"
-        f" and by 1 / (4 T) = {0.25 / T:.3g} /s; gamma by {parts[1]} of lambda_min; both by the damping ratio"
-        f" of the sampled modes, {proposal.damping:.2f}"
-    )
-    if proposal.anchor_bound is None:
-        yield (
-            "force path: none, so that the integral leaks; weight and bias leave an internal force. Where a"
-            " wrist wrench is measured, add --controller.force-path.kind late: the law is anchored then"
-        )
-    else:
-        kind, g = force_path_of(scenario).kind, proposal.gains.anchor_gain
-        yield f"force path: {kind}; g {g:.3g}, unstable from {proposal.anchor_bound:.3g} on"
-
-
-def _null_space(proposal: GainProposal, loop: LoopStability) -> Iterator[str]:
-    """Yield what limits the posture's gains, where there are spare joints."""
-    if loop.spare is not None:
-        posture = proposal.posture
-        yield (
-            f"null space: stiffness {posture.stiffness:g}, damping {posture.damping:g}; the"
-            f" {loop.spare.name} decays with {loop.spare_rate:.3g} /s or faster along the motion"
-        )
-
-
-def _moment(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
-    """Yield the internal moment of positional rows, which nothing limits."""
-    if not scenario.cell.controls_turns:
-        yield (
-            f"internal moment: up to {proposal.internal_moment:.3g} N m beside the desired one; no task row"
-            " controls it, weights, friction and springs of postures decide"
-        )
-
-
-def _posture_limit(margin: PostureMargin) -> str:
-    torque, position, singularity = (100.0 * part for part in margin[1:])
-    return (
-        f"posture of {margin.arm}: {torque:.0f} % of the torque, {position:.0f} % of the joint range and"
-        f" {singularity:.0f} % of the condition number are left"
-    )

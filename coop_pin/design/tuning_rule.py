@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import cache, partial
 from typing import NamedTuple
@@ -14,25 +13,19 @@ from coop_pin.base.spatial import pose_error
 from coop_pin.control import LateForcePath, PayloadSpace, PayloadSpaceGains, PostureGains
 from coop_pin.control.bounds import ForcePath, sampled_loop
 from coop_pin.description.scenario import Scenario
-from coop_pin.feasibility.internal_moment import internal_moment, positional_torques
-from coop_pin.feasibility.motion_feasibility import part_held
+from coop_pin.design.posture_gains import ROUND_OFF, T_LAMBDA, posture_gains, rounded_down, slowest_lag
+from coop_pin.feasibility.internal_moment import internal_moment
 from coop_pin.feasibility.reachability import Reachability
 from coop_pin.feasibility.task_inertia import MotionWrenches, motion_wrenches, task_inertia
-from coop_pin.model.cell_arm import CellArm
 from coop_pin.stability.modes import damping_ratio
 from coop_pin.stability.sampled_motion import tick_matrix
 
-_T_LAMBDA = 0.9
-"""T lambda_max(A^-1 K): the rule allows 1, and the poses between those that are looked at need something."""
-_BASE_POSTURE = PostureGains(stiffness=160.0, damping=80.0)
-"""Null-space gains of arms on mobile bases: their spring moves the mass of the base."""
 _DAMPING = 0.58
 """Least damping ratio: ``loop_stability`` asks for 0.55, and springs of postures need something."""
 _LESS = 0.99
 """Factor by which pose gain and integral are lowered until no mode is damped less."""
 _MODES = 12
 """Eigenvalues of A^-1 K, from the smallest to the largest, that are looked at."""
-_ROUND_OFF = 1e-9
 _POSE_PART = 20.0
 """Fewest ticks in 1 / gamma."""
 ANCHOR, _LARGEST_ANCHOR = 0.1, 0.5
@@ -130,7 +123,7 @@ def gain_proposal(
     root = np.sqrt(scale)
     eigenvalues = np.linalg.eigvalsh(root[:, None] * inertia.mobility * root)
     largest = float(eigenvalues.max())
-    spread = largest, max(float(eigenvalues.min()), _ROUND_OFF * largest)
+    spread = largest, max(float(eigenvalues.min()), ROUND_OFF * largest)
     at_rate = partial(_at_rate, scenario, scale, spread)
     proposal, wrenches = accurate_proposal(scenario, cell_reach, least_stiffness, at_rate)
     proposal = _anchored_faster(proposal, scenario, wrenches)
@@ -164,7 +157,7 @@ def _at_rate(
 ) -> GainProposal:
     """Return the gains at a control rate; spread is that of the eigenvalues of A^-1 diag(scale)."""
     T, path = 1.0 / rate, force_path_of(scenario)
-    factor = _T_LAMBDA / (spread[0] * (T + 2.0 * slowest_lag(scenario)))
+    factor = T_LAMBDA / (spread[0] * (T + 2.0 * slowest_lag(scenario)))
     K = np.array([rounded_down(factor * entry) for entry in scale])
     lambda_min = float(np.min(K / scale)) * spread[1]
     t_lambda_max = T * float(np.max(K / scale)) * spread[0]
@@ -274,13 +267,6 @@ def accurate_proposal(
     return proposal, wrenches(posture)
 
 
-def slowest_lag(scenario: Scenario) -> float:
-    """Return the largest time constant between a velocity and the torque that answers it, s."""
-    arms = scenario.cell.arms
-    filters = [1.0 / (2.0 * np.pi * scenario.sensors_of(name).velocity.filter_hz) for name in arms]
-    return float(max((*filters, *(scenario.actuators_of(name).lag for name in arms))))
-
-
 def force_path_of(scenario: Scenario) -> ForcePath:
     """Return the scenario's force path; the latest wrench where it has none but all wrists have sensors.
 
@@ -290,53 +276,3 @@ def force_path_of(scenario: Scenario) -> ForcePath:
     if not path.measures and len(scenario.wrists) == len(scenario.cell.arms):
         path = LateForcePath()
     return path.replace(split="virtual-linkage") if scenario.cell.patches and path.by_sensors else path
-
-
-def posture_gains(
-    scenario: Scenario, cell_reach: Reachability, T: float, least_stiffness: float
-) -> PostureGains:
-    """Return null-space gains, at most the usual ones but for a spring that has to be stiffer.
-
-    The damping keeps T lambda below 0.9 with the payload held, and the spring is lowered with it. On full
-    rows the spring takes no more torque at rest than gravity asks for, however stiff it is; on positional
-    ones the closures hold the spare joints against it, so that it is lowered to what the drives can hold.
-    """
-    on_base = any(arm.base_joints for arm in scenario.cell.arms.values())
-    usual, decay = _BASE_POSTURE if on_base else PostureGains(), 0.0
-    for reach in cell_reach.arms:
-        arm = CellArm(scenario.cell, reach.arm)
-        if arm.nv == arm.rows.size:
-            continue
-        for q in reach.q[:: max(1, len(reach.q) // 20)]:
-            U = np.linalg.svd(arm.null_space(q))[0][:, : arm.nv - arm.rows.size]
-            spare = arm.from_drive @ U  # joint rates with the payload held
-            decay = max(decay, 1.0 / float(np.linalg.eigvalsh(spare.T @ arm.mass_matrix(q) @ spare)[0]))
-    stiffness, damping = float(np.max(usual.stiffness)), float(np.max(usual.damping))
-    if decay > 0.0:
-        damping = min(damping, rounded_down(_T_LAMBDA / ((T + 2.0 * slowest_lag(scenario)) * decay)))
-    stiffness *= damping / float(np.max(usual.damping))
-    stiffness = max(stiffness, least_stiffness)
-    if decay > 0.0 and not scenario.cell.controls_turns:
-        stiffness = min(stiffness, _largest_held(scenario, cell_reach, damping))
-    return PostureGains(stiffness=stiffness, damping=damping)
-
-
-def _largest_held(scenario: Scenario, cell_reach: Reachability, damping: float) -> float:
-    """Return the stiffest spring that the drives hold along the motion on positional rows, N m/rad."""
-    without, with_one = (
-        positional_torques(scenario, cell_reach, PostureGains(stiffness=stiffness, damping=damping))
-        for stiffness in (0.0, 1.0)
-    )
-    limits = [CellArm(scenario.cell, reach.arm).limits.torque for reach in cell_reach.arms]
-    held = min(
-        part_held(torque, pulled - torque, limit)
-        for torque, pulled, limit in zip(without, with_one, limits, strict=True)
-    )
-    return rounded_down(max(held, _ROUND_OFF))
-
-
-def rounded_down(value: float) -> float:
-    """Return a positive value with three significant digits, not above it."""
-    digits = 2 - math.floor(math.log10(value))
-    scaled = value * 10.0**digits
-    return float(f"{math.floor(scaled * (1.0 + 1e-12)) / 10.0**digits:.6g}")

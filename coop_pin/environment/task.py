@@ -15,7 +15,7 @@ from coop_pin.base.spatial import rotate_vector6
 from coop_pin.description.scenario import Scenario
 from coop_pin.environment.acted_law import ActedLaw
 from coop_pin.results.quantities import QUANTITIES, computed
-from coop_pin.simulation import Simulation
+from coop_pin.simulation.simulation import Simulation
 
 _OBSERVED = ("pose_error", "internal_wrench", "desired_internal_wrench", "axial_direction")
 
@@ -199,4 +199,4 @@ class Task:
 
 def drives_of(run: Simulation) -> list[int]:
     """Return the number of each arm's drives."""
-    return [len(arm.drive) for arm in run.plant.chain.model.arms]
+    return [len(arm.drive) for arm in run.slots]

@@ -9,7 +9,10 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from coop_pin.base.arrays import Array, typed
-from coop_pin.description import Arm, Cell, Payload, PlantOptions
+from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.payload import Payload
+from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.joint_limits import JointLimits

@@ -10,8 +10,10 @@ import numpy as np
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.base.spatial import rotate_vector6, shift_wrench
-from coop_pin.description import Cell, Pad, Scenario
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.contact import Pad
 from coop_pin.description.events import Surroundings
+from coop_pin.description.scenario import Scenario
 from coop_pin.reference.squeeze import TipForceSqueeze
 
 _POSES, _FEWER = 401, 101

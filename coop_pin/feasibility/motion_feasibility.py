@@ -15,11 +15,14 @@ from coop_pin.base.errors import InfeasibleMotionError, JointLimitError, Unreach
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import make_pose
 from coop_pin.base.spatial.task_rows import joint_shortage
-from coop_pin.description import Cell, Scenario
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.scenario import Scenario
 from coop_pin.feasibility.reachability import ArmReach, Reachability, reachability
 from coop_pin.feasibility.statics import StaticTorques, statics_along
-from coop_pin.grasps import CellChain
-from coop_pin.model import ArmModel, CellArm, ik_branches
+from coop_pin.grasps.cell_chain import CellChain
+from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
+from coop_pin.model.inverse_kinematics import ik_branches
 from coop_pin.model.joint_limits import JointLimits
 
 _NEARBY = 0.1

@@ -11,9 +11,9 @@ from coop_pin.base.arrays import Array, frozen
 from coop_pin.base.bisection import edge
 from coop_pin.base.errors import UnreachablePoseError
 from coop_pin.feasibility.payload_path import PayloadPath
-from coop_pin.model import solve_ik
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.ik_solver import IKSolver
+from coop_pin.model.inverse_kinematics import solve_ik
 
 _PART_ERROR = 2.0**-20
 """Accuracy of the edge of the reach between two poses, as a part of the way."""

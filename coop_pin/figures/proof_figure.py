@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from coop_pin.base.arrays import Array, typed
 from coop_pin.figures import palette
 from coop_pin.figures.style import label, run_figure
-from coop_pin.results import RunResult
+from coop_pin.results.run_result import RunResult
 
 _AVERAGED = 1.0
 """Chattering quantities are averaged over this time, s."""

@@ -26,8 +26,8 @@ from coop_pin.figures.style import (
     legend_above,
     run_figure,
 )
-from coop_pin.results import RunResult
 from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M, energy_balance
+from coop_pin.results.run_result import RunResult
 
 _STILL = 1e-3
 """Range of a coordinate, as a share of its value, below which its deviations are drawn."""

@@ -17,7 +17,7 @@ from coop_pin.base.arrays import Array
 from coop_pin.description.events import PayloadEvent
 from coop_pin.figures import palette
 from coop_pin.figures.layout import CAPTION_LINE, PanelLayout, write_decades
-from coop_pin.results import RunResult
+from coop_pin.results.run_result import RunResult
 
 STYLE: Any = {
     "font.family": "DejaVu Sans",

@@ -30,6 +30,7 @@ def started(contacts: ContactPatches, q: Array, squeeze: Array) -> Array:
         q: Configuration.
         squeeze: Desired internal wrenches about P in payload axes, N and N m, shape (m, 6).
     """
+    _root(contacts, q)  # else points beside a table would touch its plane in the first step
     on_table = lies(contacts, q)
     q = laid(contacts, q) if on_table else q
     contacts.bodies.move(q, np.zeros(contacts.tree.model.nv))
@@ -106,8 +107,7 @@ def _lowered(contacts: ContactPatches, q: Array, entries: slice, weight: float) 
     near = np.flatnonzero(_near_tables(contacts, x))
     table = contacts.sides[contacts.contact_of[near[0]]][1]
     depth = weight / contacts.points.stiffness[near].sum() + float(x[near, 2].min())
-    step = np.zeros(model.nv)
-    R_WJ = contacts.bodies.data.oMi[contacts.tree.payload_joint].rotation
+    step, R_WJ = np.zeros(model.nv), contacts.bodies.data.oMi[contacts.tree.payload_joint].rotation
     step[entries.start : entries.start + 3] = -R_WJ.T @ table.pose.rotation[:, 2] * depth
     return pin.integrate(model, q, step)
 

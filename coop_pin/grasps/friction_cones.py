@@ -11,7 +11,8 @@ import scipy.linalg
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.base.errors import ArgumentError
 from coop_pin.base.spatial import rotate_vector6, shift_wrench
-from coop_pin.description import Cell, Pad
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.contact import Pad
 
 _LARGEST = 1e5
 """Largest sum of normal forces that is considered, in parts of the largest load over mu."""

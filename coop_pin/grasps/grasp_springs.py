@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.base.arrays import Array, Mask
+from coop_pin.base.disk_cache import DiskCache
 from coop_pin.base.spatial import weight_wrench
 from coop_pin.description.cell.cell import Cell
 from coop_pin.grasps.equilibrium import MOST_STEPS, SETTLED, at_rest, reached
@@ -67,7 +68,7 @@ def _compiled(joints: tuple[tuple[int, int], ...], count: int) -> tuple[Layout, 
     lanes.add(on_body=(n, 6), wrench=(n, 6), power=(n,), position=(n, 3), rotation=(n, 3, 3))
     kernel = Kernel("grasps", lanes, Layout())
     _write_wrenches(kernel, joints)
-    return lanes, LlvmMachine(Program([kernel], lanes, 0, 0, np.array([(0, 0)])), width=1)
+    return lanes, LlvmMachine(Program([kernel], lanes, 0, 0, np.array([(0, 0)])), 1, DiskCache())
 
 
 class GraspsHeld(NamedTuple):

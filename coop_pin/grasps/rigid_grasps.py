@@ -11,8 +11,9 @@ from coop_pin.base.arrays import Array, Mask
 from coop_pin.base.spatial import inverse_pose, rotate_vector6, shift_wrench
 from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.kkt_solver import constraint_svd
-from coop_pin.description import Cell, PlantOptions
+from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.closure import Closure
+from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps.grasp_springs import GraspsHeld, changed
 from coop_pin.model.cell_model import CellModel
 from coop_pin.model.pinocchio_model import symmetric

@@ -11,7 +11,8 @@ import pinocchio as pin
 from coop_pin.base.arrays import Array
 from coop_pin.base.spatial import spatial_inertia
 from coop_pin.control import ArmMeasurement
-from coop_pin.description import ModelFactors, Scenario
+from coop_pin.description.model_laws import ModelFactors
+from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.pinocchio_model import frame_id
 from coop_pin.model.transmission import friction

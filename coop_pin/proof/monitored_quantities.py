@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import xarray as xr
 
 from coop_pin.base.arrays import Array
-from coop_pin.results import RunResult
 from coop_pin.results.quantities import Quantity
+from coop_pin.results.run_result import RunResult
 
 MONITORED = {
     "sliding-mode": (

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.control import ArmMeasurement, ArmReference, CellCommand
 from coop_pin.description.events import Surroundings
-from coop_pin.results import RunResult
-from coop_pin.simulation import Simulation
+from coop_pin.results.run_result import RunResult
+from coop_pin.simulation.devices.drives import Applied
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
+from coop_pin.simulation.simulation import Simulation
 
 _RECORDED = (
     "configuration",
@@ -22,8 +24,6 @@ _RECORDED = (
     "internal_wrench",
     "desired_internal_wrench",
 )
-_BESIDE = 1e-6
-"""Part of a period by which the time just before or just after a tick differs from the tick's."""
 
 
 class ArmTick(NamedTuple):
@@ -92,46 +92,76 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Record
         ArgumentError: a grasp is compliant.
     """
     result.scenario.cell.require_rigid("the monitor of a law's proof")
-    data, rows = result.data, list(result.scenario.cell.task_rows.indices)
-    plant, sensing, chain = simulation.plant, simulation.sensing, simulation.plant.chain
-    beside, slots = _BESIDE * simulation.timeline.period, chain.model.arms
+    scenario, plant, sensing, slots = result.scenario, simulation.plant, simulation.sensing, simulation.slots
+    at, data = PinocchioPlant(simulation.chain, scenario.plant, plant.q), result.data
     recorded = {name: np.nan_to_num(data[name].values) for name in _RECORDED}
-    applied: Any = None
+    applied: Applied | None = None
     for k, (t, signals) in enumerate(zip(data["time"].values.tolist(), simulation.signals(), strict=False)):
-        plant.q, plant.v, plant.time = recorded["configuration"][k], recorded["velocity"][k], t
-        references = simulation.references(t)
-        if k == 0:
-            measured = sensing.start(plant.q, plant.v, references, signals.sensors)
-        else:
-            plant.surround(simulation.scenario.surroundings_at(t - beside))
-            measured = sensing.measure(t, plant, applied, signals.sensors)
-        plant.surround(simulation.scenario.surroundings_at(t + beside))
+        sample = {name: values[k] for name, values in recorded.items()}
+        q, v = sample["configuration"], sample["velocity"]
         torques, commanded = (
-            [tau[: len(slot.drive)] for tau, slot in zip(recorded[name][k], slots, strict=True)]
+            [tau[: len(slot.drive)] for tau, slot in zip(sample[name], slots, strict=True)]
             for name in ("torque", "commanded_torque")
         )
-        applied = simulation.actuation.apply(t, CellCommand(commanded, None), signals.missed)
-        plant.hold(plant.transmission.torque(torques))
-        friction, pushed = plant.transmission.friction(plant.v), plant.generalised_force()
-        a = np.array(chain.mechanism.solver.acceleration(plant.q, plant.v, pushed))
-        push = plant.payload_wrench(plant.q, plant.v, t)
-        forces = pushed - chain.payload_jacobian(plant.q).T @ push
-        arms = tuple(
-            ArmTick(
-                q=plant.q[slot.q_slice],
-                v=plant.v[slot.v_slice],
-                a=a[slot.v_slice],
-                friction=friction[slot.v_slice],
-                forces=forces[slot.v_slice],
-                tau=torques[i],
-                commanded=commanded[i],
-                saturated=applied.saturated[i],
-                F=recorded["interaction_wrench"][k, i],
-                f=recorded["internal_wrench"][k, i, rows],
-                f_d=recorded["desired_internal_wrench"][k, i, rows],
-                measured=measured[i],
-                reference=references[i],
-            )
-            for i, slot in enumerate(slots)
+        for kind, time, *_ in simulation.timeline.stages(k):
+            match kind:
+                case "measure":
+                    plant.restore(plant.state()._replace(q=q, v=v, time=t))
+                    references = simulation.references(t)
+                    if applied is None:
+                        measured = sensing.start(q, v, references, signals.sensors)
+                    else:
+                        measured = sensing.measure(t, plant, applied, signals.sensors)
+                case "happen":
+                    plant.surround(scenario.surroundings_at(simulation.timeline.just_after(time)))
+                case "command":
+                    command = CellCommand(commanded, None)
+                    applied = simulation.actuation.apply(t, command, signals.missed)
+                    plant.drive(torques)
+                case "record":
+                    assert applied is not None
+                    yield _recorded_tick(at, simulation, sample, measured, references, applied)
+
+
+def _recorded_tick(
+    at: PinocchioPlant,
+    simulation: Simulation,
+    sample: Mapping[str, Array],
+    measured: Sequence[ArmMeasurement],
+    references: Sequence[ArmReference],
+    applied: Applied,
+) -> RecordedTick:
+    """Return one tick of the cell.
+
+    Args:
+        at: Plant on the chain of the simulation, which takes the state of its plant.
+        simulation: Simulation at the tick, with the torques of the tick.
+        sample: What was recorded of it, by name.
+        measured: Measurements of the arms.
+        references: References of the arms.
+        applied: Torques of the drives.
+    """
+    at.restore(simulation.plant.state())
+    chain, q, v, rows = at.chain, at.q, at.v, list(at.chain.cell.task_rows.indices)
+    friction, pushed = chain.transmission.friction(v), at.generalised_force()
+    a = np.array(chain.mechanism.solver.acceleration(q, v, pushed))
+    forces = pushed - chain.payload_jacobian(q).T @ at.payload_wrench(q, v, at.time)
+    arms = tuple(
+        ArmTick(
+            q=q[slot.q_slice],
+            v=v[slot.v_slice],
+            a=a[slot.v_slice],
+            friction=friction[slot.v_slice],
+            forces=forces[slot.v_slice],
+            tau=sample["torque"][i, : len(slot.drive)],
+            commanded=sample["commanded_torque"][i, : len(slot.drive)],
+            saturated=applied.saturated[i],
+            F=sample["interaction_wrench"][i],
+            f=sample["internal_wrench"][i, rows],
+            f_d=sample["desired_internal_wrench"][i, rows],
+            measured=measured[i],
+            reference=references[i],
         )
-        yield RecordedTick(t, plant.q, plant.v, a, plant.surroundings, arms)
+        for i, slot in enumerate(simulation.slots)
+    )
+    return RecordedTick(at.time, q, v, a, at.surroundings, arms)

@@ -14,9 +14,9 @@ from coop_pin.base.arrays import Array
 from coop_pin.proof.monitored_quantities import monitor_dataset
 from coop_pin.proof.recorded_run import ArmTick, RecordedTick, recorded_ticks
 from coop_pin.proof.sliding_mode_terms import ProofArm, ProofTerms, proof_terms
-from coop_pin.results import RunResult
-from coop_pin.simulation import Simulation
+from coop_pin.results.run_result import RunResult
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 
 _POSITIVE = 1e-6
 """sum_i Vdot_3 above it is marked as positive, W."""

@@ -99,7 +99,7 @@ class LineMotion(_Line):
 class TimedLineMotion(_Line):
     """The path of LineMotion with s(t) a quintic spline through a table, at rest at both ends.
 
-    ``cp.plan_carry`` returns such motions. The spline has four continuous derivatives.
+    ``cp.carry.plan_carry`` returns such motions. The spline has four continuous derivatives.
 
     Attributes:
         start: X_WP_d before the motion.

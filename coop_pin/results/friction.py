@@ -8,7 +8,8 @@ import numpy as np
 
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.base.spatial import rotations, shift_wrench
-from coop_pin.description import Cell, Pad
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.contact import Pad
 from coop_pin.results.quantities import Arrays
 
 _WHOLE = 1.0 - 1e-9

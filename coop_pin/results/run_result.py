@@ -54,7 +54,7 @@ class RunResult:
 
     ENDED_BY = "ended_by"
     """Attribute of ``data``: class of the error that ended the run, if one did."""
-    ENGINE = "engine"
+    ENGINE, USUAL_ENGINE = "engine", "pinocchio"
     """Attribute of ``data``: what computed the motion, unless it was Pinocchio."""
     EVERY_TICK = "every_tick"
     """Attribute of ``data`` of runs that keep every n-th tick: what is known of all ticks, as JSON."""
@@ -98,7 +98,7 @@ class RunResult:
     @property
     def engine(self) -> str:
         """What computed the run: "pinocchio" or "compiled"."""
-        return str(self._texts.get(self.ENGINE, "pinocchio"))
+        return str(self._texts.get(self.ENGINE, self.USUAL_ENGINE))
 
     @property
     def _texts(self) -> Mapping[str, str]:

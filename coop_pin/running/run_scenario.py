@@ -14,11 +14,11 @@ from coop_pin.base.errors import ScenarioWarning, TracingError
 from coop_pin.compiled.engine_choice import choose_engine, plant_of, saved_by_auto
 from coop_pin.compiled.engines import Engine, engine_named
 from coop_pin.description.scenario import Scenario
-from coop_pin.results import Observer, RunResult
+from coop_pin.results.run_result import RunResult
+from coop_pin.results.snapshot import Observer
 from coop_pin.running.plausibility import run_warnings
-from coop_pin.simulation import simulate
 from coop_pin.simulation.build_controller import build_controller
-from coop_pin.simulation.simulate import Progress
+from coop_pin.simulation.simulate import Progress, simulate
 from coop_pin.stability.step_size import with_changes
 
 _LOG = logging.getLogger("coop_pin")
@@ -48,7 +48,7 @@ def run(
         progress: function that is called with (ticks done, ticks in all): after every tick, of compiled
             runs after some hundred.
         view: function that is called with a snapshot after every tick, for example what
-            coop_pin.viz.open_view returns.
+            coop_pin.open_view returns.
         realtime_rate: simulated seconds in one second of wall time; inf is as fast as possible. When omitted
             1 with a view, otherwise inf.
         stop_at_breach: end the run at its first breach of the scenario's trust thresholds.

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.base.arrays import Array
-from coop_pin.control.interface import ArmMeasurement, ArmReference
+from coop_pin.control import ArmMeasurement, ArmReference
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_model import ArmPlace
-from coop_pin.reference import PoseTarget
+from coop_pin.reference.pose_reference import PoseTarget
 from coop_pin.simulation.devices.network import MessageSignals, NetworkSignals
 from coop_pin.simulation.devices.signals import CellSignals, SensorSignals, missed_ticks
 

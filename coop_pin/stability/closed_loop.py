@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from coop_pin.base.arrays import Array, as_number, typed
 from coop_pin.base.errors import ArgumentError, OutOfRangeError
-from coop_pin.description import Scenario, Sensors
-from coop_pin.simulation import Simulation
+from coop_pin.description.scenario import Scenario
+from coop_pin.description.sensors import Sensors
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.modes import NEUTRAL, Mode
 from coop_pin.stability.tick_map import MEMORY, TickMap
 
@@ -147,7 +148,7 @@ def _require_smooth(scenario: Scenario) -> None:
         network.channel(edge).jitter for edge in network.edges([*scenario.cell.arms])
     ):
         raise ArgumentError("messages that are late by chance have no map of a tick; state network.jitter 0")
-    if not scenario.controller.is_smooth:
+    if scenario.controller.near_rest.integral == "sign":
         raise ArgumentError(
             "controller.switching is 'sign': sgn has no eigenvalues; state a boundary layer"
             " (switching.kind 'saturation' or 'tanh' with a width), or sign_gain 0"

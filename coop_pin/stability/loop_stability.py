@@ -9,7 +9,7 @@ import numpy as np
 from coop_pin.base.arrays import typed
 from coop_pin.base.bisection import edge
 from coop_pin.feasibility.reachability import Reachability
-from coop_pin.simulation import Simulation
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.modes import NEUTRAL, Mode
 from coop_pin.stability.sampled_motion import SampledMotion, sampled_motion
 from coop_pin.stability.sampled_stability import start_and_later

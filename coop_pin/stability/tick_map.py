@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import ArgumentError
-from coop_pin.simulation import Simulation
-from coop_pin.simulation.devices.drives import ResponseState
+from coop_pin.simulation.devices.torque_response import ResponseState
 from coop_pin.simulation.run_state import RunState
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.modes import Motions
 
 MEMORY = "memory"
@@ -46,7 +46,7 @@ class TickMap:
             ticks: N.
         """
         self._simulation, self._ticks, self._origin = simulation, ticks, simulation.state()
-        chain, q = simulation.plant.chain, simulation.plant.q
+        chain, q = simulation.chain, simulation.plant.q
         self._chain, self._motions = chain.mechanism, Motions.at(chain, q)
         self._arms, self._rows, self._R_WP = (
             chain.model.arms,

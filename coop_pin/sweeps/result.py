@@ -13,8 +13,8 @@ import numpy as np
 
 from coop_pin.base.arrays import require_path, require_type
 from coop_pin.base.errors import FieldError, OutOfRangeError
-from coop_pin.results import RunResult
 from coop_pin.results.netcdf import written_netcdf
+from coop_pin.results.run_result import RunResult
 from coop_pin.running.run_scenario import run
 from coop_pin.sweeps.analysis import SweepTable
 from coop_pin.sweeps.heat_map import write_heat_map

@@ -28,7 +28,7 @@ from coop_pin.base.errors import (
     StoreLockedError,
 )
 from coop_pin.base.user_files import read_user_file
-from coop_pin.results import RunResult
+from coop_pin.results.run_result import RunResult
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.workers.job import Outcome, Record, StoredRun, checked_content, checksummed
 

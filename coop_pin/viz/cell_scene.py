@@ -8,7 +8,8 @@ import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.spatial import make_pose
-from coop_pin.description import Cell, Partner
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.events import Partner
 from coop_pin.figures import palette
 from coop_pin.model.shapes import Box, Cylinder, Mesh, Shape, Sphere, half_extents, payload_shape
 from coop_pin.model.visuals import Body

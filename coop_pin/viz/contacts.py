@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.base.spatial import exp3, make_pose, quaternions, rotations
-from coop_pin.description import Cell, Pad
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.contact import Pad
 from coop_pin.description.events import Partner
 from coop_pin.figures import palette
 from coop_pin.model.shapes import Box, Cylinder, Mesh, Sphere

@@ -27,8 +27,8 @@ from coop_pin.figures.run_figures import (
     torque_figure,
     tracking_figure,
 )
-from coop_pin.results import RunResult
 from coop_pin.results.metrics import METRIC_TEXTS, metric_text
+from coop_pin.results.run_result import RunResult
 from coop_pin.viz.highlights import events_text, telling_instant, trust_text
 from coop_pin.viz.page import save_page, web_file
 from coop_pin.viz.replay import replay_html

@@ -10,10 +10,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
-from coop_pin.base.spatial import pose_error
 from coop_pin.comparison import controllers_for
 from coop_pin.comparison.trials import benchmark_scenario
-from coop_pin.simulation.build_controller import build_controller
+from coop_pin.laws import build_controller
+from coop_pin.spatial import pose_error
 
 BIAS = {"tip.xyz": [1e-3, 0.0, 0.0]}
 

@@ -15,9 +15,9 @@ from coop_pin.base.errors import CoopPinError, FieldError, FileReadError, UrdfEr
 from coop_pin.base.user_files import parse_toml, read_user_file
 from coop_pin.description.cell.mesh import read_mesh
 from coop_pin.description.urdf import xacro
-from coop_pin.reference import CsvMotion
+from coop_pin.reference.csv_motion import CsvMotion
 from coop_pin.results import netcdf
-from coop_pin.sweeps import SweepPlan
+from coop_pin.sweeps.plan import SweepPlan
 
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="pipes and devices of POSIX")
 
@@ -230,7 +230,7 @@ def test_xacro_sees_no_environment(tmp_path, monkeypatch):
         _xacro(tmp_path / "arm", "$(env SECRET)")
     (tmp_path / "arm" / "arm.xacro").unlink()
     arm = _xacro(tmp_path / "arm", "$(optenv SECRET 3)")
-    assert cp.ArmModel(arm).model.inertias[1].mass == 3.0
+    assert cp.model.ArmModel(arm).model.inertias[1].mass == 3.0
 
 
 DOUBLED = """<xacro:macro name="m0"/>{}<xacro:m40/>""".format(

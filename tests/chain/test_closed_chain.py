@@ -16,13 +16,15 @@ from coop_pin.base.errors import (
     OutOfRangeError,
     ShapeError,
 )
-from coop_pin.chain import ClosedChain
+from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.integrators import RungeKutta, configuration_space
 from coop_pin.chain.kkt_solver import KKTSolver, constraint_svd
 from coop_pin.chain.proximal_solver import ProximalSolver
-from coop_pin.description import Closure, PlantOptions, Stabilisation
+from coop_pin.description.cell.closure import Closure
+from coop_pin.description.plant import PlantOptions, Stabilisation
 from coop_pin.grasps import CellChain
-from coop_pin.model import ArmModel, CellArm, solve_ik
+from coop_pin.model import ArmModel, CellArm
+from coop_pin.model.inverse_kinematics import solve_ik
 from coop_pin.model.pinocchio_model import symmetric
 
 RANKS = {("planar", "welded"): 3, ("planar", "free"): 9, ("spatial", "welded"): 6, ("spatial", "free"): 12}

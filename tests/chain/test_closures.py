@@ -10,9 +10,10 @@ from close import assert_close
 from numpy.testing import assert_allclose
 
 from coop_pin.base.errors import FieldError, NameNotFoundError
-from coop_pin.chain import ClosedChain
+from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closure_set import ClosureSet
-from coop_pin.description import Closure, PlantOptions
+from coop_pin.description.cell.closure import Closure
+from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps import CellChain
 
 # One and two held turns about every axis, with and without held translations.

@@ -19,7 +19,7 @@ from coop_pin.chain.integrators import (
     VectorSpace,
     configuration_space,
 )
-from coop_pin.description import PlantOptions, Stabilisation
+from coop_pin.description.plant import PlantOptions, Stabilisation
 from coop_pin.grasps import CellChain
 
 CASES = [(name, payload) for name in SCENARIOS for payload in ("welded", "free")]

@@ -17,12 +17,13 @@ from numpy.testing import assert_allclose
 
 from coop_pin.base.errors import ArgumentError, NameNotFoundError, ShapeError
 from coop_pin.base.spatial import internal_wrenches
-from coop_pin.chain import ClosedChain
+from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.compiled.plant.cell_dynamics import CellNumbers
 from coop_pin.compiled.plant.plant_code import PlantCode
-from coop_pin.description import Closure, PlantOptions
+from coop_pin.description.cell.closure import Closure
+from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps import CellChain
-from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.tracing import elementary, numpy_machine
 from coop_pin.tracing.tree import leaves
 
@@ -133,10 +134,9 @@ def test_torques_of_a_cell_overcome_friction_push_and_squeeze_at_many_states(nam
     one = plant.inverse_dynamics(q[0], v[0], a[0], internal=internal[0], push=push)
     assert_allclose(one.torque - plant.friction(v[0]), both.torque[0], rtol=0, atol=1e-12)
     for k in range(2):
-        body = Plant(plant, PlantOptions(), q[k])
-        body.v = v[k]
+        body = PinocchioPlant(plant, PlantOptions(), q[k])
         body.surround(plant.cell.surroundings._replace(push=push))
-        body.hold(both.torque[k])
+        body.restore(body.state()._replace(v=v[k], force=both.torque[k]))
         again = chain.forward_dynamics(q[k], v[k], body.generalised_force()).acceleration
         assert_allclose(again, a[k], rtol=0, atol=1e-10 * (1.0 + np.abs(a).max()))
         F = body.interaction_wrenches()

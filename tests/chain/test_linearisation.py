@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 from test_inverse_dynamics import CELLS, any_chain, linkage, plant_of, random_tau
 
 from coop_pin.base.errors import ArgumentError, OutOfRangeError
-from coop_pin.chain import ClosedChain
-from coop_pin.description import Closure
+from coop_pin.chain.closed_chain import ClosedChain
+from coop_pin.description.cell.closure import Closure
 
 PENDULUM = """<robot name="pendulum"><link name="ground"/><link name="bob"><inertial>
 <origin xyz="0.7 0 0"/><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>

@@ -219,5 +219,5 @@ def test_an_arm_with_a_loop_is_refused_by_its_line(form, tmp_path):
     loop = form("b", "c", "spherical", np.eye(4), np.eye(4), (0, 0, 1))
     (tmp_path / "arm.urdf").write_text(arm(more=loop))
     with pytest.raises(UrdfError) as caught:
-        cp.ArmModel(cp.Arm.from_urdf(tmp_path / "arm.urdf", tip="c"))
+        cp.model.ArmModel(cp.Arm.from_urdf(tmp_path / "arm.urdf", tip="c"))
     assert re.search(r"line \d+: \S+ 'shut': .* an arm is a tree.*\[loop\]", str(caught.value))

@@ -12,8 +12,9 @@ from numpy.testing import assert_allclose
 from scipy.linalg import null_space
 
 from coop_pin.base.errors import OpenClosureError, OutOfRangeError, ShapeError
-from coop_pin.chain import ClosedChain
-from coop_pin.description import Closure, PlantOptions
+from coop_pin.chain.closed_chain import ClosedChain
+from coop_pin.description.cell.closure import Closure
+from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps import CellChain
 from coop_pin.model.pinocchio_model import symmetric
 

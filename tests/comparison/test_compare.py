@@ -476,7 +476,7 @@ def test_the_template_of_the_page_runs_in_a_cell_of_any_kind(name, tmp_path, mon
 def test_palms_hold_or_drop_the_payload_and_the_table_says_which(tmp_path):
     """Two planar arms, whose grasps are on faces of the bar: enough squeeze, and half of the least."""
     scenario = cp.Scenario.load("adept-anchored", {"duration": 0.35, "events": ()})
-    scenario = scenario.replace(motion=cp.HoldMotion(pose=scenario.start))
+    scenario = scenario.replace(motion=cp.motions.HoldMotion(pose=scenario.start))
     palms = standard_trials(benchmark_scenario(scenario))["held by palms"].changes
     assert {grasp["kind"] for grasp in palms["cell.grasps"].values()} == {"patch"}
     least = 11.2 * 9.81 / (2.0 * 0.6)

@@ -13,7 +13,7 @@ import coop_pin as cp
 from coop_pin.base.errors import TracingError
 from coop_pin.compiled import simulate_batch
 from coop_pin.compiled.laws.single_runs import checked, difference
-from coop_pin.sweeps import SweepPlan
+from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.store import SweepStore
 
 HERE = cp.Execution(workers=0, quiet=True)

@@ -24,7 +24,7 @@ from coop_pin.compiled.laws.support import shaken_ticks
 from coop_pin.control import CellCommand, CellController, MeanPose
 from coop_pin.description.controller import PackageLaw
 from coop_pin.simulation.build_controller import build_controller
-from coop_pin.sweeps import SweepPlan
+from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.tracing.numpy_machine import NumpyMachine
 

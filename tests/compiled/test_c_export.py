@@ -17,7 +17,7 @@ import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, NameNotFoundError, TracingError
 from coop_pin.cli import main
 from coop_pin.control import ArmMeasurement, ArmReference
-from coop_pin.control.interface import DESIRED
+from coop_pin.control.measurement import DESIRED
 from coop_pin.model.arm_model import ArmKinematics, ArmModel
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.tracing.c_emitter import CEmitter, c_number
@@ -53,7 +53,7 @@ def measured(cell):
 
 @pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
 def test_exported_laws_compile_without_warnings_and_pass_their_self_test(cell, tmp_path):
-    law = cp.export_c(measured(cell), "left", tmp_path, ticks=12)
+    law = cp.export.export_c(measured(cell), "left", tmp_path, ticks=12)
     done = self_test(law, tmp_path, *SANITIZED)
     assert (done.returncode, done.stderr) == (0, "")
     assert re.match(r"12 ticks, largest difference \S+ N m: passed\n", done.stdout)
@@ -65,7 +65,7 @@ def test_laws_that_command_servos_are_exported_with_what_they_send(cell, kind, t
     scenario = servo_cell(
         cell, kind, duration=0.1, **{"sensors.wrist": {}, "controller.force_path.kind": "late"}
     )
-    law = cp.export_c(scenario, "right", tmp_path, ticks=12)
+    law = cp.export.export_c(scenario, "right", tmp_path, ticks=12)
     done = self_test(law, tmp_path, *SANITIZED)
     assert (done.returncode, done.stderr) == (0, "")
     unit = {"velocity": "rad/s", "position": "rad"}[kind]
@@ -91,7 +91,7 @@ def test_laws_that_hear_others_are_exported_with_what_they_say_and_hear(cell, la
     network = {"network": {"loss": 0.3, "delay": 1}, "duration": 0.2, "events": [], "sensors.wrist": {}}
     fields |= {"force_path": {"kind": path}}
     scenario = SCENARIOS[cell]().override(network | {"controller": {"kind": "mean-pose"} | fields})
-    exported = cp.export_c(scenario, "left", tmp_path, ticks=12)
+    exported = cp.export.export_c(scenario, "left", tmp_path, ticks=12)
     done = self_test(exported, tmp_path, *SANITIZED)
     assert (done.returncode, done.stderr) == (0, "")
     header, k_0 = exported.header.read_text(), scenario.cell.task_rows.size
@@ -107,14 +107,14 @@ def test_laws_that_hear_others_are_exported_with_what_they_say_and_hear(cell, la
 def test_laws_on_grasps_that_give_and_let_go_are_exported(name, arm, tmp_path):
     """With matrices that turn, through a release; a law that needs the plan for its share is refused."""
     scenario = cp.Scenario.load(name)
-    events = (cp.Release(time=0.004, arm=arm),) if len(scenario.cell.arms) > 2 else ()
+    events = (cp.events.Release(time=0.004, arm=arm),) if len(scenario.cell.arms) > 2 else ()
     scenario = scenario.replace(events=events, duration=1.0)
-    done = self_test(cp.export_c(scenario, arm, tmp_path, ticks=12), tmp_path)
+    done = self_test(cp.export.export_c(scenario, arm, tmp_path, ticks=12), tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     own = {"controller.payload_mass": 5.0, "controller.force_path.kind": "none", "sensors.wrist": {}}
     if events:
         with pytest.raises(ArgumentError, match="plan of the grasps"):
-            cp.export_c(scenario.override(own), arm, tmp_path)
+            cp.export.export_c(scenario.override(own), arm, tmp_path)
 
 
 @pytest.mark.slow
@@ -122,11 +122,11 @@ def test_laws_on_grasps_that_give_and_let_go_are_exported(name, arm, tmp_path):
 def test_every_scenario_of_the_catalogue_is_exported(name, tmp_path):
     scenario = cp.Scenario.load(name)
     for arm in scenario.cell.arms:
-        assert self_test(cp.export_c(scenario, arm, tmp_path), tmp_path, "-O2").returncode == 0
+        assert self_test(cp.export.export_c(scenario, arm, tmp_path), tmp_path, "-O2").returncode == 0
 
 
 def test_the_self_test_fails_when_a_torque_is_off(tmp_path):
-    law = cp.export_c(measured("planar"), "left", tmp_path, ticks=3)
+    law = cp.export.export_c(measured("planar"), "left", tmp_path, ticks=3)
     text = law.source.read_text()
     law.source.write_text(re.sub(r"(torque\[1\] = \w+);", r"\1 + 1e-9;", text))
     done = self_test(law, tmp_path)
@@ -135,7 +135,7 @@ def test_the_self_test_fails_when_a_torque_is_off(tmp_path):
 
 
 def test_operations_are_counted_as_they_are_written(tmp_path):
-    law = cp.export_c(measured("planar"), "right", tmp_path, ticks=1)
+    law = cp.export.export_c(measured("planar"), "right", tmp_path, ticks=1)
     step = law.source.read_text().split("int right_step")[1]
     signs = {"add": " + ", "sub": " - ", "mul": " * ", "div": " / ", "sqrt": "sqrt("}
     assert law.flops == {name: step.count(sign) for name, sign in signs.items()}
@@ -172,7 +172,10 @@ def test_every_operation_and_constant_has_the_bits_of_the_oracle(tmp_path):
 def test_a_million_ticks_of_c_are_those_of_the_python_law(cell, ticks, tmp_path):
     """Swinging joints, noisy wrenches, saturation at times; the state is carried on by each side."""
     scenario = measured(cell)
-    law, python = cp.export_c(scenario, "left", tmp_path), build_controller(scenario).controllers["left"]
+    law, python = (
+        cp.export.export_c(scenario, "left", tmp_path),
+        build_controller(scenario).controllers["left"],
+    )
     options = ("-O2", "-shared", "-fPIC")
     library = ctypes.CDLL(compiled(tmp_path / "law.so", law.source, options=options))
     arm, rows = scenario.cell.arms["left"], scenario.cell.task_rows
@@ -221,7 +224,7 @@ def test_a_million_ticks_of_c_are_those_of_the_python_law(cell, ticks, tmp_path)
 
 def test_a_singular_arm_is_told_by_the_return_value(tmp_path):
     scenario = SCENARIOS["planar"]()
-    law = cp.export_c(scenario, "left", tmp_path, ticks=2)
+    law = cp.export.export_c(scenario, "left", tmp_path, ticks=2)
     stretched = ArmModel(scenario.cell.arms["left"]).drive @ [0.3, 0.0, 0.0]
     text = law.self_test.read_text()
     text = re.sub(
@@ -276,7 +279,7 @@ def users(target, **options):
 
 
 def test_a_users_law_is_exported_if_it_can_be_traced(tmp_path):
-    law = cp.export_c(users("Law"), "right", tmp_path, ticks=5)
+    law = cp.export.export_c(users("Law"), "right", tmp_path, ticks=5)
     assert self_test(law, tmp_path).returncode == 0
 
 
@@ -286,25 +289,25 @@ def test_a_users_law_is_exported_if_it_can_be_traced(tmp_path):
 )
 def test_a_law_that_cannot_be_traced_is_refused_and_the_reason_told(mode, reason, tmp_path):
     with pytest.raises(TracingError, match=reason) as caught:
-        cp.export_c(users("Law", mode=mode), "left", tmp_path)
+        cp.export.export_c(users("Law", mode=mode), "left", tmp_path)
     assert "'left'" in str(caught.value)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_files_are_written_into_new_folders_and_over_those_of_before(tmp_path):
     folder = tmp_path / "new" / "folder"
-    laws = [cp.export_c(cp.Scenario.load("adept-paper"), "left", folder, ticks=2) for _ in range(2)]
+    laws = [cp.export.export_c(cp.Scenario.load("adept-paper"), "left", folder, ticks=2) for _ in range(2)]
     assert laws[0] == laws[1]
     assert {path.name for path in folder.iterdir()} == {"left.h", "left.c", "left_self_test.c"}
 
 
 def test_what_is_no_law_of_one_arm_is_refused(tmp_path):
     with pytest.raises(ArgumentError, match="all arms"):
-        cp.export_c(users("OfTheCell"), "left", tmp_path)
+        cp.export.export_c(users("OfTheCell"), "left", tmp_path)
     with pytest.raises(NameNotFoundError):
-        cp.export_c(SCENARIOS["planar"](), "middle", tmp_path)
+        cp.export.export_c(SCENARIOS["planar"](), "middle", tmp_path)
     with pytest.raises(ArgumentError, match="ticks"):
-        cp.export_c(SCENARIOS["planar"](), "left", tmp_path, ticks=0)
+        cp.export.export_c(SCENARIOS["planar"](), "left", tmp_path, ticks=0)
 
 
 def test_the_command_writes_the_files_and_prints_how_to_test_them(tmp_path, capsys):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from cells import planar_scenario, spatial_scenario
 from numpy.testing import assert_allclose
@@ -16,11 +17,12 @@ from coop_pin.cli import main
 from coop_pin.compiled import plant_of
 from coop_pin.compiled.engine_choice import choose_engine
 from coop_pin.compiled.engines import FORMER
+from coop_pin.compiled.plant.cell_dynamics import closure_error
 from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps import CellChain
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
-from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
+from coop_pin.simulation.simulation import Simulation
 
 CASES = {
     "planar": (planar_scenario, 0.5),
@@ -71,22 +73,22 @@ def test_the_results_name_their_engines(pair):
 
 @pytest.mark.parametrize("name", ["planar", "spatial"])
 def test_the_plant_has_the_accelerations_of_pinocchio_at_random_states(name):
-    """From the change of velocity over a step so short that only the acceleration counts."""
+    """From the change of velocity in a step so short that only the acceleration counts; off closures, too."""
     scenario, rng = CASES[name][0](), np.random.default_rng(3)
     chain = CellChain(scenario.cell)
     q_start, model = chain.configuration(scenario.start.matrix), chain.mechanism.model
     traced, rows = plant_of("compiled")(chain, PlantOptions(), q_start), scenario.cell.task_rows
-    for _ in range(3):
+    for gap in (0.0, 0.0, 1e-3):
         q = chain.mechanism.project_configuration(q_start + 0.03 * rng.normal(size=model.nv))
         v = chain.mechanism.project_velocity(q, rng.normal(size=model.nv))
+        q, v = q + gap * rng.normal(size=model.nv), v + 100.0 * gap * rng.normal(size=model.nv)
         force, push = 20.0 * rng.normal(size=model.nv), np.zeros(6)
         push[list(rows.indices)] = rng.normal(size=rows.size)
-        oracle = Plant(chain, PlantOptions(), q)
+        oracle = PinocchioPlant(chain, PlantOptions(), q)
         seen = []
         for plant in (oracle, traced):
-            plant.q, plant.v = q, v
-            plant.hold(force)
-            plant.surround(plant.surroundings._replace(push=push))
+            state, pushed = plant.state(), chain.cell.surroundings._replace(push=push)
+            plant.restore(state._replace(q=q, v=v, force=force, surroundings=pushed))
             seen.append(plant.observe(*(np.array([part, part]) for part in (q, v, force)), np.zeros(2)))
             found = plant.interaction_wrenches()
             assert_allclose(seen[-1].interaction_wrench, [found, found], rtol=1e-12, atol=1e-12)
@@ -100,13 +102,25 @@ def test_the_plant_has_the_accelerations_of_pinocchio_at_random_states(name):
             assert_allclose(getattr(seen[1], field), getattr(seen[0], field), rtol=1e-12)
 
 
+def test_closure_errors_of_compiled_code_are_logarithms():
+    """Of a weld that has come apart by some hundredths of a radian, far from the world's origin."""
+    rng = np.random.default_rng(2)
+    for size in (1e-9, 1e-3, 0.05):
+        X_0 = pin.SE3(pin.exp3(rng.normal(size=3)), rng.normal(size=3))
+        X_i = X_0 * pin.exp6(pin.Motion(size * rng.uniform(-1.0, 1.0, 6)))
+        sides = (X_0.rotation, X_0.translation, X_i.rotation, X_i.translation)
+        wanted = -pin.log6(X_0 * X_i.inverse()).vector
+        assert_allclose(closure_error(*sides).astype(float), wanted, rtol=0, atol=1e-12)
+
+
 def test_steps_wait_until_something_asks_and_give_the_same_state():
     scenario = planar_scenario()
     chain = CellChain(scenario.cell)
     q = chain.configuration(scenario.start.matrix)
     at_once, one_by_one = (plant_of("compiled")(chain, PlantOptions(), q) for _ in range(2))
     for plant in (at_once, one_by_one):
-        plant.hold(np.linspace(-3.0, 3.0, chain.mechanism.model.nv))
+        force = np.linspace(-3.0, 3.0, chain.mechanism.model.nv)
+        plant.restore(plant.state()._replace(force=force))
     for step in range(150):  # more than one call makes
         for plant in (at_once, one_by_one):
             plant.advance(1e-3 * step, 1e-3)
@@ -139,7 +153,7 @@ def test_an_event_added_on_the_way_acts():
         run = Simulation(scenario, build_controller(scenario), plant=plant_of(engine))
         for _ in range(10):
             run.tick()
-        run.add_event(cp.PayloadChange(time=0.2, mass=1.0))
+        run.add_event(cp.events.PayloadChange(time=0.2, mass=1.0))
         while not run.is_finished:
             run.tick()
         results.append(run.result().data)

@@ -20,7 +20,7 @@ from coop_pin.base import errors
 from coop_pin.cli import main
 from coop_pin.compiled import plant_reason
 from coop_pin.compiled.engine_choice import choose_engine
-from coop_pin.results import RunResult
+from coop_pin.results.run_result import RunResult
 from coop_pin.sweeps.store import SweepStore
 
 RUNS = {

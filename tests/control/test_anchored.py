@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 import coop_pin as cp
 from coop_pin.base.errors import DivergedError
 from coop_pin.control import anchor_gain_bound
-from coop_pin.description import Scenario
+from coop_pin.description.scenario import Scenario
 
 NOTHING_MEASURED = {"controller.force_path": {"kind": "none"}}
 

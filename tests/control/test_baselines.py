@@ -109,7 +109,7 @@ def test_the_printed_law_without_force_feedback_is_the_sliding_pid_in_joint_spac
         scenario = still(
             name, {"controller": controller}, step=step, duration=0.3, **{"cell.gravity": [0, 0, 0]}
         )
-        theirs = cp.control.DecentralisedController(
+        theirs = cp.laws.DecentralisedController(
             {arm: SlidingPid(scenario, arm) for arm in scenario.cell.arms}
         )
         both = Beside(build_controller(scenario), theirs)

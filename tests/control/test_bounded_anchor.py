@@ -17,13 +17,13 @@ from coop_pin.comparison.measures import measures
 from coop_pin.comparison.trials import benchmark_scenario, standard_trials
 from coop_pin.compiled import BatchSimulator
 from coop_pin.control import ArmMeasurement, ArmReference, PayloadSpace
-from coop_pin.control.laws import bounded_anchor, payload_space_controller
+from coop_pin.control.laws import anchored_integral, bounded_anchor
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceController
 from coop_pin.control.laws.sliding_mode import SlidingModeController
-from coop_pin.description import Scenario
+from coop_pin.description.scenario import Scenario
 from coop_pin.proof import theorem_monitor
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import steady_errors
 from coop_pin.sweeps import run_key
 
@@ -225,8 +225,11 @@ def _ball(points):
 def test_laws_for_which_no_bound_is_derived_have_none(fields):
     """sgn has no layer; at its own wrist an anchor holds the weight's error, which is no bias."""
     zeros = np.zeros((2, 3))
-    assert [law.bound for law in LinearCell("planar", SHARES["equal"], zeros, **fields).laws] == [None, None]
-    assert LinearCell("planar", SHARES["equal"], zeros).laws[0].bound is not None
+    assert [law.integral.bound for law in LinearCell("planar", SHARES["equal"], zeros, **fields).laws] == [
+        None,
+        None,
+    ]
+    assert LinearCell("planar", SHARES["equal"], zeros).laws[0].integral.bound is not None
 
 
 @pytest.mark.parametrize("name", DAMPING)
@@ -238,7 +241,7 @@ def test_what_is_known_to_do_nothing_is_left_out_with_the_same_bits(name, monkey
     runs = []
     for knows in (True, False):
         if not knows:
-            for module in (bounded_anchor, payload_space_controller):
+            for module in (anchored_integral, bounded_anchor):
                 monkeypatch.setattr(module, "known", lambda _: False)
         biases = [bias_along(name, 5e-3), np.zeros(k)]
         cell = LinearCell(name, SHARES["unequal"], biases, tips=biases[::-1])

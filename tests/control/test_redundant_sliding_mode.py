@@ -6,8 +6,11 @@ from close import assert_close
 from linkages import bar, robot
 
 import coop_pin as cp
+from coop_pin.base.schema.pose import Pose
 from coop_pin.control import RedundantSlidingModeController
-from coop_pin.description import Arm, Cell, Payload, Pose
+from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.payload import Payload
 from coop_pin.grasps import CellChain
 from coop_pin.simulation.build_controller import build_controller
 
@@ -92,7 +95,7 @@ def scenario(request, tmp_path_factory):
 
 def spare_direction(cell, name, angles):
     """The unit joint velocity that leaves the payload at rest."""
-    model = cp.CellArm(cell, name)
+    model = cp.model.CellArm(cell, name)
     J = cell.task_rows.select(model.payload_jacobian(model.posture(np.array(angles))))
     assert J.shape[1] == J.shape[0] + 1
     return np.linalg.svd(J)[2][-1]

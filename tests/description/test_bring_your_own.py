@@ -21,11 +21,14 @@ from coop_pin.base.errors import (
     UrdfError,
     WrongTypeError,
 )
+from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import make_pose
 from coop_pin.control import CellController
-from coop_pin.control.interface import CellCommand
-from coop_pin.description import Arm, Cell, Payload, PlantOptions, Pose
-from coop_pin.description.cell.cell import grasps_from_configuration
+from coop_pin.control.controller import CellCommand
+from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.cell import Cell, grasps_from_configuration
+from coop_pin.description.cell.payload import Payload
+from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario_file import anchor_files
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
@@ -35,7 +38,7 @@ from coop_pin.grasps import CellChain
 from coop_pin.model import ArmModel
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.model.pinocchio_model import load_arm_model
-from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 
 FINGERS = {"panda_finger_joint1": 0.02}
 BODY = (
@@ -501,7 +504,7 @@ def test_a_cell_that_falls_stays_closed_and_keeps_its_energy(name, payload):
     cell, X_WP = catalogue_cell(name)
     options = PlantOptions(payload=payload)
     chain = CellChain(cell, options)
-    plant = Plant(chain, options, chain.configuration(X_WP))
+    plant = PinocchioPlant(chain, options, chain.configuration(X_WP))
     start = chain.mechanism.energy(plant.q, plant.v).total
     for _ in range(100):
         plant.advance(0.0, 2e-3)

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 import coop_pin as cp
 from coop_pin.base.spatial import shift_wrench
 from coop_pin.model import ArmModel, CellArm
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 
 QUIET = {"events": [], "duration": 10.0}
 CHANGES = {name: {} if name in CATALOGUE_CELLS else QUIET for name in cp.scenario_names()}
@@ -134,11 +134,11 @@ def test_a_far_motion_can_be_followed_and_held(name):
     assert motion.duration <= 5.0
     assert np.linalg.norm(X_1[:3, 3] - X_0[:3, 3]) >= 0.5
     assert Rotation.from_matrix(X_1[:3, :3] @ X_0[:3, :3].T).magnitude() >= np.deg2rad(60.0)
-    reach = cp.reachability(scenario, poses=9)
+    reach = cp.feasibility.reachability(scenario, poses=9)
     assert reach.ok
     assert min(arm.sigma_min.min() for arm in reach.arms) > 0.1
-    assert cp.static_torques(scenario, poses=9).ok
-    assert cp.sampled_stability(scenario).ok
+    assert cp.feasibility.static_torques(scenario, poses=9).ok
+    assert cp.stability.sampled_stability(scenario).ok
     cell, gains = scenario.cell, scenario.controller.gains
     k_I, rows = gains.sign_gain / scenario.controller.switching.width, list(cell.task_rows.indices)
     inertia = block_diag(cell.payload.mass * np.eye(3), cell.payload.inertia_matrix)

@@ -451,7 +451,7 @@ def test_any_field_can_be_overridden(path, value):
 def test_a_changed_kind_starts_from_its_own_defaults_in_any_order_of_changes():
     scenario = planar_scenario()
     one = scenario.override({"controller.switching.width": 0.2, "controller.switching.kind": "tanh"})
-    assert one.controller.switching == cp.Tanh(width=0.2)
+    assert one.controller.switching == cp.laws.Tanh(width=0.2)
     assert one.override({"controller.switching.kind": "sign"}) == scenario
     hold = scenario.override({"motion.kind": "hold", "motion.pose.xyz": (0.6, 0.1, 0.0)})
     assert hold.motion.pose.xyz == (0.6, 0.1, 0.0)
@@ -462,7 +462,7 @@ def test_events_can_be_added_and_emptied():
     added = scenario.override(
         {"events.2.kind": "payload-change", "events.2.time": 15.0, "events.2.mass": 3.0}
     )
-    assert added.events == (*scenario.events, cp.PayloadChange(time=15.0, mass=3.0))
+    assert added.events == (*scenario.events, cp.events.PayloadChange(time=15.0, mass=3.0))
     assert scenario.override({"events": []}).events == ()
 
 

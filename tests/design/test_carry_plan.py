@@ -19,12 +19,11 @@ from coop_pin.base.errors import (
     UnreachablePoseError,
 )
 from coop_pin.base.spatial import internal_wrenches
-from coop_pin.design import PathLimits, fastest
 from coop_pin.design.carried_path import CarriedLine
 from coop_pin.design.carry_limits import CarryLimits, CarryTiming
-from coop_pin.design.path_parameterization import times_of
+from coop_pin.design.path_parameterization import PathLimits, fastest, times_of
 from coop_pin.grasps import CellChain
-from coop_pin.reference import check_consistency
+from coop_pin.reference.pose_reference import check_consistency
 
 
 def adept(degrees=300, turn=-np.pi / 3.0):
@@ -71,7 +70,7 @@ def planned():
     def plan(name):
         if name not in plans:
             scenario, start, goal = CARRIES[name]()
-            plans[name] = cp.plan_carry(
+            plans[name] = cp.carry.plan_carry(
                 scenario.cell, start, goal, squeeze=scenario.squeeze, smoothing=SMOOTHING.get(name, 0.05)
             )
         return plans[name]
@@ -81,7 +80,7 @@ def planned():
 
 def line_of(name):
     scenario, start, goal = CARRIES[name]()
-    line = cp.TimedLineMotion(start=start, goal=goal, times=(0.0, 1.0), fractions=(0.0, 1.0))
+    line = cp.motions.TimedLineMotion(start=start, goal=goal, times=(0.0, 1.0), fractions=(0.0, 1.0))
     return scenario, line
 
 
@@ -204,20 +203,20 @@ def test_a_plan_is_within_its_limits_and_shorter_than_the_quintic(name, planned)
 def test_a_plan_survives_json(tmp_path, planned):
     plan = planned("adept")
     plan.save(tmp_path / "plan.json")
-    assert cp.CarryPlan.load(tmp_path / "plan.json") == plan
+    assert cp.carry.CarryPlan.load(tmp_path / "plan.json") == plan
     assert json.loads((tmp_path / "plan.json").read_text())["method"] == "least time"
     (tmp_path / "plan.json").write_text("{")
     with pytest.raises(FileReadError):
-        cp.CarryPlan.load(tmp_path / "plan.json")
+        cp.carry.CarryPlan.load(tmp_path / "plan.json")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["adept", "pandas"])
 def test_least_effort_is_below_that_of_the_quintic(name):
     scenario, start, goal = CARRIES[name]()
-    fast = cp.plan_carry(scenario.cell, start, goal, squeeze=scenario.squeeze, places=61)
+    fast = cp.carry.plan_carry(scenario.cell, start, goal, squeeze=scenario.squeeze, places=61)
     T = 1.3 * fast.quintic_duration
-    plan = cp.plan_carry(scenario.cell, start, goal, squeeze=scenario.squeeze, duration=T, places=61)
+    plan = cp.carry.plan_carry(scenario.cell, start, goal, squeeze=scenario.squeeze, duration=T, places=61)
     assert plan.method == "least effort"
     assert_allclose(plan.duration, T, rtol=1e-12)
     assert plan.effort < 0.96 * plan.quintic_effort
@@ -237,10 +236,10 @@ def palms(more):
     chain, still = CellChain(cell), np.zeros(14)
     least = chain.least_squeeze(chain.configuration(start.matrix), still, still).internal
     squeeze = least @ np.kron(np.eye(2), start.matrix[:3, :3])
-    squeeze = squeeze + cp.TipForceSqueeze(force=more).at(0.0, cell.grasps)
+    squeeze = squeeze + cp.squeezes.TipForceSqueeze(force=more).at(0.0, cell.grasps)
     goal = start.replace(xyz=tuple(np.add(start.xyz, (0.0, 0.15, 0.1))))
     wrenches = dict(zip(cell.arms, squeeze, strict=True))
-    return cell, start, goal, cp.ConstantSqueeze(wrenches=wrenches)
+    return cell, start, goal, cp.squeezes.ConstantSqueeze(wrenches=wrenches)
 
 
 @pytest.mark.slow
@@ -248,7 +247,7 @@ def test_pads_slow_a_carry_down_to_what_friction_bears():
     durations = []
     for more in (10.0, 30.0):
         cell, start, goal, pressed = palms(more)
-        plan = cp.plan_carry(cell, start, goal, squeeze=pressed, places=61)
+        plan = cp.carry.plan_carry(cell, start, goal, squeeze=pressed, places=61)
         durations.append(plan.duration)
         squeezed = pressed.at(0.0, cell.grasps)
         path = CarriedLine(cell, plan.motion).dynamics(np.linspace(0.0, 1.0, 61), squeezed)
@@ -260,7 +259,7 @@ def test_pads_slow_a_carry_down_to_what_friction_bears():
     assert durations[0] > 1.02 * durations[1]
     cell, start, goal, pressed = palms(0.0)
     with pytest.raises(InfeasibleMotionError, match="pad of") as dropped:
-        cp.plan_carry(cell, start, goal, squeeze=pressed, places=61)
+        cp.carry.plan_carry(cell, start, goal, squeeze=pressed, places=61)
     assert dropped.value.cause == "torque"
 
 
@@ -281,23 +280,23 @@ def test_what_no_plan_can_do_is_refused_by_its_cause():
     cell = scenario.cell
     far = goal.replace(xyz=(0.45, -1.5, 0.0))
     with pytest.raises(InfeasibleMotionError) as reach:
-        cp.plan_carry(cell, start, far)
+        cp.carry.plan_carry(cell, start, far)
     assert reach.value.cause == "reach"
     with pytest.raises(UnreachablePoseError):
-        cp.plan_carry(cell, far, start)
-    hard = cp.TipForceSqueeze(force=500.0)
+        cp.carry.plan_carry(cell, far, start)
+    hard = cp.squeezes.TipForceSqueeze(force=500.0)
     with pytest.raises(InfeasibleMotionError, match=r"drive \d of 'left'") as torque:
-        cp.plan_carry(cell, start, goal, squeeze=hard)
+        cp.carry.plan_carry(cell, start, goal, squeeze=hard)
     assert torque.value.cause == "torque"
     with pytest.raises(InfeasibleMotionError) as short:
-        cp.plan_carry(cell, start, goal, duration=0.1, places=41)
+        cp.carry.plan_carry(cell, start, goal, duration=0.1, places=41)
     assert short.value.cause == "limits"
     with pytest.raises(OutOfRangeError):
-        cp.plan_carry(cell, start, goal, reserve=1.0)
+        cp.carry.plan_carry(cell, start, goal, reserve=1.0)
     with pytest.raises(OutOfRangeError):
-        cp.plan_carry(cell, start, goal, smoothing=0.0)
+        cp.carry.plan_carry(cell, start, goal, smoothing=0.0)
     with pytest.raises(ArgumentError):
-        cp.plan_carry(cp.Scenario.load("adept-compliant").cell, start, goal)
+        cp.carry.plan_carry(cp.Scenario.load("adept-compliant").cell, start, goal)
 
 
 def test_the_feed_forward_does_not_know_the_errors_of_sensors_and_drives(planned):
@@ -313,9 +312,9 @@ def test_the_feed_forward_does_not_know_the_errors_of_sensors_and_drives(planned
 
 def test_proofs_and_exports_refuse_a_feed_forward(tmp_path):
     table = {"right": np.ones((1, 3)), "left": np.zeros((1, 3))}
-    scenario = short_scenario().replace(feed_forward=cp.FeedForward(times=(0.0,), torques=table))
+    scenario = short_scenario().replace(feed_forward=cp.laws.FeedForward(times=(0.0,), torques=table))
     with pytest.raises(ArgumentError, match="feed-forward"):
-        cp.export_c(scenario, "left", tmp_path)
+        cp.export.export_c(scenario, "left", tmp_path)
     with pytest.raises(ArgumentError, match="feed-forward"):
         cp.proof.theorem_monitor(cp.run(scenario))
 
@@ -324,7 +323,7 @@ def test_arms_that_cannot_turn_the_payload_are_refused_with_the_angle():
     scenario = cp.Scenario.load("five-joint-pair")
     goal = scenario.start.replace(rpy=tuple(np.add(scenario.start.rpy, (0.0, 0.0, 0.15))))
     with pytest.raises(InfeasibleMotionError, match="rad at s") as reach:
-        cp.plan_carry(scenario.cell, scenario.start, goal)
+        cp.carry.plan_carry(scenario.cell, scenario.start, goal)
     assert reach.value.cause == "reach"
 
 
@@ -347,10 +346,12 @@ def short_scenario(**changes):
 
 def test_no_torques_added_leave_the_bits_and_added_ones_act_at_their_times():
     scenario = short_scenario()
-    nothing = cp.FeedForward(times=(0.05, 0.1), torques={"right": np.zeros((2, 3)), "left": np.zeros((2, 3))})
+    nothing = cp.laws.FeedForward(
+        times=(0.05, 0.1), torques={"right": np.zeros((2, 3)), "left": np.zeros((2, 3))}
+    )
     plain, same = cp.run(scenario).data, cp.run(scenario.replace(feed_forward=nothing)).data
     assert np.array_equal(plain.torque, same.torque)
-    more = cp.FeedForward(
+    more = cp.laws.FeedForward(
         times=(0.05, 0.1), torques={"left": [[0.0] * 3, [1.0, 0.0, 0.0]], "right": np.zeros((2, 3))}
     )
     added = cp.run(scenario.replace(feed_forward=more)).data
@@ -365,7 +366,7 @@ def test_no_torques_added_leave_the_bits_and_added_ones_act_at_their_times():
 
 def test_feed_forward_is_a_part_of_the_scenario():
     table = {"right": np.ones((2, 3)), "left": np.zeros((2, 3))}
-    scenario = short_scenario().replace(feed_forward=cp.FeedForward(times=(0.0, 0.1), torques=table))
+    scenario = short_scenario().replace(feed_forward=cp.laws.FeedForward(times=(0.0, 0.1), torques=table))
     assert list(scenario.feed_forward.torques) == ["left", "right"]
     assert cp.Scenario.from_toml(scenario.to_toml()) == scenario
     assert "feed_forward" not in short_scenario().to_toml()
@@ -382,16 +383,16 @@ def test_feed_forward_is_a_part_of_the_scenario():
 )
 def test_tables_of_feed_forward_that_do_not_fit_are_refused(fields):
     with pytest.raises(FieldError):
-        cp.FeedForward(**fields)
+        cp.laws.FeedForward(**fields)
 
 
 def test_feed_forward_for_other_arms_or_drives_is_refused():
     scenario = short_scenario()
     with pytest.raises(FieldError):
-        scenario.replace(feed_forward=cp.FeedForward(times=(0.0,), torques={"left": ((0.0,) * 3,)}))
+        scenario.replace(feed_forward=cp.laws.FeedForward(times=(0.0,), torques={"left": ((0.0,) * 3,)}))
     table = {"left": ((0.0,) * 3,), "right": ((0.0,) * 2,)}
     with pytest.raises(FieldError, match="right"):
-        cp.run(scenario.replace(feed_forward=cp.FeedForward(times=(0.0,), torques=table)))
+        cp.run(scenario.replace(feed_forward=cp.laws.FeedForward(times=(0.0,), torques=table)))
 
 
 @pytest.mark.parametrize(
@@ -405,13 +406,13 @@ def test_feed_forward_for_other_arms_or_drives_is_refused():
 )
 def test_tables_of_timed_lines_that_do_not_fit_are_refused(fields):
     with pytest.raises(FieldError):
-        cp.TimedLineMotion(start=cp.Pose(), goal=cp.Pose(xyz=(1.0, 0.0, 0.0)), **fields)
+        cp.motions.TimedLineMotion(start=cp.Pose(), goal=cp.Pose(xyz=(1.0, 0.0, 0.0)), **fields)
 
 
 def test_a_timed_line_with_two_entries_is_the_quintic():
     ends = {"start": cp.Pose(), "goal": cp.Pose(xyz=(1.0, 2.0, 0.0), rpy=(0.1, 0.2, 0.3))}
-    line = cp.LineMotion(duration=2.0, start_time=1.0, **ends)
-    timed = cp.TimedLineMotion(times=(1.0, 3.0), fractions=(0.0, 1.0), **ends)
+    line = cp.motions.LineMotion(duration=2.0, start_time=1.0, **ends)
+    timed = cp.motions.TimedLineMotion(times=(1.0, 3.0), fractions=(0.0, 1.0), **ends)
     for time in (0.0, 1.0, 1.3, 2.2, 3.0, 4.0):
         for part, other in zip(timed.at(time), line.at(time), strict=True):
             assert_allclose(part, other, atol=1e-12)
@@ -461,7 +462,7 @@ def test_laws_without_a_model_play_a_plan_and_correct_what_it_does_not_know(chan
         data = cp.run(planned("across").played_by(adept()[0].replace(controller=law))).data
     else:
         scenario = planned("pandas").played_by(pandas()[0])
-        data = cp.run(scenario.replace(events=(cp.PayloadChange(time=0.02, mass=3.6),))).data
+        data = cp.run(scenario.replace(events=(cp.events.PayloadChange(time=0.02, mass=3.6),))).data
     errors = errors_of(data, 1.0)
     print(change, errors)
     assert errors["internal force"] < (1.5 if change == "law (23)" else 1.0)
@@ -476,7 +477,7 @@ def test_what_least_time_gains_depends_on_the_line():
             scenario, start, goal = adept(degrees, turn)
             try:
                 options = {"squeeze": scenario.squeeze, "smoothing": 0.03, "places": 61}
-                plan = cp.plan_carry(scenario.cell, start, goal, **options)
+                plan = cp.carry.plan_carry(scenario.cell, start, goal, **options)
             except (InfeasibleMotionError, UnreachablePoseError):
                 continue
             gains.append(1.0 - plan.duration / plan.quintic_duration)

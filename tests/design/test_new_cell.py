@@ -14,7 +14,7 @@ from coop_pin.design.new_cell import _below_ground
 from coop_pin.design.placement import contacts
 from coop_pin.feasibility import maximum_reach
 from coop_pin.feasibility.motion_feasibility import joint_heights
-from coop_pin.running import implausible_numbers
+from coop_pin.running.plausibility import implausible_numbers
 
 CELLS = {
     "planar": (["adept_3dof"] * 2, {"payload": "bar", "size": (0.24, 0.03, 0.03), "mass": 5.0}),
@@ -60,7 +60,7 @@ def test_the_arms_stand_around_the_payload_within_their_reach(made):
         towards = {"three": (0.0, 0.0, -1.0), "unlike": -tip / np.linalg.norm(tip)}.get(name)
         if towards is not None:  # a grasp may be turned about its tool
             np.testing.assert_allclose(tool, towards, atol=1e-6)
-        model = cp.ArmModel(arm)
+        model = cp.model.ArmModel(arm)
         assert name == "planar" or min(joint_heights(model, model.posture(arm.posture)).values()) > 0.0
     assert not implausible_numbers(suggestion.scenario)
     assert height >= (0.0 if name == "planar" else half[2] + 0.05 - 0.005)  # rounded to centimetres
@@ -147,7 +147,7 @@ def test_a_payload_beyond_the_drives_is_refused_with_a_mass_that_they_hold():
     assert heavy.value.cause == "torque"
     (held,) = re.findall(r"from 50 to ([\d.]+) kg", str(heavy.value))
     lighter = cp.new_cell(arms, mass=0.95 * float(held)).scenario
-    assert cp.static_torques(lighter, poses=11).ok
+    assert cp.feasibility.static_torques(lighter, poses=11).ok
 
 
 def test_the_command_writes_the_scenario_and_overwrites_none(tmp_path, capsys):
@@ -200,6 +200,6 @@ def test_every_robot_that_is_an_arm_tells_its_tip_and_the_gripper_is_locked():
         assert robot.tools() == (tip,)
         assert list(robot.idle(tip)) == locked
         arm = cp.Arm.from_urdf(name, tip, locked=robot.idle(tip))
-        assert cp.ArmModel(arm).nv == len(robot.unlocked(arm.locked))
+        assert cp.model.ArmModel(arm).nv == len(robot.unlocked(arm.locked))
     with pytest.raises(NameNotFoundError):
         robot.idle("nowhere")

@@ -16,8 +16,8 @@ from coop_pin.description.cell.grasp import STIFFNESSES
 from coop_pin.design import deflection_bias, own_inertia
 from coop_pin.feasibility import reachability
 from coop_pin.proof import theorem_monitor
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import grasp_stability, loop_stability, step_stability
 
 FULL = {
@@ -35,7 +35,7 @@ def turn(rows, X_WP):
 
 def at_rest(name, **law):
     scenario = SCENARIOS[name]().replace(controller=ANCHORED[name].replace(**law), events=())
-    return scenario.replace(motion=cp.HoldMotion(pose=scenario.start), beyond_bound=True)
+    return scenario.replace(motion=cp.motions.HoldMotion(pose=scenario.start), beyond_bound=True)
 
 
 def stable_steps(scenario, part=0.5):
@@ -76,7 +76,7 @@ def test_a_gain_in_payload_axes_is_the_turned_one_in_world_axes(name):
         commands = [law.step(seen, reference, state) for law, state in zip(laws, states, strict=True)]
         states = [command.state for command in commands]
         assert_allclose(commands[0].torque, commands[1].torque, rtol=0, atol=1e-10)
-    assert laws[0].bound.is_reached(states[0].anchor, start.matrix)
+    assert laws[0].integral.bound.is_reached(states[0].anchor, start.matrix)
     assert_allclose(states[0].anchor.held, states[1].anchor.held, rtol=0, atol=1e-12)
 
 
@@ -88,7 +88,7 @@ def test_uneven_pose_gains_belong_to_no_axes():
 
 def test_mean_pose_knows_no_deflection():
     with pytest.raises(FieldError, match="mean of the poses"):
-        cp.MeanPose(gains=ANCHORED["planar"].gains, knows_deflection=True)
+        cp.laws.MeanPose(gains=ANCHORED["planar"].gains, knows_deflection=True)
 
 
 def test_the_monitor_refuses_gains_that_turn():
@@ -123,7 +123,7 @@ def test_unequal_gains_bear_a_change_of_the_load_until_the_anchors_have_moved_it
         "duration": 4.0,
     }
     scenario = at_rest(name, arm_gains=gains, gain_axes="payload", anchor_bias="none").override(changes)
-    pushed = scenario.replace(events=(cp.WrenchPulse(time=0.5, duration=3.5, wrench=load),))
+    pushed = scenario.replace(events=(cp.events.WrenchPulse(time=0.5, duration=3.5, wrench=load),))
     rows, T, cell = scenario.cell.task_rows, scenario.clock.period, scenario.cell
     Q = turn(rows, scenario.start.matrix)
     G = [cell.share(arm) * Q @ K[arm] @ Q.T for arm in cell.arms]
@@ -169,7 +169,7 @@ def test_every_arm_alone_is_stable_with_the_proposed_gains_on_the_softest_grasps
 def test_deflection_is_a_bias_of_the_arms_views(name):
     """C F by the load shares against the views of the first sample; a zeroed law sees nothing of it."""
     scenario = with_grasps(at_rest(name), damping_ratio=1.0).override({"duration": 0.01})
-    scenario = scenario.replace(squeeze=cp.ConstantSqueeze())
+    scenario = scenario.replace(squeeze=cp.squeezes.ConstantSqueeze())
     rows, eye = scenario.cell.task_rows, np.eye(scenario.cell.task_rows.size)
     G = np.array([scenario.cell.share(arm) * eye for arm in scenario.cell.arms])
     seen = np.array([rows.select(e) for e in cp.run(scenario, warn=False).data.seen_pose_error.values[0]])
@@ -271,14 +271,14 @@ def test_proposed_gains_hold_three_cells_on_grasps_of_three_stiffnesses(name, ze
 )
 def test_edges_of_stability_on_springs_are_those_of_runs(name, ratio):
     """Runs at the start 8 % below and above every edge: those of the stiffness needed, and of the window."""
-    scenario = cp.Scenario.load(name).replace(events=(), squeeze=cp.ConstantSqueeze(), duration=0.6)
+    scenario = cp.Scenario.load(name).replace(events=(), squeeze=cp.squeezes.ConstantSqueeze(), duration=0.6)
     alpha = np.array(scenario.controller.gains.sign_gain) * 50.0 / scenario.controller.switching.width
     linear = {"anchor_bias": "none", "switching": {"kind": "saturation", "width": 50.0}}
     gains = scenario.controller.gains.replace(sign_gain=tuple(np.ravel(alpha).tolist()))
     law = scenario.controller.replace(
         gains=gains if alpha.ndim else gains.replace(sign_gain=float(alpha)), **linear
     )
-    scenario = scenario.replace(controller=law, motion=cp.HoldMotion(pose=scenario.start))
+    scenario = scenario.replace(controller=law, motion=cp.motions.HoldMotion(pose=scenario.start))
     found = grasp_stability(stiff(scenario, 3e5, ratio))
     edges = {found.holds_from: 1.0} | (
         {} if found.window is None else {found.window[0]: 1.0, found.window[1]: -1.0}
@@ -305,7 +305,7 @@ def grows(scenario):
     push = 1e-3 * np.array((1, 1, 1, 0.1, 0.1, 0.1))
     if scenario.cell.rows == "planar":
         push[2:5] = 0.0
-    pulse = cp.WrenchPulse(time=0.0, duration=scenario.clock.period, wrench=tuple(push.tolist()))
+    pulse = cp.events.WrenchPulse(time=0.0, duration=scenario.clock.period, wrench=tuple(push.tolist()))
     data = cp.run(scenario.replace(events=(pulse,)), warn=False).data
     speed = np.nanmax(np.abs(data.joint_velocity.values), axis=(1, 2))
     third = len(speed) // 3
@@ -335,8 +335,12 @@ def test_which_pushes_at_5_kN_per_m_end_in_a_limit_cycle(name, usual, push):
         part = fields["switching"].default.width / law.switching.width
         gains = {arm: each.replace(sign_gain=part * each.sign_gain) for arm, each in law.arm_gains.items()}
         law = law.replace(switching=fields["switching"].default, arm_gains=gains, gains=gains["left"])
-    event = cp.WrenchPulse(time=0.5, duration=0.05, wrench=(push, push, 0.0, 0.0, 0.0, 0.0))
-    hold = {"motion": cp.HoldMotion(pose=proposed.start), "squeeze": cp.ConstantSqueeze(), "events": (event,)}
+    event = cp.events.WrenchPulse(time=0.5, duration=0.05, wrench=(push, push, 0.0, 0.0, 0.0, 0.0))
+    hold = {
+        "motion": cp.motions.HoldMotion(pose=proposed.start),
+        "squeeze": cp.squeezes.ConstantSqueeze(),
+        "events": (event,),
+    }
     data = cp.run(proposed.replace(controller=law, **hold), engine="compiled", warn=False).data
     rows = [row for row in scenario.cell.task_rows.indices if row < 3]
     swing = 1e3 * np.ptp(data.pose_error.values[data.time.values > 3.0][:, rows], axis=0).max()
@@ -374,7 +378,7 @@ def test_what_a_squeeze_at_5_kN_per_m_is_with_proposed_gains(name, expected):
     left, right = (scenario.cell.grasps[arm].matrix[:3, 3] for arm in ("left", "right"))
     force = 20.0 * (right - left) / np.linalg.norm(right - left)
     squeeze = {"left": (*(-force), 0.0, 0.0, 0.0), "right": (*force, 0.0, 0.0, 0.0)}
-    scenario = scenario.replace(motion=cp.HoldMotion(pose=scenario.start), squeeze=squeeze)
+    scenario = scenario.replace(motion=cp.motions.HoldMotion(pose=scenario.start), squeeze=squeeze)
     scenario = scenario.replace(controller=scenario.controller.replace(zero_at_grasp=True))
     proposed = cp.suggest(with_grasps(scenario, "soft", damping_ratio=0.3), poses=41).scenario
     assert proposed.controller.knows_deflection

@@ -7,8 +7,8 @@ from random_cells import random_cell
 import coop_pin as cp
 from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.feasibility import reachability, statics_along
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import loop_stability, start_stability, step_stability
 
 
@@ -45,7 +45,7 @@ def test_forty_random_cells_run_as_proposed_or_are_refused_before_a_run(seed):
         except InfeasibleMotionError as error:
             refused.append((number, error.cause))
             continue
-        result = cp.simulate_batch([scenario]).result(0)
+        result = cp.compiled.simulate_batch([scenario]).result(0)
         assert result.trustworthy, (scenario.name, result.verdict())
         assert result.metrics()["joint_drift_rad"] < 1e-3, scenario.name
         error = np.linalg.norm(result.data.pose_error.values[:, :3], axis=1).max()

@@ -17,13 +17,13 @@ from coop_pin.cli import main
 from coop_pin.design import gain_proposal
 from coop_pin.feasibility import MotionWrenches, closure_problem, reachability
 from coop_pin.model import ArmModel, CellArm
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import loop_stability
 
-ONES = cp.PayloadSpace(
-    gains=cp.PayloadSpaceGains(pose_gain=1.0, sliding_gain=1.0, sign_gain=1.0, transient_rate=1.0),
-    force_path=cp.LateForcePath(),
+ONES = cp.laws.PayloadSpace(
+    gains=cp.laws.PayloadSpaceGains(pose_gain=1.0, sliding_gain=1.0, sign_gain=1.0, transient_rate=1.0),
+    force_path=cp.laws.LateForcePath(),
 )
 """A controller has to be stated; its gains are not used."""
 
@@ -98,7 +98,7 @@ def carry(name, arms, *, by=(0.0, 0.12, 0.16), mass=2.0, **cell):
         ),
         controller=ONES,
         start=start,
-        motion=cp.LineMotion(start=start, goal=cp.Pose(xyz=by), start_time=1.0, duration=3.0),
+        motion=cp.motions.LineMotion(start=start, goal=cp.Pose(xyz=by), start_time=1.0, duration=3.0),
         duration=5.0,
     )
 
@@ -152,7 +152,7 @@ def suggestion(six):
 def closed_chain_mobility(scenario, found, at):
     """A^-1 by unit wrenches on the payload of the closed chain at rest, without any inertia of arms."""
     simulation = Simulation(scenario, build_controller(scenario))
-    chain, cell = simulation.plant.chain, scenario.cell
+    chain, cell = simulation.chain, scenario.cell
     first = CellArm(cell, found.arms[0].arm)
     q_first = found.arms[0].q[at]
     q = chain.model.configuration([arm.q[at] for arm in found.arms], first.payload_pose(q_first))
@@ -226,21 +226,21 @@ def test_each_arm_is_on_the_branch_with_the_largest_margin(six):
                 left.append(1.0 - np.linalg.cond(J) / limit)
             return min(left)
 
-        margins = [least(q) for q in cp.ik_branches(model, six.start.matrix)]
+        margins = [least(q) for q in cp.model.ik_branches(model, six.start.matrix)]
         assert len(margins) > 1
         assert least(chosen.arms[name].posture) == pytest.approx(max(margins), abs=0.02)
 
 
 def test_a_squeeze_beyond_the_drives_is_lowered_to_what_they_hold(six):
-    pressed = six.replace(squeeze=cp.TipForceSqueeze(force=1000.0))
-    assert not cp.static_torques(pressed, poses=11).ok
+    pressed = six.replace(squeeze=cp.squeezes.TipForceSqueeze(force=1000.0))
+    assert not cp.feasibility.static_torques(pressed, poses=11).ok
     suggestion = cp.suggest(pressed, poses=11)
     headline, *_ = suggestion.summary().splitlines()
     part = suggestion.scenario.squeeze.force / 1000.0
     assert all(word in headline for word in ("!", "squeeze", f"{part:.2f}"))
     suggested = suggestion.scenario
     assert 0.0 < suggested.squeeze.force < 1000.0
-    worst = cp.static_torques(suggested, poses=11).worst
+    worst = cp.feasibility.static_torques(suggested, poses=11).worst
     assert 0.88 < worst.torque / worst.limit <= 0.9 + 1e-9
 
 
@@ -284,7 +284,7 @@ def test_poses_are_dense_where_the_reference_moves(name):
     scenario = cp.Scenario.load(name, {"events": []})
     begin = scenario.motion.at(0.0).X_WP_d
     goal = cp.Pose.from_matrix(begin @ cp.Pose(xyz=(0.02, 0.01, 0.0)).matrix)
-    line = cp.LineMotion(start=cp.Pose.from_matrix(begin), goal=goal, start_time=1.0, duration=2.0)
+    line = cp.motions.LineMotion(start=cp.Pose.from_matrix(begin), goal=goal, start_time=1.0, duration=2.0)
     (arm, *_) = reachability(scenario.replace(motion=line, duration=33.0), poses=51).arms
     times = arm.times[np.count_nonzero(arm.times == 0.0) - 1 :]
     assert len(times) == 51
@@ -342,7 +342,7 @@ def test_a_grasp_is_turned_where_that_opens_a_joint_and_it_says_so(tmp_path):
     half = cp.Pose(rpy=(0.0, 0.0, np.pi)).matrix
     away = {**grasps, "arm1": cp.Pose.from_matrix(grasps["arm1"].matrix @ half)}
     stated = posed.replace(cell=posed.cell.replace(grasps=away))
-    assert not cp.reachability(stated, poses=3).ok
+    assert not cp.feasibility.reachability(stated, poses=3).ok
     suggestion = cp.suggest(stated, poses=5)
     (said,) = suggestion.changes
     assert all(word in said for word in ("arm1", "180 degrees"))
@@ -390,8 +390,10 @@ def test_closures_that_are_redundant_everywhere_or_nowhere_are_no_problem(name):
 
 def test_closures_that_lose_rank_at_the_start_are_told_and_refused(tmp_path, capsys):
     level = short(carry("level", [LEVEL] * 2, by=(0.0, 0.0, 0.1), rows="positional"))
-    assert cp.reachability(level, poses=5).ok
-    assert cp.cell_summary(level.cell, level.start.matrix).freedom == 5  # ten joints less six rows: four
+    assert cp.feasibility.reachability(level, poses=5).ok
+    assert (
+        cp.feasibility.cell_summary(level.cell, level.start.matrix).freedom == 5
+    )  # ten joints less six rows: four
     assert refused(level) == "singularity"
     level.save(tmp_path / "level.toml")
     assert main(["check", str(tmp_path / "level.toml"), "--poses", "5"]) == 1
@@ -401,7 +403,7 @@ def test_closures_that_lose_rank_at_the_start_are_told_and_refused(tmp_path, cap
 def test_on_positional_rows_the_payload_turns_as_the_closed_chain_lets_it():
     """Both arms see one pose, at the position of the reference and turned."""
     five = short(carry("five", [UR5_OF_FIVE] * 2, by=(0.0, 0.03, 0.05), rows="positional"))
-    found = cp.reachability(five, poses=11)
+    found = cp.feasibility.reachability(five, poses=11)
     assert found.ok
     models = [CellArm(five.cell, arm.arm) for arm in found.arms]
     ends = [model.payload_pose(arm.q[-1]) for model, arm in zip(models, found.arms, strict=True)]
@@ -409,7 +411,7 @@ def test_on_positional_rows_the_payload_turns_as_the_closed_chain_lets_it():
     np.testing.assert_allclose(ends[0][:3, 3], (0.0, 0.03, 0.05), atol=1e-6)
     assert np.degrees(np.arccos((np.trace(ends[0][:3, :3]) - 1.0) / 2.0)) > 15.0
     far = short(carry("five", [UR5_OF_FIVE] * 2, rows="positional"))  # there the chain is singular
-    assert not cp.reachability(far, poses=21).ok
+    assert not cp.feasibility.reachability(far, poses=21).ok
 
 
 @pytest.mark.slow
@@ -418,7 +420,7 @@ def test_a_run_on_positional_rows_turns_as_expected():
     five = short(carry("five", [UR5_OF_FIVE] * 2, by=(0.0, 0.03, 0.05), rows="positional"))
     result = cp.run(cp.suggest(five).scenario)
     assert result.trustworthy
-    found = cp.reachability(five)
+    found = cp.feasibility.reachability(five)
     expected = CellArm(five.cell, "arm0").payload_pose(found.arms[0].q[-1])[:3, :3]
     turned = Rotation.from_quat(result.data.payload_quaternion.values[-1])
     assert (turned * Rotation.from_matrix(expected).inv()).magnitude() < np.deg2rad(1.0)

@@ -16,7 +16,9 @@ pytest.importorskip("gymnasium")
 
 from gymnasium.utils.env_checker import check_env
 
-from coop_pin.environment import CellEnv, Task, VectorCellEnv
+from coop_pin.environment.cell_env import CellEnv
+from coop_pin.environment.task import Task
+from coop_pin.environment.vector_cell_env import VectorCellEnv
 
 TASKS = {
     "squeeze": Task("squeeze", scale=5.0, ticks=2),
@@ -39,7 +41,7 @@ def cell(name, changes=None):
 SERVOS = {
     "clock.rate_hz": 200.0,
     "clock.steps_per_tick": 5,
-    "controller": cp.Admittance(command="velocity"),
+    "controller": cp.laws.Admittance(command="velocity"),
     "actuators.servo": {"command": "velocity", "rate_hz": 1000.0},
 }
 

@@ -6,7 +6,10 @@ import pytest
 from close import assert_close
 from linkages import bar, link, robot
 
-from coop_pin.description import Arm, Cell, Payload, Pose
+from coop_pin.base.schema.pose import Pose
+from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.payload import Payload
 from coop_pin.feasibility import cell_summary
 
 

@@ -46,7 +46,7 @@ def test_the_moment_that_no_row_controls_is_that_of_a_run(arms):
 def test_the_torques_on_positional_rows_are_those_of_a_run_and_the_drives_hold_the_spring(arms):
     """At rest, where the closures hold the spare joints against springs and squeeze."""
     scenario = short(carry("positional", POSITIONAL[arms], by=(0.0, 0.05, 0.15), rows="positional"))
-    scenario = scenario.replace(squeeze=cp.TipForceSqueeze(force=10.0), duration=3.0)
+    scenario = scenario.replace(squeeze=cp.squeezes.TipForceSqueeze(force=10.0), duration=3.0)
     suggested = cp.suggest(scenario, poses=21).scenario
     found = reachability(suggested, poses=61)
     expected = positional_torques(suggested, found, suggested.controller.posture)
@@ -65,7 +65,7 @@ def test_springs_of_single_joints_and_the_squeeze_count(capsys):
     scenario = cp.Scenario.load("five-joint-pair", {"duration": 4.0})
     found = internal_moment(scenario, reachability(scenario, poses=101), scenario.controller.posture)
     assert_allclose(found.moment, run_moments(scenario)[1].max(), rtol=0.05)
-    one_spring = internal_moment(scenario, reachability(scenario, poses=101), cp.PostureGains())
+    one_spring = internal_moment(scenario, reachability(scenario, poses=101), cp.laws.PostureGains())
     assert one_spring.moment > 5.0 * found.moment
     main(["check", "five-joint-pair", "--duration", "4", "--poses", "101"])
     assert f"{found.moment:.3g} N m" in capsys.readouterr().out
@@ -76,7 +76,7 @@ def test_the_moment_that_the_anchor_controls_is_expected_like_its_force(cell):
     """Along a slow line, over time: weights, friction that changes its sign, and the anchor's lag."""
     start = SCENARIOS[cell]().start
     goal = start.replace(xyz=tuple(np.add(start.xyz, (0.05, 0.03, 0.0))))
-    motion = cp.LineMotion(start=start, goal=goal, start_time=0.2, duration=1.5)
+    motion = cp.motions.LineMotion(start=start, goal=goal, start_time=0.2, duration=1.5)
     changes = {"events": [], "duration": 2.0, "motion": motion, "squeeze": {"kind": "constant"}}
     scenario = SCENARIOS[cell]().override(changes | {"controller": ANCHORED[cell]})
     suggestion = cp.suggest(scenario, poses=21)

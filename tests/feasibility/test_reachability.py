@@ -10,13 +10,20 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, JointLimitError, UnreachablePoseError
+from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import make_pose, pose_error
-from coop_pin.description import Arm, Cell, Payload, Pose, Scenario, UserController
+from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.payload import Payload
+from coop_pin.description.controller import UserController
+from coop_pin.description.scenario import Scenario
 from coop_pin.description.urdf import find_urdf
 from coop_pin.feasibility import reachability
 from coop_pin.feasibility.payload_path import payload_path
 from coop_pin.model import ArmModel
-from coop_pin.reference import CircleMotion, FunctionMotion, HoldMotion, LineMotion, TurnMotion
+from coop_pin.reference.lines import LineMotion
+from coop_pin.reference.motions import CircleMotion, HoldMotion, TurnMotion
+from coop_pin.reference.pose_reference import FunctionMotion
 from coop_pin.reference.quintic import quintic
 
 L_1, L_2 = 0.425, 0.375

@@ -24,8 +24,8 @@ from coop_pin.feasibility import (
     statics_along,
 )
 from coop_pin.model import ArmModel, CellArm
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 
 STEP = 1e-6
 
@@ -60,7 +60,7 @@ def xarms(mass):
         name="two-xarms",
         cell=cp.Cell(arms=arms, payload=payload, payload_pose=start, grasps="as-posed"),
         start=start,
-        motion=cp.HoldMotion(pose=start),
+        motion=cp.motions.HoldMotion(pose=start),
         controller=cp.Scenario.load("two-pandas-box").controller,
         clock={"rate_hz": 500.0},
         duration=1.0,
@@ -226,7 +226,7 @@ def five_joints():
     )
     controller = cp.Scenario.load("two-pandas-box").controller
     return cp.Scenario(
-        name="five", cell=cell, start=start, motion=cp.HoldMotion(pose=start), controller=controller
+        name="five", cell=cell, start=start, motion=cp.motions.HoldMotion(pose=start), controller=controller
     )
 
 
@@ -336,7 +336,7 @@ def test_fields_of_a_scenario_are_refused_for_runs_and_robots(tmp_path, capsys):
 
 @pytest.mark.parametrize("by_file", [False, True])
 def test_show_of_a_robot_lists_links_joints_limits_and_tips(by_file, capsys):
-    path = cp.description.urdf.robot_files()["panda"]
+    path = cp.urdf.robot_files()["panda"]
     assert main(["show", str(path) if by_file else "panda"]) == 0
     out = capsys.readouterr().out
     lines = out.splitlines()

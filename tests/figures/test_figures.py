@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from coop_pin import run
 from coop_pin.figures import error_figure, internal_force_figure, save_figure, torque_figure, tracking_figure
-from coop_pin.results import RunResult
 from coop_pin.results.metrics import energy_balance
+from coop_pin.results.run_result import RunResult
 
 FIGURES = [tracking_figure, torque_figure, error_figure]
 

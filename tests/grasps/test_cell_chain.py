@@ -11,8 +11,12 @@ from linkages import bar, joint, robot
 from numpy.testing import assert_allclose
 
 from coop_pin.base.errors import NameNotFoundError, OpenClosureError, UnreachablePoseError
+from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import internal_wrenches, inverse_pose, load_wrenches, make_pose, rotate_vector6
-from coop_pin.description import Arm, Cell, Payload, PlantOptions, Pose, Stabilisation
+from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.payload import Payload
+from coop_pin.description.plant import PlantOptions, Stabilisation
 from coop_pin.grasps import CellChain
 from coop_pin.model import ArmModel
 

@@ -18,9 +18,9 @@ from coop_pin.grasps import CellChain
 from coop_pin.grasps.spring_damper import SpringDamper
 from coop_pin.proof import theorem_monitor
 from coop_pin.results.metrics import energy_balance
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
-from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import grasp_stability, loop_stability, step_stability
 
 UNEVEN = (3e4, 5e4, 2e4, 300.0, 200.0, 450.0)
@@ -42,7 +42,7 @@ STABLE_ALONE = {
 def with_grasps(scenario: cp.Scenario, stiffness=UNEVEN, arms=None, **fields) -> cp.Scenario:
     """The scenario with compliant grasps."""
     grasps = {
-        name: cp.CompliantGrasp(kind="compliant", xyz=grasp.xyz, rpy=grasp.rpy, stiffness=stiffness, **fields)
+        name: cp.CompliantGrasp(xyz=grasp.xyz, rpy=grasp.rpy, stiffness=stiffness, **fields)
         if arms is None or name in arms
         else grasp
         for name, grasp in scenario.cell.grasps.items()
@@ -167,7 +167,7 @@ def test_payload_moves_by_the_wrenches_that_are_recorded(name):
 def test_energy_is_explained_by_work_with_order_four(name):
     """A residual of 1e-7 of what is exchanged well below the stable step, 16 times less per halving."""
     scenario, push = with_grasps(anchored(name)), (20.0, -10.0, 0.0, 0.0, 0.0, 0.5)
-    events = (cp.WrenchPulse(time=0.01, duration=0.02, wrench=push),)
+    events = (cp.events.WrenchPulse(time=0.01, duration=0.02, wrench=push),)
     steps = {"planar": 40, "spatial": 4}[name]
     residuals, ends = [], []
     for factor in (1, 2, 4):
@@ -192,7 +192,7 @@ def test_stable_step_is_where_free_vibration_starts_to_grow(name):
     step = scenario.clock.period / scenario.clock.steps_per_tick * found.limit / found.value
     growth = []
     for factor in (0.97, 1.03):
-        plant = Plant(CellChain(scenario.cell), PlantOptions(), simulation.plant.q)
+        plant = PinocchioPlant(CellChain(scenario.cell), PlantOptions(), simulation.plant.q)
         plant.drive(simulation.actuation.holding_commands(plant.q))
         plant.v = 1e-6 * np.random.default_rng(7).normal(size=len(plant.v))
         first = np.linalg.norm(plant.v)
@@ -262,8 +262,8 @@ def test_stiffness_from_which_gains_hold_is_that_of_runs(name):
     scenario = SCENARIOS[name]().replace(controller=ANCHORED[name], events=(), beyond_bound=True)
     steps = {"planar": 24, "spatial": 6}[name]
     pose = {"controller.gains.sign_gain": 0.05, "duration": 0.6, "clock.steps_per_tick": steps}
-    motion = cp.HoldMotion(pose=scenario.start)
-    scenario = scenario.replace(motion=motion, squeeze=cp.ConstantSqueeze()).override(pose)
+    motion = cp.motions.HoldMotion(pose=scenario.start)
+    scenario = scenario.replace(motion=motion, squeeze=cp.squeezes.ConstantSqueeze()).override(pose)
     found = stability(with_grasps(scenario, "firm", damping_ratio=1.0))
     assert found.alone.value > 2.0
     assert not found.ok
@@ -271,7 +271,9 @@ def test_stiffness_from_which_gains_hold_is_that_of_runs(name):
     for factor in (0.92, 1.08):
         run = with_grasps(scenario, (factor * k,) * 3 + (factor * k / 100.0,) * 3, damping_ratio=1.0)
         assert stability(run).ok == (factor > 1.0)
-        pushed = run.replace(events=[cp.WrenchPulse(time=0.0, duration=0.01, wrench=(1, 1, 0, 0, 0, 0.1))])
+        pushed = run.replace(
+            events=[cp.events.WrenchPulse(time=0.0, duration=0.01, wrench=(1, 1, 0, 0, 0, 0.1))]
+        )
         speed = np.abs(cp.run(pushed, warn=False).data["joint_velocity"].values)
         third = len(speed) // 3
         ends.append(np.nanmax(speed[-third:]) / np.nanmax(speed[third : 2 * third]))
@@ -295,7 +297,7 @@ def test_a_squeeze_of_20_N_at_5_kN_per_m_is_20_N(name):
     axis = scenario.cell.grasps["right"].matrix[:3, 3] - scenario.cell.grasps["left"].matrix[:3, 3]
     force = 20.0 * axis / np.linalg.norm(axis)
     squeeze = {arm: (*(sign * force), 0.0, 0.0, 0.0) for arm, sign in (("left", -1), ("right", 1))}
-    motion = cp.HoldMotion(pose=scenario.start)
+    motion = cp.motions.HoldMotion(pose=scenario.start)
     changes = {
         "duration": 0.8,
         "controller.gains.transient_rate": 15.0,
@@ -395,7 +397,7 @@ def test_payload_at_rest_tends_to_that_of_rigid_grasps_as_the_inverse_of_the_sti
     planar = {"controller.gains.sliding_gain": (800.0, 800.0, 10.0), "controller.gains.pose_gain": 4.0}
     rate |= {"duration": 2.6, "controller.gains.sign_gain": 0.25} | (planar if name == "planar" else {})
     scenario = SCENARIOS[name]().replace(controller=ANCHORED[name], events=())
-    scenario = scenario.replace(motion=cp.HoldMotion(pose=scenario.start)).override(rate)
+    scenario = scenario.replace(motion=cp.motions.HoldMotion(pose=scenario.start)).override(rate)
     rows, sizes = list(scenario.cell.task_rows.indices), 3.0 * np.logspace(4, 7, 4)
     linear, found = [row for row in rows if row < 3], []
     rigid = cp.run(scenario, engine="compiled", warn=False).data

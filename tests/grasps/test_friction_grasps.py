@@ -15,11 +15,11 @@ from coop_pin.compiled import support
 from coop_pin.design import Suggestion
 from coop_pin.feasibility import least_squeeze
 from coop_pin.results.metrics import energy_balance
-from coop_pin.running import run_warnings
-from coop_pin.simulation import Simulation
+from coop_pin.running.plausibility import run_warnings
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.devices.sensing import SlipSensors
 from coop_pin.simulation.devices.signals import SensorSignals
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import grasp_stability
 from coop_pin.viz.frames import snapshot_samples
 from coop_pin.viz.highlights import telling_instant

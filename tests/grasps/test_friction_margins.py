@@ -65,7 +65,7 @@ def test_points_that_slide_need_all_their_friction(outline):
 @pytest.mark.parametrize("outline", OUTLINES)
 def test_patches_that_lean_on_their_springs_need_all_their_friction_as_they_slide(outline):
     """Pressed from even to lifted at one side; the springs' forces are those of a plane that is tilted."""
-    patch, rng = cp.PatchGrasp(kind="patch", mu=MU, **outline), np.random.default_rng(2)
+    patch, rng = cp.PatchGrasp(mu=MU, **outline), np.random.default_rng(2)
     for lean in np.linspace(0.0, 1.3, 12):
         angle = rng.uniform(0.0, 2.0 * np.pi)
         depth = 1.0 + lean * patch.points[:, :2] @ (np.cos(angle), np.sin(angle)) / patch.reach.min()

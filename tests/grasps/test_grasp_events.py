@@ -19,19 +19,19 @@ from coop_pin.base.spatial.internal_wrench import virtual_linkage
 from coop_pin.compiled import support
 from coop_pin.description.cell.grasp_plan import grasp_plan
 from coop_pin.model.visuals import CellVisuals
-from coop_pin.reference import PoseTarget, retreated
+from coop_pin.reference.pose_reference import PoseTarget, retreated
 from coop_pin.results.metrics import energy_balance
 from coop_pin.running.plausibility import implausible_numbers
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.viz.frames import FREE, CellFrames, run_samples, strut_columns
 from coop_pin.viz.highlights import events_text
 from coop_pin.viz.replay import replay_html
 
 STEPS = {"planar": 40, "spatial": 4}
 CYCLE = (
-    cp.HandOver(time=0.02, arm="right", duration=0.02),
-    cp.Regrasp(time=0.06, arm="right", duration=0.02, approach_time=0.01, wait=0.0, tolerance=0.02),
+    cp.events.HandOver(time=0.02, arm="right", duration=0.02),
+    cp.events.Regrasp(time=0.06, arm="right", duration=0.02, approach_time=0.01, wait=0.0, tolerance=0.02),
 )
 
 
@@ -54,7 +54,7 @@ def run_until(sim: Simulation, time: float) -> None:
 
 def total_energy(sim: Simulation) -> float:
     """Kinetic, potential and elastic energy, J."""
-    plant, springs = sim.plant, sim.plant.chain.springs
+    plant, springs = sim.plant, sim.chain.springs
     energy = plant.chain.mechanism.energy(plant.q, plant.v).total
     return energy + springs.energy(springs.at(plant.q, plant.v))
 
@@ -67,8 +67,8 @@ def test_plan_moves_shares_and_retreats_smoothly(time):
     """Shares sum to one, the squeeze is internal, and rates are central differences."""
     cell = cp.Scenario.load("three-ur5-plate").cell
     events = (
-        cp.HandOver(time=1.0, arm="third", duration=1.0, retreat=0.05),
-        cp.Regrasp(time=5.0, arm="third"),
+        cp.events.HandOver(time=1.0, arm="third", duration=1.0, retreat=0.05),
+        cp.events.Regrasp(time=5.0, arm="third"),
     )
     h, plan = 1e-5, grasp_plan(cell, events, time)
     behind, ahead = (grasp_plan(cell, events, time + sign * h) for sign in (-1.0, 1.0))
@@ -113,7 +113,7 @@ def test_retreated_target_has_the_derivatives_of_its_pose():
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_release_keeps_the_motion_and_books_the_energy_of_the_spring(name):
-    scenario = scenario_with(name, cp.Release(time=0.025, arm="right"))
+    scenario = scenario_with(name, cp.events.Release(time=0.025, arm="right"))
     sim = simulation(scenario)
     run_until(sim, 0.025)
     before, motion = total_energy(sim), (sim.plant.q.copy(), sim.plant.v.copy())
@@ -173,19 +173,19 @@ def test_a_compliant_grasp_opens_beside_a_rigid_one(name, payload):
 def test_grasp_as_found_has_no_jump_and_a_nominal_one_books_its_spring(name):
     sim = simulation(scenario_with(name, *CYCLE))
     run_until(sim, 0.05)
-    plant, springs = sim.plant, sim.plant.chain.springs
+    plant, springs = sim.plant, sim.chain.springs
     plant.v = np.zeros_like(plant.v)  # the damper acts at once, and is no jump of the spring
     state, before = springs.at(plant.q, plant.v), plant.interaction_wrenches()
     pose, found = plant.chain.payload_pose(plant.q), plant.state()
     e = state.deflection[1]
     assert np.linalg.norm(e) > 1e-6
-    plant.grasp(1, cp.Regrasp(time=0.05, arm="right"))
+    cp.events.Regrasp(time=0.05, arm="right").act(plant, ["left", "right"])
     assert_array_equal(plant.chain.payload_pose(plant.q), pose)
     assert np.abs(plant.interaction_wrenches() - before).max() < 1e-2
     assert_allclose(plant.work[3], found.work[3], atol=1e-12)
     assert_allclose(springs.at(plant.q, plant.v).deflection[1], 0.0, atol=1e-12)
     plant.restore(found)
-    plant.grasp(1, cp.Regrasp(time=0.05, arm="right", rest="nominal"))
+    cp.events.Regrasp(time=0.05, arm="right", rest="nominal").act(plant, ["left", "right"])
     K = np.array(sim.scenario.cell.compliant["right"].stiffness)
     assert_allclose(plant.work[3] - found.work[3], 0.5 * e @ (K * e), rtol=1e-2)
     assert_allclose(springs.at(plant.q, plant.v).deflection[1], e, atol=1e-12)
@@ -193,7 +193,7 @@ def test_grasp_as_found_has_no_jump_and_a_nominal_one_books_its_spring(name):
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_grasp_out_of_reach_does_not_happen_and_is_named(name):
-    near = cp.Regrasp(time=0.06, arm="right", duration=0.02, tolerance=1e-9)
+    near = cp.events.Regrasp(time=0.06, arm="right", duration=0.02, tolerance=1e-9)
     result = cp.run(scenario_with(name, CYCLE[0], near), warn=False)
     data = result.data
     assert "did not happen" in result.summary()
@@ -244,7 +244,7 @@ def test_the_scenario_hands_over():
 
 def test_a_sudden_release_of_one_of_three_moves_the_payload_by_less_than_half_a_millimetre():
     scenario = cp.Scenario.load("three-ur5-handover", {"clock.steps_per_tick": 2})  # 1.5e-7 J with one
-    release = cp.Release(time=0.1, arm="third")
+    release = cp.events.Release(time=0.1, arm="third")
     data = cp.run(scenario.replace(events=(release,), duration=0.3), warn=False).data
     error, residual = cell_and_residual(data)
     print(f"\nsudden release: payload {1e3 * error:.3f} mm, {residual:.2g} J")
@@ -276,10 +276,10 @@ def random_hand_over(seed: int) -> tuple[float, float]:
     start = rng.uniform(0.01, 0.03)
     duration = rng.uniform(0.01, 0.03)
     events = (
-        cp.HandOver(
+        cp.events.HandOver(
             time=start, arm=arm, duration=duration, retreat=rng.uniform(0.0, 1e-3), retreat_time=0.01
         ),
-        cp.Regrasp(
+        cp.events.Regrasp(
             time=start + duration + 0.03,
             arm=arm,
             duration=0.02,
@@ -322,9 +322,9 @@ def test_a_thousand_random_hand_overs():
 
 
 def test_events_come_back_from_their_file():
-    scenario = scenario_with("spatial", cp.Release(time=0.01, arm="left", retreat=0.01), *CYCLE[:0])
+    scenario = scenario_with("spatial", cp.events.Release(time=0.01, arm="left", retreat=0.01), *CYCLE[:0])
     scenario = scenario.replace(
-        events=(*scenario.events, cp.Regrasp(time=0.05, arm="left", rest="nominal", duration=0.05))
+        events=(*scenario.events, cp.events.Regrasp(time=0.05, arm="left", rest="nominal", duration=0.05))
     )
     for commented in (False, True):
         assert cp.Scenario.from_toml(scenario.to_toml(commented=commented)) == scenario
@@ -334,16 +334,28 @@ def test_events_come_back_from_their_file():
 @pytest.mark.parametrize(
     ("events", "path"),
     [
-        ((cp.Release(time=0.01, arm="nobody"),), "events.0.arm"),
-        ((cp.Release(time=0.01, arm="left"), cp.Release(time=0.02, arm="left")), "events.1.arm"),
-        ((cp.Regrasp(time=0.01, arm="left"),), "events.0.arm"),
-        ((cp.Release(time=0.01, arm="left"), cp.Release(time=0.02, arm="right")), "events.1.arm"),
-        ((cp.Release(time=0.01, arm="left"), cp.Regrasp(time=0.01, arm="left")), "events.1.time"),
+        ((cp.events.Release(time=0.01, arm="nobody"),), "events.0.arm"),
         (
-            (cp.HandOver(time=0.01, arm="left", duration=0.02), cp.Regrasp(time=0.02, arm="left")),
+            (cp.events.Release(time=0.01, arm="left"), cp.events.Release(time=0.02, arm="left")),
+            "events.1.arm",
+        ),
+        ((cp.events.Regrasp(time=0.01, arm="left"),), "events.0.arm"),
+        (
+            (cp.events.Release(time=0.01, arm="left"), cp.events.Release(time=0.02, arm="right")),
+            "events.1.arm",
+        ),
+        (
+            (cp.events.Release(time=0.01, arm="left"), cp.events.Regrasp(time=0.01, arm="left")),
             "events.1.time",
         ),
-        ((cp.Release(time=7.0, arm="left"),), "events.0.time"),
+        (
+            (
+                cp.events.HandOver(time=0.01, arm="left", duration=0.02),
+                cp.events.Regrasp(time=0.02, arm="left"),
+            ),
+            "events.1.time",
+        ),
+        ((cp.events.Release(time=7.0, arm="left"),), "events.0.time"),
     ],
 )
 def test_events_that_cannot_be_are_refused_by_their_field(events, path):
@@ -355,14 +367,14 @@ def test_events_that_cannot_be_are_refused_by_their_field(events, path):
 def test_events_at_welded_grasps_are_refused_by_name():
     scenario = with_grasps(anchored("spatial"), arms=["right"])
     with pytest.raises(FieldError, match="rigid") as caught:
-        scenario.replace(events=(cp.Release(time=0.01, arm="left"),))
+        scenario.replace(events=(cp.events.Release(time=0.01, arm="left"),))
     assert caught.value.path == "plant.payload"
 
 
 @pytest.mark.parametrize("fields", [{"retreat": -1.0}, {"retreat_time": 0.0}, {"time": math.nan}, {"arm": 3}])
 def test_bad_fields_are_refused(fields):
     with pytest.raises(FieldError):
-        cp.Release(**{"time": 0.1, "arm": "left"} | fields)
+        cp.events.Release(**{"time": 0.1, "arm": "left"} | fields)
 
 
 # ------------------------------------------------------------ failure of an arm
@@ -376,7 +388,7 @@ def test_loss_of_an_arm_is_that_of_its_actuators(name, form, field):
     for scenario in (anchored(name), scenario_with(name)):
         scenario = scenario.override({"duration": 0.05}).replace(arm_actuators={"right": compensated})
         lost = compensated.replace(**{field: 0.0213})
-        event = cp.LoseArm(time=0.0213, arm="right", form=form)
+        event = cp.events.LoseArm(time=0.0213, arm="right", form=form)
         expected = cp.run(scenario.replace(arm_actuators={"right": lost}), warn=False).data
         data = cp.run(scenario.replace(events=(event,)), warn=False).data
         for quantity in ("configuration", "velocity", "torque", "interaction_wrench"):
@@ -394,12 +406,12 @@ def test_loss_of_an_arm_is_that_of_its_actuators(name, form, field):
     ],
 )
 def test_losses_that_cannot_be_are_refused_by_their_field(events, path):
-    events = tuple(cp.LoseArm(**{"time": 0.05} | event) for event in events)
+    events = tuple(cp.events.LoseArm(**{"time": 0.05} | event) for event in events)
     with pytest.raises(FieldError) as caught:
         anchored("spatial").replace(events=events)
     assert caught.value.path == path
     with pytest.raises(FieldError, match="lose-arm"):
-        simulation(anchored("spatial")).add_event(cp.LoseArm(time=0.05, arm="left"))
+        simulation(anchored("spatial")).add_event(cp.events.LoseArm(time=0.05, arm="left"))
 
 
 # ------------------------------------------------------------ laws, and what is shown
@@ -428,7 +440,7 @@ def test_what_the_laws_that_read_the_plan_do_with_an_arm_that_holds_nothing(name
     scenario = cp.Scenario.load(
         "three-ur5-handover", {"controller": law, "events": [], "duration": 1.2, "beyond_bound": True}
     )
-    data = cp.run(scenario.replace(events=(cp.Release(time=0.4, arm="third"),)), warn=False).data
+    data = cp.run(scenario.replace(events=(cp.events.Release(time=0.4, arm="third"),)), warn=False).data
     error = 1e3 * np.linalg.norm(data["pose_error"].values[:, :3], axis=1)
     tip = data["grasp_deflection"].values[400:, 2, :3]
     moved = 1e3 * np.linalg.norm(tip - tip[0], axis=1)
@@ -466,12 +478,14 @@ def test_the_page_tells_what_happened_and_shows_a_free_arm():
     assert (codes[free][:, right] == FREE).all()
     assert not (codes[~free] == FREE).any()
     assert not (codes[:, ~np.array(right)] == FREE).any()
-    near = cp.Regrasp(time=0.06, arm="right", duration=0.02, tolerance=1e-9)
+    near = cp.events.Regrasp(time=0.06, arm="right", duration=0.02, tolerance=1e-9)
     missed = events_text(cp.run(scenario_with("spatial", CYCLE[0], near), warn=False))
     assert missed.startswith(
         "Right hands over and lets go at 0.04 s (left holds it). Grasp by 'right' at 0.06 s did not"
     )
-    lost = cp.run(scenario_with("spatial", cp.LoseArm(time=0.01, arm="left"), duration=0.02), warn=False)
+    lost = cp.run(
+        scenario_with("spatial", cp.events.LoseArm(time=0.01, arm="left"), duration=0.02), warn=False
+    )
     assert events_text(lost) == "Left fails at 0.01 s (limp)."
 
 

@@ -14,8 +14,8 @@ from coop_pin.base.spatial import exp3, make_pose
 from coop_pin.compiled import support
 from coop_pin.grasps.partner import partner_matrices, partner_state
 from coop_pin.results.metrics import energy_balance
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import step_stability
 
 HANDLE = cp.Pose(xyz=(0.05, -0.08, 0.0), rpy=(0.3, -0.2, 0.5))
@@ -23,12 +23,12 @@ STIFFNESS, DAMPING = (400.0, 300.0, 500.0, 4.0, 3.0, 6.0), (20.0, 10.0, 15.0, 0.
 STEPS = {"planar": 40, "spatial": 2}
 
 
-def partner(scenario: cp.Scenario, **fields) -> cp.Partner:
+def partner(scenario: cp.Scenario, **fields) -> cp.events.Partner:
     """A partner who turns the payload about an axis, beside its path."""
     centre = scenario.start.matrix
-    motion = cp.TurnMotion(pose=cp.Pose.from_matrix(centre), axis=(0, 0, 1), angle=0.3, duration=0.2)
+    motion = cp.motions.TurnMotion(pose=cp.Pose.from_matrix(centre), axis=(0, 0, 1), angle=0.3, duration=0.2)
     given = {"time": 0.01, "duration": 0.03, "motion": motion, "handle": HANDLE}
-    return cp.Partner(**given | {"stiffness": STIFFNESS, "damping": DAMPING} | fields)
+    return cp.events.Partner(**given | {"stiffness": STIFFNESS, "damping": DAMPING} | fields)
 
 
 def with_partner(name: str, *, compliant=False, end=0.05, **fields) -> cp.Scenario:
@@ -137,7 +137,10 @@ def test_step_of_a_stiff_partner_is_checked(name):
     ratio = found.value / found.limit
     for wanted in (0.95, 1.1):
         stiffness = np.array((1e7, 1e7, 1e7, 1e4, 1e4, 1e4)) * (wanted / ratio) ** 2
-        changes = {"stiffness": tuple(stiffness.tolist()), "motion": cp.HoldMotion(pose=scenario.start)}
+        changes = {
+            "stiffness": tuple(stiffness.tolist()),
+            "motion": cp.motions.HoldMotion(pose=scenario.start),
+        }
         run = with_partner(name, damping=(0.0,) * 6, duration=0.09, end=0.1, **changes)
         if wanted < 1.0:
             assert np.abs(energy_balance(cp.run(run, warn=False).data)).max() < 1e-6

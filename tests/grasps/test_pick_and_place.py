@@ -17,10 +17,9 @@ from coop_pin.base.spatial import make_pose, rotation_from_rpy
 from coop_pin.base.spatial.internal_wrench import linkage_loads
 from coop_pin.description.cell.grasp_plan import grasp_plan
 from coop_pin.feasibility import least_squeeze, table_force
-from coop_pin.reference import check_consistency
+from coop_pin.reference.pose_reference import check_consistency
 from coop_pin.results.metrics import energy_balance
-from coop_pin.running import run_warnings
-from coop_pin.running.plausibility import implausible_numbers
+from coop_pin.running.plausibility import implausible_numbers, run_warnings
 from coop_pin.simulation.build_controller import build_controller
 
 WEIGHT = 3.0 * 9.81
@@ -82,7 +81,7 @@ def test_waypoints_that_stop_rest_at_each_and_do_not_swing_out():
     heights = np.array([motion.at(time).X_WP_d[2, 3] for time in np.linspace(0.0, 9.0, 500)])
     assert heights.min() >= 0.3 - 1e-12
     assert heights.max() <= 0.36 + 1e-12
-    turn = cp.WaypointsMotion(
+    turn = cp.motions.WaypointsMotion(
         stops=True,
         points=[
             {"time": 0.0},

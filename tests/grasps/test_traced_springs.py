@@ -69,8 +69,7 @@ def test_the_plant_moves_and_observes_as_that_of_pinocchio(name, arms):
     force = np.zeros(len(v))
     force[: chain.model.arms[-1].v_slice.stop] = 20.0 * rng.normal(size=chain.model.arms[-1].v_slice.stop)
     for plant in plants:
-        plant.q, plant.v = q, v
-        plant.hold(force)
+        plant.restore(plant.state()._replace(q=q, v=v, force=force))
         seen.append(plant.observe(q[None], v[None], force[None], np.zeros(1)))
         for step in range(3):
             plant.advance(1e-4 * step, 1e-4)
@@ -133,8 +132,10 @@ def test_scenarios_of_the_catalogue_are_those_of_pinocchio(name):
 
 
 def test_releases_are_of_the_plant_alone_and_lanes_refuse_them_by_name():
-    event = cp.HandOver(time=0.01, arm="left", duration=0.02)
-    scenario = compliant("planar").replace(events=(event, cp.Regrasp(time=0.04, arm="left", duration=0.01)))
+    event = cp.events.HandOver(time=0.01, arm="left", duration=0.02)
+    scenario = compliant("planar").replace(
+        events=(event, cp.events.Regrasp(time=0.04, arm="left", duration=0.01))
+    )
     single = cp.run(scenario, warn=False)
     assert single.data["load_share"].values[:, 0].min() == 0.0
     require_same_samples(cp.run(scenario, engine="compiled", warn=False).data, single.data)

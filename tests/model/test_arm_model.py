@@ -9,8 +9,9 @@ from cells import planar_scenario, spatial_cell
 from numpy.testing import assert_allclose
 
 from coop_pin.base.errors import NameNotFoundError, OutOfRangeError, ShapeError, UrdfError
+from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import inverse_pose, make_pose, pose_error, task_rows
-from coop_pin.description import Arm, Pose
+from coop_pin.description.cell.arm import Arm
 from coop_pin.description.urdf import find_urdf
 from coop_pin.model import ArmModel, CellArm
 from coop_pin.model.arm_model import ArmKinematics

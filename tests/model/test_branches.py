@@ -9,11 +9,13 @@ from close import assert_close
 from numpy.testing import assert_allclose, assert_array_equal
 
 from coop_pin.base.errors import JointLimitError, ShapeError, UnreachablePoseError
+from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import make_pose, pose_error
-from coop_pin.description import Arm, Pose
+from coop_pin.description.cell.arm import Arm
 from coop_pin.description.urdf import find_urdf
-from coop_pin.model import ArmModel, ik_branches, solve_ik
+from coop_pin.model import ArmModel, ik_branches
 from coop_pin.model.ik_solver import IKSolver
+from coop_pin.model.inverse_kinematics import solve_ik
 
 LENGTHS = 0.425, 0.375
 X_PE = make_pose((-0.12, 0.03, 0.05), (0.3, 1.2, -0.4))

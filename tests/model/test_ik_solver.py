@@ -8,7 +8,7 @@ import pytest
 from close import assert_close
 from test_branches import ARMS
 
-from coop_pin.description import Arm
+from coop_pin.description.cell.arm import Arm
 from coop_pin.model import ArmModel, ik_solver
 from coop_pin.model.ik_solver import CLOSED, IKSolution, IKSolver
 

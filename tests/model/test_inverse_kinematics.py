@@ -8,12 +8,16 @@ from malformed_urdf import arm as urdf_text
 from numpy.testing import assert_allclose
 
 from coop_pin.base.errors import OutOfRangeError, ShapeError, UnreachablePoseError
+from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import make_pose, pose_error
-from coop_pin.description import Arm, Cell, Payload, Pose
+from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.payload import Payload
 from coop_pin.feasibility import cell_summary
 from coop_pin.grasps import CellChain
-from coop_pin.model import ArmModel, CellArm, ik_branches, solve_ik
+from coop_pin.model import ArmModel, CellArm, ik_branches
 from coop_pin.model.ik_solver import IKSolver
+from coop_pin.model.inverse_kinematics import solve_ik
 
 LENGTHS = 0.425, 0.375
 ELBOW = {"planar": 1, "spatial": 2}

@@ -17,7 +17,7 @@ BASE = cp.Pose(xyz=(0.4, -0.2, 0.1), rpy=(0.0, 0.0, 0.7))
 
 
 def ur5(**fields):
-    return cp.ArmModel(cp.Arm(urdf="ur5", tip="tool0", base=BASE, **fields))
+    return cp.model.ArmModel(cp.Arm(urdf="ur5", tip="tool0", base=BASE, **fields))
 
 
 # ---------------------------------------------------------------- mobile bases
@@ -29,9 +29,9 @@ def test_an_arm_on_a_mobile_base_is_the_arm_on_a_platform_that_has_moved(name):
     size, moved = (0.8, 0.6, 0.35), (1.2, -0.7, 0.5)
     tip = "tool0" if name == "ur5" else "tip"
     platform = cp.MobileBase(size=size, mass=90.0)
-    mobile = cp.ArmModel(cp.Arm(urdf=name, tip=tip, base=BASE, mobile_base=platform))
+    mobile = cp.model.ArmModel(cp.Arm(urdf=name, tip=tip, base=BASE, mobile_base=platform))
     X_WB = BASE.matrix @ make_pose((*moved[:2], size[2]), (0.0, 0.0, moved[2]))
-    alone = cp.ArmModel(cp.Arm(urdf=name, tip=tip, base=X_WB))
+    alone = cp.model.ArmModel(cp.Arm(urdf=name, tip=tip, base=X_WB))
     angles = ANGLES[: alone.nv]
     q, q_alone = mobile.configuration((*moved, *angles)), alone.configuration(angles)
     assert mobile.nv == alone.nv + 3
@@ -49,7 +49,7 @@ def test_an_arm_on_a_mobile_base_is_the_arm_on_a_platform_that_has_moved(name):
 
 
 def test_springs_of_postures_act_on_the_arms_own_joints():
-    gains = cp.PostureGains(stiffness=40.0, damping=np.arange(9.0))
+    gains = cp.laws.PostureGains(stiffness=40.0, damping=np.arange(9.0))
     stiffness, damping = gains.of_drives(9, 3)
     assert_allclose(stiffness, [0.0] * 3 + [40.0] * 6)
     assert_allclose(damping, np.arange(9.0))
@@ -89,13 +89,13 @@ def test_names_of_a_platform_are_taken_and_floating_joints_refused(tmp_path):
     text = load_checked(find_urdf("adept_3dof"))
     (tmp_path / "named.urdf").write_text(text.replace('"joint_1"', '"base_x"'))
     with pytest.raises(UrdfError, match="base_x"):
-        cp.ArmModel(cp.Arm(urdf=str(tmp_path / "named.urdf"), tip="tip", mobile_base={}))
+        cp.model.ArmModel(cp.Arm(urdf=str(tmp_path / "named.urdf"), tip="tip", mobile_base={}))
     assert ur5().nv == 6
     for kind in ("floating", "planar"):
         free = text.replace('name="joint_1" type="revolute"', f'name="joint_1" type="{kind}"')
         (tmp_path / "free.urdf").write_text(free)
         with pytest.raises(UrdfError, match=f"type {kind}"):
-            cp.ArmModel(cp.Arm(urdf=str(tmp_path / "free.urdf"), tip="tip"))
+            cp.model.ArmModel(cp.Arm(urdf=str(tmp_path / "free.urdf"), tip="tip"))
 
 
 def test_a_mobile_base_is_written_and_read():
@@ -130,7 +130,7 @@ def test_a_joint_that_moves_two_arms_is_refused_until_it_is_locked():
 
 def test_others_locks_what_does_not_move_the_tip():
     arm = cp.Arm(urdf="baxter", tip="left_gripper", locked="others")
-    names = cp.ArmModel(arm).limits.joints.names
+    names = cp.model.ArmModel(arm).limits.joints.names
     assert list(names) == [f"left_{joint}" for joint in ("s0", "s1", "e0", "e1", "w0", "w1", "w2")]
     assert arm == cp.Arm(urdf="baxter", tip="left_gripper", locked=arm.locked)
     with pytest.raises(FieldError, match="others"):

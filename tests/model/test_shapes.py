@@ -7,7 +7,7 @@ import trimesh
 from close import assert_close
 
 from coop_pin.base.errors import UrdfWarning
-from coop_pin.description import Payload
+from coop_pin.description.cell.payload import Payload
 from coop_pin.model.shapes import Box, Cylinder, Mesh, Sphere, half_extents, payload_shape, shape_of
 
 CORNERS = np.array([(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.0, -0.2, 0.0), (0.0, 0.0, 0.3)])

@@ -228,7 +228,7 @@ def test_other_laws_and_thinned_runs_are_refused():
             cp.run("adept-anchored", {"duration": 0.1, "controller.zero_at_grasp": True, "events": ()})
         )
     gains = cp.Scenario.load("adept-paper").controller.gains
-    redundant = {"controller": cp.RedundantSlidingMode(gains=gains), "duration": 0.1, "events": ()}
+    redundant = {"controller": cp.laws.RedundantSlidingMode(gains=gains), "duration": 0.1, "events": ()}
     with pytest.raises(ArgumentError):
         theorem_monitor(cp.run("adept-paper", redundant))
     with pytest.raises(ArgumentError):

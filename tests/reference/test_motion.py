@@ -10,25 +10,15 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.base import errors
+from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import make_pose, pose_error
-from coop_pin.description import Pose, Scenario
-from coop_pin.reference import (
-    CircleMotion,
-    ConstantSqueeze,
-    CsvMotion,
-    ExponentialMotion,
-    FunctionMotion,
-    FunctionSqueeze,
-    HoldMotion,
-    LineMotion,
-    PoseReference,
-    RampSqueeze,
-    SwingMotion,
-    TurnMotion,
-    Waypoint,
-    WaypointsMotion,
-    check_consistency,
-)
+from coop_pin.description.scenario import Scenario
+from coop_pin.reference.csv_motion import CsvMotion
+from coop_pin.reference.lines import LineMotion
+from coop_pin.reference.motions import CircleMotion, ExponentialMotion, HoldMotion, SwingMotion, TurnMotion
+from coop_pin.reference.pose_reference import FunctionMotion, PoseReference, check_consistency
+from coop_pin.reference.splines import Waypoint, WaypointsMotion
+from coop_pin.reference.squeeze import ConstantSqueeze, FunctionSqueeze, RampSqueeze
 
 START = SPATIAL_START
 GOAL = Pose(xyz=(0.5, 0.0, 0.45), rpy=(0.1, -0.2, 0.9))

@@ -23,28 +23,24 @@ from coop_pin.base.errors import (
 )
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import inverse_pose, make_pose, pose_error, rpy_from_rotation, shift_wrench
-from coop_pin.reference import (
-    CircleMotion,
-    ConstantSqueeze,
-    CsvMotion,
-    ExponentialMotion,
+from coop_pin.reference.csv_motion import CsvMotion
+from coop_pin.reference.lines import LineMotion
+from coop_pin.reference.motions import CircleMotion, ExponentialMotion, HoldMotion, SwingMotion, TurnMotion
+from coop_pin.reference.pose_reference import (
     FunctionMotion,
-    FunctionSqueeze,
-    HoldMotion,
-    LineMotion,
     PoseReference,
     PoseTarget,
+    check_consistency,
+    pose_rates,
+)
+from coop_pin.reference.splines import PoseSpline, Waypoint, WaypointsMotion
+from coop_pin.reference.squeeze import (
+    ConstantSqueeze,
+    FunctionSqueeze,
     RampSqueeze,
-    SwingMotion,
     TipForceSqueeze,
     TipWrenchSqueeze,
-    TurnMotion,
-    Waypoint,
-    WaypointsMotion,
-    check_consistency,
 )
-from coop_pin.reference.pose_reference import pose_rates
-from coop_pin.reference.splines import PoseSpline
 
 ROOT_3 = math.sqrt(3.0)
 START, GOAL_POSE = (

@@ -16,9 +16,10 @@ import pytest
 from cells import SCENARIOS
 
 import coop_pin
+from coop_pin.cli.parsing import COMMANDS
 from coop_pin.control import ArmMeasurement, CellController
-from coop_pin.simulation import simulate
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulate import simulate
 
 PACKAGE = Path(coop_pin.__file__).parent
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -30,7 +31,7 @@ EVERYWHERE = {"base"}
 # - yourdfpy, whose XML reader is lxml, gives poses of links and bodies of payloads;
 # - Pinocchio's geometry is read in model, so that viz needs no Pinocchio;
 # - model solves inverse kinematics, which takes Pinocchio's poses;
-# - tracing is a compiler of functions of arrays and knows no robot; llvmlite compiles;
+# - tracing is a compiler of functions of arrays, knows no robot and imports not even base; llvmlite compiles;
 # - grasps trace the wrenches of springs and patches, and compiled the laws and the plant of runs;
 # - nothing imports model_based but by name: description has its laws, which load when they are built;
 # - simulation builds controllers, and asks a model for the number of joints that gains must fit;
@@ -183,6 +184,9 @@ COMES_WITH = {
 FROM_THE_TOP = {"__version__", "lazy_names"}
 """The only names that a package may take from ``coop_pin`` itself, which loads nothing."""
 
+COPIED = "tracing"
+"""The package that works as a copy of its folder elsewhere: it imports its own files by relative names."""
+
 TREES = {file: ast.parse(file.read_text(encoding="utf-8")) for file in sorted(PACKAGE.rglob("*.py"))}
 MODULES = {
     ".".join(("coop_pin", *file.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__"): file
@@ -194,6 +198,12 @@ def package_of(file: Path) -> str:
     return file.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
+def module_of(node: ast.ImportFrom, file: Path) -> str:
+    """Full name of the module from which a statement of a file imports."""
+    folder = ("coop_pin", *file.relative_to(PACKAGE).parts[: -node.level]) if node.level else ()
+    return ".".join((*folder, *filter(None, [node.module])))
+
+
 def imports_of(file: Path) -> list[tuple[str, list[str]]]:
     """Module and names of every import of a file, inside functions and by ``import_module`` too."""
     found: list[tuple[str, list[str]]] = []
@@ -201,11 +211,11 @@ def imports_of(file: Path) -> list[tuple[str, list[str]]]:
         if isinstance(node, ast.Import):
             found += [(alias.name, []) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            names = [alias.name for alias in node.names]
-            if node.module == "coop_pin":
+            names, module = [alias.name for alias in node.names], module_of(node, file)
+            if module == "coop_pin":
                 found += [(f"coop_pin.{name}", []) for name in names if name in PACKAGES]
                 names = [name for name in names if name not in PACKAGES]
-            found.append(("." * node.level + (node.module or ""), names))
+            found.append((module, names))
         elif isinstance(node, ast.Call) and ast.unparse(node.func) == "importlib.import_module":
             found += [(str(given.value), []) for given in node.args if isinstance(given, ast.Constant)]
     return found
@@ -230,9 +240,12 @@ def test_files_are_in_a_package_of_the_table_and_import_by_full_name_without_esc
         f"{file.relative_to(PACKAGE)}: {module} {names}"
         for file in TREES
         for module, names in imports_of(file)
-        if module.startswith(".") or (module == "coop_pin" and not set(names) <= FROM_THE_TOP)
+        if module == "coop_pin" and not set(names) <= FROM_THE_TOP
     ]
     assert offenders == []
+    nodes = [(file, node) for file, tree in TREES.items() for node in ast.walk(tree)]
+    relative = {(package_of(file), node.level) for file, node in nodes if getattr(node, "level", 0)}
+    assert relative == {(COPIED, 1)}
     assert {package_of(file) for file in TREES} == {*PACKAGES, "__init__"}
 
 
@@ -259,6 +272,7 @@ def test_a_package_imports_exactly_what_the_table_allows():
         beyond[package], unused[package] = used - allowed, allowed - used
     assert {package: names for package, names in beyond.items() if names} == {}
     assert {package: names for package, names in unused.items() if names} == {}
+    assert imports()[COPIED] == {"numpy", "llvmlite"}
 
 
 BASE = {
@@ -329,6 +343,27 @@ def test_a_package_of_many_stages_says_in_which_order_its_files_are_read(package
     assert later == []
 
 
+FOLDERS = sorted(file.parent.relative_to(PACKAGE).as_posix() for file in PACKAGE.rglob("__init__.py"))
+TOLD = [folder for folder in FOLDERS if not re.match(r"\.|control|tracing", folder)]
+"""Folders whose docstrings a newcomer reads first."""
+
+
+@pytest.mark.parametrize("folder", TOLD)
+def test_a_package_says_what_to_open_first_and_what_it_imports(folder):
+    """Files that are named exist, and imports are those of the table."""
+    text = ast.get_docstring(TREES[PACKAGE / folder / "__init__.py"])
+    (first,) = re.findall(r"Open first: (.*?)\n\n", text, re.DOTALL)
+    assert len(re.findall(r"``[\w/]+``", first)) >= 3
+    known = {file.stem for file in TREES} | {Path(name).name for name in FOLDERS}
+    known |= {*dir(coop_pin), *COMMANDS, "cp", "fields", "init", "step", "module", "web", "scenarios"}
+    known |= {name for space in dir(coop_pin) for name in getattr(getattr(coop_pin, space), "__all__", ())}
+    named = {name.rpartition("/")[2] for name in re.findall(r"``([a-z][a-z0-9_/]+)``", text)}
+    assert named - known == set() or folder == "description/urdf"  # which names its findings
+    if folder in PACKAGES:
+        imported = set(re.findall(r"``(\w+)``", text.rpartition("\n\nImports ")[2]))
+        assert imported == (PACKAGES[folder][0] | EVERYWHERE) - {folder}
+
+
 def test_no_class_name_stands_twice_in_the_package():
     files = collections.defaultdict(list)
     for file, tree in TREES.items():
@@ -362,11 +397,13 @@ from coop_pin.control import (
     ZeroedController,
 )
 from coop_pin.control import Admittance
+from coop_pin.control.laws.anchored_integral import AnchoredIntegral
 from coop_pin.control.laws.leader_follower import LeaderFollower
 from coop_pin.control.laws.payload_space import PayloadSpace
 from coop_pin.control.laws.prescribed_performance import PrescribedPerformance
 from coop_pin.control.laws.sliding_mode import RedundantSlidingMode, SlidingMode
 from coop_pin.base.spatial import make_pose, task_rows
+from coop_pin.control.terms import GainAxes
 
 rows = task_rows("planar")
 arm = ControlledArm("left", True, rows, 0.0125, 0.5, 3, np.zeros(3), np.zeros(3), np.eye(4), 0)
@@ -387,13 +424,14 @@ assert np.isfinite(torque).all() and np.abs(torque).max() > 1.0 and np.abs(state
 stiff = PayloadSpaceGains(
     pose_gain=2.0, sliding_gain=(800.0, 800.0, 40.0), sign_gain=0.25, transient_rate=5.0
 )
-anchored = PayloadSpaceController(arm, stiff.sized(3, 3), Saturation(), 0.2)
+integral = AnchoredIntegral(stiff.anchor_gain, 0.2)
+anchored = PayloadSpaceController(arm, stiff.sized(3, 3), Saturation(), integral, GainAxes(rows))
 zeroed = ZeroedController(anchored, rows, make_pose((0.6, 0.1, 0.0)))
 first = measurement._replace(time=0.0, internal_wrench_age=0.0, holding_torque=np.array([1.0, 2.0, 3.0]))
 state = zeroed.init(first, reference)
 for k in range(3):
     torque, state = zeroed.step(first._replace(time=0.0125 * k), reference, state)
-assert np.isfinite(torque).all() and np.abs(state.law.integral).max() > 0.0
+assert np.isfinite(torque).all() and np.abs(state.law.integral.value).max() > 0.0
 own = dataclasses.replace(anchored, payload_weight=np.ones(3))
 for measured in (first._replace(internal_wrench=None, interaction_wrench=f, interaction_wrench_age=0.0),
                  first._replace(internal_wrench=None)):  # by the own wrist, and by nothing
@@ -477,9 +515,7 @@ def test_control_imports_and_steps_where_importing_pinocchio_raises():
 
 
 def test_every_module_of_control_is_importable_without_pinocchio():
-    modules = sorted(
-        name for name in MODULES if name.startswith("coop_pin.control.") and name != "coop_pin.control.laws"
-    )
+    modules = sorted(name for name in MODULES if name.startswith("coop_pin.control."))
     load = "import sys, importlib\nsys.modules['pinocchio'] = None\n"
     load += f"for name in {modules}: importlib.import_module(name)\n"
     loaded = run_python(

@@ -115,7 +115,7 @@ def task_inertias(scenario, X_WP):
     cell, rows = scenario.cell, scenario.cell.task_rows
     inertias = []
     for name, arm in cell.arms.items():
-        model = cp.CellArm(cell, name)
+        model = cp.model.CellArm(cell, name)
         q = cp.solve_ik(model, X_WP, posture=arm.posture)
         J = rows.select(model.payload_jacobian(q))
         inertias.append(np.linalg.inv(J @ np.linalg.solve(model.mass_matrix(q), J.T)))
@@ -173,7 +173,7 @@ def test_the_catalogues_damping_is_as_the_page_says():
         assert_allclose(gains.sign_gain * np.ones(stated.size) / scenario.controller.switching.width, stated)
         assert gains.pose_gain == float(gamma)
         simulation = cp.Simulation(scenario, build_controller(scenario))
-        found = loop_stability(simulation, cp.reachability(scenario, poses=21))
+        found = loop_stability(simulation, cp.feasibility.reachability(scenario, poses=21))
         assert_allclose(found.damping, float(damping), atol=0.006)
         assert found.damping > 0.55
         if scenario.cell.controls_turns:
@@ -369,7 +369,9 @@ def test_a_squeeze_at_the_tips_lowers_the_torque_at_rest():
     """Of the most loaded drive of two Pandas: 9.0 N m with a squeeze about P, 8.5 with one at the tips."""
     about_P = {"left": (-10.0, *(0.0,) * 5), "right": (10.0, *(0.0,) * 5)}
     for changes, expected in (({}, 8.54), ({"squeeze": about_P}, 9.03)):
-        summary = cp.static_torques(cp.Scenario.load("two-pandas-box", changes), poses=2).summary()
+        summary = cp.feasibility.static_torques(
+            cp.Scenario.load("two-pandas-box", changes), poses=2
+        ).summary()
         torque, limit = re.search(r"needs ([\d.]+) of (\d+) N m", summary).groups()
         assert (float(torque), limit) == (expected, "12")
 

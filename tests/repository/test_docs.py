@@ -99,21 +99,18 @@ def test_docstrings_of_values_name_all_their_fields():
     assert offenders == []
 
 
-def packages():
-    """Packages and modules with public names."""
-    return sorted(
-        {*coop_pin._PUBLIC.values()}
-        | {f"coop_pin.{path.parent.name}" for path in PACKAGE.glob("*/__init__.py")}
-    )
+def namespaces():
+    """Modules with public names: the package itself, and its namespaces."""
+    return [
+        coop_pin,
+        *(module for name in dir(coop_pin) if inspect.ismodule(module := getattr(coop_pin, name))),
+    ]
 
 
 @functools.cache
 def public():
     """Every public class and function of the package, by full name."""
-    found = {f"{module}.{name}": getattr(coop_pin, name) for name, module in coop_pin._PUBLIC.items()}
-    for package in packages():
-        module = importlib.import_module(package)
-        found |= {f"{package}.{name}": getattr(module, name) for name in getattr(module, "__all__", ())}
+    found = {f"{each.__name__}.{name}": getattr(each, name) for each in namespaces() for name in each.__all__}
     return {
         name: thing for name, thing in found.items() if inspect.isclass(thing) or inspect.isfunction(thing)
     }
@@ -189,11 +186,10 @@ def test_everything_public_is_documented_with_its_arguments_and_attributes():
     assert len(public()) > 100
 
 
-def test_the_reference_has_a_page_for_every_package_with_public_names():
+def test_the_reference_has_a_page_for_every_namespace():
     pages = {page.stem: page.read_text(encoding="utf-8") for page in (DOCS / "api").glob("*.md")}
     documented = set(re.findall(r"^\.\. automodule:: ([\w.]+)$", "\n".join(pages.values()), re.MULTILINE))
-    needed = {name for name in packages() if getattr(importlib.import_module(name), "__all__", ())}
-    assert (needed | {*coop_pin._PUBLIC.values()}) - documented == set()
+    assert {module.__name__ for module in namespaces()} - documented == set()
     assert [name for name in documented if not importlib.import_module(name).__doc__] == []
     assert {*pages} - {"index"} == {
         *re.findall(r"^(\w+)$", pages["index"].split("{toctree}")[1], re.MULTILINE)
@@ -264,7 +260,7 @@ def commands_of(page):
 
 
 def missing_names(code):
-    """Names of coop_pin that code uses and that do not exist, ``cp.viz.open_view`` included."""
+    """Names of coop_pin that code uses and that do not exist, ``cp.open_view`` included."""
     for node in ast.walk(ast.parse(code)):
         if isinstance(node, ast.Attribute) and re.fullmatch(r"cp(\.\w+)+", ast.unparse(node)):
             thing = coop_pin
@@ -286,7 +282,7 @@ def is_understood(words):
 
 def test_code_and_commands_on_pages_use_what_exists():
     offenders = []
-    tests = "\n".join(path.read_text(encoding="utf-8") for path in (REPOSITORY / "tests").glob("test_*.py"))
+    tests = "\n".join(path.read_text(encoding="utf-8") for path in (REPOSITORY / "tests").rglob("test_*.py"))
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
         offenders += [(page.name, name) for code in blocks(page, "python") for name in missing_names(code)]

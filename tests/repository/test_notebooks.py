@@ -110,7 +110,8 @@ def private_or_missing_names(code):
     tree = ast.parse("\n".join(line for line in code.splitlines() if not line.startswith("%")))
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and str(node.module).startswith("coop_pin"):
-            exported = {*getattr(importlib.import_module(node.module), "__all__", ()), *cp._PACKAGES}
+            module = importlib.import_module(node.module)
+            exported = {*getattr(module, "__all__", ()), *(dir(cp) if module is cp else ())}
             yield from ({alias.name for alias in node.names} - exported)
         if isinstance(node, ast.Attribute) and node.attr.startswith("_"):
             yield node.attr

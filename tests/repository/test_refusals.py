@@ -22,7 +22,7 @@ CELLS = pytest.mark.parametrize("cell", SCENARIOS)
 
 @pytest.fixture(scope="module")
 def chains():
-    return {name: cp.CellChain(SCENARIOS[name]().cell) for name in SCENARIOS}
+    return {name: cp.grasps.CellChain(SCENARIOS[name]().cell) for name in SCENARIOS}
 
 
 def test_the_wrong_type_error_has_name_and_types():
@@ -35,22 +35,22 @@ def test_the_wrong_type_error_has_name_and_types():
 @pytest.mark.parametrize(
     ("call", "name"),
     [
-        (lambda: cp.CellChain("adept-paper"), "cell"),
-        (lambda: cp.ArmModel("panda"), "arm"),
-        (lambda: cp.CellArm("panda", "left"), "cell"),
+        (lambda: cp.grasps.CellChain("adept-paper"), "cell"),
+        (lambda: cp.model.ArmModel("panda"), "arm"),
+        (lambda: cp.model.CellArm("panda", "left"), "cell"),
         (lambda: cp.ClosedChain("panda", ()), "model"),
         (lambda: cp.solve_ik("panda", np.eye(4)), "arm"),
         (lambda: cp.simulate("adept-paper", None), "scenario"),
         (lambda: cp.run(3), "name_or_path"),
         (lambda: cp.run("adept-paper", {**SHORT, 3: 4}), "a path of changes"),
-        (lambda: cp.reachability("adept-paper"), "scenario"),
-        (lambda: cp.sampled_stability("adept-paper"), "scenario"),
-        (lambda: cp.fewest_steps("adept-paper"), "scenario"),
+        (lambda: cp.feasibility.reachability("adept-paper"), "scenario"),
+        (lambda: cp.stability.sampled_stability("adept-paper"), "scenario"),
+        (lambda: cp.stability.fewest_steps("adept-paper"), "scenario"),
         (lambda: cp.open_view(3), "source"),
         (lambda: cp.RunResult.load(3), "path"),
         (lambda: cp.SweepResult.load(3), "folder"),
         (lambda: cp.sweep("adept-paper", out=3), "out"),
-        (lambda: cp.grasps_from_configuration([], {}, np.eye(4)), "arms"),
+        (lambda: cp.grasps.grasps_from_configuration([], {}, np.eye(4)), "arms"),
         (lambda: spatial.task_rows([]), "name"),
     ],
 )
@@ -67,7 +67,7 @@ def test_a_simulation_refuses_objects_of_a_wrong_class(cell):
     for call, name in (
         (lambda: run.add_event(3), "event"),
         (lambda: run.replace_controller(scenario.controller), "controller"),
-        (lambda: run.plant.chain.surround(3.0), "surroundings"),
+        (lambda: run.chain.surround(3.0), "surroundings"),
     ):
         with pytest.raises(errors.WrongTypeError) as caught:
             call()
@@ -107,7 +107,7 @@ def test_overflow_in_the_dynamics_is_refused(chains, cell):
     scenario, chain = SCENARIOS[cell](), chains[cell]
     q, nv = chain.configuration(scenario.start.matrix), chain.mechanism.model.nv
     fast, still = np.full(nv, 1e300), np.zeros(nv)
-    arm = cp.CellArm(scenario.cell, "left")
+    arm = cp.model.CellArm(scenario.cell, "left")
     with pytest.raises(errors.CoopPinError):
         chain.observe(q[None], fast[None], still[None], np.zeros((1, 6)))
     with pytest.raises(errors.CoopPinError):
@@ -145,7 +145,7 @@ def test_a_mesh_scale_that_gives_no_body_is_refused(tmp_path, scale):
 
 def test_an_integer_of_hundreds_of_digits_is_refused_by_its_field():
     with pytest.raises(errors.FieldError) as caught:
-        cp.Sample(fields={"duration": cp.Span(low=0.01, high=0.1)}, count=2, seed=-(10**400))
+        cp.sweeps.Sample(fields={"duration": cp.sweeps.Span(low=0.01, high=0.1)}, count=2, seed=-(10**400))
     assert caught.value.path == "seed"
 
 
@@ -176,12 +176,14 @@ def test_a_mesh_whose_triangles_have_no_corners_is_refused(tmp_path):
 def test_times_that_no_spline_can_lead_through_are_refused(tmp_path, times):
     rows = "".join(f"{time!r},{index / 10},0,0,0,0,0\n" for index, time in enumerate(times))
     (tmp_path / "motion.csv").write_text("time,x,y,z,roll,pitch,yaw\n" + rows)
-    motion = cp.CsvMotion(path=str(tmp_path / "motion.csv"))
+    motion = cp.motions.CsvMotion(path=str(tmp_path / "motion.csv"))
     with pytest.raises(errors.CoopPinError):
         motion.at(0.5)
-    points = tuple(cp.Waypoint(time=time, xyz=(index / 10, 0.0, 0.0)) for index, time in enumerate(times))
+    points = tuple(
+        cp.motions.Waypoint(time=time, xyz=(index / 10, 0.0, 0.0)) for index, time in enumerate(times)
+    )
     with pytest.raises(errors.FieldError):
-        cp.WaypointsMotion(points=points)
+        cp.motions.WaypointsMotion(points=points)
 
 
 @pytest.mark.parametrize(
@@ -193,7 +195,7 @@ def test_times_that_no_spline_can_lead_through_are_refused(tmp_path, times):
         cp.SweepPlan.load,
         cp.Arm.from_urdf,
         lambda path: cp.Payload.mesh(path, mass=1.0),
-        lambda path: cp.CsvMotion(path=path).at(0.0),
+        lambda path: cp.motions.CsvMotion(path=path).at(0.0),
     ],
     ids=["scenario", "result", "sweep", "plan", "urdf", "mesh", "csv"],
 )

@@ -18,7 +18,7 @@ from coop_pin.base import disk_cache
 from coop_pin.base.errors import FileReadError
 from coop_pin.base.user_files import printable
 from coop_pin.comparison.controllers import stored_gains
-from coop_pin.compiled import export_c
+from coop_pin.compiled.laws.c_export import export_c
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.workers.job import Record, checked_content, checksummed
 

@@ -253,20 +253,29 @@ def test_a_line_has_these_mutants(mutate, line, becomes):
 def test_every_test_file_of_the_mutation_run_exists_and_every_equivalent_mutant_too(mutate):
     found = mutate.all_mutants()
     assert len(found) > 1000
-    assert all(
-        (REPOSITORY / "tests" / f"test_{name}.py").is_file()
-        for names in mutate.TESTS.values()
-        for name in names.split()
-    )
+    exist = {path.stem for path in (REPOSITORY / "tests").rglob("test_*.py")}
+    assert {f"test_{name}" for names in mutate.TESTS.values() for name in names.split()} <= exist
     assert {mutant.package for mutant in found} == set(mutate.TESTS)
     assert mutate.equivalent() <= {mutant.key for mutant in found}
+
+
+def test_planted_faults_change_one_place_each_of_a_package_with_tests(mutate):
+    found = mutate.planted()
+    assert len(found) > 60
+    assert {mutant.package for mutant in found} <= set(mutate.TESTS)
+    for mutant in found:
+        before = (mutate.PACKAGE / mutant.file).read_text()
+        changed = [*before.splitlines()][mutant.lines.start - 1 : mutant.lines.stop - 1]
+        assert mutant.old in "\n".join(changed)
+        assert ast.dump(ast.parse(mutant.source)) != ast.dump(ast.parse(before))
 
 
 def other_sign(mutate):
     (mutant,) = (
         mutant
         for mutant in mutate.mutants(
-            "spatial/internal_wrench.py", (mutate.PACKAGE / "spatial/internal_wrench.py").read_text()
+            "base/spatial/internal_wrench.py",
+            (mutate.PACKAGE / "base/spatial/internal_wrench.py").read_text(),
         )
         if mutant.new == "interaction + load_wrenches(interaction, load_shares)"
     )
@@ -275,8 +284,8 @@ def other_sign(mutate):
 
 @pytest.mark.filterwarnings("error")
 def test_a_mutant_that_python_warns_of_is_one_too(mutate):
-    text = (mutate.PACKAGE / "spatial/pose.py").read_text()
-    subscripted = [one for one in mutate.mutants("spatial/pose.py", text) if "((1.0))[" in one.source]
+    text = (mutate.PACKAGE / "base/spatial/pose.py").read_text()
+    subscripted = [one for one in mutate.mutants("base/spatial/pose.py", text) if "((1.0))[" in one.source]
     assert subscripted
     for mutant in subscripted:
         assert {name for name, _ in mutate.changed_names(mutant)} == {"quaternions"}
@@ -312,5 +321,5 @@ def test_the_lines_that_are_executed(mutate):
     with mutate.executed_lines() as lines:
         internal_sum(None)
     (line,) = other_sign(mutate).lines
-    assert ("spatial/internal_wrench.py", line) in lines
-    assert {file for file, _ in lines} == {"spatial/internal_wrench.py"}
+    assert ("base/spatial/internal_wrench.py", line) in lines
+    assert {file for file, _ in lines} == {"base/arrays.py", "base/spatial/internal_wrench.py"}

@@ -18,7 +18,7 @@ import pytest
 from built_once import built_once
 
 import coop_pin
-from coop_pin.description import scenario_names
+from coop_pin.description.catalogue import scenario_names
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]

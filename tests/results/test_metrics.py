@@ -15,7 +15,7 @@ from coop_pin.base.spatial.internal_wrench import (
     nonsqueezing_internal_wrenches,
     virtual_linkage_internal_wrenches,
 )
-from coop_pin.description import PayloadChange
+from coop_pin.description.events import PayloadChange
 from coop_pin.results import metrics
 from coop_pin.results.dataset import LIMITS, dataset
 from coop_pin.results.limits import LimitViolation
@@ -424,7 +424,7 @@ def test_a_summary_says_that_a_run_ends_too_soon_after_its_events(times, missing
 
 
 def test_a_torque_beyond_its_limit_is_what_was_asked_with_the_compensation_of_gravity():
-    actuators = SCENARIO.actuators.replace(gravity_compensation=cp.GravityCompensation())
+    actuators = SCENARIO.actuators.replace(gravity_compensation=cp.actuators.GravityCompensation())
     limits = np.full((4, 2, 2), NO_LIMIT)
     limits[list(LIMITS).index("torque_limit")] = 10.0
     result = made(

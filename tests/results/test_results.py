@@ -252,7 +252,7 @@ def test_continuous_joints_are_counted_from_the_posture_on():
     scenario = cp.Scenario.load("kinova-pair", {"duration": 0.01, "events": []})
     arms, turned = scenario.cell.arms, {}
     for name, arm in arms.items():
-        turned[name] = 2.0 * np.pi * cp.ArmModel(arm).limits.joints.continuous
+        turned[name] = 2.0 * np.pi * cp.model.ArmModel(arm).limits.joints.continuous
         assert turned[name].any()
     wound = scenario.cell.replace(
         arms={k: arm.replace(posture=tuple(np.array(arm.posture) + turned[k])) for k, arm in arms.items()}

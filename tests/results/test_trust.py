@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, DivergedError, FieldError, OutOfRangeError
 from coop_pin.cli import main
-from coop_pin.description import TrustThresholds
+from coop_pin.description.trust import TrustThresholds
 from coop_pin.description.urdf import find_urdf
 from coop_pin.results.metrics import STEADY_METRICS
 from coop_pin.results.quantities import WORK

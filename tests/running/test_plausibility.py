@@ -10,7 +10,7 @@ import coop_pin as cp
 from coop_pin.base.errors import ScenarioWarning
 from coop_pin.base.spatial import make_pose
 from coop_pin.cli import main
-from coop_pin.running import implausible_numbers, run_warnings
+from coop_pin.running.plausibility import implausible_numbers, run_warnings
 from coop_pin.simulation.build_controller import build_controller
 
 
@@ -90,7 +90,7 @@ def test_a_start_away_from_that_of_a_motion_from_rest_is_told(kind):
     at = scenario.start.matrix
     for shift, turn, told in ((0.05, 0.0, "50 mm"), (0.0, 0.1, "0.1 rad"), (0.01, 0.01, "")):
         goal = cp.Pose.from_matrix(at @ make_pose((shift, 0.0, 0.0), (0.0, 0.0, turn)))
-        found = implausible_numbers(scenario.replace(motion=cp.HoldMotion(pose=goal), events=()))
+        found = implausible_numbers(scenario.replace(motion=cp.motions.HoldMotion(pose=goal), events=()))
         assert len(found) == bool(told)
         assert all(told in said for said in found)
 
@@ -144,7 +144,7 @@ def test_run_check_and_suggest_tell_alike(tmp_path, capsys):
 def test_a_path_that_leaves_the_reach_is_told_before_the_run():
     """A circle of 0.6 m about the start of two Pandas; within the duration only what is run counts."""
     pandas = cp.Scenario.load("two-pandas-box")
-    circle = cp.CircleMotion(pose=pandas.motion.start, radius=0.6, angular_rate=0.5)
+    circle = cp.motions.CircleMotion(pose=pandas.motion.start, radius=0.6, angular_rate=0.5)
     far = pandas.replace(motion=circle, duration=8.0)
     assert any("'left'" in said and "cannot follow" in said for said in warnings_of(far))
     assert warnings_of(far.replace(duration=0.2)) == []

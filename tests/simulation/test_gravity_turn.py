@@ -35,14 +35,13 @@ def test_a_plant_in_turned_gravity_is_one_built_with_it(name, engine):
     v = turned.mechanism.project_velocity(q, 0.1 * rng.normal(size=model.nv))
     force, rows = rng.normal(size=model.nv), list(scenario.cell.task_rows.indices)
     plants = [plant_of(engine)(chain, PlantOptions(), q) for chain in (turned, built)]
-    plants[0].surround(plants[0].surroundings._replace(gravity=TURNED))
+    plants[0].surround(plants[0].state().surroundings._replace(gravity=TURNED))
     pin_data = model.createData()
     centre = np.array(pin.centerOfMass(model, pin_data, q))
     lowered = -pin_data.mass[0] * (TURNED - np.array(scenario.cell.gravity)) @ centre
     assert_allclose(plants[0].work, [0.0, 0.0, 0.0, lowered], rtol=1e-10)
     for plant in plants:
-        plant.v = v
-        plant.hold(force)
+        plant.restore(plant.state()._replace(v=v, force=force))
     wrenches = [plant.interaction_wrenches()[:, rows] for plant in plants]
     assert_allclose(wrenches[0], wrenches[1], rtol=0, atol=1e-9)
     seen = [plant.observe(q[None], v[None], force[None], np.zeros(1)) for plant in plants]
@@ -57,10 +56,10 @@ def test_surroundings_follow_the_times_of_all_events_whatever_their_order():
     scenario, g = SCENARIOS["spatial"](), (0.0, 1.0, -9.0)
     push = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
     events = (
-        cp.WrenchPulse(time=0.2, duration=0.2, wrench=push),
-        cp.GravityTurn(time=0.3, gravity=g),
-        cp.WrenchPulse(time=0.1, duration=0.2, wrench=push),
-        cp.PayloadChange(time=0.3, mass=2.0 * scenario.cell.payload.mass),
+        cp.events.WrenchPulse(time=0.2, duration=0.2, wrench=push),
+        cp.events.GravityTurn(time=0.3, gravity=g),
+        cp.events.WrenchPulse(time=0.1, duration=0.2, wrench=push),
+        cp.events.PayloadChange(time=0.3, mass=2.0 * scenario.cell.payload.mass),
     )
     scenario, start = scenario.replace(duration=1.0, events=events), scenario.cell.surroundings
     pushes = {0.0: 0, 0.1: 1, 0.2: 2, np.nextafter(0.3, 0.0): 2, 0.30000001: 1, 0.39: 1, 0.4: 0}
@@ -77,9 +76,9 @@ def test_only_what_events_change_is_state_of_a_batch_even_if_its_numbers_stay():
     mass, gravity = scenario.cell.payload.mass, scenario.cell.gravity
     fields = {
         (): set(),
-        (cp.WrenchPulse(time=0.03, duration=0.01, wrench=(0.0,) * 6),): {"push"},
-        (cp.PayloadChange(time=0.03, mass=mass),): {"mass", "inertia"},
-        (cp.GravityTurn(time=0.03, gravity=gravity), cp.PayloadChange(time=0.05, mass=mass)): {
+        (cp.events.WrenchPulse(time=0.03, duration=0.01, wrench=(0.0,) * 6),): {"push"},
+        (cp.events.PayloadChange(time=0.03, mass=mass),): {"mass", "inertia"},
+        (cp.events.GravityTurn(time=0.03, gravity=gravity), cp.events.PayloadChange(time=0.05, mass=mass)): {
             *("gravity", "mass", "inertia")
         },
     }
@@ -95,9 +94,11 @@ def turning(name: str, gravity: np.ndarray = TURNED) -> cp.Scenario:
     """A short run in which gravity turns between two plant steps, and the payload is pushed and lighter."""
     scenario, duration = SCENARIOS[name](), DURATIONS[name]
     events = (
-        cp.GravityTurn(time=0.3711 * duration, gravity=tuple(gravity)),
-        cp.PayloadChange(time=0.6 * duration, mass=0.7 * scenario.cell.payload.mass),
-        cp.WrenchPulse(time=0.2 * duration, duration=0.5 * duration, wrench=(2.0, 1.0, 0.0, 0.0, 0.0, 0.1)),
+        cp.events.GravityTurn(time=0.3711 * duration, gravity=tuple(gravity)),
+        cp.events.PayloadChange(time=0.6 * duration, mass=0.7 * scenario.cell.payload.mass),
+        cp.events.WrenchPulse(
+            time=0.2 * duration, duration=0.5 * duration, wrench=(2.0, 1.0, 0.0, 0.0, 0.0, 0.1)
+        ),
     )
     return scenario.replace(duration=duration, events=events)
 
@@ -119,8 +120,10 @@ def test_runs_of_all_engines_agree_and_keep_their_energy(name):
 def test_static_torques_are_those_of_the_gravity_of_their_time(name):
     scenario = SCENARIOS[name]().replace(duration=0.5, events=())
     there = scenario.replace(cell=scenario.cell.replace(gravity=tuple(TURNED)))
-    turned = scenario.replace(events=(cp.GravityTurn(time=0.2, gravity=tuple(TURNED)),))
-    before, after, found = (cp.static_torques(each, poses=3).arms for each in (scenario, there, turned))
+    turned = scenario.replace(events=(cp.events.GravityTurn(time=0.2, gravity=tuple(TURNED)),))
+    before, after, found = (
+        cp.feasibility.static_torques(each, poses=3).arms for each in (scenario, there, turned)
+    )
     for arm_before, arm_after, arm in zip(before, after, found, strict=True):
         for part in ("weight", "load", "squeeze"):
             values, first, last = (getattr(each, part) for each in (arm, arm_before, arm_after))

@@ -12,9 +12,14 @@ from scipy.integrate import simpson, solve_ivp
 from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
+from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import make_pose, rotate_vector6, shift_wrench
 from coop_pin.control import CellCommand, CellController, Saturation
-from coop_pin.description import Arm, Cell, Payload, PayloadChange, PlantOptions, Pose, WrenchPulse
+from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.payload import Payload
+from coop_pin.description.events import PayloadChange, WrenchPulse
+from coop_pin.description.plant import PlantOptions
 from coop_pin.description.urdf import find_urdf
 from coop_pin.grasps import CellChain
 from coop_pin.model import CellArm

@@ -25,7 +25,7 @@ from coop_pin.control import (
     consensus_bound,
 )
 from coop_pin.control.consensus import laplacian
-from coop_pin.control.laws.mean_pose import ConsensusState
+from coop_pin.control.law_wrapper import WrappedState
 from coop_pin.description.network import edges_of
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.cell_arm import CellArm
@@ -90,11 +90,12 @@ class LateMean(MeanPoseController):
     """Mean pose of the views of the tick before; at the first, each arm has its own only."""
 
     def remarks(self, pose, state):
-        return self.laws.remarks(pose, state[0])
+        return self.law.remarks(pose, state[0])
 
     def init(self, measurements, references):
-        own = [self.seen([seen], [one])[0][0] for seen, one in zip(measurements, references, strict=True)]
-        return self.laws.init(own, references), None
+        pairs = zip(measurements, references, strict=True)
+        own = [self.transformed([measured], [desired])[0][0] for measured, desired in pairs]
+        return self.law.init(own, references), None
 
     def step(self, measurements, references, state):
         law, views = state
@@ -103,17 +104,19 @@ class LateMean(MeanPoseController):
             for one in measurements
         ]
         means = seen if views is None else [sum(views) / len(views)] * len(seen)
-        said = [Message(mean, 0.0) for mean in means]
-        heard = [one._replace(messages={"": mean}) for one, mean in zip(measurements, said, strict=True)]
-        placed = [MeanPoseByMessages(None, "").seen(*pair) for pair in zip(heard, references, strict=True)]
-        command = self.laws.step(placed, references, law)
+        law_of_mean = MeanPoseByMessages(None, "")
+        placed = [
+            law_of_mean.transformed(one, desired, (), {"view": mean}, {"view": {"": Message(mean, 0.0)}})[0]
+            for one, desired, mean in zip(measurements, references, means, strict=True)
+        ]
+        command = self.law.step(placed, references, law)
         return cp.CellCommand(command.torques, (command.state, seen))
 
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_sent_with_the_command_it_is_the_law_fed_the_last_tick(cell):
     late = biased(cell, network={"delay": 1})
-    oracle = LateMean(build_controller(biased(cell)).laws)
+    oracle = LateMean(build_controller(biased(cell)).law)
     assert samples(late).equals(samples(late, oracle))
 
 
@@ -225,7 +228,7 @@ def test_a_batch_has_the_same_network(cell, network):
     scenario = biased(cell, network=ALL[network], duration=0.2)
     assert support(scenario) is None
     other = scenario.replace(seed=7)
-    batch = cp.simulate_batch([scenario, other])
+    batch = cp.compiled.simulate_batch([scenario, other])
     for index, single in enumerate((scenario, other)):
         require_same_samples(samples(single), batch.result(index).data)
     assert samples(scenario).equals(samples(scenario))
@@ -256,7 +259,7 @@ def test_an_arm_reads_its_motion_by_its_own_clock(cell):
     assert_array_equal(right.pose, exact(0.2 + 0.1 + 0.002)[1].pose)
     assert cp.Simulation(late).observe().measurements[1].time == 0.1
     if cell == "planar":
-        require_same_samples(samples(late), cp.simulate_batch([late]).result(0).data)
+        require_same_samples(samples(late), cp.compiled.simulate_batch([late]).result(0).data)
 
 
 def at_constant_speed(time, start):
@@ -270,7 +273,9 @@ def at_constant_speed(time, start):
 def test_clocks_that_differ_pull_as_a_bias_of_speed_times_error(cell):
     """b = V_d dt: 10 ms at 0.1 m/s are 1 mm. f' = c (1 - c) K gamma (b' + k_I b) - beta f under a drift."""
     base, law = two_arms(cell)
-    motion = cp.FunctionMotion(target=at_constant_speed, options={"start": base.start.matrix.tolist()})
+    motion = cp.motions.FunctionMotion(
+        target=at_constant_speed, options={"start": base.start.matrix.tolist()}
+    )
     base = base.override({"controller": law.model_dump(), "network": {}, "motion": motion, "duration": 1.2})
     clocks = [{"right": {"offset": 0.01}}, {"right": {"drift": 0.01}}]
     exact, off, drifting = (
@@ -338,7 +343,7 @@ def spatial_force_errors(network, actuators=None, **law):
     """Error of the internal force of two UR5 every two seconds of ten minutes, N; they move for 4 s."""
     base = biased("two spatial", network=network)
     xyz, rpy = np.add(base.start.xyz, (0.05, -0.03, 0.04)), np.add(base.start.rpy, (0.1, 0.0, 0.1))
-    motion = cp.LineMotion(start=base.start, goal=base.start.replace(xyz=xyz, rpy=rpy), duration=4.0)
+    motion = cp.motions.LineMotion(start=base.start, goal=base.start.replace(xyz=xyz, rpy=rpy), duration=4.0)
     changes = {"duration": 600.0, "clock.record_every": 500, "motion": motion}
     law = {f"controller.{field}": value for field, value in law.items()}
     data = cp.run(base.override(changes | law | (actuators or {})), engine="compiled").data
@@ -359,10 +364,9 @@ def test_no_drift_in_ten_minutes_in_space():
 class ExactOwn(MeanPoseByMessages):
     """Averages its own view as it is, and those of the others as they were sent."""
 
-    def seen(self, measurement, reference):
-        own = Message(self.message(measurement, reference, None), 0.0)
-        heard = dict(measurement.messages) | {self.name: own}
-        return super().seen(measurement._replace(messages=heard), reference)
+    def transformed(self, measurement, reference, memory, sent, received):
+        views = received["view"] | {self.name: Message(sent["view"], 0.0)}
+        return super().transformed(measurement, reference, memory, sent, {"view": views})
 
 
 @pytest.mark.slow
@@ -407,7 +411,7 @@ def test_integrals_of_unequal_arms_come_to_their_mean_at_the_rate_of_the_leak(ce
     run, gained = cp.Simulation(scenario, build_controller(scenario)), []
     while not run.is_finished:
         run.tick()
-        Z = np.array([state.law.integral - state.start for state in run.controller_state])
+        Z = np.array([state.law.law.integral.value - state.law.memory for state in run.controller_state])
         gained.append(Z / scenario.cell.shares[:, None])
     apart = np.linalg.norm(gained - np.mean(gained, axis=1, keepdims=True), axis=(1, 2))
     period = scenario.clock.period
@@ -471,7 +475,7 @@ def noisy_force(law, loss):
     changes = {"controller": law, "events": [], "network": {"loss": loss}, "duration": 600.0}
     base = cp.Scenario.load("adept-anchored").override(changes | sensors | {"clock.record_every": 40})
     base = base.override({BIASED.format(next(iter(base.cell.arms))): [1e-3, 0.0, 0.0]})
-    found = cp.simulate_batch([base.replace(seed=seed) for seed in range(8)]).samples
+    found = cp.compiled.simulate_batch([base.replace(seed=seed) for seed in range(8)]).samples
     time, error = np.array(found["time"][0]), np.array(found["internal_axial_error"])
     spans = ((30.0, 90.0), (540.0, 600.0))
     return [float(np.sqrt(np.mean(error[:, (time > first) & (time <= last)] ** 2))) for first, last in spans]
@@ -493,7 +497,12 @@ def test_a_leak_to_the_mean_carries_a_load():
     """10 N: a leak to the start sags by lambda / (gamma k_I K) of it, 0.256 mm."""
     push = [{"kind": "wrench-pulse", "time": 1.0, "duration": 15.0, "wrench": [10.0, 0, 0, 0, 0, 0]}]
     base = cp.Scenario.load("adept-anchored")
-    changes = {"events": push, "network": LOSSY, "duration": 16.0, "motion": cp.HoldMotion(pose=base.start)}
+    changes = {
+        "events": push,
+        "network": LOSSY,
+        "duration": 16.0,
+        "motion": cp.motions.HoldMotion(pose=base.start),
+    }
     for goal, sag in (("mean", 0.0), ("start", 2.56e-4)):
         scenario = base.override(changes | {"controller": agreed_law() | {"leak_to": goal}})
         assert_allclose(cp.stability.steady_errors(scenario, load=10.0).sag, sag, atol=1e-6)
@@ -506,9 +515,11 @@ def test_a_leak_to_the_mean_carries_a_load():
 @pytest.mark.parametrize("delay", [1, 2, 3])
 @pytest.mark.parametrize("cell", ["two planar", "three planar", "two spatial"])
 def test_damping_by_late_views_has_the_limit_of_a_delay(cell, delay):
-    late = cp.sampled_stability(biased(cell, network={"delay": delay}))
+    late = cp.stability.sampled_stability(biased(cell, network={"delay": delay}))
     assert_allclose(late.limit, 2.0 * np.sin(np.pi / (4 * delay + 2)), rtol=1e-6)
-    jittering = cp.sampled_stability(biased(cell, network={"jitter": delay - 1, "rate_hz": None, "delay": 1}))
+    jittering = cp.stability.sampled_stability(
+        biased(cell, network={"jitter": delay - 1, "rate_hz": None, "delay": 1})
+    )
     assert_allclose([jittering.limit, jittering.delay], [late.limit, delay], rtol=1e-6)
 
 
@@ -517,8 +528,10 @@ def test_runs_below_the_limit_of_late_views_decay_and_those_above_do_not(cell):
     base = biased(cell, network={"delay": 2}, duration=3.0, beyond_bound=True)
     slow = {"controller.gains.pose_gain": 0.5, "controller.gains.sign_gain": 0.0, "squeeze": {}}
     slow |= {f"cell.arms.{arm}.friction": "none" for arm in base.cell.arms}
-    base = base.override(slow | {"motion": cp.HoldMotion(pose=base.start), "cell.gravity": [0.0, 0.0, 0.0]})
-    found, K = cp.sampled_stability(base), base.controller.gains.sliding_gain
+    base = base.override(
+        slow | {"motion": cp.motions.HoldMotion(pose=base.start), "cell.gravity": [0.0, 0.0, 0.0]}
+    )
+    found, K = cp.stability.sampled_stability(base), base.controller.gains.sliding_gain
     speeds = []
     for part in (0.95, 1.05):
         gain = (part * found.limit / found.value * np.array(K)).tolist()
@@ -650,7 +663,7 @@ def test_a_low_pose_gain_lets_the_weight_of_the_arms_grow(cell, integral):
     w = max eig(-K^-1 K_g): 1.83 per second for two UR5.
     """
     base = biased(cell, network={"loss": 0.05}, beyond_bound=True, squeeze={})
-    changes = {"motion": cp.HoldMotion(pose=base.start)}
+    changes = {"motion": cp.motions.HoldMotion(pose=base.start)}
     changes |= {f"cell.arms.{arm}.friction": "none" for arm in base.cell.arms}
     if cell == "two planar":
         changes["cell.gravity"] = [0.0, -9.81, 0.0]  # in its plane
@@ -704,7 +717,7 @@ def disagreements(arms, gain, *, rows=3, delay=0, ticks=60):
     laws = [ConsensusPose(Silent(), name, gain) for name in names]
     said = [law.message(one, reference, None) for law, one in zip(laws, seen, strict=True)]
     mean, network_state = np.mean(said, axis=0), network.start(said)
-    states = [ConsensusState(np.zeros(6 + rows), None) for _ in names]
+    states = [WrappedState(np.zeros(6 + rows), None) for _ in names]
     distances = []
     for tick in range(ticks):
         said = [
@@ -758,11 +771,11 @@ def test_three_unequal_arms_on_a_ring_agree(cell):
     views = []
     while not run.is_finished:
         run.tick()
-        views.append([state.correction for state in run.controller_state])
+        views.append([state.memory for state in run.controller_state])
     corrections = np.array(views)[:, :, 0]
     assert_allclose(corrections.sum(axis=1), 0.0, atol=1e-12)
     assert_allclose(np.abs(np.diff(corrections[-3:], axis=0)).max(), 0.0, atol=2e-5)
-    batch = cp.simulate_batch([scenario]).result(0).data
+    batch = cp.compiled.simulate_batch([scenario]).result(0).data
     assert_allclose(batch.joint_position, run.result().data.joint_position, atol=1e-10)
 
 

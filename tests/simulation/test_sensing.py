@@ -11,16 +11,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 import coop_pin as cp
 from coop_pin.base import errors
 from coop_pin.base.spatial import internal_wrenches, make_pose
-from coop_pin.control import CellCommand
+from coop_pin.control import ArmMeasurement, CellCommand
 from coop_pin.control.bounds import force_gain_bound
-from coop_pin.control.interface import ArmMeasurement
 from coop_pin.figures.run_figures import internal_force_figure
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.devices.drives import Applied
 from coop_pin.simulation.devices.encoder import Encoders
 from coop_pin.simulation.devices.signals import SensorSignals, generator
 from coop_pin.simulation.devices.wrist import Wrist
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.viz.live.live_scene import LiveScene, initial_scene
 from coop_pin.viz.report import scenario_facts
 
@@ -66,7 +65,7 @@ def first_of(simulation):
 
 def at_rest(simulation):
     """No torque cut, and none reported."""
-    return Applied.at_rest([len(place.drive) for place in simulation.plant.chain.model.arms])
+    return Applied.at_rest([len(place.drive) for place in simulation.slots])
 
 
 def of_arm(measurements, arm, field):
@@ -153,7 +152,7 @@ def wrist_readings(sensor, count, F_P, R_WP=None, **grasp):
 
 @pytest.mark.parametrize("count", COUNTS)
 def test_wrist_errors_are_as_stated_in_sensor_axes_about_the_tip(count):
-    sensor = cp.WristSensor(
+    sensor = cp.sensors.WristSensor(
         noise={"force": (1.0, 2.0, 3.0), "moment": 0.1},
         offset={"force": (5.0, 0.0, 0.0), "moment": (0.0, 0.0, 2.0)},
         drift={"force": 0.01, "moment": (0.0, -0.02, 0.0)},
@@ -177,7 +176,7 @@ def test_wrist_errors_are_as_stated_in_sensor_axes_about_the_tip(count):
 
 def test_ages_of_a_delayed_slow_sensor_that_is_lost_and_returns():
     """Samples at ticks 0, 4, 8, ...; those of [0.1 s, 0.2 s), ticks 8 and 12, are lost; two ticks late."""
-    sensor = cp.WristSensor(delay=2, rate_hz=20.0, lost=[(0.1, 0.2)], noise={"force": 1.0})
+    sensor = cp.sensors.WristSensor(delay=2, rate_hz=20.0, lost=[(0.1, 0.2)], noise={"force": 1.0})
     age, wrenches = wrist_readings(sensor, 24, np.ones(6))
     expected = [np.inf] * 2 + [2, 3, 4, 5] + list(range(2, 14)) + [2, 3, 4, 5] + [2, 3]
     assert age.tolist() == expected
@@ -185,13 +184,13 @@ def test_ages_of_a_delayed_slow_sensor_that_is_lost_and_returns():
     held = [np.array_equal(wrenches[k], wrenches[k - 1]) for k in range(3, 24)]
     fresh = [age[k] < age[k - 1] + 1 for k in range(3, 24)]
     assert held == [not new for new in fresh]
-    whole = cp.WristSensor(delay=2, rate_hz=20.0, noise={"force": 1.0})
+    whole = cp.sensors.WristSensor(delay=2, rate_hz=20.0, noise={"force": 1.0})
     assert_allclose(wrenches[-1], wrist_readings(whole, 24, np.ones(6))[1][-1])
 
 
 def test_a_sensor_that_is_stuck_repeats_its_sample_as_a_new_one():
     """Samples at ticks 0, 4, 8, ...; that of 8 is the first at or after 0.1 s, and two ticks late."""
-    sensor = cp.WristSensor(delay=2, rate_hz=20.0, stuck_at=0.1, noise={"force": 1.0})
+    sensor = cp.sensors.WristSensor(delay=2, rate_hz=20.0, stuck_at=0.1, noise={"force": 1.0})
     whole = sensor.replace(stuck_at=None)
     age, wrenches = wrist_readings(sensor, 24, np.ones(6))
     expected, free = wrist_readings(whole, 24, np.ones(6))

@@ -39,8 +39,8 @@ def servo_cell(name, kind, servo=None, **changes):
             "events": [],
             "clock.rate_hz": 200.0,
             "clock.steps_per_tick": 5,
-            "motion": cp.LineMotion(start=start, goal=goal, duration=0.5),
-            "controller": cp.Admittance(command=kind),
+            "motion": cp.motions.LineMotion(start=start, goal=goal, duration=0.5),
+            "controller": cp.laws.Admittance(command=kind),
             "actuators.servo": {"command": kind, "rate_hz": 1000.0, **(servo or {})},
             **arms,
             **changes,
@@ -51,8 +51,8 @@ def servo_cell(name, kind, servo=None, **changes):
 def inertias(scenario):
     """The diagonal of each arm's own inertia at its drives at the start."""
     simulation, values = cp.Simulation(scenario), []
-    for slot in simulation.plant.chain.model.arms:
-        M = cp.CellArm(scenario.cell, slot.name).mass_matrix(simulation.plant.q[slot.q_slice])
+    for slot in simulation.slots:
+        M = cp.model.CellArm(scenario.cell, slot.name).mass_matrix(simulation.plant.q[slot.q_slice])
         inverse = np.linalg.inv(slot.drive)
         values.append(np.diag(inverse.T @ M @ inverse))
     return values
@@ -74,7 +74,7 @@ def test_the_servo_is_its_equations(name, kind):
     scenario = servo_cell(name, kind, LIMITED, **clock, **{"actuators.gravity_compensation": {}})
     data, h, limit = cp.run(scenario, engine="pinocchio").data, 1e-3, LIMITED["speed_limit"]
     for arm, (inertia, slot) in enumerate(
-        zip(inertias(scenario), cp.Simulation(scenario).plant.chain.model.arms, strict=True)
+        zip(inertias(scenario), cp.Simulation(scenario).slots, strict=True)
     ):
         q = of_arm(data, "joint_position", arm) @ slot.drive.T
         v = of_arm(data, "joint_velocity", arm) @ slot.drive.T
@@ -155,7 +155,7 @@ def test_batches_have_the_servos_of_single_runs(name, kind):
     base = servo_cell(name, kind, LIMITED, **changes)
     scenarios = [base, base.replace(seed=3), base.override({"actuators.servo.velocity_bandwidth": 60.0})]
     assert support(base) is None
-    batch = cp.simulate_batch(scenarios)
+    batch = cp.compiled.simulate_batch(scenarios)
     assert batch.is_valid.all()
     for index, scenario in enumerate(scenarios):
         require_same_samples(batch.result(index).data, cp.run(scenario, engine="pinocchio").data)
@@ -173,7 +173,7 @@ def test_an_event_some_nanoseconds_beside_a_tick_is_no_sample_of_a_servo(name):
             }
             changes = {"duration": 0.04, "events": [event], "actuators.servo.rate_hz": rate_hz}
             scenario = servo_cell(name, "velocity", LIMITED).override(changes)
-            batch = cp.simulate_batch([scenario])
+            batch = cp.compiled.simulate_batch([scenario])
             require_same_samples(batch.result(0).data, cp.run(scenario, engine="pinocchio").data)
 
 
@@ -226,7 +226,7 @@ def test_an_arm_takes_what_its_scenario_says():
         with pytest.raises(FieldError, match=r"take .*commands") as caught:
             scenario.override({"clock.rate_hz": 100.0, "clock.steps_per_tick": 10, **change})
         assert caught.value.path.endswith("servo")
-    for controller in (torque.controller, cp.Admittance(command="position")):
+    for controller in (torque.controller, cp.laws.Admittance(command="position")):
         with pytest.raises(FieldError, match="servo"):
             cp.Simulation(
                 servo,
@@ -257,7 +257,7 @@ def test_the_rate_of_a_servo_fits_the_clock():
 
 def test_analyses_of_torques_say_that_they_do_not_know_servos():
     scenario = servo_cell("spatial", "velocity")
-    for analysis in (cp.sampled_stability, cp.stability.steady_errors):
+    for analysis in (cp.stability.sampled_stability, cp.stability.steady_errors):
         with pytest.raises(ArgumentError, match=r"servo|take"):
             analysis(scenario)
 
@@ -266,11 +266,11 @@ def test_analyses_of_torques_say_that_they_do_not_know_servos():
 def test_a_push_dies_away_with_the_slow_eigenvalues_of_the_loop_with_servos(cell):
     """What the law keeps without a wrench, the offset of each drive's motion, is at 1."""
     scenario = servo_cell(cell, "velocity", duration=1.0)
-    scenario = scenario.replace(motion=cp.HoldMotion(pose=scenario.start))
-    loop = cp.eigenvalues(scenario, time=0.1)
+    scenario = scenario.replace(motion=cp.motions.HoldMotion(pose=scenario.start))
+    loop = cp.stability.eigenvalues(scenario, time=0.1)
     assert loop.ok
     assert len(loop.structural) == sum(map(len, inertias(scenario)))
-    push = cp.WrenchPulse(time=0.2, duration=0.005, wrench=(0.05, 0.025, 0.0, 0.0, 0.0, 0.005))
+    push = cp.events.WrenchPulse(time=0.2, duration=0.005, wrench=(0.05, 0.025, 0.0, 0.0, 0.0, 0.005))
     runs = [cp.run(scenario.replace(events=events), warn=False).data for events in ((push,), ())]
     apart = np.linalg.norm((runs[0].velocity - runs[1].velocity).values, axis=1)
     decay = (apart[190] / apart[140]) ** (1.0 / 50.0)
@@ -303,7 +303,7 @@ def test_without_error_the_motion_tends_to_the_prescribed_one_as_the_bandwidth_r
             "position",
             servo | {"velocity_bandwidth": 4.0 * bandwidth},
             **{"clock.steps_per_tick": n, "duration": 0.2, "squeeze": {}},
-            motion=cp.LineMotion(start=start, goal=goal, duration=0.4),
+            motion=cp.motions.LineMotion(start=start, goal=goal, duration=0.4),
         )
         data, rows = cp.run(scenario, engine="compiled" if n > 100 else "pinocchio").data, [0, 1, 5]
         error, V_d = (data[key].values[-1][rows] for key in ("pose_error", "desired_twist"))
@@ -316,8 +316,8 @@ def series_stiffness(scenario, gain):
     """(sum_i (J_i^-T I_i gain J_i^-1)^-1 + compliance of the grasp i)^-1 about P in world axes, task rows."""
     compliance, chosen = 0.0, list(scenario.cell.task_rows.indices)
     simulation = cp.Simulation(scenario)
-    for slot, inertia in zip(simulation.plant.chain.model.arms, inertias(scenario), strict=True):
-        arm = cp.CellArm(scenario.cell, slot.name)
+    for slot, inertia in zip(simulation.slots, inertias(scenario), strict=True):
+        arm = cp.model.CellArm(scenario.cell, slot.name)
         J = arm.task_jacobian(simulation.plant.q[slot.q_slice])
         compliance = compliance + J @ np.diag(1.0 / (inertia * gain)) @ J.T
         if slot.name in scenario.cell.compliant:
@@ -345,7 +345,7 @@ def test_a_stiff_pair_pulls_with_the_stiffness_of_its_servos(name, grasps):
     """1 mm at one tip: planar 192 N rigid, 84 N with grasps of 300 kN/m; spatial 13.3 N and 10.1 N."""
     base = SCENARIOS[name]()
     arms = {f"cell.arms.{arm}.torque_limits": "none" for arm in base.cell.arms}
-    changes = {"squeeze": {}, "duration": 0.3, "motion": cp.HoldMotion(pose=base.start), **arms}
+    changes = {"squeeze": {}, "duration": 0.3, "motion": cp.motions.HoldMotion(pose=base.start), **arms}
     if grasps == "compliant":
         changes["clock.steps_per_tick"] = 40
         for arm in base.cell.arms:
@@ -368,7 +368,7 @@ def test_servos_that_integrate_pull_apart_without_end(name, kind):
     """What no motion can remove: f' = k_i B_s gamma b by velocities, k_i S b by positions, S = k_p B_s."""
     base = SCENARIOS[name]()
     arms = {f"cell.arms.{arm}.torque_limits": "none" for arm in base.cell.arms}
-    changes = {"squeeze": {}, "motion": cp.HoldMotion(pose=base.start), "duration": 1.0, **arms}
+    changes = {"squeeze": {}, "motion": cp.motions.HoldMotion(pose=base.start), "duration": 1.0, **arms}
     servo = {"velocity_bandwidth": 200.0, "integral_rate": 5.0, "position_bandwidth": 40.0}
     scenario = servo_cell(name, kind, servo, **changes, **{BIAS: [5e-4, 0.0, 0.0]})
     data, rows = cp.run(scenario).data, scenario.cell.task_rows
@@ -395,7 +395,7 @@ def pair_of_ur5(wrist, bias, **changes):
             "cell.payload.mass": 5.0,
             "clock.rate_hz": 500.0,
             "clock.steps_per_tick": 1,
-            "motion": cp.LineMotion(start=base.start, goal=goal, duration=3.0, start_time=0.5),
+            "motion": cp.motions.LineMotion(start=base.start, goal=goal, duration=3.0, start_time=0.5),
             "controller": {"kind": "admittance", "gains": gains},
             "controller.force_path": {"kind": "late" if wrist else "none"},
             "actuators": {"servo": {"command": "velocity", "rate_hz": 500.0, "integral_rate": 20.0}},
@@ -438,24 +438,24 @@ def test_a_follower_of_the_leader_s_pose_pulls_with_its_whole_stiffness(name):
     """f = S_2 b, not the series of both: it follows the pose that its own pull shifts."""
     base = SCENARIOS[name]()
     arms = {f"cell.arms.{arm}.torque_limits": "none" for arm in base.cell.arms}
-    changes = {"squeeze": {}, "motion": cp.HoldMotion(pose=base.start), "duration": 8.0, **arms}
+    changes = {"squeeze": {}, "motion": cp.motions.HoldMotion(pose=base.start), "duration": 8.0, **arms}
     servo = {"position_bandwidth": 60.0, "velocity_bandwidth": 300.0, "velocity_feedforward": 0.5}
-    law = cp.Admittance(command="position", follows="leader")
+    law = cp.laws.Admittance(command="position", follows="leader")
     true = servo_cell(name, "position", servo, controller=law, **changes)
     off, rows = true.override({BIAS: [2e-5, 0.0, 0.0]}), true.cell.task_rows
     ends = [
         rows.select(cp.run(one, engine="compiled").data.interaction_wrench.values[-1, 1])
         for one in (true, off)
     ]
-    slot, inertia = cp.Simulation(true).plant.chain.model.arms[1], inertias(true)[1]
-    J = cp.CellArm(true.cell, "right").task_jacobian(cp.Simulation(true).plant.q[slot.q_slice])
+    slot, inertia = cp.Simulation(true).slots[1], inertias(true)[1]
+    J = cp.model.CellArm(true.cell, "right").task_jacobian(cp.Simulation(true).plant.q[slot.q_slice])
     b = view_error(off) - view_error(true)
     S_2 = np.linalg.inv(J @ np.diag(1.0 / (inertia * 18e3)) @ J.T)
     assert_allclose(ends[1] - ends[0], S_2 @ b, rtol=0, atol=0.02 * np.linalg.norm(S_2 @ b))
     series = np.linalg.norm(series_stiffness(true, 18e3) @ b)
     assert np.linalg.norm(S_2 @ b) > (2.0 if name == "planar" else 8.0) * series
     assert "poses of all arms" in law.needs
-    assert "poses of all arms" not in cp.Admittance().needs
+    assert "poses of all arms" not in cp.laws.Admittance().needs
 
 
 def yielding_pair(name, damping, **changes):
@@ -465,7 +465,7 @@ def yielding_pair(name, damping, **changes):
     law = {"kind": "admittance", "force_path": {"kind": "late"}, "gains": {"admittance_damping": damping}}
     # Without weight: its moment about a point that is seen 1 mm off counts as an internal one.
     weightless = {"cell.gravity": (0.0, 0.0, 0.0)}
-    still = {"motion": cp.HoldMotion(pose=base.start), "controller": law, "squeeze": {}} | weightless
+    still = {"motion": cp.motions.HoldMotion(pose=base.start), "controller": law, "squeeze": {}} | weightless
     changes = {BIAS: [1e-3, 0.0, 0.0]} | still | arms | changes
     return servo_cell(name, "velocity", {"velocity_bandwidth": 40.0}, **changes)
 
@@ -576,7 +576,7 @@ def three_arms(name):
             "events": [],
             "cell.gravity": (0.0, 0.0, 0.0),
             "squeeze": {},
-            "motion": cp.HoldMotion(pose=base.start),
+            "motion": cp.motions.HoldMotion(pose=base.start),
             "clock.rate_hz": 200.0,
             "clock.steps_per_tick": 4,
             "actuators.servo": {"command": "velocity", "rate_hz": 200.0, "velocity_bandwidth": 50.0},
@@ -608,8 +608,8 @@ def test_three_unequal_arms_pull_with_the_stiffness_of_their_servos(name, follow
     b_x = 5e-4 if follows == "reference" else 2e-5  # a leader's pose moves by as much as it is pulled
     off, true = (three_arms(name).override(stiff | {tip: [b, 0.0, 0.0]}) for b in (b_x, 0.0))
     rows, simulation, S = off.cell.task_rows, cp.Simulation(true), []
-    for slot, inertia in zip(simulation.plant.chain.model.arms, inertias(true), strict=True):
-        J = cp.CellArm(true.cell, slot.name).task_jacobian(simulation.plant.q[slot.q_slice])
+    for slot, inertia in zip(simulation.slots, inertias(true), strict=True):
+        J = cp.model.CellArm(true.cell, slot.name).task_jacobian(simulation.plant.q[slot.q_slice])
         S.append(np.linalg.inv(J @ np.diag(1.0 / (inertia * 2000.0)) @ J.T))
     views = [[one.payload_pose for one in cp.Simulation(each).observe().measurements] for each in (off, true)]
     b = [rows.pose_error(seen, exact) for seen, exact in zip(*views, strict=True)]
@@ -646,9 +646,9 @@ def test_over_a_line_of_arms_a_bias_goes_at_the_rate_of_its_graph(name):
         laplacian[i, i] += shares[j]
         laplacian[i, j] -= shares[i]
     simulation = cp.Simulation(base)
-    for slot, inertia in zip(simulation.plant.chain.model.arms, inertias(base), strict=True):
+    for slot, inertia in zip(simulation.slots, inertias(base), strict=True):
         J_inverse = np.linalg.inv(
-            cp.CellArm(base.cell, slot.name).task_jacobian(simulation.plant.q[slot.q_slice])
+            cp.model.CellArm(base.cell, slot.name).task_jacobian(simulation.plant.q[slot.q_slice])
         )
         blocks.append(J_inverse.T @ np.diag(50.0 * inertia) @ J_inverse)
     row = np.hstack(blocks)
@@ -692,7 +692,7 @@ def test_arms_of_one_cell_take_different_commands(name):
     clock = {"clock.rate_hz": 200.0, "clock.steps_per_tick": 4}
     scenario = SCENARIOS[name]().override({"events": [], **clock, **law, **changes})
     single = cp.run(scenario, engine="pinocchio").data
-    require_same_samples(cp.simulate_batch([scenario]).result(0).data, single)
+    require_same_samples(cp.compiled.simulate_batch([scenario]).result(0).data, single)
     commands = single.servo_command.values
     assert np.isnan(commands[:, 0]).all()
     assert np.nanmax(np.abs(commands[:, 1] - commands[0, 1])) > 0.005
@@ -711,7 +711,7 @@ def test_two_ur5_that_take_velocities_stand_in_the_catalogue():
     assert error[time > 7.0].mean() < 0.1
     assert np.linalg.norm(data.pose_error.values[-1, :3]) < 3e-4  # half of the bias
     blind = {"controller.force_path.kind": "none", "sensors.wrist": None, "duration": 0.9}
-    blind = scenario.override({**blind, "motion": cp.HoldMotion(pose=scenario.start)})
+    blind = scenario.override({**blind, "motion": cp.motions.HoldMotion(pose=scenario.start)})
     f = cp.run(blind).data.internal_wrench.values[:, 1, :3]
     stiffness = 100.0 * scenario.actuators.servo.integral_rate
     expected = series_stiffness(blind, stiffness) @ (5.0 * view_error(blind))

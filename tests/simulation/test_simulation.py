@@ -14,13 +14,14 @@ import coop_pin as cp
 from coop_pin.base.errors import OpenClosureError, OutOfRangeError, UserCodeError
 from coop_pin.base.spatial import internal_wrenches
 from coop_pin.control import CellCommand, CellController
-from coop_pin.description import Clock, PayloadChange, WrenchPulse
+from coop_pin.description.events import PayloadChange, WrenchPulse
+from coop_pin.description.plant import Clock
 from coop_pin.grasps import CellChain
 from coop_pin.model.transmission import Transmission
 from coop_pin.results.metrics import energy_balance
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.recorder import Recorder
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.simulation.timeline import Timeline
 
 
@@ -286,8 +287,10 @@ def test_a_controller_without_state_starts_once():
 
 def test_a_controller_in_python_is_the_one_of_a_scenario_file():
     scenario = cp.Scenario.load("adept-paper")
-    gains = cp.PayloadSpaceGains(pose_gain=2.0, sliding_gain=800.0, sign_gain=0.2, transient_rate=5.0)
-    law = cp.PayloadSpace(gains=gains, switching=cp.Tanh(width=0.1), force_path=cp.LowPassForcePath(pole=0.5))
+    gains = cp.laws.PayloadSpaceGains(pose_gain=2.0, sliding_gain=800.0, sign_gain=0.2, transient_rate=5.0)
+    law = cp.laws.PayloadSpace(
+        gains=gains, switching=cp.laws.Tanh(width=0.1), force_path=cp.laws.LowPassForcePath(pole=0.5)
+    )
     typed = scenario.override({"controller": law})
     assert typed == scenario.override({"controller": law.model_dump()})
     assert typed.controller is law

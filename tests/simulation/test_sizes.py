@@ -14,11 +14,15 @@ from linkages import bennett
 from coop_pin.base import errors, memory
 from coop_pin.base.memory import free_memory
 from coop_pin.chain.trajectory import time_grid
-from coop_pin.description import Clock, PayloadChange, Scenario
-from coop_pin.results import RunResult
-from coop_pin.running import large_record, run_warnings
-from coop_pin.simulation import Simulation, recorder, simulate
+from coop_pin.description.events import PayloadChange
+from coop_pin.description.plant import Clock
+from coop_pin.description.scenario import Scenario
+from coop_pin.results.run_result import RunResult
+from coop_pin.running.plausibility import large_record, run_warnings
+from coop_pin.simulation import recorder
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulate import simulate
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.simulation.timeline import Timeline
 
 
@@ -265,7 +269,7 @@ def test_full_turns_between_kept_samples_are_counted():
     scenario = Scenario.load("kinova-pair", {"duration": 1.0, "events": ()})
     run = Simulation(scenario.override({"clock.record_every": 10**6}), build_controller(scenario))
     run.tick()
-    place = run.plant.chain.model.arms[0]
+    place = run.slots[0]
     joint = int(np.flatnonzero(place.angles.continuous)[0])
     inputs = run.observe()
     first, entry = run.recorder._angles[0][joint], place.angles.entry[joint] + place.q_slice.start

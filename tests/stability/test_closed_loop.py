@@ -19,7 +19,7 @@ from coop_pin.stability import loop_stability, sampled_motion
 
 def held(name, changes, controller=None):
     scenario = SCENARIOS[name]().replace(events=(), beyond_bound=True)
-    scenario = scenario.replace(motion=cp.HoldMotion(pose=scenario.start))
+    scenario = scenario.replace(motion=cp.motions.HoldMotion(pose=scenario.start))
     if controller is not None:
         return scenario.replace(controller=controller).override(changes)
     return scenario.override({"controller.gains.sign_gain": 0.0} | changes)
@@ -56,8 +56,8 @@ def test_the_force_gain_crosses_the_unit_circle_where_runs_begin_to_grow(name):
     bound = force_gain_bound(0.5)
     path = {"controller.force_path": {"kind": "low-pass", "pole": 0.5}}
     below, above = (held(name, path | {"controller.gains.force_gain": part * bound}) for part in (0.98, 1.02))
-    loop = cp.eigenvalues(above)
-    assert cp.eigenvalues(below).radius < 1.0 < loop.radius
+    loop = cp.stability.eigenvalues(above)
+    assert cp.stability.eigenvalues(below).radius < 1.0 < loop.radius
     assert loop.slowest.name.startswith("internal")
     assert growth(below, 120) < 1.0
     assert_allclose(growth(above, 120), loop.radius, atol=3e-3)
@@ -65,7 +65,9 @@ def test_the_force_gain_crosses_the_unit_circle_where_runs_begin_to_grow(name):
 
 def crosses(scenario, field, bound):
     """Radius at 0.98 and at 1.02 of a bound."""
-    return [cp.eigenvalues(scenario.override({field: part * bound})).radius for part in (0.98, 1.02)]
+    return [
+        cp.stability.eigenvalues(scenario.override({field: part * bound})).radius for part in (0.98, 1.02)
+    ]
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -97,15 +99,16 @@ def test_the_damping_crosses_the_unit_circle_where_runs_begin_to_grow():
         scenario.override({"controller.gains.damping_gain": tuple((2.75818 * part * gains).tolist())})
         for part in (0.98, 1.02)
     )
-    loop = cp.eigenvalues(above)
-    assert cp.eigenvalues(below).radius < 1.0 < loop.radius
+    loop = cp.stability.eigenvalues(above)
+    assert cp.stability.eigenvalues(below).radius < 1.0 < loop.radius
     assert growth(below, 150) < 1.0
     assert_allclose(growth(above, 150), loop.radius, atol=1e-3)
 
 
 def frictionless(scenario):
     bare = {
-        name: arm.replace(friction=cp.JointFriction(viscous=0.0)) for name, arm in scenario.cell.arms.items()
+        name: arm.replace(friction=cp.actuators.JointFriction(viscous=0.0))
+        for name, arm in scenario.cell.arms.items()
     }
     return scenario.replace(cell=scenario.cell.replace(arms=bare))
 
@@ -155,11 +158,11 @@ def test_runs_begin_to_grow_where_the_eigenvalues_leave_the_unit_circle(name, bo
     field, changes, factors, ticks = MEASURED[bound]
     scenario = held(name, changes, ANCHORED[name])
     time = AT_REST if bound == "lag" else 0.0
-    locus = cp.root_locus(scenario, field, factors, time=time)
+    locus = cp.stability.root_locus(scenario, field, factors, time=time)
     for part in (0.98, 1.02):
         value = (part * locus.bounds[-1] * locus.value).tolist()
         changed = scenario.override({field: value})
-        loop, measured = cp.eigenvalues(changed, time=time), growth(changed, ticks)
+        loop, measured = cp.stability.eigenvalues(changed, time=time), growth(changed, ticks)
         print(f"{name} {bound} {part} of {locus.bounds[-1] * locus.value}: {loop.radius:.5f} {measured:.5f}")
         assert (loop.radius > 1.0) == (measured > 1.0) == (part > 1.0)
         if part > 1.0:
@@ -172,7 +175,7 @@ def test_the_motion_is_that_of_sampled_motion_where_that_applies(name):
     simulation = cp.Simulation(scenario, build_controller(scenario))
     motion = sampled_motion(simulation, simulation.plant.q, 0.0)
     expected = np.linalg.eigvals(motion.matrix(scenario.actuator_lag * scenario.clock.period))
-    loop = cp.eigenvalues(scenario)
+    loop = cp.stability.eigenvalues(scenario)
     assert not loop.structural
     for z in expected[np.abs(expected) > 0.05]:
         assert np.abs(loop.z - z).min() < 3e-4
@@ -184,7 +187,7 @@ def test_the_motion_is_that_of_sampled_motion_where_that_applies(name):
 def test_integrals_without_anchor_and_leak_are_structural(name):
     """An integral of each arm, and one motion: m - 1 internal directions of each row rest at z = 1."""
     law = ANCHORED[name].override({"force_path": {"kind": "none"}, "gains.leak": 0.0})
-    loop = cp.eigenvalues(held(name, {}, law))
+    loop = cp.stability.eigenvalues(held(name, {}, law))
     assert len(loop.structural) == {"planar": 3, "spatial": 6}[name]
     assert all(mode.startswith("internal") for mode in loop.structural)
 
@@ -198,13 +201,13 @@ def test_late_views_cross_the_unit_circle_at_the_limit_of_their_delay(name):
     network = {"delay": 2, "loss": 0.1, "resolution": 1e-5}
     scenario = frictionless(held(name, {"network": network, "squeeze": {}}, {"kind": "mean-pose"} | stated))
     scenario = scenario.override({"cell.gravity": [0.0, 0.0, 0.0]})
-    found = cp.sampled_stability(scenario)
+    found = cp.stability.sampled_stability(scenario)
     bound = found.limit / found.value * np.array(scenario.controller.gains.sliding_gain)
     below, above = (
         scenario.override({"controller.gains.sliding_gain": (part * bound).tolist()}) for part in (0.98, 1.02)
     )
-    radius = cp.eigenvalues(above).radius
-    assert cp.eigenvalues(below).radius < 1.0 < radius
+    radius = cp.stability.eigenvalues(above).radius
+    assert cp.stability.eigenvalues(below).radius < 1.0 < radius
     assert_allclose(growth(above.override({"network": {"delay": 2}}), 150), radius, atol=2e-3)
 
 
@@ -214,7 +217,9 @@ def test_an_anchor_by_messages_of_every_second_tick_has_its_closed_form(name):
     path = {"controller.force_path": {"kind": "messages"}, "sensors.wrist": {}}
     network = {"network": {"delay": 1, "rate_hz": SCENARIOS[name]().clock.rate_hz / 2.0}}
     g = 2.04
-    loop = cp.eigenvalues(held(name, path | network | {"controller.gains.anchor_gain": g}, ANCHORED[name]))
+    loop = cp.stability.eigenvalues(
+        held(name, path | network | {"controller.gains.anchor_gain": g}, ANCHORED[name])
+    )
     assert loop.ticks == 2
     assert loop.slowest.name.startswith("internal")
     assert_allclose(loop.radius, np.sqrt(g - 1.0), rtol=1e-6)
@@ -222,19 +227,19 @@ def test_an_anchor_by_messages_of_every_second_tick_has_its_closed_form(name):
 
 def test_what_has_no_eigenvalues_is_refused():
     with pytest.raises(ArgumentError):
-        cp.eigenvalues(cp.Scenario.load("adept-paper"))
+        cp.stability.eigenvalues(cp.Scenario.load("adept-paper"))
     scenario = cp.Scenario.load("adept-anchored")
     with pytest.raises(OutOfRangeError):
-        cp.eigenvalues(scenario, time=-1.0)
+        cp.stability.eigenvalues(scenario, time=-1.0)
     with pytest.raises(ArgumentError, match="jitter"):
-        cp.eigenvalues(scenario.override({"network": {"jitter": 1}}))
+        cp.stability.eigenvalues(scenario.override({"network": {"jitter": 1}}))
     for field in ("controller.gains.nothing", "controller.kind", "controller.gains.force_gain"):
         with pytest.raises(FieldError) as caught:
-            cp.root_locus(scenario, field, [1.0])
+            cp.stability.root_locus(scenario, field, [1.0])
         assert caught.value.path == field
     for factors in ([], [0.0], [np.nan]):
         with pytest.raises(ArgumentError):
-            cp.root_locus(scenario, "controller.gains.pose_gain", factors)
+            cp.stability.root_locus(scenario, "controller.gains.pose_gain", factors)
 
 
 def test_the_command_draws_a_root_locus(tmp_path, capsys):
@@ -245,7 +250,7 @@ def test_the_command_draws_a_root_locus(tmp_path, capsys):
 
 
 def test_the_figure_shows_every_eigenvalue_the_own_ones_and_the_bounds():
-    locus = cp.root_locus(
+    locus = cp.stability.root_locus(
         cp.Scenario.load("adept-anchored"), "controller.gains.sliding_gain", [1.0, 2.4, 2.7]
     )
     plane, radius, _ = cp.figures.root_locus_figure(locus).axes

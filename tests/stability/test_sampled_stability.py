@@ -16,12 +16,13 @@ import coop_pin as cp
 from coop_pin.base.errors import CoopPinError, DivergedError, ScenarioWarning
 from coop_pin.chain.integrators import INTEGRATORS
 from coop_pin.cli import main
-from coop_pin.control.interface import ArmCommand, ArmController
+from coop_pin.control import ArmCommand, ArmController
 from coop_pin.feasibility import reachability
 from coop_pin.grasps import CellChain
-from coop_pin.model import CellArm, solve_ik
-from coop_pin.simulation import Simulation
+from coop_pin.model import CellArm
+from coop_pin.model.inverse_kinematics import solve_ik
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import (
     SampledStability,
     loop_stability,
@@ -239,7 +240,7 @@ def test_it_is_that_of_the_start():
 def with_friction(viscous, coulomb=0.0, **plant):
     """The paper's arms with other friction on each drive, at two plant steps in a tick."""
     scenario = paper({"clock.steps_per_tick": 2, **{f"plant.{name}": value for name, value in plant.items()}})
-    friction = cp.JointFriction(viscous=viscous, coulomb=coulomb)
+    friction = cp.actuators.JointFriction(viscous=viscous, coulomb=coulomb)
     arms = {name: arm.replace(friction=friction) for name, arm in scenario.cell.arms.items()}
     return scenario.replace(cell=scenario.cell.replace(arms=arms), events=())
 
@@ -263,7 +264,7 @@ def test_the_stability_limits_are_those_of_the_integrators():
 def test_of_friction_it_is_the_fastest_decay_of_a_single_arm(viscous):
     """Without a closure D = M^-1 T^T diag(viscous) T; Coulomb friction adds coulomb / coulomb_velocity."""
     scenario = alone({"clock.steps_per_tick": 4})
-    friction = cp.JointFriction(viscous=viscous, coulomb=(0.1, 0.0, 0.2), coulomb_velocity=0.05)
+    friction = cp.actuators.JointFriction(viscous=viscous, coulomb=(0.1, 0.0, 0.2), coulomb_velocity=0.05)
     arm = scenario.cell.arms["left"].replace(friction=friction)
     scenario = scenario.replace(cell=scenario.cell.replace(arms={"left": arm}))
     chain = CellChain(scenario.cell)
@@ -294,7 +295,7 @@ def test_along_the_motion_the_steps_are_those_of_the_pose_that_asks_for_most(cel
     """As of a run that starts at that pose."""
     start = SCENARIOS[cell]().start
     goal = start.replace(xyz=tuple(np.add(start.xyz, by)))
-    motion = cp.LineMotion(start=start, goal=goal, start_time=0.2, duration=1.5)
+    motion = cp.motions.LineMotion(start=start, goal=goal, start_time=0.2, duration=1.5)
     scenario = SCENARIOS[cell]().override({"events": [], "duration": 2.0, "motion": motion})
     run = Simulation(scenario, build_controller(scenario))
     reach = reachability(scenario, poses=21)
@@ -503,6 +504,6 @@ def test_the_joints_are_those_of_the_worst_mode_the_fastest_first(monkeypatch):
     D = modes @ np.diag([1.0, 90.0, 2.0, 0.0, 0.0, 0.0]) @ np.linalg.inv(modes)
     for module in modules:
         monkeypatch.setattr(module, "damping_matrix", lambda *_: D)
-    names = [name for place in simulation.plant.chain.model.arms for name in place.angles.names]
+    names = [name for place in simulation.slots for name in place.angles.names]
     for found in (modules[0].start_stability(simulation), modules[1].step_stability(simulation)):
         assert found.joints == (names[3], names[4], names[1])

@@ -291,14 +291,14 @@ def test_force_that_no_arm_can_change_is_held_up_to_its_limit(cell):
 def test_a_force_that_grows_reaches_the_first_drive_at_the_time_that_is_told(cell):
     """Along the direction in which the weakest drive holds least; the ramp itself begins after the start."""
     scenario = at_rest(cell, **fixed_bound(1e-3), duration=8.0)
-    model = cp.CellArm(scenario.cell, "left")
+    model = cp.model.CellArm(scenario.cell, "left")
     J = model.payload_jacobian(
         cp.solve_ik(model, scenario.start.matrix, posture=scenario.cell.arms["left"].posture)
     )[:3]
     levers = np.linalg.norm(J @ model.from_drive, axis=0)
     weakest = int(levers.argmax())
     direction = (J @ model.from_drive)[:, weakest] / levers[weakest]
-    needed = cp.static_torques(scenario, poses=5).arms[0].torque[0]
+    needed = cp.feasibility.static_torques(scenario, poses=5).arms[0].torque[0]
     spare = np.where(np.arange(len(needed)) == weakest, 6.0, 60.0) * levers.max()
     limits = (np.abs(needed) + spare).tolist()
     scenario = scenario.override({"cell.arms.left.torque_limits": limits})

@@ -9,14 +9,14 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.base.errors import DivergedError, FieldError, OutOfRangeError
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import step_size, step_stability
 from coop_pin.sweeps import engine
 from coop_pin.sweeps.session import open_session
 from coop_pin.sweeps.store import SweepStore
 
-PUSH = cp.WrenchPulse(time=0.21, duration=0.1, wrench=(200.0, 100.0, 0.0, 0.0, 0.0, 2.0))
+PUSH = cp.events.WrenchPulse(time=0.21, duration=0.1, wrench=(200.0, 100.0, 0.0, 0.0, 0.0, 2.0))
 """It begins and ends between two ticks."""
 CHANGES = {
     "planar": {"duration": 0.5, "events": [PUSH]},
@@ -57,7 +57,7 @@ def with_viscous_friction(scenario, factor):
 @pytest.mark.parametrize("error", [3e-9, 1e-10])
 def test_the_fewest_steps_keep_the_error_against_an_independent_finer_run(cell, error):
     scenario = moving(cell)
-    found = cp.fewest_steps(scenario, error=error)
+    found = cp.stability.fewest_steps(scenario, error=error)
     position, gap = independent_run(cell)
     for steps, bound in found.errors.items():
         run, open_by = positions(scenario, steps)
@@ -75,7 +75,7 @@ def test_the_fewest_steps_keep_the_error_against_an_independent_finer_run(cell, 
 )
 def test_the_errors_fall_with_the_order_of_the_integrator(cell, integrator, order, error):
     """The last one is a bound of twice the error."""
-    errors = cp.fewest_steps(moving(cell, {"plant.integrator": integrator}), error=error).errors
+    errors = cp.stability.fewest_steps(moving(cell, {"plant.integrator": integrator}), error=error).errors
     values = np.array(list(errors.values())[:-1])
     assert list(errors) == [2**k for k in range(len(errors))]
     assert len(values) >= 3
@@ -87,33 +87,33 @@ def test_an_error_that_no_number_of_steps_keeps_is_refused_with_the_smallest(cel
     monkeypatch.setattr(step_size, "MOST_STEPS", 2)
     scenario = moving(cell)
     with pytest.raises(OutOfRangeError) as caught:
-        cp.fewest_steps(scenario, error=1e-13)
+        cp.stability.fewest_steps(scenario, error=1e-13)
     assert (caught.value.name, caught.value.value) == ("error", 1e-13)
     smallest = float(caught.value.allowed.removeprefix("at least ").split(" m")[0])
-    assert cp.fewest_steps(scenario, error=1.01 * smallest).steps == 2
+    assert cp.stability.fewest_steps(scenario, error=1.01 * smallest).steps == 2
 
 
 @pytest.mark.parametrize("value", [0.0, -1e-9, np.nan])
 def test_the_error_must_be_positive(value):
     with pytest.raises(OutOfRangeError):
-        cp.fewest_steps(moving("planar"), error=value)
+        cp.stability.fewest_steps(moving("planar"), error=value)
 
 
 @pytest.mark.parametrize("cell", SCENARIOS)
 def test_numbers_of_steps_with_which_the_run_diverges_are_passed_over(cell, monkeypatch):
     scenario = with_viscous_friction(moving(cell), 500.0)
-    found = cp.fewest_steps(scenario, error=1e-6)
+    found = cp.stability.fewest_steps(scenario, error=1e-6)
     assert min(found.errors) > 1
     for steps in (found.steps, min(found.errors) // 2):
         steady = scenario.override({"clock.steps_per_tick": steps})
         assert step_stability(Simulation(steady, build_controller(steady))).ok == (steps == found.steps)
     monkeypatch.setattr(step_size, "MOST_STEPS", min(found.errors) // 2)
     with pytest.raises(DivergedError):
-        cp.fewest_steps(scenario, error=1e-6)
+        cp.stability.fewest_steps(scenario, error=1e-6)
 
 
 def test_the_summary_has_the_choice_and_every_error():
-    found = cp.fewest_steps(moving("planar"), error=1e-9)
+    found = cp.stability.fewest_steps(moving("planar"), error=1e-9)
     text = found.summary()
     assert f"{12.5 / found.steps:.4g} ms" in text
     assert all(f"{steps:3d} in a tick: {error:.2g} m" in text for steps, error in found.errors.items())
@@ -128,7 +128,7 @@ HERE = cp.Execution(workers=0, quiet=True)
 @pytest.mark.parametrize("cell", SCENARIOS)
 def test_a_run_with_automatic_steps_is_that_with_the_fewest_for_1e_8(cell):
     scenario = moving(cell)
-    found = cp.fewest_steps(scenario, error=1e-8)
+    found = cp.stability.fewest_steps(scenario, error=1e-8)
     result = cp.run(scenario, AUTO, warn=False)
     assert result.scenario == found.scenario
     converged, _ = positions(scenario, 32)
@@ -208,4 +208,4 @@ def test_automatic_steps_that_keep_no_error_are_refused_and_elsewhere_a_number_i
 def test_the_fewest_steps_of_the_catalogue_are_those_on_the_page(name, changes, steps):
     """docs/howto/sweep.md."""
     scenario = cp.Scenario.load(name, changes)
-    assert {error: cp.fewest_steps(scenario, error=error).steps for error in steps} == steps
+    assert {error: cp.stability.fewest_steps(scenario, error=error).steps for error in steps} == steps

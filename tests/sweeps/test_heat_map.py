@@ -6,8 +6,8 @@ from browser import offline_page
 from test_comparison_figures import made_up
 from test_sweep_result import GAIN, MASS, RATE, filled
 
-from coop_pin.sweeps import SweepPlan
 from coop_pin.sweeps.heat_map import replay_file
+from coop_pin.sweeps.plan import SweepPlan
 
 SHOWN = """() => [...document.querySelectorAll("#map tbody tr")].filter(row => row.cells[0].scope === "row")
     .map(row => [row.cells[0].textContent, ...[...row.cells].slice(1).map(cell => cell.textContent)])"""

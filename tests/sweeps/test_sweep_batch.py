@@ -10,7 +10,8 @@ from faulty import law
 import coop_pin as cp
 from coop_pin.base.errors import FieldError
 from coop_pin.compiled import engine_choice
-from coop_pin.sweeps import SweepPlan, engine
+from coop_pin.sweeps import engine
+from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.workers import batch_job

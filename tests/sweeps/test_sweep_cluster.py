@@ -18,7 +18,10 @@ from faulty import PUSH, law
 
 import coop_pin as cp
 from coop_pin.base.errors import FieldError, WorkersLostError
-from coop_pin.sweeps import SweepPlan, SweepResult, linspace, sweep
+from coop_pin.sweeps import linspace
+from coop_pin.sweeps.engine import sweep
+from coop_pin.sweeps.plan import SweepPlan
+from coop_pin.sweeps.result import SweepResult
 
 pytest.importorskip("distributed", reason="dask is not installed (extra 'sweep')")
 

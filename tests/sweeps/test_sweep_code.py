@@ -9,8 +9,10 @@ from faulty import PUSH
 
 import coop_pin as cp
 from coop_pin.base.errors import CodeChangedError, UserCodeError
-from coop_pin.sweeps import SweepPlan, SweepResult, sweep
 from coop_pin.sweeps import run_key as keys
+from coop_pin.sweeps.engine import sweep
+from coop_pin.sweeps.plan import SweepPlan
+from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.run_key import code_digests, run_key, source_files
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.workers.job import Job, run_job

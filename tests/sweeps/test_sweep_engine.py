@@ -21,11 +21,14 @@ from coop_pin.base.errors import (
     StoreLockedError,
     SweepInterruptedError,
 )
-from coop_pin.sweeps import Execution, SweepPlan, SweepResult, sweep
+from coop_pin.sweeps.engine import sweep
+from coop_pin.sweeps.plan import SweepPlan
+from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.session import open_session
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.workers import backend
+from coop_pin.sweeps.workers.execution import Execution
 from coop_pin.sweeps.workers.job import Job, checked_content, checksummed, run_job
 
 GAIN, DAMPING = "controller.gains.sign_gain", "controller.gains.damping_gain"

@@ -11,7 +11,7 @@ from coop_pin.base.errors import FieldError, NameNotFoundError
 from coop_pin.cli import main
 from coop_pin.figures import pareto_figure, sweep_figure
 from coop_pin.figures.sweep_figures import map_figure
-from coop_pin.sweeps import SweepPlan
+from coop_pin.sweeps.plan import SweepPlan
 
 GAIN, RATE, MASS = "controller.gains.sign_gain", "clock.rate_hz", "cell.payload.mass"
 GAINS, RATES = [0.0, 0.2, 0.4, 0.6], [50.0, 100.0, 200.0, 400.0]

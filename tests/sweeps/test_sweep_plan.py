@@ -19,7 +19,8 @@ from coop_pin.base.errors import (
     WrongTypeError,
 )
 from coop_pin.description.urdf import find_urdf
-from coop_pin.sweeps import Sample, SweepPlan, estimate, linspace, logspace
+from coop_pin.sweeps import Sample, estimate, linspace, logspace
+from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.run_key import ScenarioTexts, run_key, unresolved_key
 
 GAIN, RATE, MASS = "controller.gains.sign_gain", "clock.rate_hz", "cell.payload.mass"

@@ -7,10 +7,14 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from coop_pin.base.errors import FieldError, InvalidStateError, NameNotFoundError, WrongTypeError
-from coop_pin.sweeps import Execution, SweepPlan, SweepResult, linspace, sweep
+from coop_pin.sweeps import linspace
+from coop_pin.sweeps.engine import sweep
+from coop_pin.sweeps.plan import SweepPlan
+from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.table import Columns
+from coop_pin.sweeps.workers.execution import Execution
 from coop_pin.sweeps.workers.job import Outcome, Record
 
 GAIN, RATE, MASS = "controller.gains.sign_gain", "clock.rate_hz", "cell.payload.mass"

@@ -14,8 +14,9 @@ import pytest
 import coop_pin as cp
 from coop_pin.base.errors import DivergedError, FileReadError, FileWriteError, StoreLockedError
 from coop_pin.results.netcdf import to_netcdf
-from coop_pin.sweeps import SweepResult, sweep
+from coop_pin.sweeps.engine import sweep
 from coop_pin.sweeps.plan import SweepPlan
+from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.workers.job import Outcome, Record, StoredRun, checked_content, checksummed
 

@@ -8,7 +8,7 @@ import coop_pin as cp
 from coop_pin.base.errors import ScenarioError
 from coop_pin.base.schema.parts import Filled
 from coop_pin.compiled import BatchSimulator
-from coop_pin.sweeps import SweepPlan
+from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.run_key import keyed_points, run_key, unresolved_key
 from coop_pin.sweeps.template import Template, Templates
 from coop_pin.tracing.tape import Tape, operands

@@ -16,7 +16,9 @@ from pebble import ProcessExpired
 
 import coop_pin as cp
 from coop_pin.base.errors import CodeChangedError, FieldError, WorkerDiedError, WorkersLostError
-from coop_pin.sweeps import SweepPlan, linspace, sweep
+from coop_pin.sweeps import linspace
+from coop_pin.sweeps.engine import sweep
+from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.workers import backend
 from coop_pin.sweeps.workers.backend import LocalBackend, Worker, outcomes
 from coop_pin.sweeps.workers.batch_job import IN_PYTHON

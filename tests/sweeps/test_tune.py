@@ -32,9 +32,10 @@ from coop_pin.base.errors import (
     UnknownFieldError,
 )
 from coop_pin.cli import main
-from coop_pin.sweeps import Sample, SweepResult, session
+from coop_pin.sweeps import Sample, session
 from coop_pin.sweeps.optimisation import Bound, Objective
 from coop_pin.sweeps.optimisation import search as find
+from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.workers import backend
 

@@ -18,9 +18,9 @@ from coop_pin.base.errors import (
     MissingExtraError,
     UserCodeError,
 )
-from coop_pin.reference import ConstantSqueeze
-from coop_pin.simulation import Simulation
+from coop_pin.reference.squeeze import ConstantSqueeze
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.viz import LiveRun, Panel
 from coop_pin.viz.live.panel import gain_sliders
 
@@ -60,8 +60,8 @@ def test_ticks_by_hand_are_a_run(name):
 @pytest.mark.parametrize(
     "event",
     [
-        cp.PayloadChange(time=0.25, mass=5.0),
-        cp.WrenchPulse(time=0.25, duration=0.113, wrench=(90.0, 20.0, 0.0, 0.0, 0.0, 3.0)),
+        cp.events.PayloadChange(time=0.25, mass=5.0),
+        cp.events.WrenchPulse(time=0.25, duration=0.113, wrench=(90.0, 20.0, 0.0, 0.0, 0.0, 3.0)),
     ],
 )
 def test_an_event_added_on_the_way_acts_as_if_it_had_been_planned(event):
@@ -77,9 +77,9 @@ def test_an_event_added_on_the_way_acts_as_if_it_had_been_planned(event):
 def test_events_must_lie_ahead_and_within_the_run():
     simulation = advanced(quiet_paper(), 20)
     with pytest.raises(FieldError, match=r"0\.2 s.* 0\.25 s"):
-        simulation.add_event(cp.PayloadChange(time=0.2, mass=5.0))
+        simulation.add_event(cp.events.PayloadChange(time=0.2, mass=5.0))
     with pytest.raises(CoopPinError, match=r"ends at t = 1\.1 s"):
-        simulation.add_event(cp.WrenchPulse(time=1.0, duration=0.1, wrench=(1.0, 0, 0, 0, 0, 0)))
+        simulation.add_event(cp.events.WrenchPulse(time=1.0, duration=0.1, wrench=(1.0, 0, 0, 0, 0, 0)))
     assert to_the_end(simulation).data.identical(cp.run(quiet_paper()).data)
 
 

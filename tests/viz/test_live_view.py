@@ -26,9 +26,10 @@ import coop_pin as cp
 from coop_pin.base.errors import OutOfRangeError, PortTakenError, RunInterruptedError, ViewWarning
 from coop_pin.description.scenario import scenario_names
 from coop_pin.simulation.build_controller import build_controller
-from coop_pin.viz import LiveView, open_view
+from coop_pin.viz import LiveView
 from coop_pin.viz.live.live_scene import LiveScene, initial_scene
 from coop_pin.viz.live.live_server import LiveServer
+from coop_pin.viz.live.live_view import open_view
 
 PATIENCE_S = 20.0
 

@@ -13,7 +13,7 @@ import coop_pin as cp
 from coop_pin.base.errors import DivergedError
 from coop_pin.cli import main
 from coop_pin.figures import internal_force_figure, motion_figure, singularity_figure
-from coop_pin.results import RunResult
+from coop_pin.results.run_result import RunResult
 from coop_pin.viz import metrics_table, report_html, save_report
 
 SHORT = {"duration": 0.5, "events": ()}

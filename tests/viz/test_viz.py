@@ -27,8 +27,13 @@ from scipy.spatial.transform import Rotation
 import coop_pin as cp
 from coop_pin import run, viz
 from coop_pin.base.errors import FieldError, UrdfWarning
+from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import make_pose, quaternions, rotations
-from coop_pin.description import Arm, Cell, Payload, Pose, Scenario, scenario_names
+from coop_pin.description.catalogue import scenario_names
+from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.payload import Payload
+from coop_pin.description.scenario import Scenario
 from coop_pin.description.urdf import find_urdf
 from coop_pin.figures import palette
 from coop_pin.grasps.partner import partner_state
@@ -36,7 +41,7 @@ from coop_pin.model import geometry, visuals
 from coop_pin.model.pinocchio_model import load_unreduced_arm
 from coop_pin.model.shapes import Mesh, half_extents
 from coop_pin.model.visuals import CellVisuals
-from coop_pin.results import RunResult
+from coop_pin.results.run_result import RunResult
 from coop_pin.viz import notebook_view, replay_html, save_replay
 from coop_pin.viz.arrows import TYPICAL_M, recorded_scales
 from coop_pin.viz.cell_scene import LINK_FACES, cell_scene

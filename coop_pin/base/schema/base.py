@@ -226,6 +226,11 @@ class Description(BaseModel, metaclass=_Listed):  # type: ignore[metaclass]
             and fields_of(self) == fields_of(other)
         )
 
+    def __tree__(self) -> tuple[dict[str, Any], Callable[[dict[str, Any]], Self]]:
+        """Return the fields, and a function that makes a copy with others; see coop_pin.tracing.tree."""
+        fields = {name: getattr(self, name) for name in type(self).model_fields}
+        return fields, lambda others: self.model_copy(update=others)
+
     def differences(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
         """Yield what makes it different from another value of its class; see ``schema.changes``."""
         yield from table_differences(dict(self), dict(base), path)

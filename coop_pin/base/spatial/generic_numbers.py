@@ -11,13 +11,27 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
 from coop_pin.base.arrays import Array, frozen
 
 Value = TypeVar("Value")
+
+
+class Traceable:
+    """Base of objects of traced code: their attributes are constants or inputs of the code."""
+
+    def __tree__(self) -> tuple[dict[str, Any], Callable[[dict[str, Any]], Self]]:
+        """Return the attributes, and a function that makes a copy with others; see coop_pin.tracing.tree."""
+
+        def like(attributes: dict[str, Any]) -> Any:
+            copy = object.__new__(type(self))
+            vars(copy).update(attributes)
+            return copy
+
+        return vars(self), like
 
 
 def exp(x: float) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from coop_pin.base.arrays import Array, Mask, require_type
 from coop_pin.base.errors import NameNotFoundError
-from coop_pin.base.spatial.generic_numbers import atan2
+from coop_pin.base.spatial.generic_numbers import Traceable, atan2
 from coop_pin.base.spatial.pose import pose_error
 
 RowsName = Literal["planar", "positional", "full"]
@@ -17,7 +17,7 @@ RowsName = Literal["planar", "positional", "full"]
 _ANGULAR_ROWS = np.eye(6)[3:].tolist()
 
 
-class TaskRows(ABC):
+class TaskRows(Traceable, ABC):
     """Task rows: the k_0 rows of six-vectors that a cell controls.
 
     Attributes:
@@ -169,7 +169,7 @@ def task_rows(name: RowsName) -> TaskRows:
     """
     require_type("name", name, str)
     if name not in _ROWS:
-        raise NameNotFoundError("kind of task rows", name, _ROWS, "coop_pin.base.spatial")
+        raise NameNotFoundError("kind of task rows", name, _ROWS, "cp.spatial")
     return _ROWS[name]
 
 

@@ -15,13 +15,13 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import TracingError
 from coop_pin.base.spatial.task_rows import TaskRows
 from coop_pin.compiled.constants import ArmConstants
-from coop_pin.control import ArmController, ArmMeasurement, ArmReference, CellCommand, CellController
-from coop_pin.control.interface import DESIRED, MEASURED, Message
+from coop_pin.control import ArmController, ArmMeasurement, ArmReference, CellCommand, CellController, Message
+from coop_pin.control.measurement import DESIRED, MEASURED
 from coop_pin.simulation.devices.sensors import measured_motion
 from coop_pin.tracing.numpy_machine import evaluate
-from coop_pin.tracing.tape import Number, Operand, Tape, operands
+from coop_pin.tracing.tape import Number, Operand, Tape, UntraceableError, operands
 from coop_pin.tracing.traced_array import inputs, masks, plain
-from coop_pin.tracing.tree import leaves, rebuilt, require_state, structure
+from coop_pin.tracing.tree import leaves, rebuilt, structure
 
 AGREEMENT = 1e-12
 """Largest difference of torques from those of the Python law, relative to the largest torque of the ticks."""
@@ -207,10 +207,9 @@ def traced_call(
         state: State like that which it is given.
     """
     tape, measurements, references = _inputs_of(arms, rows, first)
-    state = rebuilt(state, (inputs(tape) for _ in itertools.count()))
     with law_code(tape, exact=exact):
+        state = rebuilt(state, (inputs(tape) for _ in itertools.count()))
         state, numbers = function(measurements, references, state)
-        require_state(state)
         return LawCode.of(tape, state, numbers), state
 
 
@@ -238,6 +237,15 @@ def _inputs_of(
 
 
 @contextlib.contextmanager
+def as_tracing_errors() -> Iterator[None]:
+    """Raise a TracingError of what the compiler refuses."""
+    try:
+        yield
+    except UntraceableError as error:
+        raise TracingError(str(error)) from error
+
+
+@contextlib.contextmanager
 def law_code(tape: Tape, *, exact: bool) -> Iterator[None]:
     """Record a law on a tape.
 
@@ -249,7 +257,7 @@ def law_code(tape: Tape, *, exact: bool) -> Iterator[None]:
         TracingError: The law raises anything, or it caught what refused to be traced.
     """
     try:
-        with tape.exact(exact):
+        with as_tracing_errors(), tape.exact(exact):
             yield
             if tape.refusals:
                 raise tape.refusals[0]

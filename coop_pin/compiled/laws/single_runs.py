@@ -15,8 +15,8 @@ import numpy as np
 
 from coop_pin.base.errors import TracingError
 from coop_pin.description.scenario import Scenario
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 
 Item = TypeVar("Item")
 

@@ -13,11 +13,18 @@ from coop_pin.base.errors import DivergedError, TracingError
 from coop_pin.compiled.constants import RunConstants, run_constants
 from coop_pin.compiled.kind import law_reason, plant_reason
 from coop_pin.compiled.laws.hidden_state import Contents, of_classes, of_objects, require_unchanged
-from coop_pin.compiled.laws.law_code import LawTick, RecordedLaw, require_agreement, trace_law, traced_call
+from coop_pin.compiled.laws.law_code import (
+    LawTick,
+    RecordedLaw,
+    as_tracing_errors,
+    require_agreement,
+    trace_law,
+    traced_call,
+)
 from coop_pin.control import ArmMeasurement, ArmReference, CellCommand, CellController
 from coop_pin.description.scenario import Scenario
-from coop_pin.simulation import Simulation
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.tracing.tree import structure
 
 _TICKS = 16
@@ -47,6 +54,7 @@ def support(scenario: Scenario) -> str | None:
     return None
 
 
+@as_tracing_errors()
 def require_traceable(scenario: Scenario, constants: RunConstants) -> None:
     """Refuse a law that computes with Pinocchio, and a user's whose steps its traced code does not give.
 

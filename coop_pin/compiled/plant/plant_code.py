@@ -115,7 +115,7 @@ class PlantCode:
         observe, step = (Kernel(name, self.lanes, self._uniforms) for name in ("observe", "step"))
         motion = cell_motion(functions, self._cell(observe), CellState.of(observe))
         write_observed(observe, cell, motion)
-        rates = observe.beside("rates")
+        rates = observe.on_same_tape("rates")
         rates.write("rates", motion.rates)
         write_step(step, functions, self._cell(step))
         self.program = Program([observe, rates, step], self.lanes, 0, 0, np.array([(0, 0), *steps]))

@@ -133,7 +133,7 @@ class PatchGrasp(Pose, DryContact, Pad):
     Attributes:
         xyz: Position of the grasp frame in payload axes, m: the middle of the patch, on the face.
         rpy: Roll, pitch, yaw of the grasp frame, rad.
-        kind: "patch"; a grasp without a kind is rigid.
+        kind: "patch"; in a file, a grasp without a kind is rigid.
         mu: Coefficient of friction.
         radius: Radius of a round patch, m; or
         size: Edges of a rectangular one, m.
@@ -145,7 +145,7 @@ class PatchGrasp(Pose, DryContact, Pad):
             mobility between the two bodies at the start.
     """
 
-    kind: Literal["patch"]
+    kind: Literal["patch"] = "patch"
     face: Edges | None = None
 
     @property

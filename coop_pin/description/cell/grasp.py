@@ -42,7 +42,7 @@ class CompliantGrasp(Pose):
     Attributes:
         xyz: Position of the grasp frame in payload axes, m.
         rpy: Roll, pitch, yaw of the grasp frame, rad.
-        kind: "compliant"; a grasp without a kind is rigid.
+        kind: "compliant"; in a file, a grasp without a kind is rigid.
         stiffness: Diagonal of K in grasp axes, N/m and N m/rad: six numbers, or "paper" (300 kN/m and 3
             kN m/rad), "firm" (30 kN/m, 0.3 kN m/rad) or "soft" (5 kN/m, 50 N m/rad).
         damping_ratio: zeta of D_ii = 2 zeta sqrt(K_ii / W_ii), with W the mobility between tip and grasp at
@@ -50,7 +50,7 @@ class CompliantGrasp(Pose):
         damping: Diagonal of D, N s/m and N m s/rad, in place of the ratio.
     """
 
-    kind: Literal["compliant"]
+    kind: Literal["compliant"] = "compliant"
     stiffness: Annotated[Vector6, AfterValidator(positive), by_name(STIFFNESSES, "six numbers")]
     damping_ratio: Positive = 0.3
     damping: Annotated[Vector6, AfterValidator(not_negative)] | None = None
@@ -72,7 +72,7 @@ class CompliantGrasp(Pose):
         for index, value in enumerate(stiffness.tolist()):
             if not 0.0 < value < np.inf:
                 raise OutOfRangeError(f"load[{index}] / deflection[{index}]", value, "a positive number")
-        return cls(kind="compliant", stiffness=tuple(stiffness.tolist()), **fields)
+        return cls(stiffness=tuple(stiffness.tolist()), **fields)
 
 
 def _kind(value: Any) -> str:

@@ -32,6 +32,9 @@ def check_urdf(text: str | bytes) -> UrdfReport:
 def check_file(urdf: UrdfFile) -> UrdfReport:
     """Return every defect of a file, missing meshes included; a xacro file is expanded first.
 
+    Args:
+        urdf: the file.
+
     Raises:
         UrdfError: the file does not exist any more; it is a xacro file that cannot be expanded, or it cannot
             be read from the disk.

@@ -16,7 +16,9 @@ import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.spatial import rotate_vector6, shift_wrench
-from coop_pin.description import Clock, Scenario, WristSensor
+from coop_pin.description.plant import Clock
+from coop_pin.description.scenario import Scenario
+from coop_pin.description.sensors import WristSensor
 
 EARLY = 1e-9
 """A tick this part of a period before an instant is at the instant."""

@@ -23,10 +23,10 @@ from coop_pin.compiled.engine_choice import plant_of
 from coop_pin.compiled.engines import Way
 from coop_pin.compiled.kind import pinocchio_reason
 from coop_pin.description.scenario import Scenario
-from coop_pin.results import RunResult
 from coop_pin.results.netcdf import to_netcdf
-from coop_pin.simulation import simulate
+from coop_pin.results.run_result import RunResult
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulate import simulate
 from coop_pin.sweeps.run_key import Code, require_unchanged
 
 _MOST_METRICS, _LONGEST_NAME = 1000, 200

@@ -9,11 +9,14 @@ from typing import Any
 import numpy as np
 
 from coop_pin.base.errors import CoopPinError, FieldError, UserCodeError
-from coop_pin.description import PayloadChange, Scenario, WrenchPulse
-from coop_pin.reference import ConstantSqueeze
-from coop_pin.results import Observer, RunResult
-from coop_pin.simulation import RealtimePacer, Simulation
+from coop_pin.description.events import PayloadChange, WrenchPulse
+from coop_pin.description.scenario import Scenario
+from coop_pin.reference.squeeze import ConstantSqueeze
+from coop_pin.results.run_result import RunResult
+from coop_pin.results.snapshot import Observer
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.realtime import RealtimePacer
+from coop_pin.simulation.simulation import Simulation
 
 _JOIN_S = 5.0
 _ROUNDED_DOWN = 1.0 - 1e-12

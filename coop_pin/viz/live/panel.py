@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from coop_pin.base.errors import CoopPinError, needs_extra
 from coop_pin.description.scenario import Scenario
-from coop_pin.results import RunResult
+from coop_pin.results.run_result import RunResult
 from coop_pin.viz.live.live_run import LiveRun, squeeze_force
 from coop_pin.viz.live.live_view import open_view
 from coop_pin.viz.page import page_frame

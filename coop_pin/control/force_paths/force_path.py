@@ -7,7 +7,8 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field
 
 from coop_pin.base.schema.base import Description
-from coop_pin.control.interface import ArmController, ControlledArm
+from coop_pin.control.controller import ArmController
+from coop_pin.control.measurement import ControlledArm
 
 INSIST = "or insist with beyond_bound = true"
 """Advice for those who know better than the bounds."""
@@ -18,7 +19,7 @@ Split = Literal["shares", "virtual-linkage"]
 
 
 class ForcePathTraits:
-    """Questions that every force path answers."""
+    """Properties of a force path, with their defaults."""
 
     measures: ClassVar[bool] = True
     """Whether a wrench is measured."""
@@ -26,11 +27,11 @@ class ForcePathTraits:
     """Whether the internal wrench comes with the measurement, from the wrists of all arms."""
     hears_all: ClassVar[bool] = False
     """Whether every arm hears all others, and its wrench is as late as their messages."""
-    tells_wrenches: ClassVar[bool] = True
+    exchanges_wrenches: ClassVar[bool] = True
     """Whether wrenches cross between the arms."""
 
-    def law_told(self, law: ArmController, arm: ControlledArm, scenario: Any) -> ArmController:
-        """Return the law of an arm, told its internal wrench where that does not come with measurements.
+    def wrapped(self, law: ArmController, arm: ControlledArm, scenario: Any) -> ArmController:
+        """Return the law of an arm, in a wrapper that forms its internal wrench where no sensor gives it.
 
         Args:
             law: Law of the arm.
@@ -55,7 +56,7 @@ class NoForcePath(PlainForcePath):
     """No measured internal wrench: K_f must be zero, and the law is truly decentralised."""
 
     measures: ClassVar[bool] = False
-    tells_wrenches: ClassVar[bool] = False
+    exchanges_wrenches: ClassVar[bool] = False
 
     kind: Literal["none"] = "none"
 
