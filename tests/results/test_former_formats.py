@@ -23,7 +23,7 @@ def folder(tmp_path):
     return Path(shutil.copytree(FORMER, tmp_path / "former"))
 
 
-def test_a_run_is_refused_and_repeated_by_the_command_once_its_law_has_its_kind(folder, capsys):
+def test_a_run_is_refused_and_repeated_by_the_command_once_its_law_has_its_kind(folder):
     result, file = folder / "run" / "result.nc", folder / "run" / "scenario.toml"
     command = ["run", str(file), "--out", str(folder / "run")]
     with pytest.raises(FileReadError) as caught:
