@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import logging
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from coop_pin.errors import ArgumentError
 from coop_pin.tracing.kernel import Machine, Program
 from coop_pin.tracing.llvm_emitter import ARGUMENTS, llvm_text
 
+_LOG = logging.getLogger("coop_pin")
 _AT_ONCE = 2_000
 """Instructions of one call: some 40 ms with 64 runs of two arms with seven joints."""
 
@@ -131,6 +133,17 @@ def _llvm() -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     return llvm
+
+
+@cache
+def can_compile() -> bool:
+    """Return whether llvmlite is there; a line of the log says once that it is not."""
+    try:
+        _llvm()
+    except ImportError:
+        _LOG.info("llvmlite is missing: numpy runs what it would compile, several times slower")
+        return False
+    return True
 
 
 def native_width() -> int:
