@@ -72,7 +72,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {"lxml", "pydantic", "tomli_w", "trimesh", "xacrodoc", "yourdfpy"},
     ),
     "model": ({"description", "limited_process"}, {"collada", "pinocchio"}),
-    "chain": ({"description", "model", "tracing"}, {"pinocchio", "scipy"}),
+    "chain": ({"description", "model", "tracing"}, {"clarabel", "pinocchio", "scipy"}),
     "results": ({"description", "user_files"}, {"h5py", "pandas", "xarray"}),
     "simulation": ({"description", "model", "chain", "control", "reference", "results"}, set()),
     "model_based": ({"control", "description", "model"}, {"pinocchio", "proxsuite"}),
