@@ -52,7 +52,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "model": ({"description"}, {"collada", "pinocchio", "scipy"}),
     "chain": ({"description", "model", "tracing"}, {"pinocchio", "scipy"}),
     "results": ({"description"}, {"h5py", "pandas", "xarray"}),
-    "grasps": ({"chain", "description", "model", "tracing"}, {"pinocchio", "scipy"}),
+    "grasps": ({"chain", "description", "model", "tracing"}, {"clarabel", "pinocchio", "scipy"}),
     "simulation": ({"chain", "control", "description", "grasps", "model", "reference", "results"}, set()),
     "model_based": ({"control", "description", "model"}, {"pinocchio", "proxsuite"}),
     "compiled": (
