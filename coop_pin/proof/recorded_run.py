@@ -136,7 +136,7 @@ def _recorded_tick(
     Args:
         at: Plant on the chain of the simulation, which takes the state of its plant.
         simulation: Simulation at the tick, with the torques of the tick.
-        sample: What was recorded of it, by name.
+        sample: Recorded quantities of it, by name.
         measured: Measurements of the arms.
         references: References of the arms.
         applied: Torques of the drives.
