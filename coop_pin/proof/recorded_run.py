@@ -120,7 +120,7 @@ def _recorded_tick(
     Args:
         at: Plant at the state of the tick.
         slots: Positions of the arms in q and v.
-        sample: What was recorded of the tick, by name.
+        sample: Recorded quantities of the tick, by name.
         inputs: What the law gets.
     """
     drives = [slice(len(slot.drive)) for slot in slots]
