@@ -24,7 +24,7 @@ from coop_pin.description.cell.closure import Closure
 from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps import CellChain
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
-from coop_pin.tracing import elementary, numpy_machine
+from coop_pin.tracing import numpy_machine
 from coop_pin.tracing.tree import leaves
 
 CELLS = ["planar", "spatial", "planar-three", *CATALOGUE_CELLS, *FAR_CELLS]
@@ -262,13 +262,15 @@ def test_derivatives_equal_central_differences_of_the_kkt_solver(name, off):
         assert_allclose(wrench, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
 
 
+ROUNDER = 1.5 * 2.0**52
+"""A sum with it is rounded to a whole number."""
+
+
 def _of_complex(monkeypatch):
     """Let numpy evaluate traced code at complex numbers: real parts decide, whole numbers are real."""
 
     def rounding(operation):
-        return lambda a, b: (
-            np.real(operation(a, b)) if elementary._ROUNDER in (abs(a), abs(b)) else operation(a, b)
-        )
+        return lambda a, b: np.real(operation(a, b)) if ROUNDER in (abs(a), abs(b)) else operation(a, b)
 
     def comparing(operation):
         return lambda a, b: 1.0 * operation(np.real(a), np.real(b))

@@ -130,7 +130,10 @@ def test_a_run_starts_deflected_and_at_rest(name, stiffness):
     plant, cell = simulation.plant, scenario.cell
     assert plant.chain.model.closed_by_tree == ()
     plant.drive(simulation.actuation.holding_commands(plant.q))
-    a, _ = plant._rate(0.0, plant.q, plant.v)
+    state, h = plant.state(), 1e-6
+    plant.advance(0.0, h)
+    a = (plant.v - state.v) / h
+    plant.restore(state)
     allowed = 1e-8 if name == "spatial" else 2e-2  # planar arms cannot follow the tilt: the joints feel it
     assert np.abs(a).max() < allowed
     wrenches = plant.interaction_wrenches()
