@@ -6,12 +6,10 @@ import pytest
 from cells import (
     CATALOGUE_CELLS,
     FAR_CELLS,
-    catalogue_cell,
-    cell_and_start,
     kkt_of,
-    planar_three_arms,
     random_velocity,
 )
+from chain_cells import cell_of, random_tau
 from linkages import bennett, four_bar, robot, sarrus
 from numpy.testing import assert_allclose
 
@@ -29,13 +27,6 @@ from coop_pin.tracing.tree import leaves
 
 CELLS = ["planar", "spatial", "planar-three", *CATALOGUE_CELLS, *FAR_CELLS]
 LINKAGES = {"bennett-point": ("point",), "bennett-full": ("full",), "sarrus": ()}
-
-
-def cell_of(name):
-    if name == "planar-three":
-        scenario = planar_three_arms("adept-paper")
-        return scenario.cell, scenario.start.matrix
-    return cell_and_start(name) if name in ("planar", "spatial") else catalogue_cell(name)
 
 
 def plant_of(name, **options):
@@ -59,10 +50,6 @@ def any_chain(name):
         return linkage(name)
     plant, q, v = plant_of(name)
     return plant.mechanism, q, v
-
-
-def random_tau(chain, seed=5):
-    return 10.0 * np.random.default_rng(seed).normal(size=chain.model.nv)
 
 
 @pytest.mark.parametrize("name", [*CELLS, *LINKAGES])

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from cells import SCENARIOS
+from compliant_cells import anchored, mass_matrix, with_grasps
 from numpy.testing import assert_allclose, assert_array_equal
-from test_compliant_grasps import anchored, mass_matrix, with_grasps
 
 import coop_pin as cp
 from coop_pin.base.errors import FieldError, NameNotFoundError

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from cells import SCENARIOS
+from law_cells import force_error, stated, still
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
@@ -16,39 +17,12 @@ from coop_pin.simulation.build_controller import build_controller
 STEP = 0.02
 
 
-OUTSIDE_GAINS = ("model", "tracking_weight", "friction_coefficient")
-
-
-def stated(kind, **fields):
-    """Changes that name a law of the package."""
-    gains = {name: value for name, value in fields.items() if name not in OUTSIDE_GAINS}
-    rest = {name: value for name, value in fields.items() if name in OUTSIDE_GAINS}
-    return {"controller": {"kind": kind, "gains": gains, "force_path": {"kind": "late"}, **rest}}
-
-
 def computed_torque(**options):
     return stated("computed-torque", **options)
 
 
-def still(name, controller, *, step=0.0, rate=250.0, duration=0.5, **changes):
-    """A test cell at rest, whose reference is a step away along x."""
-    scenario = SCENARIOS[name]().replace(events=(), duration=duration)
-    goal = scenario.start.model_dump()
-    goal["xyz"] = [goal["xyz"][0] + step, *goal["xyz"][1:]]
-    motion = {"kind": "hold", "pose": goal}
-    return scenario.override(
-        {"motion": motion, "clock.rate_hz": rate, "clock.steps_per_tick": 1} | controller | changes
-    )
-
-
 def x_error(result):
     return result.data.pose_error.values[:, 0]
-
-
-def force_error(result):
-    """Internal-wrench error of the first arm over time, shape (n, 6)."""
-    error = result.data.internal_wrench - result.data.desired_internal_wrench
-    return np.nan_to_num(error.values[:, 0])
 
 
 @pytest.mark.parametrize("name", SCENARIOS)

@@ -58,10 +58,11 @@ def test_the_memory_that_is_asked_for_is_what_a_run_takes():
     with pytest.raises(errors.NotEnoughMemoryError) as caught:
         Simulation(huge, build_controller(huge))
     asked = caught.value.needed / (1e8 * 250.0 + 1) * 2001
-    inputs, applied = run.observe(), run.state().applied
-    for _ in range(2000):
-        run.recorder.record(run.time, inputs, applied, scenario.cell.shares)
-    kept = sum(samples.nbytes for samples in run.recorder.state().samples)
+    record = run.recorder.state()
+    samples = [np.repeat(of_one, 2001, axis=0) for of_one in record.samples]
+    run.recorder.restore(record._replace(size=2001, samples=samples), scenario)
+    kept = sum(of_all.nbytes for of_all in samples)
+    del samples
     tracemalloc.start()
     result = run.result()
     content = result.data.to_netcdf(engine="h5netcdf")
