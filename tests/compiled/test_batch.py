@@ -1,5 +1,6 @@
 """Batches of runs: the dynamics against Pinocchio, whole runs against coop_pin.run."""
 
+import functools
 from collections import Counter
 
 import numpy as np
@@ -394,19 +395,25 @@ def test_another_process_neither_traces_nor_compiles_and_other_numbers_have_othe
     assert count["traced"] == 2 + 2 + 1
 
 
-def test_blocks_of_runs_and_later_batches_leave_samples_as_they_are(monkeypatch):
+@pytest.fixture
+def largest_block(monkeypatch):
+    """A function that sets how many runs at most go through the kernels together."""
+    return functools.partial(monkeypatch.setattr, "coop_pin.compiled.simulate.LARGEST_BLOCK")
+
+
+def test_blocks_of_runs_and_later_batches_leave_samples_as_they_are(largest_block):
     scenarios, simulator = runs("adept-paper", 0.05, 4), BatchSimulator()
     together, kept = simulator.run(scenarios).samples, simulator.run(scenarios[:1]).samples
-    monkeypatch.setattr("coop_pin.compiled.simulate.LARGEST_BLOCK", 3)
+    largest_block(3)
     in_blocks = simulator.run(scenarios).samples
     for name, values in together.items():
         assert_array_equal(in_blocks[name], values, err_msg=name)
         assert_array_equal(kept[name][0], values[0], err_msg=name)
 
 
-def test_a_released_batch_lends_its_memory_and_what_was_read_of_it_stays(monkeypatch):
+def test_a_released_batch_lends_its_memory_and_what_was_read_of_it_stays(largest_block):
     """Each of three blocks has memory of its own, which later batches overwrite; nobody reads it any more."""
-    monkeypatch.setattr("coop_pin.compiled.simulate.LARGEST_BLOCK", 2)
+    largest_block(2)
     scenarios = runs("adept-paper", 0.05, 5)
     simulator, others = BatchSimulator(), runs("adept-paper", 0.05, 2)[::-1]
     batch, again = simulator.run(scenarios), simulator.run(scenarios)

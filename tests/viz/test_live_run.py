@@ -1,6 +1,7 @@
 """Interactive runs: a change acts from the next tick on, as if it had been planned; and the Jupyter panel."""
 
 import re
+import sys
 import threading
 import time
 
@@ -315,6 +316,6 @@ def test_sliders_of_the_payload_space_law_are_the_gains_that_have_an_effect():
 
 
 def test_a_panel_without_ipywidgets_names_the_extra(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "ipywidgets", None)
+    monkeypatch.setitem(sys.modules, "ipywidgets", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'coop-pin\[notebook\]'"):
         Panel(quiet_paper())
