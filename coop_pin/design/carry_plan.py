@@ -15,8 +15,7 @@ from coop_pin.base.errors import ArgumentError, FileReadError, InfeasibleMotionE
 from coop_pin.base.schema.base import Description, Matrix, NotNegative, Positive
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.user_files import read_user_file
-from coop_pin.control.law_wrapper import WrappedState
-from coop_pin.control.laws.feed_forward import FeedForward, FeedForwardController
+from coop_pin.control.laws.feed_forward import FeedForward, FeedForwardController, FeedForwardState
 from coop_pin.description.actuators import Actuators
 from coop_pin.description.cell.arm import Miscalibration
 from coop_pin.description.cell.cell import Cell
@@ -251,7 +250,7 @@ def _beyond_the_law(plan: CarryPlan, scenario: Scenario, start_time: float) -> F
         return [torque - command for torque, command in zip(planned, commanded, strict=True)]
 
     simulation.controller = FeedForwardController(simulation.controller, missing)
-    simulation.controller_state = WrappedState(nothing, simulation.controller_state)
+    simulation.controller_state = FeedForwardState(simulation.controller_state, nothing)
     times, added = list[float](), list[Sequence[Array]]()
     while not times or times[-1] < start_time + plan.duration:
         times.append(simulation.time)

@@ -357,7 +357,7 @@ def test_bad_arguments_are_told():
     with pytest.raises(ArgumentError, match="no states"):
         plant.inverse_dynamics(np.zeros((0, len(q))), v, a)
     with pytest.raises(ArgumentError, match="no pad"):
-        plant.least_squeeze(q, v, a)
+        plant.friction_squeeze(q, v, a)
 
 
 def test_motors_that_cannot_cause_a_motion_are_told():

@@ -17,7 +17,7 @@ from coop_pin.comparison.measures import measures
 from coop_pin.comparison.trials import benchmark_scenario, standard_trials
 from coop_pin.compiled import BatchSimulator
 from coop_pin.control import ArmMeasurement, ArmReference, PayloadSpace
-from coop_pin.control.laws import bounded_anchor, payload_space_controller
+from coop_pin.control.laws import anchored_integral, bounded_anchor
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceController
 from coop_pin.control.laws.sliding_mode import SlidingModeController
 from coop_pin.description.scenario import Scenario
@@ -241,7 +241,7 @@ def test_what_is_known_to_do_nothing_is_left_out_with_the_same_bits(name, monkey
     runs = []
     for knows in (True, False):
         if not knows:
-            for module in (bounded_anchor, payload_space_controller):
+            for module in (anchored_integral, bounded_anchor):
                 monkeypatch.setattr(module, "known", lambda _: False)
         biases = [bias_along(name, 5e-3), np.zeros(k)]
         cell = LinearCell(name, SHARES["unequal"], biases, tips=biases[::-1])

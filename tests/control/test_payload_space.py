@@ -65,13 +65,7 @@ def law(rows, share=0.4, **fields):
     names = PayloadSpaceGains.model_fields.keys() - {"leak"}
     gains = PayloadSpaceGains(**{name: fields.pop(name) for name in names})
     arm, switching = arm_of(rows, 0.01, share), fields.pop("switching")
-    integral = AnchoredIntegral(
-        gains.anchor_gain,
-        fields.pop("leak"),
-        share,
-        arm.period,
-        stale_after=fields.pop("stale_after", 3.0),
-    )
+    integral = AnchoredIntegral(gains.anchor_gain, fields.pop("leak"), fields.pop("stale_after", 3.0))
     return PayloadSpaceController(arm, gains.sized(k, k), switching, integral, GainAxes(rows), **fields)
 
 

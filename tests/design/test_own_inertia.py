@@ -76,8 +76,8 @@ def test_a_gain_in_payload_axes_is_the_turned_one_in_world_axes(name):
         commands = [law.step(seen, reference, state) for law, state in zip(laws, states, strict=True)]
         states = [command.state for command in commands]
         assert_allclose(commands[0].torque, commands[1].torque, rtol=0, atol=1e-10)
-    assert laws[0].integral.bound.is_reached(states[0].integral.anchor, start.matrix)
-    assert_allclose(states[0].integral.anchor.held, states[1].integral.anchor.held, rtol=0, atol=1e-12)
+    assert laws[0].integral.bound.is_reached(states[0].anchor, start.matrix)
+    assert_allclose(states[0].anchor.held, states[1].anchor.held, rtol=0, atol=1e-12)
 
 
 def test_uneven_pose_gains_belong_to_no_axes():

@@ -52,7 +52,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "model": ({"description"}, {"collada", "pinocchio", "scipy"}),
     "chain": ({"description", "model", "tracing"}, {"pinocchio", "scipy"}),
     "results": ({"description"}, {"h5py", "pandas", "xarray"}),
-    "grasps": ({"chain", "description", "model", "tracing"}, {"pinocchio", "scipy"}),
+    "grasps": ({"chain", "description", "model", "tracing"}, {"clarabel", "pinocchio", "scipy"}),
     "simulation": ({"chain", "control", "description", "grasps", "model", "reference", "results"}, set()),
     "model_based": ({"control", "description", "model"}, {"pinocchio", "proxsuite"}),
     "compiled": (
@@ -424,7 +424,7 @@ assert np.isfinite(torque).all() and np.abs(torque).max() > 1.0 and np.abs(state
 stiff = PayloadSpaceGains(
     pose_gain=2.0, sliding_gain=(800.0, 800.0, 40.0), sign_gain=0.25, transient_rate=5.0
 )
-integral = AnchoredIntegral(stiff.anchor_gain, 0.2, arm.load_share, arm.period)
+integral = AnchoredIntegral(stiff.anchor_gain, 0.2)
 anchored = PayloadSpaceController(arm, stiff.sized(3, 3), Saturation(), integral, GainAxes(rows))
 zeroed = ZeroedController(anchored, rows, make_pose((0.6, 0.1, 0.0)))
 first = measurement._replace(time=0.0, internal_wrench_age=0.0, holding_torque=np.array([1.0, 2.0, 3.0]))

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from coop_pin.base.arrays import Array
-from coop_pin.base.spatial.generic_numbers import where
+from coop_pin.base.spatial.generic_numbers import identity, known, where
 from coop_pin.control.laws.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.measurement import ArmMeasurement
-from coop_pin.control.terms import is_new
+from coop_pin.control.terms import is_new, jacobian_inverse
 
 
 class IntegralState(NamedTuple):
@@ -20,13 +20,15 @@ class IntegralState(NamedTuple):
         value: Z, N and N m, shape (k_0,).
         anchored: Z_hold, Z at the last new measurement, at first Z(t_0), shape (k_0,).
         wrench_age: age of the measured wrench at the last tick, in ticks; inf before the first sample.
-        anchor: memory of the bounded anchor; None without a bound.
     """
 
     value: Array
     anchored: Array
     wrench_age: float
-    anchor: AnchorState | None
+
+
+Memories: TypeAlias = tuple[IntegralState, AnchorState | None]
+"""Memories of the integral and of its bounded anchor, which there is with a bound."""
 
 
 class AnchoredIntegral(NamedTuple):
@@ -46,59 +48,82 @@ class AnchoredIntegral(NamedTuple):
     Attributes:
         gain: g.
         leak: lambda, 1/s.
-        share: c.
-        period: T, s.
         stale_after: age in ticks beyond which a measurement is no longer recent.
         bound: bound of the anchor; None without.
     """
 
     gain: float
     leak: float
-    share: float
-    period: float
     stale_after: float = 3.0
     bound: BoundedAnchor | None = None
 
-    def start(self, Z: Array) -> IntegralState:
-        """Return the memory at t_0 with a first Z."""
-        return IntegralState(Z, Z, np.inf, None if self.bound is None else self.bound.start())
-
-    def step(
+    def anchored(
         self,
-        state: IntegralState,
+        memories: Memories,
         measurement: ArmMeasurement,
         *,
         error: Array,
         age: float,
-        push: Array,
-        cut: Array | None,
         grip: float,
-    ) -> tuple[Array, IntegralState]:
-        """Return Z of the torque, N and N m, shape (k_0,), and the next memory.
+        command: Array,
+        J_plus: Array | None,
+    ) -> Memories:
+        """Return the memories with Z of the torque.
 
         Args:
-            state: Memory.
+            memories: Memories after the last tick.
             measurement: Measurement of the arm.
             error: fhat - f_r, shape (k_0,).
             age: Age of fhat, ticks.
-            push: K alpha phi(s), shape (k_0,).
-            cut: w, shape (k_0,); None for none.
             grip: 0.0 where the arm has lost its grip and the anchor rests, else 1.0.
+            command: Torque of the last tick, N m, shape (k,).
+            J_plus: J^+ where it is at hand, shape (k, k_0).
         """
-        (Z, Z_hold, last, anchor), pose = state, measurement.payload_pose
+        (Z, Z_hold, last), anchor = memories
         fresh, stale = is_new(age, last), age > self.stale_after
         uncut, recent = 1.0 - measurement.saturated.any(), 1.0 - stale
         a = fresh * (-grip * self.gain) * error
         if self.bound is not None and anchor is not None:
+            cut = _cut(measurement, command, J_plus)
             if cut is not None:
                 Z, Z_hold = Z - recent * cut, Z_hold - recent * cut
-            a, anchor = self.bound.step(anchor, a, fresh, uncut * recent, pose)
+            a, anchor = self.bound.step(anchor, a, fresh, uncut * recent, measurement.payload_pose)
         Z = Z + a
-        Z_hold = where(fresh, Z, Z_hold)
+        return IntegralState(Z, where(fresh, Z, Z_hold), age), anchor
 
+    def rates(self, state: IntegralState, measurement: ArmMeasurement) -> tuple[float, Array]:
+        """Return 1.0 where the integral goes on and 0.0 where it waits, and the leak lambda (Z - Z_hold)."""
+        Z, Z_hold, age = state
+        stale, uncut = age > self.stale_after, 1.0 - measurement.saturated.any()
+        leak = stale * self.leak * (Z - Z_hold)
         waits = self.bound is None or measurement.reported_torque is None
-        goes_on = uncut if waits else where(stale, uncut, 1.0)
-        change = self.period * (goes_on * self.share * push - stale * self.leak * (Z - Z_hold))
+        return uncut if waits else where(stale, uncut, 1.0), leak
+
+    def following(self, memories: Memories, change: Array, pose: Array) -> Memories:
+        """Return the memories for the next tick.
+
+        Args:
+            memories: Memories with Z of the torque.
+            change: Change of Z after the torque, N and N m, shape (k_0,).
+            pose: Payload pose as this arm measures it, shape (4, 4).
+        """
+        state, anchor = memories
         if self.bound is not None and anchor is not None:
-            anchor = self.bound.after(anchor, np.logical_not(stale), change, pose)
-        return Z, IntegralState(Z + change, Z_hold, age, anchor)
+            is_recent = np.logical_not(state.wrench_age > self.stale_after)
+            anchor = self.bound.after(anchor, is_recent, change, pose)
+        return state._replace(value=state.value + change), anchor
+
+
+def _cut(measurement: ArmMeasurement, command: Array, J_plus: Array | None) -> Array | None:
+    """Return w, the wrench that drives added to the last command, shape (k_0,); None if zero or unknown."""
+    reported = measurement.reported_torque
+    if reported is None:
+        return None
+    change = reported - command
+    is_uncut = change.dot(change) == 0.0
+    if known(is_uncut):
+        return None
+    if J_plus is None:  # only where it is used may a Jacobian not be singular
+        J = measurement.payload_jacobian
+        J_plus = jacobian_inverse(where(is_uncut, identity(len(J)), J), measurement.time)
+    return J_plus.T.dot(change)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -14,7 +14,7 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import Description, Matrix, Vector, check_arm_names
 from coop_pin.control.controller import CellCommand
-from coop_pin.control.law_wrapper import CellLawWrapper, WrappedState
+from coop_pin.control.law_wrapper import CellLawWrapper
 from coop_pin.control.measurement import ArmMeasurement, ArmReference
 
 
@@ -67,6 +67,18 @@ class FeedForward(Description):
         return [(1.0 - part) * table[i] + part * table[i + 1] for table in self._tables]
 
 
+class FeedForwardState(NamedTuple):
+    """Memory of a law with feed-forward.
+
+    Attributes:
+        law: state of the law.
+        added: torques that were added to the last command, N m, shape (k,) for each arm.
+    """
+
+    law: Any
+    added: Sequence[Array]
+
+
 Added = Callable[[float, Sequence[Array]], Sequence[Array]]
 """Torques to add at a time, s, to commands of the law; N m, shape (k,) for each arm."""
 
@@ -77,8 +89,6 @@ class FeedForwardController(CellLawWrapper):
 
     The torque that is reported to the law is the part of its own command that acted: cuts are its own.
 
-    The memory is what was added to the last command, N m, shape (k,) for each arm.
-
     Attributes:
         added: torques to add.
     """
@@ -87,35 +97,35 @@ class FeedForwardController(CellLawWrapper):
 
     def init(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
-    ) -> WrappedState:
+    ) -> FeedForwardState:
         """Return the state at the first tick; raises as the law."""
         nothing = [np.zeros(len(measured.q)) for measured in measurements]
-        return WrappedState(nothing, self.law.init(measurements, references))
+        return FeedForwardState(self.law.init(measurements, references), nothing)
 
     def step(
         self,
         measurements: Sequence[ArmMeasurement],
         references: Sequence[ArmReference],
-        state: WrappedState,
+        state: FeedForwardState,
     ) -> CellCommand:
         """Return the torques of this tick and the state of the next; raises as the law."""
-        command = self.law.step(_without(measurements, state.memory), references, state.law)
+        command = self.law.step(_without(measurements, state.added), references, state.law)
         added = self.added(measurements[0].time, command.torques)
         torques = [torque + more for torque, more in zip(command.torques, added, strict=True)]
-        return replace(command, torques=torques, state=WrappedState(added, command.state))
+        return replace(command, torques=torques, state=FeedForwardState(command.state, added))
 
     def messages(
         self,
         measurements: Sequence[ArmMeasurement],
         references: Sequence[ArmReference],
-        state: WrappedState | None,
+        state: FeedForwardState | None,
     ) -> list[Array]:
         """Return the messages of the law's arms."""
         if state is None:
             return self.law.messages(measurements, references, None)
-        return self.law.messages(_without(measurements, state.memory), references, state.law)
+        return self.law.messages(_without(measurements, state.added), references, state.law)
 
-    def remarks(self, pose: Array, state: WrappedState) -> list[str]:
+    def remarks(self, pose: Array, state: FeedForwardState) -> list[str]:
         """Return the remarks of the law."""
         return self.law.remarks(pose, state.law)
 

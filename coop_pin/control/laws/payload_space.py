@@ -158,8 +158,6 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
         integral = AnchoredIntegral(
             gain=gains.anchor_gain,
             leak=leak,
-            share=share,
-            period=arm.period,
             stale_after=self.stale_after + arm.oldest_wrench,
             bound=self._bound(axes, gains, share, arm.period, 1 + arm.oldest_wrench),
         )

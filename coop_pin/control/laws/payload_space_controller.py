@@ -12,16 +12,16 @@ import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.schema.base import NotNegative
-from coop_pin.base.spatial.generic_numbers import identity, known, where
 from coop_pin.base.spatial.task_rows import TaskRows
 from coop_pin.control.controller import ArmCommand
 from coop_pin.control.gains import PositiveGain
 from coop_pin.control.law import LawController
 from coop_pin.control.laws.anchored_integral import AnchoredIntegral, IntegralState
+from coop_pin.control.laws.bounded_anchor import AnchorState
 from coop_pin.control.laws.sliding_surface import SurfaceGains, Switching
 from coop_pin.control.measurement import ArmMeasurement, ArmReference
 from coop_pin.control.posture import Posture, null_space_part
-from coop_pin.control.terms import GainAxes, jacobian_inverse, right_inverse
+from coop_pin.control.terms import GainAxes, right_inverse
 
 
 class PayloadSpaceStart(NamedTuple):
@@ -46,15 +46,17 @@ class PayloadSpaceState(NamedTuple):
     """Memory of the law.
 
     Attributes:
-        integral: Z and its anchor.
+        integral: Z.
         start: start of the law.
         command: torque of the last tick, N m, shape (k,).
+        anchor: memory of the bounded anchor; None without a bound.
         holds: 1, and 0 from when the arms have lost their grip.
     """
 
     integral: IntegralState
     start: PayloadSpaceStart
     command: Array
+    anchor: AnchorState | None
     holds: float = 1.0
 
 
@@ -175,7 +177,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         if self.arm.pressed:  # the holding torque has the squeeze in it, which f_r keeps
             Z, squeeze = Z - self._squeeze(measurement, reference, squeeze), np.zeros_like(squeeze)
         return PayloadSpaceState(
-            self.integral.start(Z),
+            IntegralState(Z, Z, np.inf),
             PayloadSpaceStart(
                 time=measurement.time,
                 surface=self._surface(measurement, reference),
@@ -184,6 +186,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
                 pull=pull,
             ),
             command=nothing if reported is None else reported,
+            anchor=None if self.integral.bound is None else self.integral.bound.start(),
         )
 
     def step(
@@ -198,8 +201,8 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         c, K, J = arm.load_share, gains.sliding_gain, measurement.payload_jacobian
         X_WP, K_f = measurement.payload_pose, gains.force_gain
         e = np.exp(-gains.transient_rate * (measurement.time - start.time))
-        f_d = reference.internal_wrench - start.squeeze * e
         s = self._surface(measurement, reference) - start.surface * e
+        f_d = reference.internal_wrench - start.squeeze * e
         f_r, grip = self._squeeze(measurement, reference, f_d), 1.0
         if self.compliance is not None:
             s = s + gains.pose_gain.dot(arm.rows.turn(X_WP, self.compliance.dot(f_d)))
@@ -209,25 +212,30 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         fhat, age = self._measured_wrench(measurement, f_r, reference.share(arm))
         error = fhat - f_r
         J_plus = None if self.posture is None else right_inverse(J, measurement.time)
-        Z, integral = self.integral.step(
-            state.integral,
+        integral, anchor = self.integral.anchored(
+            (state.integral, state.anchor),
             measurement,
             error=error,
             age=age,
-            push=self.axes.product(K, X_WP, gains.sign_gain.dot(self.switching(s))),
-            cut=self._cut(measurement, state, J_plus),
             grip=grip,
+            command=state.command,
+            J_plus=J_plus,
         )
-        tau = -J.T.dot(c * self.axes.product(K, X_WP, s) + Z + f_r - K_f * error)
+        tau = -J.T.dot(c * self.axes.product(K, X_WP, s) + integral.value + f_r - K_f * error)
         if self.posture is not None and J_plus is not None:
             pull = self.posture.pull(measurement.q, measurement.v) - start.pull * e
             tau = tau + null_space_part(start.torque + pull, J, J_plus)
+
+        goes_on, leak = self.integral.rates(integral, measurement)
+        rate = goes_on * c * self.axes.product(K, X_WP, gains.sign_gain.dot(self.switching(s)))
+        change = arm.period * (rate - leak)
+        integral, anchor = self.integral.following((integral, anchor), change, X_WP)
         holds = state.holds if self.guard is None else grip
-        return ArmCommand(tau, PayloadSpaceState(integral, start, tau, holds))
+        return ArmCommand(tau, PayloadSpaceState(integral, start, tau, anchor, holds))
 
     def remarks(self, pose: Array, state: PayloadSpaceState) -> list[str]:
         """Return that the bound of the anchor acts, if it does."""
-        bound, anchor = self.integral.bound, state.integral.anchor
+        bound, anchor = self.integral.bound, state.anchor
         if bound is None or anchor is None or not bound.is_reached(anchor, pose):
             return []
         return [
@@ -254,19 +262,3 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             return f_r, np.inf
         fhat = measurement.interaction_wrench - share * self.payload_weight
         return fhat, measurement.interaction_wrench_age
-
-    def _cut(
-        self, measurement: ArmMeasurement, state: PayloadSpaceState, J_plus: Array | None
-    ) -> Array | None:
-        """Return the wrench that drives added to the last command, shape (k_0,); None if zero or unused."""
-        reported = measurement.reported_torque
-        if reported is None or self.integral.bound is None:
-            return None
-        change = reported - state.command
-        is_uncut = change.dot(change) == 0.0
-        if known(is_uncut):
-            return None
-        if J_plus is None:  # only where it is used may a Jacobian not be singular
-            J = measurement.payload_jacobian
-            J_plus = jacobian_inverse(where(is_uncut, identity(len(J)), J), measurement.time)
-        return J_plus.T.dot(change)
