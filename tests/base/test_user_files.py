@@ -16,7 +16,6 @@ from coop_pin.base.user_files import parse_toml, read_user_file
 from coop_pin.description.cell.mesh import read_mesh
 from coop_pin.description.urdf import xacro
 from coop_pin.reference.csv_motion import CsvMotion
-from coop_pin.results import netcdf
 from coop_pin.sweeps.plan import SweepPlan
 
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="pipes and devices of POSIX")
@@ -124,6 +123,10 @@ def flipped(data, place, bit):
     return data[:place] + bytes([data[place] ^ 1 << bit]) + data[place + 1 :]
 
 
+SEAL = b"coop_pin sha256 "
+"""What stands before the checksum at the end of a file."""
+
+
 @pytest.mark.parametrize("count", [300, pytest.param(10**9, marks=pytest.mark.slow)], ids=["some", "all"])
 def test_a_flipped_bit_is_refused(saved, count, tmp_path):
     """One bit of every byte; those of the marker of the checksum alone make it a file without one."""
@@ -133,15 +136,15 @@ def test_a_flipped_bit_is_refused(saved, count, tmp_path):
     kept = [
         place for place in places if not refused(path, flipped(whole, place, seeded.randrange(8)), result)
     ]
-    marker = whole.rindex(netcdf._SEAL)
-    assert all(marker <= place < marker + len(netcdf._SEAL) for place in kept)
+    marker = whole.rindex(SEAL)
+    assert all(marker <= place < marker + len(SEAL) for place in kept)
 
 
 @pytest.mark.parametrize("count", [10, pytest.param(1000, marks=pytest.mark.slow)])
 def test_a_flipped_bit_of_a_copy_is_refused_or_changes_nothing(saved, count, tmp_path):
     """Another program's copy has no checksum of its bytes: HDF5 reads what is damaged."""
     result, whole = saved
-    copy, seeded, path = whole[: whole.rindex(netcdf._SEAL)], random.Random(7), tmp_path / "result.nc"
+    copy, seeded, path = whole[: whole.rindex(SEAL)], random.Random(7), tmp_path / "result.nc"
     places = seeded.sample(range(len(copy)), count)
     found = [refused(path, flipped(copy, place, seeded.randrange(8)), result) for place in places]
     assert sum(found) > 0.2 * count

@@ -4,9 +4,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from cells import catalogue_cell, random_velocity
+from chain_cells import cell_of, random_tau
 from numpy.testing import assert_allclose
 from scipy.optimize import linprog
-from test_inverse_dynamics import cell_of, random_tau
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError
