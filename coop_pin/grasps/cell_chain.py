@@ -182,7 +182,7 @@ class CellChain(CellKinematics):
         F_i = c_i (push - M_0 xddot - Q_0 xdot - W_0) + f_i
         tau = M a + h - J^T lambda - J_WP^T push - friction
 
-        with the load shares c_i and the internal wrenches f_i, for example those of ``least_squeeze``;
+        with the load shares c_i and the internal wrenches f_i, for example those of ``friction_squeeze``;
         without f_i the torques are those of least tau^T tau. At rest they are equilibrium torques. All arrays
         are of one state, or of n states with n as their first size.
 
@@ -246,7 +246,7 @@ class CellChain(CellKinematics):
         velocities = shaped("v", v, self.mechanism.model.nv)
         return np.apply_along_axis(self.transmission.friction, -1, velocities)
 
-    def least_squeeze(
+    def friction_squeeze(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, push: ArrayLike = _NO_WRENCH
     ) -> Squeeze:
         """Return the internal wrenches of least normal force with which friction at the pads holds a motion.
@@ -269,10 +269,10 @@ class CellChain(CellKinematics):
             raise ArgumentError(f"arm {without[0]!r} has no pad; state it in cell.pads")
         (nq, nv) = (self.mechanism.model.nq, self.mechanism.model.nv)
         return over_states(
-            self._least_squeeze, ("q", q, (nq,)), ("v", v, (nv,)), ("a", a, (nv,)), ("push", push, (6,))
+            self._friction_squeeze, ("q", q, (nq,)), ("v", v, (nv,)), ("a", a, (nv,)), ("push", push, (6,))
         )
 
-    def _least_squeeze(self, q: Array, v: Array, a: Array, push: Array) -> Squeeze:
+    def _friction_squeeze(self, q: Array, v: Array, a: Array, push: Array) -> Squeeze:
         """Return the least squeeze at one state."""
         rows = self.rigid.determinate_rows(q)
         frames = self._at(q, v, a)

@@ -10,8 +10,9 @@ import sys
 import numpy as np
 import pytest
 from batches import require_same_samples
+from sensing_settings import SETTINGS
 from test_batch_laws import LAWS, scenario_with
-from test_batch_sensing import SETTINGS, in_setting
+from test_batch_sensing import in_setting
 from test_engines import CASES, eventful
 from ways import WAYS, run_as_lane, run_on
 

@@ -515,7 +515,7 @@ def test_drives_report_the_part_of_the_command_that_acted(name):
     lost, cut = False, False
     while not run.is_finished:
         run.tick()
-        applied = run._applied
+        applied = run.state().applied
         gives = run.actuation.gives(run.timeline.time(run.ticks_done - 1)).torques
         drives = zip(
             applied.commanded, applied.requested, applied.torques, applied.reported, gives, strict=True

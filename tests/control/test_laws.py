@@ -5,8 +5,8 @@ from typing import get_args
 
 import pytest
 from cells import SCENARIOS
+from law_cells import stated, still
 from numpy.testing import assert_allclose
-from test_model_based import stated, still
 
 import coop_pin as cp
 from coop_pin.base.errors import FieldError, ScenarioError

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 from cells import ANCHORED, SCENARIOS
+from compliant_cells import with_grasps
 from numpy.testing import assert_allclose
-from test_compliant_grasps import with_grasps
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, DivergedError, FieldError

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from cells import SCENARIOS
+from compliant_cells import anchored, with_grasps
 from numpy.testing import assert_allclose, assert_array_equal
-from test_compliant_grasps import anchored, with_grasps
 
 import coop_pin as cp
 from coop_pin.base.errors import CoopPinError, DivergedError, FieldError

@@ -13,9 +13,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from cells import SCENARIOS, planar_three_arms
+from compliant_cells import with_grasps
 from numpy.testing import assert_allclose
 from reference_plant import replayed
-from test_compliant_grasps import with_grasps
 from test_friction_grasps import CELLS
 from ways import run_on
 

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from cells import SCENARIOS
+from compliant_cells import anchored, mass_matrix, with_grasps
 from numpy.testing import assert_allclose, assert_array_equal
-from test_compliant_grasps import anchored, mass_matrix, with_grasps
 
 import coop_pin as cp
 from coop_pin.base.errors import FieldError, NameNotFoundError
@@ -75,8 +75,8 @@ def test_velocities_meet_by_an_impulse_that_balances(name):
     on_arms = state.wrench_map @ impulse
     X_WP = pin.SE3(chain.payload_pose(q))
     total = np.zeros(6)
-    for X_WE, L in zip(chain._at(q).tips, on_arms, strict=True):
-        total += (X_WP.inverse() * X_WE).act(pin.Force(L)).vector
+    for arm, slot, L in zip(chain.arms, chain.model.arms, on_arms, strict=True):
+        total += (X_WP.inverse() * pin.SE3(arm.tip_pose(q[slot.q_slice]))).act(pin.Force(L)).vector
     cell, J = chain.cell, chain.payload_jacobian(q)
     inertia = spatial_inertia(cell.payload.mass, cell.payload.inertia_matrix, X_WP.rotation)
     gained = np.kron(np.eye(2), X_WP.rotation.T) @ inertia @ J @ change

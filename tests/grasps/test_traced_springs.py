@@ -7,9 +7,9 @@ import pinocchio as pin
 import pytest
 from batches import require_same_bits, require_same_samples
 from cells import SCENARIOS
+from compliant_cells import anchored, moved, with_grasps
 from numpy.testing import assert_allclose
-from test_batch_sensing import SETTINGS
-from test_compliant_grasps import anchored, moved, with_grasps
+from sensing_settings import SETTINGS
 from ways import WAYS, run_as_lane, run_on
 
 import coop_pin as cp

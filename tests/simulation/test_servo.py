@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from batches import require_same_samples
 from cells import SCENARIOS, planar_three_arms
+from law_cells import servo_cell
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import block_diag, expm
 
@@ -25,27 +26,6 @@ LIMITED = {
     "speed_limit": 0.12,
     "acceleration_limit": 1.5,
 }
-
-
-def servo_cell(name, kind, servo=None, **changes):
-    """A test cell without friction whose arms have servos, on a line of 11 mm and 20 mrad in 0.5 s."""
-    base = SCENARIOS[name]()
-    start = base.start
-    goal = start.replace(xyz=np.add(start.xyz, (0.01, -0.005, 0.0)), rpy=np.add(start.rpy, (0.0, 0.0, 0.02)))
-    arms = {f"cell.arms.{arm}.friction": "none" for arm in base.cell.arms}
-    return base.override(
-        {
-            "duration": 0.5,
-            "events": [],
-            "clock.rate_hz": 200.0,
-            "clock.steps_per_tick": 5,
-            "motion": cp.motions.LineMotion(start=start, goal=goal, duration=0.5),
-            "controller": cp.laws.Admittance(command=kind),
-            "actuators.servo": {"command": kind, "rate_hz": 1000.0, **(servo or {})},
-            **arms,
-            **changes,
-        }
-    )
 
 
 def inertias(scenario):

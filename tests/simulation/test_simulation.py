@@ -101,7 +101,9 @@ def test_two_runs_give_the_same_bits(cell):
 
 @pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
 @pytest.mark.parametrize("cell", SCENARIOS)
-def test_samples_observed_at_every_tick_are_those_observed_together(cell, engine, monkeypatch):
+def test_samples_observed_at_every_tick_are_those_observed_together(
+    cell, engine, observe_together, monkeypatch
+):
     """With a mass drop, a push, and of three ticks the last kept."""
     scenario, together, at_once = SCENARIOS[cell](), [], Recorder.observe
     push = WrenchPulse(time=0.1031, duration=0.05, wrench=(40, -20, 0, 0, 0, 1))
@@ -109,12 +111,13 @@ def test_samples_observed_at_every_tick_are_those_observed_together(cell, engine
     scenario = scenario.replace(events=events, duration=0.4, clock=scenario.clock.replace(record_every=3))
 
     def counted(recorder):
-        together.append(recorder.count - recorder._observed)
+        state = recorder.state()
+        together.append(state.size - state.observed)
         at_once(recorder)
 
     every = run_on(engine, scenario, view=lambda _: None, realtime_rate=np.inf).data
     monkeypatch.setattr(Recorder, "observe", counted)
-    monkeypatch.setattr("coop_pin.simulation.recorder._BLOCK", 5)
+    observe_together(5)
     blocks = run_on(engine, scenario).data
     assert max(together) == 5
     assert min(count for count in together if count) < 5  # before the mass drop

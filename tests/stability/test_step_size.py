@@ -82,9 +82,15 @@ def test_the_errors_fall_with_the_order_of_the_integrator(cell, integrator, orde
     assert_allclose(np.log2(values[:-1] / values[1:]), order, atol=0.4)
 
 
+@pytest.fixture
+def most_steps(monkeypatch):
+    """A function that sets the largest number of steps in a tick that is tried."""
+    return functools.partial(monkeypatch.setattr, step_size, "MOST_STEPS")
+
+
 @pytest.mark.parametrize("cell", SCENARIOS)
-def test_an_error_that_no_number_of_steps_keeps_is_refused_with_the_smallest(cell, monkeypatch):
-    monkeypatch.setattr(step_size, "MOST_STEPS", 2)
+def test_an_error_that_no_number_of_steps_keeps_is_refused_with_the_smallest(cell, most_steps):
+    most_steps(2)
     scenario = moving(cell)
     with pytest.raises(OutOfRangeError) as caught:
         cp.stability.fewest_steps(scenario, error=1e-13)
@@ -100,14 +106,14 @@ def test_the_error_must_be_positive(value):
 
 
 @pytest.mark.parametrize("cell", SCENARIOS)
-def test_numbers_of_steps_with_which_the_run_diverges_are_passed_over(cell, monkeypatch):
+def test_numbers_of_steps_with_which_the_run_diverges_are_passed_over(cell, most_steps):
     scenario = with_viscous_friction(moving(cell), 500.0)
     found = cp.stability.fewest_steps(scenario, error=1e-6)
     assert min(found.errors) > 1
     for steps in (found.steps, min(found.errors) // 2):
         steady = scenario.override({"clock.steps_per_tick": steps})
         assert step_stability(Simulation(steady, build_controller(steady))).ok == (steps == found.steps)
-    monkeypatch.setattr(step_size, "MOST_STEPS", min(found.errors) // 2)
+    most_steps(min(found.errors) // 2)
     with pytest.raises(DivergedError):
         cp.stability.fewest_steps(scenario, error=1e-6)
 
