@@ -38,7 +38,7 @@ def loop(runs: list[cp.Scenario], width: int) -> Callable[[], object]:
     prepared = [simulator.prepare(run) for run in runs]
     batch = Prepared.joined(prepared)
     family = simulator.family([batch])
-    _, machine, order = family.orders[batch.times]
+    _, machine, order = family.orders[batch.kind.times]
     block, loads = family.code.begin(batch)
     memory = np.empty(machine.record_size(len(runs)))
     return lambda: machine.run(block.copy(), order.uniforms, loads, out=memory)
@@ -57,7 +57,7 @@ def measured(simulator: BatchSimulator, runs: list[cp.Scenario]) -> Callable[[],
 
 def swept(base: cp.Scenario, count: int) -> Callable[[], object]:
     """Return a sweep from plan to table in this process, with other values each time."""
-    plan = SweepPlan(base=base, axes={FIELD: np.linspace(4.0, 6.0, count).tolist()}, engine="batch")
+    plan = SweepPlan(base=base, axes={FIELD: np.linspace(4.0, 6.0, count).tolist()}, engine="compiled")
 
     def run() -> None:
         with tempfile.TemporaryDirectory() as folder:

@@ -19,8 +19,8 @@ from coop_pin.base.disk_cache import keep, kept, package_digest
 from coop_pin.compiled.block import RunBlock
 from coop_pin.compiled.laws.law_code import as_tracing_errors
 from coop_pin.compiled.preparation import Prepared
+from coop_pin.compiled.prepared_plant import PreparedPlant
 from coop_pin.compiled.tick import TickCode, sample_name
-from coop_pin.simulation.simulation import Simulation
 from coop_pin.tracing.kernel import LOAD, RECORD, Program
 from coop_pin.tracing.llvm_emitter import llvm_text
 from coop_pin.tracing.tree import leaves, structure, valued
@@ -55,14 +55,14 @@ class RunProgram:
         Raises:
             TracingError: The runs cannot be traced.
         """
-        is_whole = len(first.signals[0]) > first.plants[0].run.timeline.ticks  # else any may change later
+        is_whole = len(first.signals[0]) > first.plants[0].timeline.ticks  # else any may change later
         is_uniform = ~is_loaded & (varying([first, *others]) | (not is_whole))
         self.block = RunBlock(first, differs, is_uniform, is_loaded)
         self.program, self._names, self._law = _traced(self.block, first, width)
 
     def order(self, run: Prepared, *, is_recorded: bool = True) -> Schedule:
         """Return the order of the kernels of a run, from its first tick on; with or without its record."""
-        schedule = Schedule(run.plants[0].run, self.block, self._names, is_recorded=is_recorded)
+        schedule = Schedule(run.plants[0], self.block, self._names, is_recorded=is_recorded)
         return schedule.later(run.signals[0])
 
     def begin(self, prepared: Prepared) -> tuple[Array, Array]:
@@ -115,7 +115,7 @@ def _key(block: RunBlock, first: Prepared, width: int | None) -> bytes:
     """Return the digest of what the code depends on: the package, structure and numbers of the runs."""
     plant, masks = first.plants[0], (block.differs, block.is_uniform, block.is_loaded)
     folded = first.values[0][~block.differs], first.signals[0][0][~(block.is_uniform | block.is_loaded)]
-    shape = first.kind[-3:], structure(plant.example), structure(plant.drives)
+    shape = first.kind[:3], structure(plant.example), structure(plant.drives)
     digest = hashlib.sha256(repr((package_digest(), np.__version__, width, shape)).encode())
     for part in (*folded, *masks):
         digest.update(part.tobytes())
@@ -132,12 +132,12 @@ class Schedule:
     """
 
     def __init__(
-        self, run: Simulation, block: RunBlock, kernels: Sequence[str], *, is_recorded: bool
+        self, plant: PreparedPlant, block: RunBlock, kernels: Sequence[str], *, is_recorded: bool
     ) -> None:
         """Begin before the first tick, without instructions.
 
         Args:
-            run: Simulation of one of the runs, for the order of its stages.
+            plant: Plant of one of the runs, for the order of its stages.
             block: Block of the runs.
             kernels: Names of the kernels of the block.
             is_recorded: Whether ticks are recorded.
@@ -145,7 +145,7 @@ class Schedule:
         self._index = {name: index for index, name in enumerate(kernels)}
         self._tick, self._events, self._block, self._is_recorded = 0, 0, block, is_recorded
         self._slots = {name: block.uniforms.slots(name) for name in block.uniforms.names}
-        self._timeline, self._gives = run.timeline, run.actuation.gives
+        self._timeline, self._gives = plant.timeline, plant.actuation.gives
         self._target = 0.0  # time of the last command, or sample of a servo
 
     def later(self, signals: Array) -> Self:

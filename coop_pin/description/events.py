@@ -98,7 +98,7 @@ class PayloadEvent(Description):
         return False
 
     def needs_pinocchio(self, cell: Any) -> bool:
-        """Return whether the traced plant of a run by itself does not have what it requires, either."""
+        """Return whether a compiled plant under an interpreted law does not have what it requires, either."""
         return bool(self.requires)
 
     def act(self, plant: Any, arms: Sequence[str]) -> Any:

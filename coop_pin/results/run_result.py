@@ -97,7 +97,7 @@ class RunResult:
 
     @property
     def engine(self) -> str:
-        """What computed the run: "pinocchio", "traced" or "batch"."""
+        """What computed the run: "pinocchio" or "compiled"."""
         return str(self._texts.get(self.ENGINE, self.USUAL_ENGINE))
 
     @property
@@ -320,8 +320,9 @@ class RunResult:
         try:
             scenario = Scenario.from_toml(text)
         except (ScenarioError, FileReadError) as error:
-            unreadable = f"{path} holds a scenario that this version of coop_pin cannot read"
-            raise FileReadError(f"{unreadable}: {error}") from None
+            unreadable = f"{path} holds a scenario that this version of coop_pin cannot read ({error})"
+            command = f"coop-pin run {path.with_name('scenario.toml')} --out {path.parent}"
+            raise FileReadError(f"{unreadable}; mend it and repeat it: {command}") from None
         if missing := [q.name for q in quantities(scenario) if q.stored and q.name not in data]:
             advice = "it was written by another version of coop_pin: run its scenario again"
             raise FileReadError(f"{path} lacks {', '.join(missing)}; {advice}")

@@ -23,7 +23,7 @@ from coop_pin.cli.overrides import changes, literal
 from coop_pin.cli.parsing import split_fields
 from coop_pin.cli.run import run
 from coop_pin.cli.run_folder import RunFolder, Timing
-from coop_pin.sweeps.engine import open_session
+from coop_pin.sweeps.session import open_session
 
 NUMBERS = ["--no-replay", "--no-figures"]
 SHORT = ["--duration", "0.5", "--events", "[]"]

@@ -212,9 +212,9 @@ def test_what_can_be_runs_in_batches_and_gives_the_same_table(scenarios, tmp_pat
         assert_allclose(auto.data[name], single.data[name], rtol=1e-9, atol=1e-12)
     assert auto.table.index.tolist() == single.table.index.tolist()
     kept = {part.name: SweepStore(part) for part in (tmp_path / "auto" / "planar").iterdir()}
-    assert set(kept) == {"fixed", "fixed-batch", "random", "random-batch"}
+    assert set(kept) == {"fixed", "fixed-lanes", "random", "random-lanes"}
     for name, store in kept.items():
-        engine = "batch" if name.endswith("batch") else "pinocchio"
+        engine = "compiled" if name.endswith("lanes") else "pinocchio"
         assert store.read_plan().engine == engine
         assert {record.engine for record in store.records()} == {engine}
     with pytest.raises(FieldError):

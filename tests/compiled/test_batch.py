@@ -14,12 +14,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, InvalidStateError, NotEnoughMemoryError
 from coop_pin.compiled import simulate_batch, support
-from coop_pin.compiled.code_family import Cover, family_of
 from coop_pin.compiled.engine_choice import choose_engines
+from coop_pin.compiled.kind import Cover, Kind
 from coop_pin.compiled.plant.arm_dynamics import ArmInput, ArmNumbers, arm_terms
 from coop_pin.compiled.plant.cell_dynamics import CellNumbers, CellState, cell_motion, closure_error
 from coop_pin.compiled.plant.serial_arm import SerialArm
-from coop_pin.compiled.preparation import Prepared, PreparedPlant
+from coop_pin.compiled.preparation import Prepared
+from coop_pin.compiled.prepared_plant import PreparedPlant
 from coop_pin.compiled.simulate import BatchSimulator
 from coop_pin.compiled.tick import TickCode
 from coop_pin.grasps.cell_chain import CellChain
@@ -260,6 +261,8 @@ def test_a_plant_with_another_payload_has_the_bits_of_one_built_anew(name):
     carried = PreparedPlant(base).carrying(heavy, cover)
     assert carried.values.tobytes() == built.values.tobytes()
     assert carried.begins == built.begins
+    assert carried.scenario == heavy
+    assert carried.kind == built.kind
     assert PreparedPlant(base).carrying(base.override({"events.0.time": 0.6}), cover) is None
     assert PreparedPlant(base).carrying(base.override({"duration": 0.8}), cover) is None
     first, *_ = base.cell.arms
@@ -319,12 +322,16 @@ def test_the_engine_is_decided_for_those_runs_together_that_share_their_code(nam
     base = cp.Scenario.load(name, {"duration": 0.1, "events": [], "sensors.wrist": {}})
     changed = {change: base.override(fields) for change, fields in {**TRIALS, **OWN_CODE}.items()}
     cover, simulator = Cover.of_all([base, *changed.values()]), BatchSimulator()
-    code = {change: simulator.prepare(scenario, cover).kind for change, scenario in changed.items()}
+    code = {change: simulator.prepare(scenario, cover).kind.code for change, scenario in changed.items()}
     shared = {change for change in changed if code[change] == code["nominal"]}
-    assert shared == {change for change in changed if family_of(changed[change]) == family_of(base)}
+    kind = Kind.of_scenario(base)
+    assert shared == {change for change in changed if Kind.of_scenario(changed[change]) == kind}
     assert shared == {*TRIALS}
     release = base.override({"events": [{"kind": "lose-arm", "time": 0.05, "arm": "left", "form": "braked"}]})
-    assert [choice.obstacle for choice in choose_engines([base, release], "batch", [1, 1])] == [None, "plant"]
+    assert [choice.obstacle for choice in choose_engines([base, release], "compiled", [1, 1])] == [
+        None,
+        "plant",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -344,9 +351,9 @@ def test_runs_with_other_events_rates_delays_and_losses_share_their_code_and_kee
     simulator, batches = BatchSimulator(), dict[object, list[Prepared]]()
     for scenario in scenarios:
         run = simulator.prepare(scenario, cover)
-        batches.setdefault(run.times, []).append(run)
+        batches.setdefault(run.kind.times, []).append(run)
     lagging = simulator.prepare(base.override({"actuators.lag": 0.01}), cover)
-    assert lagging.kind != run.kind
+    assert lagging.kind.code != run.kind.code
     code = simulator.family([Prepared.joined(runs) for runs in batches.values()]).code
     assert [len(runs) for runs in batches.values()] == [4, 1, 1, 1, 1, 1]
     found = dict[str, xr.Dataset]()

@@ -355,13 +355,13 @@ def test_payload_at_rest_tends_to_that_of_rigid_grasps_as_the_inverse_of_the_sti
     scenario = scenario.replace(motion=cp.motions.HoldMotion(pose=scenario.start)).override(rate)
     rows, sizes = list(scenario.cell.task_rows.indices), 3.0 * np.logspace(4, 7, 4)
     linear, found = [row for row in rows if row < 3], []
-    rigid = cp.run(scenario, engine="batch", warn=False).data
+    rigid = cp.run(scenario, engine="compiled", warn=False).data
     for k in sizes:
         compliant = with_grasps(scenario, (k, k, k, k / 100, k / 100, k / 100), damping_ratio=0.5)
         stable = step_stability(Simulation(compliant, build_controller(compliant)))
         steps = int(np.ceil(2.0 * stable.value / stable.limit))
         run = compliant.override({"clock.steps_per_tick": steps})
-        data = cp.run(run, engine="batch", warn=False).data
+        data = cp.run(run, engine="compiled", warn=False).data
         moved, force = (
             (data[quantity].values[-1] - rigid[quantity].values[-1])[..., kept]
             for quantity, kept in (("pose_error", rows), ("internal_wrench", linear))

@@ -8,11 +8,11 @@ import pytest
 from batches import require_same_samples
 from cells import ANCHORED, SCENARIOS
 from numpy.testing import assert_allclose
+from ways import run_on
 
 import coop_pin as cp
-from coop_pin.compiled import simulate_batch
+from coop_pin.compiled import plant_of, simulate_batch
 from coop_pin.compiled.constants import changes
-from coop_pin.compiled.engine_choice import plant_of
 from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps import CellChain
 from coop_pin.proof import theorem_monitor
@@ -22,7 +22,7 @@ TURNED = np.array((0.8, -0.5, -9.0))
 DURATIONS = {"planar": 0.1, "spatial": 0.04}
 
 
-@pytest.mark.parametrize("engine", ["pinocchio", "traced"])
+@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_a_plant_in_turned_gravity_is_one_built_with_it(name, engine):
     """Acceleration, wrenches and potential; the work is that of lowering the mass centre along the change."""
@@ -107,7 +107,7 @@ def turning(name: str, gravity: np.ndarray = TURNED) -> cp.Scenario:
 def test_runs_of_all_engines_agree_and_keep_their_energy(name):
     scenarios = [turning(name), turning(name, -0.5 * TURNED)]
     ours = [cp.run(scenario) for scenario in scenarios]
-    traced, batch = cp.run(scenarios[0], engine="traced"), simulate_batch(scenarios)
+    traced, batch = run_on("compiled", scenarios[0]), simulate_batch(scenarios)
     require_same_samples(traced.data, ours[0].data)
     for index, result in enumerate(ours):
         require_same_samples(batch.result(index).data, result.data)

@@ -285,7 +285,7 @@ def test_without_error_the_motion_tends_to_the_prescribed_one_as_the_bandwidth_r
             **{"clock.steps_per_tick": n, "duration": 0.2, "squeeze": {}},
             motion=cp.motions.LineMotion(start=start, goal=goal, duration=0.4),
         )
-        data, rows = cp.run(scenario, engine="batch" if n > 100 else "pinocchio").data, [0, 1, 5]
+        data, rows = cp.run(scenario, engine="compiled" if n > 100 else "pinocchio").data, [0, 1, 5]
         error, V_d = (data[key].values[-1][rows] for key in ("pose_error", "desired_twist"))
         assert_allclose(error, -V_d / bandwidth, rtol=0.01)
         errors.append(np.abs(error).max())
@@ -395,7 +395,7 @@ def force_error(data):
 
 def test_two_ur5_with_wrist_sensors_carry_5_kg():
     """0.37 N at most from 1 s on under 0.5 mm of bias: while moving and after."""
-    error = force_error(cp.run(pair_of_ur5(True, 5e-4), engine="batch").data)
+    error = force_error(cp.run(pair_of_ur5(True, 5e-4), engine="compiled").data)
     assert_allclose(error[500:].max(), 0.373, atol=0.02)
     assert error[-500:].mean() < 0.15
 
@@ -403,7 +403,9 @@ def test_two_ur5_with_wrist_sensors_carry_5_kg():
 @pytest.mark.slow
 def test_two_ur5_without_wrist_sensors_pull_apart():
     """0.5 mm of bias: 22.6 N after 6 s, growing by 3.7 N/s; 5.5 N without bias."""
-    blind = {bias: force_error(cp.run(pair_of_ur5(False, bias), engine="batch").data) for bias in (0.0, 5e-4)}
+    blind = {
+        bias: force_error(cp.run(pair_of_ur5(False, bias), engine="compiled").data) for bias in (0.0, 5e-4)
+    }
     assert_allclose([blind[0.0][-1], blind[5e-4][-1]], [5.5, 22.6], rtol=0.02)
     b = view_error(pair_of_ur5(False, 5e-4))
     rate = np.linalg.norm((series_stiffness(pair_of_ur5(False, 0.0), 2000.0) @ (5.0 * b))[:3])
@@ -422,7 +424,8 @@ def test_a_follower_of_the_leader_s_pose_pulls_with_its_whole_stiffness(name):
     true = servo_cell(name, "position", servo, controller=law, **changes)
     off, rows = true.override({BIAS: [2e-5, 0.0, 0.0]}), true.cell.task_rows
     ends = [
-        rows.select(cp.run(one, engine="batch").data.interaction_wrench.values[-1, 1]) for one in (true, off)
+        rows.select(cp.run(one, engine="compiled").data.interaction_wrench.values[-1, 1])
+        for one in (true, off)
     ]
     slot, inertia = cp.Simulation(true).slots[1], inertias(true)[1]
     J = cp.model.CellArm(true.cell, "right").task_jacobian(cp.Simulation(true).plant.q[slot.q_slice])
@@ -682,7 +685,7 @@ def test_arms_of_one_cell_take_different_commands(name):
 def test_two_ur5_that_take_velocities_stand_in_the_catalogue():
     """Under 0.5 mm: 0.30 N while moving with wrists; without 19.6 N/s from the start pose on, as by B_s."""
     scenario = cp.Scenario.load("two-ur5-admittance")
-    data = cp.run(scenario, engine="batch").data
+    data = cp.run(scenario, engine="compiled").data
     error, time = force_error(data), data.time.values
     assert error[(time > 1.0) & (time < 5.0)].max() < 0.35
     assert error[time > 7.0].mean() < 0.1

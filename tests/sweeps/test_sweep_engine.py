@@ -21,10 +21,11 @@ from coop_pin.base.errors import (
     StoreLockedError,
     SweepInterruptedError,
 )
-from coop_pin.sweeps.engine import open_session, sweep
+from coop_pin.sweeps.engine import sweep
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.run_key import keyed_points
+from coop_pin.sweeps.session import open_session
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.workers.execution import Execution
 from coop_pin.sweeps.workers.job import Job, checked_content, checksummed, run_job
@@ -104,7 +105,7 @@ def test_equal_points_are_computed_once(tmp_path, computed):
     assert result.counts()["ok"] == 3
 
 
-WAYS = [(0, "pinocchio"), (2, "pinocchio"), (0, "batch"), (2, "batch")]
+WAYS = [(0, "pinocchio"), (2, "pinocchio"), (0, "compiled"), (2, "compiled")]
 
 
 @pytest.mark.parametrize(("workers", "chosen"), WAYS)

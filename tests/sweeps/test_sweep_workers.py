@@ -239,7 +239,7 @@ def batch_jobs(count):
     def jobs():
         for i in range(count):
             drawn.append(i)
-            yield Job(str(i), scenario, engine="batch")
+            yield Job(str(i), scenario, way="lanes")
 
     return drawn, jobs()
 

@@ -32,7 +32,7 @@ from coop_pin.base.errors import (
     UnknownFieldError,
 )
 from coop_pin.cli import main
-from coop_pin.sweeps import Sample, engine
+from coop_pin.sweeps import Sample, session
 from coop_pin.sweeps.optimisation import Bound, Objective
 from coop_pin.sweeps.optimisation import search as find
 from coop_pin.sweeps.result import SweepResult
@@ -223,8 +223,8 @@ def test_an_interrupted_search_goes_on_to_the_history_of_an_undisturbed_one(
 @pytest.fixture
 def pools(monkeypatch):
     """The pools of local workers that are opened."""
-    opened, original = [], engine.LocalBackend
-    monkeypatch.setattr(engine, "LocalBackend", lambda workers: opened.append(workers) or original(workers))
+    opened, original = [], session.LocalBackend
+    monkeypatch.setattr(session, "LocalBackend", lambda workers: opened.append(workers) or original(workers))
     return opened
 
 

@@ -1,4 +1,4 @@
-"""Plant of a single run as compiled code, in place of Pinocchio's solvers."""
+"""Plant of a single run as compiled code, under an interpreted law, in place of Pinocchio's solvers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from coop_pin.base.disk_cache import DiskCache
 from coop_pin.base.errors import ArgumentError, TracingError
 from coop_pin.base.spatial import log3
 from coop_pin.chain.closure_set import ClosureError
-from coop_pin.compiled.code_family import plant_reason
+from coop_pin.compiled.kind import plant_reason
 from coop_pin.compiled.plant.cell_dynamics import CellNumbers, GraspNumbers
 from coop_pin.compiled.plant.plant_code import STEPS_AT_ONCE, PlantCode, varying
 from coop_pin.description.events import Surroundings
@@ -41,7 +41,7 @@ class CompiledPlant:
         time: time, s.
     """
 
-    engine = "traced"
+    engine = "compiled"
 
     def __init__(self, chain: CellChain, options: PlantOptions, q: Array) -> None:
         """Start at rest, without torques; arguments as of PinocchioPlant.
@@ -256,11 +256,11 @@ class CompiledPlant:
 def _numbers(chain: CellChain, options: PlantOptions) -> CellNumbers:
     """Return the constants of a cell; raises ArgumentError as CompiledPlant."""
     if reason := plant_reason(options, chain.cell):
-        raise ArgumentError(f"engine 'traced' does not fit: {reason}; choose engine 'pinocchio'")
+        raise ArgumentError(f"engine 'compiled' does not fit: {reason}; choose engine 'pinocchio'")
     try:
         return CellNumbers.from_chain(chain)
     except TracingError as error:
-        raise ArgumentError(f"engine 'traced' does not fit: {error}; choose engine 'pinocchio'") from None
+        raise ArgumentError(f"engine 'compiled' does not fit: {error}; choose engine 'pinocchio'") from None
 
 
 _CODES: dict[Hashable, tuple[PlantCode, LlvmMachine]] = {}
