@@ -198,9 +198,9 @@ class Schedule:
                     elif self._block.constants.sensors.needs_wrenches:
                         self._call("weigh", row)
                 case "command":
-                    given = self._gives(time)
+                    commands = self._gives(time)
                     self._since.append(time - self._target)
-                    self._given += [*given.torques, *given.commands]
+                    self._given += [*commands.torques, *commands.commands]
                     self._target = time
                     self._call("tick", row)
                 case "record":
@@ -214,10 +214,10 @@ class Schedule:
                     self._call(sample_name(due), self._row(s=time - self._target, gives=self._gives(time)))
                     self._target = time
                 case "drive":
-                    given, has_rates = self._gives(time), False
-                    self._call("drive", self._row(h=length, s=time - self._target, gives=given))
+                    last, has_rates = self._gives(time), False
+                    self._call("drive", self._row(h=length, s=time - self._target, gives=last))
                 case "release":
-                    self._call("release", self._row(s=time - self._target, gives=given))
+                    self._call("release", self._row(s=time - self._target, gives=last))
 
     def _row(self, **fields: Any) -> int:
         """Return the index of a new row of uniforms."""

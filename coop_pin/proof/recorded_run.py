@@ -10,16 +10,18 @@ import numpy as np
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.control import ArmMeasurement, ArmReference, CellCommand
 from coop_pin.description.events import Surroundings
+from coop_pin.model.cell_model import ArmPlace
 from coop_pin.results.run_result import RunResult
-from coop_pin.simulation.devices.drives import Applied
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.simulation import Simulation
+from coop_pin.simulation.tick import TickInputs
 
 _RECORDED = (
     "configuration",
     "velocity",
     "torque",
     "commanded_torque",
+    "saturated",
     "interaction_wrench",
     "internal_wrench",
     "desired_internal_wrench",
@@ -92,56 +94,37 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Record
         ArgumentError: a grasp is compliant.
     """
     result.scenario.cell.require_rigid("the monitor of a law's proof")
-    scenario, plant, sensing, slots = result.scenario, simulation.plant, simulation.sensing, simulation.slots
-    at, data = PinocchioPlant(simulation.chain, scenario.plant, plant.q), result.data
-    recorded = {name: np.nan_to_num(data[name].values) for name in _RECORDED}
-    applied: Applied | None = None
-    for k, (t, signals) in enumerate(zip(data["time"].values.tolist(), simulation.signals(), strict=False)):
+    times, plant = result.data["time"].values.tolist(), simulation.plant
+    at = PinocchioPlant(simulation.chain, result.scenario.plant, plant.q)
+    recorded = {name: np.nan_to_num(result.data[name].values) for name in _RECORDED}
+    for k, t in enumerate(times):
         sample = {name: values[k] for name, values in recorded.items()}
         q, v = sample["configuration"], sample["velocity"]
-        torques, commanded = (
-            [tau[: len(slot.drive)] for tau, slot in zip(sample[name], slots, strict=True)]
-            for name in ("torque", "commanded_torque")
-        )
-        for kind, time, *_ in simulation.timeline.stages(k):
-            match kind:
-                case "measure":
-                    plant.restore(plant.state()._replace(q=q, v=v, time=t))
-                    references = simulation.references(t)
-                    if applied is None:
-                        measured = sensing.start(q, v, references, signals.sensors)
-                    else:
-                        measured = sensing.measure(t, plant, applied, signals.sensors)
-                case "happen":
-                    plant.surround(scenario.surroundings_at(simulation.timeline.just_after(time)))
-                case "command":
-                    command = CellCommand(commanded, None)
-                    applied = simulation.actuation.apply(t, command, signals.missed)
-                    plant.drive(torques)
-                case "record":
-                    assert applied is not None
-                    yield _recorded_tick(at, simulation, sample, measured, references, applied)
+        plant.restore(plant.state()._replace(q=q, v=v, time=t, force=at.force))
+        inputs = simulation.observe()
+        at.restore(plant.state())
+        yield _recorded_tick(at, simulation.slots, sample, inputs)
+        if k + 1 < len(times):  # the last one may diverge, as the run did
+            commanded = [
+                tau[: len(slot.drive)]
+                for tau, slot in zip(sample["commanded_torque"], simulation.slots, strict=True)
+            ]
+            simulation.step(CellCommand(commanded, None))
 
 
 def _recorded_tick(
-    at: PinocchioPlant,
-    simulation: Simulation,
-    sample: Mapping[str, Array],
-    measured: Sequence[ArmMeasurement],
-    references: Sequence[ArmReference],
-    applied: Applied,
+    at: PinocchioPlant, slots: Sequence[ArmPlace], sample: Mapping[str, Array], inputs: TickInputs
 ) -> RecordedTick:
     """Return one tick of the cell.
 
     Args:
-        at: Plant on the chain of the simulation, which takes the state of its plant.
-        simulation: Simulation at the tick, with the torques of the tick.
-        sample: What was recorded of it, by name.
-        measured: Measurements of the arms.
-        references: References of the arms.
-        applied: Torques of the drives.
+        at: Plant at the state of the tick.
+        slots: Positions of the arms in q and v.
+        sample: Recorded quantities of the tick, by name.
+        inputs: What the law gets.
     """
-    at.restore(simulation.plant.state())
+    drives = [slice(len(slot.drive)) for slot in slots]
+    at.drive([tau[k] for tau, k in zip(sample["torque"], drives, strict=True)])
     chain, q, v, rows = at.chain, at.q, at.v, list(at.chain.cell.task_rows.indices)
     friction, pushed = chain.transmission.friction(v), at.generalised_force()
     a = np.array(chain.mechanism.solver.acceleration(q, v, pushed))
@@ -153,15 +136,15 @@ def _recorded_tick(
             a=a[slot.v_slice],
             friction=friction[slot.v_slice],
             forces=forces[slot.v_slice],
-            tau=sample["torque"][i, : len(slot.drive)],
-            commanded=sample["commanded_torque"][i, : len(slot.drive)],
-            saturated=applied.saturated[i],
+            tau=sample["torque"][i, drives[i]],
+            commanded=sample["commanded_torque"][i, drives[i]],
+            saturated=sample["saturated"][i, drives[i]].astype(bool),
             F=sample["interaction_wrench"][i],
             f=sample["internal_wrench"][i, rows],
             f_d=sample["desired_internal_wrench"][i, rows],
-            measured=measured[i],
-            reference=references[i],
+            measured=inputs.measurements[i],
+            reference=inputs.references[i],
         )
-        for i, slot in enumerate(simulation.slots)
+        for i, slot in enumerate(slots)
     )
     return RecordedTick(at.time, q, v, a, at.surroundings, arms)

@@ -161,20 +161,17 @@ class TickLoop:
                     plant.advance(time, length)
                 case "command":
                     self.controller_state = command.state
-                    self._applied = actuation.apply(time, command, inputs.signals.missed)
-                    plant.drive(self._applied.torques)
+                    self._applied = applied = actuation.apply(time, command, inputs.signals.missed)
+                    plant.drive(applied.torques)
                 case "record":
-                    assert self._applied is not None
-                    self.recorder.record(time, inputs, self._applied, self.sensing.sensors.shares)
+                    self.recorder.record(time, inputs, applied, self.sensing.sensors.shares)
                     self.ticks_done, self._inputs = tick + 1, None
                 case "happen":
                     self._happen(time)
                 case "sample":
                     plant.drive(actuation.sample(due, time))
-                case "drive":
+                case "drive" | "release":
                     plant.drive(actuation.torques(time, length))
-                case "release":
-                    plant.drive(actuation.torques(time))
         if self.is_finished:
             self.recorder.observe()
         else:

@@ -178,9 +178,8 @@ class PinocchioPlant:
 
     def interaction_wrenches(self) -> Array:
         """Return the wrench on each arm by the payload, about P in world axes, shape (m, 6)."""
-        q, v = self.q, self.v
-        push = self.payload_wrench(q, v, self.time)
-        return self.chain.unchecked_wrenches(q, v, self.generalised_force(), push)
+        push = self.payload_wrench(self.q, self.v, self.time)
+        return self.chain.unchecked_wrenches(self.q, self.v, self.generalised_force(), push)
 
     def closure_errors(self) -> list[ClosureError]:
         """Return the closure error between tip and grasp of each arm at the present state."""

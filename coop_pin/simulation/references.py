@@ -43,11 +43,11 @@ class References:
             squeeze: Desired internal wrenches.
             missed: Grasps that did not happen.
         """
-        wanted = self._exact(time, motion, squeeze, missed)
+        desired = self._exact(time, motion, squeeze, missed)
         for index, clock in self.clocks.items():
             shown, *_ = self._exact(clock.reading(time), motion, squeeze, missed)
-            wanted[0][index] = shown[index]
-        return wanted
+            desired[0][index] = shown[index]
+        return desired
 
     def _exact(
         self, time: float, motion: PoseReference, squeeze: SqueezeReference, missed: Sequence[MissedGrasp]
