@@ -7,13 +7,22 @@ Laws are those of ``control``, sensors and drives those of ``simulation/devices`
 plant alone is written anew, as scalar code with the numbers of the cell's Pinocchio tree, but for springs and
 the free-flyer, which are those of ``grasps`` and ``chain``; tests hold the two together. Runs of one
 ``Kind`` share their code: a ``Cover`` (events, delays, lost torques) is what it provides, numbers that all of
-them have *fold* into it, others are *inputs* in the *slots* of a *block* of runs.
+them have *fold* into it, others are *inputs* in the *slots* of a *block* of runs. In the order in which they
+build on each other:
 
-- Numbers of runs: ``prepared_plant``, ``preparation``, ``constants``, ``signals``.
-- Code: ``plant`` (physics), ``laws``, ``tick``, ``block``, ``schedule`` (code on disk, order of the kernels).
-- Runs: ``lane`` (one run, interruptible), ``samples`` and ``batch_result`` (what was recorded).
+- what runs share: engines (names), hidden_state (attributes of users' laws), kind;
+- physics (plant): serial_arm (kinematics), arm_dynamics, cell_dynamics (closures, forces on the payload);
+- numbers of runs: constants (what differs folds or is an input), signals (what changes in time);
+- code: plant_code (a Runge-Kutta step), law_code (a law);
+- checks of users' laws: support (shaken ticks), single_runs (whole runs);
+- runs: prepared_plant and preparation (their numbers), block (slots of the runs), tick (kernels of sensors,
+  law, drives, observation, events), schedule (traced code on disk, the order of the kernels), samples (what
+  was recorded), batch_result, simulate (blocks of runs);
+- other uses of the same code: lane (one run, interruptible), c_messages and c_export (what a law tells and
+  hears, and the law, as C99), compiled_plant (the plant of a single run);
+- engine_choice: which of them simulates a run.
 
-The public names of C99 are in ``cp.export``.
+``law_code`` and ``c_export`` are in ``laws``. The public names of C99 are in ``cp.export``.
 
 Imports ``base``, ``chain``, ``control``, ``description``, ``grasps``, ``model``, ``reference``, ``results``,
 ``simulation`` and ``tracing``.

@@ -1,5 +1,6 @@
 """Folders of formats before 0.2.0 are refused with the command that repeats them; others are found."""
 
+import json
 import shutil
 import tomllib
 from pathlib import Path
@@ -13,6 +14,7 @@ from coop_pin.cli import main
 from coop_pin.comparison import Comparison
 from coop_pin.sweeps.run_key import run_key
 from coop_pin.sweeps.store import SweepStore
+from coop_pin.sweeps.workers.job import checked_content, checksummed
 
 HERE = cp.Execution(workers=0, quiet=True)
 FORMER = Path(__file__).parents[1] / "data" / "former"
@@ -59,13 +61,13 @@ def test_a_comparison_is_refused(folder):
         Comparison.load(folder / "comparison")
 
 
-def test_a_sweep_of_another_version_is_refused_and_repeated(tmp_path, monkeypatch):
+def test_a_sweep_of_another_version_is_refused_and_repeated(tmp_path):
     base = cp.Scenario.load("adept-paper").replace(duration=0.1, events=())
     plan = cp.SweepPlan(base=base, axes={"controller.gains.sign_gain": [0.1, 0.2]})
-    with monkeypatch.context() as other:
-        for module in ("store", "run_key"):
-            other.setattr(f"coop_pin.sweeps.{module}.__version__", "9.8.7")
-        cp.sweep(plan, out=tmp_path, execution=HERE)
+    cp.sweep(plan, out=tmp_path, execution=HERE)
+    fields = json.loads(checked_content((tmp_path / "plan.json").read_bytes().strip()))
+    content = json.dumps(fields | {"coop_pin": "9.8.7"}).encode()
+    (tmp_path / "plan.json").write_bytes(checksummed(content) + b"\n")
     with pytest.raises(FileReadError, match=r"9\.8\.7"):
         cp.SweepResult.load(tmp_path)
     assert cp.sweep(plan, out=tmp_path, execution=HERE).counts()["ok"] == 2
