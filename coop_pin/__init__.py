@@ -15,19 +15,19 @@ import importlib
 import sys
 from collections.abc import Callable, Mapping
 from importlib.machinery import ModuleSpec
-from types import MappingProxyType, ModuleType
-from typing import Any
+from types import ModuleType
+from typing import Any, NamedTuple
 
 _PUBLIC = {
     "Actuators": "description.actuators",
     "Arm": "description.cell.arm",
-    "ArmCommand": "control.interface",
-    "ArmController": "control.interface",
-    "ArmMeasurement": "control.interface",
-    "ArmReference": "control.interface",
+    "ArmCommand": "control.controller",
+    "ArmController": "control.controller",
+    "ArmMeasurement": "control.measurement",
+    "ArmReference": "control.measurement",
     "Cell": "description.cell.cell",
-    "CellCommand": "control.interface",
-    "CellController": "control.interface",
+    "CellCommand": "control.controller",
+    "CellController": "control.controller",
     "Clock": "description.plant",
     "ClosedChain": "chain.closed_chain",
     "Closure": "description.cell.closure",
@@ -160,86 +160,95 @@ _PACKAGES = (
     *("model_based", "proof", "results", "stability", "sweeps", "viz"),
 )
 """Packages that are namespaces."""
-_INNER = (
-    *("base", "cli", "control", "description", "environment", "reference", "running", "simulation"),
-    "tracing",
-)
-"""Packages whose public names are in ``cp`` or in a namespace."""
 _MOVED = {
     "analysis": "cp.feasibility, cp.stability, cp.design, cp.carry and cp.proof",
     "batch": "cp.compiled and cp.export",
+    "control": "cp and cp.laws",
+    "description": "cp, cp.events, cp.sensors, cp.actuators, cp.network, cp.plant and cp.urdf",
+    "environment": "cp.gym",
+    "reference": "cp.motions and cp.squeezes",
     "schema": "coop_pin.base.schema",
+    "simulation": "cp",
 }
-"""Names of old packages, and where what they held is."""
+"""Old namespaces and packages, and where their public names are."""
+
+
+class _Absence(NamedTuple):
+    """Message of what a module does not have, with where it is; made when it is read, as few are."""
+
+    package: str
+    name: str
+
+    def __str__(self) -> str:
+        return f"module {self.package!r} has no attribute {self.name!r}{_hint(*self)}"
 
 
 def lazy_names(
-    package: str, public: Mapping[str, str] = MappingProxyType({})
-) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Return ``__getattr__`` and ``__dir__`` of a module that has ``__all__``.
+    package: str, public: Mapping[str, str]
+) -> tuple[list[str], Callable[[str], Any], Callable[[], list[str]]]:
+    """Return ``__all__``, ``__getattr__`` and ``__dir__`` of a namespace whose names are loaded on first use.
 
     Args:
-        package: full name of the module.
-        public: names that are loaded on first use, and the module that defines each.
+        package: full name of the namespace.
+        public: public names, and the file of each under coop_pin.
     """
+    spaces = {*_NAMESPACES, *_PACKAGES} if package == __name__ else set[str]()
 
     def load(name: str) -> Any:
-        if name not in public:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}{_hint(package, name)}")
-        value = getattr(importlib.import_module(public[name]), name)
+        if name in public:
+            value = getattr(importlib.import_module(f"{__name__}.{public[name]}"), name)
+        elif name in spaces:
+            value = importlib.import_module(f"{__name__}.{name}")
+        else:
+            raise AttributeError(_Absence(package, name))
         setattr(sys.modules[package], name, value)
         return value
 
     def names() -> list[str]:
-        module = vars(sys.modules[package])
-        return sorted({*module["__all__"], *(name for name in module if name.startswith("__"))})
+        special = (name for name in vars(sys.modules[package]) if name.startswith("__"))
+        return sorted({*public, *spaces, *special})
 
-    return load, names
+    return sorted(public), load, names
 
 
-def _listed(module: str) -> list[str]:
+def _listed(file: str) -> list[str]:
     """Return the names that a package lists, or the classes of a file, without loading it."""
     import ast
     from pathlib import Path
 
-    path = Path(__file__).parent.joinpath(*module.split("."))
+    path = Path(__file__).parent.joinpath(*file.split("."))
     tree = ast.parse((path / "__init__.py" if path.is_dir() else path.with_suffix(".py")).read_text("utf-8"))
     for node in tree.body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) in ("__all__", "_PUBLIC"):
-            return [*ast.literal_eval(node.value)]
+        if isinstance(node, ast.Assign) and "__all__" in ast.unparse(node.targets[0]):
+            names = node.value.args[1] if isinstance(node.value, ast.Call) else node.value
+            return [*ast.literal_eval(names)]
     return [node.name for node in tree.body if isinstance(node, ast.ClassDef) and node.name[0] != "_"]
 
 
 @functools.cache
 def _names_of(namespace: str) -> dict[str, str]:
-    """Return the names of a namespace, and the full name of the module that each is taken of."""
+    """Return the names of a namespace, and the file that each is taken of."""
     files = _NAMESPACES[namespace][1] if namespace in _NAMESPACES else {namespace: ""}
-    return {
-        name: f"{__name__}.{file}"
-        for file, names in files.items()
-        for name in names.split() or _listed(file)
-        if name not in _PUBLIC
-    }
+    listed = {file: names.split() or _listed(file) for file, names in files.items()}
+    return {name: file for file, names in listed.items() for name in names if name not in _PUBLIC}
 
 
 def _hint(package: str, name: str) -> str:
     """Return where a name is that a package does not have, or which names are near it; "" for neither."""
     import difflib
 
-    if name.startswith("_"):
-        return ""
     if package == __name__ and name in _MOVED:
-        return f"; what it held is in {_MOVED[name]}"
-    spaces = {*_NAMESPACES, *_PACKAGES}
-    places = {one: f"cp.{space}.{one}" for space in sorted(spaces) for one in _names_of(space)}
+        return f"; its public names are in {_MOVED[name]}"
+    spaces = sorted({*_NAMESPACES, *_PACKAGES})
+    places = {one: f"cp.{space}.{one}" for space in spaces for one in _names_of(space)}
     places |= {one: f"cp.{one}" for one in (*_PUBLIC, *spaces)}
     here = package.replace(__name__, "cp", 1)
     if name in places:
         return "" if places[name] == f"{here}.{name}" else f"; it is {places[name]}"
-    known = places if here == "cp" else [one for one in places if places[one] == f"{here}.{one}"]
-    longer = sorted((one for one in known if name.lower() in one.lower()), key=len)
+    known = [one for one in places if here == "cp" or places[one] == f"{here}.{one}"]
+    longer = sorted((one for one in known if name.lower() in one.lower() and name[2:]), key=len)
     near = [places[one] for one in longer[:3] or difflib.get_close_matches(name, known)]
-    return f"; did you mean {' or '.join(near)}?" if near else ""
+    return f"; did you mean {' or '.join(near)}?" if near and name[0] != "_" else ""
 
 
 class _Namespaces:
@@ -261,23 +270,12 @@ class _Namespaces:
 
     @staticmethod
     def exec_module(module: ModuleType) -> None:
-        namespace = module.__name__.rpartition(".")[2]
-        names = _names_of(namespace)
-        module.__doc__, vars(module)["__all__"] = _NAMESPACES[namespace][0], sorted(names)
-        vars(module)["__getattr__"], vars(module)["__dir__"] = lazy_names(module.__name__, names)
+        name = module.__name__.rpartition(".")[2]
+        listed, load, names = lazy_names(module.__name__, _names_of(name))
+        text = _NAMESPACES[name][0]
+        vars(module).update(__doc__=text, __all__=listed, __getattr__=load, __dir__=names)
 
 
-def __getattr__(name: str) -> Any:
-    if name in _NAMESPACES or name in _PACKAGES or name in _INNER:
-        return importlib.import_module(f"{__name__}.{name}")
-    return _load(name)
-
-
-def __dir__() -> list[str]:
-    return sorted({*_names(), *_NAMESPACES, *_PACKAGES})
-
-
-__all__ = sorted(_PUBLIC)
 __version__ = "0.2.0"
-_load, _names = lazy_names(__name__, {name: f"{__name__}.{file}" for name, file in _PUBLIC.items()})
+__all__, __getattr__, __dir__ = lazy_names(__name__, _PUBLIC)
 sys.meta_path.append(_Namespaces)

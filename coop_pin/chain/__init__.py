@@ -1,16 +1,30 @@
-"""Closed chains of any mechanism from URDF: loop closures, constrained dynamics, projection, integration."""
+"""Chain: any mechanism from URDF with loop closures: constrained dynamics, projection, integration.
+
+Open first: ``closed_chain`` (the class: assembly, motion, energy; ``closed_kinematics`` its kinematics),
+``forward_dynamics`` (accelerations and closure wrenches), ``integrators`` (Runge-Kutta methods as tableaus).
+
+- ``closure`` and ``closure_set``: error, Jacobian and drift of one closure, and of all.
+- Solvers of J a + gamma = 0: ``kkt_solver`` (truncated SVD), ``proximal_solver`` (Pinocchio's).
+- ``projection`` onto the closures; ``trajectory`` (a motion, step by step).
+- ``minimal_coordinates``: independent joints, reduced mass matrix and bias.
+- ``linearisation`` about a state; ``inverse_dynamics``: torques of a motion.
+- ``free_flyer``: pose of a free body and its increments.
+
+It knows no cell, arm or payload; what holds a payload is in ``grasps``.
+
+Imports ``base``, ``description``, ``model`` and ``tracing``.
+"""
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin import lazy_names
-from coop_pin.chain.closure_set import ClosureError
-from coop_pin.chain.forward_dynamics import ChainDynamics
-from coop_pin.chain.trajectory import ChainState, Energy, Trajectory
 
-__all__ = [
-    "ChainDynamics",
-    "ChainState",
-    "ClosureError",
-    "Energy",
-    "Trajectory",
-]
-__getattr__, __dir__ = lazy_names(__name__)
+__all__, __getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "ChainDynamics": "chain.forward_dynamics",
+        "ChainState": "chain.trajectory",
+        "ClosureError": "chain.closure_set",
+        "Energy": "chain.trajectory",
+        "Trajectory": "chain.trajectory",
+    },
+)

@@ -1,4 +1,17 @@
-"""Command line: ``coop-pin`` parses its arguments, runs one command and returns an exit code."""
+"""Command line: ``coop-pin`` parses its arguments, runs one command and returns an exit code.
+
+Open first: ``parsing`` (all commands), ``run`` (``coop-pin run``; its folder is written by ``run_folder``),
+``overrides`` (fields of a scenario as typed).
+
+- Commands: ``check``, ``inspect`` (list, show, suggest, new), ``law``, ``sweep``, ``tune``, ``compare``,
+  ``view``; ``execution`` has the options of those with many runs, ``field_list`` what ``fields`` prints.
+- ``exit_codes`` lists how a command ends.
+
+What is slow to load is imported in the command that needs it.
+
+Imports ``base``, ``comparison``, ``compiled``, ``description``, ``design``, ``feasibility``, ``figures``,
+``results``, ``running``, ``simulation``, ``stability``, ``sweeps`` and ``viz``.
+"""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import Description, NotNegative, Vector
 from coop_pin.control.gains import gain_vector
-from coop_pin.control.interface import ArmMeasurement, ControlledArm
+from coop_pin.control.measurement import ArmMeasurement, ControlledArm
 from coop_pin.control.terms import right_inverse
 
 

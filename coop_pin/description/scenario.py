@@ -5,18 +5,18 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.base.arrays import Array, require_path, require_type
 from coop_pin.base.errors import FieldError, NameNotFoundError, one_or_all
 from coop_pin.base.schema.base import (
+    Description,
     Name,
     Positive,
     Text,
     Vector,
-    WithLaterFields,
     check_arm_names,
     unknown_arms,
 )
@@ -24,7 +24,8 @@ from coop_pin.base.schema.changes import differences
 from coop_pin.base.schema.parts import fields_of, overridden
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.user_files import parse_toml, read_toml
-from coop_pin.control.interface import CellTiming, SampledWrist
+from coop_pin.control import CellTiming
+from coop_pin.control.bounds import SampledWrist
 from coop_pin.control.laws.feed_forward import FeedForward
 from coop_pin.description.actuators import Actuators
 from coop_pin.description.catalogue import scenario_file, scenario_names, scenario_tables
@@ -45,7 +46,7 @@ _MOST_CHANGES = 6
 """Most changes that a caption tells."""
 
 
-class Scenario(WithLaterFields):
+class Scenario(Description):
     """Everything that determines a run.
 
     Attributes:
@@ -76,8 +77,6 @@ class Scenario(WithLaterFields):
         network: messages between the arms; without one, none cross.
         feed_forward: torques that are added to those of the law.
     """
-
-    later_fields: ClassVar[tuple[str, ...]] = ("network", "feed_forward")
 
     name: Name
     summary: Text = ""
@@ -307,9 +306,7 @@ class Scenario(WithLaterFields):
             ScenarioError: a path does not exist, or the copy has mistakes.
         """
         require_type("changes", changes, Mapping)
-        is_stored = any(str(path).startswith("controller.options") for path in changes)
-        law = self.controller.stored_as if is_stored else self.controller
-        return type(self)(**overridden(self.model_copy(update={"controller": law}), changes))
+        return type(self)(**overridden(self, changes))
 
     @property
     def caption(self) -> str:

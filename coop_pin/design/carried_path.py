@@ -14,7 +14,7 @@ from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.base.spatial import rotate_vector6
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.plant import PlantOptions
-from coop_pin.grasps import CellChain
+from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.ik_solver import IKSolution, IKSolver
 from coop_pin.model.inverse_kinematics import solve_ik

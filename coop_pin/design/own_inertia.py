@@ -197,7 +197,7 @@ def _law(
         anchor_bias="none" if scenario.put_downs else b_0,
         anchor_bias_answered=b_max,
         gain_axes="payload",
-        knows_deflection=bool(cell.compliant) and scenario.controller.is_zeroed,
+        knows_deflection=bool(cell.compliant) and scenario.controller.near_rest.is_zeroed,
     )
 
 
@@ -221,7 +221,7 @@ def deflection_bias(scenario: Scenario, G: Array) -> tuple[float, float]:
         np.array([cell.compliance(name) for name in cell.arms]),
         weight_wrench(cell.payload.mass, cell.gravity),
     )
-    is_zeroed, seen = scenario.controller.is_zeroed, list[Array]()
+    is_zeroed, seen = scenario.controller.near_rest.is_zeroed, list[Array]()
     for time in np.linspace(0.0, scenario.duration, _INSTANTS).tolist():
         R = (motion.at(time).X_WP_d if time else scenario.start.matrix)[:3, :3]
         force = parts @ np.concatenate((R.T @ weight[:3], R.T @ weight[3:]))

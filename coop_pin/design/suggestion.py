@@ -240,7 +240,7 @@ def _with_gains(scenario: Scenario, proposal: GainProposal) -> Scenario:
     controller = law.replace(
         posture=proposal.posture,
         force_path=force_path_of(scenario),
-        zero_at_grasp=scenario.controller.is_zeroed,
+        zero_at_grasp=scenario.controller.near_rest.is_zeroed,
         **_on_patches(scenario),
     )
     clock = clock.replace(rate_hz=proposal.rate_hz, steps_per_tick=steps)

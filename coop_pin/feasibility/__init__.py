@@ -1,4 +1,16 @@
-"""Feasibility of a scenario: reach, limits, static torques, least squeeze, task inertia along its motion."""
+"""Feasibility: whether a cell can do its motion, without a run and whatever the law.
+
+Open first: ``reachability`` (reach, singular poses, joint limits and speeds of all arms along the motion),
+``statics`` (torque of every drive at rest against its limit), ``motion_feasibility`` (all of it at once).
+
+- Paths: ``payload_path`` (poses of the payload), ``path_following`` (one arm along them).
+- Forces: ``least_squeeze`` (of friction), ``reserves`` (of drives), ``table_force``, ``internal_moment``.
+- ``task_inertia``: inertia and wrenches of the motion. ``cell_summary``: what a cell consists of.
+
+Whether the law holds is in ``stability``; proposals are in ``design``.
+
+Imports ``base``, ``control``, ``description``, ``grasps``, ``model``, ``reference`` and ``simulation``.
+"""
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin import lazy_names
@@ -52,4 +64,4 @@ __all__ = [
     "table_force",
     "task_inertia",
 ]
-__getattr__, __dir__ = lazy_names(__name__)
+_, __getattr__, __dir__ = lazy_names(__name__, dict.fromkeys(__all__, ""))

@@ -19,8 +19,10 @@ from coop_pin.description.cell.cell import Cell
 from coop_pin.description.scenario import Scenario
 from coop_pin.feasibility.reachability import ArmReach, Reachability, reachability
 from coop_pin.feasibility.statics import StaticTorques, statics_along
-from coop_pin.grasps import CellChain
-from coop_pin.model import ArmModel, CellArm, ik_branches
+from coop_pin.grasps.cell_chain import CellChain
+from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.cell_arm import CellArm
+from coop_pin.model.inverse_kinematics import ik_branches
 from coop_pin.model.joint_limits import JointLimits
 
 _NEARBY = 0.1

@@ -10,7 +10,7 @@ import pinocchio as pin
 from coop_pin.base.arrays import Array, frozen
 from coop_pin.base.errors import UnreachablePoseError
 from coop_pin.description.scenario import Scenario
-from coop_pin.grasps import CellChain
+from coop_pin.grasps.cell_chain import CellChain
 
 _APPROACH_POSES = 20
 _TURN_STEPS, _CLOSED = 30, 1e-9

@@ -94,7 +94,7 @@ def table_force(
     table_error = as_positive("table_error", table_error)
     law: Any = scenario.controller
     cell = scenario.cell
-    if not scenario.put_downs or not law.puts_down or len(cell.patches) < len(cell.arms):
+    if not scenario.put_downs or not law.load_transfer.releases or len(cell.patches) < len(cell.arms):
         return None
     put_down = scenario.put_downs[0]
     X_WP = scenario.motion.replace().at(put_down.time).X_WP_d

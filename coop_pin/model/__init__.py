@@ -1,7 +1,17 @@
-"""Pinocchio models of arms, cells and mechanisms.
+"""Model: Pinocchio trees of arms, cells and mechanisms, and the inverse kinematics of an arm.
+
+Open first: ``arm_model`` (mass matrix, dynamics, Jacobians of one arm), ``cell_model`` (the tree of all arms
+and the payload), ``inverse_kinematics`` (solution nearest to a posture, branches; ``ik_solver`` iterates).
+
+- ``pinocchio_model`` and ``mechanism_model``: trees from URDF, safe access to frames and joints.
+- ``cell_arm``: an arm of a cell with grasp and load share. ``transmission``: drives, joints and friction.
+- ``joint_limits``, ``joint_angles`` (continuous joints).
+- ``visuals``, ``geometry``, ``shapes``: what is drawn.
 
 Importing this package imports Pinocchio and checks its version. Packages that use Pinocchio import it first,
 so that a missing or unsuitable Pinocchio raises a helpful error.
+
+Imports ``base`` and ``description``.
 """
 
 import importlib
@@ -44,9 +54,11 @@ def import_pinocchio() -> ModuleType:
 
 import_pinocchio()
 
-from coop_pin.model.arm_model import ArmModel  # noqa: E402  after the check
-from coop_pin.model.cell_arm import CellArm  # noqa: E402
-from coop_pin.model.inverse_kinematics import ik_branches  # noqa: E402
-
-__all__ = ["ArmModel", "CellArm", "ik_branches"]
-__getattr__, __dir__ = lazy_names(__name__)
+__all__, __getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "ArmModel": "model.arm_model",
+        "CellArm": "model.cell_arm",
+        "ik_branches": "model.inverse_kinematics",
+    },
+)

@@ -107,19 +107,19 @@ class _MonitoredCell:
         integral = self.c * np.array(
             [gain.sliding_gain @ gain.sign_gain @ phi_i for gain, phi_i in zip(gains, phi, strict=True)]
         )
-        leak = np.array([[law.leak] for law in self.laws])
+        leak = np.array([[law.integral.leak] for law in self.laws])
         waits = [
-            (law.bound is None or is_stale[i, 0]) and now.arms[i].measured.saturated.any()
+            (law.integral.bound is None or is_stale[i, 0]) and now.arms[i].measured.saturated.any()
             for i, law in enumerate(self.laws)
         ]
         rate = ~np.array(waits)[:, None] * integral - is_stale * leak * (Z - self.Z_hold)
         held = np.array([anchor.held for anchor in self.anchors])
         centre = np.zeros_like(held)
         for i, law in enumerate(self.laws):
-            if law.bound is not None:
+            if law.integral.bound is not None:
                 X_WP = now.arms[i].measured.payload_pose
-                centre[i] = law.bound.centre(self.anchors[i], X_WP)
-                self.anchors[i] = law.bound.after(
+                centre[i] = law.integral.bound.centre(self.anchors[i], X_WP)
+                self.anchors[i] = law.integral.bound.after(
                     self.anchors[i], not is_stale[i, 0], self.period * rate[i], X_WP
                 )
         Zbar = Z.sum(axis=0)
@@ -151,9 +151,9 @@ class _MonitoredCell:
         """Return what the anchors take out of the integrals where they ask for this, shape (m, k_0) each."""
         taken = np.array(asked)
         for i, (law, arm) in enumerate(zip(self.laws, now.arms, strict=True)):
-            if law.bound is not None:
+            if law.integral.bound is not None:
                 follows = float(not (is_stale[i] or arm.measured.saturated.any()))
-                correction, self.anchors[i] = law.bound.step(
+                correction, self.anchors[i] = law.integral.bound.step(
                     self.anchors[i], -asked[i], float(is_fresh[i]), follows, arm.measured.payload_pose
                 )
                 taken[i] = -correction
@@ -164,7 +164,7 @@ class _MonitoredCell:
         cut = np.zeros((len(self.laws), self.rows.size))
         for i, (law, arm) in enumerate(zip(self.laws, now.arms, strict=True)):
             x = arm.measured
-            if law.bound is not None and self.commands and x.reported_torque is not None:
+            if law.integral.bound is not None and self.commands and x.reported_torque is not None:
                 cut[i] = np.linalg.pinv(x.payload_jacobian).T @ (x.reported_torque - self.commands[i])
         self.commands = [arm.commanded for arm in now.arms]
         return cut
@@ -215,7 +215,7 @@ class _MonitoredCell:
                 ages[i] = m.interaction_wrench_age
         is_fresh = np.array([is_new(age, last) for age, last in zip(ages, self.ages, strict=True)])
         self.ages = ages
-        return error, is_fresh[:, None], (ages > [law.stale_after for law in self.laws])[:, None]
+        return error, is_fresh[:, None], (ages > [law.integral.stale_after for law in self.laws])[:, None]
 
     def _arm_wrenches(self, now: RecordedTick, w: Array) -> Array:
         """Return a_i = Jdyn^T (M qdd + h - friction - tau - J^T w) by RNEA, shape (m, k_0).
@@ -233,7 +233,7 @@ class _MonitoredCell:
 
     def _motion(self, t: float, q: Array, v: Array, payload: Surroundings) -> tuple[Array, Array]:
         """Return sbar and A = M_0 + sum (J M^-1 J^T)^-1 at a state, shapes (k_0,) and (k_0, k_0)."""
-        slots, rows = self.simulation.plant.chain.model.arms, list(self.rows.indices)
+        slots, rows = self.simulation.slots, list(self.rows.indices)
         first = self.models[0].payload_pose(q[slots[0].q_slice])
         M_0 = spatial_inertia(payload.mass, payload.inertia, first[:3, :3])
         A, sbar = M_0[np.ix_(rows, rows)], np.zeros(len(rows))
@@ -248,7 +248,7 @@ class _MonitoredCell:
 
     def _lyapunov(self, now: RecordedTick, Zbar: Array, Zbar_rate: Array, held: Array) -> dict[str, Any]:
         """Return V and its rates; held is what the plant says K sbar + Zbar is."""
-        model = self.simulation.plant.chain.mechanism.model
+        model = self.simulation.chain.mechanism.model
 
         def ahead(dt: float) -> tuple[Array, Array]:
             q = pin.integrate(model, now.q, dt * now.v + dt**2 / 2 * now.a)

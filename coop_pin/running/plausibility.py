@@ -137,7 +137,7 @@ def implausible_numbers(scenario: Scenario) -> tuple[str, ...]:
 def _plan(scenario: Scenario) -> Iterator[str]:
     """Yield a law whose arms do not read that one of them holds nothing."""
     law = scenario.controller
-    if scenario.has_grasp_plan and not (law.user_code or law.reads_plan):
+    if scenario.has_grasp_plan and not (law.user_code or law.load_transfer.follows_plan):
         diverges = "poses of all arms" in law.needs
         consequence = (
             "the pose of an arm that lets go stays in the mean that all follow, so that the run diverges"
@@ -148,7 +148,7 @@ def _plan(scenario: Scenario) -> Iterator[str]:
             f"the law {law.kind!r} does not read the plan of the grasps: {consequence}; 'payload-space' reads"
             " it"
         )
-    if scenario.put_downs and not (law.user_code or law.puts_down):
+    if scenario.put_downs and not (law.user_code or law.load_transfer.releases):
         yield (
             f"the law {law.kind!r} does not let go of the load at a put-down, so that its integral presses on"
             " the table: 'payload-space' does with a force_path, gains.anchor_gain and anchor_bias = 'none'"

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.base.arrays import Array
-from coop_pin.control.interface import ArmMeasurement, ArmReference
+from coop_pin.control import ArmMeasurement, ArmReference
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.reference.pose_reference import PoseTarget

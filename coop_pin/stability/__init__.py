@@ -1,4 +1,16 @@
-"""Stability of a scenario in discrete time: sampled law, plant steps, eigenvalues, steady errors."""
+"""Stability: whether a law holds at its control rate: sampled loops, eigenvalues, steps, errors at rest.
+
+Open first: ``sampled_stability`` (T lambda of the damping under zero-order hold), ``closed_loop``
+(eigenvalues of the sampled closed loop with plant, sensors and drives), ``steady_errors`` (under a bias).
+
+- ``loop_stability`` (all gains along the motion), ``grasp_stability`` (grasps that give),
+  ``admittance_stability`` (servos); ``sampled_motion`` is the loop that they share.
+- ``root_locus`` over a gain; ``tick_map``, ``resting_law``, ``modes``: its parts.
+- Integration: ``step_size`` (fewest steps by measured error), ``step_stability`` (friction, springs).
+
+Imports ``base``, ``chain``, ``control``, ``description``, ``feasibility``, ``grasps``, ``model`` and
+``simulation``.
+"""
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin import lazy_names
@@ -45,4 +57,4 @@ __all__ = [
     "steady_errors",
     "step_stability",
 ]
-__getattr__, __dir__ = lazy_names(__name__)
+_, __getattr__, __dir__ = lazy_names(__name__, dict.fromkeys(__all__, ""))

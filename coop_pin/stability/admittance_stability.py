@@ -91,7 +91,7 @@ def admittance_stability(scenario: Scenario) -> AdmittanceStability:
             another rate or a late one, or a compliant grasp.
     """
     law: Any = scenario.controller
-    if not law.is_yielding:
+    if law.command_kind != "velocity" or "role" in law.needs:
         raise ArgumentError("the law is no admittance by velocities that follows the reference")
     if scenario.cell.compliant or not (law.measures or scenario.network):
         raise ArgumentError("a grasp is compliant, or no wrench is measured")

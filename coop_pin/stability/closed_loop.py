@@ -148,7 +148,7 @@ def _require_smooth(scenario: Scenario) -> None:
         network.channel(edge).jitter for edge in network.edges([*scenario.cell.arms])
     ):
         raise ArgumentError("messages that are late by chance have no map of a tick; state network.jitter 0")
-    if not scenario.controller.is_smooth:
+    if scenario.controller.near_rest.integral == "sign":
         raise ArgumentError(
             "controller.switching is 'sign': sgn has no eigenvalues; state a boundary layer"
             " (switching.kind 'saturation' or 'tanh' with a width), or sign_gain 0"

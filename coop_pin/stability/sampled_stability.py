@@ -124,7 +124,7 @@ def configurations_along(
         cell_reach: Reachability, likewise.
         most: Number of poses, at most.
     """
-    model, reaches = simulation.plant.chain.model, cell_reach.arms
+    model, reaches = simulation.chain.model, cell_reach.arms
     lead = CellArm(simulation.scenario.cell, reaches[0].arm)
     # Of the poses at t = 0, which lead to the reference, the last.
     samples = list({time: sample for sample, time in enumerate(reaches[0].times.tolist())}.items())
@@ -137,7 +137,7 @@ def configurations_along(
 
 def _stability_at(simulation: Simulation, q: Array, time: float) -> SampledStability:
     """Return the sampled stability at a configuration and a time."""
-    law, speed = RestingLaw(simulation, q, time), simulation.scenario.controller.linear_speed
+    law, speed = RestingLaw(simulation, q, time), simulation.scenario.controller.near_rest.linear_speed
 
     def torque(v: Array, hears_rest: bool = False) -> Array:
         # Laws are linear in small speeds but for bounded signs, which cancel between opposite large ones.

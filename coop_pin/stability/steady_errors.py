@@ -24,7 +24,7 @@ _NEEDED = {
     "start pose": "the payload's pose at the start",
     "internal wrench": "the internal wrench",
     "own wrench": "each arm's own wrist wrench",
-    "told mass": "the mass that all arms believe in",
+    "learned mass": "the mass that all arms believe in",
     "wrenches of all arms": "the wrist wrenches of all arms",
     "poses of all arms": "the poses and twists that all arms see",
     "states of all arms": "the states of all arms",

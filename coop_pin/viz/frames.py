@@ -20,9 +20,9 @@ from coop_pin.description.cell.cell import Cell
 from coop_pin.description.events import Partner
 from coop_pin.figures import palette
 from coop_pin.model.visuals import CellVisuals
-from coop_pin.results import Snapshot
 from coop_pin.results.quantities import QUANTITIES, Samples, computed
 from coop_pin.results.run_result import RunResult
+from coop_pin.results.snapshot import Snapshot
 from coop_pin.viz.contacts import contact_nodes, contact_poses
 
 FRAMES_PER_SECOND = 30.0

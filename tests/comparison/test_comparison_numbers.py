@@ -11,9 +11,9 @@ from cells import ANCHORED, SCENARIOS
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.base.errors import NothingFeasibleError
+from coop_pin.base.errors import FieldError, NothingFeasibleError
 from coop_pin.comparison import Comparison, controllers_for, standard_trials, tune_controllers, tuned_gains
-from coop_pin.comparison.benchmark import engines_of
+from coop_pin.comparison.benchmark import ways_of
 from coop_pin.comparison.controllers import t_lambda
 from coop_pin.comparison.measures import MEASURES, measures
 from coop_pin.comparison.table import CELL, COLUMNS
@@ -215,13 +215,20 @@ def test_every_controller_is_searched_with_the_same_number_of_runs(scenario, tmp
     assert searches[-1][2]["population"] == 1
 
 
-def test_engines_are_those_asked_for(scenario):
+def test_ways_are_those_of_the_engine_that_is_named(scenario):
     execution = cp.Execution(workers=0, quiet=True)
     runs = [10**7]
-    asked = {None: "batch", "auto": "batch", "pinocchio": "pinocchio"}
+    asked = {None: "lanes", "auto": "lanes", "compiled": "lanes", "pinocchio": "pinocchio"}
     found = {
-        engine: engines_of([scenario], cp.Execution(workers=0, engine=engine, quiet=True), runs)[0]
+        engine: ways_of([scenario], cp.Execution(workers=0, engine=engine, quiet=True), runs)[0]
         for engine in asked
     }
     assert found == asked
-    assert engines_of([scenario], execution, [1]) == ["pinocchio"]
+    assert ways_of([scenario], execution, [1]) == ["pinocchio"]
+    compiled = cp.Execution(engine="compiled")
+    model = scenario.override(
+        {"controller": {"kind": "computed-torque", "gains": {"position_gain": 9.0, "velocity_gain": 6.0}}}
+    )
+    assert ways_of([scenario, model], compiled, [1, 1]) == ["lanes", "plant"]
+    with pytest.raises(FieldError, match="free"):
+        ways_of([scenario.override({"plant.payload": "free"})], compiled, [1])

@@ -9,15 +9,15 @@ import subprocess
 import numpy as np
 import pytest
 from cells import ANCHORED, RIGID, SCENARIOS
+from law_cells import servo_cell
 from numpy.testing import assert_array_equal
 from scipy.linalg import expm
-from test_servo import servo_cell
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, NameNotFoundError, TracingError
 from coop_pin.cli import main
 from coop_pin.control import ArmMeasurement, ArmReference
-from coop_pin.control.interface import DESIRED
+from coop_pin.control.measurement import DESIRED
 from coop_pin.model.arm_model import ArmKinematics, ArmModel
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.tracing.c_emitter import CEmitter, c_number

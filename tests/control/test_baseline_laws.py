@@ -7,8 +7,8 @@ from test_payload_space import inputs
 
 from coop_pin.base.errors import FieldError, ScenarioError
 from coop_pin.base.spatial import task_rows
+from coop_pin.control import ControlledArm
 from coop_pin.control.gains import gain_vector
-from coop_pin.control.interface import ControlledArm
 from coop_pin.control.laws.leader_follower import LeaderFollower, LeaderFollowerState
 from coop_pin.control.laws.prescribed_performance import PrescribedPerformance
 from coop_pin.control.posture import spare_torque

@@ -17,7 +17,7 @@ from coop_pin.comparison.measures import measures
 from coop_pin.comparison.trials import benchmark_scenario, standard_trials
 from coop_pin.compiled import BatchSimulator
 from coop_pin.control import ArmMeasurement, ArmReference, PayloadSpace
-from coop_pin.control.laws import bounded_anchor, payload_space_controller
+from coop_pin.control.laws import anchored_integral, bounded_anchor
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceController
 from coop_pin.control.laws.sliding_mode import SlidingModeController
 from coop_pin.description.scenario import Scenario
@@ -225,8 +225,11 @@ def _ball(points):
 def test_laws_for_which_no_bound_is_derived_have_none(fields):
     """sgn has no layer; at its own wrist an anchor holds the weight's error, which is no bias."""
     zeros = np.zeros((2, 3))
-    assert [law.bound for law in LinearCell("planar", SHARES["equal"], zeros, **fields).laws] == [None, None]
-    assert LinearCell("planar", SHARES["equal"], zeros).laws[0].bound is not None
+    assert [law.integral.bound for law in LinearCell("planar", SHARES["equal"], zeros, **fields).laws] == [
+        None,
+        None,
+    ]
+    assert LinearCell("planar", SHARES["equal"], zeros).laws[0].integral.bound is not None
 
 
 @pytest.mark.parametrize("name", DAMPING)
@@ -238,7 +241,7 @@ def test_what_is_known_to_do_nothing_is_left_out_with_the_same_bits(name, monkey
     runs = []
     for knows in (True, False):
         if not knows:
-            for module in (bounded_anchor, payload_space_controller):
+            for module in (anchored_integral, bounded_anchor):
                 monkeypatch.setattr(module, "known", lambda _: False)
         biases = [bias_along(name, 5e-3), np.zeros(k)]
         cell = LinearCell(name, SHARES["unequal"], biases, tips=biases[::-1])
@@ -512,7 +515,7 @@ def test_drives_report_the_part_of_the_command_that_acted(name):
     lost, cut = False, False
     while not run.is_finished:
         run.tick()
-        applied = run._applied
+        applied = run.state().applied
         gives = run.actuation.gives(run.timeline.time(run.ticks_done - 1)).torques
         drives = zip(
             applied.commanded, applied.requested, applied.torques, applied.reported, gives, strict=True
@@ -815,9 +818,8 @@ def test_steady_errors_know_the_bound():
 
 
 @pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
-def test_a_record_without_the_field_is_of_the_law_without_a_bound(name):
+def test_records_state_the_bound_of_the_anchor_or_none(name):
     without = Scenario.load(name, NONE)
-    assert "anchor_bias" not in without.to_toml()
     for read in (
         Scenario.from_toml(without.to_toml()),
         Scenario.model_validate_json(without.model_dump_json()),

@@ -24,7 +24,8 @@ from coop_pin.control import (
     ZeroedController,
 )
 from coop_pin.control.bounds import force_gain_bound
-from coop_pin.control.terms import jacobian_inverse, right_inverse
+from coop_pin.control.laws.anchored_integral import AnchoredIntegral
+from coop_pin.control.terms import GainAxes, jacobian_inverse, right_inverse
 
 ROWS = ["planar", "positional", "full"]
 
@@ -63,7 +64,14 @@ def law(rows, share=0.4, **fields):
     } | fields
     names = PayloadSpaceGains.model_fields.keys() - {"leak"}
     gains = PayloadSpaceGains(**{name: fields.pop(name) for name in names})
-    return PayloadSpaceController(arm_of(rows, 0.01, share), gains.sized(k, k), **fields)
+    arm, switching = arm_of(rows, 0.01, share), fields.pop("switching")
+    integral = AnchoredIntegral(gains.anchor_gain, fields.pop("leak"), fields.pop("stale_after", 3.0))
+    return PayloadSpaceController(arm, gains.sized(k, k), switching, integral, GainAxes(rows), **fields)
+
+
+def with_integral(state, **fields):
+    """A state with another memory of the integral."""
+    return state._replace(integral=state.integral._replace(**fields))
 
 
 def wrench_of(measurement, torque):
@@ -83,7 +91,7 @@ def test_torque_is_the_law_by_hand(name):
         (m, r), (m1, r1) = inputs(rows, rows.size), inputs(rows, rows.size, seed=1, time=0.01)
         state = controller.init(m, r)
         state = controller.step(m, r, state).state
-        assert_allclose(state.integral, 0.0)
+        assert_allclose(state.integral.value, 0.0)
         s0 = m.payload_twist - r.twist + 2.0 * rows.pose_error(m.payload_pose, r.pose)
         s = m1.payload_twist - r1.twist + 2.0 * rows.pose_error(m1.payload_pose, r1.pose) - s0 * np.exp(-0.05)
         f_r = rows.turn(m1.payload_pose, r1.internal_wrench - r.internal_wrench * np.exp(-0.05))
@@ -95,7 +103,7 @@ def test_torque_is_the_law_by_hand(name):
             command = controller.step(m1, r1, state)
             assert_allclose(command.torque, -m1.payload_jacobian.T @ wrench, atol=1e-12)
             Z = Z + 0.01 * 0.4 * K * 0.3 * phi(s)
-            assert_allclose(command.state.integral, Z, atol=1e-15)
+            assert_allclose(command.state.integral.value, Z, atol=1e-15)
             state = command.state
 
 
@@ -128,7 +136,7 @@ def test_anchors_of_all_arms_move_nothing(name):
         state = controller.init(m, reference)
         for age, sums in ((np.inf, without), (0.0, anchored)):
             seen = m._replace(time=0.1, internal_wrench=f_m, internal_wrench_age=age)
-            sums.append(controller.step(seen, reference, state).state.integral)
+            sums.append(controller.step(seen, reference, state).state.integral.value)
     assert np.abs(np.array(anchored) - without).min() > 1e-3
     assert_allclose(np.sum(anchored, axis=0), np.sum(without, axis=0), atol=1e-14)
 
@@ -194,20 +202,21 @@ def test_every_new_measurement_anchors_once_even_while_torques_saturate(name, ag
     controller = law(rows, anchor_gain=0.1, stale_after=4.0)
     states = anchored_ticks(controller, ages, saturated)
     expected = -0.1 * np.outer(anchors, np.ones(rows.size))
-    assert_allclose([state.integral for state in states], expected, atol=1e-14)
+    assert_allclose([state.integral.value for state in states], expected, atol=1e-14)
 
 
 def test_a_stale_integral_leaks_to_its_last_anchored_value():
     controller = law(task_rows("planar"), anchor_gain=0.1, leak=2.0, sign_gain=np.zeros((3, 3)))
     states = anchored_ticks(controller, [0, 1, 2, 3, 4, 5])
-    pushed = [state.integral for state in states]
+    pushed = [state.integral.value for state in states]
     assert_allclose(pushed, np.full((6, 3), -0.1))  # at its anchored value there is nothing to forget
-    state = states[3]._replace(integral=np.full(3, 0.9))
+    state = with_integral(states[3], value=np.full(3, 0.9))
     m, r = inputs(controller.arm.rows, 3)
     m = m._replace(time=0.05, internal_wrench=np.ones(3))
-    fresh_enough = controller.step(m._replace(internal_wrench_age=3.0), r, state._replace(wrench_age=2.0))
-    assert_allclose(fresh_enough.state.integral, 0.9)
-    stale = controller.step(m._replace(internal_wrench_age=4.0), r, state).state.integral
+    recent = with_integral(state, wrench_age=2.0)
+    fresh_enough = controller.step(m._replace(internal_wrench_age=3.0), r, recent)
+    assert_allclose(fresh_enough.state.integral.value, 0.9)
+    stale = controller.step(m._replace(internal_wrench_age=4.0), r, state).state.integral.value
     assert_allclose(stale, -0.1 + (1 - 2.0 * 0.01) * 1.0)
 
 
@@ -217,9 +226,9 @@ def test_without_a_measurement_the_integral_leaks_to_the_holding_torques():
     m = m._replace(internal_wrench=None, holding_torque=np.array([5.0, -3.0, 1.0]))
     state = controller.init(m, r)
     held = wrench_of(m, m.holding_torque)
-    assert_allclose(state.integral, held, atol=1e-12)
-    pushed = state._replace(integral=state.integral + 1.0)
-    assert_allclose(controller.step(m, r, pushed).state.integral, held + 0.98, atol=1e-12)
+    assert_allclose(state.integral.value, held, atol=1e-12)
+    pushed = with_integral(state, value=state.integral.value + 1.0)
+    assert_allclose(controller.step(m, r, pushed).state.integral.value, held + 0.98, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ROWS)
@@ -231,12 +240,14 @@ def test_own_wrist_wrench_anchors_to_its_share_of_the_stated_weight(name):
     still = {"payload_twist": r.twist, "payload_pose": r.pose, "internal_wrench": None}
     m = m._replace(**still, interaction_wrench=F, interaction_wrench_age=0.0)
     state = controller.step(m, r, controller.init(m, r)).state
-    assert_allclose(state.integral, -0.1 * (F - 0.4 * weight), atol=1e-14)
+    assert_allclose(state.integral.value, -0.1 * (F - 0.4 * weight), atol=1e-14)
     # The internal wrench goes first where both are measured; without a stated mass the wrist is not used.
     both = m._replace(internal_wrench=2.0 * F, internal_wrench_age=0.0)
-    assert_allclose(controller.step(both, r, controller.init(m, r)).state.integral, -0.2 * F, atol=1e-14)
+    assert_allclose(
+        controller.step(both, r, controller.init(m, r)).state.integral.value, -0.2 * F, atol=1e-14
+    )
     unstated = law(rows, anchor_gain=0.1, force_gain=0.0)
-    assert_allclose(unstated.step(m, r, unstated.init(m, r)).state.integral, 0.0, atol=1e-14)
+    assert_allclose(unstated.step(m, r, unstated.init(m, r)).state.integral.value, 0.0, atol=1e-14)
 
 
 @pytest.mark.parametrize("name", ROWS)
@@ -246,9 +257,9 @@ def test_integral_stands_still_while_saturated(name):
     m, r = inputs(rows, rows.size)
     state = controller.init(m, r)
     later = m._replace(time=0.1)
-    assert np.any(controller.step(later, r, state).state.integral != 0.0)
+    assert np.any(controller.step(later, r, state).state.integral.value != 0.0)
     cut = later._replace(saturated=np.arange(rows.size) == 1)
-    assert np.array_equal(controller.step(cut, r, state).state.integral, state.integral)
+    assert np.array_equal(controller.step(cut, r, state).state.integral.value, state.integral.value)
 
 
 def test_a_stated_weight_without_a_wrist_measurement_anchors_nothing():
@@ -256,17 +267,18 @@ def test_a_stated_weight_without_a_wrist_measurement_anchors_nothing():
     controller = law(rows, anchor_gain=0.1, payload_weight=np.ones(3), sign_gain=np.zeros((3, 3)))
     m, r = inputs(rows, 3)
     m = m._replace(internal_wrench=None)
-    assert_allclose(controller.step(m, r, controller.init(m, r)).state.integral, 0.0, atol=1e-15)
+    assert_allclose(controller.step(m, r, controller.init(m, r)).state.integral.value, 0.0, atol=1e-15)
 
 
 def test_neither_anchor_nor_leak_unless_stated():
     controller = law(task_rows("planar"), sign_gain=np.zeros((3, 3)))
     m, r = inputs(controller.arm.rows, 3)
     for age in (0.0, 9.0):  # anchored anew, and stale
-        state = controller.init(m, r)._replace(integral=np.ones(3), wrench_age=np.inf if age == 0.0 else 8.0)
+        last = np.inf if age == 0.0 else 8.0
+        state = with_integral(controller.init(m, r), value=np.ones(3), wrench_age=last)
         after = controller.step(m._replace(internal_wrench_age=age), r, state).state
-        assert_allclose(after.integral, 1.0, atol=1e-15)
-        assert_allclose(after.anchored, float(age == 0.0), atol=0)
+        assert_allclose(after.integral.value, 1.0, atol=1e-15)
+        assert_allclose(after.integral.anchored, float(age == 0.0), atol=0)
 
 
 def test_only_time_since_the_start_counts():

@@ -9,7 +9,7 @@ import coop_pin as cp
 from coop_pin.base.errors import DivergedError, FieldError, ShapeError
 from coop_pin.base.schema.pose import Pose
 from coop_pin.control import CellController
-from coop_pin.control.interface import CellCommand
+from coop_pin.control.controller import CellCommand
 from coop_pin.description.cell.arm import Arm, JointFriction
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.payload import Payload

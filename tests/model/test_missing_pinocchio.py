@@ -20,12 +20,15 @@ REQUIREMENTS = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding=
 MODULES = [
     "model",
     "chain",
-    "analysis",
+    "grasps",
+    "feasibility",
+    "stability",
+    "design",
     "simulation",
-    "build_controller",
+    "simulation.build_controller",
     "viz.replay",
     "chain.kkt_solver",
-    "analysis.path_following",
+    "feasibility.path_following",
 ]
 
 

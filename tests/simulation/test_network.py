@@ -6,7 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from batches import require_same_samples
-from cells import ANCHORED, SCENARIOS, planar_three_arms
+from cells import ANCHORED, SCENARIOS
+from network_cells import BIASED, CELLS, Silent, samples, two_arms
 from numpy.testing import assert_allclose, assert_array_equal
 
 import coop_pin as cp
@@ -25,7 +26,7 @@ from coop_pin.control import (
     consensus_bound,
 )
 from coop_pin.control.consensus import laplacian
-from coop_pin.control.laws.mean_pose import ConsensusState
+from coop_pin.control.law_wrapper import WrappedState
 from coop_pin.description.network import edges_of
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.cell_arm import CellArm
@@ -35,29 +36,7 @@ from coop_pin.stability import loop_stability
 from coop_pin.stability.modes import motion_basis
 
 ALL = {"all arms": {}, "far": {"delay": 1, "jitter": 2, "loss": 0.2, "resolution": 1e-5}}
-SHARES = (0.2, 0.3, 0.5)
 AGREED = {"controller.leak_to": "mean", "controller.gains.leak": 4.0}
-BIASED = "cell.arms.{}.calibration_error.tip.xyz"
-
-
-def two_arms(cell):
-    return SCENARIOS[cell]().override({"events": [], "duration": 0.4}), ANCHORED[cell]
-
-
-def three_arms(cell):
-    """The planar cell with a third arm, or three UR5 at a plate; shares are unequal."""
-    if cell == "planar":
-        return planar_three_arms("adept-anchored").replace(duration=0.4), ANCHORED[cell]
-    plate = cp.Scenario.load("three-ur5-plate", {"events": [], "duration": 0.2})
-    shares = dict(zip(plate.cell.arms, SHARES, strict=True))
-    return plate.override({"cell.load_shares": shares}), plate.controller
-
-
-CELLS = {
-    f"{count} {cell}": (of, cell)
-    for cell in SCENARIOS
-    for count, of in (("two", two_arms), ("three", three_arms))
-}
 
 
 def biased(name, **fields):
@@ -69,10 +48,6 @@ def biased(name, **fields):
     arm = next(iter(scenario.cell.arms))
     law = {"controller": {"kind": "mean-pose"} | stated, BIASED.format(arm): [1e-3, 0.0, 0.0]}
     return scenario.override(law | fields)
-
-
-def samples(scenario, controller=None):
-    return cp.simulate(scenario, build_controller(scenario) if controller is None else controller).data
 
 
 # ---------------------------------------------------------------- the same law, by messages
@@ -90,11 +65,12 @@ class LateMean(MeanPoseController):
     """Mean pose of the views of the tick before; at the first, each arm has its own only."""
 
     def remarks(self, pose, state):
-        return self.laws.remarks(pose, state[0])
+        return self.law.remarks(pose, state[0])
 
     def init(self, measurements, references):
-        own = [self.seen([seen], [one])[0][0] for seen, one in zip(measurements, references, strict=True)]
-        return self.laws.init(own, references), None
+        pairs = zip(measurements, references, strict=True)
+        own = [self.transformed([measured], [desired])[0][0] for measured, desired in pairs]
+        return self.law.init(own, references), None
 
     def step(self, measurements, references, state):
         law, views = state
@@ -103,17 +79,19 @@ class LateMean(MeanPoseController):
             for one in measurements
         ]
         means = seen if views is None else [sum(views) / len(views)] * len(seen)
-        said = [Message(mean, 0.0) for mean in means]
-        heard = [one._replace(messages={"": mean}) for one, mean in zip(measurements, said, strict=True)]
-        placed = [MeanPoseByMessages(None, "").seen(*pair) for pair in zip(heard, references, strict=True)]
-        command = self.laws.step(placed, references, law)
+        law_of_mean = MeanPoseByMessages(None, "")
+        placed = [
+            law_of_mean.transformed(one, desired, (), {"view": mean}, {"view": {"": Message(mean, 0.0)}})[0]
+            for one, desired, mean in zip(measurements, references, means, strict=True)
+        ]
+        command = self.law.step(placed, references, law)
         return cp.CellCommand(command.torques, (command.state, seen))
 
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_sent_with_the_command_it_is_the_law_fed_the_last_tick(cell):
     late = biased(cell, network={"delay": 1})
-    oracle = LateMean(build_controller(biased(cell)).laws)
+    oracle = LateMean(build_controller(biased(cell)).law)
     assert samples(late).equals(samples(late, oracle))
 
 
@@ -298,7 +276,7 @@ def worst_force(law, network, duration):
     moved = {"network": network, "duration": duration, "clock.record_every": 40}
     base = cp.Scenario.load("adept-anchored").override({"controller": law, "events": []} | moved)
     first = next(iter(base.cell.arms))
-    result = cp.run(base.override({BIASED.format(first): [1e-3, 0.0, 0.0]}), engine="batch")
+    result = cp.run(base.override({BIASED.format(first): [1e-3, 0.0, 0.0]}), engine="compiled")
     error = np.abs(result.data.internal_axial_error)
     return float(error.sel(time=slice(0.9 * duration, None)).max())
 
@@ -343,7 +321,7 @@ def spatial_force_errors(network, actuators=None, **law):
     motion = cp.motions.LineMotion(start=base.start, goal=base.start.replace(xyz=xyz, rpy=rpy), duration=4.0)
     changes = {"duration": 600.0, "clock.record_every": 500, "motion": motion}
     law = {f"controller.{field}": value for field, value in law.items()}
-    data = cp.run(base.override(changes | law | (actuators or {})), engine="batch").data
+    data = cp.run(base.override(changes | law | (actuators or {})), engine="compiled").data
     error = data.internal_wrench.values - data.desired_internal_wrench.values
     return np.abs(error[:, 0, :3]).max(axis=1)
 
@@ -361,10 +339,9 @@ def test_no_drift_in_ten_minutes_in_space():
 class ExactOwn(MeanPoseByMessages):
     """Averages its own view as it is, and those of the others as they were sent."""
 
-    def seen(self, measurement, reference):
-        own = Message(self.message(measurement, reference, None), 0.0)
-        heard = dict(measurement.messages) | {self.name: own}
-        return super().seen(measurement._replace(messages=heard), reference)
+    def transformed(self, measurement, reference, memory, sent, received):
+        views = received["view"] | {self.name: Message(sent["view"], 0.0)}
+        return super().transformed(measurement, reference, memory, sent, {"view": views})
 
 
 @pytest.mark.slow
@@ -409,7 +386,7 @@ def test_integrals_of_unequal_arms_come_to_their_mean_at_the_rate_of_the_leak(ce
     run, gained = cp.Simulation(scenario, build_controller(scenario)), []
     while not run.is_finished:
         run.tick()
-        Z = np.array([state.law.integral - state.start for state in run.controller_state])
+        Z = np.array([state.law.law.integral.value - state.law.memory for state in run.controller_state])
         gained.append(Z / scenario.cell.shares[:, None])
     apart = np.linalg.norm(gained - np.mean(gained, axis=1, keepdims=True), axis=(1, 2))
     period = scenario.clock.period
@@ -690,16 +667,6 @@ def test_a_low_pose_gain_lets_the_weight_of_the_arms_grow(cell, integral):
 # ---------------------------------------------------------------- consensus
 
 
-class Silent(cp.ArmController):
-    """Says nothing, does nothing."""
-
-    def init(self, measurement, reference):
-        return None
-
-    def step(self, measurement, reference, state):
-        return cp.ArmCommand(np.zeros(0), state)
-
-
 def disagreements(arms, gain, *, rows=3, delay=0, ticks=60):
     """Largest distance from the mean over the ticks, of arms on a ring whose views do not change."""
     names, rng = tuple(f"arm {index}" for index in range(arms)), np.random.default_rng(arms)
@@ -715,7 +682,7 @@ def disagreements(arms, gain, *, rows=3, delay=0, ticks=60):
     laws = [ConsensusPose(Silent(), name, gain) for name in names]
     said = [law.message(one, reference, None) for law, one in zip(laws, seen, strict=True)]
     mean, network_state = np.mean(said, axis=0), network.start(said)
-    states = [ConsensusState(np.zeros(6 + rows), None) for _ in names]
+    states = [WrappedState(np.zeros(6 + rows), None) for _ in names]
     distances = []
     for tick in range(ticks):
         said = [
@@ -769,7 +736,7 @@ def test_three_unequal_arms_on_a_ring_agree(cell):
     views = []
     while not run.is_finished:
         run.tick()
-        views.append([state.correction for state in run.controller_state])
+        views.append([state.memory for state in run.controller_state])
     corrections = np.array(views)[:, :, 0]
     assert_allclose(corrections.sum(axis=1), 0.0, atol=1e-12)
     assert_allclose(np.abs(np.diff(corrections[-3:], axis=0)).max(), 0.0, atol=2e-5)

@@ -1,6 +1,7 @@
 """What a controller measures: sensors and their errors, holding torques, and the random sources."""
 
 import contextlib
+import itertools
 
 import numpy as np
 import pinocchio as pin
@@ -11,9 +12,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 import coop_pin as cp
 from coop_pin.base import errors
 from coop_pin.base.spatial import internal_wrenches, make_pose
-from coop_pin.control import CellCommand
+from coop_pin.control import ArmMeasurement, CellCommand
 from coop_pin.control.bounds import force_gain_bound
-from coop_pin.control.interface import ArmMeasurement
 from coop_pin.figures.run_figures import internal_force_figure
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.devices.drives import Applied
@@ -49,7 +49,8 @@ def started(scenario, ticks=1):
 
 def measured(simulation, count):
     """Measurements of all arms at ``count`` more ticks during which the plant stays as it is."""
-    return [seen_by(simulation, next(simulation._signals)) for _ in range(count)]
+    signals = itertools.islice(simulation.signals(simulation.ticks_done), count)
+    return [seen_by(simulation, of_tick) for of_tick in signals]
 
 
 def seen_by(simulation, signals):
@@ -66,7 +67,7 @@ def first_of(simulation):
 
 def at_rest(simulation):
     """No torque cut, and none reported."""
-    return Applied.at_rest([len(place.drive) for place in simulation.plant.chain.model.arms])
+    return Applied.at_rest([len(place.drive) for place in simulation.slots])
 
 
 def of_arm(measurements, arm, field):

@@ -1,5 +1,9 @@
 """Spatial algebra and notation of coop_pin: frames, poses, twists, wrenches and task rows.
 
+Open first: ``pose`` (matrices, pose errors, wrenches about another point), ``internal_wrench`` (the split of
+interaction wrenches into load and internal ones), ``task_rows``. ``limit_surface`` has friction of a patch,
+``generic_numbers`` functions for numbers and traced scalars alike.
+
 **Frames.** W world, B arm base, E end effector (the grasping tip of an arm), P payload, with its origin at
 the payload's centre of mass. Arms have names ("left", "right"), not numbers.
 

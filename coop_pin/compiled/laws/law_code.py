@@ -15,8 +15,8 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import TracingError
 from coop_pin.base.spatial.task_rows import TaskRows
 from coop_pin.compiled.constants import ArmConstants
-from coop_pin.control import ArmController, ArmMeasurement, ArmReference, CellCommand, CellController
-from coop_pin.control.interface import DESIRED, MEASURED, Message
+from coop_pin.control import ArmController, ArmMeasurement, ArmReference, CellCommand, CellController, Message
+from coop_pin.control.measurement import DESIRED, MEASURED
 from coop_pin.simulation.devices.sensors import measured_motion
 from coop_pin.tracing.numpy_machine import evaluate
 from coop_pin.tracing.tape import Number, Operand, Tape, UntraceableError, operands

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -12,20 +12,13 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import NotNegative, Positive
 from coop_pin.base.spatial.generic_numbers import exp
+from coop_pin.control.bounds import CellTiming
+from coop_pin.control.controller import ArmCommand, ArmController, CellController
 from coop_pin.control.gains import Gains, PositiveRow, RowGain
-from coop_pin.control.interface import (
-    ArmCommand,
-    ArmController,
-    ArmMeasurement,
-    ArmReference,
-    CellController,
-    CellTiming,
-    ControlledArm,
-    Message,
-)
 from coop_pin.control.law import DecentralisedLaw, LawController
+from coop_pin.control.law_wrapper import CellLawWrapper, Parts, packed, unpacked
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm, Messages
 from coop_pin.control.terms import right_inverse
-from coop_pin.control.told_law import TellingCellLaw
 
 
 class AdmittanceState(NamedTuple):
@@ -79,7 +72,7 @@ class AdmittanceController(LawController[AdmittanceGains]):
     et al. (2024), arXiv:2406.05613 (same information, other equations). About P in world axes on task rows,
     with the error w of the wrench on the arm, x the pose and x_d, V_d, A_d the desired motion::
 
-        w     = f_m - f_d, the internal wrench; or of those heard sum_j (c_j u_i - c_i u_j), u = F - f_d;
+        w     = f_m - f_d, the internal wrench; or of the messages sum_j (c_j u_i - c_i u_j), u = F - f_d;
                 or F - f_d - c What, the arm's own; or 0 where none is measured
         V_a  <- p V_a + (1 - p) D^-1 (w - S d),   d <- d + T V_a,   p = exp(-l T)
         velocity   V_c = V_d + V_a - gamma (x - x_d - d),   qdot_c = J^+ V_c + k_n N (q_0 - q)
@@ -88,7 +81,7 @@ class AdmittanceController(LawController[AdmittanceGains]):
     With S = 0 the arm comes to rest where w = 0, wherever its kinematics see the payload; internal wrenches
     sum to zero, and so do the offsets d, so that the payload stays. Without a wrench d = 0: stiff following.
 
-    Where the scenario has a network and no force path measures, every arm says u_i and c_i, k_0 + 1 numbers.
+    Where the scenario has a network and no force path measures, every arm sends u_i and c_i, k_0 + 1 numbers.
     If all hear all, w is the internal wrench. Over a connected graph heard both ways the w still sum to zero,
     and vanish together only where every u_i is its share of their sum: without internal wrench.
 
@@ -105,10 +98,7 @@ class AdmittanceController(LawController[AdmittanceGains]):
 
     def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
         """Return u and c, shape (k_0 + 1,); nothing where the internal wrench is measured, or F is not."""
-        if measurement.internal_wrench is not None or measurement.interaction_wrench is None:
-            return np.zeros(0)
-        f_d = self.arm.rows.turn(measurement.payload_pose, reference.internal_wrench)
-        return np.append(measurement.interaction_wrench - f_d, reference.share(self.arm))
+        return packed(self._sent(measurement, reference), np.zeros(0))
 
     def step(
         self, measurement: ArmMeasurement, reference: ArmReference, state: AdmittanceState
@@ -134,6 +124,14 @@ class AdmittanceController(LawController[AdmittanceGains]):
         q_c = state.command + step + T * self._spare(J, J_plus, state.start - state.command)
         return ArmCommand(position=q_c, state=AdmittanceState(d, V_a, state.start, q_c))
 
+    def _sent(self, measurement: ArmMeasurement, reference: ArmReference) -> Parts:
+        """Return the parts of the message."""
+        F = measurement.interaction_wrench
+        if measurement.internal_wrench is not None or F is None:
+            return {}
+        f_d = self.arm.rows.turn(measurement.payload_pose, reference.internal_wrench)
+        return {"error": F - f_d, "share": np.atleast_1d(reference.share(self.arm))}
+
     def _wrench_error(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
         """Return w, shape (k_0,)."""
         arm = self.arm
@@ -141,7 +139,8 @@ class AdmittanceController(LawController[AdmittanceGains]):
         if measurement.internal_wrench is not None:
             return measurement.internal_wrench - f_d
         if measurement.messages is not None:
-            return _disagreement(measurement.messages, arm.name)
+            received, _ = unpacked(measurement.messages, self._sent(measurement, reference))
+            return _disagreement(received["error"], received["share"], arm.name)
         if measurement.interaction_wrench is not None:
             return measurement.interaction_wrench - f_d - arm.load_share * self.gains.payload_weight
         return np.zeros(arm.rows.size)
@@ -153,24 +152,25 @@ class AdmittanceController(LawController[AdmittanceGains]):
         return self.gains.spare_rate * (way - J_plus.dot(J.dot(way)))
 
 
-def _disagreement(messages: Mapping[str, Message], name: str) -> Array:
-    """Return the sum of c_j u_i - c_i u_j of the arms j that an arm i hears, its own as sent, shape (k_0,).
+def _disagreement(errors: Messages, shares: Messages, name: str) -> Array:
+    """Return the sum of c_j u_i - c_i u_j over the neighbours j of an arm i, its own as sent, shape (k_0,).
 
     Args:
-        messages: u and c of each arm, shape (k_0 + 1,).
+        errors: u of each arm.
+        shares: c of each arm.
         name: name of the arm i.
     """
-    u, c, largest = messages[name].numbers[:-1], messages[name].numbers[-1], np.finfo(float).max
+    u, c, largest = errors[name].numbers, shares[name].numbers, np.finfo(float).max
     total = 0.0 * u
-    for other, (numbers, age) in messages.items():
+    for other, (u_j, age) in errors.items():
         if other != name:  # silent so far: nothing to agree with
-            total = total + np.where(age <= largest, numbers[-1] * u - c * numbers[:-1], 0.0)
+            total = total + np.where(age <= largest, shares[other].numbers * u - c * u_j, 0.0)
     return total
 
 
 @dataclass(frozen=True, eq=False)
-class FollowingController(TellingCellLaw):
-    """A law whose followers take the motion of the first arm, as that sees it, for the desired one.
+class FollowingController(CellLawWrapper):
+    """Law whose followers take the motion of the first arm, as that sees it, for the desired one.
 
     Leader and follower by position: Luh and Zheng (1987), "Constrained relations between two coordinated
     industrial robots for motion control"::
@@ -180,9 +180,7 @@ class FollowingController(TellingCellLaw):
     One pose and one twist cross to every follower at each tick. A follower is late by what its servo is.
     """
 
-    needs: ClassVar[tuple[str, ...]] = ("poses of all arms", "role")
-
-    def seen(
+    def transformed(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
     ) -> tuple[Sequence[ArmMeasurement], Sequence[ArmReference]]:
         """Return the measurements, and the references, those of followers with the leader's motion."""
@@ -199,7 +197,6 @@ class Admittance(DecentralisedLaw[AdmittanceGains]):
         follows: Source of the followers' desired motion: the "reference", as of every arm, or the "leader".
     """
 
-    uses: ClassVar[tuple[str, ...]] = ("internal wrench", "own wrench")
     equal_gains: ClassVar[dict[str, str]] = {
         "admittance_damping": "else the offsets move the payload: it needs one D"
     }
@@ -215,14 +212,9 @@ class Admittance(DecentralisedLaw[AdmittanceGains]):
         return self.command
 
     @property
-    def is_yielding(self) -> bool:
-        """Whether it commands velocities, and follows the reference."""
-        return self.command == "velocity" and self.follows == "reference"
-
-    @property
     def needs(self) -> tuple[str, ...]:
-        """What the law uses besides kinematics: the internal wrench or else the arm's own, and the leader."""
-        leader = FollowingController.needs if self.follows == "leader" else ()
+        """Needs of the law: the internal wrench or else the arm's own, and the leader."""
+        leader = ("poses of all arms", "role") if self.follows == "leader" else ()
         return (*leader, "internal wrench" if self.force_path.measures else "own wrench")
 
     def controller_of(self, arm: ControlledArm, gains: AdmittanceGains, scenario: Any) -> ArmController:

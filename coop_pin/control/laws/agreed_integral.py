@@ -3,32 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from coop_pin.base.arrays import Array
-from coop_pin.control.consensus import mean_heard
-from coop_pin.control.interface import ArmCommand, ArmMeasurement, ArmReference
-from coop_pin.control.laws.payload_space_controller import PayloadSpaceController, PayloadSpaceState
-from coop_pin.control.told_law import TellingLaw, heard
-
-
-class AgreedState(NamedTuple):
-    """Memory of an arm whose integral agrees with the others.
-
-    Attributes:
-        start: Z(t_0), N and N m, shape (k_0,).
-        law: State of the law.
-    """
-
-    start: Array
-    law: PayloadSpaceState
+from coop_pin.control.consensus import mean_received
+from coop_pin.control.controller import ArmCommand
+from coop_pin.control.law_wrapper import LawWrapper, Parts, Received, WrappedState
+from coop_pin.control.laws.payload_space_controller import PayloadSpaceController
+from coop_pin.control.measurement import ArmMeasurement, ArmReference
 
 
 @dataclass(frozen=True, eq=False)
-class AgreedIntegral(TellingLaw):
-    """The payload-space law of one arm, whose integral leaks to the mean of those that it hears.
+class AgreedIntegral(LawWrapper):
+    """Payload-space law of one arm, whose integral leaks to the mean of the integrals of its neighbours.
 
     ::
 
@@ -37,38 +25,44 @@ class AgreedIntegral(TellingLaw):
 
     By equal views all D_i are equal, and nothing leaks. What they differ by, by a view that was lost, a drive
     at its limit or the first ticks of a consensus, is internal force; it decays by 1 - lambda T a tick where
-    all hear all, and no slower than the graph's second eigenvalue says elsewhere. Their mean does not leak:
+    all hear all, and no slower than by the graph's second eigenvalue elsewhere. Their mean does not leak:
     it still takes any constant load. Distributed-averaging proportional-integral control: Simpson-Porco,
     Doerfler and Bullo, Automatica 49 (2013), with load shares in place of the inverters' ratings.
 
-    Every arm says D_i, k_0 numbers.
+    Every arm sends D_i, k_0 numbers. The memory is Z(t_0).
 
     Attributes:
         law: Payload-space law of this arm, with lambda and without a measured wrench.
-        name: Name of this arm.
     """
 
-    needs: ClassVar[tuple[str, ...]] = ("messages",)
-
     law: PayloadSpaceController
-    name: str
 
-    def said(self, measurement: ArmMeasurement, reference: ArmReference, state: AgreedState | None) -> Array:
-        """Return D_i, shape (k_0,)."""
-        return np.zeros(self.law.arm.rows.size) if state is None else self._gained(state)
+    def sent(self, measurement: ArmMeasurement, reference: ArmReference, state: WrappedState) -> Parts:
+        """Return D_i, zero before ``init``."""
+        if state.law is None:
+            return {"gained": np.zeros(self.law.arm.rows.size)}
+        return {"gained": (state.law.integral.value - state.memory) / self.law.arm.load_share}
 
-    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> AgreedState:
-        """Return the first state of the law, and its integral; raises as the law."""
-        state = self.law.init(measurement, reference)
-        return AgreedState(state.integral, state)
+    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> WrappedState:
+        """Return the first integral and the first state of the law; raises as the law."""
+        law = self.law.init(measurement, reference)
+        return WrappedState(law.integral.value, law)
 
-    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: AgreedState) -> ArmCommand:
-        """Return the command of the law, and the next state; raises as the law."""
-        goal = self.law.arm.load_share * mean_heard(heard(measurement), self._gained(state))
-        law = state.law._replace(anchored=state.start + goal)
-        command = self.law.step(measurement, reference, law)
+    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: WrappedState) -> ArmCommand:
+        """Return the command of the law, which leaks to the mean, and the next state; raises as the law."""
+        measurement, goal = self.inner(measurement, reference, state)
+        integral = state.law.integral._replace(anchored=goal)
+        command = self.law.step(measurement, reference, state.law._replace(integral=integral))
         return replace(command, state=state._replace(law=command.state))
 
-    def _gained(self, state: AgreedState) -> Array:
-        """Return D_i."""
-        return np.asarray((state.law.integral - state.start) / self.law.arm.load_share)
+    def transformed(
+        self,
+        measurement: ArmMeasurement,
+        reference: ArmReference,
+        memory: Array,
+        sent: Parts,
+        received: Received,
+    ) -> tuple[ArmMeasurement, Array]:
+        """Return the measurement, and Z_i(t_0) + c_i mean_j D_j."""
+        mean = mean_received(received["gained"], sent["gained"])
+        return measurement, memory + self.law.arm.load_share * mean

@@ -1,4 +1,4 @@
-"""The bounded anchor: measured wrenches move an integral as far as a stated bias may ask for."""
+"""Bounded anchor: measured wrenches move an integral no further than a stated bias explains."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.spatial.generic_numbers import exp, inverse, known, where
-from coop_pin.base.spatial.task_rows import TaskRows
+from coop_pin.control.terms import GainAxes
 
 _TINY = 1e-300
 """Stands for 0 in a quotient of two lengths."""
@@ -17,14 +17,14 @@ _STANDS = float(np.exp(-8.0))
 _NEARLY = 1.02
 """Factor of y with which a bound that is nearly reached counts as reached."""
 _TINY_PART, _LAGS = 1e-6, 30.0
-"""Part of a bias to which a limit is found, and time constants after which nothing moves."""
+"""Accuracy of a limit as a part of it, and time constants after which nothing moves."""
 
 
 class AnchorState(NamedTuple):
     """Memory of a bounded anchor.
 
     Attributes:
-        held: y = G^-1 A, the bias that asks for A, what the anchor has moved within about 1 / k_I, m and rad,
+        held: y = G^-1 A, the bias that explains A, what the anchor has moved within about 1 / k_I, m and rad,
             shape (k_0,).
         from_base: C_B, the bias that the start has shown, as of a base that is off: constant in world axes, m
             and rad, shape (k_0,).
@@ -39,11 +39,11 @@ class AnchorState(NamedTuple):
 
 
 class BoundedAnchor(NamedTuple):
-    """Bound of what the anchor of an integral moves, in the biases of the kinematics that would ask for it.
+    """Bound of what the anchor of an integral moves, in the biases of the kinematics that would explain it.
 
     ::
 
-        y        = y + G^-1 a                                a is what the anchor asks for at this tick
+        y        = y + G^-1 a                                a is the step of an anchor without a bound
         C        = (C_B + R C_E) / 2                         R as this arm sees the payload
         goal     = y min(max(2 |y| / b_0 - 1, 0), 1)         0 for |y| < b_0 / 2, y for |y| > b_0
         step     = (goal - C) min(1, d / |goal - C|)         d = T nu (b_max - b_0) h
@@ -58,14 +58,13 @@ class BoundedAnchor(NamedTuple):
 
     Norms and products are those of positions and those of rotations, each by itself. A constant bias moves A
     only while it takes effect after the first measurements, and C follows it; later, what moves A is no bias.
-    A bias turns with the payload as far as it is of the tip, which the start does not tell: b covers both.
+    A bias turns with the payload as far as it is of the tip, which the start does not show: b covers both.
 
     Attributes:
-        rows: The task rows.
+        axes: axes of G; where they turn with the payload, A is kept as the biases that explained its
+            parts at their time.
         gain: G = c K gamma, shape (k_0, k_0).
         gain_inverse: G^-1.
-        turns: whether G is in payload axes and turns with them, as this arm sees the payload; A is then kept
-            as the biases that asked for its parts when they did.
         same_kind: 1.0 between two positions or two rotations, else 0.0, shape (k_0, k_0).
         free: b_0 of each row, m and rad, shape (k_0,).
         first: T nu (b_max - b_0) of each row, the first step of a centre, likewise.
@@ -74,10 +73,9 @@ class BoundedAnchor(NamedTuple):
         period: T, s.
     """
 
-    rows: TaskRows
+    axes: GainAxes
     gain: Array
     gain_inverse: Array
-    turns: bool
     same_kind: Array
     free: Array
     first: Array
@@ -88,11 +86,10 @@ class BoundedAnchor(NamedTuple):
     @classmethod
     def of_rows(
         cls,
-        rows: TaskRows,
+        axes: GainAxes,
         biases: tuple[tuple[float, float], tuple[float, float]],
         *,
         gain: Array,
-        turns: bool,
         forget: Array,
         largest: Array,
         rate: float,
@@ -101,15 +98,15 @@ class BoundedAnchor(NamedTuple):
         """Return the bound on task rows.
 
         Args:
-            rows: The task rows.
+            axes: Axes of G.
             biases: b_0 and b_max, m and rad each.
             gain: G.
-            turns: Whether G turns with the payload.
             forget: k_I, 1/s, shape (k_0,).
             largest: Edges of the layer of the integral as errors, m and rad, shape (k_0,).
             rate: nu, 1/s.
             period: T, s.
         """
+        rows = axes.rows
         positions, angles = (rows.select(np.repeat(pair, 3)) for pair in ((1.0, 0.0), (0.0, 1.0)))
         same_kind = np.outer(positions, positions) + np.outer(angles, angles)
         b_0, b_max = (rows.select(np.repeat(bias, 3)) for bias in biases)
@@ -117,7 +114,7 @@ class BoundedAnchor(NamedTuple):
         free = np.minimum(b_0, edge / 2.0)
         further = np.minimum(b_max - b_0, same_kind.dot(largest**2) ** 0.5 - free)
         first, kept = period * rate * further, 1.0 - period * forget
-        return cls(rows, gain, inverse(gain)[0], turns, same_kind, free, first, rate, kept, period)
+        return cls(axes, gain, inverse(gain)[0], same_kind, free, first, rate, kept, period)
 
     def start(self) -> AnchorState:
         """Return the memory at t_0."""
@@ -125,19 +122,19 @@ class BoundedAnchor(NamedTuple):
         return AnchorState(nothing, nothing, nothing, 0.0)
 
     def step(
-        self, state: AnchorState, asked: Array, fresh: float, may_follow: float, pose: Array
+        self, state: AnchorState, a: Array, fresh: float, may_follow: float, pose: Array
     ) -> tuple[Array, AnchorState]:
         """Return what the anchor moves the integral by, N and N m, shape (k_0,), and the memory with it.
 
         Args:
             state: Memory.
-            asked: a, N and N m, shape (k_0,).
-            fresh: 1.0 where the measurement is new, else 0.0: then nothing is asked, and no bound acts.
+            a: step of an anchor without a bound, N and N m, shape (k_0,).
+            fresh: 1.0 where the measurement is new, else 0.0: then a is 0, and no bound acts.
             may_follow: 1.0 where C may move, else 0.0.
             pose: Payload pose as this arm sees it, shape (4, 4).
         """
         y, C_B, C_E = (
-            state.held + self._turned(self.gain_inverse, pose, asked),
+            state.held + self.axes.product(self.gain_inverse, pose, a),
             state.from_base,
             state.from_tip,
         )
@@ -149,13 +146,13 @@ class BoundedAnchor(NamedTuple):
         has_none = C_B.dot(C_B) + C_E.dot(C_E) == 0.0
         stands = known(h == 0.0) or (known(size <= 0.25) and known(has_none))
         if stands and known(size <= 1.0):
-            return asked, AnchorState(y, C_B, C_E, state.measured_for)
-        turned = self.rows.turn(pose, C_E)
+            return a, AnchorState(y, C_B, C_E, state.measured_for)
+        turned = self.axes.rows.turn(pose, C_E)
         if not stands:
             step = self._to_goal(y, (C_B + turned) / 2.0, h)
-            C_B, C_E, turned = C_B + step, C_E + self.rows.turn(pose.T, step), turned + step
+            C_B, C_E, turned = C_B + step, C_E + self.axes.rows.turn(pose.T, step), turned + step
         beyond = fresh * self._beyond(y, C_B, turned)
-        return asked - self._turned(self.gain, pose, beyond), AnchorState(
+        return a - self.axes.product(self.gain, pose, beyond), AnchorState(
             y - beyond, C_B, C_E, state.measured_for
         )
 
@@ -172,12 +169,12 @@ class BoundedAnchor(NamedTuple):
 
     def centre(self, state: AnchorState, pose: Array) -> Array:
         """Return C at a payload pose, m and rad, shape (k_0,)."""
-        C: Array = (state.from_base + self.rows.turn(pose, state.from_tip)) / 2.0
+        C: Array = (state.from_base + self.axes.rows.turn(pose, state.from_tip)) / 2.0
         return C
 
     def is_reached(self, state: AnchorState, pose: Array) -> bool:
         """Return whether the bound acts, to 2 %, at a payload pose."""
-        y, turned = state.held / self.kept, self.rows.turn(pose, state.from_tip)
+        y, turned = state.held / self.kept, self.axes.rows.turn(pose, state.from_tip)
         return bool(self._beyond(_NEARLY * y, state.from_base, turned).any())
 
     def after(self, state: AnchorState, is_recent: bool, change: Array, pose: Array) -> AnchorState:
@@ -192,7 +189,7 @@ class BoundedAnchor(NamedTuple):
         _, C_B, C_E, t_m = state
         held = self.kept * state.held
         if not known(is_recent):
-            held = where(is_recent, held, state.held + self._turned(self.gain_inverse, pose, change))
+            held = where(is_recent, held, state.held + self.axes.product(self.gain_inverse, pose, change))
         return AnchorState(held, C_B, C_E, t_m + is_recent * self.period)
 
     def followed_bias(self, row: int, *, part: float, transient_rate: float) -> float:
@@ -224,12 +221,6 @@ class BoundedAnchor(NamedTuple):
             middle = (low + high) / 2.0
             low, high = (middle, high) if middle <= centre(middle) + b_0 else (low, middle)
         return low
-
-    def _turned(self, matrix: Array, pose: Array, values: Array) -> Array:
-        """Return the product with G or its inverse in world axes, shape (k_0,)."""
-        if not self.turns:
-            return matrix.dot(values)
-        return self.rows.turn(pose, matrix.dot(self.rows.turn(pose.T, values)))
 
     def _sum(self, values: Array) -> Array:
         """Return for each row the sum over the rows of its kind, shape (k_0,)."""

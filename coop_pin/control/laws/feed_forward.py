@@ -13,7 +13,9 @@ from pydantic import model_validator
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import Description, Matrix, Vector, check_arm_names
-from coop_pin.control.interface import ArmMeasurement, ArmReference, CellCommand, CellController
+from coop_pin.control.controller import CellCommand
+from coop_pin.control.law_wrapper import CellLawWrapper
+from coop_pin.control.measurement import ArmMeasurement, ArmReference
 
 
 class FeedForward(Description):
@@ -70,7 +72,7 @@ class FeedForwardState(NamedTuple):
 
     Attributes:
         law: state of the law.
-        added: torques that were added to the last command, N m, shape (k,) each.
+        added: torques that were added to the last command, N m, shape (k,) for each arm.
     """
 
     law: Any
@@ -82,27 +84,16 @@ Added = Callable[[float, Sequence[Array]], Sequence[Array]]
 
 
 @dataclass(frozen=True, eq=False)
-class FeedForwardController(CellController):
-    """A law whose torques are those of another law and added ones.
+class FeedForwardController(CellLawWrapper):
+    """Law of all arms with torques that are added to its commands.
 
-    The law is told as reported torque what acted of its own command: cuts are its own.
+    The torque that is reported to the law is the part of its own command that acted: cuts are its own.
 
     Attributes:
-        law: the law.
         added: torques to add.
     """
 
-    law: CellController
     added: Added
-
-    @property
-    def needs(self) -> tuple[str, ...]:  # type: ignore[override]
-        """What the law uses."""
-        return self.law.needs
-
-    def commands_of(self, arm: str) -> str:
-        """Return what the law commands to an arm."""
-        return self.law.commands_of(arm)
 
     def init(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
@@ -129,7 +120,7 @@ class FeedForwardController(CellController):
         references: Sequence[ArmReference],
         state: FeedForwardState | None,
     ) -> list[Array]:
-        """Return what the law's arms tell each other."""
+        """Return the messages of the law's arms."""
         if state is None:
             return self.law.messages(measurements, references, None)
         return self.law.messages(_without(measurements, state.added), references, state.law)
@@ -142,8 +133,8 @@ class FeedForwardController(CellController):
 def _without(measurements: Sequence[ArmMeasurement], added: Sequence[Array]) -> list[ArmMeasurement]:
     """Return measurements whose reported torques are without the added ones."""
     return [
-        seen
-        if seen.reported_torque is None or not more.any()
-        else seen._replace(reported_torque=seen.reported_torque - more)
-        for seen, more in zip(measurements, added, strict=True)
+        each
+        if each.reported_torque is None or not more.any()
+        else each._replace(reported_torque=each.reported_torque - more)
+        for each, more in zip(measurements, added, strict=True)
     ]

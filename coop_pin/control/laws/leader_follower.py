@@ -11,18 +11,13 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import Interval, NotNegative, Positive
 from coop_pin.base.spatial.generic_numbers import exp
-from coop_pin.control.bounds import SampledLoop
+from coop_pin.control.bounds import CellTiming, SampledLoop
+from coop_pin.control.controller import ArmCommand, ArmController
 from coop_pin.control.gains import Gains, PositiveRow, RowGain
-from coop_pin.control.interface import (
-    ArmCommand,
-    ArmController,
-    ArmMeasurement,
-    ArmReference,
-    CellTiming,
-    ControlledArm,
-)
 from coop_pin.control.law import DecentralisedLaw, LawController
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
 from coop_pin.control.posture import spare_torque
+from coop_pin.control.steady_state import NearRest
 
 
 class LeaderFollowerState(NamedTuple):
@@ -137,9 +132,9 @@ class LeaderFollower(DecentralisedLaw[LeaderFollowerGains]):
     gains: LeaderFollowerGains = LeaderFollowerGains()
 
     @property
-    def has_linear_integral(self) -> bool:
-        """Leader and followers integrate linearly."""
-        return True
+    def near_rest(self) -> NearRest:
+        """Model near rest: leader and followers integrate linearly."""
+        return super().near_rest._replace(integral="linear")
 
     def controller_of(self, arm: ControlledArm, gains: LeaderFollowerGains, scenario: Any) -> ArmController:
         """Return the law of one arm."""

@@ -1,4 +1,4 @@
-"""Mean-pose law: the payload-space law of every arm, acting on the mean of what all arms see."""
+"""Mean-pose law: the payload-space law of every arm on the mean of the poses and twists of all arms."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
-from typing import Any, ClassVar, Literal, NamedTuple, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -16,26 +16,20 @@ from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import Positive
 from coop_pin.base.spatial import TaskRows, exp3, pose_error
 from coop_pin.control.bounds import SampledLoop
-from coop_pin.control.consensus import ANY_AGE, disagreement, mean_heard, require_consensus
-from coop_pin.control.interface import (
-    ArmCommand,
-    ArmController,
-    ArmMeasurement,
-    ArmReference,
-    CellController,
-    ControlledArm,
-    DecentralisedController,
-)
+from coop_pin.control.consensus import ANY_AGE, disagreement, mean_received, require_consensus
+from coop_pin.control.controller import ArmController, CellController, DecentralisedController
+from coop_pin.control.law import LoadTransfer
+from coop_pin.control.law_wrapper import CellLawWrapper, LawWrapper, Parts, Received, WrappedState
 from coop_pin.control.laws.agreed_integral import AgreedIntegral
 from coop_pin.control.laws.payload_space import PayloadSpace
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceGains
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
 from coop_pin.control.steady_state import SteadyDirection
-from coop_pin.control.told_law import MemorylessTellingLaw, TellingCellLaw, TellingLaw, further, heard
 
 
 @dataclass(frozen=True, eq=False)
-class MeanPoseController(TellingCellLaw):
-    """The payload-space law of every arm on the mean of all arms' pose errors and twists.
+class MeanPoseController(CellLawWrapper):
+    """Payload-space law of every arm on the mean of all arms' pose errors and twists.
 
     ::
 
@@ -49,24 +43,22 @@ class MeanPoseController(TellingCellLaw):
     Here every view arrives at once and exactly; MeanPoseByMessages has them from a network.
     """
 
-    needs: ClassVar[tuple[str, ...]] = ("poses of all arms",)
-
-    def seen(
+    def transformed(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
     ) -> tuple[Sequence[ArmMeasurement], Sequence[ArmReference]]:
         """Return the measurements with the mean of all views, and the references."""
         X_d = references[0].pose
-        mean = _mean([_view(seen, X_d) for seen in measurements])
-        return [_placed(seen, mean, X_d) for seen in measurements], references
+        mean = reduce(add, [_view(each, X_d) for each in measurements]) / float(len(measurements))
+        return [_placed(each, mean, X_d) for each in measurements], references
 
 
 @dataclass(frozen=True, eq=False)
-class MeanPoseByMessages(MemorylessTellingLaw):
-    """The mean-pose law of one arm, which hears the views of the others and its own.
+class MeanPoseByMessages(LawWrapper):
+    """Mean-pose law of one arm, by messages with the views of all arms.
 
-    Every arm says ``[p_i - p_d, log(R_i R_d^T), V_i]``, k_0 + 6 numbers, and averages the latest of all views
-    as they were sent. So it takes its own view rounded and delayed like the others: else the arms' means, and
-    with them their integrals, differ by a constant for ever.
+    Every arm sends ``[p_i - p_d, log(R_i R_d^T), V_i]``, k_0 + 6 numbers, and averages the latest of all
+    views as they were sent. So it takes its own view rounded and delayed like the others: else the arms'
+    means, and with them their integrals, differ by a constant for ever.
 
     A view that is lost is replaced by the last that arrived: the means then differ by what that view changed
     since, which is no bias and averages out. ``skips`` leaves it out instead: the means differ by the bias,
@@ -78,47 +70,42 @@ class MeanPoseByMessages(MemorylessTellingLaw):
         skips: Whether a view that is older than this arm's own is left out.
     """
 
-    needs: ClassVar[tuple[str, ...]] = ("messages", "poses of all arms")
-
     name: str
     skips: bool = False
 
-    def said(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
-        """Return this arm's view, pose error and twist, shape (6 + k_0,)."""
-        return _view(measurement, reference.pose)
+    def sent(self, measurement: ArmMeasurement, reference: ArmReference, state: WrappedState) -> Parts:
+        """Return this arm's view."""
+        return {"view": _view(measurement, reference.pose)}
 
-    def seen(self, measurement: ArmMeasurement, reference: ArmReference) -> ArmMeasurement:
+    def transformed(
+        self,
+        measurement: ArmMeasurement,
+        reference: ArmReference,
+        memory: Any,
+        sent: Parts,
+        received: Received,
+    ) -> tuple[ArmMeasurement, Any]:
         """Return the measurement with the mean of the views; its own before any arrived."""
-        views, view = heard(measurement), _view(measurement, reference.pose)
-        mean = mean_heard(views, view, views[self.name].age if self.skips else ANY_AGE)
-        return _placed(_without_view(measurement), mean, reference.pose)
-
-
-class ConsensusState(NamedTuple):
-    """Memory of an arm in consensus.
-
-    Attributes:
-        correction: z, shape (6 + k_0,).
-        law: state of the law.
-    """
-
-    correction: Array
-    law: Any
+        views = received["view"]
+        oldest = views[self.name].age if self.skips else ANY_AGE
+        mean = mean_received(views, sent["view"], oldest)
+        return _placed(measurement, mean, reference.pose), memory
 
 
 @dataclass(frozen=True, eq=False)
-class ConsensusPose(TellingLaw):
-    """The mean-pose law of one arm by consensus: it hears its neighbours only.
+class ConsensusPose(LawWrapper):
+    """Mean-pose law of one arm by consensus with its neighbours.
 
     ::
 
         x_i = u_i - z_i,   z_i <- z_i + g sum_j (x_i - x_j),   z_i(t_0) = 0
 
-    u_i is the view of the arm, and x_i takes the place of the mean. Every arm says x_i; its neighbours' and
+    u_i is the view of the arm, and x_i takes the place of the mean. Every arm sends x_i; its neighbours' and
     its own enter the sum as they were sent, so that what one adds the other takes away: the x_i keep the mean
     of the views, and come to it at the rates 1 - g lambda, lambda > 0 the eigenvalues of the graph's
     Laplacian. A constant bias of a view leaves no disagreement. Of views that change, x_i is late by about
-    1 / (g lambda_2) ticks. Dynamic average consensus of first order: Zhu and Martinez, Automatica 46 (2010).
+    1 / (g lambda_2) ticks. The memory is z_i. Dynamic average consensus of first order: Zhu and Martinez,
+    Automatica 46 (2010).
 
     Attributes:
         law: Payload-space law of this arm.
@@ -126,60 +113,47 @@ class ConsensusPose(TellingLaw):
         gain: g, less than ``consensus_bound``.
     """
 
-    needs: ClassVar[tuple[str, ...]] = ("messages", "poses of all arms")
-
     name: str
     gain: float
 
-    def said(
-        self, measurement: ArmMeasurement, reference: ArmReference, state: ConsensusState | None
-    ) -> Array:
-        """Return x_i, shape (6 + k_0,)."""
-        view = _view(measurement, reference.pose)
-        return view if state is None else view - state.correction
+    def start(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
+        """Return z = 0, shape (6 + k_0,)."""
+        return np.zeros(6 + len(measurement.payload_twist))
 
-    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> ConsensusState:
-        """Return z = 0 and the first state of the law at the arm's own view; raises as the law."""
-        view = _view(measurement, reference.pose)
-        placed = _placed(_without_view(measurement), view, reference.pose)
-        return ConsensusState(np.zeros(len(view)), self.law.init(placed, reference))
+    def sent(self, measurement: ArmMeasurement, reference: ArmReference, state: WrappedState) -> Parts:
+        """Return x_i."""
+        return {"view": _view(measurement, reference.pose) - state.memory}
 
-    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: ConsensusState) -> ArmCommand:
-        """Return the command of the law at x_i, and the next state; raises as the law."""
-        x = self.said(measurement, reference, state)
-        placed = _placed(_without_view(measurement), x, reference.pose)
-        command = self.law.step(placed, reference, state.law)
-        z = state.correction + self.gain * disagreement(self.name, heard(measurement))[: len(x)]
-        return replace(command, state=ConsensusState(z, command.state))
-
-
-def _without_view(measurement: ArmMeasurement) -> ArmMeasurement:
-    """Return a measurement with the messages that go to the law: what follows the views."""
-    return measurement._replace(messages=further(measurement, 6 + len(measurement.payload_twist)))
+    def transformed(
+        self,
+        measurement: ArmMeasurement,
+        reference: ArmReference,
+        memory: Array,
+        sent: Parts,
+        received: Received,
+    ) -> tuple[ArmMeasurement, Array]:
+        """Return the measurement at x_i, and the next z_i."""
+        z = memory + self.gain * disagreement(self.name, received["view"])
+        return _placed(measurement, sent["view"], reference.pose), z
 
 
-def _view(seen: ArmMeasurement, X_d: Array) -> Array:
-    """Return the pose error and the twist that an arm sees, shape (6 + k_0,)."""
-    return np.concatenate((pose_error(seen.payload_pose, X_d), seen.payload_twist))
+def _view(measurement: ArmMeasurement, X_d: Array) -> Array:
+    """Return the pose error and the twist as an arm measures them, shape (6 + k_0,)."""
+    return np.concatenate((pose_error(measurement.payload_pose, X_d), measurement.payload_twist))
 
 
-def _placed(seen: ArmMeasurement, mean: Array, X_d: Array) -> ArmMeasurement:
-    """Return a measurement with a mean of views, put to the desired pose."""
-    X = np.zeros_like(seen.payload_pose)
-    X[:3, :3], X[:3, 3], X[3, 3] = exp3(mean[3:6]).dot(X_d[:3, :3]), X_d[:3, 3] + mean[:3], 1.0
-    return seen._replace(payload_pose=X, payload_twist=mean[6:])
-
-
-def _mean(vectors: Sequence[Array]) -> Array:
-    """Return the mean of vectors."""
-    return reduce(add, vectors) / float(len(vectors))
+def _placed(measurement: ArmMeasurement, view: Array, X_d: Array) -> ArmMeasurement:
+    """Return a measurement with the pose and twist of a view, at a desired pose."""
+    X = np.zeros_like(measurement.payload_pose)
+    X[:3, :3], X[:3, 3], X[3, 3] = exp3(view[3:6]).dot(X_d[:3, :3]), X_d[:3, 3] + view[:3], 1.0
+    return measurement._replace(payload_pose=X, payload_twist=view[6:])
 
 
 class MeanPose(PayloadSpace):
     """The payload-space law on exchanged poses: MeanPoseController.
 
     Where the scenario has a network, the arms hear each other through it, by MeanPoseByMessages; without one
-    they are one controller. Without a measured wrench nothing leaks unless ``gains.leak`` says so.
+    they are one controller. Without a measured wrench nothing leaks without ``gains.leak``.
 
     Attributes:
         on_loss: substitute of a view that did not arrive: the "last" that did, or none, "skip".
@@ -189,17 +163,6 @@ class MeanPose(PayloadSpace):
         leak_to: Goal of ``gains.leak``: the integral of the "start", or by messages the "mean" of all arms'
             integrals, by AgreedIntegral.
     """
-
-    reads_plan: ClassVar[bool] = False
-    later_fields: ClassVar[tuple[str, ...]] = (
-        "on_loss",
-        "averaging",
-        "consensus_gain",
-        "leak_to",
-        "slip_guard",
-        "normal_guard",
-        "knows_deflection",
-    )
 
     kind: Literal["mean-pose"] = "mean-pose"  # type: ignore[assignment]  # names the class, not its base
     on_loss: Literal["last", "skip"] = "last"
@@ -219,8 +182,13 @@ class MeanPose(PayloadSpace):
         return self
 
     @property
+    def load_transfer(self) -> LoadTransfer:
+        """Response of an arm that reads no plan: the mean is of the poses of all."""
+        return super().load_transfer._replace(follows_plan=False)
+
+    @property
     def needs(self) -> tuple[str, ...]:
-        """What the law uses besides kinematics: the poses of all arms, and wrenches as stated."""
+        """Needs of the law: the poses of all arms, and wrenches as stated."""
         return ("poses of all arms", *super().needs)
 
     def _leak(self, gains: PayloadSpaceGains) -> float:
@@ -232,7 +200,7 @@ class MeanPose(PayloadSpace):
         law: Any = super().controller_of(arm, gains, scenario)
         if self.leak_to == "start":
             return law
-        return replace(law, leak=0.0) if scenario.network is None else AgreedIntegral(law, arm.name)
+        return replace(law, leak=0.0) if scenario.network is None else AgreedIntegral(law)
 
     def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
         """Return the controller of the cell, or those of the arms where messages cross; see Law."""
@@ -244,7 +212,7 @@ class MeanPose(PayloadSpace):
         names, edges = list(laws), network.edges_at(0.0, list(laws))
         pairs = [(one, other) for one in names for other in names if one != other]
         if missing := [f"{other} does not hear {one}" for one, other in pairs if (one, other) not in edges]:
-            detail = f"leaves arms unheard ({', '.join(missing)}); 'mean-pose' averages all views: take 'all'"
+            detail = f"leaves out messages ({', '.join(missing)}); 'mean-pose' averages all views: take 'all'"
             raise FieldError(detail, "network.graph")
         skips = self.on_loss == "skip"
         return DecentralisedController(

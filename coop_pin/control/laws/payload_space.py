@@ -9,8 +9,6 @@ import numpy as np
 from pydantic import (
     BeforeValidator,
     Field,
-    SerializerFunctionWrapHandler,
-    model_serializer,
     model_validator,
 )
 
@@ -19,18 +17,20 @@ from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import NotNegative, Positive, number_or_row
 from coop_pin.base.spatial import TaskRows, weight_wrench
 from coop_pin.control.bounds import SampledLoop
-from coop_pin.control.interface import (
-    ArmController,
-    ControlledArm,
-)
+from coop_pin.control.controller import ArmController
+from coop_pin.control.law import LoadTransfer
+from coop_pin.control.laws.anchored_integral import AnchoredIntegral
 from coop_pin.control.laws.bounded_anchor import BoundedAnchor
-from coop_pin.control.laws.payload_space_controller import PayloadSpaceController, PayloadSpaceGains
+from coop_pin.control.laws.payload_space_controller import (
+    GripGuard,
+    PayloadSpaceController,
+    PayloadSpaceGains,
+)
 from coop_pin.control.laws.sliding_surface import Saturation, SurfaceLaw, Switching
+from coop_pin.control.measurement import ControlledArm
 from coop_pin.control.posture import PostureGains
 from coop_pin.control.steady_state import SteadyDirection
-
-_BOUND = ("anchor_bias", "anchor_bias_answered")
-"""Fields of the bound; a law without one is written without them, as before there was one."""
+from coop_pin.control.terms import GainAxes
 
 
 def _bias(value: Any) -> Any:
@@ -57,7 +57,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
 
     Attributes:
         posture: Spring and damper of the spare joints of redundant arms.
-        payload_mass: Approximate mass of the payload, kg, to tell the payload's weight from the internal
+        payload_mass: Approximate mass of the payload, kg, to separate the payload's weight from the internal
             wrench at the arm's own wrist; when omitted, wrist sensors are not used by themselves.
         stale_after: Ticks without a new measurement after which the integral leaks, beyond those that the
             force path itself takes.
@@ -75,15 +75,12 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             squeeze deflects them; else they give up a part of the squeeze to what they see of it.
     """
 
-    later_fields: ClassVar[tuple[str, ...]] = ("gain_axes", "slip_guard", "normal_guard", "knows_deflection")
-
     equal_gains: ClassVar[Mapping[str, str]] = {
         **SurfaceLaw.equal_gains,
         "anchor_gain": "else the anchors move the payload: it needs one g",
     }
 
     spare_spring: ClassVar[str] = "controller.posture.stiffness"
-    reads_plan: ClassVar[bool] = True
 
     kind: Literal["payload-space"] = "payload-space"
     switching: Switching = Saturation(width=0.05)
@@ -97,14 +94,6 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     normal_guard: NotNegative = 0.0
     knows_deflection: bool = False
 
-    @model_validator(mode="before")
-    @classmethod
-    def _without_bound(cls, fields: Any) -> Any:
-        """Return the fields of a record without ``anchor_bias``: of a law that bounds no anchor."""
-        omitted = {*_BOUND, "payload_mass", *cls.later_fields}
-        is_record = isinstance(fields, Mapping) and {*cls.model_fields} - omitted <= {*fields} - {*_BOUND}
-        return {"anchor_bias": "none"} | dict(fields) if is_record else fields
-
     @model_validator(mode="after")
     def _answers_for_more(self) -> Self:
         if self.anchor_bias != "none" and np.less(self.anchor_bias_answered, self.anchor_bias).any():
@@ -113,24 +102,20 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             raise FieldError(detail, "anchor_bias_answered")
         return self
 
-    @model_serializer(mode="wrap")
-    def _written(self, fields_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        fields, without = super()._written(fields_of), _BOUND if self.anchor_bias == "none" else ()
-        return {name: value for name, value in fields.items() if name not in without}
-
     @property
     def measures(self) -> bool:
         """Whether the law measures a wrench."""
         return self.payload_mass is not None or self.force_path.measures
 
     @property
-    def puts_down(self) -> bool:
-        """Whether it anchors the integral without a bound, which would keep the load that a table gets."""
-        return self.measures and self.gains.anchor_gain > 0.0 and self.anchor_bias == "none"
+    def load_transfer(self) -> LoadTransfer:
+        """Response to the plan; an anchor with a bound would keep the load that a table gets."""
+        is_anchored = self.measures and self.gains.anchor_gain > 0.0
+        return LoadTransfer(follows_plan=True, releases=is_anchored and self.anchor_bias == "none")
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """What the law uses besides kinematics: the holding torque, and the internal or its own wrench."""
+        """Needs of the law: the holding torque, and the internal or its own wrench."""
         is_own = self.payload_mass is not None and not self.force_path.measures
         return self.measured(["holding torque", "own wrench" if is_own else "internal wrench"])
 
@@ -149,19 +134,27 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
         if leak * arm.period > 1.0:  # the integral would overshoot its goal
             detail = f"is {leak:g} /s; at {fastest:g} Hz it can be at most {fastest:g}: state a smaller one"
             raise FieldError(detail, "controller.gains.leak")
+        rows, share, n, axes = arm.rows, arm.load_share, arm.way_out, self._axes(arm.rows, gains)
+        integral = AnchoredIntegral(
+            gain=gains.anchor_gain,
+            leak=leak,
+            stale_after=self.stale_after + arm.oldest_wrench,
+            bound=self._bound(axes, gains, share, arm.period, 1 + arm.oldest_wrench),
+        )
+        guard = None
+        if n is not None:
+            normal = rows.select(np.append(n, np.zeros(3)))
+            guard = GripGuard(rows, normal, self.slip_guard, self.normal_guard)
         return PayloadSpaceController(
             arm,
             gains,
             self.switching,
-            leak,
-            payload_weight=None if mass is None else arm.rows.select(weight_wrench(mass, arm.gravity)),
-            stale_after=self.stale_after + arm.oldest_wrench,
-            posture=self.posture.term(arm) if arm.drives > arm.rows.size else None,
-            most_slip=self.slip_guard,
-            turns=self._turns(arm.rows, gains),
+            integral,
+            axes,
+            payload_weight=None if mass is None else rows.select(weight_wrench(mass, arm.gravity)),
             compliance=self._compliance(arm, scenario),
-            least_normal=self.normal_guard,
-            bound=self._bound(arm.rows, gains, arm.load_share, arm.period, 1 + arm.oldest_wrench),
+            posture=self.posture.term(arm) if arm.drives > rows.size else None,
+            guard=guard,
         )
 
     def _compliance(self, arm: ControlledArm, scenario: Any) -> Array | None:
@@ -170,8 +163,8 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             return None
         return np.array(scenario.cell.compliance(arm.name)[np.ix_(arm.rows.indices, arm.rows.indices)])
 
-    def _turns(self, rows: TaskRows, gains: PayloadSpaceGains) -> bool:
-        """Return whether K turns with the payload.
+    def _axes(self, rows: TaskRows, gains: PayloadSpaceGains) -> GainAxes:
+        """Return the axes of K.
 
         Raises:
             FieldError: gamma is not that of any axes.
@@ -181,15 +174,15 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
         if self.gain_axes == "payload" and max(map(len, kinds)) > 1:
             detail = f"is {gamma.tolist()}; with gain_axes 'payload' it must be one value for all positions"
             raise FieldError(f"{detail}, and one for all rotations", "controller.gains.pose_gain")
-        return self.gain_axes == "payload"
+        return GainAxes(rows, self.gain_axes == "payload")
 
     def _bound(
-        self, rows: TaskRows, gains: PayloadSpaceGains, share: float, period: float, ticks: int
+        self, axes: GainAxes, gains: PayloadSpaceGains, share: float, period: float, ticks: int
     ) -> BoundedAnchor | None:
         """Return the bound of the anchor of a share c; None where none is stated, or derived.
 
         Args:
-            rows: The task rows.
+            axes: Axes of K.
             gains: Gains, sized.
             share: c.
             period: T, s.
@@ -202,10 +195,9 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
         width, pole = self.switching.width, self.force_path.pole
         age = period * (ticks + pole / (1.0 - pole))
         return BoundedAnchor.of_rows(
-            rows,
+            axes,
             (self.anchor_bias, self.anchor_bias_answered),
             gain=share * K @ gamma,
-            turns=self.gain_axes == "payload",
             forget=alpha / width,
             largest=width / gamma.diagonal(),
             rate=1.0 / (1.0 / gains.transient_rate + age * (1.0 + gains.force_gain) / gains.anchor_gain),
@@ -214,11 +206,19 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
 
     def steady_directions(self, rows: TaskRows, loop: SampledLoop, period: float) -> list[SteadyDirection]:
         """Return K gamma and the integral K alpha phi(gamma x) in each linear task row."""
-        gains, internal, phi = self.gains.sized(rows.size, 0), self.force_path.tells_wrenches, self.switching
+        gains, internal, phi = (
+            self.gains.sized(rows.size, 0),
+            self.force_path.exchanges_wrenches,
+            self.switching,
+        )
         beta, leak = gains.anchor_gain / (loop.every * period), self._leak(gains)
         anchored = self.measures and beta > 0.0
         linear = np.flatnonzero(rows.are_linear)
-        bound, free, most = self._bound(rows, gains, 1.0, period, loop.every + loop.delay), np.inf, np.inf
+        bound, free, most = (
+            self._bound(GainAxes(rows), gains, 1.0, period, loop.every + loop.delay),
+            np.inf,
+            np.inf,
+        )
         if bound is not None:
             part = gains.anchor_gain / (loop.every * (1.0 + gains.force_gain))
             most = bound.followed_bias(linear[0], part=part, transient_rate=gains.transient_rate)

@@ -12,41 +12,49 @@ import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.schema.base import NotNegative
-from coop_pin.base.spatial.generic_numbers import identity, known, where
+from coop_pin.base.spatial.task_rows import TaskRows
+from coop_pin.control.controller import ArmCommand
 from coop_pin.control.gains import PositiveGain
-from coop_pin.control.interface import ArmCommand, ArmMeasurement, ArmReference
 from coop_pin.control.law import LawController
-from coop_pin.control.laws.bounded_anchor import AnchorState, BoundedAnchor
+from coop_pin.control.laws.anchored_integral import AnchoredIntegral, IntegralState
+from coop_pin.control.laws.bounded_anchor import AnchorState
 from coop_pin.control.laws.sliding_surface import SurfaceGains, Switching
+from coop_pin.control.measurement import ArmMeasurement, ArmReference
 from coop_pin.control.posture import Posture, null_space_part
-from coop_pin.control.terms import is_new, jacobian_inverse, right_inverse
+from coop_pin.control.terms import GainAxes, right_inverse
+
+
+class PayloadSpaceStart(NamedTuple):
+    """Start of the law, of which what is left decays.
+
+    Attributes:
+        time: t_0, s.
+        surface: s_x(t_0), m/s and rad/s, shape (k_0,).
+        squeeze: f_d(t_0) in payload axes, shape (k_0,).
+        torque: tau_hold, N m, shape (k,).
+        pull: pull of the posture's spring at t_0, N m, shape (k,).
+    """
+
+    time: float
+    surface: Array
+    squeeze: Array
+    torque: Array
+    pull: Array
 
 
 class PayloadSpaceState(NamedTuple):
-    """Memory of the law: a wrench, and what it started from.
+    """Memory of the law.
 
     Attributes:
-        integral: Z, N and N m, shape (k_0,).
-        anchored: Z_hold, Z at the last new measurement, at first Z(t_0), shape (k_0,).
-        wrench_age: age of the measured wrench at the last tick, in ticks; inf before the first sample.
-        start_time: t_0, s.
-        start_surface: s_x(t_0), m/s and rad/s, shape (k_0,).
-        start_squeeze: f_d(t_0) in payload axes, shape (k_0,).
-        holding_torque: tau_hold, N m, shape (k,).
-        start_pull: pull of the posture's spring at t_0, N m, shape (k,).
+        integral: Z.
+        start: start of the law.
         command: torque of the last tick, N m, shape (k,).
         anchor: memory of the bounded anchor; None without a bound.
         holds: 1, and 0 from when the arms have lost their grip.
     """
 
-    integral: Array
-    anchored: Array
-    wrench_age: float
-    start_time: float
-    start_surface: Array
-    start_squeeze: Array
-    holding_torque: Array
-    start_pull: Array
+    integral: IntegralState
+    start: PayloadSpaceStart
     command: Array
     anchor: AnchorState | None
     holds: float = 1.0
@@ -71,6 +79,32 @@ class PayloadSpaceGains(SurfaceGains):
     sliding_gain: PositiveGain
     anchor_gain: NotNegative = 0.1
     leak: NotNegative | None = None
+
+
+class GripGuard(NamedTuple):
+    """Limits at which an arm that holds the payload by friction has lost its grip.
+
+    Attributes:
+        rows: the k_0 task rows.
+        normal: n, normal of the face out of it in payload axes, a wrench on the task rows, shape (k_0,).
+        most_slip: slip of a patch, m.
+        least_normal: normal force at this arm's own wrist, N, where more than twice that is desired.
+    """
+
+    rows: TaskRows
+    normal: Array
+    most_slip: float = np.inf
+    least_normal: float = 0.0
+
+    def grips(self, measurement: ArmMeasurement, reference: ArmReference, f_r: Array) -> float:
+        """Return 0.0 where slip or normal force are beyond a limit, else 1.0."""
+        F = measurement.interaction_wrench
+        grips = measurement.slip is None or measurement.slip <= self.most_slip
+        if self.least_normal > 0.0 and F is not None:
+            n = self.rows.turn(reference.pose, self.normal)
+            is_watched = n.dot(f_r) > 2.0 * self.least_normal
+            grips = grips and not (is_watched and n.dot(F) < self.least_normal)
+        return float(grips)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,29 +142,23 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
 
     Attributes:
         switching: phi: sgn, or a smooth function in its place.
-        leak: lambda, 1/s.
+        integral: Z with anchor and leak. With a bound of the anchor, the integral takes over what drives cut:
+            see the page "The bounded anchor".
+        axes: axes of K; where they turn with the payload, R K R^T is in place of K.
         payload_weight: approximate weight What of the payload as a wrench, shape (k_0,); None ignores
             the wrist sensor.
-        stale_after: age in ticks beyond which a measurement is no longer recent.
-        posture: spring and damper of the spare joints; None for an arm without spare joints.
-        bound: bound of the anchor; None without. With one, the integral takes over what drives cut: see the
-            page "The bounded anchor".
-        most_slip: slip of a patch from which on f_r = 0 and the anchor rests, m.
-        turns: whether K is in payload axes and turns with them: R K R^T in place of K.
         compliance: C about P in payload axes, m/N and rad/(N m), shape (k_0, k_0); None for zero.
-        least_normal: normal force of this arm's own wrist below which they do, N.
+        posture: spring and damper of the spare joints; None for an arm without spare joints.
+        guard: limits beyond which f_r = 0 and the anchor rests; None for an arm that does not press.
     """
 
     switching: Switching
-    leak: float
+    integral: AnchoredIntegral
+    axes: GainAxes
     payload_weight: Array | None = None
-    stale_after: float = 3.0
-    posture: Posture | None = None
-    bound: BoundedAnchor | None = None
-    most_slip: float = np.inf
-    turns: bool = False
     compliance: Array | None = None
-    least_normal: float = 0.0
+    posture: Posture | None = None
+    guard: GripGuard | None = None
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> PayloadSpaceState:
         """Return the state at t_0, with which the first torque is the holding torque.
@@ -142,31 +170,73 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         """
         J, tau_hold = measurement.payload_jacobian, measurement.holding_torque
         Z, nothing = np.zeros(self.arm.rows.size), np.zeros(J.shape[1])
-        pull = nothing
+        pull, squeeze, reported = nothing, reference.internal_wrench, measurement.reported_torque
         if tau_hold is not None:
             Z = -right_inverse(J, measurement.time).T.dot(tau_hold)
             pull = nothing if self.posture is None else self.posture.pull(measurement.q, measurement.v)
-        start_squeeze = reference.internal_wrench
         if self.arm.pressed:  # the holding torque has the squeeze in it, which f_r keeps
-            Z = Z - self.arm.rows.turn(self._squeeze_axes(measurement, reference), start_squeeze)
-            start_squeeze = np.zeros_like(start_squeeze)
-        reported = measurement.reported_torque
+            Z, squeeze = Z - self._squeeze(measurement, reference, squeeze), np.zeros_like(squeeze)
         return PayloadSpaceState(
-            integral=Z,
-            anchored=Z,
-            wrench_age=np.inf,
-            start_time=measurement.time,
-            start_surface=self._surface(measurement, reference),
-            start_squeeze=start_squeeze,
-            holding_torque=nothing if tau_hold is None else tau_hold,
-            start_pull=pull,
+            IntegralState(Z, Z, np.inf),
+            PayloadSpaceStart(
+                time=measurement.time,
+                surface=self._surface(measurement, reference),
+                squeeze=squeeze,
+                torque=nothing if tau_hold is None else tau_hold,
+                pull=pull,
+            ),
             command=nothing if reported is None else reported,
-            anchor=None if self.bound is None else self.bound.start(),
+            anchor=None if self.integral.bound is None else self.integral.bound.start(),
         )
+
+    def step(
+        self, measurement: ArmMeasurement, reference: ArmReference, state: PayloadSpaceState
+    ) -> ArmCommand:
+        """Return the drive torque of this tick and the state of the next.
+
+        Raises:
+            SingularJacobianError: the payload Jacobian of an arm with spare joints loses rank.
+        """
+        arm, gains, start = self.arm, self.gains, state.start
+        c, K, J = arm.load_share, gains.sliding_gain, measurement.payload_jacobian
+        X_WP, K_f = measurement.payload_pose, gains.force_gain
+        e = np.exp(-gains.transient_rate * (measurement.time - start.time))
+        s = self._surface(measurement, reference) - start.surface * e
+        f_d = reference.internal_wrench - start.squeeze * e
+        f_r, grip = self._squeeze(measurement, reference, f_d), 1.0
+        if self.compliance is not None:
+            s = s + gains.pose_gain.dot(arm.rows.turn(X_WP, self.compliance.dot(f_d)))
+        if self.guard is not None:
+            grip = state.holds * self.guard.grips(measurement, reference, f_r)
+            f_r = grip * f_r
+        fhat, age = self._measured_wrench(measurement, f_r, reference.share(arm))
+        error = fhat - f_r
+        J_plus = None if self.posture is None else right_inverse(J, measurement.time)
+        integral, anchor = self.integral.anchored(
+            (state.integral, state.anchor),
+            measurement,
+            error=error,
+            age=age,
+            grip=grip,
+            command=state.command,
+            J_plus=J_plus,
+        )
+        tau = -J.T.dot(c * self.axes.product(K, X_WP, s) + integral.value + f_r - K_f * error)
+        if self.posture is not None and J_plus is not None:
+            pull = self.posture.pull(measurement.q, measurement.v) - start.pull * e
+            tau = tau + null_space_part(start.torque + pull, J, J_plus)
+
+        goes_on, leak = self.integral.rates(integral, measurement)
+        rate = goes_on * c * self.axes.product(K, X_WP, gains.sign_gain.dot(self.switching(s)))
+        change = arm.period * (rate - leak)
+        integral, anchor = self.integral.following((integral, anchor), change, X_WP)
+        holds = state.holds if self.guard is None else grip
+        return ArmCommand(tau, PayloadSpaceState(integral, start, tau, anchor, holds))
 
     def remarks(self, pose: Array, state: PayloadSpaceState) -> list[str]:
         """Return that the bound of the anchor acts, if it does."""
-        if self.bound is None or state.anchor is None or not self.bound.is_reached(state.anchor, pose):
+        bound, anchor = self.integral.bound, state.anchor
+        if bound is None or anchor is None or not bound.is_reached(anchor, pose):
             return []
         return [
             "the anchor is at its bound: a dead arm, drives that are too weak, a wrong wrench, or a bias that"
@@ -174,96 +244,15 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             " controller.anchor_bias allows more"
         ]
 
-    def step(
-        self, measurement: ArmMeasurement, reference: ArmReference, state: PayloadSpaceState
-    ) -> ArmCommand:
-        """Return the drive torque of this tick and the state of the next."""
-        arm, gains, J = self.arm, self.gains, measurement.payload_jacobian
-        T, c, pose = arm.period, arm.load_share, measurement.payload_pose
-        e = np.exp(-gains.transient_rate * (measurement.time - state.start_time))
-        s = self._surface(measurement, reference) - state.start_surface * e
-        squeeze = reference.internal_wrench - state.start_squeeze * e
-        f_r = arm.rows.turn(self._squeeze_axes(measurement, reference), squeeze)
-        if self.compliance is not None:
-            s = s + gains.pose_gain.dot(arm.rows.turn(pose, self.compliance.dot(squeeze)))
-        holds, grip = state.holds, 1.0
-        if arm.pressed:
-            holds = grip = holds * self._grips(measurement, reference, f_r)
-            f_r = grip * f_r
-        fhat, age = self._measured_wrench(measurement, f_r, reference.share(arm))
-        error = fhat - f_r
-
-        fresh, stale = is_new(age, state.wrench_age), age > self.stale_after
-        uncut, recent = 1.0 - measurement.saturated.any(), 1.0 - stale
-        Z, Z_hold, anchor = state.integral, state.anchored, state.anchor
-        asked = fresh * (-grip * gains.anchor_gain) * error
-        J_plus = None if self.posture is None else right_inverse(J, measurement.time)
-        if self.bound is not None and anchor is not None:
-            cut = self._cut(measurement, state, J_plus)
-            if cut is not None:
-                Z, Z_hold = Z - recent * cut, Z_hold - recent * cut
-            asked, anchor = self.bound.step(anchor, asked, fresh, uncut * recent, pose)
-        Z = Z + asked
-        Z_hold = where(fresh, Z, Z_hold)
-
-        tau = -J.T.dot(c * self._weighted(pose, s) + Z + f_r - gains.force_gain * error)
-        if self.posture is not None and J_plus is not None:
-            pull = self.posture.pull(measurement.q, measurement.v) - state.start_pull * e
-            tau = tau + null_space_part(state.holding_torque + pull, J, J_plus)
-
-        leak = stale * self.leak * (Z - Z_hold)
-        waits = self.bound is None or measurement.reported_torque is None
-        goes_on = uncut if waits else where(stale, uncut, 1.0)
-        integral = goes_on * c * self._weighted(pose, gains.sign_gain.dot(self.switching(s)))
-        change = T * (integral - leak)
-        if self.bound is not None and anchor is not None:
-            anchor = self.bound.after(anchor, np.logical_not(stale), change, pose)
-        return ArmCommand(
-            tau,
-            state._replace(
-                integral=Z + change, anchored=Z_hold, wrench_age=age, command=tau, anchor=anchor, holds=holds
-            ),
-        )
-
-    def _cut(
-        self, measurement: ArmMeasurement, state: PayloadSpaceState, J_plus: Array | None
-    ) -> Array | None:
-        """Return the wrench by which drives changed the last command, shape (k_0,); None for none."""
-        reported = measurement.reported_torque
-        if reported is None:
-            return None
-        change = reported - state.command
-        is_uncut = change.dot(change) == 0.0
-        if known(is_uncut):
-            return None
-        if J_plus is None:  # only where it is used may a Jacobian not be singular
-            J = measurement.payload_jacobian
-            J_plus = jacobian_inverse(where(is_uncut, identity(len(J)), J), measurement.time)
-        return J_plus.T.dot(change)
-
-    def _weighted(self, pose: Array, s: Array) -> Array:
-        """Return K s in world axes, shape (k_0,)."""
-        K, rows = self.gains.sliding_gain, self.arm.rows
-        return rows.turn(pose, K.dot(rows.turn(pose.T, s))) if self.turns else K.dot(s)
-
-    def _squeeze_axes(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
-        """Return the pose whose axes the squeeze turns with: as seen, or as desired by pressed arms."""
-        return reference.pose if self.arm.pressed else measurement.payload_pose
-
-    def _grips(self, measurement: ArmMeasurement, reference: ArmReference, f_r: Array) -> float:
-        """Return 0.0 where the slip, or too little normal force where more is desired, tells of a loss."""
-        grips = measurement.slip is None or measurement.slip <= self.most_slip
-        F, n = measurement.interaction_wrench, self.arm.way_out
-        if self.least_normal > 0.0 and F is not None and n is not None:
-            normal = self.arm.rows.turn(reference.pose, self.arm.rows.select(np.append(n, np.zeros(3))))
-            is_watched = normal.dot(f_r) > 2.0 * self.least_normal
-            grips = grips and not (is_watched and normal.dot(F) < self.least_normal)
-        return float(grips)
-
     def _surface(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
         """Return s_x = xtildedot + gamma xtilde, shape (k_0,)."""
         xtilde = self.arm.rows.pose_error(measurement.payload_pose, reference.pose)
         return measurement.payload_twist - reference.twist + self.gains.pose_gain.dot(xtilde)
+
+    def _squeeze(self, measurement: ArmMeasurement, reference: ArmReference, f_d: Array) -> Array:
+        """Return R f_d, shape (k_0,), with R as desired for pressed arms, else as measured."""
+        pose = reference.pose if self.arm.pressed else measurement.payload_pose
+        return self.arm.rows.turn(pose, f_d)
 
     def _measured_wrench(self, measurement: ArmMeasurement, f_r: Array, share: float) -> tuple[Array, float]:
         """Return fhat, shape (k_0,), and its age in ticks; f_r of age inf if nothing is measured."""
@@ -271,7 +260,5 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             return measurement.internal_wrench, measurement.internal_wrench_age
         if measurement.interaction_wrench is None or self.payload_weight is None:
             return f_r, np.inf
-        return (
-            measurement.interaction_wrench - share * self.payload_weight,
-            measurement.interaction_wrench_age,
-        )
+        fhat = measurement.interaction_wrench - share * self.payload_weight
+        return fhat, measurement.interaction_wrench_age

@@ -13,17 +13,12 @@ from coop_pin.base.schema.base import Interval, NotNegative
 from coop_pin.base.spatial.generic_numbers import exp
 from coop_pin.base.spatial.task_rows import TaskRows
 from coop_pin.control.bounds import SampledLoop
+from coop_pin.control.controller import ArmCommand, ArmController
 from coop_pin.control.gains import Gains, PositiveRow
-from coop_pin.control.interface import (
-    ArmCommand,
-    ArmController,
-    ArmMeasurement,
-    ArmReference,
-    ControlledArm,
-)
 from coop_pin.control.law import DecentralisedLaw, LawController
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
 from coop_pin.control.posture import spare_torque
-from coop_pin.control.steady_state import SteadyDirection
+from coop_pin.control.steady_state import NearRest, SteadyDirection
 
 _SMALL_PART = 1e-3
 """Part of a funnel in which its gain counts as constant."""
@@ -124,9 +119,9 @@ class PrescribedPerformance(DecentralisedLaw[PrescribedPerformanceGains]):
     gains: PrescribedPerformanceGains = PrescribedPerformanceGains()
 
     @property
-    def linear_speed(self) -> float:
-        """A small part of the narrowest velocity funnel."""
-        return _SMALL_PART * float(np.min(self.gains.velocity_floor))
+    def near_rest(self) -> NearRest:
+        """Model near rest, linear in a small part of the narrowest velocity funnel."""
+        return super().near_rest._replace(linear_speed=_SMALL_PART * float(np.min(self.gains.velocity_floor)))
 
     def controller_of(
         self, arm: ControlledArm, gains: PrescribedPerformanceGains, scenario: Any

@@ -15,16 +15,11 @@ import numpy as np
 from coop_pin.base.arrays import Array
 from coop_pin.base.schema.base import NotNegative
 from coop_pin.base.spatial.generic_numbers import exp
+from coop_pin.control.controller import ArmCommand, ArmController
 from coop_pin.control.gains import PositiveGain, gain_matrix
-from coop_pin.control.interface import (
-    ArmCommand,
-    ArmController,
-    ArmMeasurement,
-    ArmReference,
-    ControlledArm,
-)
 from coop_pin.control.law import LawController
 from coop_pin.control.laws.sliding_surface import SurfaceGains, SurfaceLaw, Switching
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
 from coop_pin.control.posture import Posture, PostureGains
 from coop_pin.control.terms import force_term, jacobian_inverse, right_inverse
 

@@ -16,6 +16,7 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.schema.base import Description, NotNegative, Positive
 from coop_pin.control.gains import Gains, PositiveGain, SignGain
 from coop_pin.control.law import DecentralisedLaw
+from coop_pin.control.steady_state import NearRest
 
 
 class Sign(Description):
@@ -120,15 +121,12 @@ class SurfaceLaw(DecentralisedLaw[G], Generic[G]):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """What the law uses besides kinematics: the internal wrench if K_f is not zero."""
+        """Needs of the law: the internal wrench if K_f is not zero."""
         return self.measured(["internal wrench"] if self.gains.force_gain > 0.0 else [])
 
     @property
-    def has_linear_integral(self) -> bool:
-        """Whether the switching function is smooth at 0."""
-        return self.switching.is_smooth
-
-    @property
-    def is_smooth(self) -> bool:
-        """Whether it is, or is not integrated."""
-        return self.has_linear_integral or not np.any(self.gains.sign_gain)
+    def near_rest(self) -> NearRest:
+        """Model near rest, with a linear integral where the switching function is smooth at 0."""
+        if self.switching.is_smooth:
+            return super().near_rest._replace(integral="linear")
+        return super().near_rest._replace(integral="sign" if np.any(self.gains.sign_gain) else "none")

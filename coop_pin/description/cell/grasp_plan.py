@@ -17,7 +17,7 @@ import numpy as np
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.base.spatial import internal_wrenches
 from coop_pin.base.spatial.internal_wrench import linkage_loads
-from coop_pin.control.force_path import Split
+from coop_pin.control.force_paths.force_path import Split
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.events import of_kind
 from coop_pin.description.grasp_events import GraspEvent

@@ -12,12 +12,7 @@ import numpy as np
 from coop_pin.base.arrays import Array, frozen
 from coop_pin.base.errors import ShapeError
 from coop_pin.base.spatial.generic_numbers import known, where
-from coop_pin.control.interface import (
-    ArmMeasurement,
-    ArmReference,
-    CellController,
-    Message,
-)
+from coop_pin.control import ArmMeasurement, ArmReference, CellController, Message
 from coop_pin.description.network import Channel, Edge, Network
 from coop_pin.description.scenario import Scenario
 from coop_pin.simulation.devices.signals import EARLY, generator

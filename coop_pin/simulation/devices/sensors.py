@@ -10,7 +10,7 @@ import numpy as np
 from coop_pin.base.arrays import Array, frozen
 from coop_pin.base.spatial import TaskRows, rotate_vector6
 from coop_pin.base.spatial.internal_wrench import linkage_loads
-from coop_pin.control.interface import ArmMeasurement, ArmReference
+from coop_pin.control import ArmMeasurement, ArmReference
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import PayloadKinematics
 from coop_pin.model.cell_model import ArmPlace

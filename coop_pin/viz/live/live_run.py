@@ -12,8 +12,8 @@ from coop_pin.base.errors import CoopPinError, FieldError, UserCodeError
 from coop_pin.description.events import PayloadChange, WrenchPulse
 from coop_pin.description.scenario import Scenario
 from coop_pin.reference.squeeze import ConstantSqueeze
-from coop_pin.results import Observer
 from coop_pin.results.run_result import RunResult
+from coop_pin.results.snapshot import Observer
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.realtime import RealtimePacer
 from coop_pin.simulation.simulation import Simulation

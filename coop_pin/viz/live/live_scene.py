@@ -15,9 +15,9 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.visuals import CellVisuals
-from coop_pin.results import Snapshot
 from coop_pin.results.quantities import GROUPS
 from coop_pin.results.run_result import RunResult
+from coop_pin.results.snapshot import Snapshot
 from coop_pin.viz.arrows import expected_scales
 from coop_pin.viz.cell_scene import cell_scene
 from coop_pin.viz.curves import cell_curves, curve_rows

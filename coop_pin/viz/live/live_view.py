@@ -11,8 +11,8 @@ from coop_pin.base.arrays import as_positive
 from coop_pin.base.errors import PortTakenError, ViewWarning
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.scenario import Scenario
-from coop_pin.results import Snapshot
 from coop_pin.results.run_result import RunResult
+from coop_pin.results.snapshot import Snapshot
 from coop_pin.viz.frames import FRAMES_PER_SECOND
 from coop_pin.viz.live.live_scene import InitialScene, LiveScene, initial_scene
 from coop_pin.viz.live.live_server import LiveServer

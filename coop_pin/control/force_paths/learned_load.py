@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -11,16 +11,11 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.schema.base import NotNegative, Positive
 from coop_pin.base.spatial import weight_wrench
 from coop_pin.control.consensus import disagreement, require_consensus
-from coop_pin.control.exchanged_wrench import less_load, own_wrench
-from coop_pin.control.force_path import PlainForcePath
-from coop_pin.control.interface import (
-    ArmCommand,
-    ArmController,
-    ArmMeasurement,
-    ArmReference,
-    ControlledArm,
-)
-from coop_pin.control.told_law import TellingLaw, heard
+from coop_pin.control.controller import ArmController
+from coop_pin.control.force_paths.exchanged_wrench import less_load, own_wrench
+from coop_pin.control.force_paths.force_path import PlainForcePath
+from coop_pin.control.law_wrapper import LawWrapper, Parts, Received, WrappedState
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
 
 
 class LearnedState(NamedTuple):
@@ -30,18 +25,16 @@ class LearnedState(NamedTuple):
         belief: mass by its own wrist, as mean times precision, and precision, shape (2,).
         correction: z, of the consensus on both, shape (2,).
         twist: V_WP at the last tick, m/s and rad/s, shape (k_0,).
-        law: state of the law.
     """
 
     belief: Array
     correction: Array
     twist: Array
-    law: Any
 
 
 @dataclass(frozen=True, eq=False)
-class LearnedLoad(TellingLaw):
-    """A law whose internal wrench is its wrist's less its share of a learned load: ``f = F - c mass phi_d``.
+class LearnedLoad(LawWrapper):
+    """Law whose internal wrench is its wrist's less its share of a learned load: ``f = F - c mass phi_d``.
 
     Bayesian linear regression at every arm, and dynamic average consensus on what each believes::
 
@@ -56,7 +49,7 @@ class LearnedLoad(TellingLaw):
     arXiv:2104.04342, equations (18), (19), (32) and (34); there with the places of the grasps, from the arms'
     impedances in place of wrenches.
 
-    Every arm says x_i, two numbers, and then what its law says; wrenches do not cross. Where the mass is
+    Every arm sends x_i, two numbers; wrenches do not cross. Where the mass is
     wrong, or the load no weight, what is left of it is a load on the motion, as of an arm's own wrench.
 
     Attributes:
@@ -66,42 +59,42 @@ class LearnedLoad(TellingLaw):
         arms: m.
     """
 
-    needs: ClassVar[tuple[str, ...]] = ("messages", "own wrench")
-
     arm: ControlledArm
     path: LearnedForcePath
     arms: int
 
-    def said(self, measurement: ArmMeasurement, reference: ArmReference, state: LearnedState | None) -> Array:
-        """Return x_i, shape (2,)."""
-        return self._prior() if state is None else state.belief - state.correction
+    def start(self, measurement: ArmMeasurement, reference: ArmReference) -> LearnedState:
+        """Return the prior: mean times precision, and precision, of the mass that is expected."""
+        prior = np.array([self.path.payload_mass, 1.0]) / self.path.mass_deviation**2
+        return LearnedState(prior, 0.0 * prior, measurement.payload_twist)
 
-    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> LearnedState:
-        """Return what is expected, and the first state of the law; raises as the law."""
-        x = self._prior()
-        seen = self._with_wrench(measurement, reference, x)
-        return LearnedState(x, 0.0 * x, measurement.payload_twist, self.law.init(seen, reference))
+    def sent(self, measurement: ArmMeasurement, reference: ArmReference, state: WrappedState) -> Parts:
+        """Return x_i."""
+        return {"belief": state.memory.belief - state.memory.correction}
 
-    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: LearnedState) -> ArmCommand:
-        """Return the command of the law, and the next state; raises as the law."""
-        F, V = own_wrench(measurement, self.arm), measurement.payload_twist
-        phi = self._wrench_of_a_kilogram((V - state.twist) / self.arm.period)
-        seen = self._with_wrench(measurement, reference, state.belief - state.correction)
-        command = self.law.step(seen, reference, state.law)
+    def transformed(
+        self,
+        measurement: ArmMeasurement,
+        reference: ArmReference,
+        memory: LearnedState,
+        sent: Parts,
+        received: Received,
+    ) -> tuple[ArmMeasurement, LearnedState]:
+        """Return the measurement with the internal wrench, and the next u, z and V."""
+        F, V, x = own_wrench(measurement, self.arm), measurement.payload_twist, sent["belief"]
+        phi = self._wrench_of_a_kilogram((V - memory.twist) / self.arm.period)
         precision = np.where(measurement.interaction_wrench_age < np.inf, self.path.force_deviation**-2, 0.0)
         news = precision * np.array([self.arms * phi.dot(F), phi.dot(phi)])
-        apart = disagreement(self.arm.name, heard(measurement))[:2]
-        z = state.correction + self.path.consensus_gain * apart
-        return replace(command, state=LearnedState(state.belief + news, z, V, command.state))
+        apart = disagreement(self.arm.name, received["belief"])
+        z = memory.correction + self.path.consensus_gain * apart
+        load = x[0] / x[1] * self._wrench_of_a_kilogram(reference.acceleration)
+        inner = less_load(measurement, reference, self.arm, load)
+        return inner, LearnedState(memory.belief + news, z, V)
 
-    def remarks(self, pose: Array, state: LearnedState) -> list[str]:
-        """Return the mass that is believed, and the sentences of the law."""
-        mean, precision = state.belief - state.correction
+    def remarks(self, pose: Array, state: WrappedState) -> list[str]:
+        """Return the mass that is believed, and the remarks of the law."""
+        mean, precision = state.memory.belief - state.memory.correction
         return [f"it has learned a payload of {mean / precision:.4g} kg", *super().remarks(pose, state)]
-
-    def _prior(self) -> Array:
-        """Return mean times precision, and precision, of the mass that is expected."""
-        return np.array([self.path.payload_mass, 1.0]) / self.path.mass_deviation**2
 
     def _wrench_of_a_kilogram(self, acceleration: Array) -> Array:
         """Return phi, the wrench on the arms by a kilogram with an acceleration of P, shape (k_0,)."""
@@ -109,11 +102,6 @@ class LearnedLoad(TellingLaw):
         return (
             rows.select(weight_wrench(1.0, self.arm.gravity)) - rows.are_linear.astype(float) * acceleration
         )
-
-    def _with_wrench(self, measurement: ArmMeasurement, reference: ArmReference, x: Array) -> ArmMeasurement:
-        """Return the measurement with the internal wrench, and the messages of the law."""
-        load = x[0] / x[1] * self._wrench_of_a_kilogram(reference.acceleration)
-        return less_load(measurement, reference, self.arm, load, 2)
 
 
 class LearnedForcePath(PlainForcePath):
@@ -126,7 +114,7 @@ class LearnedForcePath(PlainForcePath):
         consensus_gain: g of the consensus on what is learned.
     """
 
-    tells_wrenches: ClassVar[bool] = False
+    exchanges_wrenches: ClassVar[bool] = False
 
     kind: Literal["learned-load"] = "learned-load"
     payload_mass: NotNegative = 0.0
@@ -134,8 +122,8 @@ class LearnedForcePath(PlainForcePath):
     force_deviation: Positive = 1.0
     consensus_gain: Positive = 0.25
 
-    def law_told(self, law: ArmController, arm: ControlledArm, scenario: Any) -> ArmController:
-        """Return the law of an arm, told by LearnedLoad.
+    def wrapped(self, law: ArmController, arm: ControlledArm, scenario: Any) -> ArmController:
+        """Return the law of an arm in a LearnedLoad.
 
         Raises:
             FieldError: the consensus does not come to the mean over the scenario's graph.

@@ -6,8 +6,9 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from coop_pin.base.schema.base import Description, WithLaterFields
-from coop_pin.control.interface import ArmController, ControlledArm
+from coop_pin.base.schema.base import Description
+from coop_pin.control.controller import ArmController
+from coop_pin.control.measurement import ControlledArm
 
 INSIST = "or insist with beyond_bound = true"
 """Advice for those who know better than the bounds."""
@@ -18,7 +19,7 @@ Split = Literal["shares", "virtual-linkage"]
 
 
 class ForcePathTraits:
-    """Questions that every force path answers."""
+    """Properties of a force path, with their defaults."""
 
     measures: ClassVar[bool] = True
     """Whether a wrench is measured."""
@@ -26,11 +27,11 @@ class ForcePathTraits:
     """Whether the internal wrench comes with the measurement, from the wrists of all arms."""
     hears_all: ClassVar[bool] = False
     """Whether every arm hears all others, and its wrench is as late as their messages."""
-    tells_wrenches: ClassVar[bool] = True
+    exchanges_wrenches: ClassVar[bool] = True
     """Whether wrenches cross between the arms."""
 
-    def law_told(self, law: ArmController, arm: ControlledArm, scenario: Any) -> ArmController:
-        """Return the law of an arm, told its internal wrench where that does not come with measurements.
+    def wrapped(self, law: ArmController, arm: ControlledArm, scenario: Any) -> ArmController:
+        """Return the law of an arm, in a wrapper that forms its internal wrench where no sensor gives it.
 
         Args:
             law: Law of the arm.
@@ -55,7 +56,7 @@ class NoForcePath(PlainForcePath):
     """No measured internal wrench: K_f must be zero, and the law is truly decentralised."""
 
     measures: ClassVar[bool] = False
-    tells_wrenches: ClassVar[bool] = False
+    exchanges_wrenches: ClassVar[bool] = False
 
     kind: Literal["none"] = "none"
 
@@ -63,7 +64,7 @@ class NoForcePath(PlainForcePath):
 _Delay = Annotated[int, Field(ge=0)]
 
 
-class LateForcePath(ForcePathTraits, WithLaterFields):
+class LateForcePath(ForcePathTraits, Description):
     """Internal wrench of one tick before: f_m[k] = f(t_k^-), f_m[0] = f_d.
 
     Attributes:
@@ -71,8 +72,6 @@ class LateForcePath(ForcePathTraits, WithLaterFields):
         split: Load in the measured wrenches: the "shares" about P, or in the "virtual-linkage" tip
             forces without moments, which patches can bear; then the payload's mass may be unknown.
     """
-
-    later_fields: ClassVar[tuple[str, ...]] = ("split",)
 
     by_sensors: ClassVar[bool] = True
     pole: ClassVar[float] = 0.0
@@ -82,7 +81,7 @@ class LateForcePath(ForcePathTraits, WithLaterFields):
     split: Split = "shares"
 
 
-class LowPassForcePath(ForcePathTraits, WithLaterFields):
+class LowPassForcePath(ForcePathTraits, Description):
     """Discrete low-pass filter: f_m[k] = p f_m[k-1] + (1 - p) f(t_k^-), f_m[0] = f_d.
 
     It takes every sample once, when it arrives; between samples of slow sensors it holds.
@@ -92,8 +91,6 @@ class LowPassForcePath(ForcePathTraits, WithLaterFields):
         delay: D, ticks of transport before the filter, which then takes f(t_{k-D}^-).
         split: Load in the measured wrenches, as of LateForcePath.
     """
-
-    later_fields: ClassVar[tuple[str, ...]] = ("split",)
 
     by_sensors: ClassVar[bool] = True
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal, NamedTuple
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -12,16 +12,11 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import NotNegative, Positive
 from coop_pin.control.consensus import disagreement, graph_eigenvalues
-from coop_pin.control.exchanged_wrench import less_load, own_wrench
-from coop_pin.control.force_path import INSIST, PlainForcePath
-from coop_pin.control.interface import (
-    ArmCommand,
-    ArmController,
-    ArmMeasurement,
-    ArmReference,
-    ControlledArm,
-)
-from coop_pin.control.told_law import TellingLaw, heard
+from coop_pin.control.controller import ArmController
+from coop_pin.control.force_paths.exchanged_wrench import less_load, own_wrench
+from coop_pin.control.force_paths.force_path import INSIST, PlainForcePath
+from coop_pin.control.law_wrapper import LawWrapper, Parts, Received, WrappedState
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
 
 _AT_REST = 1e-9
 """Distance from 1 of a factor that counts as it: of an integral without an anchor."""
@@ -34,18 +29,16 @@ class AveragedState(NamedTuple):
         mean: nu, N and N m, shape (k_0,).
         correction: eta, N and N m, shape (k_0,).
         wrench_age: age of the wrist's sample at the last tick, ticks; inf before the first.
-        law: state of the law.
     """
 
     mean: Array
     correction: Array
     wrench_age: float
-    law: Any
 
 
 @dataclass(frozen=True, eq=False)
-class AveragedWrench(TellingLaw):
-    """A law that measures the internal wrench over any connected graph: ``f_i = F_i - c_i m nu_i``.
+class AveragedWrench(LawWrapper):
+    """Law that measures the internal wrench over any connected graph: ``f_i = F_i - c_i m nu_i``.
 
     nu_i follows the mean of the m wrist wrenches by proportional-integral average consensus::
 
@@ -57,8 +50,8 @@ class AveragedWrench(TellingLaw):
     Yang and Lynch, "Stability and convergence properties of dynamic average consensus estimators", CDC 2006,
     in discrete time.
 
-    Every arm says nu_i and eta_i, 2 k_0 numbers, and then what its law says. Its own F_i acts at once: the
-    delay of the network slows the agreement; the loop of the anchor has ``averaged_loop_radius``.
+    Every arm sends nu_i and eta_i, 2 k_0 numbers. Its own F_i acts at once: the delay of the network slows
+    the agreement; the loop of the anchor has ``averaged_loop_radius``.
 
     Attributes:
         law: Law of this arm.
@@ -67,50 +60,38 @@ class AveragedWrench(TellingLaw):
         arms: m.
     """
 
-    needs: ClassVar[tuple[str, ...]] = ("messages", "wrenches of all arms")
-
     arm: ControlledArm
     path: ConsensusForcePath
     arms: int
 
-    def said(
-        self, measurement: ArmMeasurement, reference: ArmReference, state: AveragedState | None
-    ) -> Array:
-        """Return nu_i and eta_i, shape (2 k_0,)."""
-        return np.concatenate(self._mean(measurement, state))
-
-    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> AveragedState:
-        """Return nu = F, eta = 0 and the first state of the law; raises as the law."""
-        nu, eta = self._mean(measurement, None)
-        seen = self._with_wrench(measurement, reference, nu)
-        return AveragedState(nu, eta, measurement.interaction_wrench_age, self.law.init(seen, reference))
-
-    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: AveragedState) -> ArmCommand:
-        """Return the command of the law, and the next state; raises as the law."""
-        F, age, path = own_wrench(measurement, self.arm), measurement.interaction_wrench_age, self.path
-        nu, eta = self._mean(measurement, state)
-        command = self.law.step(self._with_wrench(measurement, reference, nu), reference, state.law)
-        apart = disagreement(self.arm.name, heard(measurement))
-        nu_apart, eta_apart = apart[: len(nu)], apart[len(nu) : 2 * len(nu)]
-        change = path.input_gain * (F - nu) - path.proportional_gain * nu_apart
-        later = AveragedState(
-            nu + change + path.integral_gain * eta_apart,
-            eta - path.integral_gain * nu_apart,
-            age,
-            command.state,
-        )
-        return replace(command, state=later)
-
-    def _mean(self, measurement: ArmMeasurement, state: AveragedState | None) -> tuple[Array, Array]:
-        """Return nu and eta; until the wrist has a first sample, F and 0."""
+    def start(self, measurement: ArmMeasurement, reference: ArmReference) -> AveragedState:
+        """Return nu = F and eta = 0."""
         F = own_wrench(measurement, self.arm)
-        if state is None:
-            return F, 0.0 * F
-        return np.where(state.wrench_age < np.inf, state.mean, F), state.correction
+        return AveragedState(F, 0.0 * F, measurement.interaction_wrench_age)
 
-    def _with_wrench(self, measurement: ArmMeasurement, reference: ArmReference, nu: Array) -> ArmMeasurement:
-        """Return the measurement with the internal wrench, and the messages of the law."""
-        return less_load(measurement, reference, self.arm, self.arms * nu, 2 * len(nu))
+    def sent(self, measurement: ArmMeasurement, reference: ArmReference, state: WrappedState) -> Parts:
+        """Return nu_i and eta_i; until the wrist has a first sample, F and 0."""
+        F, (nu, eta, age) = own_wrench(measurement, self.arm), state.memory
+        return {"mean": np.where(age < np.inf, nu, F), "correction": eta}
+
+    def transformed(
+        self,
+        measurement: ArmMeasurement,
+        reference: ArmReference,
+        memory: AveragedState,
+        sent: Parts,
+        received: Received,
+    ) -> tuple[ArmMeasurement, AveragedState]:
+        """Return the measurement with the internal wrench, and the next nu and eta."""
+        F, path, nu = own_wrench(measurement, self.arm), self.path, sent["mean"]
+        nu_apart, eta_apart = (disagreement(self.arm.name, received[part]) for part in ("mean", "correction"))
+        change = path.input_gain * (F - nu) - path.proportional_gain * nu_apart
+        following = AveragedState(
+            nu + change + path.integral_gain * eta_apart,
+            memory.correction - path.integral_gain * nu_apart,
+            measurement.interaction_wrench_age,
+        )
+        return less_load(measurement, reference, self.arm, self.arms * nu), following
 
 
 class ConsensusForcePath(PlainForcePath):
@@ -139,11 +120,11 @@ class ConsensusForcePath(PlainForcePath):
         """
         late, step = np.append(1.0, np.zeros(delay)), np.array([1.0, -1.0])
         alone = np.polymul(np.polymul([1.0, self.input_gain - 1.0], step), np.polymul(late, late))
-        told = self.proportional_gain * eigenvalue * np.polymul(step, late)
-        return np.polyadd(np.polyadd(alone, told), [(self.integral_gain * eigenvalue) ** 2])
+        coupled = self.proportional_gain * eigenvalue * np.polymul(step, late)
+        return np.polyadd(np.polyadd(alone, coupled), [(self.integral_gain * eigenvalue) ** 2])
 
-    def law_told(self, law: ArmController, arm: ControlledArm, scenario: Any) -> ArmController:
-        """Return the law of an arm, told by AveragedWrench.
+    def wrapped(self, law: ArmController, arm: ControlledArm, scenario: Any) -> ArmController:
+        """Return the law of an arm in an AveragedWrench.
 
         Raises:
             FieldError: means or feedback on them grow, or the graph is not connected both ways.

@@ -1,4 +1,4 @@
-"""Internal wrenches over connected graphs: by PI average consensus, and less a load that arms learn."""
+"""Wrappers of laws: internal wrenches by PI average consensus, and less a load that arms learn."""
 
 from itertools import pairwise
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from batches import require_same_samples
 from cells import SCENARIOS
+from network_cells import BIASED, CELLS, Silent, samples
 from numpy.testing import assert_allclose
-from test_network import BIASED, CELLS, Silent, samples
 
 import coop_pin as cp
 from coop_pin.base.errors import FieldError, ScenarioError
@@ -20,9 +20,13 @@ from coop_pin.control import (
     ControlledArm,
     estimator_radius,
 )
-from coop_pin.control.averaged_wrench import AveragedState, ConsensusForcePath, averaged_loop_radius
 from coop_pin.control.consensus import graph_eigenvalues
-from coop_pin.control.laws.mean_pose import ConsensusState
+from coop_pin.control.force_paths.averaged_wrench import (
+    AveragedState,
+    ConsensusForcePath,
+    averaged_loop_radius,
+)
+from coop_pin.control.law_wrapper import WrappedState
 from coop_pin.description.network import edges_of
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.devices.network import CellNetwork, NetworkSignals
@@ -85,9 +89,9 @@ def states_of(laws, seen, edges, names, states, ticks, *, delay=0, lost=0, loss=
 def mean_errors(laws, seen, edges, names, ticks, seed=3, **network):
     """Largest error of the arms' means of the wrenches after each tick, from random states."""
     rng, mean = np.random.default_rng(seed), np.mean([one.interaction_wrench for one in seen], axis=0)
-    states = [AveragedState(*rng.normal(scale=30.0, size=(2, 6)), 0.0, None) for _ in names]
+    states = [WrappedState(AveragedState(*rng.normal(scale=30.0, size=(2, 6)), 0.0), None) for _ in names]
     every = states_of(laws, seen, edges, names, states, ticks, **network)
-    return np.array([max(np.abs(state.mean - mean).max() for state in states) for states in every])
+    return np.array([max(np.abs(state.memory.mean - mean).max() for state in states) for states in every])
 
 
 @pytest.mark.parametrize("arms", [3, 8])
@@ -124,9 +128,9 @@ def test_lost_messages_leave_nothing_behind_in_pi_consensus_but_an_error_in_that
     seen, edges, names = ring
     laws = [ConsensusPose(Silent(), name, 0.2) for name in names]
     said = np.array([law.message(one, REFERENCE, None) for law, one in zip(laws, seen, strict=True)])
-    states = [ConsensusState(np.zeros(12), None) for _ in names]
+    states = [WrappedState(np.zeros(12), None) for _ in names]
     *_, states = states_of(laws, seen, edges, names, states, 300, lost=100, loss=0.2)
-    x = np.array([view - state.correction for view, state in zip(said, states, strict=True)])
+    x = np.array([view - state.memory for view, state in zip(said, states, strict=True)])
     assert np.abs(x - x.mean(axis=0)).max() < 1e-9
     assert np.abs(x.mean(axis=0) - said.mean(axis=0)).max() > 0.01
 
@@ -193,12 +197,13 @@ def test_arms_in_a_line_learn_the_regression_of_the_resultant_wrench(cell):
     gained = np.diff(data.payload_twist.values[:, linear], axis=0) / scenario.clock.period
     phi = np.array(scenario.cell.gravity)[linear] - gained
     F = data.interaction_wrench.values[1:, :, linear].sum(axis=1)
-    learned = [state.belief - state.correction for state in run.controller_state]
+    memories = [state.memory for state in run.controller_state]
+    learned = [memory.belief - memory.correction for memory in memories]
     masses = [mean / precision for mean, precision in learned]
     assert_allclose(masses, (phi * F).sum() / (phi * phi).sum(), rtol=0.005)
     assert_allclose(masses, scenario.cell.payload.mass, rtol=0.005)
     assert_allclose([one for _, one in learned], 0.01 + (phi * phi).sum(), rtol=0.01)  # the prior's, and news
-    alone = [state.belief[0] / state.belief[1] for state in run.controller_state]
+    alone = [memory.belief[0] / memory.belief[1] for memory in memories]
     assert np.abs(np.subtract(alone, scenario.cell.payload.mass)).max() > 2.0
     assert "kg" in build_controller(scenario).remarks(np.eye(4), run.controller_state)[0]
 
@@ -287,18 +292,17 @@ def test_graphs_and_gains_are_checked(path, network, where):
 def test_they_need_a_network_and_wrists():
     kinds = ("consensus", "learned-load")
     laws = {kind: in_a_line("three planar", {"kind": kind}).controller for kind in kinds}
-    assert {kind: law.information for kind, law in laws.items()} == {
-        "consensus": "internal wrench",
-        "learned-load": "own wrench",
+    assert {kind: law.needs for kind, law in laws.items()} == {
+        "consensus": ("poses of all arms", "holding torque", "internal wrench"),
+        "learned-load": ("poses of all arms", "holding torque", "own wrench", "learned mass"),
     }
-    assert "told mass" in laws["learned-load"].needs
     for missing in ({"network": None}, {"sensors.wrist": None}):
         with pytest.raises(ScenarioError, match=r"network|wrist"):
             in_a_line("three planar", {"kind": "consensus"}, **missing)
 
 
 @pytest.mark.parametrize("cell", SCENARIOS)
-def test_a_told_law_commands_velocities_and_remarks_like_the_law_itself(cell):
+def test_a_wrapped_law_commands_velocities_and_remarks_like_the_law_itself(cell):
     scenario = SCENARIOS[cell]()
     law = {"kind": "admittance", "force_path": {"kind": "learned-load"}, "zero_at_grasp": True}
     servo = {"command": "velocity", "rate_hz": scenario.clock.rate_hz}
