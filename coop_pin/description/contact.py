@@ -12,7 +12,7 @@ from coop_pin.description.payload import Payload
 from coop_pin.errors import FieldError
 from coop_pin.schema.base import Description, Interval, Positive, positive
 from coop_pin.schema.pose import Pose
-from coop_pin.spatial import inverse_pose
+from coop_pin.spatial import inverse_pose, rotate_vector6, shift_wrench
 from coop_pin.spatial.limit_surface import elastic_pressures, needed_friction
 
 _ON_FACE = 1e-3
@@ -105,6 +105,16 @@ class Pad(Description):
     def reach(self) -> Array:
         """Half extents of the patch along the axes of the plane, m, shape (2,)."""
         return np.full(2, self.radius) if self.size is None else 0.5 * np.array(self.size)
+
+    def in_plane(self, F: Array, X_PG: Array) -> Array:
+        """Return wrenches about P as those about the middle of the pad in axes of its plane, shape (..., 6).
+
+        Args:
+            F: Wrenches on the arm about P, shape (..., 6).
+            X_PG: Pose of the grasp frame seen from P, in the axes of the wrenches, shape (4, 4).
+        """
+        X_PF = X_PG @ self.plane
+        return rotate_vector6(X_PF[:3, :3].T, shift_wrench(F, -X_PF[:3, 3]))
 
     def pressures(self, F: Array) -> Array:
         """Return the parts of the normal force that the points bear, shape (..., k): all the same.
