@@ -12,18 +12,16 @@ import argparse
 import os
 import tempfile
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 from common import elsewhere, interleaved, ratio
 
 import coop_pin as cp
-from coop_pin.batch import BatchSimulator
-from coop_pin.batch.preparation import Prepared
-from coop_pin.build_controller import build_controller
-from coop_pin.simulation import Simulation
-from coop_pin.sweeps import SweepPlan
-from coop_pin.tracing.llvm_machine import LlvmMachine, native_width
+from coop_pin import Simulation, SweepPlan
+from coop_pin.compiled import BatchSimulator
+from coop_pin.compiled.preparation import Prepared
+from coop_pin.laws import build_controller
+from coop_pin.tracing.llvm_machine import native_width
 
 DURATION_S = 2.0
 FIELD = "controller.gains.transient_rate"
@@ -36,7 +34,7 @@ def scenarios(base: cp.Scenario, count: int) -> list[cp.Scenario]:
 
 def loop(runs: list[cp.Scenario], width: int) -> Callable[[], object]:
     """Return the compiled loop of runs, with its record and without what comes before and after."""
-    simulator = BatchSimulator(machine=partial(LlvmMachine, width=width), width=width)
+    simulator = BatchSimulator(width=width)
     prepared = [simulator.prepare(run) for run in runs]
     batch = Prepared.joined(prepared)
     family = simulator.family([batch])
@@ -82,7 +80,7 @@ def rollout(base: cp.Scenario, count: int) -> Callable[[], object]:
     data.qpos[:], kind = run.plant.q, mujoco.mjtState.mjSTATE_FULLPHYSICS
     state = np.zeros(mujoco.mj_stateSize(model, kind))
     mujoco.mj_getState(model, data, state, kind)
-    held = run.plant.transmission.torque(run.actuation.holding_commands(run.plant.q))
+    held = run.chain.transmission.torque(run.actuation.holding_commands(run.plant.q))
     states, control = np.tile(state, (count, 1)), np.tile(held, (count, steps, 1))
     given = int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
     return lambda: mujoco.rollout.rollout(model, data, states, control, control_spec=given, nstep=steps)

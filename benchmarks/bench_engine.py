@@ -32,7 +32,7 @@ SWEEP = """
 import sys, coop_pin as cp
 name, engine, runs, out = sys.argv[1], sys.argv[2], int(sys.argv[3]), sys.argv[4]
 base = cp.Scenario.load(name).replace(duration=2.0, events=())
-gains = list(cp.linspace(0.01, 0.1, runs))
+gains = list(cp.sweeps.linspace(0.01, 0.1, runs))
 axes, here = {"controller.gains.sign_gain": gains}, cp.Execution(workers=0, quiet=True)
 cp.sweep(base, axes, out=out, engine=engine, execution=here)
 """
@@ -74,7 +74,7 @@ def single_runs(rounds: int) -> None:
 def main() -> None:
     """Print the table."""
     import coop_pin as cp
-    from coop_pin.engine_choice import runs_worth_a_batch
+    from coop_pin.compiled.engine_choice import runs_worth_a_batch
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=3)

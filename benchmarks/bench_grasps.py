@@ -14,10 +14,10 @@ from functools import partial
 from common import interleaved, ratio
 
 import coop_pin as cp
-from coop_pin.batch import BatchSimulator
-from coop_pin.build_controller import build_controller
-from coop_pin.engine_choice import plant_of
-from coop_pin.simulation import Simulation
+from coop_pin import Simulation
+from coop_pin.compiled import BatchSimulator
+from coop_pin.compiled.engine_choice import plant_of
+from coop_pin.laws import build_controller
 
 CELLS = ("adept-anchored", "two-pandas-box", "three-ur5-plate")
 STEP, STEPS = 1e-5, 64
@@ -27,7 +27,7 @@ def pair(name: str, duration: float) -> dict[str, cp.Scenario]:
     """Return a scenario with its rigid grasps and with compliant ones, at the steps that these need."""
     rigid = cp.Scenario.load(name).replace(events=(), duration=duration, beyond_bound=True)
     grasps = {
-        arm: cp.CompliantGrasp(kind="compliant", xyz=grasp.xyz, rpy=grasp.rpy, stiffness="paper")
+        arm: cp.CompliantGrasp(xyz=grasp.xyz, rpy=grasp.rpy, stiffness="paper")
         for arm, grasp in rigid.cell.grasps.items()
     }
     return {"rigid": rigid, "compliant": rigid.replace(cell=rigid.cell.replace(grasps=grasps))}
@@ -39,7 +39,7 @@ def steps_of(scenario: cp.Scenario, engine: str) -> Callable[[], object]:
     q, v = plant.q, plant.v
 
     def steps() -> object:
-        plant.q, plant.v = q, v
+        plant.restore(plant.state()._replace(q=q, v=v))
         for step in range(STEPS):
             plant.advance(step * STEP, STEP)
         return plant.v

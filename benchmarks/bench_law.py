@@ -21,15 +21,21 @@ import numpy as np
 import pinocchio as pin
 
 import coop_pin as cp
-from coop_pin.batch.arm_dynamics import newton_euler
-from coop_pin.batch.law_code import RecordedLaw
-from coop_pin.batch.serial_arm import RigidInertia, SerialArm, force_cross, frames, join, motion_cross
-from coop_pin.build_controller import build_controller
-from coop_pin.control import ArmCommand, ArmController
+from coop_pin import ArmCommand, ArmController, Simulation
+from coop_pin.compiled.laws.law_code import RecordedLaw
+from coop_pin.compiled.plant.arm_dynamics import newton_euler
+from coop_pin.compiled.plant.serial_arm import (
+    RigidInertia,
+    SerialArm,
+    force_cross,
+    frames,
+    join,
+    motion_cross,
+)
 from coop_pin.control.terms import right_inverse
+from coop_pin.laws import build_controller
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.transmission import friction
-from coop_pin.simulation import Simulation
 from coop_pin.tracing.traced_array import traced
 
 CELLS = {3: "adept-anchored", 6: "three-ur5-plate", 7: "two-pandas-box"}
@@ -152,7 +158,7 @@ int main(void)
 """
 
 
-def compiled_costs(law: cp.batch.CLaw, folder: Path) -> tuple[float, float]:
+def compiled_costs(law: cp.export.CLaw, folder: Path) -> tuple[float, float]:
     """Return instructions of a step, NaN without valgrind, and its time, s: the least of five."""
     name, flags = law.source.stem, ("-std=c99", "-O2", "-g", "-fno-inline")
     (folder / "driver.c").write_text(DRIVER.format(name=name, calls=CALLS))
@@ -212,7 +218,7 @@ def main() -> None:
         print(f"\n{joints} joints, {cell}")
         for name, scenario in laws(cell).items():
             with tempfile.TemporaryDirectory() as place:
-                law = cp.export_c(scenario, next(iter(scenario.cell.arms)), place)
+                law = cp.export.export_c(scenario, next(iter(scenario.cell.arms)), place)
                 instructions, seconds = compiled_costs(law, Path(place))
             flops = sum(law.flops.values())
             print(f"  {name:18}{flops:8}{instructions:10.0f}{1e9 * seconds:10.0f}", flush=True)

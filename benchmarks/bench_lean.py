@@ -29,9 +29,9 @@ from common import elsewhere, interleaved, ratio
 from mujoco_cell import mjcf
 
 import coop_pin as cp
-from coop_pin.batch import BatchSimulator
-from coop_pin.build_controller import build_controller
-from coop_pin.simulation import Simulation
+from coop_pin import Simulation
+from coop_pin.compiled import BatchSimulator
+from coop_pin.laws import build_controller
 from coop_pin.tracing.llvm_machine import native_width
 
 L_1, L_2 = 0.425, 0.375

@@ -23,8 +23,9 @@ import numpy as np
 from tornado.websocket import websocket_connect
 
 import coop_pin as cp
-from coop_pin.errors import BrowserError
-from coop_pin.viz import LiveView, open_view
+from coop_pin import open_view
+from coop_pin.base.errors import BrowserError
+from coop_pin.viz import LiveView
 from coop_pin.viz.browser import find_browser, launch
 
 
@@ -67,7 +68,7 @@ def frames(scenario: cp.Scenario) -> None:
     ready.wait(10.0)
     sent = dict[float, float]()
 
-    def watch(snapshot: cp.Snapshot) -> None:
+    def watch(snapshot: cp.results.Snapshot) -> None:
         sent[float(np.float32(snapshot.time))] = time.monotonic()
         view(snapshot)
 

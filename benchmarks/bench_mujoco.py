@@ -24,8 +24,8 @@ from common import elsewhere, interleaved, ratio, shortened
 from mujoco_cell import MujocoRun, Recorded
 
 import coop_pin as cp
-from coop_pin.build_controller import build_controller
-from coop_pin.run_scenario import Engine
+from coop_pin.laws import build_controller
+from coop_pin.running.run_scenario import Engine
 
 LADDER = (1, 2, 3, 4, 5, 7, 10, 14, 20, 28, 40, 56, 80, 112, 160)
 """Plant steps in a tick, of which the fewest with a small enough error are taken."""

@@ -35,7 +35,7 @@ print(1e6 * min(blocks) / size)
 """
 BATCH = f"""
 import sys, time, coop_pin as cp
-from coop_pin.batch import BatchSimulator
+from coop_pin.compiled import BatchSimulator
 cell, duration, runs = sys.argv[1], float(sys.argv[2]), int(sys.argv[3])
 base = cp.Scenario.load(cell).replace(duration=duration, events=())
 simulator, times = BatchSimulator(), []

@@ -31,10 +31,10 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
-from coop_pin.description.cell import Cell
+from coop_pin.base.spatial import shift_wrench
+from coop_pin.base.spatial.internal_wrench import linkage_loads
+from coop_pin.description.cell.cell import Cell
 from coop_pin.results.friction import FrictionUse, friction_use
-from coop_pin.spatial import shift_wrench
-from coop_pin.spatial.internal_wrench import linkage_loads
 
 G = 9.81
 FIRST, LAST, SETTLE = 0.8, 1.3, 0.3

@@ -23,11 +23,12 @@ from typing import NamedTuple
 import psutil
 
 import coop_pin as cp
-from coop_pin.sweeps import SweepPlan, SweepResult, linspace, sweep
-from coop_pin.sweeps.backend import LocalBackend, outcomes
-from coop_pin.sweeps.job import Job, Outcome, run_job
+from coop_pin import SweepPlan, SweepResult, sweep
+from coop_pin.sweeps import linspace
 from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
+from coop_pin.sweeps.workers.backend import LocalBackend, outcomes
+from coop_pin.sweeps.workers.job import Job, Outcome, run_job
 
 
 class Cost(NamedTuple):

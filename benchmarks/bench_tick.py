@@ -15,12 +15,11 @@ import numpy as np
 import pinocchio as pin
 
 import coop_pin as cp
-from coop_pin.build_controller import build_controller
-from coop_pin.chain import CellChain
-from coop_pin.control import ArmMeasurement
+from coop_pin import ArmMeasurement, Simulation
 from coop_pin.control.terms import jacobian_inverse
-from coop_pin.simulation import Simulation
-from coop_pin.simulation.sensors import measured_motion
+from coop_pin.grasps import CellChain
+from coop_pin.laws import build_controller
+from coop_pin.simulation.devices.sensors import measured_motion
 from coop_pin.simulation.tick import TickInputs
 
 UNIT = "constraintDynamics"
@@ -49,7 +48,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
     run = Simulation(scenario, controller)
     for _ in range(TICK):
         run.tick()
-    plant, chain, sensing, t = run.plant, run.plant.chain, run.sensing, run.timeline.time(TICK)
+    plant, chain, sensing, t = run.plant, run.chain, run.sensing, run.timeline.time(TICK)
     target, squeeze, references = run.motion.at(t), run.squeeze.at(t, scenario.cell.grasps), run.references(t)
     signals = next(run.signals())
     measured = run.sensing.start(plant.q, plant.v, references, signals.sensors)

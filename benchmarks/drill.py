@@ -31,9 +31,9 @@ from pathlib import Path
 
 import psutil
 
-from coop_pin.sweeps import Execution, SweepPlan, SweepResult, sweep
-from coop_pin.sweeps.job import Record
+from coop_pin import Execution, SweepPlan, SweepResult, sweep
 from coop_pin.sweeps.store import SweepStore
+from coop_pin.sweeps.workers.job import Record
 
 HERE = ("kill", "interrupt", "second", "lock-removed", "file-size", "flip-bits", "foreign")
 """Faults of a sweep in one process, which starts faster than workers."""
@@ -351,7 +351,7 @@ class Drill:
     def _kill_host(self) -> None:
         session = Session(self, "--workers", "2")
         session.progress(self.random.randint(1, 12))
-        for host in session.children("coop_pin.sweeps.worker_host"):
+        for host in session.children("coop_pin.sweeps.workers.worker_host"):
             host.kill()
         session.progress(1)
         session.end(signal.SIGINT, INTERRUPTED)

@@ -14,11 +14,10 @@ import mujoco
 import numpy as np
 
 import coop_pin as cp
-from coop_pin.control import CellController
-from coop_pin.description.arm import Arm
+from coop_pin import CellController, Simulation
+from coop_pin.base.spatial import inverse_pose
+from coop_pin.description.cell.arm import Arm
 from coop_pin.model import ArmModel
-from coop_pin.simulation import Simulation
-from coop_pin.spatial import inverse_pose
 
 SOLIMP = "0.9999 0.9999 0.001 0.5 2"
 

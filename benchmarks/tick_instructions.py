@@ -29,7 +29,7 @@ def _callgrind(switch: str) -> None:
 def run_ticks(name: str, changes: list[str]) -> None:
     """Do the ticks, the last of them counted."""
     import coop_pin as cp
-    from coop_pin.build_controller import build_controller
+    from coop_pin.laws import build_controller
 
     overrides = dict(change.split("=", 1) for change in changes)
     scenario = cp.Scenario.load(name).override({"events": [], "duration": 4.0} | overrides)

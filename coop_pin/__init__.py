@@ -1,194 +1,281 @@
 """coop_pin: two or more URDF arms that hold one object, on Pinocchio.
 
-What a user calls or writes is listed here and loaded on first use, so that ``import coop_pin`` is fast and
-``coop_pin.control`` can be used where Pinocchio is missing. The packages are attributes as well:
-``import coop_pin as cp`` gives ``cp.viz``, ``cp.analysis`` and so on; types that are only returned stay in
-their packages (``cp.chain.Trajectory``).
+``import coop_pin as cp`` gives what most scripts need, and namespaces that are named after what they hold:
+``cp.motions.LineMotion``, ``cp.events.WrenchPulse``, ``cp.stability.eigenvalues``. Each public name stands in
+one place and is loaded on first use, so that ``import coop_pin`` is fast and ``coop_pin.control`` can be used
+where Pinocchio is missing. A name that is not there is answered with where it is.
+
+The tables below are the public interface. Namespaces that are packages list their names themselves.
 """
 
 from __future__ import annotations
 
+import functools
 import importlib
 import sys
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+from typing import Any, NamedTuple
 
 _PUBLIC = {
-    "Admittance": "coop_pin.control",
-    "AdmittanceGains": "coop_pin.control",
-    "Actuators": "coop_pin.description",
-    "Arm": "coop_pin.description",
-    "ArmClock": "coop_pin.description",
-    "ArmCommand": "coop_pin.control",
-    "ArmController": "coop_pin.control",
-    "ArmMeasurement": "coop_pin.control",
-    "ArmModel": "coop_pin.model",
-    "ArmReference": "coop_pin.control",
-    "CarryPlan": "coop_pin.analysis",
-    "Cell": "coop_pin.description",
-    "CellArm": "coop_pin.model",
-    "CellChain": "coop_pin.chain",
-    "CellCommand": "coop_pin.control",
-    "CellController": "coop_pin.control",
-    "CircleMotion": "coop_pin.reference",
-    "Clock": "coop_pin.description",
-    "ClosedChain": "coop_pin.chain",
-    "Closure": "coop_pin.chain",
-    "CompliantGrasp": "coop_pin.description",
-    "Pad": "coop_pin.description",
-    "PatchGrasp": "coop_pin.description",
-    "Table": "coop_pin.description",
-    "ConsensusForcePath": "coop_pin.control",
-    "ConstantSqueeze": "coop_pin.reference",
-    "CoopPinError": "coop_pin.errors",
-    "CsvMotion": "coop_pin.reference",
-    "DifferencedVelocity": "coop_pin.description",
-    "EdgeChannel": "coop_pin.description",
-    "Encoder": "coop_pin.description",
-    "Execution": "coop_pin.sweeps",
-    "ExponentialMotion": "coop_pin.reference",
-    "FeedForward": "coop_pin.control",
-    "FunctionMotion": "coop_pin.reference",
-    "FunctionSqueeze": "coop_pin.reference",
-    "GraphChange": "coop_pin.description",
-    "GravityCompensation": "coop_pin.description",
-    "GravityTurn": "coop_pin.description",
-    "HandOver": "coop_pin.description",
-    "PutDown": "coop_pin.description",
-    "Regrasp": "coop_pin.description",
-    "Release": "coop_pin.description",
-    "HoldMotion": "coop_pin.reference",
-    "IdealVelocity": "coop_pin.description",
-    "JointFriction": "coop_pin.description",
-    "LoseArm": "coop_pin.description",
-    "LateForcePath": "coop_pin.control",
-    "LearnedForcePath": "coop_pin.control",
-    "LineMotion": "coop_pin.reference",
-    "LowPassForcePath": "coop_pin.control",
-    "MeanPose": "coop_pin.control",
-    "Message": "coop_pin.control",
-    "MessageForcePath": "coop_pin.control",
-    "Miscalibration": "coop_pin.description",
-    "MobileBase": "coop_pin.description",
-    "Network": "coop_pin.description",
-    "NoForcePath": "coop_pin.control",
-    "ObservedVelocity": "coop_pin.description",
-    "Partner": "coop_pin.description",
-    "Payload": "coop_pin.description",
-    "PayloadChange": "coop_pin.description",
-    "PayloadSpace": "coop_pin.control",
-    "PayloadSpaceGains": "coop_pin.control",
-    "PlantOptions": "coop_pin.description",
-    "Pose": "coop_pin.description",
-    "PostureGains": "coop_pin.control",
-    "RampSqueeze": "coop_pin.reference",
-    "RedundantSlidingMode": "coop_pin.control",
-    "RunResult": "coop_pin.results",
-    "Sample": "coop_pin.sweeps",
-    "Saturation": "coop_pin.control",
-    "Scenario": "coop_pin.description",
-    "Sensors": "coop_pin.description",
-    "SlipSensor": "coop_pin.description",
-    "Servo": "coop_pin.description",
-    "Sign": "coop_pin.control",
-    "Simulation": "coop_pin.simulation",
-    "SlidingMode": "coop_pin.control",
-    "SlidingModeGains": "coop_pin.control",
-    "Snapshot": "coop_pin.results",
-    "Span": "coop_pin.sweeps",
-    "Stabilisation": "coop_pin.description",
-    "SweepPlan": "coop_pin.sweeps",
-    "SweepResult": "coop_pin.sweeps",
-    "SwingMotion": "coop_pin.reference",
-    "Tanh": "coop_pin.control",
-    "TimedLineMotion": "coop_pin.reference",
-    "TipForceSqueeze": "coop_pin.reference",
-    "TipWrenchSqueeze": "coop_pin.reference",
-    "TrustThresholds": "coop_pin.description",
-    "TurnMotion": "coop_pin.reference",
-    "UserController": "coop_pin.description",
-    "UserEvent": "coop_pin.description",
-    "Waypoint": "coop_pin.reference",
-    "WaypointsMotion": "coop_pin.reference",
-    "WrenchParts": "coop_pin.description",
-    "WrenchPulse": "coop_pin.description",
-    "WristSensor": "coop_pin.description",
-    "cell_summary": "coop_pin.analysis",
-    "compare": "coop_pin.comparison",
-    "eigenvalues": "coop_pin.analysis",
-    "export_c": "coop_pin.batch",
-    "fewest_steps": "coop_pin.analysis",
-    "grasps_from_configuration": "coop_pin.description",
-    "ik_branches": "coop_pin.chain",
-    "linspace": "coop_pin.sweeps",
-    "logspace": "coop_pin.sweeps",
-    "new_cell": "coop_pin.analysis",
-    "open_view": "coop_pin.viz",
-    "plan_carry": "coop_pin.analysis",
-    "reachability": "coop_pin.analysis",
-    "root_locus": "coop_pin.analysis",
-    "run": "coop_pin.run_scenario",
-    "sampled_stability": "coop_pin.analysis",
-    "scenario_names": "coop_pin.description",
-    "simulate": "coop_pin.simulation",
-    "simulate_batch": "coop_pin.batch",
-    "solve_ik": "coop_pin.chain",
-    "static_torques": "coop_pin.analysis",
-    "suggest": "coop_pin.analysis",
-    "sweep": "coop_pin.sweeps",
-    "tune": "coop_pin.sweeps",
+    "Actuators": "description.actuators",
+    "Arm": "description.cell.arm",
+    "ArmCommand": "control.controller",
+    "ArmController": "control.controller",
+    "ArmMeasurement": "control.measurement",
+    "ArmReference": "control.measurement",
+    "Cell": "description.cell.cell",
+    "CellCommand": "control.controller",
+    "CellController": "control.controller",
+    "Clock": "description.plant",
+    "ClosedChain": "chain.closed_chain",
+    "Closure": "description.cell.closure",
+    "CompliantGrasp": "description.cell.grasp",
+    "CoopPinError": "base.errors",
+    "Execution": "sweeps.workers.execution",
+    "MobileBase": "description.cell.mobile_base",
+    "Network": "description.network",
+    "Pad": "description.cell.contact",
+    "PatchGrasp": "description.cell.contact",
+    "Payload": "description.cell.payload",
+    "Pose": "base.schema.pose",
+    "RunResult": "results.run_result",
+    "Scenario": "description.scenario",
+    "Sensors": "description.sensors",
+    "Simulation": "simulation.simulation",
+    "SweepPlan": "sweeps.plan",
+    "SweepResult": "sweeps.result",
+    "Table": "description.cell.contact",
+    "UserController": "description.controller",
+    "compare": "comparison.benchmark",
+    "new_cell": "design.new_cell",
+    "open_view": "viz.live.live_view",
+    "run": "running.run_scenario",
+    "scenario_names": "description.catalogue",
+    "simulate": "simulation.simulate",
+    "solve_ik": "model.inverse_kinematics",
+    "suggest": "design.suggestion",
+    "sweep": "sweeps.engine",
+    "tune": "sweeps.optimisation",
 }
+"""Names of ``cp`` itself, and the file of each."""
+
+_NAMESPACES: dict[str, tuple[str, dict[str, str]]] = {
+    "actuators": (
+        "What the drives of an arm do beside the commands: parts of ``cp.Actuators`` and ``cp.Arm``.",
+        {
+            "description.actuators": "GravityCompensation",
+            "description.cell.arm": "JointFriction",
+            "description.servo": "SERVOS Servo",
+        },
+    ),
+    "carry": (
+        "Carries planned along a line in least time, within the limits of drives, joints and grasps.",
+        {
+            "design.carry_plan": "CarryPlan plan_carry",
+            "design.path_parameterization": "PathLimits fastest",
+        },
+    ),
+    "errors": ("Exceptions and warnings; all exceptions are a ``cp.CoopPinError``.", {"base.errors": ""}),
+    "events": (
+        "Events of a scenario: changes of the payload, pushes, failures, and grasps that open and close.",
+        {
+            "description.arm_events": "LoseArm UserEvent",
+            "description.events": "GravityTurn Partner PayloadChange WrenchPulse",
+            "description.grasp_events": "HandOver PutDown Regrasp Release",
+        },
+    ),
+    "export": ("The law of one arm as C99.", {"compiled.laws.c_export": "CLaw export_c"}),
+    "gym": (
+        "Environments of Gymnasium (extra ``gym``): a cell for agents, alone or as lanes of compiled code.",
+        {
+            "environment.cell_env": "CellEnv",
+            "environment.task": "Task",
+            "environment.vector_cell_env": "VectorCellEnv",
+        },
+    ),
+    "laws": (
+        "Control laws, their gains and controllers, switching functions, force paths, and bounds on gains.",
+        {
+            "control": "",
+            "description.model_laws": "Adaptive AdaptiveGains ComputedTorque ComputedTorqueGains"
+            " ModelFactors ObjectImpedance ObjectImpedanceGains TorqueQp",
+            "simulation.build_controller": "build_controller",
+        },
+    ),
+    "motions": (
+        "Desired motions of the payload as functions of time.",
+        {
+            "reference.csv_motion": "CsvMotion",
+            "reference.lines": "LineMotion TimedLineMotion",
+            "reference.motions": "CircleMotion ExponentialMotion HoldMotion SwingMotion TurnMotion",
+            "reference.pose_reference": "ConsistencyGaps FunctionMotion PoseReference PoseTarget"
+            " check_consistency",
+            "reference.splines": "Waypoint WaypointsMotion",
+        },
+    ),
+    "network": (
+        "Channels, clocks and graphs of messages between the arms: parts of ``cp.Network``.",
+        {"description.network": "ArmClock Channel EdgeChannel GraphChange"},
+    ),
+    "numbers": (
+        "Functions for laws that are compiled: they take numbers and what stands for them in traced code.",
+        {"base.spatial.generic_numbers": "Traceable atan2 exp inverse sqrt where"},
+    ),
+    "plant": (
+        "Options of the simulated plant: integration, payload, and stabilisation of the closures.",
+        {"description.plant": "PlantOptions Stabilisation"},
+    ),
+    "sensors": (
+        "Errors of what an arm measures: parts of ``cp.Sensors``, and of the arm's own kinematics.",
+        {
+            "description.cell.arm": "Miscalibration",
+            "description.sensors": "DifferencedVelocity Encoder IdealVelocity ObservedVelocity SlipSensor"
+            " WrenchParts WristSensor",
+        },
+    ),
+    "spatial": (
+        "Poses, twists, wrenches, task rows, and definitions of the internal wrench.",
+        {
+            "base.spatial": "",
+            "base.spatial.internal_wrench": "constraint_consistent_internal_wrenches determinate_grasp"
+            " linkage_loads minimum_norm_internal_wrenches nonsqueezing_internal_wrenches"
+            " symmetric_internal_wrenches virtual_linkage virtual_linkage_internal_wrenches",
+        },
+    ),
+    "squeezes": (
+        "Desired internal wrenches of the arms as functions of time.",
+        {
+            "reference.squeeze": "ConstantSqueeze FunctionSqueeze RampSqueeze SqueezeReference"
+            " TipForceSqueeze TipWrenchSqueeze"
+        },
+    ),
+    "urdf": ("Search and validation of URDF files.", {"description.urdf": ""}),
+}
+"""Namespaces that are no packages: text, and names by file; "" for all that the file or package lists."""
+
 _PACKAGES = (
-    "analysis",
-    "batch",
-    "chain",
-    "comparison",
-    "control",
-    "description",
-    "errors",
-    "figures",
-    "model",
-    "model_based",
-    "reference",
-    "results",
-    "schema",
-    "simulation",
-    "spatial",
-    "sweeps",
-    "tracing",
-    "viz",
+    *("chain", "comparison", "compiled", "design", "feasibility", "figures", "grasps", "model"),
+    *("model_based", "proof", "results", "stability", "sweeps", "viz"),
 )
+"""Packages that are namespaces."""
+_MOVED = {
+    "analysis": "cp.feasibility, cp.stability, cp.design, cp.carry and cp.proof",
+    "batch": "cp.compiled and cp.export",
+    "control": "cp and cp.laws",
+    "description": "cp, cp.events, cp.sensors, cp.actuators, cp.network, cp.plant and cp.urdf",
+    "environment": "cp.gym",
+    "reference": "cp.motions and cp.squeezes",
+    "schema": "coop_pin.base.schema",
+    "simulation": "cp",
+}
+"""Old namespaces and packages, and where their public names are."""
+
+
+class _Absence(NamedTuple):
+    """Message of what a module does not have, with where it is; made when it is read, as few are."""
+
+    package: str
+    name: str
+
+    def __str__(self) -> str:
+        return f"module {self.package!r} has no attribute {self.name!r}{_hint(*self)}"
 
 
 def lazy_names(
-    package: str, public: Mapping[str, str], packages: Iterable[str] = ()
-) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Return ``__getattr__`` and ``__dir__`` of a package whose public names are loaded on first use.
+    package: str, public: Mapping[str, str]
+) -> tuple[list[str], Callable[[str], Any], Callable[[], list[str]]]:
+    """Return ``__all__``, ``__getattr__`` and ``__dir__`` of a namespace whose names are loaded on first use.
 
     Args:
-        package: full name of the package.
-        public: public names and the module that defines each.
-        packages: subpackages that are loaded on first use.
+        package: full name of the namespace.
+        public: public names, and the file of each under coop_pin.
     """
+    spaces = {*_NAMESPACES, *_PACKAGES} if package == __name__ else set[str]()
 
     def load(name: str) -> Any:
         if name in public:
-            value = getattr(importlib.import_module(public[name]), name)
-        elif name in packages:
-            value = importlib.import_module(f"{package}.{name}")
+            value = getattr(importlib.import_module(f"{__name__}.{public[name]}"), name)
+        elif name in spaces:
+            value = importlib.import_module(f"{__name__}.{name}")
         else:
-            hint = importlib.import_module(f"{__name__}.errors").suggestion(name, [*public, *packages])
-            raise AttributeError(f"module {package!r} has no attribute {name!r}; {hint}")
+            raise AttributeError(_Absence(package, name))
         setattr(sys.modules[package], name, value)
         return value
 
     def names() -> list[str]:
         special = (name for name in vars(sys.modules[package]) if name.startswith("__"))
-        return sorted({*public, *packages, *special})
+        return sorted({*public, *spaces, *special})
 
-    return load, names
+    return sorted(public), load, names
 
 
-__all__ = sorted(_PUBLIC)
+def _listed(file: str) -> list[str]:
+    """Return the names that a package lists, or the classes of a file, without loading it."""
+    import ast
+    from pathlib import Path
+
+    path = Path(__file__).parent.joinpath(*file.split("."))
+    tree = ast.parse((path / "__init__.py" if path.is_dir() else path.with_suffix(".py")).read_text("utf-8"))
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and "__all__" in ast.unparse(node.targets[0]):
+            names = node.value.args[1] if isinstance(node.value, ast.Call) else node.value
+            return [*ast.literal_eval(names)]
+    return [node.name for node in tree.body if isinstance(node, ast.ClassDef) and node.name[0] != "_"]
+
+
+@functools.cache
+def _names_of(namespace: str) -> dict[str, str]:
+    """Return the names of a namespace, and the file that each is taken of."""
+    files = _NAMESPACES[namespace][1] if namespace in _NAMESPACES else {namespace: ""}
+    listed = {file: names.split() or _listed(file) for file, names in files.items()}
+    return {name: file for file, names in listed.items() for name in names if name not in _PUBLIC}
+
+
+def _hint(package: str, name: str) -> str:
+    """Return where a name is that a package does not have, or which names are near it; "" for neither."""
+    import difflib
+
+    if package == __name__ and name in _MOVED:
+        return f"; its public names are in {_MOVED[name]}"
+    spaces = sorted({*_NAMESPACES, *_PACKAGES})
+    places = {one: f"cp.{space}.{one}" for space in spaces for one in _names_of(space)}
+    places |= {one: f"cp.{one}" for one in (*_PUBLIC, *spaces)}
+    here = package.replace(__name__, "cp", 1)
+    if name in places:
+        return "" if places[name] == f"{here}.{name}" else f"; it is {places[name]}"
+    known = [one for one in places if here == "cp" or places[one] == f"{here}.{one}"]
+    longer = sorted((one for one in known if name.lower() in one.lower() and name[2:]), key=len)
+    near = [places[one] for one in longer[:3] or difflib.get_close_matches(name, known)]
+    return f"; did you mean {' or '.join(near)}?" if near and name[0] != "_" else ""
+
+
+class _Namespaces:
+    """Finder and loader of the namespaces that are no packages; it answers imports of what is not there."""
+
+    @staticmethod
+    def find_spec(name: str, *_search: object) -> ModuleSpec | None:
+        package, _, last = name.rpartition(".")
+        if package == __name__ and last in _NAMESPACES:
+            loader: Any = _Namespaces
+            return ModuleSpec(name, loader, origin=__name__, is_package=True)
+        if package.partition(".")[0] == __name__ and (hint := _hint(package, last)):
+            raise ModuleNotFoundError(f"no {last!r} in {package!r}{hint}")
+        return None
+
+    @staticmethod
+    def create_module(spec: ModuleSpec) -> None:
+        """Leave it to Python to make an empty module."""
+
+    @staticmethod
+    def exec_module(module: ModuleType) -> None:
+        name = module.__name__.rpartition(".")[2]
+        listed, load, names = lazy_names(module.__name__, _names_of(name))
+        text = _NAMESPACES[name][0]
+        vars(module).update(__doc__=text, __all__=listed, __getattr__=load, __dir__=names)
+
+
 __version__ = "0.2.0"
-__getattr__, __dir__ = lazy_names(__name__, _PUBLIC, _PACKAGES)
+__all__, __getattr__, __dir__ = lazy_names(__name__, _PUBLIC)
+sys.meta_path.append(_Namespaces)

@@ -12,10 +12,10 @@ from typing import Any
 from docutils import nodes
 
 import coop_pin
+from coop_pin import Scenario, scenario_names
 from coop_pin.comparison import Comparison, benchmark_scenario, controllers_for, standard_trials
 from coop_pin.comparison.trials import changes_of
-from coop_pin.description import Scenario, scenario_names
-from coop_pin.heat_map import REPLAYS, replay_file
+from coop_pin.sweeps.heat_map import REPLAYS, replay_file
 
 _NOT_OURS = {"model_config", "model_post_init", "model_fields", "model_computed_fields"}
 

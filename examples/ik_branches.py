@@ -5,10 +5,10 @@ import numpy as np
 import coop_pin as cp
 
 arm = cp.Arm.from_urdf("ur5", tip="tool0", posture=(0.1, -1.2, 1.6, -1.0, -1.4, 0.2))
-model = cp.ArmModel(arm, X_PE=cp.Pose(rpy=(0.0, np.pi / 2, 0.0)).matrix)
+model = cp.model.ArmModel(arm, X_PE=cp.Pose(rpy=(0.0, np.pi / 2, 0.0)).matrix)
 payload = cp.Pose(xyz=(0.45, 0.05, 0.4))
 
-for q in cp.ik_branches(model, payload.matrix, posture=arm.posture):
+for q in cp.model.ik_branches(model, payload.matrix, posture=arm.posture):
     gap = np.abs(model.payload_pose(q) - payload.matrix).max()
     condition = np.linalg.cond(model.payload_jacobian(q))
     print(

@@ -7,14 +7,14 @@ from coop_pin.spatial import internal_wrenches, load_wrenches
 
 scenario = cp.Scenario.load("adept-paper")
 cell, rows = scenario.cell, scenario.cell.task_rows
-plant = cp.CellChain(cell)
+plant = cp.grasps.CellChain(cell)
 q = plant.configuration(scenario.start.matrix)
 v = np.zeros_like(q)
 
 torque = np.array([3.0, -1.0, 0.5, 2.0, 1.0, -0.5])
 squeezed = torque.copy()
 for place, w in zip(plant.model.arms, ([10.0, 0.0, 0.0], [-10.0, 0.0, 0.0]), strict=True):
-    arm = cp.CellArm(cell, place.name)
+    arm = cp.model.CellArm(cell, place.name)
     squeezed[place.v_slice] += rows.select(arm.payload_jacobian(q[place.q_slice])).T @ np.array(w)
 
 for name, tau in (("as it is", torque), ("squeezed", squeezed)):

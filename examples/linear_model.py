@@ -23,7 +23,7 @@ def regulator(model):
 
 def main():
     scenario = cp.Scenario.load("two-pandas-box")
-    cell = cp.CellChain(scenario.cell)
+    cell = cp.grasps.CellChain(scenario.cell)
     q = cell.configuration(scenario.start.matrix)
     still = np.zeros(cell.mechanism.model.nv)
 

@@ -20,11 +20,13 @@ def motions(folder):
     (folder / "table.csv").write_text(TABLE)
     way = [(0.0, (0.5, 0.05, 0.0), 1.0472), (4.0, (0.54, 0.05, 0.0), 1.2), (8.0, (0.5, 0.1, 0.0), 1.0472)]
     return [
-        cp.CircleMotion(pose=START, radius=0.04, angular_rate=1.5),
-        cp.TurnMotion(pose=START, axis=UP, angle=0.4, duration=6.0),
-        cp.SwingMotion(pose=START, axis=UP, amplitude=0.15, period=2.0),
-        cp.WaypointsMotion(points=[cp.Waypoint(time=t, xyz=p, rpy=(0.0, 0.0, yaw)) for t, p, yaw in way]),
-        cp.CsvMotion(path=str(folder / "table.csv")),
+        cp.motions.CircleMotion(pose=START, radius=0.04, angular_rate=1.5),
+        cp.motions.TurnMotion(pose=START, axis=UP, angle=0.4, duration=6.0),
+        cp.motions.SwingMotion(pose=START, axis=UP, amplitude=0.15, period=2.0),
+        cp.motions.WaypointsMotion(
+            points=[cp.motions.Waypoint(time=t, xyz=p, rpy=(0.0, 0.0, yaw)) for t, p, yaw in way]
+        ),
+        cp.motions.CsvMotion(path=str(folder / "table.csv")),
     ]
 
 
@@ -45,7 +47,7 @@ if __name__ == "__main__":
     out = Path("out/motions")
     out.mkdir(parents=True, exist_ok=True)
     wrenches = {"left": (-20.0, 0.0, 0.0, 0.0, 0.0, 0.0), "right": (20.0, 0.0, 0.0, 0.0, 0.0, 0.0)}
-    squeeze = cp.RampSqueeze(goal=wrenches, duration=2.0)
+    squeeze = cp.squeezes.RampSqueeze(goal=wrenches, duration=2.0)
     changes = {
         "start": START,
         "squeeze": squeeze,

@@ -8,7 +8,7 @@ print(cp.run("adept-paper", {"duration": 5.0, "events": []}).internal_force())
 
 GAIN, RATE = "controller.gains.force_gain", "clock.rate_hz"
 late = {"duration": 5.0, "events": [], "beyond_bound": True, "controller.force_path.kind": "late"}
-axes = {RATE: [80, 160], GAIN: cp.linspace(0.0, 1.25, 6)}
+axes = {RATE: [80, 160], GAIN: cp.sweeps.linspace(0.0, 1.25, 6)}
 result = cp.sweep(
     "adept-paper", axes, changes=late, out=sys.argv[1] if len(sys.argv) > 1 else "out/stability"
 )

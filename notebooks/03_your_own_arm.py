@@ -79,7 +79,7 @@ scenario = cp.Scenario(
     summary="Two UR5 carry a box under gravity, without a model",
     cell=cell,
     start=start,
-    motion=cp.LineMotion(start=start, goal=goal, duration=2.5),
+    motion=cp.motions.LineMotion(start=start, goal=goal, duration=2.5),
     squeeze={"left": (-15, 0, 0, 0, 0, 0), "right": (15, 0, 0, 0, 0, 0)},
     controller={"kind": "payload-space", "gains": gains},
     clock={"rate_hz": 500},
@@ -91,7 +91,7 @@ scenario = cp.Scenario(
 # Reachability, distance to singularities and joint limits along the whole motion, from kinematics alone.
 
 # %%
-check = cp.reachability(scenario)
+check = cp.feasibility.reachability(scenario)
 print(check.summary())
 
 # %% [markdown]
@@ -140,7 +140,7 @@ assert cp.Scenario.load(file) == scenario
 # ## Try
 # - another payload: `cp.Payload.mesh("part.stl", density=2700, scale=0.001)`.
 # - `cp.run(scenario, {"motion.goal.xyz": [0.45, 0.9, 0.5]})`: the goal is out of reach; read the error
-#   message. `cp.reachability` reports it before the run.
+#   message. `cp.feasibility.reachability` reports it before the run.
 # - `"cell.arms.left.calibration_error.tip.xyz": [1e-4, 0, 0]`: an arm with a kinematic error of 0.1 mm.
 # - a seven-joint arm:
 #   `cp.Arm.from_urdf("panda", tip="panda_hand_tcp", locked={"panda_finger_joint1": 0.03})`.

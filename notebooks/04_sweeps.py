@@ -32,7 +32,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import coop_pin as cp
-from coop_pin.control import force_gain_bound
+from coop_pin.laws import force_gain_bound
 from coop_pin.viz import notebook_view
 
 # %% tags=["parameters"]
@@ -44,7 +44,7 @@ gains, poles, force_gains, workers = 6, 5, 12, 2  # number of values of each, an
 
 # %%
 quick = {"duration": 6.0, "events": []}
-alphas = {"controller.gains.sign_gain": cp.linspace(0.0, 0.5, gains)}
+alphas = {"controller.gains.sign_gain": cp.sweeps.linspace(0.0, 0.5, gains)}
 line = cp.sweep(
     "adept-paper",
     alphas,
@@ -70,7 +70,7 @@ for panel, metric in zip(axes, ("position_rms_m", "internal_shear_rms_N"), stric
 # %%
 field, pole = "controller.gains.force_gain", "controller.force_path.pole"
 path = {"controller.force_path.kind": "low-pass", "beyond_bound": True, "duration": 2.0, "events": []}
-grid = {pole: cp.linspace(0.0, 0.8, poles), field: cp.logspace(0.4, 18.0, force_gains)}
+grid = {pole: cp.sweeps.linspace(0.0, 0.8, poles), field: cp.sweeps.logspace(0.4, 18.0, force_gains)}
 chart = cp.sweep(
     "adept-paper",
     grid,
@@ -116,7 +116,7 @@ notebook_view(chart.open(best.number))
 # %% [markdown]
 # ## Try
 # - run the cell with the map again: nothing is computed. Change `duration`, and every run is computed.
-# - two laws: `cases={"law": {"printed": {}, "payload-space": {"controller": cp.PayloadSpace(gains=...)}}}`.
+# - two laws: `cases={"law": {"printed": {}, "payload-space": {"controller": cp.laws.PayloadSpace(...)}}}`.
 # - `sample={"fields": {...}, "count": 64, "method": "saltelli"}` and `result.sobol_indices(metric)`:
 #   sensitivity of a metric to each gain.
 # - on a cluster: `execution=cp.Execution(scheduler="tcp://...:8786")`.

@@ -34,7 +34,7 @@ import numpy as np
 import pandas as pd
 
 import coop_pin as cp
-from coop_pin.analysis import steady_errors
+from coop_pin.stability import steady_errors
 from coop_pin.viz import notebook_view
 
 # %% tags=["parameters"]
@@ -160,7 +160,7 @@ pd.DataFrame.from_dict(rows, orient="index", columns=columns).round(2)
 # No wrench is measured.
 
 # %%
-mean_pose = cp.MeanPose(gains=cp.Scenario.load("adept-anchored").controller.gains)
+mean_pose = cp.laws.MeanPose(gains=cp.Scenario.load("adept-anchored").controller.gains)
 rough = {"viscous": [1.35, 1.26, 1.215], "coulomb": 2.0, "stiction": 3.0}
 friction = {f"cell.arms.{arm}.friction": rough for arm in ("left", "right")}
 own_views = none | {"controller.gains.leak": 0.0}

@@ -59,8 +59,10 @@ print(subprocess.run(check, capture_output=True, text=True).stdout)
 
 # %%
 events = (
-    cp.HandOver(time=0.5, arm="third", duration=0.2 * seconds, retreat=0.03, retreat_time=0.1 * seconds),
-    cp.Regrasp(
+    cp.events.HandOver(
+        time=0.5, arm="third", duration=0.2 * seconds, retreat=0.03, retreat_time=0.1 * seconds
+    ),
+    cp.events.Regrasp(
         time=0.5 + 0.6 * seconds,
         arm="third",
         approach_time=0.1 * seconds,
@@ -110,10 +112,10 @@ print(f"the impact takes {impact:.2g} J; not explained: {taken.energy_balance_ma
 # their integral takes it.
 
 # %%
-person = cp.Partner(
+person = cp.events.Partner(
     time=0.2,
     duration=1.0,
-    motion=cp.HoldMotion(pose=cp.Pose(xyz=(0.0, 0.0, 0.37))),
+    motion=cp.motions.HoldMotion(pose=cp.Pose(xyz=(0.0, 0.0, 0.37))),
     handle=cp.Pose(xyz=(0.0, -0.12, 0.0)),
     stiffness=(300.0, 300.0, 300.0, 0.0, 0.0, 0.0),
     damping=(20.0, 20.0, 20.0, 0.0, 0.0, 0.0),
@@ -157,5 +159,5 @@ plt.show()
 # %% [markdown]
 # ## Try
 # - `tolerance=1e-4` in `Regrasp`: the grasp does not happen, and the verdict and the replay say so.
-# - `cp.Release(time=0.5, arm="third")` in place of the hand-over: all at once.
-# - `cp.LoseArm(time=0.5, arm="left", form="braked")` in place of the person: brakes hold one arm.
+# - `cp.events.Release(time=0.5, arm="third")` in place of the hand-over: all at once.
+# - `cp.events.LoseArm(time=0.5, arm="left", form="braked")` in place of the person: brakes hold one arm.

@@ -43,7 +43,7 @@ from coop_pin.viz import notebook_view
 palms = cp.Scenario.load("two-pandas-palms")
 grasps = {name: cp.Pose(xyz=grasp.xyz, rpy=grasp.rpy) for name, grasp in palms.cell.grasps.items()}
 pads = {name: cp.Pad(mu=0.6, radius=0.03, press="z") for name in grasps}
-crate = cp.CellChain(palms.cell.replace(grasps=grasps, pads=pads))
+crate = cp.grasps.CellChain(palms.cell.replace(grasps=grasps, pads=pads))
 
 heights = np.linspace(0.46, 0.58, 12)
 q = np.array([crate.configuration(cp.Pose(xyz=(0.0, 0.0, z)).matrix) for z in heights])
@@ -70,7 +70,7 @@ print("normal forces of the least squeeze:", least.normal[0].round(1), "N")
 
 # %%
 scenario = cp.Scenario.load("adept-anchored").replace(events=())
-pair = cp.CellChain(scenario.cell)
+pair = cp.grasps.CellChain(scenario.cell)
 chain, start = pair.mechanism, pair.configuration(scenario.motion.at(0.0).X_WP_d)
 rest = np.zeros(chain.model.nv)
 model = pair.linearise(start, rest, rest)
@@ -97,8 +97,8 @@ for size in (1.0, 10.0, 100.0):
 # so over a gain, and finds where an eigenvalue leaves the unit circle.
 
 # %%
-held = scenario.replace(motion=cp.HoldMotion(pose=scenario.start))
-locus = cp.root_locus(held, "controller.gains.sliding_gain", [1.0, 1.5, 2.0, 2.5, 3.0])
+held = scenario.replace(motion=cp.motions.HoldMotion(pose=scenario.start))
+locus = cp.stability.root_locus(held, "controller.gains.sliding_gain", [1.0, 1.5, 2.0, 2.5, 3.0])
 print(locus.summary())
 cp.figures.root_locus_figure(locus)
 
@@ -107,14 +107,14 @@ cp.figures.root_locus_figure(locus)
 # has the slope of the eigenvalue.
 
 # %%
-push = cp.WrenchPulse(time=0.5, duration=0.0125, wrench=(0.1, 0.05, 0.0, 0.0, 0.0, 0.01))
+push = cp.events.WrenchPulse(time=0.5, duration=0.0125, wrench=(0.1, 0.05, 0.0, 0.0, 0.0, 0.01))
 figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
 for part in (0.98, 1.02):
     gain = (part * locus.bounds[-1] * locus.value).tolist()
     loop = held.replace(duration=2.4, beyond_bound=True).override({"controller.gains.sliding_gain": gain})
     pushed, calm = (cp.run(loop.replace(events=events), warn=False) for events in ((push,), ()))
     apart = np.linalg.norm((pushed.data.torque - calm.data.torque).values, axis=(1, 2))
-    time, radius = pushed.data.time.values, cp.eigenvalues(loop).radius
+    time, radius = pushed.data.time.values, cp.stability.eigenvalues(loop).radius
     axes.semilogy(time[42:], apart[42:], label=f"{part} of the bound, |z| = {radius:.4f}")
 axes.semilogy(time[80:], apart[80] * radius ** np.arange(len(time) - 80.0), "k:")
 axes.set(xlabel="time, s", ylabel="change of the torques, N m")
@@ -129,7 +129,7 @@ plt.show()
 # %%
 box = cp.Scenario.load("two-pandas-box")
 begin, end = cp.Pose(xyz=(0.09, -0.1, 0.51), rpy=(0.0, 0.0, -0.4)), cp.Pose(xyz=(0.08, 0.1, 0.35))
-plan = cp.plan_carry(box.cell, begin, end, squeeze=box.squeeze, places=41)
+plan = cp.carry.plan_carry(box.cell, begin, end, squeeze=box.squeeze, places=41)
 print(plan.summary())
 run = cp.run(plan.played_by(box, start_time=0.5, rest=0.3), warn=False)
 print(run.summary().splitlines()[0])
@@ -139,7 +139,7 @@ notebook_view(run)
 
 # %% [markdown]
 # ## Try
-# - `cp.CellChain.effective_inertia`: what a push on the payload meets at P.
+# - `cp.grasps.CellChain.effective_inertia`: what a push on the payload meets at P.
 # - `friction=pair.friction(v)` in `inverse_dynamics`: torques that overcome the friction of the joints.
 # - `"controller.gains.anchor_gain"` or `"actuators.lag"` in `root_locus`.
 # - `time=1.0` in `root_locus`: the loop at a later moment of the motion.

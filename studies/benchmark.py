@@ -18,15 +18,8 @@ from typing import Any
 import xarray as xr
 from pages import IMAGES, markdown, save_image, write_block
 
-from coop_pin import Execution, Scenario
-from coop_pin.comparison import (
-    BENCHMARK,
-    Comparison,
-    compare,
-    controller_names,
-    controllers_for,
-    standard_trials,
-)
+from coop_pin import Execution, Scenario, compare
+from coop_pin.comparison import BENCHMARK, Comparison, controller_names, controllers_for, standard_trials
 from coop_pin.comparison.controllers import GAINS, stored_gains, t_lambda
 from coop_pin.comparison.trials import benchmark_scenario
 from coop_pin.figures import comparison_figure

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import coop_pin as cp
-from coop_pin.control import force_gain_bound
 from coop_pin.figures import sweep_figure
+from coop_pin.laws import force_gain_bound
 
 ERROR = "internal_axial_rms_error_N"
 GAIN = "controller.gains.force_gain"

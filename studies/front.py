@@ -20,7 +20,7 @@ import front_figures
 import numpy as np
 
 import coop_pin as cp
-from coop_pin.description.urdf import find_urdf
+from coop_pin.urdf import find_urdf
 
 HERE = Path(__file__).parent
 DATA = HERE / "front"

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from pages import save_image
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
 from coop_pin.figures import palette
 from coop_pin.figures.style import label, styled
 

@@ -43,7 +43,7 @@ def forces(changes: Mapping[str, Any], network: Mapping[str, Any]) -> np.ndarray
     bias = {f"cell.arms.{arm}.calibration_error.tip.xyz": [BIAS, 0.0, 0.0]}
     run = {"network": dict(network), "duration": DURATION, "clock.record_every": 8, "beyond_bound": True}
     base = cp.Scenario.load(CELL, {"events": []}).override(bias | run | dict(changes))
-    batch = cp.simulate_batch([base.replace(seed=seed) for seed in range(SEEDS)])
+    batch = cp.compiled.simulate_batch([base.replace(seed=seed) for seed in range(SEEDS)])
     late = batch.samples["time"][0] > 2.0 * DURATION / 3.0
     error = np.asarray(batch.samples["internal_axial_error"])[:, late].reshape(SEEDS, -1)
     return np.where(batch.is_valid, np.sqrt(np.mean(error**2, axis=1)), np.inf)

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import coop_pin as cp
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
 from coop_pin.figures import palette
 from coop_pin.figures.style import label, styled
 

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 import coop_pin as cp
-from coop_pin.environment import Task, VectorCellEnv
+from coop_pin.gym import Task, VectorCellEnv
 
 CELL, CANDIDATES, LANES, GENERATIONS, DURATION, BIAS = "adept-anchored", 64, 16, 40, 3.0, 1e-3
 UNSEEN, SEEDS, ELITE = 64, (0, 1, 2), 8

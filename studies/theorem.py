@@ -9,8 +9,8 @@ from __future__ import annotations
 from pages import IMAGES, save_image
 
 import coop_pin as cp
-from coop_pin.analysis import theorem_monitor
 from coop_pin.figures import theorem_figure
+from coop_pin.proof import theorem_monitor
 
 MARKS = ("V_rate_3_is_positive", "V_may_grow", "sliding_is_not_assured", "signs_differ")
 STEADY = slice(4.0, 10.0)

@@ -3,8 +3,9 @@
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
-from coop_pin.batch import BatchSimulator
-from coop_pin.batch.preparation import Prepared
+from coop_pin.base.disk_cache import DiskCache
+from coop_pin.compiled import BatchSimulator
+from coop_pin.compiled.preparation import Prepared
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.numpy_machine import NumpyMachine
 
@@ -32,7 +33,7 @@ def require_same_bits(scenarios):
     family = simulator.family([prepared])
     _, machine, order = family.orders[prepared.times]
     program, uniforms, (block, loads) = machine.program, order.uniforms, family.code.begin(prepared)
-    machines = [LlvmMachine(program, width) for width in (8, 4, 1)] + [NumpyMachine(program)]
+    machines = [LlvmMachine(program, width, DiskCache()) for width in (8, 4, 1)] + [NumpyMachine(program)]
     records = [machine.run(block.copy(), uniforms, loads) for machine in machines]
     for record in records:
         assert_array_equal(record, records[0])

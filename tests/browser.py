@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from coop_pin.errors import BrowserError
+from coop_pin.base.errors import BrowserError
 from coop_pin.viz.browser import find_browser, launch
 
 PATIENCE_MS = 90_000

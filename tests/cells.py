@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from coop_pin.chain import ClosedChain
+from coop_pin.base.schema.pose import Pose
+from coop_pin.base.spatial.task_rows import TaskRows
+from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.control import (
     ControlledArm,
     LateForcePath,
@@ -13,13 +15,11 @@ from coop_pin.control import (
     SlidingMode,
     SlidingModeGains,
 )
-from coop_pin.description import Arm, JointFriction
-from coop_pin.description.cell import Cell
-from coop_pin.description.payload import Payload
+from coop_pin.description.cell.arm import Arm, JointFriction
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.payload import Payload
 from coop_pin.description.scenario import Scenario, scenario_names
-from coop_pin.reference import HoldMotion
-from coop_pin.schema.pose import Pose
-from coop_pin.spatial.task_rows import TaskRows
+from coop_pin.reference.motions import HoldMotion
 
 SPATIAL_START = Pose(xyz=(0.45, 0.05, 0.4), rpy=(0.3, -0.2, 0.5))
 

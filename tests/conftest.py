@@ -1,6 +1,8 @@
 """What all tests share."""
 
 import signal
+import sys
+from pathlib import Path
 
 import pytest
 from built_once import top_folder
@@ -9,6 +11,9 @@ from matplotlib import get_cachedir
 # A shell starts background jobs with Ctrl-C ignored, and children inherit that; several tests send it to
 # children.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# Tests of one package use scenarios and checks of another's.
+sys.path += sorted(str(folder) for folder in Path(__file__).parent.iterdir() if folder.is_dir())
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -41,25 +41,8 @@ from cells import SCENARIOS
 from linkages import bennett
 
 import coop_pin as cp
-from coop_pin import (
-    analysis,
-    batch,
-    chain,
-    cli,
-    comparison,
-    control,
-    description,
-    figures,
-    model_based,
-    reference,
-    results,
-    simulation,
-    spatial,
-    sweeps,
-    viz,
-)
-from coop_pin.build_controller import build_controller
-from coop_pin.description import urdf
+from coop_pin import cli
+from coop_pin.running.plausibility import implausible_numbers, run_warnings
 from coop_pin.tracing.numpy_machine import NumpyMachine
 
 SOUND = {"result", "refused", "not callable so"}
@@ -154,12 +137,9 @@ def hostile_values() -> list[object]:
     ]
 
 
-PACKAGES = (cp, analysis, batch, chain, comparison, control, description, figures, model_based, reference)
-PACKAGES += (results, simulation, spatial, sweeps, urdf, viz)
-
-
-PUBLIC = {name: getattr(package, name) for package in PACKAGES for name in package.__all__}
-"""What packages export, by name; what several export is one."""
+NAMESPACES = [value for name in dir(cp) if inspect.ismodule(value := getattr(cp, name)) and name != "errors"]
+PUBLIC = {name: getattr(module, name) for module in (cp, *NAMESPACES) for name in module.__all__}
+"""Public classes, functions and constants by name."""
 
 
 class Calls:
@@ -208,22 +188,22 @@ class Calls:
     def own(self, owner):
         """An object whose methods are called; one that calls change is made anew."""
         if owner == "Simulation":
-            simulation = cp.Simulation(self.scenario, build_controller(self.scenario))
+            simulation = cp.Simulation(self.scenario, cp.laws.build_controller(self.scenario))
             simulation.tick()
             return simulation
         if owner == "CellChain":
-            return cp.CellChain(self.scenario.cell)
+            return cp.grasps.CellChain(self.scenario.cell)
         if owner == "Scenario":
             return self.scenario
         if owner == "BatchSimulator":
-            return batch.BatchSimulator(machine=NumpyMachine)
+            return cp.compiled.BatchSimulator(machine=NumpyMachine)
         return getattr(self, owner)
 
     @functools.cached_property
     def descriptions(self):
         cell, pose = self.scenario.cell, cp.Pose(xyz=(0.5, 0.0, 0.0))
         redundant = cp.Scenario.load("two-pandas-box")
-        points = (cp.Waypoint(time=0.0), cp.Waypoint(time=1.0, xyz=(0.1, 0.0, 0.0)))
+        points = (cp.motions.Waypoint(time=0.0), cp.motions.Waypoint(time=1.0, xyz=(0.1, 0.0, 0.0)))
         return [
             *(
                 self.scenario,
@@ -242,31 +222,31 @@ class Calls:
             ),
             *(
                 redundant.controller.gains,
-                cp.HoldMotion(pose=pose),
-                cp.WaypointsMotion(points=points),
+                cp.motions.HoldMotion(pose=pose),
+                cp.motions.WaypointsMotion(points=points),
                 points[0],
             ),
             *(
-                cp.CircleMotion(pose=pose, radius=0.1, angular_rate=1.0),
-                cp.Span(low=0.0, high=1.0),
-                cp.JointFriction(),
+                cp.motions.CircleMotion(pose=pose, radius=0.1, angular_rate=1.0),
+                cp.sweeps.Span(low=0.0, high=1.0),
+                cp.actuators.JointFriction(),
             ),
             *(
-                cp.LineMotion(start=pose, goal=pose, duration=1.0),
-                cp.PayloadChange(time=0.01, mass=1.0),
-                cp.Tanh(),
+                cp.motions.LineMotion(start=pose, goal=pose, duration=1.0),
+                cp.events.PayloadChange(time=0.01, mass=1.0),
+                cp.laws.Tanh(),
             ),
-            cp.SwingMotion(pose=pose, axis=(0.0, 0.0, 1.0), amplitude=0.1, period=1.0),
-            cp.TurnMotion(pose=pose, axis=(0.0, 0.0, 1.0), angle=0.1, duration=1.0),
+            cp.motions.SwingMotion(pose=pose, axis=(0.0, 0.0, 1.0), amplitude=0.1, period=1.0),
+            cp.motions.TurnMotion(pose=pose, axis=(0.0, 0.0, 1.0), angle=0.1, duration=1.0),
             *(
-                cp.WrenchPulse(time=0.0, duration=0.01, wrench=(1.0,) * 6),
-                cp.Stabilisation(),
-                cp.Saturation(),
+                cp.events.WrenchPulse(time=0.0, duration=0.01, wrench=(1.0,) * 6),
+                cp.plant.Stabilisation(),
+                cp.laws.Saturation(),
             ),
             *(
-                cp.Sample(fields={"duration": cp.Span(low=0.01, high=0.1)}, count=2),
+                cp.sweeps.Sample(fields={"duration": cp.sweeps.Span(low=0.01, high=0.1)}, count=2),
                 self.plan,
-                cp.ConstantSqueeze(),
+                cp.squeezes.ConstantSqueeze(),
             ),
         ]
 
@@ -276,7 +256,7 @@ class Calls:
 
     @functools.cached_property
     def ArmModel(self):
-        return cp.CellArm(self.scenario.cell, "left")
+        return cp.model.CellArm(self.scenario.cell, "left")
 
     @functools.cached_property
     def ClosedChain(self):
@@ -292,11 +272,11 @@ class Calls:
 
     @functools.cached_property
     def simulation(self):
-        return cp.Simulation(self.scenario, build_controller(self.scenario))
+        return cp.Simulation(self.scenario, cp.laws.build_controller(self.scenario))
 
     @functools.cached_property
     def reach(self):
-        return cp.reachability(self.scenario, poses=3)
+        return cp.feasibility.reachability(self.scenario, poses=3)
 
     @functools.cached_property
     def Comparison(self):
@@ -304,7 +284,7 @@ class Calls:
 
     @functools.cached_property
     def figure(self):
-        return figures.torque_figure(self.RunResult)
+        return cp.figures.torque_figure(self.RunResult)
 
     def compared(self):
         return {
@@ -324,7 +304,7 @@ class Calls:
             (lambda: {"scenario": self.scenario}),
             (lambda: {"scenario": self.scenario, "cell_reach": self.reach}),
         )
-        for name in figures.__all__:
+        for name in cp.figures.__all__:
             if name not in (
                 "comparison_figure",
                 "pareto_figure",
@@ -332,25 +312,25 @@ class Calls:
                 "sweep_figure",
                 "theorem_figure",
             ):
-                yield getattr(figures, name), result
+                yield getattr(cp.figures, name), result
         for name in ("loop_stability", "start_stability", "start_torques", "step_stability"):
-            yield getattr(analysis, name), simulation
-        for function in (analysis.gain_proposal, analysis.statics_along, analysis.task_inertia):
+            yield PUBLIC[name], simulation
+        for function in (cp.design.gain_proposal, cp.feasibility.statics_along, cp.feasibility.task_inertia):
             yield function, along
-        for function in (analysis.closure_problem, batch.support, comparison.standard_trials):
+        for function in (cp.feasibility.closure_problem, cp.compiled.support, cp.comparison.standard_trials):
             yield function, alone
         metrics = {"metric_a": "position_rms_m", "metric_b": "torque_peak_Nm"}
-        yield figures.pareto_figure, lambda: {"result": self.SweepResult, **metrics}
+        yield cp.figures.pareto_figure, lambda: {"result": self.SweepResult, **metrics}
         yield (
-            figures.sweep_figure,
+            cp.figures.sweep_figure,
             lambda: {"result": self.SweepResult, "metric": "position_rms_m", "over": None},
         )
         yield (
-            figures.comparison_figure,
+            cp.figures.comparison_figure,
             lambda: {"comparison": self.Comparison, "scenario": self.scenario.name},
         )
         yield (
-            figures.save_figure,
+            cp.figures.save_figure,
             lambda: {
                 "figure": self.figure,
                 "stem": self.folder / "figure",
@@ -359,23 +339,23 @@ class Calls:
             },
         )
         yield (
-            figures.theorem_figure,
-            lambda: {"result": self.RunResult, "monitor": analysis.theorem_monitor(self.RunResult)},
+            cp.figures.theorem_figure,
+            lambda: {"result": self.RunResult, "monitor": cp.proof.theorem_monitor(self.RunResult)},
         )
-        yield analysis.theorem_monitor, result
-        yield analysis.steady_errors, lambda: {**alone(), "bias": 1e-3, "load": 10.0}
-        yield analysis.static_torques, lambda: {**alone(), "poses": 3}
-        yield analysis.maximum_reach, lambda: {"arm": self.scenario.cell.arms["left"]}
-        yield analysis.motion_stability, lambda: {**simulation(), "cell_reach": self.reach}
-        yield comparison.compare, lambda: {**self.compared(), "out": self.folder / "compared"}
-        yield comparison.benchmark_scenario, lambda: {**alone(), "duration": 0.05}
+        yield cp.proof.theorem_monitor, result
+        yield cp.stability.steady_errors, lambda: {**alone(), "bias": 1e-3, "load": 10.0}
+        yield cp.feasibility.static_torques, lambda: {**alone(), "poses": 3}
+        yield cp.feasibility.maximum_reach, lambda: {"arm": self.scenario.cell.arms["left"]}
+        yield cp.stability.motion_stability, lambda: {**simulation(), "cell_reach": self.reach}
+        yield cp.compare, lambda: {**self.compared(), "out": self.folder / "compared"}
+        yield cp.comparison.benchmark_scenario, lambda: {**alone(), "duration": 0.05}
         yield (
-            comparison.controllers_for,
+            cp.comparison.controllers_for,
             lambda: {**alone(), "controllers": ["leader-follower"], "tuned": True},
         )
-        yield comparison.tick_costs, lambda: {**alone(), "controllers": ["leader-follower"], "rounds": 1}
+        yield cp.comparison.tick_costs, lambda: {**alone(), "controllers": ["leader-follower"], "rounds": 1}
         yield (
-            comparison.tune_controllers,
+            cp.comparison.tune_controllers,
             lambda: {
                 "scenarios": [self.scenario],
                 "controllers": ["leader-follower"],
@@ -386,18 +366,18 @@ class Calls:
                 "execution": QUIET,
             },
         )
-        yield batch.plant_reason, lambda: {"plant": self.scenario.plant, "cell": self.scenario.cell}
-        yield batch.simulate_batch, lambda: {"scenarios": [self.scenario], "machine": NumpyMachine}
-        yield batch.export_c, lambda: {**alone(), "arm": "left", "folder": self.folder / "c", "ticks": 2}
-        yield analysis.anchor_bounded_time, result
-        yield analysis.implausible_numbers, alone
-        yield analysis.run_warnings, lambda: {**alone(), "controller": build_controller(self.scenario)}
-        yield analysis.loads_without_an_arm, along
-        posture = lambda: {**along(), "posture": control.PostureGains()}  # noqa: E731
-        yield analysis.internal_moment, posture
-        yield analysis.motion_wrenches, posture
+        yield cp.compiled.plant_reason, lambda: {"plant": self.scenario.plant, "cell": self.scenario.cell}
+        yield cp.compiled.simulate_batch, lambda: {"scenarios": [self.scenario], "machine": NumpyMachine}
+        yield cp.export.export_c, lambda: {**alone(), "arm": "left", "folder": self.folder / "c", "ticks": 2}
+        yield cp.proof.anchor_bounded_time, result
+        yield implausible_numbers, alone
+        yield run_warnings, lambda: {**alone(), "controller": cp.laws.build_controller(self.scenario)}
+        yield cp.feasibility.loads_without_an_arm, along
+        posture = lambda: {**along(), "posture": cp.laws.PostureGains()}  # noqa: E731
+        yield cp.feasibility.internal_moment, posture
+        yield cp.feasibility.motion_wrenches, posture
         yield (
-            analysis.new_cell,
+            cp.new_cell,
             lambda: {
                 "arms": ["ur5", "ur5"],
                 "payload": "box",
@@ -422,44 +402,50 @@ class Calls:
                 "distance": 0.7,
             },
         )
-        yield comparison.controller_names, dict
+        yield cp.comparison.controller_names, dict
         yield (
-            control.anchor_gain_bound,
+            cp.laws.anchor_gain_bound,
             lambda: {"pole": 0.5, "delay": 1, "every": 1, "force_gain": 0.1, "lag": 0.0},
         )
-        yield control.force_gain_bound, lambda: {"pole": 0.5, "delay": 1, "lag": 0.0}
+        yield cp.laws.force_gain_bound, lambda: {"pole": 0.5, "delay": 1, "lag": 0.0}
         yield (
-            reference.check_consistency,
+            cp.motions.check_consistency,
             lambda: {"reference": self.scenario.motion, "times": [0.01, 0.02], "allowed": 1e-3},
         )
-        yield sweeps.estimate, lambda: {"plan": self.plan}
+        yield cp.sweeps.estimate, lambda: {"plan": self.plan}
         yield cp.Execution, lambda: {"workers": 0, "engine": "pinocchio", "quiet": True, "merge": ()}
-        yield cp.CellArm, lambda: {"cell": self.scenario.cell, "name": "left"}
-        yield urdf.check_urdf, lambda: {"text": self.urdf}
-        yield urdf.text_checked, lambda: {"text": self.urdf, "loops": False}
-        yield urdf.find_urdf, lambda: {"name_or_path": "panda", "package_dirs": (), "xacro_args": {}}
-        yield urdf.check_file, lambda: {"urdf": urdf.find_urdf("panda")}
-        yield urdf.load_checked, lambda: {"urdf": urdf.find_urdf("panda"), "strict": False, "loops": False}
-        yield urdf.robot_files, dict
-        yield viz.save_report, lambda: {**result(), "path": self.folder / "report.html"}
-        yield viz.save_replay, lambda: {**result(), "path": self.folder / "replay.html", "names": ()}
-        yield viz.notebook_view, lambda: {**result(), "height": 300}
-        yield viz.metrics_table, result
-        yield viz.replay_html, lambda: {"result": self.RunResult, "times": ()}
-        yield viz.report_html, result
-        yield spatial.quaternions, lambda: {"R": np.eye(3)}
-        yield spatial.exp3, lambda: {"vector": np.zeros(3)}
-        yield spatial.log3, lambda: {"R": np.eye(3)}
-        yield spatial.rotation_from_rpy, lambda: {"rpy": np.zeros(3)}
-        yield spatial.weight_wrench, lambda: {"mass": 1.0, "gravity": (0.0, 0.0, -9.81)}
-        yield spatial.spatial_inertia, lambda: {"mass": 1.0, "inertia": np.eye(3), "R_WP": np.eye(3)}
-        yield spatial.load_wrenches, lambda: {"interaction": np.zeros((2, 6)), "load_shares": np.full(2, 0.5)}
+        yield cp.model.CellArm, lambda: {"cell": self.scenario.cell, "name": "left"}
+        yield cp.urdf.check_urdf, lambda: {"text": self.urdf}
+        yield cp.urdf.text_checked, lambda: {"text": self.urdf, "loops": False}
+        yield cp.urdf.find_urdf, lambda: {"name_or_path": "panda", "package_dirs": (), "xacro_args": {}}
+        yield cp.urdf.check_file, lambda: {"urdf": cp.urdf.find_urdf("panda")}
+        yield (
+            cp.urdf.load_checked,
+            lambda: {"urdf": cp.urdf.find_urdf("panda"), "strict": False, "loops": False},
+        )
+        yield cp.urdf.robot_files, dict
+        yield cp.viz.save_report, lambda: {**result(), "path": self.folder / "report.html"}
+        yield cp.viz.save_replay, lambda: {**result(), "path": self.folder / "replay.html", "names": ()}
+        yield cp.viz.notebook_view, lambda: {**result(), "height": 300}
+        yield cp.viz.metrics_table, result
+        yield cp.viz.replay_html, lambda: {"result": self.RunResult, "times": ()}
+        yield cp.viz.report_html, result
+        yield cp.spatial.quaternions, lambda: {"R": np.eye(3)}
+        yield cp.spatial.exp3, lambda: {"vector": np.zeros(3)}
+        yield cp.spatial.log3, lambda: {"R": np.eye(3)}
+        yield cp.spatial.rotation_from_rpy, lambda: {"rpy": np.zeros(3)}
+        yield cp.spatial.weight_wrench, lambda: {"mass": 1.0, "gravity": (0.0, 0.0, -9.81)}
+        yield cp.spatial.spatial_inertia, lambda: {"mass": 1.0, "inertia": np.eye(3), "R_WP": np.eye(3)}
+        yield (
+            cp.spatial.load_wrenches,
+            lambda: {"interaction": np.zeros((2, 6)), "load_shares": np.full(2, 0.5)},
+        )
 
     def _arguments(self):
         """Good arguments by the name of what is called."""
         chain, arm = self.ClosedChain, self.ArmModel
         start = bennett("full")[1]
-        cell_chain = cp.CellChain(self.scenario.cell)
+        cell_chain = cp.grasps.CellChain(self.scenario.cell)
         X = self.scenario.start.matrix
         q = cell_chain.configuration(X)
         v = np.zeros(cell_chain.mechanism.model.nv)
@@ -468,7 +454,7 @@ class Calls:
         state, at = {"q": start.q, "v": start.v}, {"q": q, "v": v, "tau": v, "push": np.zeros(6)}
         arm_state = {"q": np.full(k, 0.5), "v": np.zeros(k)}
         joint, metric = chain.model.names[1], "position_rms_m"
-        controller = build_controller(self.scenario)
+        controller = cp.laws.build_controller(self.scenario)
         frame = str(chain.model.frames[3].name)
         ranges = {"duration": (0.02, 0.04)}
         good = {
@@ -488,7 +474,7 @@ class Calls:
             "CellChain.observe": at,
             "ClosedChain": {
                 "model": chain.model, "closures": chain.closures.closures,
-                    "stabilisation": cp.Stabilisation(),
+                    "stabilisation": cp.plant.Stabilisation(),
                 "formulation": "kkt",
             },
             "ClosedChain.from_urdf": {"path_or_xml": "panda", "closures": (), "gravity": (0, 0, 0),
@@ -524,7 +510,7 @@ class Calls:
             "RunResult.save": {"path": self.folder / "saved.nc"},
             "RunResult.load": {"path": self.folder / "saved.nc"},
             "Simulation": {"scenario": self.scenario, "controller": controller},
-            "Simulation.add_event": {"event": cp.PayloadChange(time=0.04, mass=1.0)},
+            "Simulation.add_event": {"event": cp.events.PayloadChange(time=0.04, mass=1.0)},
             "Simulation.references": {"time": 0.01},
             "Simulation.replace_controller": {"controller": controller},
             "Simulation.replace_squeeze": {"squeeze": self.scenario.squeeze},
@@ -601,7 +587,7 @@ class Calls:
 
     @functools.cached_property
     def urdf(self):
-        return urdf.find_urdf("adept_3dof").path.read_text()
+        return cp.urdf.find_urdf("adept_3dof").path.read_text()
 
     @functools.cached_property
     def table(self):
@@ -670,7 +656,7 @@ def not_finite(value: object) -> bool:
             for name in DYNAMIC
         )
     if isinstance(
-        value, cp.Snapshot
+        value, cp.results.Snapshot
     ):  # wrenches are NaN in undetermined rows, torques beyond an arm's joints
         value = [value.configuration, value.payload_pose, value.tip_position]
     if isinstance(value, float | np.ndarray) and np.asarray(value).dtype.kind == "f":

@@ -42,10 +42,10 @@ from cells import SCENARIOS
 from malformed_urdf import CORPUS, arm
 
 import coop_pin as cp
-from coop_pin.build_controller import build_controller
 from coop_pin.model.visuals import CellVisuals
-from coop_pin.simulation import Simulation
-from coop_pin.sweeps.job import checked_content, checksummed
+from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
+from coop_pin.sweeps.workers.job import checked_content, checksummed
 
 ALLOWED = {"result", "refused"}
 LIMIT_S, LIMIT_BYTES = 5, 4 << 30
@@ -277,13 +277,13 @@ def read_scenario(path: Path) -> bool:
 
 def read_table(path: Path) -> bool:
     """Read a table of poses."""
-    motion = cp.CsvMotion(path=str(path))
+    motion = cp.motions.CsvMotion(path=str(path))
     return all(np.isfinite(motion.at(time).X_WP_d).all() for time in (0.0, 0.7, 1e3))
 
 
 def read_arm(path: Path) -> bool:
     """Read a robot and compute its dynamics."""
-    model = cp.ArmModel(cp.Arm.from_urdf(path, tip="c"))
+    model = cp.model.ArmModel(cp.Arm.from_urdf(path, tip="c"))
     return bool(np.isfinite(model.inverse_dynamics(*np.zeros((3, model.nv)))).all())
 
 

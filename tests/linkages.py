@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import ellipj, ellipk
 
 import coop_pin as cp
-from coop_pin.spatial import inverse_pose, make_pose, rpy_from_rotation
+from coop_pin.base.spatial import inverse_pose, make_pose, rpy_from_rotation
 
 _EXAMPLE = importlib.util.spec_from_file_location(
     "four_bar", Path(__file__).parent.parent / "examples" / "four_bar.py"

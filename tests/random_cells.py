@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 import coop_pin as cp
+from coop_pin.base.spatial import exp3
 from coop_pin.description.actuators import GravityCompensation
 from coop_pin.model import ArmModel
-from coop_pin.spatial import exp3
 
 UR = {"tip": "tool0", "posture": (0.0, -1.2, 1.6, -1.97, -1.57, 0.0)}
 ROBOTS = {
@@ -68,8 +68,8 @@ def random_cell(seed: int, number: int) -> cp.Scenario:
         ),
         controller={"force_path": {"kind": "late"}},
         start=start,
-        motion=cp.LineMotion(start=start, goal=goal, start_time=0.5, duration=duration),
-        squeeze=cp.TipForceSqueeze(force=float(generator.uniform(0.0, 15.0))),
+        motion=cp.motions.LineMotion(start=start, goal=goal, start_time=0.5, duration=duration),
+        squeeze=cp.squeezes.TipForceSqueeze(force=float(generator.uniform(0.0, 15.0))),
         duration=0.5 + duration + 30.0,
         clock={"rate_hz": float(generator.integers(100, 1001)), "steps_per_tick": 2},
         actuators={"gravity_compensation": GravityCompensation() if compensated else None},

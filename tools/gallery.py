@@ -19,8 +19,7 @@ import numpy as np
 from PIL import Image
 
 import coop_pin as cp
-from coop_pin.description import scenario_names
-from coop_pin.results import RunResult
+from coop_pin import RunResult, scenario_names
 from coop_pin.viz.export import page_images
 from coop_pin.viz.replay import replay_html
 

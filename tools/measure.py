@@ -112,7 +112,7 @@ def measure(names: set[str]) -> dict[str, Found]:
     """
     places = [
         f"{file}::{name}"
-        for file in sorted((REPOSITORY / "tests").glob("test_*.py"))
+        for file in sorted((REPOSITORY / "tests").rglob("test_*.py"))
         for name in re.findall(r"^def (test_\w+)", file.read_text(encoding="utf-8"), re.MULTILINE)
         if name in names
     ]

@@ -3,6 +3,7 @@
     python tools/mutate.py                            every mutant of the packages in TESTS
     python tools/mutate.py results chain/closure.py   those of a package or of a file
     python tools/mutate.py --sample 40 --seed 1       some of them
+    python tools/mutate.py --planted --verbose        the faults of planted_faults.toml, and who notices them
 
 Comparisons and arithmetic are swapped, numbers and booleans changed, conditions negated and terms dropped.
 The tests are loaded once. One run of each tells which lines it executes; then every mutant gets a process in
@@ -46,16 +47,20 @@ from hypothesis import Phase, settings
 REPOSITORY = Path(__file__).resolve().parents[1]
 PACKAGE = REPOSITORY / "coop_pin"
 EQUIVALENT = Path(__file__).with_name("mutate_equivalent.toml")
+PLANTED = Path(__file__).with_name("planted_faults.toml")
 FLOOR = 0.95
 TESTS = {
-    "batch": "adversaries batch batch_laws batch_sensing c_export gravity_turn sweep_batch tracing",
-    "chain": "branches cell_chain closed_chain closures ik_solver integrators inverse_kinematics mechanisms"
-    " projection sizes",
+    "base": "internal_wrench_definitions payload_space spatial",
+    "compiled": "adversaries batch batch_laws batch_sensing c_export engines gravity_turn"
+    " reference_plant sweep_batch traced_springs tracing",
+    "chain": "closed_chain closures integrators mechanisms projection reference_plant sizes traced_springs",
     "comparison": "benchmarks compare comparison_figures",
     "control": "baseline_laws bounds interface payload_space redundant_sliding_mode sensing sliding_mode",
+    "grasps": "cell_chain compliant_grasps contact_patches friction_cones friction_grasps grasp_events"
+    " partner reference_plant rigid_grasps traced_springs",
+    "model": "arm_model branches ik_solver inverse_kinematics limits",
     "model_based": "batch_laws compare model_based",
     "results": "internal_wrench_definitions metrics results trust user_files",
-    "spatial": "internal_wrench_definitions payload_space spatial",
     "tracing": "batch batch_laws c_export sweep_batch tracing",
 }
 """Test files that are run for each package; others hardly judge it, and take longer."""
@@ -190,6 +195,24 @@ def files() -> dict[str, Path]:
 def all_mutants() -> list[Mutant]:
     """Return every mutant of the packages."""
     return [mutant for file, path in files().items() for mutant in mutants(file, path.read_text())]
+
+
+def planted() -> list[Mutant]:
+    """Return the faults of planted_faults.toml, each with what is wrong as its text.
+
+    Raises:
+        ValueError: what a fault changes does not stand once in its file.
+    """
+    found = []
+    for fault in tomllib.loads(PLANTED.read_text())["fault"]:
+        file, what, old, new = (fault[field] for field in ("file", "what", "old", "new"))
+        before, *after = (PACKAGE / file).read_text().split(old)
+        if len(after) != 1:
+            raise ValueError(f"{old!r} stands {len(after)} times in {file}")
+        first = before.count("\n") + 1
+        lines = range(first, first + old.count("\n") + 1)
+        found.append(Mutant(file, lines, what, old, new, before + new + after[0]))
+    return found
 
 
 def equivalent() -> set[tuple[str, ...]]:
@@ -378,8 +401,8 @@ class Chosen:
 class MutationRun:
     """Pytest plugin: tests run for each mutant in place of once."""
 
-    def __init__(self, chosen: list[Mutant], budget: float, workers: int) -> None:
-        self.chosen, self.budget, self.workers = chosen, budget, workers
+    def __init__(self, chosen: list[Mutant], budget: float, workers: int, verbose: bool) -> None:
+        self.chosen, self.budget, self.workers, self.verbose = chosen, budget, workers, verbose
         self.alive: list[Mutant] = []
         self.at_import: set[tuple[str, Any]] = set()
         self.seconds: dict[str, float] = {}
@@ -411,6 +434,9 @@ class MutationRun:
         for (mutant, names), failure in in_children(tasks, self._failure, self._limit, self.workers):
             if failure:
                 self.noticed[mutant.file][failure] += 1
+                if self.verbose:
+                    key = json.dumps(mutant.key, ensure_ascii=False)
+                    print("noticed, line", mutant.lines[0], key, "by", failure, flush=True)
             elif failure == "" or not names:
                 self.alive.append(mutant)
                 print("alive, line", mutant.lines[0], json.dumps(mutant.key, ensure_ascii=False), flush=True)
@@ -501,9 +527,9 @@ def run_pytest(files: Iterable[str], plugin: object) -> None:
     pytest.main([*quiet, "-W", "ignore::pytest.PytestAssertRewriteWarning", *files], plugins=[plugin])
 
 
-def measured_run(chosen: list[Mutant], budget: float, workers: int) -> MutationRun:
-    """Return a finished mutation run."""
-    run = MutationRun(chosen, budget, workers)
+def measured_run(chosen: list[Mutant], tests: str, budget: float, workers: int, verbose: bool) -> MutationRun:
+    """Return a finished mutation run, with the tests of the packages, or with others."""
+    run = MutationRun(chosen, budget, workers, verbose)
     os.chdir(REPOSITORY)
     os.environ |= {"PYTHONPATH": str(REPOSITORY), "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
     sys.path.insert(0, str(REPOSITORY))
@@ -514,8 +540,9 @@ def measured_run(chosen: list[Mutant], budget: float, workers: int) -> MutationR
     with executed_lines() as run.at_import:
         for file in {mutant.file for mutant in chosen}:
             importlib.import_module("coop_pin." + file.removesuffix(".py").replace("/", "."))
-        names = {name for package in {mutant.package for mutant in chosen} for name in TESTS[package].split()}
-        run_pytest([f"tests/test_{name}.py" for name in sorted(names)], run)
+        tests = tests or " ".join(TESTS[package] for package in {mutant.package for mutant in chosen})
+        files = {file.stem: str(file) for file in Path("tests").rglob("test_*.py")}
+        run_pytest([files[f"test_{name}"] for name in sorted(set(tests.split()))], run)
     return run
 
 
@@ -529,23 +556,30 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the sample")
     parser.add_argument("--workers", type=int, default=1, help="mutants at a time")
     parser.add_argument("--budget", type=float, default=10.0, help="longest time of the tests of a mutant, s")
+    parser.add_argument(
+        "--tests", default="", help="test files in place of those of the packages, in one text"
+    )
+    parser.add_argument("--planted", action="store_true", help="the faults of planted_faults.toml")
+    parser.add_argument("--verbose", action="store_true", help="name the test that notices each mutant, too")
     given = parser.parse_args(arguments)
     found, left_out = all_mutants(), equivalent()
     for row in sorted(left_out - {mutant.key for mutant in found}):
         print("no such mutant:", json.dumps(row, ensure_ascii=False))
-    chosen = [mutant for mutant in found if mutant.file.startswith(tuple(given.under))]
+    among = planted() if given.planted else found
+    chosen = [mutant for mutant in among if mutant.file.startswith(tuple(given.under))]
     if given.sample is not None:
         chosen = random.Random(given.seed).sample(chosen, min(given.sample, len(chosen)))
     start = time.monotonic()
-    run = measured_run([one for one in chosen if one.key not in left_out], given.budget, given.workers)
+    different = [one for one in chosen if one.key not in left_out]
+    run = measured_run(different, given.tests, given.budget, given.workers, given.verbose)
     alive, ran = Counter(one.package for one in run.alive), Counter(one.package for one in run.chosen)
     for package, total in sorted(Counter(one.package for one in chosen).items()):
-        noticed, different = ran[package] - alive[package], ran[package]
+        noticed, others = ran[package] - alive[package], ran[package]
         print(
-            f"{package}: {total} mutants, {total - different} equivalent, {noticed} of the others noticed",
+            f"{package}: {total} mutants, {total - others} equivalent, {noticed} of the others noticed",
             end="",
         )
-        print(f", {noticed / max(different, 1):.1%}")
+        print(f", {noticed / max(others, 1):.1%}")
     print(f"{time.monotonic() - start:.0f} s")
     return int(any(alive[package] > (1.0 - FLOOR) * ran[package] for package in ran))
 

@@ -1,4 +1,4 @@
-"""Write the fields of a scenario and the names of all packages into the pages of the documentation.
+"""Write the fields of a scenario and all public names into the pages of the documentation.
 
     python tools/reference.py
 
@@ -16,24 +16,23 @@ from pathlib import Path
 from typing import Any
 
 import coop_pin
-from coop_pin.description import Payload, Scenario
-from coop_pin.schema.base import Description
-from coop_pin.schema.meanings import described, meanings, section
+from coop_pin import Payload, Scenario
+from coop_pin.base.schema.base import Description
+from coop_pin.base.schema.meanings import described, meanings, section
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(REPOSITORY / "studies"))
 from pages import with_block  # noqa: E402
 
 DOCS = REPOSITORY / "docs"
-_RUNNING = ("run_scenario", "engine_choice", "build_controller", "simulation")
-"""Packages and modules that share a page."""
+NAMESPACES = {name: value for name in dir(coop_pin) if inspect.ismodule(value := getattr(coop_pin, name))}
 
 
 def pages() -> dict[Path, str]:
     """Return the generated pages, as they should be."""
     texts = {
         DOCS / "fields.md": ("fields", scenario_fields()),
-        DOCS / "api" / "index.md": ("names", public_names()),
+        DOCS / "api" / "index.md": ("names", namespaces()),
     }
     for page in sorted((DOCS / "api").glob("*.md")):
         if modules := re.findall(r"automodule:: (\S+)", page.read_text(encoding="utf-8")):
@@ -41,9 +40,17 @@ def pages() -> dict[Path, str]:
     return {page: with_block(page.read_text(encoding="utf-8"), *block) for page, block in texts.items()}
 
 
-def public_names() -> str:
-    """Return a table of ``coop_pin.__all__``: links into the reference, and first sentences."""
-    return _table((f"[`cp.{name}`]({_page_of(name)})", getattr(coop_pin, name)) for name in coop_pin.__all__)
+def namespaces() -> str:
+    """Return a table of the namespaces: links to their pages, first sentences, and names."""
+    lines = ["| namespace | description | names |", "| --- | --- | --- |"]
+    for name, module in {
+        "cp": coop_pin,
+        **{f"cp.{name}": module for name, module in NAMESPACES.items()},
+    }.items():
+        text = "What most scripts need." if module is coop_pin else _plain(_first_paragraph(module))
+        names = ", ".join(f"`{one}`" for one in module.__all__)
+        lines.append(f"| [`{name}`]({name.removeprefix('cp.')}.md) | {text} | {names} |")
+    return "\n".join(lines)
 
 
 def _names(module: str) -> list[tuple[str, Any]]:
@@ -63,10 +70,14 @@ def _table(entries: Any) -> str:
     return "\n".join(("| name | description |", "| --- | --- |", *rows))
 
 
-def _page_of(name: str, folder: str = "") -> str:
-    """Return the page of a public name."""
-    package = coop_pin._PUBLIC[name].split(".")[1]
-    return f"{folder}{'running' if package in _RUNNING else package}.md"
+def _linked(name: str) -> str:
+    """Return a link to the page of a public name; of another, the name."""
+    if name in coop_pin.__all__:
+        return f"[`cp.{name}`](api/cp.md)"
+    for space, module in NAMESPACES.items():
+        if name in module.__all__:
+            return f"[`cp.{space}.{name}`](api/{space}.md)"
+    return f"`{name}`"
 
 
 def scenario_fields() -> str:
@@ -91,13 +102,8 @@ def scenario_fields() -> str:
             kind = model.model_fields.get("kind")
             heading = f'`kind = "{kind.default}"`' if kind is not None else model.__name__
             lines += [f"### {heading}"] * (len(group) > 1)
-            is_public = model.__name__ in coop_pin.__all__
-            name = (
-                f"[`cp.{model.__name__}`]({_page_of(model.__name__, 'api/')})"
-                if is_public
-                else f"`{model.__name__}`"
-            )
-            lines += [f"{name}: {_plain(_first_paragraph(model))}", _field_table(model, titles)]
+            text = f"{_linked(model.__name__)}: {_plain(_first_paragraph(model))}"
+            lines += [text, _field_table(model, titles)]
             lines += _payload_kinds() if model is Payload else []
     return "\n\n".join(lines)
 

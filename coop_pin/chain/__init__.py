@@ -1,22 +1,30 @@
-"""Closed chains: loop closures, constrained dynamics, projection, integration and inverse kinematics."""
+"""Chain: any mechanism from URDF with loop closures: constrained dynamics, projection, integration.
+
+Open first: ``closed_chain`` (the class: assembly, motion, energy; ``closed_kinematics`` its kinematics),
+``forward_dynamics`` (accelerations and closure wrenches), ``integrators`` (Runge-Kutta methods as tableaus).
+
+- ``closure`` and ``closure_set``: error, Jacobian and drift of one closure, and of all.
+- Solvers of J a + gamma = 0: ``kkt_solver`` (truncated SVD), ``proximal_solver`` (Pinocchio's).
+- ``projection`` onto the closures; ``trajectory`` (a motion, step by step).
+- ``minimal_coordinates``: independent joints, reduced mass matrix and bias.
+- ``linearisation`` about a state; ``inverse_dynamics``: torques of a motion.
+- ``free_flyer``: pose of a free body and its increments.
+
+It knows no cell, arm or payload; what holds a payload is in ``grasps``.
+
+Imports ``base``, ``description``, ``model`` and ``tracing``.
+"""
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
-from coop_pin.chain.cell_chain import CellChain
-from coop_pin.chain.closed_chain import ChainDynamics, ClosedChain
-from coop_pin.chain.closure_set import ClosureError
-from coop_pin.chain.inverse_kinematics import ik_branches, solve_ik
-from coop_pin.chain.trajectory import ChainState, Energy, Trajectory
-from coop_pin.description.closure import Closure
+from coop_pin import lazy_names
 
-__all__ = [
-    "CellChain",
-    "ChainDynamics",
-    "ChainState",
-    "ClosedChain",
-    "Closure",
-    "ClosureError",
-    "Energy",
-    "Trajectory",
-    "ik_branches",
-    "solve_ik",
-]
+__all__, __getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "ChainDynamics": "chain.forward_dynamics",
+        "ChainState": "chain.trajectory",
+        "ClosureError": "chain.closure_set",
+        "Energy": "chain.trajectory",
+        "Trajectory": "chain.trajectory",
+    },
+)

@@ -1,62 +1,36 @@
-"""Closed chain: a tree with loop closures, its forward dynamics, motion, assembly, projection and energy."""
+"""Closed chain: dynamics, linear model and motion of a tree with loop closures."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal, NamedTuple, Self, get_args
+from typing import Literal, Self, get_args
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, Mask, as_array, as_number, require_type
-from coop_pin.chain.closure_set import ClosureError, ClosureSet
-from coop_pin.chain.inverse_dynamics import InverseDynamics, least_torque, multipliers_of, over_states
+from coop_pin.base.arrays import Array, Mask, require_type
+from coop_pin.base.errors import ArgumentError
+from coop_pin.chain.closed_kinematics import CLOSED, STEP_ALLOWED, ClosedKinematics
+from coop_pin.chain.forward_dynamics import ChainDynamics, checked_dynamics
+from coop_pin.chain.inverse_dynamics import InverseDynamics, over_states, require_closing, torque_of_motion
 from coop_pin.chain.kkt_solver import KKTSolver
 from coop_pin.chain.linearisation import Linearisation, equilibrium, linearised
-from coop_pin.chain.minimal_coordinates import MinimalCoordinates, MinimalForm, ReducedDynamics
-from coop_pin.chain.projection import Projected, Projection
-from coop_pin.chain.proximal_solver import DynamicsDerivatives, ProximalSolver
-from coop_pin.chain.trajectory import ChainState, Energy, Propagator, TorqueLaw, Trajectory, time_grid
-from coop_pin.description.closure import Closure
+from coop_pin.chain.minimal_coordinates import ReducedDynamics
+from coop_pin.chain.projection import Projected
+from coop_pin.chain.proximal_solver import DynamicsDerivatives, ProximalSolver, require_full_rows
+from coop_pin.chain.trajectory import ChainState, Propagator, TorqueLaw, Trajectory, time_grid
+from coop_pin.description.cell.closure import Closure
 from coop_pin.description.plant import Formulation, Stabilisation
-from coop_pin.errors import ArgumentError, ConstraintSolveError
-from coop_pin.model.mechanism_model import configuration_at, mechanism_model, velocity_at
-from coop_pin.model.pinocchio_model import frame_id
+from coop_pin.model.mechanism_model import mechanism_model
 
-_RESIDUAL_ALLOWED = 1e-6
-"""Largest accepted residual of the constraint equations, as a part of 1 and the largest acceleration."""
-_CLOSED = 1e-9
-"""Closure error after a projection of a configuration, m and rad."""
 _START_ALLOWED = 1e-3
 """Closure error from which a motion may start, m and rad: a stated configuration in rounded numbers."""
-_STEP_ALLOWED = 1e-6
-"""Closure error after a projected integration step, m and rad."""
-_MOVED = 1e-12
-"""Entry of the constraint Jacobian that is rounding: such rows are moved by no joint."""
 
 
-class ChainDynamics(NamedTuple):
-    """Forward dynamics of a closed chain.
-
-    Attributes:
-        acceleration: a, shape (nv,).
-        closure_wrenches: wrench on body a of each closure at frame a, in axes of a, N and N m, shape
-            (closures, 6).
-            If rows are redundant, it is not unique for rigid bodies; this is the one of least multipliers.
-        rank: number of independent closure rows.
-        residual: largest entry of J a + gamma + stabilisation, m/s^2 or rad/s^2.
-    """
-
-    acceleration: Array
-    closure_wrenches: Array
-    rank: int
-    residual: float
-
-
-class ClosedChain:
+class ClosedChain(ClosedKinematics):
     """Mechanism with loop closures: any URDF tree, and closures between its frames.
 
     ::
@@ -77,7 +51,6 @@ class ClosedChain:
         stabilisation: Baumgarte frequency and damping ratio.
         formulation: formulation of the constrained dynamics.
         solver: solver of the constrained dynamics of a state.
-        minimal_form: minimal coordinates of the chain.
     """
 
     solver: ProximalSolver | KKTSolver
@@ -107,11 +80,10 @@ class ClosedChain:
             FieldError: rows are neither a known name nor six booleans.
             ArgumentError: there is no such formulation, or "proximal" cannot express the rows.
         """
-        self.closures, self.model = ClosureSet(model, closures), model
+        super().__init__(model, closures)
         self.stabilisation = Stabilisation() if stabilisation is None else stabilisation
         require_type("stabilisation", self.stabilisation, Stabilisation)
-        self._data, self.formulation = model.createData(), formulation
-        self._projection = Projection(model, self.closures)
+        self.formulation = formulation
         if not isinstance(formulation, str) or formulation not in get_args(Formulation):
             raise ArgumentError(f"formulation is {formulation!r}; it must be 'auto', 'proximal' or 'kkt'")
         can_be_proximal = ProximalSolver.can_solve(closures)
@@ -120,7 +92,6 @@ class ClosedChain:
             raise ArgumentError(f"formulation is 'proximal', {only}; use 'auto' or 'kkt'")
         kind = ProximalSolver if can_be_proximal and formulation != "kkt" else KKTSolver
         self.solver = kind(model, self.closures, self.stabilisation)
-        self.minimal_form = MinimalForm(model, self.closures, self._projection)
 
     @classmethod
     def from_urdf(
@@ -159,34 +130,6 @@ class ClosedChain:
         model, loops = mechanism_model(path_or_xml, gravity, mimic == "ignore", package_dirs, xacro_args)
         return cls(model, [*loops, *closures], stabilisation=stabilisation, formulation=formulation)
 
-    def configuration(self, angles: Mapping[str, float]) -> Array:
-        """Return q with named joints at given positions (rad, m) and the others neutral, shape (nq,).
-
-        Raises:
-            NameNotFoundError: a joint does not exist.
-            ArgumentError: a joint has more than one degree of freedom.
-        """
-        return configuration_at(self.model, angles)
-
-    def velocity(self, rates: Mapping[str, float]) -> Array:
-        """Return v with named joints at given rates (rad/s, m/s) and the others at rest, shape (nv,).
-
-        Raises:
-            NameNotFoundError: a joint does not exist.
-            ArgumentError: a joint has more than one degree of freedom.
-        """
-        return velocity_at(self.model, rates)
-
-    def frame_pose(self, q: ArrayLike, frame: str) -> Array:
-        """Return the pose X_WF of a frame in the world, shape (4, 4).
-
-        Raises:
-            NameNotFoundError: the frame does not exist.
-        """
-        index = frame_id(self.model, frame)
-        pin.forwardKinematics(self.model, self._data, self._q(q))
-        return np.array(pin.updateFramePlacement(self.model, self._data, index).homogeneous)
-
     def forward_dynamics(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> ChainDynamics:
         """Return accelerations and closure wrenches, with rank and residual computed from their definitions.
 
@@ -201,19 +144,9 @@ class ClosedChain:
         """
         q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
         state = self.closures.state(q, v)
-        svd = self._projection.svd(q, state)
         a = np.array(self.solver.acceleration(q, v, tau))
-        residual = float(np.abs(state.stabilised(a, self.stabilisation)).max(initial=0.0))
-        # Near a singular pose the truncated rows add to it.
-        allowed = _allowed(a) + 10.0 * svd.dropped * float(np.linalg.norm(svd.factor.T @ a))
-        if not residual <= allowed:
-            raise ConstraintSolveError(residual, allowed)
-        wrenches = self.solver.wrenches()
-        if svd.rank < len(state.position):
-            # Each proximal step adds rounding / mu along null(J^T): 1e-5 of a Bennett linkage's wrenches.
-            multipliers = svd.left @ (svd.left.T @ multipliers_of(state, wrenches))
-            wrenches = state.wrench_map @ multipliers
-        return ChainDynamics(a, wrenches, svd.rank, residual)
+        svd, residual = self._projection.svd(q, state), state.stabilised(a, self.stabilisation)
+        return checked_dynamics(state, svd, a, self.solver.wrenches(), residual)
 
     def inverse_dynamics(
         self,
@@ -263,21 +196,10 @@ class ClosedChain:
     ) -> InverseDynamics:
         """Return the torques at one state."""
         state = self.closures.state(q, v)
-        opening = float(np.abs(state.jacobian @ a + state.drift).max(initial=0.0))
-        allowed = _allowed(a)
-        if not opening <= allowed:
-            raise ArgumentError(
-                f"a opens the closures: J a + gamma is {opening:.3g} m/s^2 or rad/s^2 (allowed"
-                f" {allowed:.3g}); take one that forward_dynamics returns"
-            )
+        require_closing(state, a)
         force = np.array(pin.rnea(self.model, self._data, q, v, a))
-        force -= 0.0 if applied is None else applied
-        if wrenches is None:
-            tau, multipliers = least_torque(state, force, motors)
-        else:
-            multipliers = multipliers_of(state, wrenches)
-            tau = force - state.jacobian.T @ multipliers
-        return InverseDynamics(tau, state.wrench_map @ multipliers, self._projection.svd(q, state).rank)
+        rank = self._projection.svd(q, state).rank
+        return torque_of_motion(state, force, wrenches, applied, motors, rank)
 
     def derivatives(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> DynamicsDerivatives:
         """Return the derivatives of accelerations and closure wrenches by q, v and tau.
@@ -294,33 +216,9 @@ class ClosedChain:
                 derivatives of least multipliers are not Pinocchio's. ``linearise`` takes any rows.
         """
         q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
-        partial = [closure.name for closure in self.closures.closures if not all(closure.mask)]
-        if partial:
-            raise ArgumentError(f"the rows of closure {partial[0]!r} are not 'full'; use linearise")
         state = self.closures.state(q, v)
-        moved = int(np.count_nonzero(np.abs(state.jacobian).max(axis=1, initial=0.0) > _MOVED))
-        rank = self._projection.svd(q, state).rank
-        if rank < moved:
-            raise ArgumentError(f"{moved - rank} of {moved} closure rows are redundant here; use linearise")
+        require_full_rows(self.closures, state, self._projection.svd(q, state).rank)
         return ProximalSolver(self.model, self.closures, self.stabilisation).derivatives(q, v, tau)
-
-    def constraint_jacobian(self, q: ArrayLike) -> Array:
-        """Return J of the closures, stacked in their order, in axes of their frames a, shape (r, nv)."""
-        return self.closures.state(self._q(q), np.zeros(self.model.nv)).jacobian
-
-    def minimal_coordinates(self, q: ArrayLike, joints: Sequence[str] | None = None) -> MinimalCoordinates:
-        """Return independent joint velocities at a configuration, and the null space of J.
-
-        Args:
-            q: configuration, shape (nq,).
-            joints: names of the joints to take, one degree of freedom each; of the best condition when
-                omitted.
-
-        Raises:
-            ArgumentError: the joints do not determine the motion.
-            NameNotFoundError: a joint does not exist.
-        """
-        return self.minimal_form.coordinates(self._q(q), joints)
 
     def reduced_dynamics(
         self, q: ArrayLike, v: ArrayLike, joints: Sequence[str] | None = None
@@ -415,69 +313,8 @@ class ClosedChain:
         self.require_closed(start.q, _START_ALLOWED)
         if not project:
             return propagator.run(start, None, time)
-        *closed, rank = self._projection.state(*start, _CLOSED)
+        *closed, rank = self._projection.state(*start, CLOSED)
         return propagator.run(ChainState(*closed), rank, time)
 
-    def assemble(self, q_guess: ArrayLike, v_guess: ArrayLike | None = None) -> ChainState:
-        """Return a closed state near a guess; its velocity is the nearest to the guess in kinetic energy.
-
-        Args:
-            q_guess: configuration, shape (nq,), with closure errors of any size.
-            v_guess: velocity, shape (nv,); at rest when omitted.
-
-        Raises:
-            OpenClosureError: no closed configuration was found; with the remaining closure error.
-        """
-        q, v = self._q(q_guess), np.zeros(self.model.nv) if v_guess is None else self._v("v_guess", v_guess)
-        near = self._projection.descend(q)
-        self.require_closed(near, _STEP_ALLOWED)
-        return ChainState(*self._projection.state(near, v, _CLOSED)[:2])
-
-    def energy(self, q: ArrayLike, v: ArrayLike) -> Energy:
-        """Return kinetic and potential energy, J."""
-        q, v = self._q(q), self._v("v", v)
-        kinetic = pin.computeKineticEnergy(self.model, self._data, q, v)
-        return Energy(float(kinetic), float(pin.computePotentialEnergy(self.model, self._data, q)))
-
-    def closure_errors(self, q: ArrayLike) -> list[ClosureError]:
-        """Return the closure error of each closure."""
-        return self.closures.closure_errors(self._q(q))
-
-    def project_configuration(self, q: ArrayLike) -> Array:
-        """Return the configuration on the closures reached from q by mass-weighted Newton steps.
-
-        dq = -M^-1 J^T (J M^-1 J^T)^+ e
-
-        Raises:
-            OpenClosureError: the steps do not converge to a closed configuration.
-        """
-        return self._projection.state(self._q(q), np.zeros(self.model.nv), _CLOSED).q
-
-    def project_velocity(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return the velocity nearest in kinetic energy that keeps the closures closed, shape (nv,).
-
-        v - M^-1 J^T (J M^-1 J^T)^+ J v
-        """
-        return self._projection.velocity(self._q(q), self._v("v", v))
-
-    def require_closed(self, q: ArrayLike, allowed: float) -> None:
-        """Raise an error if a closure error exceeds what is allowed (m, rad).
-
-        Raises:
-            OpenClosureError: with the largest closure error.
-        """
-        self._projection.require_closed(self._q(q), as_number("allowed", allowed))
-
     def _after_step(self, q: Array, v: Array, rank: int | None) -> Projected:
-        return self._projection.state(q, v, _STEP_ALLOWED, rank)
-
-    def _q(self, q: ArrayLike) -> Array:
-        return as_array("q", q, self.model.nq)
-
-    def _v(self, name: str, v: ArrayLike) -> Array:
-        return as_array(name, v, self.model.nv)
-
-
-def _allowed(a: Array) -> float:
-    """Return the largest accepted residual of an acceleration, m/s^2 or rad/s^2."""
-    return _RESIDUAL_ALLOWED * (1.0 + float(np.abs(a).max(initial=0.0)))
+        return self._projection.state(q, v, STEP_ALLOWED, rank)

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.arrays import Array
-from coop_pin.description.closure import Closure, RowMask
+from coop_pin.base.arrays import Array
+from coop_pin.description.cell.closure import Closure, RowMask
 
 
 class ClosureKinematics(NamedTuple):

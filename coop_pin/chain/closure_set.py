@@ -9,11 +9,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, require_type
+from coop_pin.base.arrays import Array, require_type
+from coop_pin.base.errors import NameNotFoundError
 from coop_pin.chain.closure import error_function
-from coop_pin.description.closure import Closure
+from coop_pin.description.cell.closure import Closure
 from coop_pin.description.plant import Stabilisation
-from coop_pin.errors import NameNotFoundError
 from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix
 
 _UNIVERSE = 0

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
 from coop_pin.tracing.elementary import polynomial
 
 _TERMS = 6

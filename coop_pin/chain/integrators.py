@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
 
 _FREE_FLYER = "JointModelFreeFlyer"
 _SMALL = 2.7e-5

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coop_pin.arrays import Array, Mask, as_array
+from coop_pin.base.arrays import Array, Mask, as_array
+from coop_pin.base.errors import ArgumentError
 from coop_pin.chain.closure_set import ClosureState
-from coop_pin.errors import ArgumentError
 
 _ALLOWED = 1e-6
 """Largest accepted remainder, as a part of 1 and the largest entry of what must be balanced."""
@@ -69,6 +69,25 @@ def over_states(
     return results[0] if is_single else stacked
 
 
+def residual_allowed(a: Array) -> float:
+    """Return the largest accepted residual of the closures at an acceleration, m/s^2 or rad/s^2."""
+    return _ALLOWED * (1.0 + float(np.abs(a).max(initial=0.0)))
+
+
+def require_closing(state: ClosureState, a: Array) -> None:
+    """Raise an error if an acceleration opens the closures.
+
+    Raises:
+        ArgumentError: J a + gamma is not zero.
+    """
+    opening, allowed = float(np.abs(state.jacobian @ a + state.drift).max(initial=0.0)), residual_allowed(a)
+    if not opening <= allowed:
+        raise ArgumentError(
+            f"a opens the closures: J a + gamma is {opening:.3g} m/s^2 or rad/s^2 (allowed"
+            f" {allowed:.3g}); take one that forward_dynamics returns"
+        )
+
+
 def multipliers_of(state: ClosureState, wrenches: Array) -> Array:
     """Return the multipliers lambda of stated closure wrenches, shape (r,).
 
@@ -108,6 +127,28 @@ def least_torque(state: ClosureState, force: Array, motors: Mask) -> tuple[Array
     return motors * (force - JT @ multipliers), multipliers
 
 
+def torque_of_motion(
+    state: ClosureState, force: Array, wrenches: Array | None, applied: Array | None, motors: Mask, rank: int
+) -> InverseDynamics:
+    """Return the torques at one state; arguments as of multipliers_of and least_torque, and these.
+
+    Args:
+        state: closures of the state.
+        force: M a + h, shape (nv,).
+        wrenches: stated closure wrenches, shape (closures, 6); None for those of least torque.
+        applied: generalised force of everything but motors and closures, shape (nv,); None is zero.
+        motors: mask of the entries of tau with a motor, shape (nv,).
+        rank: number of independent closure rows.
+    """
+    force = force - (0.0 if applied is None else applied)
+    if wrenches is None:
+        tau, multipliers = least_torque(state, force, motors)
+    else:
+        multipliers = multipliers_of(state, wrenches)
+        tau = force - state.jacobian.T @ multipliers
+    return InverseDynamics(tau, state.wrench_map @ multipliers, rank)
+
+
 def _least_squares(A: Array, b: Array) -> Array:
     """Return the x of least norm among those of least |A x - b|, shape (n,)."""
     return np.asarray(np.linalg.lstsq(A, b, rcond=_RANK)[0], dtype=np.float64)
@@ -122,6 +163,6 @@ def _null_space(A: Array) -> Array:
 
 def _require_small(remainder: Array, target: Array, reason: str) -> None:
     largest = float(np.abs(remainder).max(initial=0.0))
-    allowed = _ALLOWED * (1.0 + float(np.abs(target).max(initial=0.0)))
+    allowed = residual_allowed(target)
     if not largest <= allowed:
         raise ArgumentError(f"{reason}: {largest:.3g} N or N m remain (allowed {allowed:.3g})")

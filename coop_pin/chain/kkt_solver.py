@@ -8,10 +8,10 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg.blas import dtrsm, dtrsv  # LAPACK's dtrtrs starts threads for a 5 x 5 matrix: a millisecond
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import MassMatrixError
 from coop_pin.chain.closure_set import ClosureSet, ClosureState
 from coop_pin.description.plant import Stabilisation
-from coop_pin.errors import MassMatrixError
 
 RANK_TOLERANCE = 1e-5
 """Singular values below this part of the largest are redundant rows; 1e-9 would count rounding and drift."""

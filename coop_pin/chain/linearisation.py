@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
-from coop_pin.arrays import Array, as_positive
+from coop_pin.base.arrays import Array, as_positive
+from coop_pin.base.errors import ArgumentError
 from coop_pin.chain.kkt_solver import KKTSolver
 from coop_pin.chain.minimal_coordinates import MinimalForm
 from coop_pin.chain.proximal_solver import ProximalSolver
 from coop_pin.chain.trajectory import ChainState
-from coop_pin.errors import ArgumentError
 
 _STEP = 1e-3
 """Step of the differences, rad, m and their rates; five points leave errors of its fourth power."""

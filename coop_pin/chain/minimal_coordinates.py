@@ -10,11 +10,11 @@ import pinocchio as pin
 import scipy.linalg
 from numpy.typing import NDArray
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import ArgumentError
 from coop_pin.chain.closure_set import ClosureSet
 from coop_pin.chain.kkt_solver import ConstraintSVD
 from coop_pin.chain.projection import Projection
-from coop_pin.errors import ArgumentError
 from coop_pin.model.mechanism_model import velocity_at
 
 Indices: TypeAlias = NDArray[np.intp]

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import OpenClosureError
 from coop_pin.chain.closure_set import ClosureSet, ClosureState
 from coop_pin.chain.kkt_solver import ConstraintSVD, constraint_svd
-from coop_pin.errors import OpenClosureError
 
 _STEPS = 60
 """Most Newton steps; convergence is linear at a singular configuration."""

@@ -8,15 +8,19 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.arrays import Array
-from coop_pin.chain.closure_set import ClosureSet
-from coop_pin.description.closure import Closure
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import ArgumentError
+from coop_pin.chain.closure_set import ClosureSet, ClosureState
+from coop_pin.description.cell.closure import Closure
 from coop_pin.description.plant import Stabilisation
 
 # mu = 0, Pinocchio's default, gives NaN on redundant rows; from 1e-8 on twenty steps reach 1e-14.
 _ACCURACY, _MU, _STEPS = 1e-14, 1e-8, 20
 
 _TYPES = {(True,) * 6: pin.ContactType.CONTACT_6D, (True,) * 3 + (False,) * 3: pin.ContactType.CONTACT_3D}
+
+_MOVED = 1e-12
+"""Entry of the constraint Jacobian that is rounding: such rows are moved by no joint."""
 
 
 class DynamicsDerivatives(NamedTuple):
@@ -99,3 +103,22 @@ class ProximalSolver:
         )
         a, w = [np.array(part) for part in parts[:3]], [part.reshape(-1, 6, len(v)) for part in parts[3:]]
         return DynamicsDerivatives(*a, *map(np.array, w))
+
+
+def require_full_rows(closures: ClosureSet, state: ClosureState, rank: int) -> None:
+    """Raise an error if the derivatives of a state are not those of Pinocchio.
+
+    Args:
+        closures: closures of the chain.
+        state: their state.
+        rank: number of independent closure rows.
+
+    Raises:
+        ArgumentError: a closure has other rows than "full", or rows that joints move are redundant.
+    """
+    partial = [closure.name for closure in closures.closures if not all(closure.mask)]
+    if partial:
+        raise ArgumentError(f"the rows of closure {partial[0]!r} are not 'full'; use linearise")
+    moved = int(np.count_nonzero(np.abs(state.jacobian).max(axis=1, initial=0.0) > _MOVED))
+    if rank < moved:
+        raise ArgumentError(f"{moved - rank} of {moved} closure rows are redundant here; use linearise")

@@ -10,13 +10,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, as_array, as_positive
+from coop_pin.base.arrays import Array, as_array, as_positive
+from coop_pin.base.errors import ArgumentError, IntegrationError, MassMatrixError, OpenClosureError
+from coop_pin.base.memory import require_memory
 from coop_pin.chain.integrators import INTEGRATORS
 from coop_pin.chain.kkt_solver import KKTSolver
 from coop_pin.chain.projection import Projected
 from coop_pin.chain.proximal_solver import ProximalSolver
-from coop_pin.errors import ArgumentError, IntegrationError, MassMatrixError, OpenClosureError
-from coop_pin.memory import require_memory
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
 """(t, q, v) -> generalised force tau, N m and N, shape (nv,)."""

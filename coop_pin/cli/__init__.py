@@ -1,4 +1,17 @@
-"""Command line: ``coop-pin`` parses its arguments, runs one command and returns an exit code."""
+"""Command line: ``coop-pin`` parses its arguments, runs one command and returns an exit code.
+
+Open first: ``parsing`` (all commands), ``run`` (``coop-pin run``; its folder is written by ``run_folder``),
+``overrides`` (fields of a scenario as typed).
+
+- Commands: ``check``, ``inspect`` (list, show, suggest, new), ``law``, ``sweep``, ``tune``, ``compare``,
+  ``view``; ``execution`` has the options of those with many runs, ``field_list`` what ``fields`` prints.
+- ``exit_codes`` lists how a command ends.
+
+What is slow to load is imported in the command that needs it.
+
+Imports ``base``, ``comparison``, ``compiled``, ``description``, ``design``, ``feasibility``, ``figures``,
+``results``, ``running``, ``simulation``, ``stability``, ``sweeps`` and ``viz``.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +27,8 @@ from pathlib import Path
 from typing import Any
 
 from coop_pin import __version__
+from coop_pin.base.user_files import printable
 from coop_pin.cli.exit_codes import BAD_INPUT, FAILED, INTERRUPTED, OK, OUTPUT_CLOSED
-from coop_pin.user_files import printable
 
 _REPEAT_S = 0.05
 """Time after which a dropped Ctrl-C is sent once more, s."""
@@ -34,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if words == ["--version"]:
         print(f"coop-pin {__version__}")
         return OK
-    from coop_pin import errors
+    from coop_pin.base import errors
 
     failures = (
         errors.CodeChangedError,

@@ -6,10 +6,10 @@ import math
 import textwrap
 from typing import Any
 
+from coop_pin.base.errors import ArgumentError, DivergedError
 from coop_pin.cli.exit_codes import FAILED, OK
 from coop_pin.cli.inspect import print_wrapped
 from coop_pin.cli.overrides import NO_FIELDS, ScenarioName, TypedFields, load_scenario
-from coop_pin.errors import ArgumentError, DivergedError
 
 
 def check(
@@ -44,14 +44,15 @@ def check(
         table_error: height by which a table on which the payload is put down may be higher than planned, m.
         fields: fields of the scenario, as typed.
     """
-    from coop_pin import analysis
-    from coop_pin.build_controller import build_controller
-    from coop_pin.simulation import Simulation
+    from coop_pin import feasibility
+    from coop_pin.running.plausibility import gains_are_known
+    from coop_pin.simulation.build_controller import build_controller
+    from coop_pin.simulation.simulation import Simulation
 
     chosen = load_scenario(scenario, fields)
-    reach = analysis.reachability(chosen, poses=poses)
+    reach = feasibility.reachability(chosen, poses=poses)
     is_feasible = _feasible(chosen, reach, table_error)
-    if not reach.ok or not analysis.gains_are_known(chosen):
+    if not reach.ok or not gains_are_known(chosen):
         return OK if is_feasible else FAILED
     simulation = Simulation(chosen, build_controller(chosen))
     is_stable = _stable(simulation, reach, table_error)
@@ -61,22 +62,23 @@ def check(
 
 def _feasible(scenario: Any, reach: Any, table_error: float) -> bool:
     """Print what does not depend on the law, and return whether the cell can do the motion."""
-    from coop_pin import analysis
+    from coop_pin import feasibility, stability
+    from coop_pin.running.plausibility import implausible_numbers, large_record
 
-    numbers = (f"! {number}" for number in analysis.implausible_numbers(scenario))
+    numbers = (f"! {number}" for number in implausible_numbers(scenario))
     print_wrapped(*numbers, reach.summary(), sep="\n")
-    torques, squeeze = analysis.statics_along(scenario, reach), analysis.least_squeeze(scenario)
-    singular, is_stable = analysis.closure_problem(scenario) if reach.ok else "", True
+    torques, squeeze = feasibility.statics_along(scenario, reach), feasibility.least_squeeze(scenario)
+    singular, is_stable = feasibility.closure_problem(scenario) if reach.ok else "", True
     lines = [torques.summary(), f"! {singular}" if singular else ""]
     if scenario.has_servos:
         try:
-            loop = analysis.admittance_stability(scenario)
+            loop = stability.admittance_stability(scenario)
             is_stable = loop.ok
             lines.append(f"{loop.summary()}; errors at rest on servos are not checked")
         except ArgumentError as error:
             lines.append(f"the arms have servos, and gains and errors at rest are not checked: {error}")
-    lines.append(analysis.large_record(scenario))
-    pressed = analysis.table_force(scenario, table_error=table_error)
+    lines.append(large_record(scenario))
+    pressed = feasibility.table_force(scenario, table_error=table_error)
     lines += [forces.summary() for forces in (squeeze, pressed) if forces is not None]
     if scenario.cell.tables and not scenario.cell.unclosed:
         lines.append("the payload may lie on a table: gains are not checked")
@@ -86,29 +88,29 @@ def _feasible(scenario: Any, reach: Any, table_error: float) -> bool:
 
 def _stable(simulation: Any, reach: Any, table_error: float) -> bool:
     """Print what gains, sampling and drives allow, and return whether the law is stable."""
-    from coop_pin import analysis
+    from coop_pin import design, feasibility, stability
 
     scenario = simulation.scenario
     lines = [
         f"! if arm {arm!r} loses its torque, the others need {limp:.3g} times their limits, and"
         f" {carried:.3g} times if it carries its own weight: above 1 no law holds the payload"
-        for arm, (limp, carried) in analysis.loads_without_an_arm(scenario, reach).items()
+        for arm, (limp, carried) in feasibility.loads_without_an_arm(scenario, reach).items()
         if limp > 1.0
     ]
-    findings: list[Any] = [analysis.step_stability(simulation, reach)]
+    findings: list[Any] = [stability.step_stability(simulation, reach)]
     if scenario.cell.unclosed:
-        findings.insert(0, analysis.grasp_stability(simulation))
+        findings.insert(0, stability.grasp_stability(simulation))
     else:
-        of_motion = analysis.motion_stability(simulation, reach)
-        findings[:0] = of_motion, analysis.loop_stability(simulation, reach)
+        of_motion = stability.motion_stability(simulation, reach)
+        findings[:0] = of_motion, stability.loop_stability(simulation, reach)
     lines += [finding.summary() for finding in findings]
     if scenario.cell.unclosed:
-        proposal = analysis.own_inertia_proposal(scenario, reach, table_error=table_error)
+        proposal = design.own_inertia_proposal(scenario, reach, table_error=table_error)
     else:
-        proposal = analysis.gain_proposal(scenario, reach)
+        proposal = design.gain_proposal(scenario, reach)
     lines.append(proposal.summary())
     try:
-        lines.append(analysis.eigenvalues(scenario).summary())
+        lines.append(stability.eigenvalues(scenario).summary())
     except (ArgumentError, DivergedError) as error:  # the steps or gains named above
         lines.append(f"closed loop: {error}")
     _print_lines(lines)
@@ -117,22 +119,22 @@ def _stable(simulation: Any, reach: Any, table_error: float) -> bool:
 
 def _errors(simulation: Any, reach: Any, bias: float, bias_turn: float, load: float) -> None:
     """Print what the law measures, and what a bias and an unknown load leave."""
-    from coop_pin import analysis
+    from coop_pin import feasibility, stability
 
     scenario, lines = simulation.scenario, list[str]()
     law = scenario.controller
     if not scenario.cell.controls_turns and "holding torque" in law.needs:
-        lines.append(analysis.internal_moment(scenario, reach, law.posture).summary())
-    errors = analysis.steady_errors(scenario, bias=bias, load=load)
+        lines.append(feasibility.internal_moment(scenario, reach, law.posture).summary())
+    errors = stability.steady_errors(scenario, bias=bias, load=load)
     lines.append(errors.summary())
     if scenario.network is not None:
         lines.append(simulation.traffic().summary(scenario.clock.rate_hz))
-    reserve = analysis.force_reserve(scenario, reach) if errors.growth > 0.0 else math.inf
+    reserve = feasibility.force_reserve(scenario, reach) if errors.growth > 0.0 else math.inf
     if math.isfinite(reserve):  # drives without limits have no end of it
         earliest = max(0.0, reserve) / errors.growth
         lines.append(f"! the force that grows is beyond the first drive {earliest:.3g} s later or after")
     if math.isfinite(errors.free):
-        biases = analysis.anchor_biases(scenario, bias, bias_turn)
+        biases = stability.anchor_biases(scenario, bias, bias_turn)
         needed = ", ".join(
             f"{arm} {1e3 * position:.3g} mm and {1e3 * angle:.3g} mrad"
             for arm, (position, angle) in biases.items()

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 import tyro
 
 from coop_pin import figures, viz
+from coop_pin.base.errors import FieldError
 from coop_pin.cli.execution import HERE, ExecutionOptions, kept_result, tell
-from coop_pin.errors import FieldError
 
 
 def compare(
@@ -59,8 +59,10 @@ def compare(
     Raises:
         CoopPinError: whatever ``compare``, ``tune_controllers`` or ``Comparison.open`` raises.
     """
-    from coop_pin import comparison, description
+    from coop_pin import comparison
+    from coop_pin.comparison import benchmark
     from coop_pin.comparison.controllers import GAINS
+    from coop_pin.description.scenario import Scenario
 
     names, cells = controllers or tuple(comparison.controller_names()), scenarios or comparison.BENCHMARK
     if replay:
@@ -68,7 +70,7 @@ def compare(
     elif list:
         print("controllers:", ", ".join(names))
         for cell in cells:
-            base = comparison.benchmark_scenario(description.Scenario.load(cell))
+            base = comparison.benchmark_scenario(Scenario.load(cell))
             print(f"trials of {cell}:", ", ".join(comparison.standard_trials(base)))
     elif tune:
         comparison.tune_controllers(
@@ -82,7 +84,7 @@ def compare(
         )
         print(f"written to {out / 'gains.csv'}")
     else:
-        result = comparison.compare(
+        result = benchmark.compare(
             cells,
             {name: name for name in names},
             trials or None,
@@ -100,7 +102,7 @@ def compare(
 
 def _write_replay(table: Any, folder: Path, texts: Sequence[str]) -> None:
     """Write the replay of some cells side by side, and link it in the page of the table."""
-    from coop_pin.heat_map import REPLAYS, cell_names, replay_file
+    from coop_pin.sweeps.heat_map import REPLAYS, cell_names, replay_file
 
     cells = list(map(cell_names, texts))
     runs = [_run(table, cell) for cell in cells]

@@ -8,8 +8,8 @@ from typing import Annotated, Any, TypeAlias
 
 import tyro
 
-from coop_pin.errors import CoopPinError
-from coop_pin.sweeps.execution import HERE, Execution
+from coop_pin.base.errors import CoopPinError
+from coop_pin.sweeps.workers.execution import HERE, Execution
 
 __all__ = ["HERE", "ExecutionOptions", "kept_result", "tell"]
 

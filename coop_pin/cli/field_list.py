@@ -7,10 +7,9 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from coop_pin.description import Pose
-from coop_pin.schema.meanings import kinds, meanings
-from coop_pin.schema.parts import fields_of
-from coop_pin.schema.pose import POSE_MEANINGS
+from coop_pin.base.schema.meanings import kinds, meanings
+from coop_pin.base.schema.parts import fields_of
+from coop_pin.base.schema.pose import POSE_MEANINGS, Pose
 
 _VALUE_WIDTH = 28
 

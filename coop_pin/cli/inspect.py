@@ -10,11 +10,11 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from coop_pin.catalogue import scenario_file, scenario_names, scenario_tables
+from coop_pin.base.disk_cache import keep, kept, package_digest
+from coop_pin.base.errors import FieldError, NameNotFoundError
 from coop_pin.cli.exit_codes import FAILED, OK
 from coop_pin.cli.overrides import NO_FIELDS, ScenarioName, TypedFields, load_scenario, refuse_fields
-from coop_pin.disk_cache import keep, kept, package_digest
-from coop_pin.errors import FieldError, NameNotFoundError
+from coop_pin.description.catalogue import scenario_file, scenario_names, scenario_tables
 
 _COLUMNS = 99
 """Longest line of a text."""
@@ -61,7 +61,7 @@ def fields_of(scenario: ScenarioName) -> None:
     key = hashlib.sha256(f"fields {package_digest()}\n".encode() + content).digest()
     if (text := kept(key) if is_known else None) is None:
         from coop_pin.cli.field_list import field_list
-        from coop_pin.description import Scenario  # its classes take three times as long as all else
+        from coop_pin.description.scenario import Scenario  # slow to load
 
         text = "\n".join(field_list(Scenario.load(scenario))).encode()
         if is_known:
@@ -90,9 +90,9 @@ def show(
         NameNotFoundError: there is no such scenario or robot.
         FieldError: a field is given for a robot, or an option of robots for a scenario.
     """
-    from coop_pin.analysis.cell_summary import cell_summary
     from coop_pin.description.urdf import load_checked, robot_files
     from coop_pin.description.urdf.robot import Robot
+    from coop_pin.feasibility.cell_summary import cell_summary
 
     path, robots, scenarios = Path(what), robot_files(), scenario_names()
     if what in scenarios or path.suffix == ".toml":
@@ -134,10 +134,10 @@ def suggest(
     Raises:
         InfeasibleMotionError: the cell cannot do the motion.
     """
-    from coop_pin import analysis
+    from coop_pin.design import suggestion
 
     draft = load_scenario(scenario, fields, draft=True)
-    suggested = analysis.suggest(draft, poses=poses, table_error=table_error)
+    suggested = suggestion.suggest(draft, poses=poses, table_error=table_error)
     print_wrapped(suggested.summary())
     if out is not None:
         suggested.scenario.save(out)
@@ -176,7 +176,7 @@ def new(
         UrdfError: there is no such robot or tip.
         InfeasibleMotionError: the arms cannot carry the payload.
     """
-    from coop_pin.analysis import new_cell
+    from coop_pin.design.new_cell import new_cell
 
     path = Path(scenario)
     if not path.name:

@@ -42,14 +42,14 @@ def root_locus(
     """
     import numpy as np  # slow to load
 
-    from coop_pin import analysis
-    from coop_pin.arrays import as_count, as_positive
+    from coop_pin import stability
+    from coop_pin.base.arrays import as_count, as_positive
 
     base = load_scenario(scenario, fields)
     ends = as_positive("low", low), as_positive("high", high)
     factors = np.geomspace(*ends, as_count("count", count, 1))
-    print(analysis.eigenvalues(base, time=time).summary())
-    locus = analysis.root_locus(base, field_path(gain, base.cell.arms), factors, time=time)
+    print(stability.eigenvalues(base, time=time).summary())
+    locus = stability.root_locus(base, field_path(gain, base.cell.arms), factors, time=time)
     print(locus.summary())
     if out is not None:
         figure = figures.root_locus_figure(locus)
@@ -78,10 +78,10 @@ def export_c(
     Raises:
         CoopPinError: the law cannot be exported, or the scenario cannot start.
     """
-    from coop_pin import batch  # slow to load
+    from coop_pin.compiled.laws.c_export import export_c  # slow to load
 
     chosen = load_scenario(scenario, fields)
-    law = batch.export_c(chosen, arm, out or Path("out") / f"{chosen.name}-c", ticks=ticks)
+    law = export_c(chosen, arm, out or Path("out") / f"{chosen.name}-c", ticks=ticks)
     print(law.summary())
     test = f"{law.source.with_suffix('')}_self_test"
     print(f"self-test: cc -std=c99 -O2 {law.source} {law.self_test} -lm -o {test} && {test}")

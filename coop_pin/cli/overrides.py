@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeAlias
 
 import tyro
 
-from coop_pin.errors import FieldError
+from coop_pin.base.errors import FieldError
 
 ScenarioName: TypeAlias = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
 """Name listed by 'coop-pin list', or TOML file, as typed."""
@@ -27,13 +27,13 @@ def load_scenario(name_or_file: str, fields: Mapping[str, Sequence[str]], *, dra
     Raises:
         NameNotFoundError, FileReadError, ScenarioError: as Scenario.load and Scenario.override.
     """
-    from coop_pin.description import Scenario  # slow to load
+    from coop_pin.description.scenario import Scenario  # slow to load
 
     scenario = Scenario.load(name_or_file, draft=draft)
     typed = changes(fields, scenario.cell.arms)
     if "auto" not in typed.values():
         return scenario.override(typed)
-    from coop_pin.analysis.step_size import with_changes  # slow to load
+    from coop_pin.stability.step_size import with_changes  # slow to load
 
     return with_changes(scenario, typed)
 

@@ -9,10 +9,10 @@ from typing import Annotated, Any, Literal
 import tyro
 
 from coop_pin import viz
+from coop_pin.base.errors import CoopPinError, RunInterruptedError
 from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, NOT_TRUSTWORTHY, OK
 from coop_pin.cli.overrides import NO_FIELDS, ScenarioName, TypedFields, load_scenario
-from coop_pin.engines import Engine
-from coop_pin.errors import CoopPinError, RunInterruptedError
+from coop_pin.compiled.engines import Engine
 
 
 def run(
@@ -51,10 +51,10 @@ def run(
     Raises:
         CoopPinError: the run could not start.
     """
-    from coop_pin import run_scenario
-    from coop_pin.engine_choice import choose_engine
-    from coop_pin.progress_bar import ProgressBar
-    from coop_pin.run_folder import RunFolder, Stopwatch
+    from coop_pin.cli.run_folder import RunFolder, Stopwatch
+    from coop_pin.compiled.engine_choice import choose_engine
+    from coop_pin.running import run_scenario
+    from coop_pin.sweeps.progress_bar import ProgressBar
 
     chosen = load_scenario(scenario, fields)
     folder = RunFolder(out or Path("out") / chosen.name)

@@ -28,12 +28,15 @@ def sweep(
         retry_failed: repeat runs that failed for lack of time or of a worker.
         estimate: print only the plan and an estimate of its duration.
     """
-    whole = sweeps.SweepPlan.load(plan)
+    from coop_pin.sweeps import engine
+    from coop_pin.sweeps.plan import SweepPlan
+
+    whole = SweepPlan.load(plan)
     if estimate:
         print(whole.summary(), sweeps.estimate(whole, workers=execution.workers).summary(), sep="\n")
         return
     folder = out or Path("out") / plan.stem.lstrip(".")
-    result = sweeps.sweep(whole, out=folder, execution=execution, retry_failed=retry_failed)
+    result = engine.sweep(whole, out=folder, execution=execution, retry_failed=retry_failed)
     tell(execution, result.summary(), folder)
 
 
@@ -73,8 +76,10 @@ def sweep_show(
         NameNotFoundError: no run has the metric, or no field of ``at`` varies.
         FieldError: no run has a value of ``at``.
     """
+    from coop_pin.sweeps.result import SweepResult
+
     varied = {field: value for field, _, value in (text.partition("=") for text in at)}
-    result = sweeps.SweepResult.load(folder).at(varied)
+    result = SweepResult.load(folder).at(varied)
     print(result.summary())
     if best is not None:
         print(f"smallest {best}:")
@@ -96,7 +101,7 @@ def sweep_show(
         result.store.write_with(table, result.table.to_csv)
         print(f"written to {table}")
     if replay is not None:
-        from coop_pin.heat_map import REPLAYS
+        from coop_pin.sweeps.heat_map import REPLAYS
 
         file = (page or folder / "map.html").parent / REPLAYS / f"run-{replay}.html"
         viz.save_replay(kept_result(lambda: result.open(replay)), file)

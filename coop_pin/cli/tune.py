@@ -8,10 +8,9 @@ from typing import Annotated
 
 import tyro
 
-from coop_pin import sweeps
+from coop_pin.base.errors import FieldError
 from coop_pin.cli.execution import HERE, ExecutionOptions, tell
 from coop_pin.cli.overrides import NO_FIELDS, ScenarioName, TypedFields, changes, field_path, load_scenario
-from coop_pin.errors import FieldError
 
 
 def tune(
@@ -61,6 +60,8 @@ def tune(
         FieldError: a field has two ranges, or a range and a value.
         CoopPinError: whatever ``tune`` raises.
     """
+    from coop_pin.sweeps import optimisation
+
     base = load_scenario(scenario, fields)
     arms, ranges = base.cell.arms, dict[str, tuple[float, float]]()
     fixed, folder = changes(fields, arms), out or Path("out") / f"tune-{Path(scenario).stem}"
@@ -71,7 +72,7 @@ def tune(
         if path in fixed:
             raise FieldError("has a range and a value; give it one of them", path)
         ranges[path] = (low, high)
-    result = sweeps.tune(
+    result = optimisation.tune(
         base,
         ranges,
         minimize=minimize,

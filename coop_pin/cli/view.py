@@ -14,9 +14,9 @@ from typing import Annotated, Any
 import tyro
 
 from coop_pin import viz
-from coop_pin.catalogue import scenario_names
+from coop_pin.base.errors import FieldError
 from coop_pin.cli.overrides import NO_FIELDS, TypedFields, load_scenario, refuse_fields
-from coop_pin.errors import FieldError
+from coop_pin.description.catalogue import scenario_names
 
 
 def view(
@@ -69,8 +69,10 @@ def view(
     pictures = image is not None or video is not None
     is_scenario = what in scenario_names() or (path.suffix == ".toml" and path.is_file())
     if is_scenario and not (pictures or against):
+        from coop_pin.viz.live.live_view import open_view
+
         scenario, simulate = load_scenario(what, fields), _simulator(realtime_rate) if run else None
-        with contextlib.closing(viz.open_view(scenario, port=port)) as live:
+        with contextlib.closing(open_view(scenario, port=port)) as live:
             _show(live.url, live.url, open)
             hint = "open this address in a browser on this machine; Ctrl-C ends the view"
             print(f"coop-pin: {hint}", file=sys.stderr)
@@ -99,7 +101,7 @@ def _simulator(realtime_rate: float) -> Callable[[Any, Any], None]:
 
     It loads what it needs before Ctrl-C is told of, which is an ImportError where compiled code loads.
     """
-    from coop_pin.run_scenario import run
+    from coop_pin.running.run_scenario import run
 
     def simulate(live: Any, scenario: Any) -> None:
         while live.is_alive:
@@ -118,8 +120,8 @@ def _show(text: str, address: str, opens: bool) -> None:
 
 def _result(path: Path) -> Any:
     """Return the RunResult of a run's folder or file; the class is loaded only when it is needed."""
-    from coop_pin.results import RunResult
-    from coop_pin.run_folder import RunFolder
+    from coop_pin.cli.run_folder import RunFolder
+    from coop_pin.results.run_result import RunResult
 
     return RunResult.load(path / RunFolder.RESULT if path.is_dir() else path)
 
@@ -144,7 +146,7 @@ def _side_by_side(paths: Sequence[Path]) -> Path:
 
 def _replay(path: Path) -> Path:
     """Return the replay of a run's folder or result file; a missing one is written."""
-    from coop_pin.run_folder import RunFolder
+    from coop_pin.cli.run_folder import RunFolder
 
     if not path.is_file() or path.name == RunFolder.RESULT:
         return RunFolder(path.parent if path.is_file() else path).replay()
@@ -164,7 +166,7 @@ def report(
         result: the folder of a run, or its result.nc.
         out: output file; report.html beside the result when omitted.
     """
-    from coop_pin.run_folder import RunFolder
+    from coop_pin.cli.run_folder import RunFolder
 
     folder = result if result.is_dir() else result.parent
     page = out or folder / RunFolder.REPORT

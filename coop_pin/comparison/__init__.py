@@ -1,21 +1,28 @@
-"""Controllers compared: the same cells, trials and measures for all, and a table with intervals."""
+"""Comparison: controllers on the same cells, trials and measures, in one table with intervals.
 
-from coop_pin.comparison.benchmark import compare
-from coop_pin.comparison.controllers import controller_names, controllers_for
-from coop_pin.comparison.costs import tick_costs
-from coop_pin.comparison.table import Comparison
-from coop_pin.comparison.trials import BENCHMARK, Trial, benchmark_scenario, standard_trials
-from coop_pin.comparison.tuned_gains import tune_controllers
+Open first: ``benchmark`` (``cp.compare``: runs and medians), ``trials`` (named changes under which all are
+compared), ``controllers`` (who is compared, by which gains; ``controllers.toml``).
 
-__all__ = [
-    "BENCHMARK",
-    "Comparison",
-    "Trial",
-    "benchmark_scenario",
-    "compare",
-    "controller_names",
-    "controllers_for",
-    "standard_trials",
-    "tick_costs",
-    "tune_controllers",
-]
+- ``measures`` (of a run, and the cost of a search), ``costs`` (computing time), ``table`` (text, CSV, page).
+- ``tuned_gains``: the same search for every controller.
+
+Imports ``base``, ``compiled``, ``control``, ``description``, ``design``, ``feasibility``, ``grasps``,
+``model``, ``results``, ``simulation``, ``stability`` and ``sweeps``.
+"""
+
+from coop_pin import lazy_names
+
+__all__, __getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "BENCHMARK": "comparison.trials",
+        "Comparison": "comparison.table",
+        "Trial": "comparison.trials",
+        "benchmark_scenario": "comparison.trials",
+        "controller_names": "comparison.controllers",
+        "controllers_for": "comparison.controllers",
+        "standard_trials": "comparison.trials",
+        "tick_costs": "comparison.costs",
+        "tune_controllers": "comparison.tuned_gains",
+    },
+)

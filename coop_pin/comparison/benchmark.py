@@ -11,19 +11,20 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from coop_pin.arrays import as_count, require_path, require_type, typed
+from coop_pin.base.arrays import as_count, require_path, require_type, typed
+from coop_pin.base.errors import CoopPinError, FieldError, FileReadError, NameNotFoundError, ScenarioError
 from coop_pin.comparison.controllers import GAINS, Controllers, controllers_for, gains_used
 from coop_pin.comparison.measures import DROPPED, measures
 from coop_pin.comparison.table import CELL, COLUMNS, Comparison, bootstrap_interval
 from coop_pin.comparison.trials import Trial, benchmark_scenario, changes_of, standard_trials
+from coop_pin.compiled.engine_choice import choose_engines
+from coop_pin.compiled.engines import Engine
 from coop_pin.description.scenario import Scenario
-from coop_pin.engine_choice import choose_engines
-from coop_pin.engines import Engine
-from coop_pin.errors import CoopPinError, FieldError, FileReadError, NameNotFoundError, ScenarioError
-from coop_pin.sweeps import Execution, SweepPlan, SweepResult
 from coop_pin.sweeps.engine import sweep_plan
-from coop_pin.sweeps.execution import HERE
 from coop_pin.sweeps.feasibility import require_feasible_groups, require_reach
+from coop_pin.sweeps.plan import SweepPlan
+from coop_pin.sweeps.result import SweepResult
+from coop_pin.sweeps.workers.execution import HERE, Execution
 
 
 class _Part(NamedTuple):
@@ -167,12 +168,27 @@ def _parts(
             yield _Part(Path(scenario.name, name), scenario.name, list(cases), labels, plan)
 
 
+_INFORMATION: Mapping[str, set[str]] = {
+    "internal wrench": {"internal wrench", "wrenches of all arms"},
+    "own wrench": {"own wrench"},
+    "exchanged poses": {"poses of all arms"},
+    "agreed start": {"holding torque", "start pose"},
+}
+"""Classes of what laws measure, the largest first, and the needs that make a law one of them."""
+
+
 def _information(scenario: Scenario, law: dict[str, Any]) -> str:
-    """Return the class of information of a law; "" where the scenario refuses it, and its runs fail."""
+    """Return what a law has besides its own arm's joints: "model" with the first of _INFORMATION, or "blind".
+
+    It is "" where the scenario refuses the law, and its runs fail.
+    """
     try:
-        return scenario.override({"controller": law}).controller.information
+        needs = {*scenario.override({"controller": law}).controller.needs}
     except CoopPinError:
         return ""
+    model = ["model"] if needs & {"model", "regressor"} else []
+    measured = [name for name, of in _INFORMATION.items() if needs & of][:1]
+    return ", ".join(model + measured) or "blind"
 
 
 def _points(parts: Sequence[_Part]) -> _Points:

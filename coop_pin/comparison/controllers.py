@@ -10,19 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.analysis import motion_stability, reachability, suggest
-from coop_pin.arrays import typed
-from coop_pin.build_controller import build_controller
-from coop_pin.chain.cell_chain import CellChain
+from coop_pin.base.arrays import typed
+from coop_pin.base.errors import FieldError, FileReadError, NameNotFoundError
+from coop_pin.base.schema.base import Description
+from coop_pin.base.spatial import weight_wrench
+from coop_pin.base.user_files import read_toml, read_user_file
 from coop_pin.comparison.trials import benchmark_scenario
 from coop_pin.control.gains import gain_vector
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import FieldError, FileReadError, NameNotFoundError
+from coop_pin.design.suggestion import suggest
+from coop_pin.feasibility import reachability
+from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.cell_arm import CellArm
-from coop_pin.schema.base import Description
-from coop_pin.simulation import Simulation
-from coop_pin.spatial import weight_wrench
-from coop_pin.user_files import read_toml, read_user_file
+from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
+from coop_pin.stability import motion_stability
 
 _FOLDER = Path(__file__).parent
 GAINS = _FOLDER / "gains.csv"

@@ -10,14 +10,14 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from coop_pin.arrays import as_count, typed
-from coop_pin.build_controller import build_controller
+from coop_pin.base.arrays import as_count, typed
+from coop_pin.base.errors import ArgumentError, TracingError
 from coop_pin.comparison.controllers import Controllers, controllers_for
 from coop_pin.comparison.trials import benchmark_scenario
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import ArgumentError, TracingError
-from coop_pin.simulation import Simulation
-from coop_pin.simulation.network import heard
+from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.devices.network import heard
+from coop_pin.simulation.simulation import Simulation
 
 _TICKS = 100
 
@@ -79,7 +79,7 @@ def _operations(scenario: Scenario, needs: Sequence[str]) -> tuple[float, str]:
     """Return the operations of a tick of the first arm's law, or why they cannot be counted."""
     if {"model", "regressor"} & {*needs}:
         return math.nan, "its model is Pinocchio's compiled code"
-    from coop_pin.batch import export_c  # slow to load
+    from coop_pin.compiled.laws.c_export import export_c  # slow to load
 
     try:
         with tempfile.TemporaryDirectory() as folder:

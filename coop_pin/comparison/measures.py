@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from coop_pin.arrays import Array, rms
+from coop_pin.base.arrays import Array, rms
 from coop_pin.comparison.controllers import t_lambda
-from coop_pin.results import RunResult
+from coop_pin.results.run_result import RunResult
 
 _FROM = 0.4
 """Part of the run after which it is judged."""

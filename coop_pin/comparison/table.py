@@ -10,13 +10,13 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from coop_pin.arrays import Array, as_count, require_path, require_type
+from coop_pin.base.arrays import Array, as_count, require_path, require_type
+from coop_pin.base.errors import FileReadError, InvalidStateError, NameNotFoundError
+from coop_pin.base.user_files import read_user_file
 from coop_pin.comparison.measures import DROPPED, MEASURES
-from coop_pin.errors import FileReadError, InvalidStateError, NameNotFoundError
-from coop_pin.heat_map import cell_text, write_heat_map
-from coop_pin.results import RunResult
-from coop_pin.sweeps import SweepResult
-from coop_pin.user_files import read_user_file
+from coop_pin.results.run_result import RunResult
+from coop_pin.sweeps.heat_map import cell_text, write_heat_map
+from coop_pin.sweeps.result import SweepResult
 
 COLUMNS = MEASURES | {"settling_time_s": "settling time (s)"}
 """Measures of the table, with their texts."""

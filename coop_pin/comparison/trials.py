@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.analysis.least_squeeze import with_enough_squeeze
-from coop_pin.analysis.tuning_rule import force_path_of
-from coop_pin.arrays import typed
-from coop_pin.description.contact import PRESSES, PatchGrasp
+from coop_pin.base.arrays import typed
+from coop_pin.base.errors import FieldError
+from coop_pin.description.cell.contact import PRESSES, PatchGrasp
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import FieldError
+from coop_pin.design.tuning_rule import force_path_of
+from coop_pin.feasibility.least_squeeze import with_enough_squeeze
 from coop_pin.model.transmission import friction
 
 _NO_FRICTION = 1e-9
@@ -154,9 +154,7 @@ def _palms(scenario: Scenario) -> dict[str, Any]:
     cell, grasps = scenario.cell, dict[str, PatchGrasp]()
     for name, grasp in cell.grasps.items():
         for press in PRESSES:
-            palm = PatchGrasp(
-                xyz=grasp.xyz, rpy=grasp.rpy, kind="patch", mu=_PALM_MU, radius=_TINY, press=press
-            )
+            palm = PatchGrasp(xyz=grasp.xyz, rpy=grasp.rpy, mu=_PALM_MU, radius=_TINY, press=press)
             with contextlib.suppress(FieldError):
                 edge = float(np.abs(palm.bounds(cell.payload)).min())
                 grasps[name] = palm.replace(radius=min(_PALM_RADIUS, edge))

@@ -10,18 +10,18 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from coop_pin.analysis import loads_without_an_arm, reachability
-from coop_pin.arrays import typed
+from coop_pin.base.arrays import typed
+from coop_pin.base.errors import NothingFeasibleError
 from coop_pin.comparison.benchmark import different
 from coop_pin.comparison.controllers import controllers_for, tuned_ranges
 from coop_pin.comparison.measures import tuning_cost
 from coop_pin.comparison.trials import benchmark_scenario, standard_trials
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import NothingFeasibleError
-from coop_pin.sweeps import Execution, TuneResult, tune
+from coop_pin.feasibility import loads_without_an_arm, reachability
 from coop_pin.sweeps.dimensions import Span
-from coop_pin.sweeps.execution import HERE
 from coop_pin.sweeps.feasibility import require_feasible_groups, require_reach
+from coop_pin.sweeps.optimisation import TuneResult, tune
+from coop_pin.sweeps.workers.execution import HERE, Execution
 
 TUNED_SEED = 1000
 """Seed of the search and of its noise; trials are judged with the seeds 0, 1, 2, ..."""
@@ -144,7 +144,7 @@ def _rows(result: TuneResult, search: _Search) -> list[dict[str, Any]]:
     for path, value in result.tuned.items():
         low, high = search.ranges[path]
         field = path.removeprefix("controller.")
-        row = {"scenario": scenario.name, "controller": search.name, "field": field}
+        row: dict[str, Any] = {"scenario": scenario.name, "controller": search.name, "field": field}
         row |= {"value": f"{value:.6g}", "low": low, "high": high} | budget
         rows.append(row | {"cost": f"{result.value:.6g}"})
     return rows

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from functools import cache
 from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from coop_pin.arrays import Array, typed
-from coop_pin.control.averaged_wrench import ConsensusForcePath
-from coop_pin.control.exchanged_wrench import MessageForcePath
-from coop_pin.control.force_path import INSIST, LateForcePath, LowPassForcePath, NoForcePath
-from coop_pin.control.interface import SampledWrist
-from coop_pin.control.learned_load import LearnedForcePath
-from coop_pin.errors import FieldError, OutOfRangeError
+from coop_pin.base.arrays import Array, typed
+from coop_pin.base.errors import FieldError, OutOfRangeError
+from coop_pin.control.force_paths.averaged_wrench import ConsensusForcePath
+from coop_pin.control.force_paths.exchanged_wrench import MessageForcePath
+from coop_pin.control.force_paths.force_path import INSIST, LateForcePath, LowPassForcePath, NoForcePath
+from coop_pin.control.force_paths.learned_load import LearnedForcePath
 
 _Paths = (
     NoForcePath | LateForcePath | LowPassForcePath | MessageForcePath | ConsensusForcePath | LearnedForcePath
@@ -23,6 +22,36 @@ _Paths = (
 ForcePath = Annotated[_Paths, Field(discriminator="kind")]
 
 _BISECTIONS = 50
+
+
+class SampledWrist(NamedTuple):
+    """Timing of a wrist sensor, in ticks.
+
+    Attributes:
+        delay: Age of a sample when it arrives.
+        every: Ticks from one sample to the next.
+    """
+
+    delay: int
+    every: int
+
+
+class CellTiming(NamedTuple):
+    """Arms of a cell, and the timing of its wrists and drives, against which a law is checked.
+
+    Attributes:
+        arms: Names of the arms.
+        rows: Number k_0 of task rows.
+        period: T, s.
+        wrists: Wrist sensors that the arms have.
+        lag: Largest time constant of the arms' drives, ticks.
+    """
+
+    arms: Sequence[str]
+    rows: int
+    period: float = np.nan
+    wrists: Collection[SampledWrist] = ()
+    lag: float = 0.0
 
 
 class SampledLoop(NamedTuple):

@@ -1,32 +1,18 @@
-"""Zero at grasp: an arm's payload frame is placed once, at the start pose that all arms agree on."""
+"""Zero at grasp: calibration of an arm's payload frame by the start pose that all arms agree on."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass
 
-from coop_pin.arrays import Array
-from coop_pin.control.interface import ArmCommand, ArmMeasurement, ArmReference
-from coop_pin.control.told_law import TellingLaw
-from coop_pin.spatial import TaskRows, inverse_pose
-
-
-class ZeroedState(NamedTuple):
-    """Memory of a zeroed law.
-
-    Attributes:
-        offset: X_i(t_0)^-1 X_start, pose of the agreed payload frame in the one that the arm computes, shape
-            (4, 4).
-        law: the state of the law.
-    """
-
-    offset: Array
-    law: Any
+from coop_pin.base.arrays import Array
+from coop_pin.base.spatial import TaskRows, inverse_pose
+from coop_pin.control.law_wrapper import LawWrapper, Parts, Received, WrappedState
+from coop_pin.control.measurement import ArmMeasurement, ArmReference
 
 
 @dataclass(frozen=True, eq=False)
-class ZeroedController(TellingLaw):
-    """A law that sees its payload frame corrected by what it was off at the start.
+class ZeroedController(LawWrapper):
+    """Law with a payload frame that is corrected by what it was off at the start.
 
     ::
 
@@ -44,26 +30,27 @@ class ZeroedController(TellingLaw):
     rows: TaskRows
     start_pose: Array
 
-    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> ZeroedState:
-        """Return the offset at t_0 and the law's state there; raises as the law."""
-        offset = self._offset(measurement)
-        return ZeroedState(offset, self.law.init(self._zeroed(measurement, offset), reference))
+    def start(self, measurement: ArmMeasurement, reference: ArmReference) -> Array:
+        """Return X_i^-1 X_start, the agreed payload frame in the one that the arm computes, shape (4, 4)."""
+        return inverse_pose(measurement.payload_pose) @ self.start_pose
 
     def message(
-        self, measurement: ArmMeasurement, reference: ArmReference, state: ZeroedState | None
+        self, measurement: ArmMeasurement, reference: ArmReference, state: WrappedState | None
     ) -> Array:
-        """Return what the law tells the others."""
-        offset = self._offset(measurement) if state is None else state.offset
+        """Return the message of the law, of the corrected measurement."""
+        offset = self.start(measurement, reference) if state is None else state.memory
         return super().message(self._zeroed(measurement, offset), reference, state)
 
-    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: ZeroedState) -> ArmCommand:
-        """Return the drive torque of this tick and the state of the next; raises as the law."""
-        command = self.law.step(self._zeroed(measurement, state.offset), reference, state.law)
-        return replace(command, state=ZeroedState(state.offset, command.state))
-
-    def _offset(self, measurement: ArmMeasurement) -> Array:
-        """Return X_i^-1 X_start, shape (4, 4)."""
-        return inverse_pose(measurement.payload_pose) @ self.start_pose
+    def transformed(
+        self,
+        measurement: ArmMeasurement,
+        reference: ArmReference,
+        memory: Array,
+        sent: Parts,
+        received: Received,
+    ) -> tuple[ArmMeasurement, Array]:
+        """Return the corrected measurement, and the same correction."""
+        return self._zeroed(measurement, memory), memory
 
     def _zeroed(self, measurement: ArmMeasurement, offset: Array) -> ArmMeasurement:
         """Return the measurement about the corrected point: V' = A V, J' = A J, F' = A^-T F."""

@@ -1,17 +1,17 @@
-"""Consensus over a graph: how arms that hear their neighbours only come to the mean of all."""
+"""Average consensus over a graph of neighbours: its Laplacian, its bounds, and its step from messages."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from functools import reduce
 from operator import add
 from typing import Any
 
 import numpy as np
 
-from coop_pin.arrays import Array
-from coop_pin.control.interface import Message
-from coop_pin.errors import FieldError
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import FieldError
+from coop_pin.control.measurement import Messages
 
 Edges = Collection[tuple[str, str]]
 """Pairs of sender and receiver."""
@@ -19,8 +19,8 @@ Edges = Collection[tuple[str, str]]
 
 def laplacian(edges: Edges, names: Sequence[str]) -> Array:
     """Return L of a graph: the number of those that an arm hears, and -1 for each of them, shape (m, m)."""
-    heard = np.array([[float((one, other) in edges) for one in names] for other in names])
-    return np.asarray(np.diag(heard.sum(axis=1)) - heard)
+    adjacency = np.array([[float((one, other) in edges) for one in names] for other in names])
+    return np.asarray(np.diag(adjacency.sum(axis=1)) - adjacency)
 
 
 def consensus_bound(largest: float, delay: int = 0) -> float:
@@ -69,14 +69,14 @@ def require_consensus(network: Any, names: Sequence[str], gain: float, path: str
         raise FieldError(f"{detail} {bound:.4g}", path)
 
 
-def disagreement(name: str, heard: Mapping[str, Message]) -> Any:
-    """Return sum_j (x_i - x_j) over the neighbours that were heard, all as they were sent.
+def disagreement(name: str, messages: Messages) -> Any:
+    """Return sum_j (x_i - x_j) over the neighbours j of an arm i, all as they were sent.
 
     Args:
-        name: Name of the arm, whose own message is among those heard.
-        heard: Messages by name.
+        name: Name of the arm i, whose own message is among those.
+        messages: x of each arm.
     """
-    mine, others = heard[name], [message for one, message in heard.items() if one != name]
+    mine, others = messages[name], [message for one, message in messages.items() if one != name]
     terms: Iterable[Any] = [
         np.where(mine.age + other.age < np.inf, mine.numbers - other.numbers, 0.0) for other in others
     ]
@@ -84,19 +84,19 @@ def disagreement(name: str, heard: Mapping[str, Message]) -> Any:
 
 
 ANY_AGE = float(np.finfo(float).max)
-"""Age of the oldest message that was heard at all, ticks."""
+"""Age of the oldest message that arrived at all, ticks."""
 
 
-def mean_heard(messages: Mapping[str, Message], fallback: Array, oldest: float = ANY_AGE) -> Array:
-    """Return the mean of the first numbers of messages, the own as sent among them.
+def mean_received(messages: Messages, fallback: Array, oldest: float = ANY_AGE) -> Array:
+    """Return the mean of messages, the own as sent among them.
 
     Args:
-        messages: Messages by name.
+        messages: Messages of all arms.
         fallback: Numbers in its place before any arrived, shape (n,).
         oldest: Largest age of a message in the mean, ticks.
     """
     weights = [np.where(one.age <= oldest, 1.0, 0.0) for one in messages.values()]
-    parts = [w * one.numbers[: len(fallback)] for w, one in zip(weights, messages.values(), strict=True)]
+    parts = [w * one.numbers for w, one in zip(weights, messages.values(), strict=True)]
     total = reduce(add, weights)
     alone = total < 0.5
     return np.where(alone, fallback, reduce(add, parts) / np.where(alone, 1.0, total))

@@ -7,11 +7,11 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator
 
-from coop_pin.arrays import Array
-from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, number_or_row, number_row_or_rows
-from coop_pin.schema.parts import fields_of, refilled
-from coop_pin.spatial.generic_numbers import identity
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import FieldError
+from coop_pin.base.schema.base import Description, number_or_row, number_row_or_rows
+from coop_pin.base.schema.parts import fields_of, refilled
+from coop_pin.base.spatial.generic_numbers import identity
 
 MatrixGain = Annotated[Any, BeforeValidator(number_row_or_rows)]
 """A gain matrix: a number times the identity, a diagonal, or rows; of sized gains an array."""

@@ -1,16 +1,21 @@
-"""Control laws as a scenario states them: the questions that every law is asked, with their defaults."""
+"""Control laws as a scenario states them: fields, checks and properties of every law, with defaults."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, Self, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 from pydantic import Field, PrivateAttr, SerializerFunctionWrapHandler, model_serializer
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import FieldError
+from coop_pin.base.schema.base import WithLaterFields, unknown_arms
+from coop_pin.base.schema.parts import fields_of
+from coop_pin.base.spatial.task_rows import TaskRows, joint_shortage
 from coop_pin.control.bounds import (
+    CellTiming,
     ForcePath,
     SampledLoop,
     anchor_gain_problems,
@@ -18,47 +23,44 @@ from coop_pin.control.bounds import (
     sampled_loop,
 )
 from coop_pin.control.calibration import ZeroedController
-from coop_pin.control.force_path import INSIST, NoForcePath
+from coop_pin.control.controller import ArmController, CellController, DecentralisedController
+from coop_pin.control.force_paths.force_path import INSIST, NoForcePath
 from coop_pin.control.gains import Gains
-from coop_pin.control.interface import (
-    ArmController,
-    CellController,
-    CellTiming,
-    ControlledArm,
-    DecentralisedController,
-)
-from coop_pin.control.steady_state import SteadyDirection
-from coop_pin.errors import FieldError
-from coop_pin.schema.base import WithLaterFields, unknown_arms
-from coop_pin.schema.parts import fields_of
-from coop_pin.spatial.task_rows import TaskRows, joint_shortage
+from coop_pin.control.measurement import ControlledArm
+from coop_pin.control.steady_state import NearRest, SteadyDirection
 
 _WRITTEN_FIRST = ("kind", "target", "options", "gains", "arm_gains", "switching", "force_path")
 """Fields in the order in which a law is written; the keys of stored runs depend on it."""
 
 
-INFORMATION: Mapping[str, set[str]] = {
-    "internal wrench": {"internal wrench", "wrenches of all arms"},
-    "own wrench": {"own wrench"},
-    "exchanged poses": {"poses of all arms"},
-    "agreed start": {"holding torque", "start pose"},
-}
-"""Classes of what laws measure, the largest first, and the needs that make a law one of them."""
+class LoadTransfer(NamedTuple):
+    """Response of a law to a load that goes from arm to arm, or to a table.
+
+    Attributes:
+        follows_plan: Whether its arms read their load share from the plan of the grasps, as one that holds
+            nothing must.
+        releases: Whether measured wrenches take the load out of its integral when a table gets it.
+    """
+
+    follows_plan: bool = False
+    releases: bool = False
 
 
 class Law(WithLaterFields):
-    """A controller as a scenario states it, and what is asked of every one.
+    """A controller as a scenario states it.
+
+    A law overrides ``build`` and what differs from these defaults: needs (``uses``) and commands
+    (``command_kind``), the model near rest (``near_rest``, ``steady_directions``, ``joint_spring``), the
+    response to a load that changes hands (``load_transfer``), and mistakes in a cell (``problems``).
 
     Attributes:
         force_path: Path by which the internal wrench reaches the law.
     """
 
     uses: ClassVar[tuple[str, ...]] = ()
-    """What the law uses besides kinematics where it is measured."""
+    """Quantities that the law uses where they are measured, in addition to kinematics."""
     spare_spring: ClassVar[str] = ""
     """Path of the field with the spring of spare joints; empty if the law has none."""
-    reads_plan: ClassVar[bool] = False
-    """Whether its arms read their load share from the plan of the grasps, as one that holds nothing must."""
     _stored_as: Any = PrivateAttr(default=None)
 
     kind: str
@@ -71,43 +73,23 @@ class Law(WithLaterFields):
 
     @property
     def stored_as(self) -> Any:
-        """The law as the data says from which it was read; keys of stored runs are made of it."""
+        """The law as it stood in the data from which it was read; keys of stored runs are made of it."""
         return self._stored_as or self
 
     @property
     def command_kind(self) -> str:
-        """What it commands: "torque", "velocity" or "position"; empty if only its controller can say."""
+        """Kind of its commands: "torque", "velocity" or "position"; empty if only its controller knows."""
         return "torque"
 
     @property
-    def puts_down(self) -> bool:
-        """Whether measured wrenches take the load out of its integral when a table gets it."""
-        return False
+    def near_rest(self) -> NearRest:
+        """Model of the law near rest."""
+        return NearRest()
 
     @property
-    def is_zeroed(self) -> bool:
-        """Whether the arms place their payload frames at the start pose, once."""
-        return False
-
-    @property
-    def has_linear_integral(self) -> bool:
-        """Whether the law keeps an integral that is linear near rest."""
-        return False
-
-    @property
-    def is_smooth(self) -> bool:
-        """Whether its commands are smooth near rest."""
-        return True
-
-    @property
-    def is_yielding(self) -> bool:
-        """Whether it is an admittance by velocities that follows the reference."""
-        return False
-
-    @property
-    def linear_speed(self) -> float:
-        """Speed up to which the damping is linear, m/s or rad/s; of laws that add signs, beyond which."""
-        return 1.0
+    def load_transfer(self) -> LoadTransfer:
+        """Response to a load that changes hands."""
+        return LoadTransfer()
 
     @property
     def user_code(self) -> tuple[str, ...]:
@@ -116,21 +98,13 @@ class Law(WithLaterFields):
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """What the law uses besides kinematics in its scenario, in the words of ``ArmController.needs``."""
+        """Quantities that the law uses in its scenario, in the words of ``ArmController.needs``."""
         return self.measured(self.uses)
-
-    @property
-    def information(self) -> str:
-        """Class of what the law has besides its own arm's joints: "model" with the first of INFORMATION."""
-        needs = {*self.needs}
-        model = ["model"] if needs & {"model", "regressor"} else []
-        seen = [name for name, of in INFORMATION.items() if needs & of][:1]
-        return ", ".join(model + seen) or "blind"
 
     def measured(self, needs: Iterable[str]) -> tuple[str, ...]:
         """Return needs with what the force path makes of "internal wrench": nothing if none is measured."""
         path = self.force_path
-        wrench = ("internal wrench",) if path.tells_wrenches else ("own wrench", "told mass")
+        wrench = ("internal wrench",) if path.exchanges_wrenches else ("own wrench", "learned mass")
         replaced = {"internal wrench": wrench if path.measures else ()}
         return tuple(name for need in needs for name in replaced.get(need, (need,)))
 
@@ -145,7 +119,7 @@ class Law(WithLaterFields):
 
         Args:
             scenario: Scenario to run; only laws that build a model, and users' classes, look at it.
-            arms: Arms of the cell; made one by one as they are asked for.
+            arms: Arms of the cell; made one by one.
 
         Raises:
             FieldError: the law does not fit an arm's number of joints; a gain does not fit its arm.
@@ -267,9 +241,9 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
     zero_at_grasp: bool = False
 
     @property
-    def is_zeroed(self) -> bool:
-        """Whether ``zero_at_grasp`` is stated."""
-        return self.zero_at_grasp
+    def near_rest(self) -> NearRest:
+        """Model of the law near rest."""
+        return super().near_rest._replace(is_zeroed=self.zero_at_grasp)
 
     def gains_of(self, arm: str) -> G:
         """Return the gains of one arm."""
@@ -303,7 +277,7 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
             if (key := (id(gains), *size)) not in sized:  # equal arms share them
                 sized[key] = gains.sized(*size, path)
             law = self.controller_of(arm, sized[key], scenario)
-            law = self.force_path.law_told(law, arm, scenario)
+            law = self.force_path.wrapped(law, arm, scenario)
             laws[arm.name] = ZeroedController(law, arm.rows, arm.start_pose) if self.zero_at_grasp else law
         return laws
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import FieldError
+from coop_pin.base.schema.base import Description, NotNegative, Vector
 from coop_pin.control.gains import gain_vector
-from coop_pin.control.interface import ArmMeasurement, ControlledArm
+from coop_pin.control.measurement import ArmMeasurement, ControlledArm
 from coop_pin.control.terms import right_inverse
-from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, NotNegative, Vector
 
 
 def null_space_part(torque: Array, J: Array, J_plus: Array) -> Array:

@@ -1,14 +1,29 @@
-"""Steady state of a law in one direction: the force that it holds at rest by an error of the position."""
+"""Law near rest: its model there, and the force that it holds at rest by an error of the position."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 LARGEST_SAG = 1.0
 """A load that is not carried within it counts as dropped, m."""
+
+
+class NearRest(NamedTuple):
+    """Model of a law near rest on the reference.
+
+    Attributes:
+        integral: Kind of its integral of the error; that of a sign has no linear model.
+        linear_speed: Speed up to which the damping is linear, m/s or rad/s; of laws that add signs, beyond
+            which.
+        is_zeroed: Whether the arms place their payload frames at the start pose, once.
+    """
+
+    integral: Literal["none", "linear", "sign"] = "none"
+    linear_speed: float = 1.0
+    is_zeroed: bool = False
 
 
 class SteadyDirection(NamedTuple):

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array
-from coop_pin.control.interface import ArmMeasurement, ArmReference
-from coop_pin.errors import ArgumentError, SingularJacobianError
-from coop_pin.spatial.generic_numbers import identity, inverse, require_less
-from coop_pin.spatial.task_rows import TaskRows, joint_shortage
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import ArgumentError, SingularJacobianError
+from coop_pin.base.spatial.generic_numbers import identity, inverse, require_less
+from coop_pin.base.spatial.task_rows import TaskRows, joint_shortage
+from coop_pin.control.measurement import ArmMeasurement, ArmReference
 
 CONDITION_LIMIT = 1e6
 """Payload Jacobians with a larger condition number count as singular."""
@@ -63,6 +64,24 @@ def _singular(J: Array, time: float, condition: float) -> Exception:
     if J.shape[1] < J.shape[0]:
         return ArgumentError(f"the payload Jacobian has {joint_shortage(J.shape[1], J.shape[0])}")
     return SingularJacobianError(condition, time, CONDITION_LIMIT)
+
+
+class GainAxes(NamedTuple):
+    """Axes of a gain matrix: of the world, or of the payload, with which it turns as an arm measures it.
+
+    Attributes:
+        rows: the k_0 task rows.
+        turns: whether they are those of the payload.
+    """
+
+    rows: TaskRows
+    turns: bool = False
+
+    def product(self, matrix: Array, X_WP: Array, values: Array) -> Array:
+        """Return M x, or R M R^T x, in world axes, shape (k_0,)."""
+        if not self.turns:
+            return matrix.dot(values)
+        return self.rows.turn(X_WP, matrix.dot(self.rows.turn(X_WP.T, values)))
 
 
 def force_term(

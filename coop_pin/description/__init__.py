@@ -1,87 +1,17 @@
-"""Configuration classes (frozen, validated): scenario, cell, arm, payload, controller, events, plant."""
+"""Description: a scenario as its user writes it, in Python or TOML: frozen, validated values, no physics.
 
-from coop_pin.catalogue import scenario_names
-from coop_pin.description.actuators import Actuators, GravityCompensation
-from coop_pin.description.arm import Arm, JointFriction, Miscalibration
-from coop_pin.description.cell import Cell, grasps_from_configuration
-from coop_pin.description.contact import Pad, PatchGrasp, Table
-from coop_pin.description.controller import UserController
-from coop_pin.description.events import (
-    GravityTurn,
-    LoseArm,
-    Partner,
-    PayloadChange,
-    UserEvent,
-    WrenchPulse,
-)
-from coop_pin.description.grasp import CompliantGrasp
-from coop_pin.description.grasp_events import HandOver, PutDown, Regrasp, Release
-from coop_pin.description.mobile_base import MobileBase
-from coop_pin.description.model_laws import ModelFactors
-from coop_pin.description.network import ArmClock, Channel, EdgeChannel, GraphChange, Network
-from coop_pin.description.payload import Payload
-from coop_pin.description.plant import Clock, PlantOptions, Stabilisation
-from coop_pin.description.scenario import Scenario
-from coop_pin.description.sensors import (
-    DifferencedVelocity,
-    Encoder,
-    IdealVelocity,
-    ObservedVelocity,
-    Sensors,
-    SlipSensor,
-    WrenchParts,
-    WristSensor,
-)
-from coop_pin.description.servo import SERVOS, Servo
-from coop_pin.description.trust import TrustThresholds
-from coop_pin.schema.pose import Pose
+Open first: ``scenario`` (all that determines a run), ``cell/cell`` (arms, payload, grasps), ``controller``
+(the laws that a scenario can name, and a user's own).
 
-__all__ = [
-    "SERVOS",
-    "Actuators",
-    "Arm",
-    "ArmClock",
-    "Cell",
-    "Channel",
-    "Clock",
-    "CompliantGrasp",
-    "DifferencedVelocity",
-    "EdgeChannel",
-    "Encoder",
-    "GraphChange",
-    "GravityCompensation",
-    "GravityTurn",
-    "HandOver",
-    "IdealVelocity",
-    "JointFriction",
-    "LoseArm",
-    "Miscalibration",
-    "MobileBase",
-    "ModelFactors",
-    "Network",
-    "ObservedVelocity",
-    "Pad",
-    "Partner",
-    "PatchGrasp",
-    "Payload",
-    "PayloadChange",
-    "PlantOptions",
-    "Pose",
-    "PutDown",
-    "Regrasp",
-    "Release",
-    "Scenario",
-    "Sensors",
-    "Servo",
-    "SlipSensor",
-    "Stabilisation",
-    "Table",
-    "TrustThresholds",
-    "UserController",
-    "UserEvent",
-    "WrenchParts",
-    "WrenchPulse",
-    "WristSensor",
-    "grasps_from_configuration",
-    "scenario_names",
-]
+- ``cell``: arm, payload, kinds of grasps, tables, closures. ``urdf``: robot files, found and validated.
+- Devices: ``sensors``, ``actuators``, ``servo``, ``network`` (channels, delay, loss).
+- ``events`` (disturbances of the payload), ``arm_events`` (failures), ``grasp_events`` (release,
+  hand-over, put down).
+- ``plant`` (clock, steps, formulation), ``trust`` (bounds on a run), ``model_laws``.
+- ``scenario_file`` (TOML), ``catalogue`` and ``scenarios`` (the cells that come with coop_pin).
+
+What a device does in a run is in ``simulation/devices``. Public names are in ``cp``, ``cp.events``,
+``cp.sensors``, ``cp.actuators``, ``cp.network``, ``cp.plant`` and ``cp.urdf``.
+
+Imports ``base``, ``control`` and ``reference``.
+"""

@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 
 from pydantic import Field
 
+from coop_pin.base.errors import FieldError
+from coop_pin.base.schema.base import Description, NotNegative, WithLaterFields
 from coop_pin.description.servo import Limit, NamedServo
-from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, NotNegative, WithLaterFields
 
 
 class GravityCompensation(Description):

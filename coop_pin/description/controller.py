@@ -8,6 +8,8 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BeforeValidator, Field
 
+from coop_pin.base.errors import FieldError
+from coop_pin.base.schema.user_code import FunctionName, load_class
 from coop_pin.control import (
     Admittance,
     ArmController,
@@ -23,8 +25,6 @@ from coop_pin.control import (
 )
 from coop_pin.control.law import Law
 from coop_pin.description.model_laws import Adaptive, ComputedTorque, ObjectImpedance, TorqueQp
-from coop_pin.errors import FieldError
-from coop_pin.schema.user_code import FunctionName, load_class
 
 
 class UserController(Law):

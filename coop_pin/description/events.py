@@ -10,23 +10,21 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
 
 import numpy as np
-from pydantic import AfterValidator, Field, field_validator
+from pydantic import AfterValidator, field_validator
 
-from coop_pin.arrays import Array
-from coop_pin.description.actuators import Actuators
-from coop_pin.errors import FieldError
-from coop_pin.reference.motions import Motion
-from coop_pin.schema.base import (
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import FieldError
+from coop_pin.base.schema.base import (
     Description,
     NotNegative,
     Positive,
     Vector3,
     Vector6,
     not_negative,
-    unknown_arms,
 )
-from coop_pin.schema.pose import Pose
-from coop_pin.schema.user_code import FunctionName, load_function
+from coop_pin.base.schema.pose import Pose
+from coop_pin.description.actuators import Actuators
+from coop_pin.reference.motions import Motion
 
 MISSED = "did not happen"
 """Words in the remark of a run on an event that did not happen."""
@@ -53,7 +51,7 @@ class Surroundings(NamedTuple):
 
     @property
     def acts(self) -> bool:
-        """Whether a wrench besides gravity may act on the payload: ``Plant.payload_wrench`` is read if so."""
+        """Whether a wrench besides gravity may act on the payload; plants skip it otherwise."""
         return bool(self.push.any() or self.partners)
 
 
@@ -103,8 +101,8 @@ class PayloadEvent(Description):
         """Return whether the traced plant of a run by itself does not have what it requires, either."""
         return bool(self.requires)
 
-    def act(self, plant: Any, arms: Sequence[str]) -> None:
-        """Change the plant itself at the event's instant: grasps and brakes.
+    def act(self, plant: Any, arms: Sequence[str]) -> Any:
+        """Change the plant itself at the event's instant, grasps and brakes; return what was missed, or None.
 
         Args:
             plant: Plant of the run (``coop_pin.simulation.plant.Plant``).
@@ -228,63 +226,6 @@ class WrenchPulse(LastingEvent):
         return f"{self.title} {' and '.join(parts)} for {self.duration:g} s"
 
 
-class LoseArm(PayloadEvent):
-    """Failure of an arm: its drives follow no command from then on. No law is told.
-
-    It is ``torque_lost_at`` or ``commands_lost_at`` of the arm's actuators, as an event.
-
-    Attributes:
-        time: time of the failure, s.
-        arm: Name of the arm.
-        form: "limp": the joints turn freely; "braked": brakes hold the joints where they are, after an
-            impulse; "own weight": the robot goes on with its gravity compensation, which the arm's actuators
-            must have, from the next tick on.
-    """
-
-    kind: Literal["lose-arm"] = "lose-arm"
-    arm: str
-    form: Literal["limp", "braked", "own weight"] = "limp"
-    title = "loss of an arm"
-    is_foreseen = True
-
-    def text(self, surroundings: Surroundings) -> str:
-        """Return the arm, and what is left of it."""
-        return f"{self.arm} fails, {self.form}"
-
-    def actuated(self, arm: str, actuators: Actuators) -> Actuators:
-        """Return the actuators of an arm, of its own with the failure."""
-        field = "commands_lost_at" if self.form == "own weight" else "torque_lost_at"
-        return actuators.replace(**{field: self.time}) if arm == self.arm else actuators
-
-    @property
-    def told(self) -> str:
-        """The arm, and what is left of it."""
-        return f"{self.arm} fails at {self.time:g} s ({self.form})"
-
-    @property
-    def requires(self) -> str:  # type: ignore[override]
-        """Closures for the brakes."""
-        return "closures that come and go" if self.form == "braked" else ""
-
-    def act(self, plant: Any, arms: Sequence[str]) -> None:
-        """Close the brakes."""
-        if self.form == "braked":
-            plant.brake(arms.index(self.arm))
-
-    def problem(self, earlier: Any) -> FieldError | None:
-        """Return what is wrong with the arm, given the scenario with the events before it alone."""
-        if unknown := unknown_arms([self.arm], earlier.cell.arms):
-            return FieldError(unknown[0].detail, "arm")
-        actuators = earlier.actuators_of(self.arm)
-        if actuators.lost_at is not None:
-            detail = f"fails at {actuators.lost_at:g} s already, by its actuators or another event"
-            return FieldError(f"is {self.arm!r}, which {detail}", "arm")
-        if self.form == "own weight" and actuators.gravity_compensation is None:
-            detail = f"is {self.form!r}, but the robot of {self.arm!r} has no gravity compensation"
-            return FieldError(f"{detail}; give its actuators gravity_compensation", "form")
-        return None
-
-
 class GravityTurn(PayloadEvent):
     """Sudden change of gravity in world axes, as for a cell on a base that tilts.
 
@@ -353,34 +294,3 @@ class Partner(LastingEvent):
     def text(self, surroundings: Surroundings) -> str:
         """Return stiffness and duration."""
         return f"{self.title} with {max(self.stiffness[:3]):g} N/m at the handle for {self.duration:g} s"
-
-
-class UserEvent(PayloadEvent):
-    """Event of the user's own: a function that changes the plant.
-
-    It is called as ``function(plant, arms, **options)``, with the plant of the run and the names of its arms,
-    and may call ``release``, ``brake`` and other methods of the plant, which book the energy. No law is told.
-
-    Attributes:
-        time: time of the event, s.
-        target: "module:function", or the function.
-        options: Keyword arguments handed to it.
-    """
-
-    kind: Literal["user"] = "user"
-    target: FunctionName
-    options: dict[str, Any] = Field(default_factory=dict)
-    title = "own event"
-    requires = "a plant that code of the user's own may change"
-
-    def act(self, plant: Any, arms: Sequence[str]) -> None:
-        """Call the function.
-
-        Raises:
-            NameNotFoundError: there is no such module or function.
-        """
-        load_function(self.target, self.options)(plant, arms)
-
-    def text(self, surroundings: Surroundings) -> str:
-        """Return the function's name."""
-        return self.target

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar, Generic, Literal, TypeVar
 
+from coop_pin.base.schema.base import Description, Interval, NotNegative, Positive
+from coop_pin.base.schema.user_code import load_class
 from coop_pin.control import ArmController, CellController, ControlledArm
 from coop_pin.control.gains import Gains, PositiveRow
 from coop_pin.control.law import DecentralisedLaw, ParametricLaw
-from coop_pin.schema.base import Description, Interval, NotNegative, Positive
-from coop_pin.schema.user_code import load_class
 
 
 class ModelFactors(Description):
@@ -48,6 +48,7 @@ class ModelBasedLaw(DecentralisedLaw[G], Generic[G]):
     """A law of one arm with a model; its controller, in model_based above this package, loads when built."""
 
     controller: ClassVar[str]
+    spare_spring: ClassVar[str] = "controller.gains.spare_gains"
     equal_gains: ClassVar[Mapping[str, str]] = {
         "anchor_gain": "else the anchors move the payload: it needs one g"
     }
@@ -65,6 +66,7 @@ class CentralisedLaw(ParametricLaw[G], Generic[G]):
     """
 
     controller: ClassVar[str]
+    spare_spring: ClassVar[str] = "controller.gains.spare_gains"
 
     model: ModelFactors = ModelFactors()
 
@@ -100,8 +102,6 @@ class ComputedTorque(ModelBasedLaw[ComputedTorqueGains]):
 
     controller: ClassVar[str] = "coop_pin.model_based.computed_torque:ComputedTorqueController"
     uses: ClassVar[tuple[str, ...]] = ("model", "internal wrench")
-
-    spare_spring: ClassVar[str] = "controller.gains.spare_gains"
 
     kind: Literal["computed-torque"] = "computed-torque"
     gains: ComputedTorqueGains = ComputedTorqueGains()
@@ -172,8 +172,6 @@ class ObjectImpedance(CentralisedLaw[ObjectImpedanceGains]):
     controller: ClassVar[str] = "coop_pin.model_based.object_impedance:ObjectImpedanceController"
     uses: ClassVar[tuple[str, ...]] = ("model", "wrenches of all arms", "internal wrench")
 
-    spare_spring: ClassVar[str] = "controller.gains.spare_gains"
-
     kind: Literal["object-impedance"] = "object-impedance"
     gains: ObjectImpedanceGains = ObjectImpedanceGains()
 
@@ -188,8 +186,6 @@ class TorqueQp(CentralisedLaw[ComputedTorqueGains]):
 
     controller: ClassVar[str] = "coop_pin.model_based.torque_qp:TorqueQpController"
     uses: ClassVar[tuple[str, ...]] = ("model", "internal wrench", "states of all arms")
-
-    spare_spring: ClassVar[str] = "controller.gains.spare_gains"
 
     kind: Literal["torque-qp"] = "torque-qp"
     gains: ComputedTorqueGains = ComputedTorqueGains()

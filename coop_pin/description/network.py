@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from coop_pin.base.errors import FieldError
+from coop_pin.base.schema.base import Description, NotNegative, Positive, unknown_arms
+from coop_pin.base.schema.parts import fields_of
 from coop_pin.description.plant import Clock
-from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, NotNegative, Positive, unknown_arms
-from coop_pin.schema.parts import fields_of
 
 Edge = tuple[str, str]
 """Names of the sender and of the receiver."""

@@ -7,9 +7,9 @@ from typing import Literal
 
 from pydantic import Field
 
-from coop_pin.arrays import Array
-from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, NotNegative, Positive
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import FieldError
+from coop_pin.base.schema.base import Description, NotNegative, Positive
 
 _SLACK = 1e-9
 """Part by which two rates may differ from whole multiples."""

@@ -9,29 +9,38 @@ from typing import Any, ClassVar, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from coop_pin.arrays import Array, require_path, require_type
-from coop_pin.catalogue import scenario_file, scenario_names, scenario_tables
-from coop_pin.control.feed_forward import FeedForward
-from coop_pin.control.interface import CellTiming, SampledWrist
+from coop_pin.base.arrays import Array, require_path, require_type
+from coop_pin.base.errors import FieldError, NameNotFoundError, one_or_all
+from coop_pin.base.schema.base import (
+    Name,
+    Positive,
+    Text,
+    Vector,
+    WithLaterFields,
+    check_arm_names,
+    unknown_arms,
+)
+from coop_pin.base.schema.changes import differences
+from coop_pin.base.schema.parts import fields_of, overridden
+from coop_pin.base.schema.pose import Pose
+from coop_pin.base.user_files import parse_toml, read_toml
+from coop_pin.control import CellTiming
+from coop_pin.control.bounds import SampledWrist
+from coop_pin.control.laws.feed_forward import FeedForward
 from coop_pin.description.actuators import Actuators
-from coop_pin.description.cell import Cell
+from coop_pin.description.catalogue import scenario_file, scenario_names, scenario_tables
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.grasp_plan import GraspPlan, grasp_plan
 from coop_pin.description.controller import Controller
 from coop_pin.description.events import Partner, Surroundings, of_kind
 from coop_pin.description.grasp_events import Event, GraspEvent, PutDown, sequence_problems
-from coop_pin.description.grasp_plan import GraspPlan, grasp_plan
 from coop_pin.description.network import ArmClock, Network
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.scenario_file import anchor_files, commented_toml, resolved_toml
 from coop_pin.description.sensors import Sensors, WristSensor
 from coop_pin.description.trust import TrustThresholds
-from coop_pin.errors import FieldError, NameNotFoundError, one_or_all
 from coop_pin.reference.motions import Motion
 from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze
-from coop_pin.schema.base import Name, Positive, Text, Vector, WithLaterFields, check_arm_names, unknown_arms
-from coop_pin.schema.changes import differences
-from coop_pin.schema.parts import fields_of, overridden
-from coop_pin.schema.pose import Pose
-from coop_pin.user_files import parse_toml, read_toml
 
 _MOST_CHANGES = 6
 """Most changes that a caption tells."""

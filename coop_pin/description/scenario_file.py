@@ -11,11 +11,11 @@ from typing import Any
 import tomli_w
 from pydantic import BaseModel
 
-from coop_pin.description.payload import Payload
-from coop_pin.schema.changes import stated
-from coop_pin.schema.meanings import kinds, meanings
-from coop_pin.schema.parts import fields_of
-from coop_pin.schema.pose import POSE_MEANINGS, Pose
+from coop_pin.base.schema.changes import stated
+from coop_pin.base.schema.meanings import kinds, meanings
+from coop_pin.base.schema.parts import fields_of
+from coop_pin.base.schema.pose import POSE_MEANINGS, Pose
+from coop_pin.description.cell.payload import Payload
 
 # tomli_w writes one number per line. No string can match: it writes those on one line.
 _NUMBERS_IN_LINES = re.compile(r"\[\n((?: *[-+.\w]+,\n)+) *\]")

@@ -9,9 +9,9 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, field_validator
 
-from coop_pin.arrays import Array
-from coop_pin.errors import FieldError
-from coop_pin.schema.base import (
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import FieldError
+from coop_pin.base.schema.base import (
     Description,
     Interval,
     Magnitude,

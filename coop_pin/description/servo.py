@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
-from coop_pin.errors import FieldError
-from coop_pin.schema.base import Description, Magnitude, NumberOrVector, Positive, by_name, positive
+from coop_pin.base.errors import FieldError
+from coop_pin.base.schema.base import Description, Magnitude, NumberOrVector, Positive, by_name, positive
 
 KINDS = ("velocity", "position")
 """What a robot with a servo takes."""

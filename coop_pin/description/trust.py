@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from coop_pin.schema.base import NotNegative, Positive, WithLaterFields
+from coop_pin.base.schema.base import NotNegative, Positive, WithLaterFields
 
 
 class TrustThresholds(WithLaterFields):

@@ -1,11 +1,9 @@
-"""Environments of Gymnasium (extra ``gym``): a cell for agents, one at a time or as lanes of a batch."""
+"""Environment: a cell as an environment of Gymnasium (extra ``gym``), for agents.
 
-from coop_pin import lazy_names
+Open first: ``task`` (actions, observations, reward), ``cell_env`` (one cell on Pinocchio),
+``vector_cell_env`` (cells as lanes of compiled code).
 
-_PUBLIC = {
-    "CellEnv": "coop_pin.environment.cell_env",
-    "Task": "coop_pin.environment.task",
-    "VectorCellEnv": "coop_pin.environment.vector_cell_env",
-}
+``acted_law`` is the law to which an agent adds. Public names are in ``cp.gym``.
 
-__getattr__, __dir__ = lazy_names(__name__, _PUBLIC)
+Imports ``base``, ``compiled``, ``control``, ``description``, ``results``, ``simulation`` and ``tracing``.
+"""

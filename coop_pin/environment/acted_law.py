@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.arrays import Array
-from coop_pin.control.interface import ArmMeasurement, ArmReference, CellCommand, CellController
+from coop_pin.base.arrays import Array
+from coop_pin.control import ArmMeasurement, ArmReference, CellCommand, CellController
 
 _FIELDS = {"torque": "torques", "velocity": "velocities", "position": "positions"}
 

@@ -6,13 +6,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from coop_pin.arrays import Array, require_type
-from coop_pin.build_controller import build_controller
+from coop_pin.base.arrays import Array, require_type
+from coop_pin.base.errors import DivergedError, SingularJacobianError, needs_extra
 from coop_pin.description.scenario import Scenario
 from coop_pin.environment.acted_law import ActedLaw
 from coop_pin.environment.task import Observed, Task, drives_of
-from coop_pin.errors import DivergedError, SingularJacobianError, needs_extra
-from coop_pin.simulation import Simulation
+from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 
 with needs_extra("gymnasium", "gym", "for environments of agents"):
     from gymnasium import Env
@@ -91,8 +91,8 @@ class CellEnv(Env[Array, Array]):
         """Return observation and reward."""
         run = self.simulation
         last, plant = run.recorder.sample(), run.plant
-        q = np.concatenate([arm.angles.of(plant.q[None, arm.q_slice])[0] for arm in plant.chain.model.arms])
-        v = np.concatenate([plant.v[arm.v_slice] for arm in plant.chain.model.arms])
+        q = np.concatenate([arm.angles.of(plant.q[None, arm.q_slice])[0] for arm in run.slots])
+        v = np.concatenate([plant.v[arm.v_slice] for arm in run.slots])
         error = last["payload_twist"] - last["desired_twist"]
         observed = Observed(q[None], v[None], last, error)
         observation, reward = self.task.outcome(observed, run.scenario.cell.shares)

@@ -9,13 +9,13 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array, as_count, as_number, as_positive
+from coop_pin.base.arrays import Array, as_count, as_number, as_positive
+from coop_pin.base.errors import ArgumentError, NameNotFoundError, OutOfRangeError
+from coop_pin.base.spatial import rotate_vector6
 from coop_pin.description.scenario import Scenario
 from coop_pin.environment.acted_law import ActedLaw
-from coop_pin.errors import ArgumentError, NameNotFoundError, OutOfRangeError
 from coop_pin.results.quantities import QUANTITIES, computed
-from coop_pin.simulation import Simulation
-from coop_pin.spatial import rotate_vector6
+from coop_pin.simulation.simulation import Simulation
 
 _OBSERVED = ("pose_error", "internal_wrench", "desired_internal_wrench", "axial_direction")
 
@@ -199,4 +199,4 @@ class Task:
 
 def drives_of(run: Simulation) -> list[int]:
     """Return the number of each arm's drives."""
-    return [len(arm.drive) for arm in run.plant.chain.model.arms]
+    return [len(arm.drive) for arm in run.slots]

@@ -7,16 +7,17 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from coop_pin.arrays import Array, Mask, as_count, require_type
-from coop_pin.batch.preparation import Prepared
-from coop_pin.batch.schedule import RunProgram
-from coop_pin.batch.simulate import BatchSimulator
-from coop_pin.description.code_family import law_reason
+from coop_pin.base.arrays import Array, Mask, as_count, require_type
+from coop_pin.base.disk_cache import DiskCache
+from coop_pin.base.errors import ArgumentError, InvalidStateError, TracingError, needs_extra
+from coop_pin.compiled.code_family import law_reason
+from coop_pin.compiled.preparation import Prepared
+from coop_pin.compiled.schedule import RunProgram
+from coop_pin.compiled.simulate import BatchSimulator
 from coop_pin.description.scenario import Scenario
 from coop_pin.environment.acted_law import ActedLaw
 from coop_pin.environment.task import Observed, Task, drives_of
-from coop_pin.errors import ArgumentError, InvalidStateError, TracingError, needs_extra
-from coop_pin.tracing.kernel import RECORD, Kernel
+from coop_pin.tracing.kernel import Kernel
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.traced_array import traced
 from coop_pin.tracing.tree import flattened
@@ -162,18 +163,14 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         is_random = (other != plant.signals(self.scenarios[0])).any(axis=0)
         self._is_random, alone = bool(is_random.any()), prepared.part(slice(1))
         self._code = RunProgram(alone, differs, is_random | prepared.loaded(alone))
-        program, order = self._code.program, self._code.order(alone)
-        kernel = self._outcome_kernel(plant.run.plant.chain.rigid.determinate_rows(plant.run.plant.q))
-        instructions = order.instructions[order.instructions[:, 0] != RECORD]
-        # A tick begins at its first instruction, but for the records of the ticks before it.
-        starts, self._uniforms = [*order.ticks, len(order.instructions)], order.uniforms
-        self._starts = [start - tick for tick, start in enumerate(starts)]
-        of_tick = [kernel.name for kernel in program.kernels].index("tick")
-        outcomes = instructions[instructions[:, 0] == of_tick]
-        outcomes[:, 0] = len(program.kernels)
-        instructions = np.concatenate((instructions, outcomes))
+        program, order = self._code.program, self._code.order(alone, is_recorded=False)
+        kernel = self._outcome_kernel(plant.determined)
+        self._starts, self._uniforms = [*order.ticks, len(order.instructions)], order.uniforms
+        outcomes = [(len(program.kernels), row) for row in range(len(order.ticks))]
+        instructions = np.concatenate((order.instructions, outcomes))
         self._machine = LlvmMachine(
-            program._replace(kernels=[*program.kernels, kernel], instructions=instructions)
+            program._replace(kernels=[*program.kernels, kernel], instructions=instructions),
+            cache=DiskCache(),
         )
         inputs = self._code.program.lanes.slots("constants")
         self._additions = inputs[np.cumsum(differs)[added] - 1]

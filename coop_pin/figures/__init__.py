@@ -1,25 +1,34 @@
-"""Figures of runs and sweeps: matplotlib Figures, made without display and pyplot, to be adapted and saved.
+"""Figures: matplotlib figures of runs, sweeps and comparisons, made without a display.
 
-Everything is loaded on first use: matplotlib is slow to load, and ``figures.palette`` does not need it.
+Open first: ``run_figures`` (tracking, torques, errors, internal wrench), ``sweep_figures`` (maps, lines,
+Pareto fronts), ``style`` (parts that all share).
+
+- ``grasp_figures`` (friction), ``motion_views`` (paths), ``locus_figure`` (root locus), ``proof_figure``,
+  ``comparison_figures``.
+- ``layout`` (panels), ``palette`` (colours, also of 3-D views), ``saving`` (PNG, SVG, PDF).
+
+Names are loaded on first use: matplotlib takes its time, and ``palette`` does not need it.
+
+Imports ``base``, ``comparison``, ``description``, ``results``, ``stability`` and ``sweeps``.
 """
 
 from coop_pin import lazy_names
 
-_PUBLIC = {
-    "comparison_figure": "coop_pin.figures.comparison_figures",
-    "error_figure": "coop_pin.figures.run_figures",
-    "friction_figure": "coop_pin.figures.grasp_figures",
-    "internal_force_figure": "coop_pin.figures.run_figures",
-    "motion_figure": "coop_pin.figures.motion_views",
-    "pareto_figure": "coop_pin.figures.sweep_figures",
-    "root_locus_figure": "coop_pin.figures.locus_figure",
-    "save_figure": "coop_pin.figures.saving",
-    "singularity_figure": "coop_pin.figures.run_figures",
-    "sweep_figure": "coop_pin.figures.sweep_figures",
-    "theorem_figure": "coop_pin.figures.proof_figure",
-    "torque_figure": "coop_pin.figures.run_figures",
-    "tracking_figure": "coop_pin.figures.run_figures",
-}
-
-__all__ = sorted(_PUBLIC)
-__getattr__, __dir__ = lazy_names(__name__, _PUBLIC)
+__all__, __getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "comparison_figure": "figures.comparison_figures",
+        "error_figure": "figures.run_figures",
+        "friction_figure": "figures.grasp_figures",
+        "internal_force_figure": "figures.run_figures",
+        "motion_figure": "figures.motion_views",
+        "pareto_figure": "figures.sweep_figures",
+        "root_locus_figure": "figures.locus_figure",
+        "save_figure": "figures.saving",
+        "singularity_figure": "figures.run_figures",
+        "sweep_figure": "figures.sweep_figures",
+        "theorem_figure": "figures.proof_figure",
+        "torque_figure": "figures.run_figures",
+        "tracking_figure": "figures.run_figures",
+    },
+)

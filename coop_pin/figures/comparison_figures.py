@@ -12,9 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from coop_pin.arrays import typed
-from coop_pin.comparison import Comparison
-from coop_pin.errors import FieldError
+from coop_pin.base.arrays import typed
+from coop_pin.base.errors import FieldError
+from coop_pin.comparison.table import Comparison
 from coop_pin.figures import palette
 from coop_pin.figures.style import as_written, label, legend_above, scale_to_metric, styled
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from coop_pin.arrays import typed
+from coop_pin.base.arrays import typed
 from coop_pin.figures import palette
 from coop_pin.figures.style import as_written, label, legend_above, run_figure
-from coop_pin.results import RunResult
 from coop_pin.results.friction import SHOWN
+from coop_pin.results.run_result import RunResult
 
 
 @typed

@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from coop_pin.analysis import RootLocus
-from coop_pin.arrays import typed
+from coop_pin.base.arrays import typed
 from coop_pin.figures import palette
 from coop_pin.figures.style import as_written, label, plain_figure, scale_to_field
+from coop_pin.stability import RootLocus
 
 _LARGEST = 1.6
 """Edge of the plane that is drawn."""
@@ -28,7 +28,7 @@ def root_locus_figure(locus: RootLocus) -> Figure:
     the radius, with a colour for the mode that is slowest or grows fastest, and the bounds. Axes are cut.
 
     Args:
-        locus: Root locus, by coop_pin.analysis.root_locus.
+        locus: Root locus, by coop_pin.stability.root_locus.
     """
     with plain_figure(7.6, 3.7, 1, 2, width_ratios=(1.0, 1.05)) as (figure, (plane, radius)):
         _draw_plane(figure, plane, locus)

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from coop_pin.arrays import Array, typed
+from coop_pin.base.arrays import Array, typed
 from coop_pin.figures import palette
 from coop_pin.figures.style import ACTUAL, DESIRED, as_written, label, plain_figure
-from coop_pin.results import RunResult
+from coop_pin.results.run_result import RunResult
 
 _INSTANTS = 6
 _WIDTH, _MIN_WIDTH, _MAX_HEIGHT, _MARGIN = 6.6, 4.6, 7.0, 0.45

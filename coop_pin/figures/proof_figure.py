@@ -7,10 +7,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from coop_pin.arrays import Array, typed
+from coop_pin.base.arrays import Array, typed
 from coop_pin.figures import palette
 from coop_pin.figures.style import label, run_figure
-from coop_pin.results import RunResult
+from coop_pin.results.run_result import RunResult
 
 _AVERAGED = 1.0
 """Chattering quantities are averaged over this time, s."""
@@ -32,7 +32,7 @@ def theorem_figure(result: RunResult, monitor: xr.Dataset) -> Figure:
 
     Args:
         result: the run.
-        monitor: terms along it, by coop_pin.analysis.theorem_monitor.
+        monitor: terms along it, by coop_pin.proof.theorem_monitor.
     """
     return _payload_space(result, monitor) if "disagreement" in monitor else _sliding_mode(result, monitor)
 

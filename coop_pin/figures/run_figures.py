@@ -13,7 +13,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from coop_pin.arrays import Array, typed
+from coop_pin.base.arrays import Array, typed
 from coop_pin.figures import palette
 from coop_pin.figures.style import (
     ACTUAL,
@@ -26,8 +26,8 @@ from coop_pin.figures.style import (
     legend_above,
     run_figure,
 )
-from coop_pin.results import RunResult
 from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M, energy_balance
+from coop_pin.results.run_result import RunResult
 
 _STILL = 1e-3
 """Range of a coordinate, as a share of its value, below which its deviations are drawn."""

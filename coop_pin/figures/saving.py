@@ -10,9 +10,9 @@ import matplotlib as mpl
 from matplotlib.backend_bases import get_registered_canvas_class
 from matplotlib.figure import Figure
 
-from coop_pin.arrays import typed
-from coop_pin.atomic_write import write_atomically
-from coop_pin.errors import NameNotFoundError
+from coop_pin.base.arrays import typed
+from coop_pin.base.atomic_write import write_atomically
+from coop_pin.base.errors import NameNotFoundError
 
 _DPI = 150
 _COLUMN, _PAGE = 3.5, 7.16

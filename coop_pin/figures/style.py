@@ -13,11 +13,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
 from coop_pin.description.events import PayloadEvent
 from coop_pin.figures import palette
 from coop_pin.figures.layout import CAPTION_LINE, PanelLayout, write_decades
-from coop_pin.results import RunResult
+from coop_pin.results.run_result import RunResult
 
 STYLE: Any = {
     "font.family": "DejaVu Sans",

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from coop_pin.arrays import Array, typed
-from coop_pin.errors import FieldError, NameNotFoundError
+from coop_pin.base.arrays import Array, typed
+from coop_pin.base.errors import FieldError, NameNotFoundError
 from coop_pin.figures import palette
 from coop_pin.figures.style import (
     as_written,

@@ -9,8 +9,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, as_array, as_pose, require_finite, require_type
-from coop_pin.description.arm import Arm, Miscalibration
+from coop_pin.base.arrays import Array, as_array, as_pose, require_finite, require_type
+from coop_pin.base.spatial import TaskRows, inverse_pose
+from coop_pin.description.cell.arm import Arm, Miscalibration
 from coop_pin.model.joint_angles import JointAngles
 from coop_pin.model.joint_limits import JointLimits, per_joint
 from coop_pin.model.pinocchio_model import (
@@ -25,7 +26,6 @@ from coop_pin.model.pinocchio_model import (
     symmetric,
     without_inertia,
 )
-from coop_pin.spatial import TaskRows, inverse_pose
 
 
 class ArmModel:

@@ -6,9 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
-from coop_pin.arrays import Array, require_type
-from coop_pin.description.cell import Cell
-from coop_pin.errors import NameNotFoundError
+from coop_pin.base.arrays import Array, require_type
+from coop_pin.base.errors import NameNotFoundError
+from coop_pin.description.cell.cell import Cell
 from coop_pin.model.arm_model import ArmKinematics, ArmModel
 
 

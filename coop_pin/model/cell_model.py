@@ -7,8 +7,9 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.arrays import Array
-from coop_pin.description.cell import Cell
+from coop_pin.base.arrays import Array
+from coop_pin.base.spatial import inverse_pose
+from coop_pin.description.cell.cell import Cell
 from coop_pin.description.events import Surroundings
 from coop_pin.model.joint_angles import JointAngles
 from coop_pin.model.pinocchio_model import (
@@ -19,7 +20,6 @@ from coop_pin.model.pinocchio_model import (
     joint_id,
     load_arm_model,
 )
-from coop_pin.spatial import inverse_pose
 
 PayloadAttachment: TypeAlias = Literal["welded", "free"]
 

@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 
 import pinocchio as pin
 
-from coop_pin import limited_process
+from coop_pin.base import limited_process
 
 _MEMORY = 4 * 2**30
 _CPU_S, _BYTES_PER_S = 3, 5_000_000

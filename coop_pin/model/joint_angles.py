@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
 
 _TURN = 2.0 * np.pi
 

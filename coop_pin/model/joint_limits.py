@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.arrays import Array, Mask
-from coop_pin.description.arm import Arm
-from coop_pin.errors import FieldError
+from coop_pin.base.arrays import Array, Mask
+from coop_pin.base.errors import FieldError
+from coop_pin.description.cell.arm import Arm
 from coop_pin.model.joint_angles import JointAngles
 from coop_pin.model.pinocchio_model import model_key, shared_arm_model
 

@@ -10,12 +10,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array, as_array, as_number, require_path, require_type
-from coop_pin.description.closure import Closure
+from coop_pin.base.arrays import Array, as_array, as_number, require_path, require_type
+from coop_pin.base.errors import ArgumentError, MimicJointError
+from coop_pin.description.cell.closure import Closure
 from coop_pin.description.urdf import find_urdf, load_checked, text_checked
 from coop_pin.description.urdf.loops import read_loops
 from coop_pin.description.urdf.robot import Robot
-from coop_pin.errors import ArgumentError, MimicJointError
 from coop_pin.model.pinocchio_model import joint_id, model_from_text
 
 

@@ -14,12 +14,12 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.arrays import Array, require_type
-from coop_pin.description.arm import Arm
+from coop_pin.base.arrays import Array, require_type
+from coop_pin.base.errors import MimicJointError, NameNotFoundError, UrdfError
+from coop_pin.description.cell.arm import Arm
 from coop_pin.description.urdf import UrdfFile, load_checked
 from coop_pin.description.urdf.report import listed
 from coop_pin.description.urdf.robot import Robot
-from coop_pin.errors import MimicJointError, NameNotFoundError, UrdfError
 
 _DRIVEN = ("revolute", "continuous", "prismatic")
 _SLACK = 1e-9

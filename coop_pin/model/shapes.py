@@ -10,10 +10,10 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from coop_pin.arrays import Array
-from coop_pin.description.mesh import read_mesh
-from coop_pin.description.payload import Payload
-from coop_pin.errors import FieldError, UrdfWarning
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import FieldError, UrdfWarning
+from coop_pin.description.cell.mesh import read_mesh
+from coop_pin.description.cell.payload import Payload
 
 
 class Box(NamedTuple):

@@ -13,10 +13,11 @@ import collada
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.arrays import Array, as_array
-from coop_pin.description import Arm, Cell
+from coop_pin.base.arrays import Array, as_array
+from coop_pin.base.errors import UrdfWarning
+from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.cell import Cell
 from coop_pin.description.urdf.robot import Robot
-from coop_pin.errors import UrdfWarning
 from coop_pin.model.cell_model import CellModel, PayloadAttachment
 from coop_pin.model.geometry import (
     ColouredMesh,

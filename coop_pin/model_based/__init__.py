@@ -1,16 +1,24 @@
-"""Controllers that use a model of arms and payload, exact or off by stated factors."""
+"""Model-based laws: controllers with a model of arms and payload, exact or off by stated factors.
 
-from coop_pin.model_based.adaptive import AdaptiveController
-from coop_pin.model_based.arm_dynamics import ArmDynamics, ArmTerms
-from coop_pin.model_based.computed_torque import ComputedTorqueController
-from coop_pin.model_based.object_impedance import ObjectImpedanceController
-from coop_pin.model_based.torque_qp import TorqueQpController
+Open first: ``computed_torque`` (inverse dynamics with an integral of the internal force), ``arm_dynamics``
+(the model that a controller has), ``torque_qp`` (torque limits and friction cones as a quadratic program).
 
-__all__ = [
-    "AdaptiveController",
-    "ArmDynamics",
-    "ArmTerms",
-    "ComputedTorqueController",
-    "ObjectImpedanceController",
-    "TorqueQpController",
-]
+``adaptive`` learns the model's parameters, ``object_impedance`` gives the payload a stated impedance. What a
+scenario writes of them is in ``description/model_laws``; laws that need no model are in ``control``.
+
+Imports ``base``, ``control``, ``description`` and ``model``.
+"""
+
+from coop_pin import lazy_names
+
+__all__, __getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "AdaptiveController": "model_based.adaptive",
+        "ArmDynamics": "model_based.arm_dynamics",
+        "ArmTerms": "model_based.arm_dynamics",
+        "ComputedTorqueController": "model_based.computed_torque",
+        "ObjectImpedanceController": "model_based.object_impedance",
+        "TorqueQpController": "model_based.torque_qp",
+    },
+)

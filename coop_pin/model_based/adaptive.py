@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
 from coop_pin.control import ArmCommand, ArmController, ArmMeasurement, ArmReference, ControlledArm
 from coop_pin.control.terms import InternalForceIntegral, right_inverse
 from coop_pin.description.model_laws import Adaptive

@@ -8,13 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
+from coop_pin.base.spatial import spatial_inertia
 from coop_pin.control import ArmMeasurement
-from coop_pin.description import ModelFactors, Scenario
+from coop_pin.description.model_laws import ModelFactors
+from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.pinocchio_model import frame_id
 from coop_pin.model.transmission import friction
-from coop_pin.spatial import spatial_inertia
 
 
 class ArmTerms(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
 from coop_pin.control import ArmCommand, ArmController, ArmMeasurement, ArmReference, ControlledArm
 from coop_pin.control.terms import InternalForceIntegral, right_inverse
 from coop_pin.description.model_laws import ComputedTorque

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
 from coop_pin.control import ArmMeasurement, ArmReference, CellCommand, CellController, ControlledArm
 from coop_pin.control.terms import InternalForceIntegral
 from coop_pin.description.model_laws import ObjectImpedance

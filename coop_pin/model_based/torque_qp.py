@@ -7,12 +7,12 @@ from itertools import count
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import InvalidStateError, needs_extra
 from coop_pin.control import ArmMeasurement, ArmReference, CellCommand, CellController, ControlledArm
 from coop_pin.control.terms import InternalForceIntegral
 from coop_pin.description.model_laws import TorqueQp
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import InvalidStateError, needs_extra
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.model_based.arm_dynamics import ArmDynamics
 from coop_pin.model_based.computed_torque import ComputedTorqueState, acceleration_torque

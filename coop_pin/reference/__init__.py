@@ -1,74 +1,16 @@
-"""Desired motion and squeeze of the payload as functions of time.
+"""Reference: desired motion and squeeze of the payload as functions of time.
 
-Each is a frozen, validated value: what a scenario holds is what runs.
+Open first: ``motions`` (closed forms, and the union of all kinds), ``pose_reference`` (what a motion answers:
+``at(time)``), ``squeeze`` (desired internal wrenches).
 
-A motion (``PoseReference``) returns from ``at(time)`` a ``PoseTarget``: the desired pose, twist and
-acceleration of the payload frame P, world axes, linear first. The kinds:
+Each is a frozen, validated value: what a scenario holds is what runs. A motion returns from ``at(time)`` a
+``PoseTarget``: the desired pose, twist and acceleration of the payload frame P, world axes, linear first. A
+squeeze returns from ``at(time, arms)`` the desired internal wrench of each arm, payload axes, about P.
 
-- ``HoldMotion``: stands still.
-- ``ExponentialMotion``: decaying exponentials, the reference experiment of Gueaieb et al. (2007).
-- ``LineMotion``: straight from one pose to another, from rest to rest; ``TimedLineMotion`` with a table of
-  time.
-- ``CircleMotion``: round a circle, from rest.
-- ``TurnMotion``: about an axis through P or another point; ``SwingMotion``: through P, to and fro.
-- ``WaypointsMotion``, ``CsvMotion``: a spline through poses, given in the scenario or in a file.
-- ``FunctionMotion``: a user-written function of time.
+- ``lines`` (straight, rest to rest; ``quintic`` timing), ``splines`` (waypoints), ``csv_motion`` (a table).
+- ``check_consistency`` compares any motion with central differences.
 
-A squeeze (``SqueezeReference``) returns from ``at(time, arms)`` the desired internal wrench of each arm,
-payload axes, about P: ``ConstantSqueeze``, ``TipForceSqueeze``,
-``TipWrenchSqueeze``, ``RampSqueeze``, ``FunctionSqueeze``.
+Public names are in ``cp.motions`` and ``cp.squeezes``.
 
-``check_consistency`` compares any motion with central differences.
+Imports ``base``.
 """
-
-from coop_pin.reference.csv_motion import CsvMotion
-from coop_pin.reference.lines import LineMotion, TimedLineMotion
-from coop_pin.reference.motions import (
-    CircleMotion,
-    ExponentialMotion,
-    HoldMotion,
-    SwingMotion,
-    TurnMotion,
-)
-from coop_pin.reference.pose_reference import (
-    ConsistencyGaps,
-    FunctionMotion,
-    PoseReference,
-    PoseTarget,
-    check_consistency,
-    retreated,
-)
-from coop_pin.reference.splines import Waypoint, WaypointsMotion
-from coop_pin.reference.squeeze import (
-    ConstantSqueeze,
-    FunctionSqueeze,
-    RampSqueeze,
-    SqueezeReference,
-    TipForceSqueeze,
-    TipWrenchSqueeze,
-)
-
-__all__ = [
-    "CircleMotion",
-    "ConsistencyGaps",
-    "ConstantSqueeze",
-    "CsvMotion",
-    "ExponentialMotion",
-    "FunctionMotion",
-    "FunctionSqueeze",
-    "HoldMotion",
-    "LineMotion",
-    "PoseReference",
-    "PoseTarget",
-    "RampSqueeze",
-    "SqueezeReference",
-    "SwingMotion",
-    "TimedLineMotion",
-    "TipForceSqueeze",
-    "TipWrenchSqueeze",
-    "TurnMotion",
-    "Waypoint",
-    "WaypointsMotion",
-    "check_consistency",
-    "retreated",
-]

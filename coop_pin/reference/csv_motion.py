@@ -11,16 +11,11 @@ from typing import Literal
 
 import numpy as np
 
-from coop_pin.arrays import Array
-from coop_pin.errors import (
-    AmbiguousTurnError,
-    FileReadError,
-    OutOfRangeError,
-    suggestion,
-)
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import AmbiguousTurnError, FileReadError, OutOfRangeError, suggestion
+from coop_pin.base.user_files import read_user_file
 from coop_pin.reference.pose_reference import PoseReference, PoseTarget
 from coop_pin.reference.splines import PoseSpline
-from coop_pin.user_files import read_user_file
 
 
 class CsvMotion(PoseReference):

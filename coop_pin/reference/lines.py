@@ -11,14 +11,14 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import model_validator
 
-from coop_pin.arrays import Array
-from coop_pin.errors import AmbiguousTurnError, FieldError
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import AmbiguousTurnError, FieldError
+from coop_pin.base.schema.base import Positive, Vector
+from coop_pin.base.schema.pose import Pose
+from coop_pin.base.spatial import log3
 from coop_pin.reference.pose_reference import PoseReference, PoseTarget, target_of
 from coop_pin.reference.quintic import TimeScaling, quintic
 from coop_pin.reference.splines import powers, quintic_coefficients
-from coop_pin.schema.base import Positive, Vector
-from coop_pin.schema.pose import Pose
-from coop_pin.spatial import log3
 
 
 def rotation_terms(axis: Array, R: Array) -> Array:
@@ -99,7 +99,7 @@ class LineMotion(_Line):
 class TimedLineMotion(_Line):
     """The path of LineMotion with s(t) a quintic spline through a table, at rest at both ends.
 
-    ``cp.plan_carry`` returns such motions. The spline has four continuous derivatives.
+    ``cp.carry.plan_carry`` returns such motions. The spline has four continuous derivatives.
 
     Attributes:
         start: X_WP_d before the motion.

@@ -9,16 +9,16 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from coop_pin.arrays import Array
-from coop_pin.errors import FieldError
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import FieldError
+from coop_pin.base.schema.base import Positive, Vector3
+from coop_pin.base.schema.pose import Pose
+from coop_pin.base.spatial import make_pose, rotation_from_rpy
 from coop_pin.reference.csv_motion import CsvMotion
 from coop_pin.reference.lines import LineMotion, TimedLineMotion, rotation_about_axis, rotation_terms
 from coop_pin.reference.pose_reference import FunctionMotion, PoseReference, PoseTarget, make_target
 from coop_pin.reference.quintic import quintic, quintic_integral
 from coop_pin.reference.splines import WaypointsMotion
-from coop_pin.schema.base import Positive, Vector3
-from coop_pin.schema.pose import Pose
-from coop_pin.spatial import make_pose, rotation_from_rpy
 
 
 def _not_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:

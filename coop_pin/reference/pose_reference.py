@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from coop_pin.arrays import Array, as_array, as_pose, frozen, typed
-from coop_pin.errors import OutOfRangeError
-from coop_pin.schema.base import Description
-from coop_pin.schema.user_code import FunctionName, load_function
+from coop_pin.base.arrays import Array, as_array, as_pose, frozen, typed
+from coop_pin.base.errors import OutOfRangeError
+from coop_pin.base.schema.base import Description
+from coop_pin.base.schema.user_code import FunctionName, load_function
 
 
 class PoseTarget(NamedTuple):

@@ -10,17 +10,12 @@ from typing import ClassVar, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import model_validator
 
-from coop_pin.arrays import Array
-from coop_pin.errors import (
-    AmbiguousTurnError,
-    ArgumentError,
-    FieldError,
-    OutOfRangeError,
-)
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import AmbiguousTurnError, ArgumentError, FieldError, OutOfRangeError
+from coop_pin.base.schema.base import WithLaterFields
+from coop_pin.base.schema.pose import Pose
+from coop_pin.base.spatial import quaternions
 from coop_pin.reference.pose_reference import PoseReference, PoseTarget, make_target
-from coop_pin.schema.base import WithLaterFields
-from coop_pin.schema.pose import Pose
-from coop_pin.spatial import quaternions
 
 _LARGEST_TURN = math.radians(175.0)
 """Largest turn between neighbours; beyond, its direction is not certain."""

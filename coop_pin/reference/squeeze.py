@@ -10,13 +10,13 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from coop_pin.arrays import Array, as_array, frozen, require_type
-from coop_pin.errors import FieldError, InfeasibleMotionError, ScenarioError, one_or_all
+from coop_pin.base.arrays import Array, as_array, frozen, require_type
+from coop_pin.base.errors import FieldError, InfeasibleMotionError, ScenarioError, one_or_all
+from coop_pin.base.schema.base import Description, Positive, Vector6, check_arm_names
+from coop_pin.base.schema.pose import Pose
+from coop_pin.base.schema.user_code import FunctionName, load_function
+from coop_pin.base.spatial import shift_wrench
 from coop_pin.reference.quintic import quintic
-from coop_pin.schema.base import Description, Positive, Vector6, check_arm_names
-from coop_pin.schema.pose import Pose
-from coop_pin.schema.user_code import FunctionName, load_function
-from coop_pin.spatial import shift_wrench
 
 _ALLOWED_SUM = 1e-9
 _SUM_RULE = "internal wrenches must sum to zero: for two arms, one is minus the other"

@@ -1,19 +1,27 @@
-"""Recorded runs: labelled arrays with their metrics, as files that are written atomically."""
+"""Results: the record of a run, as labelled arrays with units, its metrics, and its file.
 
-from coop_pin.results.limits import LimitViolation
-from coop_pin.results.metrics import InternalForceMetrics
-from coop_pin.results.run_result import RunResult
-from coop_pin.results.snapshot import Observer, Snapshot, ThrottledObserver
-from coop_pin.results.trust import Breach
-from coop_pin.results.window import Window
+Open first: ``quantities`` (every recorded quantity: name, dimensions, unit, source), ``metrics`` (tracking
+error, settling time, internal force, energy balance), ``run_result`` (the class ``cp.RunResult``).
 
-__all__ = [
-    "Breach",
-    "InternalForceMetrics",
-    "LimitViolation",
-    "Observer",
-    "RunResult",
-    "Snapshot",
-    "ThrottledObserver",
-    "Window",
-]
+- ``window``: times over which metrics are taken. ``running_metrics``: metrics of ticks that are not kept.
+- ``trust`` (breaches of a run's bounds), ``limits`` (of joints and drives), ``friction`` (margins of grasps).
+- ``snapshot``: one tick, for observers. ``dataset`` and ``netcdf``: arrays and file.
+
+Imports ``base`` and ``description``.
+"""
+
+from coop_pin import lazy_names
+
+__all__, __getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "Breach": "results.trust",
+        "InternalForceMetrics": "results.metrics",
+        "LimitViolation": "results.limits",
+        "Observer": "results.snapshot",
+        "Snapshot": "results.snapshot",
+        "ThrottledObserver": "results.snapshot",
+        "TrustThresholds": "description.trust",
+        "Window": "results.window",
+    },
+)

@@ -11,9 +11,9 @@ import xarray as xr
 from numpy.typing import NDArray
 from xarray.indexes import PandasIndex
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import ArgumentError, suggestion
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import ArgumentError, suggestion
 from coop_pin.results.quantities import Samples, computed, quantities
 
 AXES = ["x", "y", "z", "rx", "ry", "rz"]

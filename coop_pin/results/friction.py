@@ -6,10 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array, Mask
-from coop_pin.description import Cell, Pad
+from coop_pin.base.arrays import Array, Mask
+from coop_pin.base.spatial import rotate_vector6, rotations
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.contact import Pad
 from coop_pin.results.quantities import Arrays
-from coop_pin.spatial import rotate_vector6, rotations
 
 _WHOLE = 1.0 - 1e-9
 """Part of a load share from which it is whole; less is rounding."""

@@ -11,12 +11,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array, Mask, mean, rms
-from coop_pin.description.payload import Payload
-from coop_pin.results.quantities import Arrays, energies
-from coop_pin.results.window import SETTLING_S, Window, Windows, samples_of
-from coop_pin.spatial import internal_wrenches
-from coop_pin.spatial.internal_wrench import (
+from coop_pin.base.arrays import Array, Mask, mean, rms
+from coop_pin.base.spatial import internal_wrenches
+from coop_pin.base.spatial.internal_wrench import (
     constraint_consistent_internal_wrenches,
     determinate_grasp,
     minimum_norm_internal_wrenches,
@@ -24,6 +21,9 @@ from coop_pin.spatial.internal_wrench import (
     symmetric_internal_wrenches,
     virtual_linkage_internal_wrenches,
 )
+from coop_pin.description.cell.payload import Payload
+from coop_pin.results.quantities import Arrays, energies
+from coop_pin.results.window import SETTLING_S, Window, Windows, samples_of
 
 if TYPE_CHECKING:  # slow to load
     import xarray as xr

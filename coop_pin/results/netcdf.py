@@ -14,8 +14,8 @@ import numpy as np
 import xarray as xr
 from xarray.conventions import cf_encoder, encode_dataset_coordinates
 
-from coop_pin.errors import FileReadError
-from coop_pin.user_files import read_user_file
+from coop_pin.base.errors import FileReadError
+from coop_pin.base.user_files import read_user_file
 
 _MAX_BYTES = 2**32
 """Size limit of a result; one hour of two arms at 80 Hz has 0.4 GB."""

@@ -13,9 +13,11 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from coop_pin.arrays import Array
-from coop_pin.description import Miscalibration, Scenario, Sensors
-from coop_pin.spatial import internal_wrenches, log3, quaternions, rotate_vector6
+from coop_pin.base.arrays import Array
+from coop_pin.base.spatial import internal_wrenches, log3, quaternions, rotate_vector6
+from coop_pin.description.cell.arm import Miscalibration
+from coop_pin.description.scenario import Scenario
+from coop_pin.description.sensors import Sensors
 
 Samples: TypeAlias = dict[str, Any]
 """Arrays by names of quantities, n samples along the first axis.

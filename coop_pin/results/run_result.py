@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from coop_pin.arrays import require_path, require_type
-from coop_pin.atomic_write import write_atomically
+from coop_pin.base.arrays import require_path, require_type
+from coop_pin.base.atomic_write import write_atomically
+from coop_pin.base.errors import FileReadError, ScenarioError
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import FileReadError, ScenarioError
 from coop_pin.results import metrics
 from coop_pin.results.friction import (
     FrictionUse,
@@ -54,7 +54,7 @@ class RunResult:
 
     ENDED_BY = "ended_by"
     """Attribute of ``data``: class of the error that ended the run, if one did."""
-    ENGINE = "engine"
+    ENGINE, USUAL_ENGINE = "engine", "pinocchio"
     """Attribute of ``data``: what computed the motion, unless it was Pinocchio."""
     EVERY_TICK = "every_tick"
     """Attribute of ``data`` of runs that keep every n-th tick: what is known of all ticks, as JSON."""
@@ -98,7 +98,7 @@ class RunResult:
     @property
     def engine(self) -> str:
         """What computed the run: "pinocchio", "traced" or "batch"."""
-        return str(self._texts.get(self.ENGINE, "pinocchio"))
+        return str(self._texts.get(self.ENGINE, self.USUAL_ENGINE))
 
     @property
     def _texts(self) -> Mapping[str, str]:
@@ -209,7 +209,7 @@ class RunResult:
         """Return the internal wrench of every arm at every sample by each definition of the literature.
 
         Variables ``load_shares`` (the paper's, eqs. (7)-(12)), ``minimum_norm``, ``nonsqueezing``,
-        ``virtual_linkage``, ``constraint_consistent``, ``symmetric``: see coop_pin.spatial.internal_wrench.
+        ``virtual_linkage``, ``constraint_consistent``, ``symmetric``: see spatial.internal_wrench.
         """
         cell = self.scenario.cell
         return metrics.internal_wrench_definitions(self.data, cell.shares, cell.payload)

@@ -16,7 +16,7 @@ from typing import NamedTuple, Self, get_args
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.friction import friction_metrics
 from coop_pin.results.limits import LimitKind, LimitViolation, limit_violations

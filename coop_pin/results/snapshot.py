@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple, Protocol, runtime_checkable
 
-from coop_pin.arrays import Array, Mask
+from coop_pin.base.arrays import Array, Mask
 
 
 class Snapshot(NamedTuple):

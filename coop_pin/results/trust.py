@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from coop_pin.arrays import Array, Mask
+from coop_pin.base.arrays import Array, Mask
 from coop_pin.description.trust import TrustThresholds
 from coop_pin.results.metrics import DRIFT_S
 from coop_pin.results.quantities import energies

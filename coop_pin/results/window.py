@@ -6,9 +6,9 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from coop_pin.arrays import Mask
+from coop_pin.base.arrays import Mask
+from coop_pin.base.errors import ArgumentError, OutOfRangeError
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import ArgumentError, OutOfRangeError
 from coop_pin.results.quantities import Arrays
 
 SETTLING_S = 4.0

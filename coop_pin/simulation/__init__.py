@@ -1,7 +1,19 @@
-"""Simulation of a scenario: plant, sensing, actuation, events and recording."""
+"""Simulation: one run of a scenario, tick by tick: plant, sensors, law, drives, events, recorder.
 
-from coop_pin.simulation.realtime import RealtimePacer
-from coop_pin.simulation.simulate import simulate
-from coop_pin.simulation.simulation import Simulation
+Open first: ``timeline`` (the order of the stages of a tick, and when events happen), ``plant`` (what a run
+asks of a simulator of the cell; ``pinocchio_plant`` is one, a second simulator would be another),
+``devices`` (sensors, drives, servos, network).
 
-__all__ = ["RealtimePacer", "Simulation", "simulate"]
+- ``loop`` (runs the stages), ``simulation`` (changes of a run that goes on), ``simulate`` (a whole run).
+- ``tick``: signals and inputs of a tick, for every engine. ``references``: desired motion of each arm.
+- ``build_controller``: the law that a scenario names.
+- ``recorder`` (what is kept of each tick), ``run_state`` (state from which a run goes on).
+- ``realtime``: pacing by the clock on the wall.
+
+Public names are in ``cp``; metrics of what is recorded are in ``results``.
+
+Imports ``base``, ``chain``, ``control``, ``description``, ``grasps``, ``model``, ``reference`` and
+``results``.
+"""
+
+import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import time
 
-from coop_pin.arrays import require_type
-from coop_pin.errors import OutOfRangeError
+from coop_pin.base.arrays import require_type
+from coop_pin.base.errors import OutOfRangeError
 
 _LOST_S = 0.1
 """A longer delay counts as lost, s."""

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from coop_pin.control.interface import CellController
+from coop_pin.base.errors import ArgumentError
+from coop_pin.control import CellController
+from coop_pin.description.grasp_events import MissedGrasp
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import ArgumentError
-from coop_pin.reference import PoseReference, SqueezeReference
-from coop_pin.simulation.actuation import ActuationState
-from coop_pin.simulation.drives import Applied
-from coop_pin.simulation.network import NetworkState
+from coop_pin.reference.pose_reference import PoseReference
+from coop_pin.reference.squeeze import SqueezeReference
+from coop_pin.simulation.devices.actuation import ActuationState
+from coop_pin.simulation.devices.drives import Applied
+from coop_pin.simulation.devices.network import NetworkState
+from coop_pin.simulation.devices.sensing import SensingState
 from coop_pin.simulation.plant import PlantState
 from coop_pin.simulation.recorder import RecordState
-from coop_pin.simulation.sensing import SensingState
 from coop_pin.simulation.tick import TickInputs
 
 
@@ -30,6 +32,7 @@ class RunState(NamedTuple):
         controller_state: state that it returned last.
         motion: the desired motion.
         squeeze: the desired internal wrenches.
+        missed: grasps that did not happen.
         replaced: sentences for the result's summary on what was replaced.
         inputs: inputs of a tick that was observed and is not done yet.
         applied: torques of the last tick.
@@ -46,6 +49,7 @@ class RunState(NamedTuple):
     controller_state: Any
     motion: PoseReference
     squeeze: SqueezeReference
+    missed: tuple[MissedGrasp, ...]
     replaced: tuple[str, ...]
     inputs: TickInputs | None
     applied: Applied | None

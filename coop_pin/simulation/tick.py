@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array
-from coop_pin.control.interface import ArmMeasurement, ArmReference
+from coop_pin.base.arrays import Array
+from coop_pin.control import ArmMeasurement, ArmReference
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_model import ArmPlace
-from coop_pin.reference import PoseTarget
-from coop_pin.simulation.network import MessageSignals, NetworkSignals
-from coop_pin.simulation.signals import CellSignals, SensorSignals, missed_ticks
+from coop_pin.reference.pose_reference import PoseTarget
+from coop_pin.simulation.devices.network import MessageSignals, NetworkSignals
+from coop_pin.simulation.devices.signals import CellSignals, SensorSignals, missed_ticks
 
 _LARGEST_BLOCK = 1024
 """Ticks whose signals a single run draws at once, at most."""

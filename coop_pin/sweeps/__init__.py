@@ -1,25 +1,32 @@
-"""Sweeps and tuning: plans of many runs, execution backends, the store of finished runs, and their analysis.
+"""Sweeps: many runs of a plan: workers, a store of finished runs, their table, and tuning.
 
-Names are loaded on first use: the host process of local workers lies in this package and needs none of them.
+Open first: ``plan`` (scenarios and what varies), ``engine`` (computes the missing runs), ``store`` (finished
+runs on disk: checksummed lines, one writer).
+
+- Plan: ``dimensions``, ``template`` (scenarios validated once), ``run_key`` (digest of a run),
+  ``feasibility`` and ``plant_steps`` (before the first run), ``duration`` (estimate).
+- ``workers``: jobs, processes, dask. ``progress_bar``.
+- Results: ``result`` (named dimensions, best, boundaries), ``table``, ``heat_map`` (an HTML page).
+- ``optimisation``: search of fields for the smallest metric (``cp.tune``).
+
+Names are loaded on first use: the host process of local workers lies in this package and needs none.
+
+Imports ``base``, ``compiled``, ``description``, ``feasibility``, ``results``, ``running``, ``simulation`` and
+``stability``.
 """
 
 from coop_pin import lazy_names
 
-_PUBLIC = {
-    "Estimate": "coop_pin.sweeps.duration",
-    "Execution": "coop_pin.sweeps.execution",
-    "PointResult": "coop_pin.sweeps.table",
-    "Sample": "coop_pin.sweeps.dimensions",
-    "Span": "coop_pin.sweeps.dimensions",
-    "SweepPlan": "coop_pin.sweeps.plan",
-    "SweepResult": "coop_pin.sweeps.result",
-    "estimate": "coop_pin.sweeps.duration",
-    "linspace": "coop_pin.sweeps.dimensions",
-    "logspace": "coop_pin.sweeps.dimensions",
-    "sweep": "coop_pin.sweeps.engine",
-    "TuneResult": "coop_pin.sweeps.optimisation",
-    "tune": "coop_pin.sweeps.optimisation",
-}
-
-__all__ = sorted(_PUBLIC)
-__getattr__, __dir__ = lazy_names(__name__, _PUBLIC)
+__all__, __getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "Estimate": "sweeps.duration",
+        "PointResult": "sweeps.table",
+        "Sample": "sweeps.dimensions",
+        "Span": "sweeps.dimensions",
+        "TuneResult": "sweeps.optimisation",
+        "estimate": "sweeps.duration",
+        "linspace": "sweeps.dimensions",
+        "logspace": "sweeps.dimensions",
+    },
+)

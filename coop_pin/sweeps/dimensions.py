@@ -11,10 +11,10 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from coop_pin.arrays import Array, as_count, as_number
-from coop_pin.errors import FieldError, OutOfRangeError
-from coop_pin.memory import require_memory
-from coop_pin.schema.base import Description
+from coop_pin.base.arrays import Array, as_count, as_number
+from coop_pin.base.errors import FieldError, OutOfRangeError
+from coop_pin.base.memory import require_memory
+from coop_pin.base.schema.base import Description
 
 
 def linspace(first: float, last: float, count: int) -> list[float]:

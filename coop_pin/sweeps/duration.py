@@ -7,14 +7,14 @@ import datetime
 import time
 from typing import NamedTuple
 
-from coop_pin.arrays import typed
+from coop_pin.base.arrays import typed
+from coop_pin.base.errors import RunTimeoutError
+from coop_pin.compiled.engine_choice import EngineChoice, choose_engines
 from coop_pin.description.scenario import Scenario
-from coop_pin.engine_choice import EngineChoice, choose_engines
-from coop_pin.errors import RunTimeoutError
-from coop_pin.run_scenario import run
-from coop_pin.sweeps.execution import Execution
-from coop_pin.sweeps.job import Job, deadline
+from coop_pin.running.run_scenario import run
 from coop_pin.sweeps.plan import SweepPlan
+from coop_pin.sweeps.workers.execution import Execution
+from coop_pin.sweeps.workers.job import Job, deadline
 
 _SAMPLE_S = 1.0
 """Time for which the ticks of a run are timed, s."""
@@ -71,7 +71,7 @@ def estimate(plan: SweepPlan, *, workers: int | None = None) -> Estimate:
 
 def _batch_run_s(scenario: Scenario) -> float:
     """Return the duration of a run of a batch, s, without tracing and compiling."""
-    from coop_pin.sweeps.batch_job import run_batch  # slow to load
+    from coop_pin.sweeps.workers.batch_job import run_batch  # slow to load
 
     jobs = [Job("", scenario.replace(seed=seed), engine="batch") for seed in range(_SAMPLE_RUNS)]
     start = time.perf_counter()

@@ -13,11 +13,8 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
-from coop_pin.analysis.step_size import STEPS_FIELD
-from coop_pin.arrays import require_path, require_type
-from coop_pin.description.scenario import Scenario
-from coop_pin.engine_choice import choose_engines
-from coop_pin.errors import (
+from coop_pin.base.arrays import require_path, require_type
+from coop_pin.base.errors import (
     FieldError,
     FileReadError,
     ScenarioError,
@@ -25,17 +22,20 @@ from coop_pin.errors import (
     is_ctrl_c,
     needs_extra,
 )
-from coop_pin.progress_bar import ProgressBar
-from coop_pin.sweeps.backend import LocalBackend, outcomes, outcomes_here
-from coop_pin.sweeps.execution import HERE, Execution
+from coop_pin.compiled.engine_choice import choose_engines
+from coop_pin.description.scenario import Scenario
+from coop_pin.stability.step_size import STEPS_FIELD
 from coop_pin.sweeps.feasibility import require_feasible
-from coop_pin.sweeps.job import Job, Outcome, Record
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.plant_steps import with_steps
+from coop_pin.sweeps.progress_bar import ProgressBar
 from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.run_key import KeyedPoint, keyed_points
 from coop_pin.sweeps.store import TRANSIENT, SweepStore
 from coop_pin.sweeps.table import Columns, require_own_names
+from coop_pin.sweeps.workers.backend import LocalBackend, outcomes, outcomes_here
+from coop_pin.sweeps.workers.execution import HERE, Execution
+from coop_pin.sweeps.workers.job import Job, Outcome, Record
 
 _LOG = logging.getLogger("coop_pin.sweeps")
 
@@ -157,7 +157,7 @@ class Session:
 
         A family that agrees is kept in the folder, as a record of its own, and never checked again.
         """
-        from coop_pin.batch.single_runs import checked, told  # slow to load
+        from coop_pin.compiled.single_runs import checked, told  # slow to load
 
         numbers = {key: number for number, key in reversed([*enumerate(self.keys)])}
         families = dict[str, list[int]]()
@@ -190,7 +190,7 @@ class Session:
                 return outcomes_here
             return self.stack.enter_context(contextlib.closing(LocalBackend(processes))).outcomes
         with needs_extra("distributed", "sweep", "to run a sweep on a scheduler"):
-            from coop_pin.sweeps.dask_backend import connected  # slow to load
+            from coop_pin.sweeps.workers.dask_backend import connected  # slow to load
         return functools.partial(outcomes, self.stack.enter_context(connected(scheduler)))
 
     def _jobs(
@@ -243,7 +243,7 @@ class Session:
 
 def _difference(stored: Mapping[str, Record], singles: Sequence[Record]) -> str:
     """Return how stored runs differ from single ones; nothing of those that cannot be told."""
-    from coop_pin.batch.single_runs import difference  # slow to load
+    from coop_pin.compiled.single_runs import difference  # slow to load
 
     for single in singles:
         record = stored[single.key]

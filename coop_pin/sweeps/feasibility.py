@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 
-from coop_pin.analysis.reachability import reachability
-from coop_pin.build_controller import build_controller
+from coop_pin.base.errors import CoopPinError, FieldError, InfeasibleMotionError, ScenarioError
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import CoopPinError, FieldError, InfeasibleMotionError, ScenarioError
+from coop_pin.feasibility.reachability import reachability
+from coop_pin.simulation.build_controller import build_controller
 
 _POSES = 41
 """Poses of a path that are looked at."""

@@ -13,15 +13,15 @@ from typing import Annotated, Any, NamedTuple, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from coop_pin.analysis.step_size import AUTO, AUTO_ERROR, STEPS_FIELD
-from coop_pin.arrays import require_path
+from coop_pin.base.arrays import require_path
+from coop_pin.base.errors import FieldError, NameNotFoundError, ScenarioError, UnknownFieldError, one_or_all
+from coop_pin.base.schema.base import Description
+from coop_pin.base.schema.user_code import FunctionName
+from coop_pin.base.user_files import read_toml
+from coop_pin.compiled.engines import PREVIOUS, Engine
 from coop_pin.description.scenario import Scenario
-from coop_pin.engines import PREVIOUS, Engine
-from coop_pin.errors import FieldError, NameNotFoundError, ScenarioError, UnknownFieldError, one_or_all
-from coop_pin.schema.base import Description
-from coop_pin.schema.user_code import FunctionName
+from coop_pin.stability.step_size import AUTO, AUTO_ERROR, STEPS_FIELD
 from coop_pin.sweeps.dimensions import Dimension, Sample, Values
-from coop_pin.user_files import read_toml
 
 COLUMNS = ("number", "status", "failure", "message", "failed_at_s", "merged", "wall_s", "cpu_s", "key")
 """Columns that the table of every sweep has beside metrics and varied fields."""

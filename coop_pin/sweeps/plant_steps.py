@@ -8,10 +8,10 @@ import random
 
 import numpy as np
 
-from coop_pin.analysis.step_size import STEPS_FIELD, fewest_steps
+from coop_pin.base.errors import CoopPinError, FileReadError, OutOfRangeError
+from coop_pin.compiled.engine_choice import plant_of
 from coop_pin.description.scenario import Scenario
-from coop_pin.engine_choice import plant_of
-from coop_pin.errors import CoopPinError, FileReadError, OutOfRangeError
+from coop_pin.stability.step_size import STEPS_FIELD, fewest_steps
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.store import SweepStore
 

@@ -18,12 +18,18 @@ import xarray as xr
 from pydantic_core import to_json
 
 from coop_pin import __version__
-from coop_pin.arrays import Array, as_count, as_number, require_path, require_type
-from coop_pin.errors import ArgumentError, FieldError, InvalidStateError, NameNotFoundError, OutOfRangeError
-from coop_pin.heat_map import write_heat_map
-from coop_pin.results import RunResult
+from coop_pin.base.arrays import Array, as_count, as_number, require_path, require_type
+from coop_pin.base.errors import (
+    ArgumentError,
+    FieldError,
+    InvalidStateError,
+    NameNotFoundError,
+    OutOfRangeError,
+)
 from coop_pin.results.netcdf import written_netcdf
-from coop_pin.run_scenario import run
+from coop_pin.results.run_result import RunResult
+from coop_pin.running.run_scenario import run
+from coop_pin.sweeps.heat_map import write_heat_map
 from coop_pin.sweeps.plan import COLUMNS, SweepPlan
 from coop_pin.sweeps.run_key import file_digest, keyed_points
 from coop_pin.sweeps.store import SweepStore

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from coop_pin import __version__
+from coop_pin.base.errors import CodeChangedError, CoopPinError, ScenarioError
+from coop_pin.base.schema.parts import Pattern, fields_of
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.urdf import find_urdf
-from coop_pin.errors import CodeChangedError, CoopPinError, ScenarioError
-from coop_pin.schema.parts import Pattern, fields_of
 from coop_pin.sweeps.plan import Point, SweepPlan
 from coop_pin.sweeps.template import Number, Template, Templates
 

@@ -18,8 +18,8 @@ from typing import BinaryIO, TypeVar
 from filelock import FileLock, Timeout
 
 from coop_pin import __version__
-from coop_pin.atomic_write import write_atomically
-from coop_pin.errors import (
+from coop_pin.base.atomic_write import write_atomically
+from coop_pin.base.errors import (
     CoopPinError,
     FieldError,
     FileReadError,
@@ -27,10 +27,10 @@ from coop_pin.errors import (
     ScenarioError,
     StoreLockedError,
 )
-from coop_pin.results import RunResult
-from coop_pin.sweeps.job import Outcome, Record, StoredRun, checked_content, checksummed
+from coop_pin.base.user_files import read_user_file
+from coop_pin.results.run_result import RunResult
 from coop_pin.sweeps.plan import SweepPlan
-from coop_pin.user_files import read_user_file
+from coop_pin.sweeps.workers.job import Outcome, Record, StoredRun, checked_content, checksummed
 
 _LOG = logging.getLogger("coop_pin.sweeps")
 Read = TypeVar("Read")

@@ -13,13 +13,13 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from coop_pin.errors import FieldError
+from coop_pin.base.errors import FieldError
 from coop_pin.results.metrics import NO_STEADY_METRICS
 from coop_pin.sweeps.dimensions import label
-from coop_pin.sweeps.job import Record
 from coop_pin.sweeps.plan import COLUMNS, SweepPlan
 from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
+from coop_pin.sweeps.workers.job import Record
 
 _LOG = logging.getLogger("coop_pin.sweeps")
 OK, FAILED, MISSING = "ok", "failed", "missing"

@@ -16,9 +16,9 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from pydantic import BaseModel, TypeAdapter
 
+from coop_pin.base.errors import ScenarioError
+from coop_pin.base.schema.parts import Pattern, Tree, fields_of, part_of, refilled, tree_of, with_parts
 from coop_pin.description.scenario import Scenario
-from coop_pin.errors import ScenarioError
-from coop_pin.schema.parts import Pattern, Tree, fields_of, part_of, refilled, tree_of, with_parts
 from coop_pin.sweeps.dimensions import Dimension
 from coop_pin.sweeps.plan import Point, SweepPlan
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 
-from coop_pin.tracing.emitter import Emitter
-from coop_pin.tracing.tape import Operand, Subroutine, Tape
+from .emitter import Emitter
+from .tape import Operand, Subroutine, Tape
 
 _EXPRESSIONS = {
     "add": "{0} + {1}",

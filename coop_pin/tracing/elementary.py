@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coop_pin.errors import TracingError
-from coop_pin.tracing.tape import FOLD, Number, Traced
+from .comparisons import both, either, equal, less, less_equal, maximum, minimum, opposite, select
+from .tape import Number, Traced, UntraceableError, apply
 
 _ROUNDER = 6755399441055744.0
 """1.5 2^52: x + _ROUNDER - _ROUNDER is x rounded to a whole number, for abs(x) < 2^51."""
@@ -81,12 +81,6 @@ _LARGEST_CONDITION = 1e6
 """Of a matrix whose inverse is numpy's within the agreement of a batch and single runs."""
 
 
-def apply(name: str, *numbers: Number) -> Number:
-    """Return the result of an operation of FOLD, on the tape of the traced scalars among the numbers."""
-    scalar = next((number for number in numbers if isinstance(number, Traced)), None)
-    return FOLD[name](*numbers) if scalar is None else scalar.apply(name, *numbers)
-
-
 def _refuse_where(x: Number, is_beyond: Callable[[Any], Number]) -> None:
     """Note, of exact code, that a run is not valid where the function of x is not as accurate as numpy's."""
     if isinstance(x, Traced) and x.tape.is_exact:
@@ -103,69 +97,8 @@ def power(x: Number, exponent: Number) -> Number:
     if exponent == 2:
         return x * x
     if exponent not in (0.5, 0.25):
-        raise TracingError(f"raises to the power {exponent!r}; 2, 1/2 and 1/4 can be traced")
+        raise UntraceableError(f"raises to the power {exponent!r}; 2, 1/2 and 1/4 can be traced")
     return sqrt(x) if exponent == 0.5 else sqrt(sqrt(x))
-
-
-def less(a: Number, b: Number) -> Number:
-    """Return whether a < b, as a mask; false for NaN."""
-    return apply("less", a, b)
-
-
-def select(mask: Number, a: Number, b: Number) -> Number:
-    """Return a where the mask holds, otherwise b."""
-    return apply("select", mask, a, b)
-
-
-def less_equal(a: Number, b: Number) -> Number:
-    """Return whether a <= b, as a mask; false for NaN."""
-    return apply("less_equal", a, b)
-
-
-def equal(a: Number, b: Number) -> Number:
-    """Return whether a == b, as a mask; false for NaN."""
-    return both(less_equal(a, b), less_equal(b, a))
-
-
-def both(a: Number, b: Number) -> Number:
-    """Return whether two masks hold, as a mask."""
-    return select(a, b, 0.0)
-
-
-def either(a: Number, b: Number) -> Number:
-    """Return whether one of two masks holds, as a mask."""
-    return select(a, 1.0, b)
-
-
-def opposite(mask: Number) -> Number:
-    """Return whether a mask does not hold, as a mask."""
-    return apply("sub", 1.0, mask)
-
-
-def minimum(a: Number, b: Number) -> Number:
-    """Return the lesser of two numbers, NaN if one of them is; of equal ones the first."""
-    return _first_if(less_equal(a, b), less(b, a), a, b)
-
-
-def maximum(a: Number, b: Number) -> Number:
-    """Return the greater of two numbers, NaN if one of them is; of equal ones the first."""
-    return _first_if(less_equal(b, a), less(a, b), a, b)
-
-
-def _first_if(is_first: Number, is_second: Number, a: Number, b: Number) -> Number:
-    """Return a or b by masks that both fail for NaN; one that is no NaN for sure saves operations."""
-    if _is_number(b):
-        return select(is_second, b, a)
-    return select(is_first, a, b if _is_number(a) else select(is_second, b, a + b))
-
-
-def _is_number(x: Number) -> bool:
-    return not isinstance(x, Traced) and not math.isnan(x)
-
-
-def sign(x: Number) -> Number:
-    """Return -1, 0 or 1; NaN of NaN."""
-    return select(less_equal(x, x), less(0.0, x) - less(x, 0.0), x)
 
 
 def sin(x: Number) -> Number:

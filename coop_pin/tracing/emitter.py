@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from coop_pin.tracing.tape import Operand, Subroutine, Tape
+from .tape import Operand, Subroutine, Tape
 
 
 class Emitter(ABC):

@@ -10,16 +10,17 @@ import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coop_pin.arrays import Array
-from coop_pin.errors import ArgumentError
-from coop_pin.tracing.tape import Operand, Tape, operands
-from coop_pin.tracing.traced_array import inputs
-from coop_pin.tracing.tree import leaves
+from .tape import Operand, Tape, operands
+from .traced_array import inputs
+from .tree import leaves
+
+Array: TypeAlias = NDArray[np.float64]
+"""Array of floats."""
 
 
 class Layout:
@@ -37,11 +38,11 @@ class Layout:
         """Add fields of these names and shapes.
 
         Raises:
-            ArgumentError: there is one of such a name.
+            ValueError: there is one of such a name.
         """
         for name, shape in shapes.items():
             if name in self._fields:
-                raise ArgumentError(f"the block has a field {name!r} already; give this one another name")
+                raise ValueError(f"the block has a field {name!r} already; give this one another name")
             self._fields[name] = self.size, shape
             self.size += math.prod(shape)
 
@@ -54,11 +55,11 @@ class Layout:
         """Return the slots of a field in a row, for so many numbers.
 
         Raises:
-            ArgumentError: the field has another size.
+            ValueError: the field has another size.
         """
         slots: list[int] = self.slots(name).ravel().tolist()
         if len(slots) != numbers:
-            raise ArgumentError(
+            raise ValueError(
                 f"field {name!r} of the block gets {numbers} numbers; it has the shape"
                 f" {self._fields[name][1]} and takes {len(slots)}"
             )
@@ -93,7 +94,7 @@ class Kernel:
         self.writes: list[tuple[int, Operand]] = []
         self._lanes, self._uniforms, self._fields = lanes, uniforms, dict[tuple[str, str], Any]()
 
-    def beside(self, name: str) -> Kernel:
+    def on_same_tape(self, name: str) -> Kernel:
         """Return a kernel without writes on the same tape: what both need is traced once."""
         other = Kernel(name, self._lanes, self._uniforms)
         other.tape, other.reads, other._fields = self.tape, self.reads, self._fields
@@ -122,7 +123,7 @@ class Kernel:
 
 
 LOAD, RECORD = -1, -2
-"""Codes of instructions beside the indices of kernels."""
+"""Codes of instructions other than the indices of kernels."""
 
 CACHE_LINE = 64
 """Bytes. A record begins with a line; whole lines of it are written past the caches, which are smaller."""
@@ -138,7 +139,8 @@ class Program(NamedTuple):
         loaded: Number of slots that LOAD fills.
         instructions: Instructions in order, shape (n, 2): index of a kernel to run, LOAD or RECORD, and a row
             of the uniforms, the loads or the record.
-        text: LLVM's text of the kernels for the lanes of a machine; they may then be left out.
+        text: LLVM's text of the kernels; they may then be left out.
+        width: Number of lanes at once for which the text is.
     """
 
     kernels: Sequence[Kernel]
@@ -147,6 +149,7 @@ class Program(NamedTuple):
     loaded: int
     instructions: NDArray[np.int64] = np.zeros((0, 2), dtype=np.int64)
     text: str = ""
+    width: int = 0
 
     def rows(self, code: int) -> int:
         """Return the number of rows that a kind of instruction needs."""
@@ -191,7 +194,7 @@ class Machine(ABC):
             The record, shape (rows, recorded, lanes): a view of ``out``.
 
         Raises:
-            ArgumentError: ``out`` is too small, or no row of floats.
+            ValueError: ``out`` is too small, or no row of floats.
         """
         record = self.new_record(block.shape[1], out)
         self._execute(block, uniforms, loads, record, between or (lambda: None))
@@ -218,7 +221,7 @@ class Machine(ABC):
         shape, size = self._shape(lanes), self.record_size(lanes)
         memory = np.empty(size) if out is None else out
         if memory.shape < (size,) or memory.strides != (8,) or memory.dtype != np.float64:
-            raise ArgumentError(f"out has shape {memory.shape}; it must have {size} floats in a row")
+            raise ValueError(f"out has shape {memory.shape}; it must have {size} floats in a row")
         start = -memory.ctypes.data % CACHE_LINE // 8
         return memory[start : start + math.prod(shape)].reshape(shape)
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterator, Sequence
 
-from coop_pin.tracing.emitter import Emitter
-from coop_pin.tracing.kernel import CACHE_LINE, LOAD, RECORD, Kernel, Program
-from coop_pin.tracing.tape import Operand, Subroutine, Tape
+from .emitter import Emitter
+from .kernel import CACHE_LINE, LOAD, RECORD, Kernel, Program
+from .tape import Operand, Subroutine, Tape
 
 _AS_NUMBERS = "%v{i} = uitofp <{width} x i1> %m{i} to {vector}"
 _LINES = {

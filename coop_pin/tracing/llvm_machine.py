@@ -1,4 +1,4 @@
-"""Programs compiled by LLVM (llvmlite); compiled code is kept by the hash of text, processor and LLVM."""
+"""Programs compiled by LLVM (llvmlite), whose code a cache may keep for other processes."""
 
 from __future__ import annotations
 
@@ -7,20 +7,17 @@ import hashlib
 import logging
 from collections.abc import Callable
 from functools import cache, partial
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coop_pin.arrays import Array
-from coop_pin.disk_cache import keep, kept
-from coop_pin.errors import ArgumentError
-from coop_pin.tracing.kernel import Machine, Program
-from coop_pin.tracing.llvm_emitter import ARGUMENTS, llvm_text
+from .kernel import Array, Machine, Program
+from .llvm_emitter import ARGUMENTS, llvm_text
 
 _LOG = logging.getLogger("coop_pin")
 _AT_ONCE = 2_000
-"""Instructions of one call: some 40 ms with 64 runs of two arms with seven joints."""
+"""Instructions of one call: some 40 ms with 64 lanes and kernels of ten thousand operations."""
 
 
 class _Arguments(ctypes.Structure):
@@ -30,25 +27,35 @@ class _Arguments(ctypes.Structure):
     kept: Any
 
 
+class CodeCache(Protocol):
+    """Mapping that keeps compiled code by the digest of its text, processor and LLVM, such as a dict."""
+
+    def get(self, key: bytes, /) -> bytes | None:
+        """Return the code of a key, None for none."""
+
+    def __setitem__(self, key: bytes, code: bytes, /) -> None:
+        """Keep the code of a key, or do not."""
+
+
 class LlvmMachine(Machine):
     """Machine that runs compiled code; its width is that of a vector register."""
 
-    def __init__(self, program: Program, width: int | None = None) -> None:
-        """Compile a program, or load its code from disk.
+    def __init__(self, program: Program, width: int | None = None, cache: CodeCache | None = None) -> None:
+        """Compile a program, or take its code from a cache.
 
         Args:
             program: Kernels and the order of their calls.
             width: Number of lanes of a register; that of this processor when omitted.
+            cache: Cache of compiled code; none when omitted. Whoever can write it can run code here.
 
         Raises:
-            ArgumentError: The program's text is for another number of lanes.
+            ValueError: The program's text is for another number of lanes.
         """
         super().__init__(program, native_width() if width is None else width)
-        text = program.text or llvm_text(program, self.width)
-        if f".v{self.width}f64(" not in text[:100]:  # it would read and write beyond its memory
-            detail = f"the text of the program is not for {self.width} lanes"
-            raise ArgumentError(f"{detail}; take that width, or a program of kernels")
-        self._engine = _engine(text)
+        if program.text and program.width != self.width:  # it would read and write beyond its memory
+            detail = f"the text of the program is for {program.width} lanes, not for {self.width}"
+            raise ValueError(f"{detail}; take that width, or a program of kernels")
+        self._engine = _engine(program.text or llvm_text(program, self.width), {} if cache is None else cache)
         self._run = ctypes.CFUNCTYPE(None, ctypes.POINTER(_Arguments))(
             self._engine.get_function_address("run")
         )
@@ -152,8 +159,8 @@ def native_width() -> int:
     return 8 if features.get("avx512f") else 4 if features.get("avx2") else 2
 
 
-def _engine(text: str) -> Any:
-    """Return an execution engine with the code of a text, compiled or from disk."""
+def _engine(text: str, cache: CodeCache) -> Any:
+    """Return an execution engine with the code of a text, compiled or from a cache."""
     llvm = _llvm()
     processor, features = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
     machine = llvm.Target.from_default_triple().create_target_machine(
@@ -161,14 +168,14 @@ def _engine(text: str) -> Any:
     )
     version = ".".join(map(str, llvm.llvm_version_info))
     key = hashlib.sha256("\n".join((text, processor, features, version)).encode()).digest()
-    code = kept(key)
+    code = cache.get(key)
     if code is None:
         # The tape has folded and shared what LLVM's passes would; this one finds choices by comparisons.
         module, passes = llvm.parse_assembly(text), llvm.create_new_module_pass_manager()
         passes.add_instruction_combine_pass()
         passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options()))
         code = machine.emit_object(module)
-        keep(key, code)
+        cache[key] = code
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.arrays import Array
-from coop_pin.tracing.kernel import LOAD, RECORD, Machine
-from coop_pin.tracing.tape import Operand, Tape
+from .kernel import LOAD, RECORD, Array, Machine
+from .tape import Operand, Tape
 
 _OPERATIONS: dict[str, Callable[..., Any]] = {
     "add": np.add,

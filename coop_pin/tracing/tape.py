@@ -13,8 +13,6 @@ from typing import NamedTuple, NoReturn, TypeAlias
 
 from numpy.lib.mixins import NDArrayOperatorsMixin
 
-from coop_pin.errors import TracingError
-
 Number: TypeAlias = "Traced | float"
 """Traced scalar, or constant."""
 
@@ -37,6 +35,10 @@ FOLD: dict[str, Callable[..., float]] = {
 """The operations, on floats. Masks are 0.0 or 1.0; power_of_two takes whole numbers from -1022 to 1023."""
 
 COMMUTATIVE = {"add", "mul"}
+
+
+class UntraceableError(Exception):
+    """What cannot be traced, such as a branch on a value; the message continues "the function ..."."""
 
 
 class Operation(NamedTuple):
@@ -230,19 +232,20 @@ class Traced(NDArrayOperatorsMixin):
 
     def __float__(self) -> float:
         self._refuse(
-            "turns a value into a plain float, which Pinocchio, scipy and math need;"
-            " use numpy's functions or coop_pin.spatial.generic_numbers"
+            "turns a value into a plain float, which math and compiled libraries need; use numpy's functions"
         )
 
     __int__ = __index__ = __complex__ = __round__ = __trunc__ = __floor__ = __ceil__ = __float__
 
     def __getattr__(self, name: str) -> NoReturn:
         if not name.startswith("__"):  # numpy looks for those of its protocols
-            self.tape.refusals.append(TracingError(f"asks a value for {name!r}, which a traced one has not"))
+            self.tape.refusals.append(
+                UntraceableError(f"asks a value for {name!r}, which a traced one lacks")
+            )
         raise AttributeError(f"a traced value has no attribute {name!r}", name=name, obj=self)
 
     def _refuse(self, message: str) -> NoReturn:
-        error = TracingError(message)
+        error = UntraceableError(message)
         self.tape.refusals.append(error)
         raise error
 
@@ -256,11 +259,17 @@ class Traced(NDArrayOperatorsMixin):
         self.tape.guards.append(self < limit)
 
 
+def apply(name: str, *numbers: Number) -> Number:
+    """Return the result of an operation of FOLD, on the tape of the traced scalars among the numbers."""
+    scalar = next((number for number in numbers if isinstance(number, Traced)), None)
+    return FOLD[name](*numbers) if scalar is None else scalar.apply(name, *numbers)
+
+
 def operands(tape: Tape, numbers: Iterable[Number]) -> list[Operand]:
     """Return numbers as operands of a tape.
 
     Raises:
-        TracingError: One belongs to another tape, or is no number.
+        UntraceableError: One belongs to another tape, or is no number.
     """
     return [_operand(tape, number) for number in numbers]
 
@@ -268,9 +277,10 @@ def operands(tape: Tape, numbers: Iterable[Number]) -> list[Operand]:
 def _operand(tape: Tape, number: Number) -> Operand:
     if isinstance(number, Traced):
         if number.tape is not tape:
-            raise TracingError("mixes traced scalars of two tapes; trace one law at a time")
+            raise UntraceableError("mixes traced scalars of two tapes; trace one function at a time")
         return number.index
     try:
         return float(number)
     except (TypeError, ValueError):
-        raise TracingError(f"computes with {type(number).__name__} {number!r}; it must be a number") from None
+        kind = type(number).__name__
+        raise UntraceableError(f"computes with {kind} {number!r}; it must be a number") from None

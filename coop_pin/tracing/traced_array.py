@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from functools import partial, reduce
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coop_pin.errors import TracingError
-from coop_pin.tracing import elementary
-from coop_pin.tracing.tape import Number, Operand, Tape, Traced
+from . import comparisons, elementary
+from .tape import Number, Operand, Tape, Traced, UntraceableError, apply
 
 
 class Recording:
@@ -34,7 +33,7 @@ def _refusals(values: Any) -> Iterator[None]:
     """Note errors on the tapes of traced scalars among values: the code that is traced may catch them."""
     try:
         if {"raise", "call"} & {*np.geterr().values()} and any(tape.is_exact for tape in _tapes(values)):
-            raise TracingError("computes where numpy.errstate raises or calls, which a batch does not")
+            raise UntraceableError("computes where numpy.errstate raises or calls, unlike compiled code")
         yield
     except Exception as error:
         for tape in _tapes(values):
@@ -131,12 +130,12 @@ def inputs(tape: Tape, *shape: int) -> Any:
 # ---------------------------------------------------------------- numpy's ufuncs and functions
 
 _ARITHMETIC: dict[np.ufunc, Callable[..., Number]] = {
-    np.add: partial(elementary.apply, "add"),
-    np.subtract: partial(elementary.apply, "sub"),
-    np.multiply: partial(elementary.apply, "mul"),
-    np.divide: partial(elementary.apply, "div"),
-    np.negative: partial(elementary.apply, "neg"),
-    np.absolute: partial(elementary.apply, "abs"),
+    np.add: partial(apply, "add"),
+    np.subtract: partial(apply, "sub"),
+    np.multiply: partial(apply, "mul"),
+    np.divide: partial(apply, "div"),
+    np.negative: partial(apply, "neg"),
+    np.absolute: partial(apply, "abs"),
     np.square: lambda x: x * x,
     np.power: elementary.power,
     np.sqrt: elementary.sqrt,
@@ -148,29 +147,29 @@ _ARITHMETIC: dict[np.ufunc, Callable[..., Number]] = {
     np.cos: elementary.cos,
     np.tanh: elementary.tanh,
     np.arctan2: elementary.atan2,
-    np.sign: elementary.sign,
-    np.minimum: elementary.minimum,
-    np.maximum: elementary.maximum,
+    np.sign: comparisons.sign,
+    np.minimum: comparisons.minimum,
+    np.maximum: comparisons.maximum,
 }
 _COMPARISONS: dict[np.ufunc, Callable[..., Number]] = {
-    np.less: elementary.less,
-    np.greater: lambda a, b: elementary.less(b, a),
-    np.less_equal: elementary.less_equal,
-    np.greater_equal: lambda a, b: elementary.less_equal(b, a),
-    np.not_equal: lambda a, b: elementary.opposite(elementary.equal(a, b)),
-    np.equal: elementary.equal,
+    np.less: comparisons.less,
+    np.greater: lambda a, b: comparisons.less(b, a),
+    np.less_equal: comparisons.less_equal,
+    np.greater_equal: lambda a, b: comparisons.less_equal(b, a),
+    np.not_equal: lambda a, b: comparisons.opposite(comparisons.equal(a, b)),
+    np.equal: comparisons.equal,
 }
 _LOGIC: dict[np.ufunc, Callable[..., Number]] = {
-    np.invert: elementary.opposite,
-    np.logical_not: elementary.opposite,
-    np.bitwise_and: elementary.both,
-    np.logical_and: elementary.both,
-    np.bitwise_or: elementary.either,
-    np.logical_or: elementary.either,
+    np.invert: comparisons.opposite,
+    np.logical_not: comparisons.opposite,
+    np.bitwise_and: comparisons.both,
+    np.logical_and: comparisons.both,
+    np.bitwise_or: comparisons.either,
+    np.logical_or: comparisons.either,
 }
 
-
-_KNOWN = {*_ARITHMETIC, *_COMPARISONS, *_LOGIC}
+UFUNCS = {*_ARITHMETIC, *_COMPARISONS, *_LOGIC}
+"""Ufuncs of numpy that can be traced."""
 
 
 def _entrywise(ufunc: np.ufunc, *values: Any) -> Any:
@@ -180,13 +179,13 @@ def _entrywise(ufunc: np.ufunc, *values: Any) -> Any:
     are_truths = all(map(is_truth, values))
     if ufunc in _LOGIC:
         if not are_truths:
-            raise TracingError(f"calls numpy.{ufunc.__name__} with numbers; give it comparisons")
+            raise UntraceableError(f"calls numpy.{ufunc.__name__} with numbers; give it comparisons")
         return as_truth(_LOGIC[ufunc](*values))
     if not are_truths:
         return _ARITHMETIC[ufunc](*values)
     if ufunc is np.multiply:
-        return as_truth(elementary.both(*values))
-    raise TracingError(
+        return as_truth(comparisons.both(*values))
+    raise UntraceableError(
         f"calls numpy.{ufunc.__name__} with truth values only; write & | numpy.logical_not, or"
         " where(condition, 1.0, 0.0) for a number"
     )
@@ -195,15 +194,17 @@ def _entrywise(ufunc: np.ufunc, *values: Any) -> Any:
 def _of_scalars(ufunc: np.ufunc, *values: Any) -> Any:
     """Return the result of a ufunc for scalars that may be Python's, which differ from those of arrays."""
     if ufunc is np.invert:
-        raise TracingError("writes ~ before a single truth value, -2 of Python's True; use numpy.logical_not")
+        raise UntraceableError(
+            "writes ~ before a single truth value, -2 of Python's True; call numpy.logical_not"
+        )
     if ufunc is np.divide and isinstance(values[1], Traced) and values[1].tape.is_exact:
-        values[1].tape.guards.append(elementary.opposite(elementary.equal(values[1], 0.0)))
+        values[1].tape.guards.append(comparisons.opposite(comparisons.equal(values[1], 0.0)))
     return _entrywise(ufunc, *values)
 
 
 def _ufunc(ufunc: np.ufunc, method: str, arguments: Sequence[Any], options: Mapping[str, Any]) -> Any:
     """Return the result of a ufunc; matmul and sums are numpy's own, by Python's operators on the entries."""
-    if method == "__call__" and ufunc in _KNOWN and not options:
+    if method == "__call__" and ufunc in UFUNCS and not options:
         if all(isinstance(argument, Traced | float | int | np.bool_) for argument in arguments):
             return _of_scalars(ufunc, *arguments)
         arrays = [plain(argument) for argument in arguments]
@@ -213,31 +214,26 @@ def _ufunc(ufunc: np.ufunc, method: str, arguments: Sequence[Any], options: Mapp
     is_sum = method == "reduce" and ufunc in (np.add, np.multiply)
     if (is_sum or ufunc is np.matmul) and "out" not in options:
         return traced(getattr(ufunc, method)(*map(plain, arguments), **options))
-    raise TracingError(f"calls numpy.{ufunc.__name__} ({method}), which cannot be traced")
+    raise UntraceableError(f"calls numpy.{ufunc.__name__} ({method}), which cannot be traced")
 
 
 def _any(masks: Any) -> Any:
-    result: Any = False
-    for mask in plain(masks).flat:
-        result = _entrywise(np.logical_or, result, mask)
-    return result
+    return reduce(partial(_entrywise, np.logical_or), plain(masks).flat, False)
 
 
 def _chosen(mask: Number, a: Number, b: Number) -> Any:
     if not is_truth(mask):
-        mask = elementary.opposite(elementary.equal(mask, 0.0))
-    value = elementary.select(mask, a, b)
+        mask = comparisons.opposite(comparisons.equal(mask, 0.0))
+    value = comparisons.select(mask, a, b)
     return as_truth(value) if is_truth(a) and is_truth(b) else value
 
 
 def _vdot(a: Any, b: Any) -> Number:
-    total: Number = 0.0
-    for x, y in zip(plain(a).flat, plain(b).flat, strict=True):
-        total = total + x * y
-    return total
+    pairs = zip(plain(a).flat, plain(b).flat, strict=True)
+    return reduce(lambda total, pair: total + pair[0] * pair[1], pairs, 0.0)
 
 
-_FUNCTIONS: dict[Any, Callable[..., Any]] = {
+FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.where: lambda mask, a, b: traced(np.frompyfunc(_chosen, 3, 1)(*map(plain, (mask, a, b)))),
     np.vdot: _vdot,
     np.any: _any,
@@ -248,8 +244,9 @@ _FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.shape: lambda a: plain(a).shape,
     np.ndim: lambda a: plain(a).ndim,
 }
+"""Functions of numpy by what records them."""
 
-_REARRANGING = {
+REARRANGING = {
     np.concatenate,
     np.stack,
     np.vstack,
@@ -280,7 +277,7 @@ def _norm(x: Any, axis: int = -1, keepdims: bool = False) -> Any:
     return np.sqrt(traced((plain(x) ** 2).sum(axis=axis, keepdims=keepdims)))
 
 
-_INEXACT: dict[Any, Callable[..., Any]] = {
+INEXACT: dict[Any, Callable[..., Any]] = {
     np.einsum: lambda subscripts, *arrays: traced(np.einsum(subscripts, *map(plain, arrays))),
     np.linalg.norm: _norm,
     np.nan_to_num: lambda x: traced(
@@ -291,14 +288,14 @@ _INEXACT: dict[Any, Callable[..., Any]] = {
 
 
 def _function(func: Any, args: Any, kwargs: Any) -> Any:
-    if func in _FUNCTIONS and not kwargs:
-        return _FUNCTIONS[func](*args)
-    if func in _INEXACT and not any(tape.is_exact for tape in _tapes(args)):
-        return _INEXACT[func](*args, **kwargs)
-    if func in _REARRANGING:
+    if func in FUNCTIONS and not kwargs:
+        return FUNCTIONS[func](*args)
+    if func in INEXACT and not any(tape.is_exact for tape in _tapes(args)):
+        return INEXACT[func](*args, **kwargs)
+    if func in REARRANGING:
         result = func(*_plainly(args), **kwargs)
         return [traced(part) for part in result] if isinstance(result, list) else traced(result)
-    raise TracingError(f"calls numpy.{func.__name__}, which cannot be traced")
+    raise UntraceableError(f"calls numpy.{func.__name__}, which cannot be traced")
 
 
 def _plainly(args: Any) -> Iterator[Any]:

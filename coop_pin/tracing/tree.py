@@ -1,7 +1,8 @@
-"""Trees of numbers: nested tuples, lists, mappings, dataclasses and Descriptions of numbers and arrays.
+"""Trees of numbers: nested tuples, lists, mappings and dataclasses of numbers and arrays.
 
-What differs between runs is found leaf by leaf and becomes an input; the rest is constant and folds. The
-attributes of an ordinary object, such as a controller, are a tree, too; what is no tree is refused by name.
+What differs between runs is an input, leaf by leaf; the rest is constant and folds. Any other class is a tree
+by a method ``__tree__()``, which returns its parts by name and a function that returns the same object with
+other parts. What is no tree is refused by name.
 """
 
 from __future__ import annotations
@@ -16,12 +17,9 @@ from types import MappingProxyType
 from typing import Any, NamedTuple, TypeAlias, TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from coop_pin.errors import TracingError
-from coop_pin.schema.base import Description
-from coop_pin.tracing.tape import Subroutine, Tape, Traced, operands
-from coop_pin.tracing.traced_array import TracedMask, as_truth, inputs, is_truth, scalar, traced
+from .tape import Subroutine, Tape, Traced, UntraceableError, operands
+from .traced_array import TracedMask, as_truth, inputs, is_truth, scalar, traced
 
 Tree = TypeVar("Tree")
 
@@ -71,23 +69,25 @@ def flattened(tree: Any, known: Mapping[int, Flat] = MappingProxyType({})) -> Fl
         known: Parts of it that are flattened already, by ``id``.
 
     Raises:
-        TracingError: A part of it is no tree.
+        UntraceableError: A part of it is no tree.
     """
     numbers = list[Any]()
     return numbers, _flatten(tree, numbers, dict(known))
 
 
-def _flatten(tree: Any, numbers: list[Any], known: dict[int, Flat]) -> Hashable:
-    """Append the numbers of a tree to others, and return its structure."""
+def _flatten(
+    tree: Any, numbers: list[Any], known: dict[int, tuple[Any, ...]], owner: Any = None, name: object = ""
+) -> Hashable:
+    """Append the numbers of a tree, a part of an owner, to others, and return its structure."""
     if flat := known.get(id(tree)):
         numbers += flat[0]
         return flat[1]
-    kind = _kind(tree.__class__)
+    kind = _kind_of(tree, owner, name)
     if kind is _NUMBER or kind is _MASK:
         numbers.append(tree)
         return float if kind is _NUMBER else "mask"
     if kind is _ARRAY:
-        if not _has_numbers(tree):
+        if tree.dtype.kind not in _KINDS_OF_NUMBERS:
             return tree.shape, tree.tobytes()
         numbers += tree.ravel().tolist()
         if tree.dtype.kind == "O" and any(truths := tuple(map(is_truth, tree.flat))):
@@ -96,13 +96,11 @@ def _flatten(tree: Any, numbers: list[Any], known: dict[int, Flat]) -> Hashable:
     if kind is _CONSTANT:
         return type(tree), repr(tree)
     first, parts = len(numbers), list[Any]((type(tree),))
-    for name, part in kind.read(tree) if kind else _parts(tree):
-        if _kind(part.__class__) is None:
-            _parts(tree)  # tells which
-        parts.append((name, _flatten(part, numbers, known)))
+    for name, part in kind.read(tree):
+        parts.append((name, _flatten(part, numbers, known, tree, name)))
     structure = tuple(parts)
-    if isinstance(tree, Description):
-        known[id(tree)] = numbers[first:], structure  # arms share their gains
+    if hasattr(tree, "__tree__"):  # others may share it; what is gone may leave its id to another
+        known[id(tree)] = numbers[first:], structure, tree
     return structure
 
 
@@ -116,48 +114,34 @@ def valued(tree: Tree, numbers: Iterator[float]) -> Tree:
     return _mapped(lambda _: next(numbers), tree)
 
 
-def _mapped(function: Callable[[Any], Any], tree: Tree) -> Tree:
-    """Return the same tree with a function of each of its leaves, in order."""
-    kind = _kind(cast(Any, tree).__class__)
+def _mapped(function: Callable[[Any], Any], tree: Tree, owner: Any = None, name: object = "") -> Tree:
+    """Return the same tree, a part of an owner, with a function of each of its leaves, in order."""
+    kind = _kind_of(tree, owner, name)
     if kind is _NUMBER or kind is _MASK:
         return cast(Tree, function(tree))
-    if isinstance(tree, np.ndarray) and _has_numbers(tree):
+    if isinstance(tree, np.ndarray) and tree.dtype.kind in _KINDS_OF_NUMBERS:
         entries = np.empty(tree.size, dtype=object)
         for index, entry in enumerate(tree.ravel().tolist()):
             entries[index] = function(entry)
         return cast(Tree, traced(entries.reshape(tree.shape)))
-    return cast(Tree, kind.make(tree, {name: _mapped(function, part) for name, part in _parts(tree)}))
+    parts = {name: _mapped(function, part, tree, name) for name, part in kind.read(tree)}
+    return cast(Tree, kind.make(tree, parts))
 
 
-def require_state(tree: Any) -> None:
-    """Refuse a law's state that is or holds an object other than the trees of this module.
+def _kind_of(tree: Any, owner: Any = None, name: object = "") -> _Kind:
+    """Return the kind of a tree, which is a part of an owner.
 
     Raises:
-        TracingError: It does.
+        UntraceableError: It is none.
     """
     kind = _kind(tree.__class__)
-    if kind is None or kind is _OBJECT:
-        kinds = "numbers, arrays, texts, tuples, lists, mappings and dataclasses"
-        raise TracingError(f"keeps a {_name(tree)} in its state, which may consist of {kinds}")
-    for _, part in kind.read(tree):
-        require_state(part)
-
-
-def _has_numbers(array: NDArray[Any]) -> bool:
-    return array.dtype.kind in _KINDS_OF_NUMBERS
-
-
-def _parts(tree: Any) -> list[tuple[Any, Any]]:
-    """Return the parts of a tree by name, which are trees; none of a value without parts."""
-    kind = _kind(tree.__class__)
-    parts = list(kind.read(tree)) if kind else [("itself", tree)]
-    for name, part in parts:
-        if _kind(part.__class__) is None:
-            raise TracingError(
-                f"attribute {name!r} of {_name(tree)} is a {_name(part)}, which cannot be traced: it is no"
-                " number, array, text, tuple, list, mapping, dataclass, or object of such attributes"
-            )
-    return parts
+    if kind is None:
+        role = "" if owner is None else f" as {name!r} of {_name(owner)}"
+        raise UntraceableError(
+            f"holds a {_name(tree)}{role}, which cannot be traced: it is no number, array, text, tuple,"
+            " list, mapping, dataclass or object with a method __tree__"
+        )
+    return kind
 
 
 @functools.cache  # the checks of classes cost more than the rest
@@ -171,8 +155,8 @@ def _kind(kind: Any) -> Any:
         return _ARRAY
     if issubclass(kind, _CONSTANTS):
         return _CONSTANT
-    if issubclass(kind, Description):
-        return _Kind(_fields(kind.model_fields), lambda tree, parts: tree.model_copy(update=parts))
+    if hasattr(kind, "__tree__"):
+        return _Kind(lambda tree: tree.__tree__()[0].items(), lambda tree, parts: tree.__tree__()[1](parts))
     if dataclasses.is_dataclass(kind):
         names = [field.name for field in dataclasses.fields(kind)]
         return _Kind(_fields(names), lambda tree, parts: dataclasses.replace(tree, **parts))
@@ -182,34 +166,19 @@ def _kind(kind: Any) -> Any:
         return _Kind(_fields(kind._fields), lambda _, parts: kind(**parts))
     if issubclass(kind, tuple | list):
         return _Kind(enumerate, lambda _, parts: kind(parts.values()))
-    members = {name for base in kind.__mro__ for name in vars(base)}
-    has_slots = any(vars(base).get("__slots__") for base in kind.__mro__)
-    is_of_python = kind.__new__ is object.__new__ and "__dict__" in members
-    return _OBJECT if is_of_python and not has_slots and "__call__" not in members else None
+    return None
 
 
 def _fields(names: Iterable[str]) -> Callable[[Any], Iterable[tuple[str, Any]]]:
     return lambda tree: [(name, getattr(tree, name)) for name in names]
 
 
-def _with_attributes(instance: Any, attributes: dict[str, Any]) -> Any:
-    """Return an object of the same class with these attributes; its constructor is not called."""
-    made = object.__new__(type(instance))
-    vars(made).update(attributes)
-    return made
-
-
-_OBJECT = _Kind(lambda instance: vars(instance).items(), _with_attributes)
-"""Ordinary objects, such as controllers: the only place where the attributes of an object are read."""
-
-
 def _name(value: Any) -> str:
-    kind = type(value)
-    return f"{kind.__module__}.{kind.__qualname__}".removeprefix("builtins.")
+    return f"{type(value).__module__}.{type(value).__qualname__}".removeprefix("builtins.")
 
 
 class SharedFunctions:
-    """Functions of a module of code that are traced once and called for every arm of the same model."""
+    """Functions of a module of code that are traced once and called wherever the same numbers fold."""
 
     def __init__(self) -> None:
         self._traced: dict[Hashable, tuple[Subroutine, Any]] = {}
@@ -225,7 +194,7 @@ class SharedFunctions:
         """
         (numbers, kind), (entries, kind_given) = flattened(constants), flattened(arguments)
         folded = [None if isinstance(number, Traced) else float(number) for number in numbers]
-        # Equal robots in one Pinocchio tree differ by rounding.
+        # What is equal but for rounding shares the code.
         rounded = tuple(None if number is None else f"{number:.13e}" for number in folded)
         key = (function, kind, kind_given, rounded)
         if key not in self._traced:

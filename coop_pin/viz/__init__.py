@@ -1,26 +1,36 @@
-"""Views of runs in 3-D, with the forces drawn: replay, live view, images, videos, Jupyter panel, and report.
+"""Views of runs in 3-D, with the forces drawn: replay, live view, images, videos, Jupyter panel, report.
 
-Public names are loaded on first use: meshcat takes its time.
+Open first: ``cell_scene`` (what is drawn of a cell), ``web/stage.js`` (draws the arrows of
+forces), ``replay`` (a recorded run as one HTML file).
+
+- Scene: ``scene`` (drawables), ``frames`` (numbers of an instant), ``contacts`` (cones, a partner's hand).
+- Page: ``page``, ``curves`` (plots in time), ``highlights`` (worst instants), ``arrows`` (their scale).
+- ``live``: a run while it is computed. ``report``: one page of a run.
+- ``export`` (images, videos) by a ``browser``.
+
+Names are loaded on first use: meshcat takes its time.
+
+Imports ``base``, ``description``, ``figures``, ``grasps``, ``model``, ``reference``, ``results`` and
+``simulation``.
 """
 
 from coop_pin import lazy_names
 
-_PUBLIC = {
-    "LiveView": "coop_pin.viz.live_view",
-    "LiveRun": "coop_pin.viz.live_run",
-    "MetricRow": "coop_pin.viz.report",
-    "NotebookView": "coop_pin.viz.replay",
-    "Panel": "coop_pin.viz.panel",
-    "metrics_table": "coop_pin.viz.report",
-    "notebook_view": "coop_pin.viz.replay",
-    "open_view": "coop_pin.viz.live_view",
-    "replay_html": "coop_pin.viz.replay",
-    "report_html": "coop_pin.viz.report",
-    "save_image": "coop_pin.viz.export",
-    "save_replay": "coop_pin.viz.replay",
-    "save_report": "coop_pin.viz.report",
-    "save_video": "coop_pin.viz.export",
-}
-
-__all__ = sorted(_PUBLIC)
-__getattr__, __dir__ = lazy_names(__name__, _PUBLIC)
+__all__, __getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "LiveRun": "viz.live.live_run",
+        "LiveView": "viz.live.live_view",
+        "MetricRow": "viz.report",
+        "NotebookView": "viz.replay",
+        "Panel": "viz.live.panel",
+        "metrics_table": "viz.report",
+        "notebook_view": "viz.replay",
+        "replay_html": "viz.replay",
+        "report_html": "viz.report",
+        "save_image": "viz.export",
+        "save_replay": "viz.replay",
+        "save_report": "viz.report",
+        "save_video": "viz.export",
+    },
+)

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from coop_pin.description.cell import Cell
-from coop_pin.results import Snapshot
+from coop_pin.description.cell.cell import Cell
+from coop_pin.results.snapshot import Snapshot
 
 TYPICAL_M = 0.15
 """Approximate length of the arrow of a typical force."""

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from coop_pin.errors import BrowserError, needs_extra
+from coop_pin.base.errors import BrowserError, needs_extra
 
 _VARIABLE = "CHROMIUM"
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")

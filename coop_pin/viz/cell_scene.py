@@ -6,12 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from coop_pin.arrays import Array
-from coop_pin.description import Cell, Partner
+from coop_pin.base.arrays import Array
+from coop_pin.base.spatial import make_pose
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.events import Partner
 from coop_pin.figures import palette
 from coop_pin.model.shapes import Box, Cylinder, Mesh, Shape, Sphere, half_extents, payload_shape
 from coop_pin.model.visuals import Body
-from coop_pin.spatial import make_pose
 from coop_pin.viz.arrows import LONGEST_M
 from coop_pin.viz.contacts import contact_items
 from coop_pin.viz.scene import Axes, Camera, Item, Scene, thinned

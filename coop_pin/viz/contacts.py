@@ -7,14 +7,15 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from coop_pin.arrays import Array, Mask
-from coop_pin.description import Cell, Pad
+from coop_pin.base.arrays import Array, Mask
+from coop_pin.base.spatial import exp3, make_pose, quaternions, rotations
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.contact import Pad
 from coop_pin.description.events import Partner
 from coop_pin.figures import palette
 from coop_pin.model.shapes import Box, Cylinder, Mesh, Sphere
 from coop_pin.results.friction import pad_wrench
 from coop_pin.results.quantities import Samples
-from coop_pin.spatial import exp3, make_pose, quaternions, rotations
 from coop_pin.viz.scene import Item
 
 _PAD_M, _PAD_COLOUR = 0.003, "#7d858f"

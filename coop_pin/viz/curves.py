@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array
-from coop_pin.description.cell import Cell
+from coop_pin.base.arrays import Array
+from coop_pin.description.cell.cell import Cell
 from coop_pin.figures import palette
 from coop_pin.results.friction import SHOWN, friction_use
 from coop_pin.results.quantities import Samples

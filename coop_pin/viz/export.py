@@ -17,10 +17,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from coop_pin.arrays import Array, as_positive, typed
-from coop_pin.atomic_write import write_atomically
-from coop_pin.errors import FileWriteError, OutOfRangeError, needs_extra
-from coop_pin.results import RunResult
+from coop_pin.base.arrays import Array, as_positive, typed
+from coop_pin.base.atomic_write import write_atomically
+from coop_pin.base.errors import FileWriteError, OutOfRangeError, needs_extra
+from coop_pin.results.run_result import RunResult
 from coop_pin.viz.browser import offline_page
 from coop_pin.viz.frames import FRAMES_PER_SECOND
 from coop_pin.viz.replay import replay_html

@@ -14,13 +14,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from coop_pin.arrays import Array, Mask
-from coop_pin.description import Cell, Partner
+from coop_pin.base.arrays import Array, Mask
+from coop_pin.base.spatial.internal_wrench import determinate_grasp, virtual_linkage
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.events import Partner
 from coop_pin.figures import palette
 from coop_pin.model.visuals import CellVisuals
-from coop_pin.results import RunResult, Snapshot
 from coop_pin.results.quantities import QUANTITIES, Samples, computed
-from coop_pin.spatial.internal_wrench import determinate_grasp, virtual_linkage
+from coop_pin.results.run_result import RunResult
+from coop_pin.results.snapshot import Snapshot
 from coop_pin.viz.contacts import contact_nodes, contact_poses
 
 FRAMES_PER_SECOND = 30.0

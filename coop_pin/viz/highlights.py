@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Mask
+from coop_pin.base.arrays import Mask
 from coop_pin.description.events import MISSED
 from coop_pin.description.scenario import Scenario
-from coop_pin.results import RunResult
 from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M
+from coop_pin.results.run_result import RunResult
 from coop_pin.results.window import SETTLING_S
 
 _SMALL_N, _SMALL_NM = 1.0, 0.1

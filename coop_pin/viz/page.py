@@ -12,9 +12,9 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from coop_pin.arrays import Array
-from coop_pin.atomic_write import write_atomically
-from coop_pin.description.cell import Cell
+from coop_pin.base.arrays import Array
+from coop_pin.base.atomic_write import write_atomically
+from coop_pin.description.cell.cell import Cell
 from coop_pin.figures import palette
 from coop_pin.viz.arrows import LINEAR_M, LOGARITHMIC, LONGEST_M, ArrowScales
 from coop_pin.viz.curves import Curve, plot_table

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.arrays import Array, typed
-from coop_pin.errors import FieldError
+from coop_pin.base.arrays import Array, typed
+from coop_pin.base.errors import FieldError
 from coop_pin.figures import palette
 from coop_pin.model.visuals import CellVisuals
-from coop_pin.results import RunResult
+from coop_pin.results.run_result import RunResult
 from coop_pin.viz.arrows import LINEAR_M, ArrowScales, recorded_scales
 from coop_pin.viz.cell_scene import cell_scene
 from coop_pin.viz.curves import Curve, cell_curves, curve_rows, thinned_rows

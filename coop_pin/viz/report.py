@@ -16,7 +16,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from coop_pin import __version__
-from coop_pin.arrays import typed
+from coop_pin.base.arrays import typed
+from coop_pin.base.schema.changes import stated, table_text, value_text
 from coop_pin.figures.grasp_figures import friction_figure
 from coop_pin.figures.motion_views import motion_figure
 from coop_pin.figures.run_figures import (
@@ -26,9 +27,8 @@ from coop_pin.figures.run_figures import (
     torque_figure,
     tracking_figure,
 )
-from coop_pin.results import RunResult
 from coop_pin.results.metrics import METRIC_TEXTS, metric_text
-from coop_pin.schema.changes import stated, table_text, value_text
+from coop_pin.results.run_result import RunResult
 from coop_pin.viz.highlights import events_text, telling_instant, trust_text
 from coop_pin.viz.page import save_page, web_file
 from coop_pin.viz.replay import replay_html

@@ -12,7 +12,7 @@ import numpy as np
 from fast_simplification import simplify
 from numpy.typing import ArrayLike
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
 from coop_pin.model.shapes import Mesh, Shape
 
 _AGGRESSION = 3

@@ -10,9 +10,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
-from coop_pin.build_controller import build_controller
 from coop_pin.comparison import controllers_for
 from coop_pin.comparison.trials import benchmark_scenario
+from coop_pin.laws import build_controller
 from coop_pin.spatial import pose_error
 
 BIAS = {"tip.xyz": [1e-3, 0.0, 0.0]}

@@ -1,5 +1,9 @@
 """URDF files: search, and check before Pinocchio reads them.
 
+Open first: ``check`` (all checks of a text or a file), ``find`` (by path or name of a robot), ``report``
+(findings). ``lint``, ``inertia``, ``tree`` and ``meshes`` are the checks, ``loops`` reads closures, ``xacro``
+expands, ``robot`` has kinematics without Pinocchio.
+
 Pinocchio reads a mass of "abc" or "1.0 " as zero, drops a joint if a link has two parents, accepts a zero
 axis, and crashes on a chain of 20 000 links. The check reports every defect with a code, its link or joint,
 and its line.

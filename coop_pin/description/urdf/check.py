@@ -6,7 +6,9 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
-from coop_pin.arrays import typed
+from coop_pin.base.arrays import typed
+from coop_pin.base.errors import FileReadError, UrdfError, UrdfWarning
+from coop_pin.base.user_files import read_user_file
 from coop_pin.description.urdf.find import UrdfFile
 from coop_pin.description.urdf.inertia import physical_findings
 from coop_pin.description.urdf.lint import element_findings
@@ -16,8 +18,6 @@ from coop_pin.description.urdf.report import UrdfFinding, UrdfReport
 from coop_pin.description.urdf.tree import read_tree
 from coop_pin.description.urdf.xacro import expanded
 from coop_pin.description.urdf.xml import MAX_BYTES, DocumentError, read_document
-from coop_pin.errors import FileReadError, UrdfError, UrdfWarning
-from coop_pin.user_files import read_user_file
 
 
 @typed
@@ -31,6 +31,9 @@ def check_urdf(text: str | bytes) -> UrdfReport:
 @typed
 def check_file(urdf: UrdfFile) -> UrdfReport:
     """Return every defect of a file, missing meshes included; a xacro file is expanded first.
+
+    Args:
+        urdf: the file.
 
     Raises:
         UrdfError: the file does not exist any more; it is a xacro file that cannot be expanded, or it cannot

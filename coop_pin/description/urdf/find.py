@@ -12,8 +12,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, Protocol
 
-from coop_pin.arrays import typed
-from coop_pin.errors import UrdfError, suggestion
+from coop_pin.base.arrays import typed
+from coop_pin.base.errors import UrdfError, suggestion
 
 _SHARE = Path("share", "example-robot-data", "robots")
 

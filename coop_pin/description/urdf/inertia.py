@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
 from coop_pin.description.urdf.report import Kind, UrdfFinding
 from coop_pin.description.urdf.tree import Tree
 from coop_pin.description.urdf.xml import Element, finding, number

@@ -26,12 +26,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.arrays import Array, typed
-from coop_pin.description.closure import Closure, NamedRows, RowMask
+from coop_pin.base.arrays import Array, typed
+from coop_pin.base.spatial import inverse_pose, make_pose
+from coop_pin.description.cell.closure import Closure, NamedRows, RowMask
 from coop_pin.description.urdf.report import UrdfFinding, listed, quoted
 from coop_pin.description.urdf.robot import Robot
 from coop_pin.description.urdf.xml import COLON, Element, finding, name_of_tag, number_list, read_document
-from coop_pin.spatial import inverse_pose, make_pose
 
 _SLIDE = (True, True, False, True, True, True)
 _ROWS: dict[str, NamedRows | RowMask] = {

@@ -6,10 +6,10 @@ import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from coop_pin.base.errors import FileReadError
+from coop_pin.base.user_files import head_of_user_file
 from coop_pin.description.urdf.report import UrdfFinding, listed, quoted
 from coop_pin.description.urdf.xml import Element, finding
-from coop_pin.errors import FileReadError
-from coop_pin.user_files import head_of_user_file
 
 _PACKAGES = ("package://", "model://")
 MAX_MESH_BYTES = 100_000_000

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-from coop_pin.arrays import Array
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import NameNotFoundError
 from coop_pin.description.urdf.meshes import meshes
 from coop_pin.description.urdf.tree import Edge, read_tree
 from coop_pin.description.urdf.xml import Element, number, read_document
-from coop_pin.errors import NameNotFoundError
 
 _READABLE = "geometry/*[1][self::box or self::cylinder or self::sphere or self::mesh]"
 """XPath of the shapes of a visual; yourdfpy fails on others and on none."""

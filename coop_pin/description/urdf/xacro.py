@@ -14,9 +14,9 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from coop_pin import limited_process
-from coop_pin.errors import FileReadError, MissingExtraError, UrdfError
-from coop_pin.user_files import read_user_file
+from coop_pin.base import limited_process
+from coop_pin.base.errors import FileReadError, MissingExtraError, UrdfError
+from coop_pin.base.user_files import read_user_file
 
 _CPU_S, _MEMORY = 3, 2**30
 """Limits of an expansion: processor time, s, and memory, bytes; a robot takes a tenth of a second."""

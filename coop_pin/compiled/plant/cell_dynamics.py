@@ -1,0 +1,473 @@
+"""Constrained dynamics of a cell as scalar code: its arms, the payload, closures and compliant grasps.
+
+The payload is welded to the first arm with a rigid grasp, or free where no grasp is rigid. The constraint is
+that of coop_pin.chain.closure: e = -log6(X_i^-1 X_0) of the payload frames that arm i and the arm with the
+payload hold, here in world axes about the world's origin, which takes it to V_i - V_0 = e'.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from coop_pin.chain.free_flyer import displaced, increment_rate, rotation
+from coop_pin.compiled.plant.arm_dynamics import (
+    ArmInput,
+    ArmNumbers,
+    ArmResponse,
+    arm_terms,
+    factor,
+    solve_lower,
+    solve_transposed,
+)
+from coop_pin.compiled.plant.serial_arm import (
+    Numbers,
+    RigidInertia,
+    SerialArm,
+    cross,
+    force_cross,
+    frames,
+    join,
+    motion_cross,
+)
+from coop_pin.description.events import Surroundings
+from coop_pin.grasps.cell_chain import CellChain
+from coop_pin.grasps.spring_damper import MovingFrame, SpringDamper, SpringState, spring_state
+from coop_pin.model.transmission import Friction, friction
+from coop_pin.results.quantities import WORK, WORK_OF_GRASPS
+from coop_pin.tracing.elementary import polynomial
+from coop_pin.tracing.kernel import Kernel
+from coop_pin.tracing.tape import Number, Traced
+from coop_pin.tracing.traced_array import parts, plain, traced
+from coop_pin.tracing.tree import SharedFunctions
+
+_ROTATION = (15.0 / 336.0, 3.0 / 40.0, 1.0 / 6.0, 1.0)
+_TRANSLATION = (1.0 / 30240.0, 1.0 / 720.0, 1.0 / 12.0)
+"""Series of asin(s) / s in s^2, and of (1 - x / 2 cot(x / 2)) / x^2 in x^2: exact for closed grasps."""
+
+
+class GraspNumbers(NamedTuple):
+    """Numbers of a compliant grasp.
+
+    Attributes:
+        spring: spring and damper; zero where the grasp is open.
+        X_PE: pose of the tip on the payload as the arm's own kinematics have it, shape (4, 4).
+        X_PG: pose on the payload at which the spring rests, shape (4, 4).
+    """
+
+    spring: SpringDamper
+    X_PE: Numbers
+    X_PG: Numbers
+
+    @classmethod
+    def of_chain(cls, chain: CellChain) -> tuple[GraspNumbers | None, ...]:
+        """Return those of each arm; None for a rigid grasp."""
+        numbers: list[GraspNumbers | None] = [None] * len(chain.model.arms)
+        grasps, springs = list(chain.cell.grasps.values()), chain.springs
+        for i, spring, X_PG in zip(springs.arms, springs.acting(), springs.held().poses, strict=True):
+            numbers[i] = cls(spring, grasps[i].matrix, X_PG)
+        return tuple(numbers)
+
+
+class CellNumbers(NamedTuple):
+    """Constants of a cell's dynamics, most of which fold into its code.
+
+    Attributes:
+        arms: serial arms of the plant; the payload is not part of the last body of the one that carries it.
+        carries: whether the payload is welded to each arm: to none where it is free.
+        grasps: compliant grasp of each arm; None for a rigid one.
+        tips: position of each tip in the payload frame, m, shape (m, 3).
+        position_gain: omega^2 of Baumgarte's stabilisation, 1/s^2.
+        velocity_gain: 2 zeta omega, 1/s.
+        friction: friction of each arm.
+        surroundings: payload, and what acts on it from outside.
+    """
+
+    arms: tuple[SerialArm, ...]
+    carries: tuple[bool, ...]
+    grasps: tuple[GraspNumbers | None, ...]
+    tips: Numbers
+    position_gain: Number
+    velocity_gain: Number
+    friction: tuple[Friction, ...]
+    surroundings: Surroundings
+
+    @classmethod
+    def from_chain(cls, chain: CellChain) -> CellNumbers:
+        """Return the constants of a chain whose payload is welded to an arm, or free on compliant grasps.
+
+        Raises:
+            TracingError: an arm is no serial chain.
+        """
+        tree, cell, model, arms = chain.model, chain.cell, chain.mechanism.model, []
+        for slot in tree.arms:
+            columns = range(slot.v_slice.start, slot.v_slice.stop)
+            joints = [joint for joint in range(1, model.njoints) if model.idx_vs[joint] in columns]
+            X_JP = model.frames[slot.tip].placement * pin.SE3(cell.grasps[slot.name].matrix).inverse()
+            is_welded = slot.name in tree.closed_by_tree
+            last = tree.carrier_inertia if is_welded else model.inertias[joints[-1]]
+            arms.append(SerialArm.from_model(model, joints, X_JP, last))
+        gains = chain.mechanism.stabilisation
+        return cls(
+            arms=tuple(arms),
+            carries=tuple(slot.name in tree.closed_by_tree for slot in tree.arms),
+            grasps=GraspNumbers.of_chain(chain),
+            tips=np.array([cell.grasps[arm].matrix[:3, 3] for arm in cell.arms]),
+            position_gain=gains.position_gain,
+            velocity_gain=gains.velocity_gain,
+            friction=tuple(friction(arm, name) for name, arm in cell.arms.items()),
+            surroundings=cell.surroundings,
+        )
+
+    @property
+    def carrier(self) -> int | None:
+        """Index of the arm to which the payload is welded; None where it is free."""
+        return self.carries.index(True) if any(self.carries) else None
+
+    @property
+    def closed(self) -> list[int]:
+        """Indices of the arms whose grasps are closures."""
+        return [i for i in range(len(self.arms)) if i != self.carrier and self.grasps[i] is None]
+
+    @property
+    def compliant(self) -> dict[int, GraspNumbers]:
+        """Compliant grasps by the index of their arm."""
+        return {i: grasp for i, grasp in enumerate(self.grasps) if grasp is not None}
+
+    @property
+    def joints(self) -> int:
+        """Number of joints of all arms."""
+        return sum(len(arm.bodies) for arm in self.arms)
+
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """Sizes of configuration and velocity, a free payload's last, and number of works."""
+        N, is_free, is_elastic = self.joints, self.carrier is None, bool(self.compliant)
+        return N + 7 * is_free, N + 6 * is_free, len(WORK) + is_elastic * len(WORK_OF_GRASPS)
+
+    def by_arm(self, values: Numbers) -> list[Numbers]:
+        """Return the part of each arm of values of all joints or drives, without those of a free payload."""
+        return parts(values[: self.joints], [len(arm.bodies) for arm in self.arms])
+
+    def displaced(self, q: Numbers, increments: Sequence[Numbers]) -> Numbers:
+        """Return q (+) u of an increment u, a sum: shape (N,) or, with a free payload, (N + 7,)."""
+        if self.carrier is not None:
+            return sum(increments, q)
+        N, u = self.joints, sum(increments[1:], increments[0])
+        return traced(np.concatenate((q[:N] + u[:N], displaced(q[N:], u[N:]))))
+
+    def increment_rate(self, u: Numbers, v: Numbers) -> Numbers:
+        """Return u' with which q (+) u moves with velocity v, shape (N,) or (N + 6,)."""
+        if self.carrier is not None:
+            return v
+        N = self.joints
+        return traced(np.concatenate((v[:N], increment_rate(u[N:], v[N:]))))
+
+    def moving_rows(self, q: Sequence[Numbers]) -> list[int]:
+        """Return the rows of world six-vectors that are not zero by structure for every motion of the cell.
+
+        Args:
+            q: Joint positions of each arm, traced, shape (n,) each.
+        """
+        S = np.hstack([frames(arm, positions).S for arm, positions in zip(self.arms, q, strict=True)])
+        return [row for row in range(6) if any(isinstance(x, Traced) or x != 0.0 for x in S[row])]
+
+
+class CellMotion(NamedTuple):
+    """Accelerations and forces of a cell at a state, and what is observed of it.
+
+    Attributes:
+        rates: accelerations of all joints and of a free payload, then powers in the order of WORK, whose last
+            is done at instants only, and of WORK_OF_GRASPS, shape (nv + 4,) or (nv + 5,).
+        wrenches: F_i on each arm by the payload about P in world axes, shape (m, 6); of closures only the
+            moving rows are determined.
+        R_WP: orientation of the payload, shape (3, 3).
+        p_WP: position of P, shape (3,).
+        V_WP: twist of the payload about P, shape (6,).
+        payload_wrench: whole wrench on the payload about P in world axes, besides gravity, shape (6,).
+        tips: positions of the tips, shape (m, 3).
+        closure_errors: distance and angle between tip and grasp, shape (m, 2).
+        kinetic: energy, J.
+        potential: energy, J.
+        moment: first moment of arms and payload about the world's origin, kg m, shape (3,).
+        springs: states of the compliant grasps.
+        elastic: energy in the springs, J.
+    """
+
+    rates: Numbers
+    wrenches: Numbers
+    R_WP: Numbers
+    p_WP: Numbers
+    V_WP: Numbers
+    payload_wrench: Numbers
+    tips: Numbers
+    closure_errors: Numbers
+    kinetic: Number
+    potential: Number
+    moment: Numbers
+    springs: tuple[SpringState, ...]
+    elastic: Number
+
+
+class CellState(NamedTuple):
+    """State of a cell, and the forces that its drives hold.
+
+    Attributes:
+        q: joint positions of all arms, then position and quaternion of a free payload, shape (N,) or
+            (N + 7,).
+        v: joint rates of all arms, then twist of a free payload in its own axes, shape (N,) or (N + 6,).
+        force: generalised force of the drives, N m, shape (N,).
+    """
+
+    q: Numbers
+    v: Numbers
+    force: Numbers
+
+    @classmethod
+    def of(cls, kernel: Kernel) -> CellState:
+        """Return the state in a kernel's slots."""
+        return cls(*map(kernel.read, cls._fields))
+
+
+def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState) -> CellMotion:
+    """Return the constrained motion of a cell under drives, friction, compliant grasps and surroundings.
+
+    With G_i and b_i of ArmResponse, 0 the arm that carries the payload, and about the world's origin the
+    payload wrench W and f_i on arm i by the payload, f_c on those with compliant grasps::
+
+        G_i f_i + b_i + d_i = b_0 + G_0 (W - sum_c f_c - sum_j f_j),   i, j with closures
+        d_i = (V_i - V_0) x V_i + 2 zeta omega (V_i - V_0) + omega^2 e_i
+
+    f_0 follows from the balance of the payload. Where no grasp is rigid, W - sum_c f_c moves the payload.
+
+    Args:
+        functions: Shared functions of the arms.
+        cell: Constants of the cell.
+        state: traced.
+    """
+    acting, (q, v, force) = cell.surroundings, map(cell.by_arm, state)
+    payload, gravity = RigidInertia(acting.mass, np.zeros(3), acting.inertia), acting.gravity
+    resistance = [friction.force(rates) for friction, rates in zip(cell.friction, v, strict=True)]
+    tau = [drives + losses for drives, losses in zip(force, resistance, strict=True)]
+    rows = cell.moving_rows(q)
+    inputs, kept = _arm_inputs(cell, payload, q, v, tau), "".join(map(str, rows))
+    terms = [
+        _terms(
+            functions, ArmNumbers(arm, gravity, kept if grasp is None else ""), one, in_place=len(rows) < 6
+        )
+        for arm, grasp, one in zip(cell.arms, cell.grasps, inputs, strict=True)
+    ]
+    R, p, V = body = _payload_frame(cell, terms, state)
+    V_WP = join(V[:3] + cross(V[3:], p), V[3:])
+    # F_P is the whole wrench on the payload besides gravity, about P in world axes. One that depends on R, p
+    # and V_WP is added here and to PinocchioPlant.payload_wrench, and Surroundings.acts is true then.
+    F_P = acting.push
+    W = join(F_P[:3], F_P[3:] + cross(p, F_P[:3]))
+    springs = _spring_states(cell, terms, body)
+    errors = {i: closure_error(R, p, terms[i].R_WP, terms[i].p_WP) for i in cell.closed}
+    F = {i: spring.on_body for i, spring in springs.items()}
+    F |= _closure_forces(cell, terms, W - sum(F.values(), np.zeros(6)), errors, rows)
+    total = W - sum((F[i] for i in sorted(F)), np.zeros(6))
+    accelerations = [
+        arm.acceleration_under(F[i]) if i in springs else arm.acceleration(F.get(i, total)[rows])
+        for i, arm in enumerate(terms)
+    ]
+    if cell.carrier is None:
+        rates_P = state.v[cell.joints :]
+        accelerations.append(_free_acceleration(acting, body, total, rates_P))
+    else:
+        moved, arm = payload.moved(R, p), terms[cell.carrier]
+        A = arm.A + arm.S @ accelerations[cell.carrier]
+        F[cell.carrier] = total - (moved.times(A) + force_cross(V, moved.times(V)))
+    rates = state.v[: cell.joints]
+    powers = {
+        "work_actuation": state.force @ rates,
+        "work_friction": traced(np.concatenate(resistance)) @ rates,
+        "work_external": F_P @ V_WP,
+        "work_payload_change": 0.0,
+        "work_grasps": sum((spring.power for spring in springs.values()), 0.0),
+    }
+    works = WORK + WORK_OF_GRASPS if springs else WORK
+    tips = np.stack([arm.p_WP + arm.R_WP @ tip for arm, tip in zip(terms, cell.tips, strict=True)])
+    sizes = np.zeros((len(terms), 2)).astype(object)
+    for i, error in errors.items():
+        sizes[i] = _size(error, tips[i])
+    motion = CellMotion(
+        rates=np.concatenate((*accelerations, [powers[name] for name in works])),
+        wrenches=np.stack([_about(p, F[i]) for i in sorted(F)]),
+        R_WP=R,
+        p_WP=p,
+        V_WP=V_WP,
+        payload_wrench=F_P,
+        tips=tips,
+        closure_errors=sizes,
+        kinetic=sum((arm.kinetic for arm in terms), 0.0),
+        potential=sum((-1.0 * (arm.moment @ plain(gravity)) for arm in terms), 0.0),
+        moment=sum((arm.moment for arm in terms), np.zeros(3)),
+        springs=tuple(springs.values()),
+        elastic=_elastic_energy(cell, springs),
+    )
+    return motion if cell.carrier is not None else _with_payload(motion, acting)
+
+
+def _payload_frame(cell: CellNumbers, terms: Sequence[ArmResponse], state: CellState) -> MovingFrame:
+    """Return the payload frame: by the arm that carries it, or of the free payload."""
+    if cell.carrier is not None:
+        arm = terms[cell.carrier]
+        return MovingFrame(arm.R_WP, arm.p_WP, arm.V)
+    (p, quaternion), V_P = np.split(state.q[cell.joints :], [3]), state.v[cell.joints :]
+    R = rotation(quaternion)
+    v, w = R @ V_P[:3], R @ V_P[3:]
+    return MovingFrame(R, p, join(v + cross(p, w), w))
+
+
+def _spring_states(
+    cell: CellNumbers, terms: Sequence[ArmResponse], body: MovingFrame
+) -> dict[int, SpringState]:
+    """Return the states of the compliant grasps by their arms."""
+    tips = {i: MovingFrame(terms[i].R_WP, terms[i].p_WP, terms[i].V) for i in cell.compliant}
+    return {
+        i: spring_state(grasp.spring, _fixed(tips[i], grasp.X_PE), _fixed(body, grasp.X_PG))
+        for i, grasp in cell.compliant.items()
+    }
+
+
+def _fixed(body: MovingFrame, X: Numbers) -> MovingFrame:
+    """Return the frame at a pose on a body, shape (4, 4)."""
+    R, p, V = body
+    return MovingFrame(R @ plain(X[:3, :3]), p + R @ plain(X[:3, 3]), V)
+
+
+def _free_acceleration(acting: Surroundings, body: MovingFrame, W: Numbers, V_P: Numbers) -> Numbers:
+    """Return the rate of a free payload's twist in its own axes, shape (6,).
+
+    m (v' + w x v) = R^T (f + m g),  I w' + w x I w = R^T n
+
+    Args:
+        acting: Payload and gravity.
+        body: Payload frame.
+        W: Wrench on the payload about the world's origin without gravity, [f, n + p x f].
+        V_P: Twist v, w in axes of the payload.
+    """
+    R, p, _ = body
+    (v, w), inertia, f = (V_P[:3], V_P[3:]), plain(acting.inertia), W[:3]
+    linear = R.T @ (f / acting.mass + plain(acting.gravity)) - cross(w, v)
+    moment = R.T @ (W[3:] - cross(p, f)) - cross(w, inertia @ w)
+    L, D_inverse = factor(inertia)
+    return join(linear, solve_transposed(L, D_inverse * solve_lower(L, moment)))
+
+
+def _elastic_energy(cell: CellNumbers, springs: Mapping[int, SpringState]) -> Number:
+    """Return the energy in all springs, J."""
+    states = {i: (spring.position[None], spring.rotation[None]) for i, spring in springs.items()}
+    return sum((grasp.spring.energy(*states[i])[0] for i, grasp in cell.compliant.items()), 0.0)
+
+
+def _with_payload(motion: CellMotion, acting: Surroundings) -> CellMotion:
+    """Return a motion with energies and first moment of the free payload."""
+    kinetic, potential = _payload_energies(acting, motion)
+    return motion._replace(
+        kinetic=motion.kinetic + kinetic,
+        potential=motion.potential + potential,
+        moment=motion.moment + acting.mass * motion.p_WP,
+    )
+
+
+def energy_gain(before: Surroundings, after: Surroundings, motion: CellMotion) -> Number:
+    """Return the energy that other surroundings add, J: of the payload, and of the arms in another gravity.
+
+    Args:
+        before: Surroundings until now.
+        after: Surroundings from now on.
+        motion: Motion in those until now.
+    """
+    arms = motion.moment - before.mass * motion.p_WP
+    gain = sum(_payload_energies(after, motion)) - sum(_payload_energies(before, motion))
+    return gain - arms @ plain(after.gravity - before.gravity)
+
+
+def _payload_energies(surroundings: Surroundings, motion: CellMotion) -> tuple[Number, Number]:
+    """Return kinetic and potential energy of the payload, J."""
+    v, w_P, mass = motion.V_WP[:3], motion.R_WP.T @ motion.V_WP[3:], surroundings.mass
+    kinetic = 0.5 * (mass * (v @ v) + w_P @ (surroundings.inertia @ w_P))
+    weight: Any = mass * (surroundings.gravity @ motion.p_WP)
+    return kinetic, -weight
+
+
+def closure_error(R_0: Numbers, p_0: Numbers, R_i: Numbers, p_i: Numbers) -> Numbers:
+    """Return e = -log6(X_0 X_i^-1) = -[p - w x p / 2 + beta w x (w x p), w] in the world, shape (6,)."""
+    R = R_0 @ R_i.T
+    p = p_0 - R @ p_i
+    sine = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]], dtype=object)
+    w = polynomial(sine @ sine, _ROTATION) * sine
+    wp = cross(w, p)
+    return -join(p - 0.5 * wp + polynomial(w @ w, _TRANSLATION) * cross(w, wp), w)
+
+
+def _arm_inputs(cell: CellNumbers, payload: RigidInertia, *states: Sequence[Numbers]) -> list[ArmInput]:
+    """Return the input of each arm, given q, v and tau of each."""
+    arm_inputs = []
+    for index, (arm, q, v, tau) in enumerate(zip(cell.arms, *states, strict=True)):
+        first, last, held = arm.bodies[0], arm.bodies[-1].inertia, (arm.R_JP, arm.p_JP)
+        carried = last.plus(payload.moved(*held)) if index == cell.carrier else last
+        arm_inputs.append(ArmInput(q, v, tau, (first.R, first.p), carried, held))
+    return arm_inputs
+
+
+def _terms(functions: SharedFunctions, model: ArmNumbers, state: ArmInput, *, in_place: bool) -> ArmResponse:
+    """Return the terms of an arm: by a call of its model's code; in a plane, where it is short, in place."""
+    if in_place:
+        return arm_terms(model, state)
+    blank, bodies = (np.zeros((3, 3)), np.zeros(3)), [*model.arm.bodies]
+    bodies[0] = bodies[0]._replace(R=blank[0], p=blank[1])
+    bodies[-1] = bodies[-1]._replace(inertia=RigidInertia(0.0, blank[1], blank[0]))
+    shared = SerialArm(tuple(bodies), model.arm.is_revolute, *blank)
+    return functions.call(state.v[0].tape, arm_terms, model._replace(arm=shared), state)
+
+
+def _closure_forces(
+    cell: CellNumbers,
+    terms: Sequence[ArmResponse],
+    W: Numbers,
+    errors: Mapping[int, Numbers],
+    rows: Sequence[int],
+) -> dict[int, Numbers]:
+    """Return f_i on the arms with closures by the payload, about the world's origin, shape (6,) each.
+
+    Args:
+        cell: Constants of the cell.
+        terms: Dynamics of the arms.
+        W: Wrench on the payload besides those of closures, about the world's origin, shape (6,).
+        errors: Closure errors of the arms with closures.
+        rows: Moving rows; the others are zero.
+    """
+    if cell.carrier is None or not errors:
+        return {}
+    first, others, k = terms[cell.carrier], [terms[i] for i in errors], len(rows)
+    offset = first.b + first.G @ W[rows]
+    right, G = [], np.empty((k * len(others), k * len(others)), dtype=object)
+    for i, (arm, error) in enumerate(zip(others, errors.values(), strict=True)):
+        drift = arm.V - first.V
+        closing = motion_cross(drift, arm.V) + cell.velocity_gain * drift + cell.position_gain * error
+        right += [*(offset - arm.b - closing[rows])]
+        for j in range(len(others)):
+            G[k * i : k * (i + 1), k * j : k * (j + 1)] = first.G + arm.G if i == j else first.G
+    L, D_inverse = factor(G)
+    f = solve_transposed(L, D_inverse * solve_lower(L, np.array(right, dtype=object)))
+    forces = np.zeros((len(others), 6)).astype(object)
+    forces[:, rows] = f.reshape(-1, k)
+    return dict(zip(errors, forces, strict=True))
+
+
+def _about(p: Numbers, force: Numbers) -> Numbers:
+    """Return a force about the world's origin as a wrench about p, shape (6,)."""
+    return join(force[:3], force[3:] - cross(p, force[:3]))
+
+
+def _size(error: Numbers, tip: Numbers) -> list[Any]:
+    """Return distance and angle of a closure error, at the tip."""
+    linear = error[:3] + cross(error[3:], tip)
+    return [(linear @ linear) ** 0.5, (error[3:] @ error[3:]) ** 0.5]

@@ -1,0 +1,263 @@
+"""Payload-space law as a scenario states it: its fields, its checks, its bound, and its errors at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+import numpy as np
+from pydantic import (
+    BeforeValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
+
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import FieldError
+from coop_pin.base.schema.base import NotNegative, Positive, number_or_row
+from coop_pin.base.spatial import TaskRows, weight_wrench
+from coop_pin.control.bounds import SampledLoop
+from coop_pin.control.controller import ArmController
+from coop_pin.control.law import LoadTransfer
+from coop_pin.control.laws.anchored_integral import AnchoredIntegral
+from coop_pin.control.laws.bounded_anchor import BoundedAnchor
+from coop_pin.control.laws.payload_space_controller import (
+    GripGuard,
+    PayloadSpaceController,
+    PayloadSpaceGains,
+)
+from coop_pin.control.laws.sliding_surface import Saturation, SurfaceLaw, Switching
+from coop_pin.control.measurement import ControlledArm
+from coop_pin.control.posture import PostureGains
+from coop_pin.control.steady_state import SteadyDirection
+from coop_pin.control.terms import GainAxes
+
+_BOUND = ("anchor_bias", "anchor_bias_answered")
+"""Fields of the bound; a law without one is written without them, as before there was one."""
+
+
+def _bias(value: Any) -> Any:
+    """Return a bias, m and rad, as a pair of positive numbers."""
+    bias = value if isinstance(value, str) else number_or_row(value)
+    if not isinstance(bias, tuple) or len(bias) != 2 or min(bias) <= 0.0:
+        raise FieldError(f"is {value!r}; it must be two positive numbers, m and rad")
+    return bias
+
+
+def _bias_or_none(value: Any) -> Any:
+    return value if isinstance(value, str) and value == "none" else _bias(value)
+
+
+SLIP_GUARD = 1e-2
+"""Slip from which on the arms give up, m."""
+
+
+class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
+    """The payload-space law, for any number of joints: PayloadSpaceController.
+
+    What is measured decides how its integral keeps the internal force: the internal wrench anchors it; this
+    arm's own wrist wrench does, with a stated payload mass; else it leaks.
+
+    Attributes:
+        posture: Spring and damper of the spare joints of redundant arms.
+        payload_mass: Approximate mass of the payload, kg, to separate the payload's weight from the internal
+            wrench at the arm's own wrist; when omitted, wrist sensors are not used by themselves.
+        stale_after: Ticks without a new measurement after which the integral leaks, beyond those that the
+            force path itself takes.
+        anchor_bias: b_0, the bias of the kinematics for which measured internal wrenches may move the
+            integral at any time, m and rad; "none" bounds nothing. At most half of the layer of the integral.
+        slip_guard: Slip of a patch, m, from which on the arms of the cell give up squeeze and anchor, which
+            would push them on; the largest slip crosses between the arms as measured wrenches do.
+        normal_guard: Normal force at the arm's own wrist, N, below which it does so alone where more than
+            twice that is desired; 0 guards nothing. The others lose theirs, and give up by themselves.
+        anchor_bias_answered: b_max, how far they may while a bias shows at the start, m and rad; a bias near
+            it need not come to rest. At most the norm of the edges of the layer. Equal to b_0: a fixed bound.
+        gain_axes: Axes of ``sliding_gain``: "world", or "payload", in which a matrix turns with the payload
+            as each arm sees it. Then ``pose_gain`` is one value for positions and one for rotations.
+        knows_deflection: Whether the arms know the stiffness of compliant grasps, and count on how far the
+            squeeze deflects them; else they give up a part of the squeeze to what they see of it.
+    """
+
+    later_fields: ClassVar[tuple[str, ...]] = ("gain_axes", "slip_guard", "normal_guard", "knows_deflection")
+
+    equal_gains: ClassVar[Mapping[str, str]] = {
+        **SurfaceLaw.equal_gains,
+        "anchor_gain": "else the anchors move the payload: it needs one g",
+    }
+
+    spare_spring: ClassVar[str] = "controller.posture.stiffness"
+
+    kind: Literal["payload-space"] = "payload-space"
+    switching: Switching = Saturation(width=0.05)
+    posture: PostureGains = PostureGains()
+    payload_mass: NotNegative | None = None
+    stale_after: int = Field(default=3, ge=1)
+    anchor_bias: Annotated[Any, BeforeValidator(_bias_or_none)] = (2e-3, 1e-2)
+    anchor_bias_answered: Annotated[Any, BeforeValidator(_bias)] = (2e-2, 1e-1)
+    slip_guard: Positive = SLIP_GUARD
+    gain_axes: Literal["world", "payload"] = "world"
+    normal_guard: NotNegative = 0.0
+    knows_deflection: bool = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_bound(cls, fields: Any) -> Any:
+        """Return the fields of a record without ``anchor_bias``: of a law that bounds no anchor."""
+        omitted = {*_BOUND, "payload_mass", *cls.later_fields}
+        is_record = isinstance(fields, Mapping) and {*cls.model_fields} - omitted <= {*fields} - {*_BOUND}
+        return {"anchor_bias": "none"} | dict(fields) if is_record else fields
+
+    @model_validator(mode="after")
+    def _answers_for_more(self) -> Self:
+        if self.anchor_bias != "none" and np.less(self.anchor_bias_answered, self.anchor_bias).any():
+            least = list(self.anchor_bias)
+            detail = f"is {list(self.anchor_bias_answered)}; it must be at least anchor_bias, {least}"
+            raise FieldError(detail, "anchor_bias_answered")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _written(self, fields_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        fields, without = super()._written(fields_of), _BOUND if self.anchor_bias == "none" else ()
+        return {name: value for name, value in fields.items() if name not in without}
+
+    @property
+    def measures(self) -> bool:
+        """Whether the law measures a wrench."""
+        return self.payload_mass is not None or self.force_path.measures
+
+    @property
+    def load_transfer(self) -> LoadTransfer:
+        """Response to the plan; an anchor with a bound would keep the load that a table gets."""
+        is_anchored = self.measures and self.gains.anchor_gain > 0.0
+        return LoadTransfer(follows_plan=True, releases=is_anchored and self.anchor_bias == "none")
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Needs of the law: the holding torque, and the internal or its own wrench."""
+        is_own = self.payload_mass is not None and not self.force_path.measures
+        return self.measured(["holding torque", "own wrench" if is_own else "internal wrench"])
+
+    @property
+    def active_gains(self) -> dict[str, Any]:
+        """Gains that have an effect, by name; the leak as it acts."""
+        return super().active_gains | {"leak": self._leak(self.gains)}
+
+    def _leak(self, gains: PayloadSpaceGains) -> float:
+        """Return lambda, 1/s: fast where it bridges a lost sensor, slow where it carries loads."""
+        return gains.leak if gains.leak is not None else (10.0 if self.measures else 0.2)
+
+    def controller_of(self, arm: ControlledArm, gains: PayloadSpaceGains, scenario: Any) -> ArmController:
+        """Return the law of one arm."""
+        leak, fastest, mass = self._leak(gains), 1.0 / arm.period, self.payload_mass
+        if leak * arm.period > 1.0:  # the integral would overshoot its goal
+            detail = f"is {leak:g} /s; at {fastest:g} Hz it can be at most {fastest:g}: state a smaller one"
+            raise FieldError(detail, "controller.gains.leak")
+        rows, share, n, axes = arm.rows, arm.load_share, arm.way_out, self._axes(arm.rows, gains)
+        integral = AnchoredIntegral(
+            gain=gains.anchor_gain,
+            leak=leak,
+            stale_after=self.stale_after + arm.oldest_wrench,
+            bound=self._bound(axes, gains, share, arm.period, 1 + arm.oldest_wrench),
+        )
+        guard = None
+        if n is not None:
+            normal = rows.select(np.append(n, np.zeros(3)))
+            guard = GripGuard(rows, normal, self.slip_guard, self.normal_guard)
+        return PayloadSpaceController(
+            arm,
+            gains,
+            self.switching,
+            integral,
+            axes,
+            payload_weight=None if mass is None else rows.select(weight_wrench(mass, arm.gravity)),
+            compliance=self._compliance(arm, scenario),
+            posture=self.posture.term(arm) if arm.drives > rows.size else None,
+            guard=guard,
+        )
+
+    def _compliance(self, arm: ControlledArm, scenario: Any) -> Array | None:
+        """Return C on the task rows, shape (k_0, k_0); None where it is zero, or not known."""
+        if not self.knows_deflection or arm.name not in scenario.cell.compliant:
+            return None
+        return np.array(scenario.cell.compliance(arm.name)[np.ix_(arm.rows.indices, arm.rows.indices)])
+
+    def _axes(self, rows: TaskRows, gains: PayloadSpaceGains) -> GainAxes:
+        """Return the axes of K.
+
+        Raises:
+            FieldError: gamma is not that of any axes.
+        """
+        gamma, linear = gains.pose_gain.diagonal(), rows.are_linear
+        kinds = {*gamma[linear]}, {*gamma[~linear]}
+        if self.gain_axes == "payload" and max(map(len, kinds)) > 1:
+            detail = f"is {gamma.tolist()}; with gain_axes 'payload' it must be one value for all positions"
+            raise FieldError(f"{detail}, and one for all rotations", "controller.gains.pose_gain")
+        return GainAxes(rows, self.gain_axes == "payload")
+
+    def _bound(
+        self, axes: GainAxes, gains: PayloadSpaceGains, share: float, period: float, ticks: int
+    ) -> BoundedAnchor | None:
+        """Return the bound of the anchor of a share c; None where none is stated, or derived.
+
+        Args:
+            axes: Axes of K.
+            gains: Gains, sized.
+            share: c.
+            period: T, s.
+            ticks: Age that measured wrenches reach at the next tick, without the filter's.
+        """
+        K, gamma, alpha = gains.sliding_gain, gains.pose_gain, gains.sign_gain.diagonal()
+        anchors = self.force_path.measures and gains.anchor_gain > 0.0 and bool(alpha.all())
+        if not anchors or self.anchor_bias == "none" or not self.switching.is_smooth:
+            return None
+        width, pole = self.switching.width, self.force_path.pole
+        age = period * (ticks + pole / (1.0 - pole))
+        return BoundedAnchor.of_rows(
+            axes,
+            (self.anchor_bias, self.anchor_bias_answered),
+            gain=share * K @ gamma,
+            forget=alpha / width,
+            largest=width / gamma.diagonal(),
+            rate=1.0 / (1.0 / gains.transient_rate + age * (1.0 + gains.force_gain) / gains.anchor_gain),
+            period=period,
+        )
+
+    def steady_directions(self, rows: TaskRows, loop: SampledLoop, period: float) -> list[SteadyDirection]:
+        """Return K gamma and the integral K alpha phi(gamma x) in each linear task row."""
+        gains, internal, phi = (
+            self.gains.sized(rows.size, 0),
+            self.force_path.exchanges_wrenches,
+            self.switching,
+        )
+        beta, leak = gains.anchor_gain / (loop.every * period), self._leak(gains)
+        anchored = self.measures and beta > 0.0
+        linear = np.flatnonzero(rows.are_linear)
+        bound, free, most = (
+            self._bound(GainAxes(rows), gains, 1.0, period, loop.every + loop.delay),
+            np.inf,
+            np.inf,
+        )
+        if bound is not None:
+            part = gains.anchor_gain / (loop.every * (1.0 + gains.force_gain))
+            most = bound.followed_bias(linear[0], part=part, transient_rate=gains.transient_rate)
+            free = float(bound.free[linear[0]])
+
+        def direction(gamma: float, K: float, alpha: float) -> SteadyDirection:
+            return SteadyDirection(
+                spring=lambda x: 0.0 if anchored else K * gamma * x,
+                integral=lambda x: K * alpha * float(phi(np.array(gamma * x))),
+                internal_rate=beta if self.measures else leak,
+                load_rate=0.0 if internal else beta if self.measures else leak,
+                free=free,
+                most=most,
+                force_gain=gains.force_gain if internal else 0.0,
+            )
+
+        diagonals = (
+            gain.diagonal()[linear] for gain in (gains.pose_gain, gains.sliding_gain, gains.sign_gain)
+        )
+        if self.gain_axes == "payload":  # K mixes the rows
+            return []
+        return [direction(*map(float, values)) for values in zip(*diagonals, strict=True)]

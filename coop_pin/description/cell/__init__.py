@@ -1,0 +1,10 @@
+"""Cell: arms, payload and what holds it, as a scenario states them.
+
+Open first: ``cell`` (all parts, and grasps from a configuration), ``arm`` (URDF, base, tip, friction,
+calibration error), ``grasp`` (rigid, compliant, patch).
+
+``contact`` has pads, patches and tables, ``grasp_plan`` who bears which part of the load when, ``closure`` a
+loop closure, ``payload`` and ``mesh`` the body, ``mobile_base`` a driven platform under an arm.
+
+Imports ``base``, ``control`` and ``reference``, as ``description`` does.
+"""

@@ -1,0 +1,321 @@
+"""Arm of a cell: URDF, base pose, tip, transmission, friction, torque limits, locked joints."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import (
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import FieldError, UrdfError
+from coop_pin.base.schema.base import (
+    Description,
+    Magnitude,
+    Matrix,
+    NumberOrVector,
+    Positive,
+    Vector,
+    WithLaterFields,
+    number_or_row,
+    positive,
+)
+from coop_pin.base.schema.changes import words
+from coop_pin.base.schema.pose import Pose
+from coop_pin.description.cell.mobile_base import MobileBase
+from coop_pin.description.urdf import UrdfFile, find_urdf, load_checked
+from coop_pin.description.urdf.robot import Robot
+
+
+class JointFriction(Description):
+    """Viscous, smoothed Coulomb and Stribeck friction at the drives of an arm, in drive coordinates.
+
+        tau_friction = -(viscous v + level tanh(v / coulomb_velocity))
+        level = coulomb + (stiction - coulomb) exp(-(v / stribeck_velocity)^2)
+
+    A smooth law never sticks: below coulomb_velocity a load creeps. Keep stribeck_velocity several times
+    larger, otherwise the smoothing hides the peak of stiction.
+
+    Attributes:
+        viscous: N m s/rad, one value for all joints or one for each.
+        coulomb: N m, one value for all joints or one for each.
+        coulomb_velocity: speed within which Coulomb friction changes sign, rad/s. A discontinuity would
+            reduce the order of RK4.
+        stiction: level of the friction towards zero speed, N m, not below ``coulomb``; one value for all
+            joints or one for each; as ``coulomb`` when omitted.
+        stribeck_velocity: speed at which the level falls from stiction to Coulomb friction, rad/s.
+    """
+
+    viscous: Magnitude = 0.0
+    coulomb: Magnitude = 0.0
+    coulomb_velocity: Positive = 0.05
+    stiction: NumberOrVector | None = None
+    stribeck_velocity: Positive = 0.2
+
+    @field_validator("stiction")
+    @classmethod
+    def _not_below_coulomb(
+        cls, stiction: float | tuple[float, ...] | None, earlier: ValidationInfo
+    ) -> float | tuple[float, ...] | None:
+        coulomb = earlier.data.get("coulomb", 0.0)
+        sizes = {len(value) for value in (stiction, coulomb) if isinstance(value, tuple)}
+        # Sizes that disagree are left to the arm, which names all of them.
+        if stiction is not None and len(sizes) < 2 and np.less(stiction, coulomb).any():
+            raise FieldError(f"is {stiction}; it must be at least coulomb, {coulomb}")
+        return stiction
+
+
+class Miscalibration(Description):
+    """Errors of an arm's own kinematic model. The arm itself, and so the plant, is right.
+
+    Attributes:
+        tip: pose of the tip in the arm's own kinematic model, seen from the true tip.
+        base: pose of the base in its model, seen from the true base.
+        joint_offset: offset that its model adds to every joint position, rad or m; one value for all joints
+            or one for each.
+        link_length: relative error of the distance from each joint to the next, from the last one to the tip;
+            one value for all joints or one for each.
+    """
+
+    tip: Pose = Pose()
+    base: Pose = Pose()
+    joint_offset: NumberOrVector = 0.0
+    link_length: NumberOrVector = 0.0
+
+    def differences(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
+        """Yield what is off in place of what the base has, as lengths, angles and shares."""
+        arm = words(path[:-1])
+        for part, pose, usual in (("tip", self.tip, base.tip), ("base", self.base, base.base)):
+            if pose != usual:
+                off = ((1e3 * np.linalg.norm(pose.xyz), "mm"), (1e3 * np.linalg.norm(pose.rpy), "mrad"))
+                sizes = " and ".join(f"{size:.3g} {unit}" for size, unit in off if size) or "nothing"
+                yield f"{arm} model: {part} off by {sizes}"
+        if self.joint_offset != base.joint_offset:
+            yield f"{arm} model: joints off by {1e3 * np.abs(self.joint_offset).max():.3g} mrad"
+        if self.link_length != base.link_length:
+            yield f"{arm} model: links off by {100 * np.abs(self.link_length).max():.3g} %"
+
+
+# The tags separate the members: pydantic would report a mistake in a plain union once for each of them.
+Friction = Annotated[
+    Annotated[JointFriction, Tag("coefficients")] | Annotated[Literal["urdf", "none"], Tag("source")],
+    Discriminator(lambda value: "source" if isinstance(value, str) else "coefficients"),
+]
+"""Friction coefficients, "urdf" for those of the URDF's <dynamics>, or "none"."""
+
+
+def _source_or_numbers(value: Any) -> Any:
+    """Return "urdf", "none", a positive number or a row of positive numbers."""
+    if isinstance(value, str):
+        if value not in ("urdf", "none"):
+            raise FieldError(
+                f'is {value!r}; it must be "urdf", "none", a number or one number for each joint'
+            )
+        return value
+    return positive(number_or_row(value))
+
+
+TorqueLimits = Annotated[
+    Literal["urdf", "none"] | float | tuple[float, ...], BeforeValidator(_source_or_numbers)
+]
+"""Limits of the drive torques, N m: "urdf", "none", one value for all joints, or one for each."""
+
+
+def _robot_of(fields: Mapping[str, Any]) -> Robot | None:
+    """Return the robot of an arm's file; None where the fields that name it have mistakes."""
+    names = ("urdf", "package_dirs", "xacro_args")
+    if not all(name in fields for name in names):
+        return None
+    urdf, package_dirs, xacro_args = (fields[name] for name in names)
+    return Robot(load_checked(find_urdf(urdf, package_dirs=package_dirs, xacro_args=xacro_args)))
+
+
+class Arm(WithLaterFields):
+    """One arm of a cell.
+
+    Its joints are those of the URDF that are neither fixed nor locked, in Pinocchio's order.
+
+    Attributes:
+        urdf: path of its URDF or xacro file, or the name of a bundled ("adept_3dof") or example-robot-data
+            arm ("panda", "ur5").
+        package_dirs: folders that are searched first for the packages of package:// and $(find ...).
+        xacro_args: values of the arguments of a xacro file.
+        tip: frame E of the URDF that is fixed to the payload; when omitted, the only link without child
+            joints.
+        base: pose X_WB of the URDF's root link in the world.
+        drive: transmission matrix T with q_drive = T q and tau = T^T tau_drive, rows; identity when omitted.
+        friction: coefficients at the drives; or "urdf": at the joints, from <dynamics>, with Coulomb friction
+            smoothed over JointFriction's default speed; or "none".
+        torque_limits: drive torques at which the actuation saturates, N m; "none"; or "urdf": the effort
+            limits of the joints. Zero efforts set no limit (the default of many files), nor do any if
+            ``drive`` is given: they are not drive torques.
+        posture: joint angles near which the arm starts (one angle for a continuous joint, too); they select
+            the branch of the inverse kinematics. Zeros when omitted.
+        locked: joints that do not move, for example those of a gripper, and their angles, rad or m; their
+            mimic joints are fixed too. "others" locks those that do not move the tip, at their angles nearest
+            to zero, and the arm stores the result.
+        mimic: treatment of mimic joints that are not locked: "refuse" the arm, or "ignore" the coupling.
+        calibration_error: errors of the arm's own kinematic model, which its controller sees.
+        mobile_base: driven platform under the arm, whose three joints come before the arm's.
+    """
+
+    later_fields: ClassVar[tuple[str, ...]] = ("mobile_base",)
+
+    urdf: str
+    package_dirs: tuple[str, ...] = ()
+    xacro_args: dict[str, str] = Field(default_factory=dict)
+    tip: str = ""
+    base: Pose = Pose()
+    drive: Matrix | None = None
+    friction: Friction = "urdf"
+    torque_limits: TorqueLimits = "urdf"
+    posture: Vector | None = None
+    locked: dict[str, float] = Field(default_factory=dict)
+    mimic: Literal["refuse", "ignore"] = "refuse"
+    calibration_error: Miscalibration = Miscalibration()
+    mobile_base: MobileBase | None = None
+
+    @field_validator("tip")
+    @classmethod
+    def _tip_or_only_leaf(cls, tip: str, earlier: ValidationInfo) -> str:
+        if tip or (robot := _robot_of(earlier.data)) is None:
+            return tip
+        leaves = robot.leaves
+        if len(leaves) != 1:
+            raise UrdfError(
+                f"must be given: {earlier.data['urdf']!r} has {len(leaves)} links at its ends,"
+                f" {', '.join(map(repr, leaves))}",
+                names=leaves,
+            )
+        return leaves[0]
+
+    @field_validator("locked", mode="before")
+    @classmethod
+    def _others_or_table(cls, locked: Any, earlier: ValidationInfo) -> Any:
+        if not isinstance(locked, str):
+            return locked
+        if locked != "others":
+            form = 'a table of angles by joint, {joint = 0.1} in TOML, or "others"'
+            raise FieldError(f"is {locked!r}; it must be {form}")
+        robot, tip = _robot_of(earlier.data), earlier.data.get("tip")
+        return {} if robot is None or tip is None else robot.idle(tip)
+
+    @field_validator("drive")
+    @classmethod
+    def _invertible(cls, drive: tuple[tuple[float, ...], ...] | None) -> tuple[tuple[float, ...], ...] | None:
+        if drive is None:
+            return drive
+        if any(len(row) != len(drive) for row in drive):
+            raise FieldError(
+                f"has rows of {[len(row) for row in drive]} entries; a transmission matrix is square"
+                f" ({len(drive)} rows)"
+            )
+        condition = float(np.linalg.cond(np.array(drive)))
+        if condition > 1e6:
+            raise FieldError(
+                f"has condition number {condition:.3g} (at most 1e6); a transmission is invertible"
+            )
+        return drive
+
+    @model_validator(mode="after")
+    def _sizes_agree(self) -> Self:
+        sizes: dict[str, object] = {
+            "drive": self.drive,
+            "posture": self.posture,
+            "torque_limits": self.torque_limits,
+            "calibration_error.joint_offset": self.calibration_error.joint_offset,
+            "calibration_error.link_length": self.calibration_error.link_length,
+        }
+        if isinstance(self.friction, JointFriction):
+            sizes |= {f"friction.{name}": value for name, value in self.friction}
+        counts = {name: len(value) for name, value in sizes.items() if isinstance(value, tuple)}
+        if len(set(counts.values())) > 1:
+            raise FieldError(
+                f"entries per joint disagree: {counts}; all must equal the arm's number of joints"
+            )
+        return self
+
+    @classmethod
+    def from_urdf(
+        cls,
+        path_or_name: str | Path,
+        tip: str = "",
+        *,
+        base: Pose | ArrayLike = (0.0, 0.0, 0.0),
+        posture: ArrayLike | None = None,
+        locked: Mapping[str, float] | Literal["others"] | None = None,
+        **fields: Any,
+    ) -> Self:
+        """Return the arm of a file, or of a bundled or example-robot-data robot.
+
+        Args:
+            path_or_name: path of a URDF or xacro file, or a name such as "panda".
+            tip: frame that is fixed to the payload; when omitted, the only link without child joints.
+            base: X_WB, as a Pose, a matrix of shape (4, 4) or a position of shape (3,).
+            posture: joint angles near which the arm starts.
+            locked: joints that do not move, and their angles; "others" for those that do not move the tip.
+            fields: any other field.
+
+        Raises:
+            UrdfError: no such file or name; the file has defects; it has several end links and no tip is
+                given.
+            MissingExtraError: it is a xacro file and xacrodoc is not installed.
+            ScenarioError: another field has mistakes.
+        """
+        file = find_urdf(path_or_name)
+        urdf = str(file.path) if file.origin == "user" else str(path_or_name)
+        return cls(
+            urdf=urdf, tip=tip, base=base, posture=posture, locked={} if locked is None else locked, **fields
+        )
+
+    @property
+    def file(self) -> UrdfFile:
+        """The URDF or xacro file.
+
+        Raises:
+            UrdfError: there is none.
+        """
+        file = find_urdf(self.urdf, package_dirs=self.package_dirs, xacro_args=self.xacro_args)
+        return dataclasses.replace(file, carrier=self.mobile_base) if self.mobile_base else file
+
+    @property
+    def robot(self) -> Robot:
+        """Kinematics of its URDF with all joints, without Pinocchio; raises as ``file``."""
+        return Robot(load_checked(self.file))
+
+    def is_sibling(self, other: Arm) -> bool:
+        """Return whether another arm is of the same robot: of one URDF and base, with another tip.
+
+        Compared as written: a scenario may be described before its URDF files are where it names them.
+        """
+        mine, others = (
+            (arm.urdf, arm.package_dirs, arm.xacro_args, arm.mobile_base, arm.base) for arm in (self, other)
+        )
+        return mine == others and self.tip != other.tip
+
+    @property
+    def base_joints(self) -> int:
+        """Number of its first joints, which move its mobile base."""
+        return 3 if self.mobile_base else 0
+
+    def drive_matrix(self, nv: int) -> Array:
+        """Return the transmission matrix T, shape (nv, nv).
+
+        Raises:
+            FieldError: ``drive`` has another size.
+        """
+        if self.drive is not None and len(self.drive) != nv:
+            raise FieldError(f"has {len(self.drive)} rows; the arm {self.urdf!r} has {nv} joints", "drive")
+        return np.eye(nv) if self.drive is None else np.array(self.drive)

@@ -1,0 +1,305 @@
+"""Cell: arms, payload, grasps, task rows, gravity and load shares; grasps from a configuration."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field, ValidationInfo, field_validator
+
+from coop_pin.base.arrays import Array, as_array, as_pose, require_type
+from coop_pin.base.errors import ArgumentError, FieldError, NameNotFoundError
+from coop_pin.base.schema.base import (
+    Name,
+    Vector3,
+    WithLaterFields,
+    check_arm_names,
+    plain_name,
+    unknown_arms,
+)
+from coop_pin.base.schema.pose import Pose
+from coop_pin.base.spatial import inverse_pose, rotate_vector6, shift_wrench
+from coop_pin.base.spatial.task_rows import RowsName, TaskRows, task_rows
+from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.contact import Pad, PatchGrasp, Table
+from coop_pin.description.cell.grasp import CompliantGrasp, Grasp
+from coop_pin.description.cell.payload import Payload
+from coop_pin.description.events import Surroundings
+
+
+def grasps_from_configuration(
+    arms: Mapping[str, Arm], joint_angles: Mapping[str, ArrayLike], payload_pose: Pose | ArrayLike
+) -> dict[str, Pose]:
+    """Return the grasps X_PE of arms at given joint angles: X_PE = X_WP^-1 X_WB X_BE(q).
+
+    Args:
+        arms: the arms by name.
+        joint_angles: angles of every arm, one value for each joint that is neither fixed nor locked, rad or
+            m, in Pinocchio's order.
+        payload_pose: X_WP, as a Pose or a matrix of shape (4, 4).
+
+    Raises:
+        NameNotFoundError: an arm has no joint angles.
+        ShapeError: the number of angles is not that of the joints.
+        UrdfError, NameNotFoundError: an arm's URDF or tip is missing or has defects.
+    """
+    require_type("arms", arms, Mapping)
+    require_type("joint_angles", joint_angles, Mapping)
+    X_WP = payload_pose.matrix if isinstance(payload_pose, Pose) else as_pose("payload_pose", payload_pose)
+    grasps = {}
+    for name, arm in arms.items():
+        require_type(f"arms[{name!r}]", arm, Arm)
+        if name not in joint_angles:
+            raise NameNotFoundError("arm", name, joint_angles, "joint_angles")
+        robot = arm.robot
+        moving = robot.unlocked(arm.locked)
+        angles = as_array(f"joint_angles[{name!r}]", joint_angles[name], len(moving))
+        X_BE = robot.pose(arm.tip, robot.locked(arm.locked) | dict(zip(moving, angles.tolist(), strict=True)))
+        grasps[name] = Pose.from_matrix(inverse_pose(X_WP) @ arm.base.matrix @ X_BE)
+    return grasps
+
+
+class Cell(WithLaterFields):
+    """Arms that grasp one payload: rigidly, compliantly or by friction; a single arm is an arm with a load.
+
+    Attributes:
+        arms: the arms by name; arrays over arms have their order.
+        payload: the held object.
+        payload_pose: payload pose X_WP that belongs to the arms' postures; for "as-posed" grasps only.
+        grasps: pose X_PE of each arm's tip in the payload frame, in the order of the arms; with ``kind =
+            "compliant"`` a spring and damper holds the tip there, with ``kind = "patch"`` friction alone.
+            "as-posed" computes rigid ones from ``payload_pose`` and the postures, and the cell stores the
+            result.
+        rows: task rows: "full" (6), "planar" (x, y and the rotation about z, for arms that move in the
+            world's x-y plane) or "positional" (x, y, z).
+        gravity: gravitational acceleration in world axes, m/s^2.
+        load_shares: load share c_i of each arm, summing to one; equal when omitted.
+        tables: tables that the payload may lie on, by name.
+        pads: pads of arms with rigid or compliant grasps, by which results tell whether friction would hold.
+    """
+
+    later_fields: ClassVar[tuple[str, ...]] = ("tables", "pads")
+
+    arms: dict[str, Arm] = Field(min_length=1)
+    payload: Payload
+    payload_pose: Pose | None = None
+    grasps: dict[str, Grasp]
+    rows: RowsName = "full"
+    gravity: Vector3 = (0.0, 0.0, -9.81)
+    load_shares: dict[str, float] | None = None
+    tables: dict[Name, Table] = Field(default={})
+    pads: dict[str, Pad] = Field(default={})
+
+    @field_validator("arms")
+    @classmethod
+    def _named(cls, arms: dict[str, Arm]) -> dict[str, Arm]:
+        for name in arms:
+            plain_name(name)
+            if "." in name or name == "payload":
+                raise FieldError(f"arm name {name!r} must not be 'payload', nor contain '.'")
+        return arms
+
+    @field_validator("arms")
+    @classmethod
+    def _share_no_joint(cls, arms: dict[str, Arm]) -> dict[str, Arm]:
+        for name, other in itertools.combinations(arms, 2):
+            if arms[name].is_sibling(arms[other]):
+                _require_own_joints(name, arms[name], other, arms[other])
+        return arms
+
+    @field_validator("grasps", mode="before")
+    @classmethod
+    def _as_posed(cls, grasps: Any, earlier: ValidationInfo) -> Any:
+        if not isinstance(grasps, str):
+            return grasps
+        if grasps != "as-posed":
+            raise FieldError(f'is {grasps!r}; it must be a table of poses by arm, or "as-posed"')
+        arms, pose = earlier.data.get("arms"), earlier.data.get("payload_pose")
+        if arms is None:
+            return {}
+        unposed = [name for name, arm in arms.items() if arm.posture is None]
+        if pose is None or unposed:
+            missing = "payload_pose is" if pose is None else f"the postures of {unposed} are"
+            raise FieldError(f'is "as-posed", but {missing} missing; the grasps are computed from them')
+        return grasps_from_configuration(arms, {name: arm.posture for name, arm in arms.items()}, pose)
+
+    @field_validator("grasps")
+    @classmethod
+    def _one_grasp_each(cls, grasps: dict[str, Grasp], earlier: ValidationInfo) -> dict[str, Grasp]:
+        arms = earlier.data.get("arms")
+        check_arm_names(grasps, arms)
+        return grasps if arms is None else {name: grasps[name] for name in arms}
+
+    @field_validator("grasps")
+    @classmethod
+    def _patches_on_faces(cls, grasps: dict[str, Grasp], earlier: ValidationInfo) -> dict[str, Grasp]:
+        payload = earlier.data.get("payload")
+        for name, grasp in grasps.items():
+            if payload is not None and isinstance(grasp, PatchGrasp):
+                try:
+                    grasp.bounds(payload)
+                except FieldError as error:
+                    raise error.below(name) from None
+        return grasps
+
+    @field_validator("pads")
+    @classmethod
+    def _pads_of_other_grasps(cls, pads: dict[str, Pad], earlier: ValidationInfo) -> dict[str, Pad]:
+        grasps = earlier.data.get("grasps", {})
+        if strangers := unknown_arms(pads, earlier.data.get("arms", pads)):
+            raise strangers[0]
+        for name in pads:
+            if isinstance(grasps.get(name), PatchGrasp):
+                raise FieldError("is of a grasp held by friction, which has a patch of its own", name)
+        return pads
+
+    @field_validator("load_shares")
+    @classmethod
+    def _shares_sum_to_one(
+        cls, shares: dict[str, float] | None, earlier: ValidationInfo
+    ) -> dict[str, float] | None:
+        if shares is None:
+            return None
+        check_arm_names(shares, earlier.data.get("arms"))
+        total = sum(shares.values())
+        if abs(total - 1.0) > 1e-9:
+            raise FieldError(
+                f"{shares} sum to {total:.9g}; load shares must sum to 1 (eq. (11) of the paper)"
+            )
+        return shares
+
+    @property
+    def task_rows(self) -> TaskRows:
+        """Task rows of the cell, k_0 of them."""
+        return task_rows(self.rows)
+
+    @property
+    def surroundings(self) -> Surroundings:
+        """Payload and gravity before all events, without a push; every field is a new object."""
+        mass, inertia = np.float64(self.payload.mass), self.payload.inertia_matrix
+        return Surroundings(mass, inertia, np.array(self.gravity), np.zeros(6))
+
+    @property
+    def compliant(self) -> dict[str, CompliantGrasp]:
+        """Compliant grasps by arm, in their order."""
+        return {name: grasp for name, grasp in self.grasps.items() if isinstance(grasp, CompliantGrasp)}
+
+    @property
+    def patches(self) -> dict[str, PatchGrasp]:
+        """Grasps by friction by arm, in their order."""
+        return {name: grasp for name, grasp in self.grasps.items() if isinstance(grasp, PatchGrasp)}
+
+    def compliance(self, arm: str) -> Array:
+        """Return C of a grasp that gives, from a wrench about P to the displacement there, shape (6, 6).
+
+        In payload axes, m/N and rad/(N m); zero for a rigid grasp.
+        """
+        grasp = self.grasps[arm]
+        if isinstance(grasp, PatchGrasp):
+            X, stiffness = grasp.matrix @ grasp.plane, grasp.stiffnesses
+        elif isinstance(grasp, CompliantGrasp):
+            X, stiffness = grasp.matrix, grasp.stiffness
+        else:
+            return np.zeros((6, 6))
+        to_grasp = rotate_vector6(X[:3, :3].T, shift_wrench(np.eye(6), np.tile(-X[:3, 3], (6, 1))))
+        return to_grasp @ np.diag(1.0 / np.array(stiffness)) @ to_grasp.T
+
+    def way_out(self, arm: str) -> Array:
+        """Return the axis of the payload on which an arm retreats from its grasp, shape (3,)."""
+        grasp = self.grasps[arm]
+        return (grasp.matrix @ grasp.plane)[:3, 2] if isinstance(grasp, PatchGrasp) else -grasp.matrix[:3, 2]
+
+    @property
+    def padded(self) -> dict[str, Pad]:
+        """Patch or pad of each arm that has one, in the order of the arms."""
+        faces: dict[str, Pad] = {**self.pads, **self.patches}
+        return {name: faces[name] for name in self.arms if name in faces}
+
+    @property
+    def unclosed(self) -> list[str]:
+        """Arms whose grasps are compliant or held by friction: those that close no loop."""
+        return [name for name in self.grasps if name in self.compliant or name in self.patches]
+
+    @property
+    def has_contacts(self) -> bool:
+        """Whether something touches with friction: a patch, or the payload and a table."""
+        return bool(self.patches or self.tables)
+
+    @property
+    def has_force_elements(self) -> bool:
+        """Whether forces of state hold the payload: compliant grasps, patches or tables."""
+        return bool(self.compliant or self.has_contacts)
+
+    @property
+    def rigid(self) -> Self:
+        """The same cell with rigid grasps, without tables."""
+        grasps = {name: Pose(xyz=g.xyz, rpy=g.rpy) for name, g in self.grasps.items()}
+        return self.replace(grasps=grasps, tables={})
+
+    def require_rigid(self, purpose: str) -> None:
+        """Refuse other grasps, and tables, where the method is that of rigid ones.
+
+        Args:
+            purpose: Subject that needs rigid grasps, as the beginning of a sentence.
+
+        Raises:
+            ArgumentError: a grasp is compliant or held by friction, with the arms; or there is a table.
+        """
+        for names, are in (
+            (list(self.compliant), "those of {} are compliant"),
+            (list(self.patches), "those of {} are held by friction"),
+            (list(self.tables), "the cell has tables {}"),
+        ):
+            if names:
+                raise ArgumentError(
+                    f"{purpose} is for rigid grasps, and {are.format(names)}; look at ``cell.rigid``, with"
+                    " bare poses as grasps"
+                )
+
+    @property
+    def controls_turns(self) -> bool:
+        """Whether the task rows have a rotation."""
+        return self.rows != "positional"
+
+    @property
+    def shares(self) -> Array:
+        """Load shares c_i in the order of the arms, shape (m,)."""
+        if self.load_shares is None:
+            return np.full(len(self.arms), 1.0 / len(self.arms))
+        return np.array([self.load_shares[name] for name in self.arms])
+
+    def siblings(self, arm: str) -> tuple[str, ...]:
+        """Return the other arms of the same robot: of one URDF and base, with another tip."""
+        return tuple(name for name, other in self.arms.items() if self.arms[arm].is_sibling(other))
+
+    def share(self, arm: str) -> float:
+        """Return the load share c_i of an arm."""
+        return float(self.shares[list(self.arms).index(arm)])
+
+
+def _require_own_joints(name: str, arm: Arm, other: str, sibling: Arm) -> None:
+    """Raise an error if a joint moves two arms of one robot, or is locked at two angles.
+
+    Raises:
+        FieldError: with the joint, and what to lock.
+    """
+    robot = arm.robot
+    shared = [joint for joint in robot.movers(arm.tip) if joint in robot.movers(sibling.tip)]
+    angles = robot.locked(arm.locked), robot.locked(sibling.locked)
+    moving = [joint for joint in shared if not all(joint in locked for locked in angles)]
+    if moving:
+        raise FieldError(
+            f"moves {name!r} and {other!r}, arms of one robot: arms of a cell are chains of their own"
+            " and share no joint; lock it in both, at the same angle",
+            f"{other}.locked.{moving[0]}",
+        )
+    for joint in shared:
+        first, second = (locked[joint] for locked in angles)
+        if first != second:
+            raise FieldError(
+                f"is {second:g}, but arm {name!r} of the same robot has {first:g}; it is one joint",
+                f"{other}.locked.{joint}",
+            )

@@ -1,0 +1,288 @@
+"""Placement of arms around a payload: contacts, and bases where the arms have the largest margins."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import InfeasibleMotionError
+from coop_pin.base.schema.pose import Pose
+from coop_pin.base.spatial import exp3, inverse_pose, task_rows
+from coop_pin.control.terms import CONDITION_LIMIT
+from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.payload import Payload
+from coop_pin.feasibility.cell_summary import maximum_reach
+from coop_pin.feasibility.motion_feasibility import joint_heights, position_margin
+from coop_pin.model.arm_model import ArmModel
+from coop_pin.model.ik_solver import IKSolver
+from coop_pin.model.pinocchio_model import frame_id
+
+_HEIGHTS = (0.2, 0.3, 0.4, 0.55)
+"""Heights of the payload that are tried, over the least reach of the arms."""
+_DISTANCES = (0.4, 0.5, 0.6, 0.7, 0.8)
+"""Distances from base to tip that are tried, over the reach of the arm."""
+_SHOULDER_DISTANCES = (0.3, 0.4, 0.5, 0.6)
+"""Likewise for the arms of one robot, whose shoulders lie before and beside its base."""
+_ROLLS = (0.0, np.pi / 2.0, np.pi, -np.pi / 2.0)
+"""Turns of a tool about its approach that are tried, rad."""
+_SEEDS, _SHARED_SEEDS, _STEPS = 4, 12, 60
+"""Initial guesses of the inverse kinematics of an arm, of one whose base others share, and steps of each."""
+_STROKE = 0.1
+"""Distance around the start, over the least reach, at which every arm can hold the payload."""
+_OFF_GROUND = 0.05
+"""Least distance of the payload from the ground, m."""
+_INSET = 0.8
+"""Grasps from above, from the payload's centre (0) to its edge (1)."""
+_FAN = np.pi / 3.0
+"""Angle between neighbouring bases that stand side by side, rad."""
+_GRAVITY = np.array((0.0, 0.0, -9.81))
+_SMALL, _FLUSH = 1e-9, 1e-3
+"""Numbers that count as zero; length along the tool below which it does not tell where the tool points, m."""
+
+Side = Literal["above", "sides"]
+Layout = Literal["facing", "side-by-side", "one-base"]
+
+
+class Contact(NamedTuple):
+    """Where and how an arm holds a payload that stands upright.
+
+    Attributes:
+        point: position of the tip in the payload frame, m, shape (3,).
+        approach: direction of the tool in world axes, shape (3,).
+        around: direction from the payload to the arm's base, about the vertical, rad.
+        one_base: whether other arms share the base, which then faces the payload's centre.
+    """
+
+    point: Array
+    approach: Array
+    around: float
+    one_base: bool
+
+
+class Place(NamedTuple):
+    """Base and grasp of one arm.
+
+    Attributes:
+        margin: least part of torque, joint range and condition number that is left around the start.
+        base: X_WB.
+        grasp: X_PE.
+        posture: joint angles at the start, rad or m.
+    """
+
+    margin: float
+    base: Pose
+    grasp: Pose
+    posture: tuple[float, ...]
+
+
+def contacts(payload: Payload, count: int, side: Side, layout: Layout) -> Iterator[Contact]:
+    """Yield the contacts of two or more arms, evenly around the payload or along one side of it."""
+    half, shared = np.array(payload.size) / 2.0, layout == "one-base"
+    for k in range(count):
+        around = at = np.pi * (1.0 + 2.0 * k / count)
+        if layout != "facing":
+            fan = 0.0 if shared else _FAN * (k - (count - 1) / 2.0)
+            around, at = fan - np.pi / 2.0, np.pi * (k / (count - 1) - 1.0)
+        outward = np.array((np.cos(at), np.sin(at), 0.0))
+        to_edge = half[0] if payload.shape == "cylinder" else np.min(half[:2] / _not_zero(outward[:2]))
+        point, approach = to_edge * outward, -outward
+        if side == "above":
+            point, approach = _INSET * point + (0.0, 0.0, half[2]), -np.eye(3)[2]
+        yield Contact(point, approach, around, shared)
+
+
+def _not_zero(values: Array) -> Array:
+    return np.maximum(np.abs(values), _SMALL)
+
+
+class ArmPlacement:
+    """Search for the base of one arm.
+
+    Attributes:
+        name: arm name.
+        reach: maximum reach of the arm, m.
+        farthest: largest distance of its base from the payload's centre, m.
+        is_planar: whether its tip moves in a horizontal plane.
+        plane: height of the tip above the base at zero joint angles, m.
+    """
+
+    def __init__(self, name: str, arm: Arm, contact: Contact, load: float) -> None:
+        """Build the arm's model on the ground.
+
+        Args:
+            name: arm name.
+            arm: the arm; its base is not used.
+            contact: contact by which it holds the payload; a planar arm does so at the height of P, its tool
+                as it is.
+            load: share of the payload's mass, kg.
+        """
+        self._model = model = ArmModel(arm.replace(base=Pose()), name=name)
+        self.name, self.reach = name, maximum_reach(arm)
+        q = model.posture(arm.posture)
+        count = _SHARED_SEEDS if contact.one_base else _SEEDS
+        self._seeds = [q, *model.limits.random_configurations(count - 1)]
+        self.is_planar = all(np.abs(model.payload_jacobian(seed)[2:5]).max() < _SMALL for seed in self._seeds)
+        X_BE, tool = model.tip_pose(q), _tool_axis(model, q)
+        self.plane = float(X_BE[2, 3])
+        if self.is_planar:
+            contact = contact._replace(point=contact.point * (1.0, 1.0, 0.0), approach=X_BE[:3, :3] @ tool)
+        self._contact, self._load = contact._replace(point=np.round(contact.point, 4) + 0.0), load * _GRAVITY
+        self._direction = np.array((np.cos(contact.around), np.sin(contact.around), 0.0))
+        self._offset = max(0.0, float(contact.point @ self._direction))
+        self.farthest = self._offset + self.reach
+        level = abs(contact.approach[2]) < 0.5
+        self._R_WE = (
+            _triad(contact.approach, np.eye(3)[2] if level else self._direction)
+            @ _triad(tool, np.eye(3)[np.abs(tool).argmin()]).T
+        )
+        self._solver = IKSolver(model)
+        self._rows = task_rows("planar" if self.is_planar else "full")
+
+    @property
+    def distances(self) -> list[float]:
+        """Distances of the base from the payload's centre that are tried, m."""
+        parts = _SHOULDER_DISTANCES if self._contact.one_base else _DISTANCES
+        return [self._offset + part * self.reach for part in parts]
+
+    def best(self, height: float, stroke: float, distances: Sequence[float]) -> Place | None:
+        """Return the place with the largest margin; None if the arm cannot hold the payload from any.
+
+        Args:
+            height: height of the payload's centre, m.
+            stroke: distance from the start of the poses around it, m.
+            distances: distances of the base from the payload's centre that are tried, m.
+        """
+        best: Place | None = None
+        for distance, roll in itertools.product(distances, _ROLLS):
+            base, X_PE = self._base(distance, height), np.eye(4)
+            X_PE[:3, :3] = exp3(roll * self._contact.approach) @ self._R_WE
+            X_PE[:3, 3] = self._contact.point
+            X_BP = inverse_pose(base.matrix) @ Pose(xyz=(0.0, 0.0, height)).matrix
+            for margin, q in self._solutions(X_BP, X_PE, stroke):
+                if best is None or margin > best.margin:
+                    posture = tuple(self._model.joint_angles(q).tolist())
+                    best = Place(margin, base, Pose(**Pose.from_matrix(X_PE).by_axis()), posture)
+        return best
+
+    def _base(self, distance: float, height: float) -> Pose:
+        """Return the base at a distance from the payload's centre."""
+        x, y, _ = (np.round(distance * self._direction, 3) + 0.0).tolist()
+        z = height - self.plane if self.is_planar else 0.0
+        aim = (0.0, 0.0) if self._contact.one_base else self._contact.point
+        yaw = np.arctan2(aim[1] - y, aim[0] - x)
+        return Pose(xyz=(x, y, z), rpy=(0.0, 0.0, round(float(yaw), 6)))
+
+    def _solutions(self, X_BP: Array, X_PE: Array, stroke: float) -> Iterator[tuple[float, Array]]:
+        """Yield configurations that hold the payload and can move it by the stroke, with their margins."""
+        rows = [row for row in self._rows.indices if row < 3]
+        for seed in self._seeds:
+            q, margin = self._solved(X_BP, X_PE, seed)
+            for row, step in itertools.product(rows, (-stroke, stroke)) if margin > -np.inf else ():
+                moved = X_BP.copy()
+                moved[row, 3] += step
+                margin = min(margin, self._solved(moved, X_PE, q)[1])
+            if margin > -np.inf:
+                yield margin, q
+
+    def _solved(self, X_BP: Array, X_PE: Array, seed: Array) -> tuple[Array, float]:
+        """Return the configuration that holds the payload, and its margin; -inf if there is none."""
+        solution = self._solver.solve(pin.SE3(X_BP @ X_PE), seed, steps=_STEPS)
+        q = self._model.limits.wrap_near(solution.q, seed)
+        holds = solution.is_closed and not self._model.limits.violation(q).any()
+        if holds and not (self.is_planar or self._contact.one_base):  # a robot's root may be its torso
+            holds = min(joint_heights(self._model, q).values()) >= 0.0
+        return q, self._margin(q, X_BP) if holds else -np.inf
+
+    def _margin(self, q: Array, X_BP: Array) -> float:
+        """Return the least part left of torque, joint range and condition number, as ``posture_margins``."""
+        model, J = self._model, self._model.payload_jacobian(q)  # of the tip: the model has no grasp
+        lever = X_BP[:3, 3] - model.tip_pose(q)[:3, 3]
+        F = np.concatenate((self._load, np.cross(lever, self._load)))
+        tau = (model.nonlinear_effects(q, np.zeros(model.nv)) - J.T @ F) @ model.from_drive
+        condition = float(np.linalg.cond(self._rows.select(J) @ model.from_drive))
+        used = float((np.abs(tau) / model.limits.torque).max())
+        return min(1.0 - used, position_margin(model.limits, q), 1.0 - condition / CONDITION_LIMIT)
+
+
+def _tool_axis(model: ArmModel, q: Array) -> Array:
+    """Return the direction of the tool in tip axes: the last joint's axis, away from the wrist."""
+    data = model.model.createData()
+    pin.forwardKinematics(model.model, data, q)
+    X_BE, last = model.tip_pose(q), model.model.frames[frame_id(model.model, "tip")].parentJoint
+    column = model.payload_jacobian(q)[:, model.model.joints[last].idx_v]
+    axis = column[3:] if column[3:].any() else column[:3]
+    axis /= np.linalg.norm(axis)
+    joint = last
+    while joint and abs(along := float(axis @ (X_BE[:3, 3] - data.oMi[joint].translation))) < _FLUSH:
+        joint = model.model.parents[joint]
+    return X_BE[:3, :3].T @ (np.copysign(axis, axis * along) if joint else axis)
+
+
+def _triad(first: Array, second: Array) -> Array:
+    """Return the rotation whose columns are a unit vector, another one's part across it, their product."""
+    across = second - first * (first @ second)
+    across /= np.linalg.norm(across)
+    return np.column_stack((first, across, np.cross(first, across)))
+
+
+def common_places(
+    arms: Sequence[ArmPlacement], payload: Payload, distance: float | None, *, one_base: bool = False
+) -> tuple[float, float, list[Place]]:
+    """Return height of the payload, stroke, and the place of each arm: those with the largest least margin.
+
+    Args:
+        arms: the searches.
+        payload: the payload.
+        distance: distance of the bases from the payload's centre, m; by the arms' reach when omitted.
+        one_base: whether the arms are those of one robot, with one base.
+
+    Raises:
+        InfeasibleMotionError: cause "reach": the bases are too far away, or there is no common workspace.
+    """
+    shortest = min(arms, key=lambda arm: arm.farthest)
+    if distance and distance > shortest.farthest:
+        raise InfeasibleMotionError(
+            "reach",
+            f"the bases are {distance:g} m from the payload's centre; {shortest.name} reaches"
+            f" {shortest.reach:.2f} m, to a contact {shortest.farthest - shortest.reach:.2f} m from it: state"
+            f" less than {shortest.farthest:.2f} m, or leave the distance out",
+        )
+    least = min(arm.reach for arm in arms)
+    ground = payload.size[2] / 2.0 + _OFF_GROUND
+    heights = sorted({round(max(ground, part * least), 2) for part in _HEIGHTS})
+    if all(arm.is_planar for arm in arms):
+        heights = [arms[0].plane]
+    stroke = round(_STROKE * least, 2)
+    distances = [distance] if distance else shortest.distances if one_base else []
+    sets = [[one] for one in distances] if one_base else [distances]
+    tried = [
+        (height, [arm.best(height, stroke, some or arm.distances) for arm in arms])
+        for height, some in itertools.product(heights, sets)
+    ]
+    common = [
+        (height, [placement for placement in places if placement is not None])
+        for height, places in tried
+        if None not in places
+    ]
+    if not common:
+        raise InfeasibleMotionError("reach", _no_workspace(arms, tried))
+    height, places = max(common, key=lambda entry: min(placement.margin for placement in entry[1]))
+    return height, stroke, places
+
+
+def _no_workspace(arms: Sequence[ArmPlacement], tried: Sequence[tuple[float, list[Place | None]]]) -> str:
+    """Return the heights at which each arm can hold the payload, and what to change."""
+    held = []
+    for k, arm in enumerate(arms):
+        heights = dict.fromkeys(f"{height:g}" for height, places in tried if places[k] is not None)
+        held.append(f"{arm.name} (reach {arm.reach:.2f} m) at {', '.join(heights) or 'none'}")
+    every = ", ".join(dict.fromkeys(f"{height:g}" for height, _ in tried))
+    return (
+        f"no common workspace; of the payload heights {every} m, and around them, {'; '.join(held)}. Grasp"
+        " from another side, take a smaller payload, another distance of the bases, or arms of like reach"
+    )

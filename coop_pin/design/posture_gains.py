@@ -1,0 +1,78 @@
+"""Null-space gains of a cell's spare joints, by control period, lag and what its drives hold."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from coop_pin.control import PostureGains
+from coop_pin.description.scenario import Scenario
+from coop_pin.feasibility.internal_moment import positional_torques
+from coop_pin.feasibility.motion_feasibility import part_held
+from coop_pin.feasibility.reachability import Reachability
+from coop_pin.model.cell_arm import CellArm
+
+T_LAMBDA = 0.9
+"""T lambda_max(A^-1 K): the rule allows 1, and the poses between those that are looked at need something."""
+_BASE_POSTURE = PostureGains(stiffness=160.0, damping=80.0)
+"""Null-space gains of arms on mobile bases: their spring moves the mass of the base."""
+ROUND_OFF = 1e-9
+"""Part below which a value counts as zero."""
+
+
+def slowest_lag(scenario: Scenario) -> float:
+    """Return the largest time constant between a velocity and the torque that answers it, s."""
+    arms = scenario.cell.arms
+    filters = [1.0 / (2.0 * np.pi * scenario.sensors_of(name).velocity.filter_hz) for name in arms]
+    return float(max((*filters, *(scenario.actuators_of(name).lag for name in arms))))
+
+
+def posture_gains(
+    scenario: Scenario, cell_reach: Reachability, T: float, least_stiffness: float
+) -> PostureGains:
+    """Return null-space gains, at most the usual ones but for a spring that has to be stiffer.
+
+    The damping keeps T lambda below 0.9 with the payload held, and the spring is lowered with it. On full
+    rows the spring takes no more torque at rest than gravity asks for, however stiff it is; on positional
+    ones the closures hold the spare joints against it, so that it is lowered to what the drives can hold.
+    """
+    on_base = any(arm.base_joints for arm in scenario.cell.arms.values())
+    usual, decay = _BASE_POSTURE if on_base else PostureGains(), 0.0
+    for reach in cell_reach.arms:
+        arm = CellArm(scenario.cell, reach.arm)
+        if arm.nv == arm.rows.size:
+            continue
+        for q in reach.q[:: max(1, len(reach.q) // 20)]:
+            U = np.linalg.svd(arm.null_space(q))[0][:, : arm.nv - arm.rows.size]
+            spare = arm.from_drive @ U  # joint rates with the payload held
+            decay = max(decay, 1.0 / float(np.linalg.eigvalsh(spare.T @ arm.mass_matrix(q) @ spare)[0]))
+    stiffness, damping = float(np.max(usual.stiffness)), float(np.max(usual.damping))
+    if decay > 0.0:
+        damping = min(damping, rounded_down(T_LAMBDA / ((T + 2.0 * slowest_lag(scenario)) * decay)))
+    stiffness *= damping / float(np.max(usual.damping))
+    stiffness = max(stiffness, least_stiffness)
+    if decay > 0.0 and not scenario.cell.controls_turns:
+        stiffness = min(stiffness, _largest_held(scenario, cell_reach, damping))
+    return PostureGains(stiffness=stiffness, damping=damping)
+
+
+def _largest_held(scenario: Scenario, cell_reach: Reachability, damping: float) -> float:
+    """Return the stiffest spring that the drives hold along the motion on positional rows, N m/rad."""
+    without, with_one = (
+        positional_torques(scenario, cell_reach, PostureGains(stiffness=stiffness, damping=damping))
+        for stiffness in (0.0, 1.0)
+    )
+    limits = [CellArm(scenario.cell, reach.arm).limits.torque for reach in cell_reach.arms]
+    held = min(
+        part_held(torque, pulled - torque, limit)
+        for torque, pulled, limit in zip(without, with_one, limits, strict=True)
+    )
+    return rounded_down(max(held, ROUND_OFF))
+
+
+def rounded_down(value: float) -> float:
+    """Return a positive value with three significant digits, not above it."""
+    digits = 2 - math.floor(math.log10(value))
+    scaled = value * 10.0**digits
+    return float(f"{math.floor(scaled * (1.0 + 1e-12)) / 10.0**digits:.6g}")

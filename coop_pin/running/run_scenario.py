@@ -1,0 +1,132 @@
+"""Run of a scenario with the controller that it names."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from coop_pin.base.errors import ArgumentError, CoopPinError, ScenarioWarning, TracingError
+from coop_pin.compiled.engine_choice import choose_engine, plant_of, saved_by_auto
+from coop_pin.compiled.engines import PREVIOUS, Engine
+from coop_pin.description.scenario import Scenario
+from coop_pin.results.run_result import RunResult
+from coop_pin.results.snapshot import Observer
+from coop_pin.running.plausibility import run_warnings
+from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulate import Progress, simulate
+from coop_pin.stability.step_size import with_changes
+
+_LOG = logging.getLogger("coop_pin")
+_WORTH_A_HINT = 5.0
+"""Wall time that another engine must save to be named, s."""
+
+
+def run(
+    scenario: Scenario | str | Path,
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    progress: Progress | None = None,
+    view: Observer | None = None,
+    realtime_rate: float | None = None,
+    stop_at_breach: bool = False,
+    engine: Engine = "pinocchio",
+    warn: bool = True,
+) -> RunResult:
+    """Return the result of a scenario with the controller that it names.
+
+    What ``coop-pin check`` finds wrong with it is told before the run, each as a ScenarioWarning.
+
+    Args:
+        scenario: a Scenario, a name in the catalogue, or the path of a TOML file.
+        overrides: fields to change, by dotted path, for example ``{"controller.gains.sign_gain": 0.0}``;
+            ``{"clock.steps_per_tick": "auto"}`` is the fewest steps that keep 1e-8 m, see ``fewest_steps``.
+        progress: function that is called with (ticks done, ticks in all): after every tick, by engine "batch"
+            after some hundred.
+        view: function that is called with a snapshot after every tick, for example what
+            coop_pin.open_view returns.
+        realtime_rate: simulated seconds in one second of wall time; inf is as fast as possible. When omitted
+            1 with a view, otherwise inf.
+        stop_at_breach: end the run at its first breach of the scenario's trust thresholds.
+        engine: engine of the run. "traced" is a compiled plant, "batch" compiled code of plant, sensors
+            and law: faster, and equal to rounding. A run by "batch" that breaks off is repeated by "traced",
+            which tells its error. "auto" takes the fastest for this length; see ``choose_engine``.
+        warn: whether to look for what makes the run doubtful; that takes a part of a second.
+
+    Raises:
+        ScenarioError: the scenario has mistakes.
+        ArgumentError: engine "traced" does not have the scenario's plant, or "batch" not its law, or
+            something else is to be done at every tick.
+        CoopPinError: the run could not start, or broke off; ``error.result`` holds what was computed.
+    """
+    if not isinstance(scenario, Scenario):
+        scenario = Scenario.load(scenario)
+    if overrides is not None:
+        scenario = with_changes(scenario, overrides)
+    controller = build_controller(scenario)
+    for warning in run_warnings(scenario, controller) if warn else ():
+        warnings.warn(warning, ScenarioWarning, stacklevel=2)
+    is_live = view is not None or stop_at_breach or realtime_rate not in (None, math.inf)
+    chosen = _chosen(scenario, PREVIOUS.get(engine, engine), is_live)
+    if chosen == "batch":
+        result = _run_as_lane(scenario, progress, is_named=engine == "batch")
+        if result is not None:
+            return result
+        chosen = "traced"
+    started = time.perf_counter()
+    result = simulate(
+        scenario,
+        controller,
+        progress=progress,
+        view=view,
+        realtime_rate=realtime_rate,
+        stop_at_breach=stop_at_breach,
+        plant=plant_of(chosen),
+    )
+    if chosen == "pinocchio" and warn and not is_live:
+        saved = saved_by_auto(scenario, time.perf_counter() - started)
+        if saved > _WORTH_A_HINT:
+            _LOG.warning("engine 'auto' would have saved about %.0f s of this run", saved)
+    return result
+
+
+def _chosen(scenario: Scenario, engine: str, is_live: bool) -> str:
+    """Return the engine of a run; raises ArgumentError as run."""
+    if engine == "auto":
+        choice = choose_engine(scenario, is_live=is_live)
+        level = logging.WARNING if choice.obstacle == "live" else logging.INFO
+        _LOG.log(level, "engine %r: %s", choice.engine, choice.reason)
+        return choice.engine
+    if engine == "batch" and is_live:
+        detail = "a view, pacing or a stop at a breach needs every tick; choose engine 'traced'"
+        raise ArgumentError(f"engine 'batch' does not fit: {detail}")
+    return engine
+
+
+def _run_as_lane(scenario: Scenario, progress: Progress | None, *, is_named: bool) -> RunResult | None:
+    """Return the result of a run by compiled code; None where a single run must tell its error.
+
+    Args:
+        scenario: Scenario to run.
+        progress: Function that is called after chunks of ticks.
+        is_named: Whether nothing but compiled code was asked for.
+    """
+    from coop_pin.compiled.lane import Lane  # a run by Pinocchio does without its compiler
+
+    try:
+        lane = Lane(scenario)
+    except TracingError as error:
+        if is_named:
+            raise ArgumentError(f"engine 'batch' does not fit: {error}; choose engine 'traced'") from None
+        _LOG.warning("engine 'traced': %s", error)
+        return None
+    except CoopPinError:  # the single run ends with it
+        return None
+    except Exception as error:  # of a user's motion, at a tick that the single run will tell
+        _LOG.warning("engine 'traced': %s: %s", type(error).__name__, error)
+        return None
+    return lane.run(progress)

@@ -1,0 +1,52 @@
+"""Controller of a scenario, built by the law that it names."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coop_pin.base.errors import FieldError
+from coop_pin.control import CellController, ControlledArm, FeedForwardController
+from coop_pin.description.scenario import Scenario
+from coop_pin.model.arm_model import ArmModel
+
+
+def build_controller(scenario: Scenario) -> CellController:
+    """Return the controller that a scenario names.
+
+    Raises:
+        FieldError: the law does not fit an arm's number of joints; a gain or a feed-forward does not fit its
+            arm.
+        NameNotFoundError: a user's module or class does not exist.
+    """
+    arms = [controlled_arm(scenario, ArmModel(arm, name=name)) for name, arm in scenario.cell.arms.items()]
+    law, added = scenario.controller.build(scenario, arms), scenario.feed_forward
+    if added is None:
+        return law
+    for arm, torque in zip(arms, added.at(added.times[-1]), strict=True):
+        if len(torque) != arm.drives:
+            detail = f"has {len(torque)} torques in a row; the arm has {arm.drives} drives"
+            raise FieldError(detail, f"feed_forward.torques.{arm.name}")
+        if law.commands_of(arm.name) != "torque":
+            detail = f"adds torques, but the law commands {law.commands_of(arm.name)!r} to arm {arm.name!r}"
+            raise FieldError(detail, "feed_forward")
+    return FeedForwardController(law, lambda time, _: added.at(time))
+
+
+def controlled_arm(scenario: Scenario, model: ArmModel) -> ControlledArm:
+    """Return what a law may know of an arm besides measurements."""
+    cell, name = scenario.cell, model.name
+    posture = model.drive @ model.posture(cell.arms[name].posture) if model.nq == model.nv else None
+    return ControlledArm(
+        name=name,
+        leads=name == next(iter(cell.arms)),
+        rows=cell.task_rows,
+        period=scenario.clock.period,
+        load_share=cell.share(name),
+        drives=model.nv,
+        posture=posture,
+        gravity=np.array(cell.gravity),
+        start_pose=scenario.start.matrix,
+        oldest_wrench=scenario.oldest_wrench,
+        base_drives=model.base_joints,
+        way_out=cell.way_out(name) if name in cell.patches else None,
+    )

@@ -1,0 +1,174 @@
+"""Eigenvalues of the sampled closed loop, from tick to tick: plant, law, sensors, force path, lag, delay."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coop_pin.base.arrays import Array, as_number, typed
+from coop_pin.base.errors import ArgumentError, OutOfRangeError
+from coop_pin.description.scenario import Scenario
+from coop_pin.description.sensors import Sensors
+from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
+from coop_pin.stability.modes import NEUTRAL, Mode
+from coop_pin.stability.tick_map import MEMORY, TickMap
+
+_ONE = 1e-5
+"""Distance from 1 within which an eigenvalue is 1: errors of the differences are 1e-7."""
+_GONE = 1e-6
+"""``|z|`` below which a mode is gone after a tick."""
+
+
+class ClosedLoop(NamedTuple):
+    """Sampled closed loop, linear about a state: ``x[k + N] = A x[k]``.
+
+    x holds the n motions that the closures leave, their speeds, the forces of the drives, and the memories of
+    drives, servos, sensors, network, force path and law. Closure errors are not in it, and so no modes of
+    Baumgarte's. What no tick changes (starting values that a law keeps) is left out and counted.
+
+    Attributes:
+        matrix: A, shape (x, x).
+        modes: modes that move or change, the slowest or fastest growing first.
+        structural: names of the modes with z = 1: what nothing controls, for example internal directions
+            without anchor or leak, or spare joints without a spring.
+        constants: number of memories that never change.
+        ticks: N, the period of the slowest sensor or message.
+        time: time of the state, s.
+    """
+
+    matrix: Array
+    modes: tuple[Mode, ...]
+    structural: tuple[str, ...]
+    constants: int
+    ticks: int
+    time: float
+
+    @property
+    def z(self) -> NDArray[np.complex128]:
+        """Eigenvalues of the modes, from tick to tick, shape (modes,)."""
+        return np.array([mode.z for mode in self.modes])
+
+    @property
+    def radius(self) -> float:
+        """Largest ``|z|`` besides the structural modes at 1."""
+        return max((abs(mode.z) for mode in self.modes), default=0.0)
+
+    @property
+    def ok(self) -> bool:
+        """Whether no mode grows."""
+        return self.radius < 1.0 + NEUTRAL
+
+    @property
+    def slowest(self) -> Mode:
+        """Mode of motion or internal wrenches that decays slowest, or grows."""
+        return self._moving()[0]
+
+    @property
+    def least_damped(self) -> Mode:
+        """Mode of motion or internal wrenches with the smallest damping ratio."""
+        return min(self._moving(), key=lambda mode: mode.damping)
+
+    def _moving(self) -> list[Mode]:
+        return [mode for mode in self.modes if mode.name != MEMORY] or [*self.modes]
+
+    def summary(self) -> str:
+        """Return the slowest and the least damped mode as text, in one line."""
+        slow, swinging = self.slowest, self.least_damped
+        rate = f"decays with {slow.rate:.3g} /s" if self.ok else f"grows with {-slow.rate:.3g} /s"
+        text = (
+            f"closed loop: slowest mode {slow.name} {rate} (|z| = {abs(slow.z):.5f}); least damped"
+            f" {swinging.name}, damping ratio {swinging.damping:.2f}"
+        )
+        counted = {name: self.structural.count(name) for name in self.structural}
+        held = ", ".join(f"{count} {name}" for name, count in counted.items())
+        return ("" if self.ok else "! ") + text + (f"; nothing controls {held} (z = 1)" if held else "")
+
+
+@typed
+def eigenvalues(scenario: Scenario, *, time: float = 0.0) -> ClosedLoop:
+    """Return the sampled closed loop of a scenario at a state, and its modes, by central differences.
+
+    With F the whole of N ticks of a run, as ``Simulation`` makes them, A = dF/dx at the state that the run,
+    without its events and quantisation, has at a time, once every wrench sensor has given a sample. Where
+    the run is at rest this is its linear model; while it moves it is that of the moment. No message is lost
+    or rounded.
+
+    ``sampled_motion`` is the motion's part of it alone, in closed form, without friction, force path and
+    memories: much faster, for many poses and lags.
+
+    Args:
+        scenario: Scenario whose law is smooth near rest.
+        time: Time of the state, s.
+
+    Raises:
+        ArgumentError: the law switches by sgn without a boundary layer, or a torque limit, rate limit or the
+            edge of a layer is within 1e-5 of the state.
+        OutOfRangeError: the time is negative or not finite.
+        UnreachablePoseError: the start is out of an arm's reach.
+        SingularJacobianError: an arm is singular.
+        DivergedError: the run grows before that time.
+    """
+    _require_smooth(scenario)
+    if not 0.0 <= as_number("time", time) < np.inf:
+        raise OutOfRangeError("time", time, "at least 0 and finite")
+    period = scenario.clock.period
+    smooth, arms = _smooth(scenario), list(scenario.cell.arms)
+    age = smooth.oldest_wrench
+    cycles = [wrist.every for wrist in smooth.wrists]
+    if (network := smooth.network) is not None:
+        age += network.oldest_of(arms, smooth.clock)
+        cycles += [smooth.clock.ticks_between(network.channel(edge).rate_hz) for edge in network.edges(arms)]
+    N, before = int(np.lcm.reduce(cycles or [1])), int(np.ceil(time / period - NEUTRAL)) + age + 2
+    smooth = smooth.replace(duration=(before + N + 1) * period)
+    simulation = Simulation(smooth, build_controller(smooth))
+    for _ in range(before):
+        simulation.tick()
+    tick = TickMap(simulation, N)
+    A, outputs, constants = tick.jacobian()
+    z, vectors = np.linalg.eig(A)
+    names = [
+        tick.mode_name(vector, output)
+        for vector, output in zip(vectors.T, (outputs @ vectors).T, strict=True)
+    ]
+    is_one = np.abs(z - 1.0) < _ONE
+    order = [k for k in np.argsort(-np.abs(z)) if abs(z[k]) > _GONE]
+    modes = [Mode(complex(z[k] ** (1.0 / N)), names[k], period) for k in order if not is_one[k]]
+    ones = [names[k] for k in order if is_one[k]]
+    structural = tuple(sorted(name for name in ones if name != MEMORY))
+    return ClosedLoop(A, tuple(modes), structural, constants + ones.count(MEMORY), N, before * period)
+
+
+def _require_smooth(scenario: Scenario) -> None:
+    """Raise ArgumentError if the law has no linear model near rest."""
+    network = scenario.network
+    if network is not None and any(
+        network.channel(edge).jitter for edge in network.edges([*scenario.cell.arms])
+    ):
+        raise ArgumentError("messages that are late by chance have no map of a tick; state network.jitter 0")
+    if scenario.controller.near_rest.integral == "sign":
+        raise ArgumentError(
+            "controller.switching is 'sign': sgn has no eigenvalues; state a boundary layer"
+            " (switching.kind 'saturation' or 'tanh' with a width), or sign_gain 0"
+        )
+
+
+def _smooth(scenario: Scenario) -> Scenario:
+    """Return a scenario without events, quantisation and losses, with any gains allowed."""
+
+    def continuous(sensors: Sensors) -> Sensors:
+        return sensors.replace(encoder=sensors.encoder.replace(resolution=0.0))
+
+    return scenario.replace(
+        events=(),
+        beyond_bound=True,
+        network=None if scenario.network is None else scenario.network.exact,
+        sensors=continuous(scenario.sensors),
+        arm_sensors={name: continuous(sensors) for name, sensors in scenario.arm_sensors.items()},
+        actuators=scenario.actuators.replace(missed_ticks=0.0),
+        arm_actuators={
+            name: drives.replace(missed_ticks=0.0) for name, drives in scenario.arm_actuators.items()
+        },
+    )

@@ -1,0 +1,107 @@
+"""Heat map of a table: one HTML page with filters, keyboard, and the numbers and the command of each cell."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from coop_pin.base.atomic_write import write_atomically
+
+REPLAYS = "replays"
+"""Folder of replays beside the page."""
+_BETWEEN = " | "
+_UNSAFE = re.compile("[^A-Za-z0-9.-]+")
+
+
+def cell_text(names: Sequence[str]) -> str:
+    """Return the name of a cell as the page and the command write it."""
+    return _BETWEEN.join(names)
+
+
+def cell_names(text: str) -> list[str]:
+    """Return the names in the text of a cell."""
+    return [name.strip() for name in text.split(_BETWEEN.strip())]
+
+
+def replay_file(cells: Sequence[Sequence[str]]) -> str:
+    """Return the file of the replay of one cell, or of several side by side, in the folder of replays."""
+    return "--".join(_UNSAFE.sub("-", cell_text(names)) for names in cells) + ".html"
+
+
+def write_heat_map(
+    table: pd.DataFrame,
+    path: Path,
+    *,
+    title: str,
+    names: Sequence[str],
+    rivals: Sequence[str],
+    measures: Mapping[str, str],
+    filters: Sequence[str] = (),
+    notes: Sequence[str] = (),
+    command: str,
+    replay: str = "{cells}",
+) -> None:
+    """Write the heat map of a table as one page that loads nothing from elsewhere.
+
+    The colour of a cell is the logarithm of its value over the least one among its rivals. Replays that exist
+    in the folder ``replays`` beside the page are linked.
+
+    Args:
+        table: one row for each cell: names, measures (no value: not finite) with ``<measure>_low`` and
+            ``<measure>_high`` if there are intervals, ``doubted``, whether not all runs are trustworthy, and
+            ``failure``, the error of a run, or an empty text.
+        path: the page.
+        title: heading.
+        names: columns that name a cell; the last one has the columns of the map.
+        rivals: names in which cells differ that are compared with each other.
+        measures: text and unit of each measure.
+        filters: further columns that cells can be chosen by.
+        notes: further columns that are shown with a cell.
+        command: command of a cell; "{scenario}" stands for that name or note of the cell, "{cells}" for the
+            text of the cell, or of two.
+        replay: file of the replay, in the same way.
+    """
+    page = {
+        "title": title,
+        "names": {name: _coded(table[name]) for name in names},
+        "rivals": list(rivals),
+        "filters": {name: _coded(table[name]) for name in filters},
+        "notes": {name: _coded(table[name]) for name in (*notes, "failure")},
+        "doubted": table["doubted"].astype(int).tolist(),
+        "measures": [{"text": text, **_numbers(table, name)} for name, text in measures.items()],
+        "command": command,
+        "replay": replay,
+        "replays": sorted(file.name for file in (path.parent / REPLAYS).glob("*.html")),
+        "folder": REPLAYS,
+    }
+    data = json.dumps(page, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    template = resources.files("coop_pin.sweeps").joinpath("heat_map.html").read_text(encoding="utf-8")
+    write_atomically(path, lambda part: part.write_text(template.replace("DATA", data), encoding="utf-8"))
+
+
+def _coded(column: pd.Series[Any]) -> dict[str, Any]:
+    """Return the different texts of a column in their order, and the number of each row's text."""
+    codes, texts = pd.factorize(
+        column.map(lambda value: f"{value:.9g}" if isinstance(value, float) else str(value))
+    )
+    return {"texts": texts.tolist(), "codes": codes.tolist()}
+
+
+def _numbers(table: pd.DataFrame, name: str) -> dict[str, list[float | None]]:
+    """Return the values of a measure to five digits, and their intervals if there are any."""
+    columns = {"values": table[name].to_numpy(dtype=float)}
+    if f"{name}_low" in table:
+        ends = {end: table[f"{name}_{end}"].to_numpy(dtype=float) for end in ("low", "high")}
+        wide = ends["low"] < ends["high"]
+        columns |= {end: np.where(wide, values, np.nan) for end, values in ends.items()}
+    return {
+        key: [float(f"{value:.5g}") if np.isfinite(value) else None for value in values]
+        for key, values in columns.items()
+    }

@@ -1,0 +1,322 @@
+"""Single runs as one lane of a batch: those of Pinocchio in cells, laws, sensors, drives and events."""
+
+from __future__ import annotations
+
+import gc
+import random
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from batches import require_same_samples
+from test_batch_laws import LAWS, scenario_with
+from test_batch_sensing import SETTINGS, in_setting
+from test_engines import CASES, eventful
+
+import coop_pin as cp
+from coop_pin.base import errors
+from coop_pin.cli import main
+from coop_pin.compiled import plant_reason
+from coop_pin.compiled.engine_choice import choose_engine
+from coop_pin.results.run_result import RunResult
+
+RUNS = {
+    **{
+        f"cell {name}": lambda name=name: cp.Scenario.load(name, {"duration": 0.1, "events": []})
+        for name in cp.scenario_names()
+        if plant_reason((scenario := cp.Scenario.load(name)).plant, scenario.cell) is None
+    },
+    **{
+        f"law {name} {index}": lambda case=case: scenario_with(*case)
+        for name, cases in LAWS.items()
+        for index, case in enumerate(cases)
+    },
+    **{
+        f"{setting}, {law}, {cell}": lambda case=(cell, setting, law): in_setting(*case)
+        for cell in ("planar", "spatial")
+        for setting in SETTINGS
+        for law in ("printed", "anchored")
+    },
+    **{f"events {name}": lambda name=name: eventful(name) for name in CASES},
+    "gravity turns": lambda: cp.Scenario.load(
+        "two-pandas-box",
+        {"duration": 0.1, "events": [{"kind": "gravity-turn", "time": 0.043, "gravity": (1.0, 0.0, -9.7)}]},
+    ),
+}
+ALWAYS = ["events planar", "everything at once, anchored, spatial"]
+QUICK = {*ALWAYS, *random.Random(31).sample(sorted({*RUNS} - {*ALWAYS}), 4)}
+
+
+DIVERGING = {"law leader-follower 0"}
+
+
+def finished(scenario, engine):
+    """The run, or the time at which it diverges."""
+    try:
+        return cp.run(scenario, engine=engine, warn=False)
+    except errors.DivergedError as error:
+        return error.time
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow]) for name in RUNS]
+)
+def test_a_lane_is_the_run_on_pinocchio(name):
+    scenario = RUNS[name]()
+    lane, single = (finished(scenario, engine) for engine in ("batch", "pinocchio"))
+    if name in DIVERGING:
+        assert lane == single
+        return
+    assert (lane.engine, single.engine) == ("batch", "pinocchio")
+    require_same_samples(lane.data, single.data)
+    remarks = [result.data.attrs.get(RunResult.REMARKS) for result in (lane, single)]
+    assert remarks[0] == remarks[1]
+
+
+def test_other_gains_need_no_other_code(tmp_path, monkeypatch):
+    from coop_pin.compiled import schedule
+
+    made, original = [], schedule.TickCode
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(schedule, "TickCode", lambda *a, **b: made.append(a) or original(*a, **b))
+    for gain in (0.05, 0.13, 0.2):
+        changes = {"duration": 0.2, "events": [], "controller.gains.sign_gain": gain}
+        scenario = cp.Scenario.load("adept-anchored", changes)
+        lane, single = cp.run(scenario, engine="batch", warn=False), cp.run(scenario, warn=False)
+        require_same_samples(lane.data, single.data)
+    assert len(made) <= 1
+
+
+@pytest.mark.parametrize("every", [1, 7])
+def test_an_interrupted_lane_keeps_its_first_chunks(every):
+    scenario = cp.Scenario.load("adept-paper", {"duration": 15.0, "clock.record_every": every})
+    done = []
+
+    def watch(ticks, _total):
+        done.append(ticks)
+        if len(done) == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(errors.RunInterruptedError) as caught:
+        cp.run(scenario, engine="batch", progress=watch, warn=False)
+    kept, whole = caught.value.result.data, cp.run(scenario, engine="batch", warn=False).data
+    assert 0 < done[0] < done[1] < 1200
+    ticks = np.round(kept.time.values * scenario.clock.rate_hz).astype(int)
+    assert ticks.tolist() == [tick for tick in range(done[1] + 1) if tick % every == 0 or tick == done[1]]
+    common = np.flatnonzero(ticks % every == 0)
+    for name, values in kept.data_vars.items():
+        is_timed = "time" in values.dims
+        expected = whole[name].isel(time=ticks[common] // every) if is_timed else whole[name]
+        found = values.isel(time=common) if is_timed else values
+        np.testing.assert_array_equal(found, expected, err_msg=name)
+
+
+@pytest.mark.parametrize(("case", "every"), [("planar", 1), ("spatial", 7)])
+def test_a_lane_in_parts_is_the_run_on_pinocchio(case, every, monkeypatch):
+    """With squeeze, payload and torque that change in later parts than the first."""
+    from coop_pin.compiled import lane
+
+    monkeypatch.setattr(lane, "_LONG", 10)
+    monkeypatch.setattr(lane, "_PART", 20)
+    scenario = in_setting(case, "everything at once", "anchored")
+    period, squeeze = scenario.clock.period, scenario.squeeze_wrenches
+    late = {"kind": "payload-change", "time": 31.4 * period, "mass": 2.0}
+    scenario = scenario.override({"duration": 50 * period, "clock.record_every": every, "events": [late]})
+    arms = list(scenario.cell.arms)
+    tables = [dict(zip(arms, (k * squeeze).tolist(), strict=True)) for k in (1.0, 1.5)]
+    ramp = {"kind": "ramp", "start": tables[0], "goal": tables[1], "duration": 0.1, "start_time": 25 * period}
+    scenario = scenario.override({"squeeze": ramp})
+    run, whole = lane.Lane(scenario), finished(scenario, "pinocchio")
+    lane._simulator._families.clear()
+    gc.collect()  # the machine's memory with it, if nothing else held it
+    result = run.run()
+    require_same_samples(result.data, whole.data)
+    assert (result.every_tick is None) == (every == 1)
+    assert list(result.metrics()) == list(whole.metrics())
+    assert result.metrics() == pytest.approx(whole.metrics(), rel=1e-9, abs=1e-9, nan_ok=True)
+    assert [breach[:3] for breach in result.breaches()] == [breach[:3] for breach in whole.breaches()]
+    assert [limit[:3] for limit in result.limit_violations()] == [v[:3] for v in whole.limit_violations()]
+
+
+HOUR = """
+import resource, sys
+import coop_pin as cp
+changes = {"duration": 3600.0, "clock.record_every": 10}
+result = cp.run("two-pandas-box", changes, engine="auto", warn=False)
+result.save(sys.argv[1])
+print(result.engine, len(result.data.time), result.trustworthy)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+cp.viz.save_replay(result, sys.argv[2])
+"""
+
+
+@pytest.mark.slow
+def test_an_hour_of_two_pandas_takes_less_than_1_gb_and_its_page_less_than_4_mb(tmp_path):
+    files = tmp_path / "result.nc", tmp_path / "replay.html"
+    words = [sys.executable, "-c", HOUR, *map(str, files)]
+    done = subprocess.run(words, check=True, capture_output=True, text=True)
+    said, peak_kb = done.stdout.splitlines()
+    print(said, f"{int(peak_kb) / 1024:.0f} MB, page {files[1].stat().st_size / 1e6:.2f} MB")
+    assert said == "batch 180001 True"
+    assert int(peak_kb) * 1024 < 1e9
+    assert files[1].stat().st_size < 4e6
+
+
+def test_a_run_says_what_auto_would_have_saved(monkeypatch, caplog):
+    from coop_pin.running import run_scenario
+
+    cp.run("adept-paper", {"duration": 1.0, "events": []})
+    assert "auto" not in caplog.text
+    monkeypatch.setattr(run_scenario, "_WORTH_A_HINT", 0.0)
+    cp.run("adept-paper", {"duration": 1.0, "events": []})
+    assert "auto" not in caplog.text  # compiling takes longer
+    cp.run("adept-paper", {"duration": 30.0})
+    assert "engine 'auto' would have saved" in caplog.text
+
+
+def test_progress_ends_with_the_last_tick_and_its_errors_carry_the_result():
+    scenario, told = cp.Scenario.load("adept-paper", {"duration": 15.0}), []
+    cp.run(scenario, engine="batch", progress=lambda *ticks: told.append(ticks), warn=False)
+    assert told[-1] == (1200, 1200)
+    assert told == sorted(told)
+
+    def fail(_done, _total):
+        raise errors.RunTimeoutError(1.0)
+
+    with pytest.raises(errors.RunTimeoutError) as caught:
+        cp.run(scenario, engine="batch", progress=fail, warn=False)
+    assert caught.value.result.data.attrs[RunResult.ENDED_BY] == "RunTimeoutError"
+    assert caught.value.result.data.sizes["time"] == told[0][0] + 1
+
+
+def test_a_lane_that_diverges_has_the_error_of_a_single_run():
+    changes = {"controller.gains.pose_gain": 400.0, "beyond_bound": True, "duration": 2.0, "events": []}
+    found = []
+    for engine in ("pinocchio", "batch"):
+        with pytest.raises(errors.CoopPinError) as caught:
+            cp.run("adept-paper", changes, engine=engine, warn=False)
+        found.append((type(caught.value), caught.value.time, caught.value.result.end))
+    assert found[0] == found[1]
+
+
+def test_auto_chooses_by_length_law_and_what_happens_at_ticks():
+    long, short = (
+        cp.Scenario.load("adept-paper"),
+        cp.Scenario.load("adept-paper", {"duration": 2.0, "events": []}),
+    )
+    based = long.override(
+        {"controller": {"kind": "computed-torque", "gains": {"position_gain": 9.0, "velocity_gain": 6.0}}}
+    )
+    cases = {
+        ("batch", None): (long.replace(duration=2000.0), False),
+        ("pinocchio", "few runs"): (short, False),
+        ("traced", "live"): (long, True),
+        ("traced", "law"): (based, False),
+        ("pinocchio", "plant"): (long.override({"plant.payload": "free"}), False),
+    }
+    for expected, (scenario, is_live) in cases.items():
+        assert choose_engine(scenario, is_live=is_live)[:2] == expected
+
+
+def test_auto_takes_compliant_grasps_and_leaves_their_events_to_single_runs():
+    assert choose_engine(cp.Scenario.load("adept-compliant"))[0] == "batch"
+    assert choose_engine(cp.Scenario.load("three-ur5-handover"))[:2] == ("traced", "plant")
+    assert choose_engine(cp.Scenario.load("human-partner"))[:2] == ("pinocchio", "plant")
+
+
+def test_auto_runs_what_it_chooses():
+    assert cp.run("adept-paper", engine="auto", warn=False).engine == "batch"
+    assert (
+        cp.run("adept-paper", {"duration": 1.0, "events": []}, engine="auto", warn=False).engine
+        == "pinocchio"
+    )
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [{"view": lambda _: None}, {"realtime_rate": 1.0}, {"stop_at_breach": True}],
+    ids=lambda each: next(iter(each)),
+)
+def test_a_lane_is_refused_where_something_happens_at_every_tick(asked):
+    with pytest.raises(errors.ArgumentError, match="traced"):
+        cp.run("adept-paper", engine="batch", warn=False, **asked)
+
+
+def test_a_lane_of_a_law_that_cannot_be_traced_is_refused():
+    changes = {
+        "controller": {"kind": "computed-torque", "gains": {"position_gain": 9.0, "velocity_gain": 6.0}}
+    }
+    with pytest.raises(errors.ArgumentError, match="computed-torque"):
+        cp.run("adept-paper", changes, engine="batch", warn=False)
+
+
+class Damper(cp.ArmController):
+    """Damps the drives."""
+
+    def __init__(self, scenario, arm, damping=5.0):
+        self.damping = damping
+
+    def init(self, measurement, reference):
+        return None
+
+    def step(self, measurement, reference, state):
+        return cp.ArmCommand(-self.damping * measurement.v + 0.3, state)
+
+
+class Forgetful(Damper):
+    """Counts ticks besides its state, which no random ticks show."""
+
+    seen = 0
+
+    def step(self, measurement, reference, state):
+        Forgetful.seen += 1
+        strength = 1.0 if Forgetful.seen < 150 else 2.0
+        return cp.ArmCommand(-self.damping * strength * measurement.v + 0.3, state)
+
+
+def users(target):
+    return cp.Scenario.load("adept-paper").override(
+        {"controller": {"kind": "user", "target": target}, "events": [], "duration": 4.0}
+    )
+
+
+def test_a_users_law_runs_as_a_lane_by_name():
+    lane, single = (cp.run(users(Damper), engine=engine, warn=False) for engine in ("batch", "pinocchio"))
+    assert lane.engine == "batch"
+    require_same_samples(lane.data, single.data)
+
+
+def test_a_users_law_with_hidden_state_is_no_lane():
+    with pytest.raises(errors.CoopPinError):
+        cp.run(users(Forgetful), engine="batch", warn=False)
+
+
+def test_the_old_name_of_an_engine_is_read():
+    assert cp.Execution(engine="single").engine == "pinocchio"
+    assert cp.SweepPlan(base="adept-paper", engine="single").engine == "pinocchio"
+    assert (
+        cp.run("adept-paper", {"duration": 0.1, "events": []}, engine="single", warn=False).engine
+        == "pinocchio"
+    )
+
+
+def test_the_command_tells_what_auto_chose(tmp_path, capsys):
+    words = ["run", "adept-paper", "--engine", "auto", "--no-figures", "--no-replay", "--out", str(tmp_path)]
+    assert main(words) == 0
+    assert "engine batch: " in capsys.readouterr().out
+    assert cp.RunResult.load(tmp_path / "result.nc").engine == "batch"
+
+
+def test_a_sweep_on_the_traced_plant_says_so(tmp_path):
+    axes = {"controller.gains.sign_gain": [0.0, 0.1]}
+    plan = {"changes": {"duration": 0.2, "events": []}, "execution": cp.Execution(workers=0, quiet=True)}
+    tables = {
+        engine: cp.sweep("adept-paper", axes, out=tmp_path / engine, engine=engine, **plan).table
+        for engine in ("traced", "pinocchio")
+    }
+    columns = ["position_rms_m", "closure_distance_max_m"]
+    common = [name for name in columns if name in tables["traced"]]
+    assert common
+    np.testing.assert_allclose(tables["traced"][common], tables["pinocchio"][common], rtol=0, atol=1e-9)
+    assert '"engine":"traced"' in (tmp_path / "traced" / "runs" / "000001.jsonl").read_text().replace(" ", "")

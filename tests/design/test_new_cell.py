@@ -1,0 +1,205 @@
+"""New cells from the names of arms: places, files that read back, runs, and refusals with numbers."""
+
+import re
+
+import numpy as np
+import pytest
+
+import coop_pin as cp
+from coop_pin.base.errors import FieldError, InfeasibleMotionError, NameNotFoundError, UrdfError
+from coop_pin.cli import main
+from coop_pin.description.urdf import find_urdf, load_checked
+from coop_pin.description.urdf.robot import Robot
+from coop_pin.design.new_cell import _below_ground
+from coop_pin.design.placement import contacts
+from coop_pin.feasibility import maximum_reach
+from coop_pin.feasibility.motion_feasibility import joint_heights
+from coop_pin.running.plausibility import implausible_numbers
+
+CELLS = {
+    "planar": (["adept_3dof"] * 2, {"payload": "bar", "size": (0.24, 0.03, 0.03), "mass": 5.0}),
+    "unlike": (["xarm7", "ur10"], {"mass": 5.0}),
+    "three": (["ur5", "panda", "ur10"], {"payload": "plate", "grasp": "above", "mass": 3.0}),
+}
+
+
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(name, marks=[pytest.mark.slow] * (name == "three")) for name in CELLS],
+)
+def made(request):
+    arms, options = CELLS[request.param]
+    return request.param, cp.new_cell(arms, name=request.param, **options)
+
+
+def test_a_new_cell_runs_as_written_and_reads_back_from_its_file(made, tmp_path):
+    """The file in full, too: comments and left-out defaults change no value."""
+    name, suggestion = made
+    scenario = suggestion.scenario
+    scenario.save(tmp_path / "new.toml", commented=True)
+    again = cp.Scenario.load(tmp_path / "new.toml")
+    assert again == scenario == cp.Scenario.from_toml(scenario.to_toml())
+    result = cp.run(again, {"duration": 2.0})
+    assert result.trustworthy, (name, result.verdict())
+    assert np.abs(result.data.pose_error.values[:, :3]).max() < 1e-3
+
+
+def test_the_arms_stand_around_the_payload_within_their_reach(made):
+    """Bases upright on one ground, tips on the payload and tools towards it; planar arms in its plane."""
+    name, suggestion = made
+    cell, height = suggestion.scenario.cell, suggestion.scenario.start.xyz[2]
+    assert cell.rows == ("planar" if name == "planar" else "full")
+    half = np.array(cell.payload.size) / 2.0
+    for key, arm in cell.arms.items():
+        tip = np.array(cell.grasps[key].xyz)
+        assert arm.base.rpy[:2] == (0.0, 0.0)
+        assert arm.base.xyz[2] == pytest.approx(0.0, abs=1e-9)
+        assert 0.3 < np.linalg.norm(tip[:2] - arm.base.xyz[:2]) / maximum_reach(arm) < 0.9
+        assert (np.abs(tip) <= half + 1e-3).all()
+        tool = cell.grasps[key].matrix[:3, 2]
+        towards = {"three": (0.0, 0.0, -1.0), "unlike": -tip / np.linalg.norm(tip)}.get(name)
+        if towards is not None:  # a grasp may be turned about its tool
+            np.testing.assert_allclose(tool, towards, atol=1e-6)
+        model = cp.model.ArmModel(arm)
+        assert name == "planar" or min(joint_heights(model, model.posture(arm.posture)).values()) > 0.0
+    assert not implausible_numbers(suggestion.scenario)
+    assert height >= (0.0 if name == "planar" else half[2] + 0.05 - 0.005)  # rounded to centimetres
+    bases = np.array([arm.base.xyz for arm in cell.arms.values()])
+    gaps = np.linalg.norm(bases[:, None] - bases, axis=-1)[np.triu_indices(len(bases), 1)]
+    assert gaps.min() > 0.5
+
+
+def test_arms_side_by_side_stand_on_one_side():
+    """Placement only: of two arms, and of three around a round plate."""
+    cylinder = cp.Payload.cylinder(2.0, 0.25, 0.04)
+    for count, payload in ((2, cp.Payload.box(2.0, (0.8, 0.1, 0.1))), (3, cylinder)):
+        found = list(contacts(payload, count, "above", "side-by-side"))
+        assert all(np.sin(contact.around) < -0.49 for contact in found)
+        assert all(contact.point[2] == payload.size[2] / 2.0 for contact in found)
+        facing = list(contacts(payload, count, "sides", "facing"))
+        outward = np.array([[np.cos(contact.around), np.sin(contact.around), 0.0] for contact in facing])
+        np.testing.assert_allclose(outward.sum(axis=0), 0.0, atol=1e-12)
+        np.testing.assert_allclose([contact.approach for contact in facing], -outward, atol=1e-12)
+
+
+def test_a_joint_below_the_ground_is_told():
+    """Three UR5 and their plate, all of them half a metre lower."""
+    scenario = cp.Scenario.load("three-ur5-plate")
+    assert not list(_below_ground(scenario))
+    arms, at = scenario.cell.arms, (0.0, 0.0, -0.2)
+    sunk = {f"cell.arms.{name}.base.xyz": (*arm.base.xyz[:2], -0.5) for name, arm in arms.items()}
+    low = scenario.override({**sunk, "start.xyz": at, "motion.start.xyz": at, "motion.goal.xyz": at})
+    told = list(_below_ground(low))
+    assert [line.partition(":")[0] for line in told] == list(arms)
+    assert all("m below the ground" in line for line in told)
+
+
+REFUSED = {
+    "unknown": (["xarm", "ur10"], {}, UrdfError, "arms.left"),
+    "two arms in a robot": (["baxter"] * 2, {}, UrdfError, "arms.left"),
+    "one arm": (["ur5"], {}, UrdfError, "arms.0"),
+    "no arm": ([], {}, FieldError, "arms"),
+    "mobile base": ([cp.Arm(urdf="ur5", tip="tool0", mobile_base={})] * 2, {}, FieldError, "arms"),
+    "arm, not robot": ([cp.Arm(urdf="ur5", tip="tool0")], {}, FieldError, "arms"),
+    "a joint in place of a tip": (["baxter"], {"tips": ["left_s0", "right_s0"]}, NameNotFoundError, None),
+    "tips": (["ur5"] * 2, {"tips": ["tool0"]}, FieldError, "tips"),
+    "payload": (["ur5"] * 2, {"payload": "boxx"}, FieldError, "payload"),
+    "grasp": (["ur5"] * 2, {"grasp": "below"}, FieldError, "grasp"),
+    "layout": (["ur5"] * 2, {"layout": "around"}, FieldError, "layout"),
+    "mass": (["ur5"] * 2, {"mass": -1.0}, FieldError, "mass"),
+    "five joints": (["so100"] * 2, {}, InfeasibleMotionError, "rank"),
+    "bases too far": (["adept_3dof"] * 2, {"distance": 3.0}, InfeasibleMotionError, "reach"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_a_cell_is_refused_by_name(case):
+    arms, options, error, place = REFUSED[case]
+    with pytest.raises(error) as caught:
+        cp.new_cell(arms, **options)
+    assert getattr(caught.value, "cause", None) or place in (None, getattr(caught.value, "path", ""))
+    if isinstance(caught.value, InfeasibleMotionError):
+        assert caught.value.cause == place
+        assert case != "five joints" or "coop-pin run five-joint-pair" in str(caught.value)
+    if case in ("unknown", "two arms in a robot"):
+        assert {"unknown": "xarm7", "two arms in a robot": "left_gripper"}[case] in str(caught.value)
+
+
+def test_bases_are_refused_from_the_reach_on_and_a_payload_from_the_mass_that_is_named():
+    """Both numbers are checked: just within them the cell is made, and the distance is kept."""
+    options = {"payload": "bar", "size": (0.24, 0.03, 0.03)}
+    with pytest.raises(InfeasibleMotionError) as far:
+        cp.new_cell(["adept_3dof"] * 2, distance=3.0, **options)
+    (allowed,) = re.findall(r"less than ([\d.]+) m", str(far.value))
+    assert float(allowed) == pytest.approx(maximum_reach(cp.Arm(urdf="adept_3dof")) + 0.12, abs=0.006)
+    with pytest.raises(InfeasibleMotionError) as tight:  # the stroke has no room at the reach itself
+        cp.new_cell(["adept_3dof"] * 2, distance=float(allowed) - 0.005, **options)
+    assert tight.value.cause == "reach"
+    near = cp.new_cell(["adept_3dof"] * 2, distance=0.6, **options).scenario.cell
+    assert [arm.base.xyz[0] for arm in near.arms.values()] == [-0.6, 0.6]
+
+
+@pytest.mark.slow
+def test_a_payload_beyond_the_drives_is_refused_with_a_mass_that_they_hold():
+    arms = ["ur5"] * 2
+    with pytest.raises(InfeasibleMotionError) as heavy:
+        cp.new_cell(arms, mass=50.0)
+    assert heavy.value.cause == "torque"
+    (held,) = re.findall(r"from 50 to ([\d.]+) kg", str(heavy.value))
+    lighter = cp.new_cell(arms, mass=0.95 * float(held)).scenario
+    assert cp.feasibility.static_torques(lighter, poses=11).ok
+
+
+def test_the_command_writes_the_scenario_and_overwrites_none(tmp_path, capsys):
+    words = ["new", str(tmp_path / "pair"), "--arms", "adept_3dof", "adept_3dof", "--payload", "bar"]
+    words += ["--size", "0.24", "0.03", "0.03", "--mass", "5"]
+    assert main(words) == 0
+    said, file = capsys.readouterr().out, tmp_path / "pair.toml"
+    assert str(file) in said
+    scenario = cp.Scenario.load(file)
+    arms, options = CELLS["planar"]
+    assert scenario == cp.new_cell(arms, name="pair", **options).scenario
+    text = file.read_text(encoding="utf-8")
+    tables = re.findall(r"^(.*)\n\[.*\]$", text, re.MULTILINE)
+    assert len(tables) >= 12
+    assert all(line.startswith("# ") for line in tables)
+    assert 'kind = "box"' in text
+    assert main(words) == 2
+    assert file.read_text(encoding="utf-8") == text
+
+
+def test_help_lists_the_options(capsys):
+    with pytest.raises(SystemExit):
+        main(["new", "--help"])
+    told = capsys.readouterr().out
+    options = ("arms", "payload", "mass", "size", "grasp", "layout", "tips", "distance")
+    assert [option for option in options if f"--{option}" not in told] == []
+
+
+@pytest.mark.parametrize("name", cp.scenario_names())
+def test_scenarios_of_the_catalogue_read_back_from_commented_files(name):
+    scenario = cp.Scenario.load(name)
+    text = scenario.to_toml(commented=True)
+    assert cp.Scenario.from_toml(text) == scenario
+    assert len(text) < len(scenario.to_toml()) + 4000
+
+
+def test_every_robot_that_is_an_arm_tells_its_tip_and_the_gripper_is_locked():
+    """Frames of tools by name; of a gripper the link before its first joint."""
+    tips = {
+        "panda": ("panda_hand_tcp", ["panda_finger_joint1"]),
+        "ur5": ("tool0", []),
+        "kinova": ("j2s6s200_end_effector", []),
+        "xarm7": ("link_eef", []),
+        "adept_3dof": ("tip", []),
+        "z1": ("link06", ["jointGripper"]),
+        "talos_arm": ("wrist_left_ft_tool_link", ["gripper_left_joint"]),  # with mimic joints that are fixed
+    }
+    for name, (tip, locked) in tips.items():
+        robot = Robot(load_checked(find_urdf(name)))
+        assert robot.tools() == (tip,)
+        assert list(robot.idle(tip)) == locked
+        arm = cp.Arm.from_urdf(name, tip, locked=robot.idle(tip))
+        assert cp.model.ArmModel(arm).nv == len(robot.unlocked(arm.locked))
+    with pytest.raises(NameNotFoundError):
+        robot.idle("nowhere")

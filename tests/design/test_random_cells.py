@@ -1,0 +1,57 @@
+"""Proposals for random cells: check passes, runs are trustworthy, spare joints come to rest for 30 s."""
+
+import numpy as np
+import pytest
+from random_cells import random_cell
+
+import coop_pin as cp
+from coop_pin.base.errors import InfeasibleMotionError
+from coop_pin.feasibility import reachability, statics_along
+from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
+from coop_pin.stability import loop_stability, start_stability, step_stability
+
+
+def checked(number, seed=1):
+    """The proposal for a cell, which ``coop-pin check`` passes."""
+    suggestion = cp.suggest(random_cell(seed, number), poses=21)
+    scenario = suggestion.scenario
+    found = reachability(scenario, poses=101)
+    simulation = Simulation(scenario, build_controller(scenario))
+    findings = (
+        *(found, statics_along(scenario, found)),
+        *(start_stability(simulation), loop_stability(simulation, found)),
+        step_stability(simulation, found),
+    )
+    assert all(finding.ok for finding in findings), scenario.name
+    return suggestion
+
+
+@pytest.mark.parametrize("number", [pytest.param(1, marks=pytest.mark.slow), 8])
+def test_a_proposal_for_a_random_cell_passes_check(number):
+    """Cells with redundant arms, one in which the robots carry their own weight and one in which not."""
+    suggestion = checked(number)
+    assert suggestion.proposal.posture.stiffness > 0.0
+    assert any(line.startswith("null space") for line in suggestion.limits)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_forty_random_cells_run_as_proposed_or_are_refused_before_a_run(seed):
+    refused, within = [], 0
+    for number in range(40):
+        try:
+            scenario = checked(number, seed).scenario
+        except InfeasibleMotionError as error:
+            refused.append((number, error.cause))
+            continue
+        result = cp.compiled.simulate_batch([scenario]).result(0)
+        assert result.trustworthy, (scenario.name, result.verdict())
+        assert result.metrics()["joint_drift_rad"] < 1e-3, scenario.name
+        error = np.linalg.norm(result.data.pose_error.values[:, :3], axis=1).max()
+        moving = result.data.time.values > 0.5  # before, the squeeze comes in
+        force = (result.data.internal_wrench - result.data.desired_internal_wrench).values[moving, :, :3]
+        within += bool(error < 1e-3 and np.linalg.norm(force, axis=-1).max() < 0.5)
+    print(f"seed {seed}: refused {refused}, {within} of {40 - len(refused)} within 1 mm and 0.5 N")
+    assert len(refused) <= 6
+    assert within >= 30

@@ -1,0 +1,275 @@
+"""Environments of Gymnasium: its own checks, lanes against single runs, refusals."""
+
+import time
+import warnings
+
+import numpy as np
+import pytest
+from cells import ANCHORED, SCENARIOS
+
+import coop_pin as cp
+from coop_pin.base.errors import ArgumentError, CoopPinError, InvalidStateError, NameNotFoundError
+from coop_pin.compiled import BatchSimulator
+from coop_pin.simulation.build_controller import build_controller
+
+pytest.importorskip("gymnasium")
+
+from gymnasium.utils.env_checker import check_env
+
+from coop_pin.environment.cell_env import CellEnv
+from coop_pin.environment.task import Task
+from coop_pin.environment.vector_cell_env import VectorCellEnv
+
+TASKS = {
+    "squeeze": Task("squeeze", scale=5.0, ticks=2),
+    "torque": Task("torque", scale=2.0),
+    "torque alone": Task("torque", scale=2.0, law=False, rewards={"orientation_error_rad": 1.0}),
+    "velocity": Task("velocity", scale=0.02),
+    "velocity alone": Task("velocity", scale=0.02, law=False),
+}
+SLOW = {"planar": ["torque", "velocity alone"], "spatial": [*TASKS][1:]}
+"""Tasks whose code is compiled in the slow tier only."""
+GAINS = Task("gains", scale=0.5, gains=("sliding_gain", "anchor_gain"))
+
+
+def cell(name, changes=None):
+    scenario = SCENARIOS[name]().replace(events=(), controller=ANCHORED[name])
+    duration = 16 * scenario.clock.period
+    return scenario.replace(duration=duration).override(changes or {})
+
+
+SERVOS = {
+    "clock.rate_hz": 200.0,
+    "clock.steps_per_tick": 5,
+    "controller": cp.laws.Admittance(command="velocity"),
+    "actuators.servo": {"command": "velocity", "rate_hz": 1000.0},
+}
+
+
+def with_noise(name, action=""):
+    """A cell with noise, for velocities with a law and servos that take them."""
+    return cell(name, {"sensors.encoder": {"noise": 1e-5}} | (SERVOS if action == "velocity" else {}))
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("task", [*TASKS.values(), GAINS], ids=[*TASKS, "gains"])
+def test_gymnasium_finds_nothing_wrong(name, task):
+    check(with_noise(name, task.action), task)
+
+
+def check(scenario, task):
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*infinity", category=UserWarning)
+        check_env(CellEnv(scenario, task), skip_render_check=True)
+
+
+@pytest.mark.parametrize(
+    "name", ["adept-compliant", "two-pandas-palms", "three-ur5-handover", "human-partner"]
+)
+def test_gymnasium_finds_nothing_wrong_with_force_elements(name):
+    """Compliant grasps, patches, a partner who comes and goes; without an action it is the run."""
+    scenario = cp.Scenario.load(name)
+    T = scenario.clock.period
+    partner = [
+        event.replace(time=4 * T, duration=3 * T) for event in scenario.events if name == "human-partner"
+    ]
+    scenario = scenario.replace(events=(), duration=16 * T).override({"events": partner})
+    scenario = scenario.override({"sensors.encoder": {"noise": 1e-5}})
+    check(scenario, TASKS["squeeze"])
+    env, run, is_last = (
+        CellEnv(scenario, TASKS["squeeze"]),
+        cp.Simulation(scenario, build_controller(scenario)),
+        False,
+    )
+    env.reset()
+    run.tick()
+    while not is_last:
+        is_last = env.step(np.zeros(env.action_space.shape))[3]
+        while run.ticks_done < env.simulation.ticks_done:
+            run.tick()
+        assert np.array_equal(env.simulation.plant.q, run.plant.q)
+
+
+@pytest.mark.parametrize(
+    ("name", "task"),
+    [
+        pytest.param(name, task, marks=[pytest.mark.slow] * (task in SLOW[name]))
+        for name in SCENARIOS
+        for task in TASKS
+    ],
+)
+def test_lanes_are_single_runs(name, task):
+    compare_lanes(with_noise(name, TASKS[task].action), TASKS[task])
+
+
+@pytest.mark.parametrize("name", ["planar", pytest.param("spatial", marks=pytest.mark.slow)])
+def test_arms_of_lanes_talk_to_each_other(name):
+    """By a network that is late, loses messages and carries noise, in a single environment and in lanes."""
+    network = {"delay": 1, "jitter": 1, "loss": 0.2}
+    sensors = {"encoder": {"noise": 1e-5}, "wrist": {"noise": {"force": 0.1}}}
+    talking = cell(
+        name, {"controller.force_path": {"kind": "consensus"}, "sensors": sensors, "network": network}
+    )
+    check(talking, TASKS["squeeze"])
+    compare_lanes(talking, TASKS["squeeze"])
+
+
+@pytest.mark.parametrize(
+    "name", ["adept-compliant", pytest.param("three-ur5-handover", marks=pytest.mark.slow)]
+)
+def test_lanes_on_compliant_grasps_are_single_runs(name):
+    scenario = cp.Scenario.load(name).replace(events=(), beyond_bound=True)
+    changes = {"sensors.encoder": {"noise": 1e-5}, "duration": 16 * scenario.clock.period}
+    compare_lanes(scenario.override(changes), TASKS["squeeze"])
+
+
+def compare_lanes(scenario, task):
+    """Two lanes, of which one has another payload, against their single environments."""
+    scenarios = [scenario, scenario.override({"cell.payload.mass": 2.2})]
+    lanes = VectorCellEnv(scenarios, task)
+    actions = np.random.default_rng(1).uniform(-1.2, 1.2, (20, 2, lanes.single_action_space.shape[0]))
+    seen = [lanes.reset(seed=[5, 6])[0]]
+    rewards = []
+    for action in actions:
+        observation, reward, terminated, truncated, _ = lanes.step(action)
+        seen.append(observation)
+        rewards.append(reward)
+        if truncated.any():
+            break
+    assert truncated.all()
+    assert not terminated.any()
+    for lane, scenario in enumerate(scenarios):
+        env = CellEnv(scenario, task)
+        np.testing.assert_allclose(env.reset(seed=5 + lane)[0], seen[0][lane], rtol=0, atol=1e-9)
+        for index, action in enumerate(actions[: len(rewards), lane]):
+            observation, reward, _, is_last, _ = env.step(action)
+            np.testing.assert_allclose(observation, seen[index + 1][lane], rtol=0, atol=1e-9)
+            np.testing.assert_allclose(reward, rewards[index][lane], rtol=0, atol=1e-8)
+        assert is_last
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_without_an_action_it_is_the_run_of_the_scenario(name):
+    scenario, task = cell(name), Task(rewards={"internal_axial_error_N": 1.0}, ticks=1)
+    env, result = CellEnv(scenario, task), cp.simulate(scenario, build_controller(scenario))
+    env.reset()
+    rewards = [env.step(np.zeros(env.action_space.shape))[1] for _ in range(len(result.data.time) - 1)]
+    expected = -np.abs(result.data.internal_axial_error.values).max(axis=1)[1:]
+    np.testing.assert_allclose(rewards, expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_actions_on_gains_are_laws_with_other_gains(name):
+    """Against a run whose controller is replaced by one with the gains times 1 + a / 2."""
+    scenario = cell(name)
+    task = GAINS
+    env, run = CellEnv(scenario, task), cp.Simulation(scenario, build_controller(scenario))
+    env.reset()
+    run.tick()
+    own = scenario.controller.gains
+    for action in ((0.6, -1.0), (-0.4, 0.2)):
+        env.step(np.array(action))
+        factors = 1.0 + 0.5 * np.array(action)
+        gains = {
+            "controller.gains.sliding_gain": (factors[0] * np.array(own.sliding_gain)).tolist(),
+            "controller.gains.anchor_gain": factors[1] * own.anchor_gain,
+        }
+        run.replace_controller(build_controller(scenario.override(gains)))
+        for _ in range(task.ticks):
+            run.tick()
+        assert np.array_equal(env.simulation.plant.q, run.plant.q)
+    with pytest.raises(NameNotFoundError):
+        CellEnv(scenario, Task("gains", scale=0.5, gains=("damping_gain",)))
+    with pytest.raises(CoopPinError, match="CellEnv"):
+        VectorCellEnv(scenario, task)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_seed_alone_draws_the_numbers(name):
+    lanes = VectorCellEnv(with_noise(name), TASKS["torque"], num_envs=3)
+    action = np.zeros(lanes.action_space.shape)
+
+    def observed(seed):
+        lanes.reset(seed=seed)
+        lanes.step(action)
+        return lanes.step(action)[0]
+
+    first = observed(3)
+    assert not np.array_equal(first[0], first[1])
+    assert not np.array_equal(observed(9), first)
+    assert np.array_equal(observed(3), first)
+    assert np.array_equal(observed(4)[0], first[1])
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_lane_that_diverges_ends_alone(name):
+    task = Task("torque", scale=1e9, law=False, failure=7.0)
+    lanes, env = VectorCellEnv(cell(name), task, num_envs=2), CellEnv(cell(name), task)
+    lanes.reset()
+    env.reset()
+    action = np.zeros(lanes.action_space.shape)
+    action[1, 0] = 1.0
+    _, reward, terminated, _, _ = lanes.step(action)
+    assert terminated.tolist() == [False, True]
+    assert reward[1] == -7.0
+    assert env.step(action[1])[1:3] == (-7.0, True)
+    observation, reward, terminated, _, _ = lanes.step(0.0 * action)
+    assert terminated.tolist() == [False, True]
+    assert reward[1] == 0.0
+    assert not observation[1].any()
+    assert np.isfinite(observation).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
+def test_a_thousand_lanes_make_half_of_the_ticks_of_a_batch(name):
+    """Processor time in turn, of 1024 payloads and one tick an action; the batch is prepared and compiled."""
+    scenario = cp.Scenario.load(name).replace(events=())
+    ticks, task = 100, Task(ticks=1)
+    scenario = scenario.replace(duration=ticks * scenario.clock.period)
+    mass = scenario.cell.payload.mass
+    cells = [scenario.override({"cell.payload.mass": mass * (1.0 + 1e-4 * lane)}) for lane in range(1024)]
+    lanes, simulator = VectorCellEnv(cells, task), BatchSimulator()
+    runs, action = [simulator.prepare(cell) for cell in cells], np.zeros(lanes.action_space.shape)
+    simulator.run_prepared(runs)
+    ratios = []
+    for _ in range(3):
+        lanes.reset()
+        began = time.process_time()
+        for _ in range(ticks):
+            lanes.step(action)
+        between = time.process_time()
+        simulator.run_prepared(runs)
+        ratios.append((time.process_time() - between) / (between - began))
+    print(f"{name}: {np.median(ratios):.2f} of the ticks of a batch {np.round(ratios, 2)}")
+    assert np.median(ratios) > 0.5
+
+
+def test_what_does_not_fit_is_refused():
+    scenario = cell("planar")
+    for wrong in ({"rewards": {"speed": 1.0}}, {"action": "jump"}):
+        with pytest.raises(NameNotFoundError):
+            Task(**wrong)
+    no_gains, large = {"action": "gains"}, {"action": "gains", "gains": ("pose_gain",), "scale": 1.0}
+    of_others = {"gains": ("pose_gain",)}
+    for wrong in (
+        {"scale": -1.0},
+        {"ticks": 0},
+        {"action": "squeeze", "law": False},
+        no_gains,
+        large,
+        of_others,
+    ):
+        with pytest.raises(CoopPinError):
+            Task(**wrong)
+    with pytest.raises(ArgumentError, match="velocity"):
+        CellEnv(scenario, Task("velocity"))
+    with pytest.raises(ArgumentError):
+        VectorCellEnv([scenario, scenario], num_envs=3)
+    with pytest.raises(CoopPinError):
+        VectorCellEnv(scenario.override({"controller": {"kind": "computed-torque"}}))
+    lanes = VectorCellEnv(scenario, num_envs=2)
+    with pytest.raises(InvalidStateError):
+        lanes.step(np.zeros(lanes.action_space.shape))
+    with pytest.raises(ArgumentError):
+        lanes.reset(seed=[1])

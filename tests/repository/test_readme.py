@@ -1,0 +1,219 @@
+"""Commands, Python code and numbers of the README are right."""
+
+import functools
+import math
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib
+import pytest
+from browser import chromium
+from matplotlib import pyplot as plt
+from numpy.testing import assert_allclose
+from test_architecture import PACKAGES
+
+import coop_pin
+from coop_pin.cli import main
+from coop_pin.cli.parsing import COMMANDS
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+SHORT = ["--duration", "0.2", "--events", "[]", "--quiet"]
+"""A run is cut short here unless the README says how long; nothing else about it is changed."""
+
+
+def blocks(language):
+    return re.findall(rf"^```{language}\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
+
+
+@functools.cache
+def commands():
+    """The words of every command line, comments left out."""
+    lines = "\n".join(blocks("sh")).splitlines()
+    return [words for line in lines if (words := shlex.split(line, comments=True))]
+
+
+def test_table_and_import_line_name_every_package_and_imports_follow_the_line():
+    (line,) = re.findall(r"^Imports go in one direction.*?\n\n", README, re.DOTALL | re.MULTILINE)
+    layers = [set(re.findall(r"`(\w+)`", layer)) for layer in line.split("→")]
+    layer_of = {package: number for number, layer in enumerate(layers) for package in layer}
+    packages = {path.parent.name for path in (REPOSITORY / "coop_pin").glob("*/__init__.py")}
+    assert sum(map(len, layers)) == len(layer_of)
+    assert set(layer_of) == packages
+    for package, number in layer_of.items():
+        imported = PACKAGES[package][0] & packages
+        assert {name for name in imported if layer_of[name] > number} == set(), package
+    rows = re.findall(r"^\| \[`(\w+)`\]\(coop_pin/(\w+)\) \|", README, re.MULTILINE)
+    assert sorted(rows) == [(package, package) for package in sorted(packages)]
+
+
+def test_every_command_is_coop_pin_or_a_tool_that_exists_and_is_sound_shell():
+    scripts = [words[1] for words in commands() if words[0] == "bash"]
+    assert [words for words in commands() if words[0] not in ("coop-pin", "bash")] == []
+    assert "tools/run.sh" in scripts
+    assert "tools/gate.sh" in scripts  # the gate is what runs this test
+    for script in scripts:
+        subprocess.run(["bash", "-n", str(REPOSITORY / script)], check=True)
+
+
+def test_the_commands_work_one_after_the_other(tmp_path, monkeypatch, capsys):
+    """In an empty folder, with a scenario of the reader's own beside them."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)  # no browser opens
+    coop_pin.Scenario.load("adept-paper").save("mine.toml")
+    given = [words for words in commands() if words[0] == "coop-pin" and not draws_images(words)]
+    assert len(given) > 5
+    for words in given:
+        assert_works(words, capsys)
+
+
+def test_the_commands_that_render_images_work_too(tmp_path, monkeypatch, capsys):
+    """They need a browser, and are skipped where there is none. Pictures are small here."""
+    chromium()
+    for name, few in (("save_image", {}), ("save_video", {"frames_per_second": 10.0})):
+        small = functools.partial(getattr(coop_pin.viz, name), width=320, height=240, **few)
+        monkeypatch.setattr(coop_pin.viz, name, small)
+    monkeypatch.chdir(tmp_path)
+    given = [words for words in commands() if draws_images(words)]
+    assert given
+    for words in given:
+        folder = words[words.index("view") + 1]
+        (made,) = [other for other in commands() if other[:2] == ["coop-pin", "run"] and other[-1] == folder]
+        assert_works([*made, "--no-replay", "--no-figures"], capsys)
+        assert_works(words, capsys)
+
+
+def draws_images(words):
+    return bool({"--image", "--video"} & set(words))
+
+
+def assert_works(words, capsys):
+    short = [*words[1:], *(SHORT if words[1] == "run" else [])]
+    assert main(short) == 0, (words, capsys.readouterr().err)
+
+
+def test_the_help_of_every_command_named_in_the_readme_is_there(capsys):
+    for name in {words[1] for words in commands() if words[0] == "coop-pin"}:
+        with pytest.raises(SystemExit) as ended:
+            main([name, "--help"])
+        assert ended.value.code == 0
+        assert "usage" in capsys.readouterr().out
+
+
+LIGHT = {"coop_pin", "tyro", "docstring_parser", "typing_extensions", "typeguard"}
+"""What may be loaded to print help; cmeel's .pth file loads its own part whenever Python starts."""
+
+HELP = """
+import sys
+before = set(sys.modules)
+import coop_pin
+print("import coop_pin:", *(set(sys.modules) - before))
+from coop_pin.cli import main
+for words in {words}:
+    try:
+        main(words)
+    except SystemExit as ended:
+        assert ended.code == 0
+    print("loaded:", *(set(sys.modules) - before))
+"""
+
+
+def loaded(line):
+    """Packages from elsewhere among the modules that a line names."""
+    names = {name.partition(".")[0] for name in line.partition(":")[2].split()}
+    return {name for name in names if name not in sys.stdlib_module_names and not name.startswith("_")}
+
+
+def test_importing_the_package_and_asking_for_help_load_nothing_heavy():
+    """Whatever takes long to load, numpy and Pinocchio first of all, waits until something is done."""
+    assert {"run", "list", "check", "sweep"} <= {*COMMANDS}
+    asked = [["--version"], ["--help"], *([name, "--help"] for name in COMMANDS)]
+    code = HELP.replace("{words}", repr(asked))
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    (imported,) = [line for line in lines if line.startswith("import coop_pin:")]
+    assert loaded(imported) == {"coop_pin"}
+    after = [line for line in lines if line.startswith("loaded:")]
+    assert len(after) == len(asked)
+    assert loaded(after[0]) == {"coop_pin"}
+    for words, line in zip(asked, after, strict=True):
+        assert loaded(line) <= LIGHT, words
+
+
+def test_python_in_the_readme_runs(tmp_path, monkeypatch):
+    """All blocks one after the other, as somebody who pastes them."""
+    monkeypatch.chdir(tmp_path)
+    with matplotlib.rc_context({"backend": "Agg"}):
+        exec(compile("\n".join(blocks("python")), "README.md", "exec"), {"__name__": "__main__"})
+    plt.close("all")
+    assert (tmp_path / "run.nc").is_file()
+
+
+def rounded(value, shown):
+    """A value with as many digits as a number that is shown has."""
+    digits = re.match(r"-?0*\.?0*([\d.]+)", shown)[1].replace(".", "")
+    return float(f"{value:.{len(digits) - 1}e}")
+
+
+def test_the_numbers_of_the_papers_experiment_are_those_of_a_run():
+    """In the README and on the verification page, digit by digit."""
+    found = coop_pin.run("adept-paper").metrics()
+    values = {
+        ("settling time", "from the start"): (found["settling_time_s"], "s"),
+        ("peak position error", "from the push"): (found["event_peak_position_error_m"] * 1e3, "mm"),
+        ("settling time after the push", "from the push"): (found["resettling_time_s"], "s"),
+        ("position error, rms", "4 to 10 s"): (found["position_rms_m"] * 1e3, "mm"),
+        ("internal force along the bar, mean", "4 to 10 s"): (found["internal_axial_mean_N"], "N"),
+        ("its error, rms", "4 to 10 s"): (
+            math.hypot(found["internal_axial_rms_error_N"], found["internal_shear_rms_N"]),
+            "N",
+        ),
+        ("torque, peak", "whole run"): (found["torque_peak_Nm"], "N m"),
+        ("closure error", "whole run"): (found["closure_error_max_m"], "m"),
+        ("energy minus work", "whole run"): (found["energy_balance_max_J"], "J"),
+    }
+    assert (found["window_start_s"], found["window_end_s"]) == (4.0, 10.0)
+    rows = re.findall(r"^\| ([^|]+) \| ([^|]+) \| (-?[\d.e-]+) ([^|]+) \|$", README, re.MULTILINE)
+    assert len(rows) == len(values)
+    for (label, window, shown, unit), ((start, when), (value, unit_there)) in zip(
+        rows, values.items(), strict=True
+    ):
+        assert label.startswith(start)
+        assert (window, unit) == (when, unit_there)
+        assert rounded(value, shown) == float(shown), label
+    settled, _, resettled, _, squeeze, squeeze_error, torque, closure, energy = (
+        value for value, _ in values.values()
+    )
+    page = (REPOSITORY / "docs" / "verification.md").read_text(encoding="utf-8")
+    for text, value in {
+        r"here ([\d.]+) s\)": settled,
+        r"after the event \(([\d.]+) s\)": resettled,
+        r"mean −([\d.]+) N,": -squeeze,
+        r"but ([\d.]+) N rms": squeeze_error,
+        r"\(([\d.]+) N m\)": torque,
+        r"([\d.e-]+) J in `adept-paper` over 20 s": energy,
+        r"([\d.e-]+) m in `adept-paper` over 20 s": closure,
+    }.items():
+        (shown,) = re.findall(text, page)
+        assert rounded(value, shown) == float(shown), text
+
+
+@pytest.mark.slow
+def test_the_picture_of_four_laws_has_the_numbers_of_its_caption():
+    """Internal force after 10 s of a bias of 1 mm; -10 N is wanted."""
+    bias = {"events": [], "duration": 10.0, "cell.arms.left.calibration_error.tip.xyz": [1e-3, 0.0, 0.0]}
+    laws = [
+        ("adept-paper", {}),
+        ("adept-paper", {"controller.gains.sign_gain": 0.0}),
+        ("adept-anchored", {"controller.force_path.kind": "none"}),
+        ("adept-anchored", {}),
+    ]
+    axial = [coop_pin.run(name, bias | law).data.internal_axial.values[-1, 0] for name, law in laws]
+    assert_allclose(axial, [301.0, -9.5, -1.1, -9.75], rtol=0.02)

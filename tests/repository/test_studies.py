@@ -1,0 +1,443 @@
+"""The studies: their plans, and that their figures and numbers are those of their sweeps."""
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+
+import coop_pin as cp
+from coop_pin.comparison import Comparison, controller_names, tick_costs
+from coop_pin.control import force_gain_bound
+
+FOLDER = Path(__file__).parents[2] / "studies"
+CONCEPTS = FOLDER.parent / "docs" / "concepts"
+BENCHMARK, FRONT = ((CONCEPTS / name).read_text(encoding="utf-8") for name in ("benchmark.md", "front.md"))
+ERROR, ALPHA = "internal_axial_rms_error_N", "controller.gains.sign_gain"
+COUNTS = {
+    "force_gain": {"force_gain": 114},
+    "payload": {"with_sign": 36, "without_sign": 36},
+    "bias": {"law": 30, "sign": 8},
+    "internal_force": {"bias": 2, "force_gain": 6, "sign_gain": 18},
+    "one_millimetre": {"one_millimetre": 3},
+}
+
+
+@pytest.fixture(scope="module")
+def draw():
+    """studies/draw.py, as its command loads it."""
+    before = set(sys.modules)
+    sys.path.insert(0, str(FOLDER))
+    import draw
+
+    yield draw
+    sys.path.remove(str(FOLDER))
+    for name in set(sys.modules) - before:
+        if str(FOLDER) in str(getattr(sys.modules[name], "__file__", "")):
+            del sys.modules[name]
+
+
+def shortened(plan):
+    """The first two values of each field, in runs just long enough to have a steady window."""
+    short = {"duration": 4.2}
+    axes = {
+        field: (4.1, 4.2) if field == "duration" else (values[0], values[-1])
+        for field, values in plan.axes.items()
+    }
+    zipped = tuple({field: values[:2] for field, values in group.items()} for group in plan.zipped)
+    return plan.replace(
+        axes=axes, zipped=zipped, changes=plan.changes if "duration" in plan.axes else plan.changes | short
+    )
+
+
+@pytest.fixture(scope="module")
+def tiny(draw, tmp_path_factory):
+    """The sweeps of a study with few and short runs, made when asked for."""
+    known = {}
+
+    def results(name):
+        if name not in known:
+            folder = tmp_path_factory.mktemp(name)
+            known[name] = {
+                part: cp.sweep(
+                    shortened(plan), out=folder / part, execution=cp.Execution(workers=0, quiet=True)
+                )
+                for part, plan in draw.plans(name).items()
+            }
+        return known[name]
+
+    return results
+
+
+def test_every_file_is_a_plan_of_a_study_and_counts_what_the_readme_says(draw):
+    assert {
+        name: {part: len(plan) for part, plan in draw.plans(name).items()} for name in draw.STUDIES
+    } == COUNTS
+    assert len(list(FOLDER.rglob("*.toml"))) == sum(map(len, COUNTS.values()))
+    readme = (FOLDER / "README.md").read_text()
+    assert "114 runs" in readme
+    assert set(re.findall(r"python studies/draw.py (\w+)", readme)) == set(COUNTS)
+
+
+def test_every_point_of_every_plan_is_a_scenario(draw):
+    for name in COUNTS:
+        for plan in draw.plans(name).values():
+            for number in range(len(plan)):
+                assert plan.scenario(number).events == ()
+
+
+@pytest.mark.parametrize("name", COUNTS)
+def test_the_command_runs_says_and_draws_a_study(draw, tiny, tmp_path, monkeypatch, capsys, name):
+    results = tiny(name)
+    assert all(result.counts()["missing"] == 0 for result in results.values())
+    monkeypatch.setattr(draw, "run", lambda *_: results)
+    monkeypatch.setattr(draw, "IMAGES", tmp_path)
+    monkeypatch.setattr(sys, "argv", ["draw.py", name])
+    draw.main()
+    assert capsys.readouterr().out.endswith(draw.STUDIES[name].numbers(results) + "\n")
+    image = draw.STUDIES[name].image
+    assert (FOLDER.parent / "docs" / "images" / f"{image}.png").is_file()
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"{image}.png"]
+
+
+def test_another_name_is_answered_with_those_there_are(draw, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["draw.py", "nothing"])
+    with pytest.raises(SystemExit, match=r"force_gain \| payload \| bias \| internal_force"):
+        draw.main()
+
+
+def test_finished_runs_of_a_study_are_kept_by_sweep(draw, tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        draw,
+        "plans",
+        lambda _: {"a": cp.SweepPlan(base="adept-paper", changes={"duration": 0.1, "events": []})},
+    )
+    monkeypatch.setattr(cp, "sweep", lambda plan, out: (len(plan), out))
+    assert draw.run("name", tmp_path) == {"a": (1, tmp_path / "a")}
+
+
+# ---------------------------------------------------------------- the front
+
+
+@pytest.fixture(scope="module")
+def front(draw):
+    """studies/front.py, from the folder that the fixture draw has put on the path."""
+    assert draw.HERE == FOLDER
+    import front
+
+    return front
+
+
+def test_the_front_judges_every_law_in_every_trial_after_tuning_with_one_budget(front):
+    tables = {name: front.front_figures.read(front.DATA, name) for name in ("gains", "tuning", "judged")}
+    for cell_name, cell in front.CELLS.items():
+        gains, tuning, judged = (table[table["cell"] == cell_name] for table in tables.values())
+        assert set(tuning.groupby("law").size()) == {front.SIZE * (front.GENERATIONS + 1)}
+        trials = front.trials(cell, Path("heavy.urdf"))
+        expected = {
+            (law, trial)
+            for law in set(judged["law"])
+            for trial in trials
+            if front.LAWS[law].senses or not trials[trial].wrist
+        }
+        assert sorted(zip(judged["law"], judged["trial"], strict=True)) == sorted(expected)
+        random = [trials[trial].random for trial in judged["trial"]]
+        assert_allclose(judged["runs"] > 1, random)
+        assert sorted(zip(gains["law"], gains["field"], strict=True)) == sorted(
+            (name, field) for name in set(judged["law"]) for field, *_ in front.LAWS[name].tuned
+        )
+        assert ((gains["low"] <= gains["value"]) & (gains["value"] <= gains["high"])).all()
+        assert front.front_figures.table(judged, cell_name) in FRONT
+
+
+def test_every_trial_of_the_front_changes_the_scenario_of_every_law(front, tmp_path):
+    for cell in front.CELLS.values():
+        trials = front.trials(cell, front.doubled(cell.urdf, tmp_path))
+        for law in front.LAWS.values():
+            plain = cp.Scenario.load(cell.base, cell.changes | {"controller": law.controller(cell)})
+            for name, trial in trials.items():
+                assert (plain.override(trial.changes) == plain) == (name == "nominal")
+
+
+def test_the_front_is_drawn_from_its_tables(front, tmp_path):
+    names = ("study-front", "study-front-adept", "study-front-panda")
+    assert {path.name for path in front.front_figures.draw(front.DATA, tmp_path)} == {
+        f"{name}.png" for name in names
+    }
+    assert_allclose(
+        front.front_figures.pareto(np.array([[2.0, 1.0], [1.0, 3.0], [3.0, 2.0], [4.0, 0.5]])),
+        [[1.0, 3.0], [2.0, 1.0], [4.0, 0.5]],
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["printed, alpha 0", "anchored"])
+def test_a_row_of_the_front_is_what_its_command_finds(front, tmp_path, law):
+    gains, judged = (front.front_figures.read(front.DATA, name) for name in ("gains", "judged"))
+    mine = gains[(gains["cell"] == "adept") & (gains["law"] == law)]
+    trial = front.trials(front.CELLS["adept"], tmp_path)["bias 1 mm"]
+    tuned = dict(zip(mine["field"], mine["value"], strict=True))
+    row = front.medians(front.CELLS["adept"], front.LAWS[law], tuned, trial, 1, tmp_path)
+    kept = judged[(judged["cell"] == "adept") & (judged["law"] == law) & (judged["trial"] == "bias 1 mm")]
+    for measure in front.MEASURES:
+        assert_allclose(row[measure], kept[measure].item(), rtol=1e-3)
+
+
+# ---------------------------------------------------------------- what they say
+
+
+def test_the_map_of_force_gains_has_the_bound_of_theory_and_says_the_boundary(draw, tiny):
+    results = tiny("force_gain")
+    panel = draw.STUDIES["force_gain"].figure(results).axes[0]
+    (bound,) = [line for line in panel.lines if line.get_linestyle() == "--"]
+    assert_allclose(bound.get_ydata(), [force_gain_bound(p) for p in bound.get_xdata()])
+    assert [text.get_text() for text in panel.get_legend().get_texts()] == ["failed", bound.get_label()]
+    _, *rows = draw.STUDIES["force_gain"].numbers(results).splitlines()
+    edges = results["force_gain"].stability_boundary("controller.gains.force_gain")
+    found = np.array([[float(word) for word in row.split()] for row in rows])
+    assert_allclose(found[:, 0], [0.0, 0.9])
+    assert_allclose(found[:, 1], [1.0, 19.0])
+    assert_allclose(found[:, 2], edges["last_stable"].values)
+    assert_allclose(found[:, 3], edges["first_unstable"].values)
+
+
+def test_the_growth_at_the_last_stable_gain_is_said_where_there_are_two(draw, tmp_path):
+    (plan,) = draw.plans("force_gain").values()
+    axes = {"controller.force_path.pole": [0.0], "controller.gains.force_gain": [0.25, 0.5, 2.0]}
+    result = cp.sweep(
+        plan.replace(axes=axes, changes=plan.changes | {"duration": 4.2}),
+        out=tmp_path,
+        execution=cp.Execution(workers=0, quiet=True),
+    )
+    errors = result.values(ERROR).values.ravel()
+    (row,) = draw.STUDIES["force_gain"].numbers({"force_gain": result}).splitlines()[1:]
+    assert_allclose(
+        [float(word) for word in row.split()], [0.0, 1.0, 0.5, 2.0, errors[1] / errors[0]], atol=0.05
+    )
+
+
+def test_the_bias_tables_hold_every_line_of_the_figure_and_every_run_with_sgn(draw, tiny):
+    results = tiny("bias")
+    by_law, by_rate = (results[part].values(ERROR) for part in ("law", "sign"))
+    head, *rows = draw.STUDIES["bias"].numbers(results).splitlines()
+    assert [float(word) for word in head.split()[-2:]] == [4.1, 4.2]
+    assert rows.pop(6) == head
+    expected = np.vstack(
+        [by_law.values.reshape(-1, 2), by_rate.transpose(..., "duration").values.reshape(-1, 2)]
+    )
+    for row, line in zip(rows, expected, strict=True):
+        assert_allclose([float(word) for word in row.split()[-2:]], line, atol=5e-4)
+    curves = [
+        line for line in draw.STUDIES["bias"].figure(results).axes[0].lines if len(line.get_xdata()) == 2
+    ]
+    assert_allclose([line.get_ydata() for line in curves], by_law.values.reshape(-1, 2))
+
+
+def test_the_payload_numbers_are_means_and_spreads_over_the_masses(draw, tiny):
+    results = tiny("payload")
+    said = draw.STUDIES["payload"].numbers(results)
+    for part in ("without_sign", "with_sign"):
+        error = results[part].values(ERROR).values
+        mean, low, high = error.mean(axis=0), error.min(axis=0), error.max(axis=0)
+        for i, friction in enumerate((0.01, 0.03)):
+            assert f"{friction:5g} N m: mean {mean[i]:.3f} N, {low[i]:.3f} .. {high[i]:.3f}" in said
+        ratios = [error[0] / error[1], error[:, 0] / error[:, 1]]
+        assert f"neighbours differ by up to {np.exp(np.abs(np.log(ratios)).max()):.1f}" in said
+    mesh = draw.STUDIES["payload"].figure(results).axes[0].collections[0].get_array()
+    assert_allclose(mesh.compressed(), results["without_sign"].values(ERROR).values.T.ravel())
+
+
+def test_the_internal_force_study_shows_what_single_runs_say(draw, tiny):
+    results = tiny("internal_force")
+    over_alpha, over_force_gain, over_time = draw.STUDIES["internal_force"].figure(results).axes
+    said = draw.STUDIES["internal_force"].numbers(results)
+    assert over_alpha.get_yscale() == "log"
+    assert [text.get_text() for text in over_alpha.get_legend().get_texts()] == ["80 Hz", "400 Hz"]
+    quiet = {"events": [], "duration": 4.2}
+    for line, rate, steps in zip(over_alpha.lines, (80.0, 400.0), (5, 1), strict=True):
+        for alpha, shown in zip(line.get_xdata(), line.get_ydata(), strict=True):
+            changes = quiet | {ALPHA: alpha, "clock.rate_hz": rate, "clock.steps_per_tick": steps}
+            error = cp.run("adept-paper", changes).internal_force().force_rms_error
+            assert_allclose(shown, error, rtol=1e-12)
+            assert f"alpha {alpha:<5g} at {rate:>6.0f} Hz: {error:8.3f} N" in said
+    proportional, runs = over_force_gain.lines
+    assert_allclose(runs.get_xdata(), [1.0, 1.0 / 16.0])
+    assert_allclose(
+        np.linalg.lstsq(runs.get_xdata()[:, None], runs.get_ydata())[0], proportional.get_ydata()[1]
+    )
+    assert "0.1 mm" in over_time.get_title(loc="left")
+    bias = {"cell.arms.left.calibration_error.tip.xyz": [1e-4, 0.0, 0.0]}
+    for line, alpha in zip(over_time.lines, (0.0, 0.2), strict=True):
+        direct = cp.run("adept-paper", quiet | bias | {ALPHA: alpha})
+        time = direct.data.time.values
+        assert_allclose(line.get_xdata(), time)
+        steady = line.get_ydata()[time >= direct.windows.steady.start]
+        assert_allclose(steady.mean(), direct.internal_force().axial_mean, rtol=1e-9)
+    assert said.count("0.1 mm bias") == 2
+    assert said.count("mm rms") == 2
+
+
+# ---------------------------------------------------------------- costs, and the claims of the paper
+
+
+@pytest.fixture(scope="module")
+def claims(draw):
+    """studies/paper_claims.py, and its tables as stored."""
+    assert draw.HERE == FOLDER
+    import paper_claims
+
+    tables = {path.stem: pd.read_csv(path) for path in paper_claims.DATA.glob("*.csv")}
+    return paper_claims, tables
+
+
+def test_pages_hold_the_tables_of_stored_data(claims):
+    study, tables = claims
+    from pages import with_block
+
+    page = study.PAGE.read_text(encoding="utf-8")
+    for name, text in study.blocks(tables).items():
+        assert with_block(page, name, text) == page
+    import costs
+
+    assert with_block(BENCHMARK, "costs", costs.table(pd.read_csv(costs.DATA))) == BENCHMARK
+    with pytest.raises(ValueError, match="no such block"):
+        with_block(page, "no such block", "")
+
+
+@pytest.mark.usefixtures("draw")
+def test_operations_of_the_page_are_those_of_the_laws():
+    import costs
+
+    stored = pd.read_csv(costs.DATA).set_index(["joints", "controller"])
+    names = ["printed", "anchored", "computed-torque"]
+    counted = tick_costs(cp.Scenario.load(costs.CELLS[3]), names)["operations"]
+    assert_allclose(counted, stored.loc[3].loc[names, "operations"])
+
+
+@pytest.mark.usefixtures("draw")
+def test_the_benchmark_has_every_controller_and_the_page_says_how_many_runs():
+    import benchmark
+
+    table = pd.read_csv(benchmark.DATA)
+    cells = table.groupby(["scenario", "trial"])["controller"].agg(set)
+    assert (cells == {*controller_names()}).all()
+    assert (table["gains"] == "tuned").all()
+    assert table["trial"].nunique() >= 12
+    runs, finished, trusted = (table[name].sum() for name in ("runs", "finished", "trustworthy"))
+    counts = re.search(r"(\d+) runs of .*, (\d+) finished, (\d+) trustworthy", BENCHMARK)
+    assert [int(count) for count in counts.groups()] == [runs, finished, trusted]
+
+
+(T_LAMBDA,) = re.findall(
+    r"\(sampled damping holds below 2\):\n\n(.*?)\n\n<!-- end of benchmark", BENCHMARK, re.DOTALL
+)
+"""T lambda of every controller in every cell, as the page has it."""
+
+
+@pytest.mark.usefixtures("draw")
+def test_the_text_of_the_benchmark_is_that_of_its_table(monkeypatch):
+    """But for T lambda, which the next test computes."""
+    import benchmark
+    from pages import with_block
+
+    monkeypatch.setattr(benchmark, "stability", lambda *_: T_LAMBDA)
+    text = benchmark.text(Comparison.load(benchmark.DATA), None)
+    assert with_block(BENCHMARK, "benchmark", text) == BENCHMARK
+
+
+def damping(table):
+    """A table of T lambda: a row for each controller, a column for each cell."""
+    head, _, *rows = ([word.strip("` ") for word in line.split("|")[1:-1]] for line in table.splitlines())
+    return pd.DataFrame(rows, columns=head).set_index("controller").astype(float)
+
+
+@pytest.mark.usefixtures("draw")
+@pytest.mark.parametrize(
+    ("names", "cells"),
+    [
+        (["printed", "anchored", "adaptive"], ["adept-anchored"]),
+        (["anchored", "computed-torque"], ["two-pandas-box"]),
+        pytest.param(None, None, marks=pytest.mark.slow),
+    ],
+    ids=["planar", "spatial", "all"],
+)
+def test_t_lambda_on_the_page_of_the_benchmark_is_that_of_the_stored_gains(names, cells):
+    """Eigenvalues at a tie of the last printed digit round up on one processor and down on another."""
+    import benchmark
+
+    names, cells = names or controller_names(), cells or benchmark.tuned_cells()
+    found, told = damping(benchmark.stability(names, cells)), damping(T_LAMBDA)
+    assert list(told.index) == list(controller_names())
+    assert_allclose(found, told.loc[names, cells], atol=0.0101)
+    assert told.max().max() < 1.0
+
+
+def test_verdicts_follow_from_the_runs(claims):
+    study, tables = claims
+    rules = study.claims_tables
+    runs = tables["laws"]
+    calm = runs.assign(force_N=0.01, end_force_N=0.005, settled_s=9.0, settled_narrow_s=1.0)
+    assert [rule.holds for rule in rules.force(calm).rules] == [(True, True), (True, True)]
+    assert rules.tracking(calm).rules[0].holds == (False, False)
+    assert rules.tracking(calm).rules[1].holds == (True, True)
+    assert [rule.holds for rule in rules.robust(calm).rules] == [(True, True), (True, True)]
+    gains = tables["force_gain"]
+    fast = gains.assign(force_converged_s=1.0 / (1.0 + gains.iloc[:, 0]), force_in_band_s=1.0)
+    assert [rule.holds for rule in rules.gain(fast).rules] == [(False, False), (True, True)]
+
+
+def test_every_claim_has_two_rules_and_the_force_gain_is_judged_by_its_band(claims):
+    study, tables = claims
+    found = study.claims_tables.claims(tables, pd.read_csv(study.HERE / "costs.csv"))
+    assert len(found) == 5
+    assert all(len(claim.rules) == 2 for claim in found)
+    assert [rule.holds for rule in found[2].rules] == [(True, True), (False, False)]
+
+
+def test_the_anchored_law_loses_where_another_is_less(claims):
+    study, _ = claims
+    kept = pd.read_csv(study.LOSSES)
+    assert_allclose(study.losses()["least"], kept["least"], rtol=0.01)
+    front = pd.read_csv(study.HERE / "front" / "adept-judged.csv")
+    listed = kept[(kept["cell"] == "adept") & (kept["measure"] == "force_N")]
+    anchored = front[front["law"] == "anchored"].set_index("trial")["force_N"]
+    least = front.groupby("trial")["force_N"].min()
+    assert set(listed["trial"]) == {trial for trial in anchored.index if anchored[trial] > 1.1 * least[trial]}
+    counts = re.search(r"(\d+) pairs of trial and measure. In (\d+) of them it is position", claims_page())
+    assert [int(count) for count in counts.groups()] == [len(kept), (kept["measure"] == "position_mm").sum()]
+
+
+def claims_page():
+    return (CONCEPTS / "paper-claims.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.usefixtures("draw")
+def test_the_page_of_the_benchmark_says_what_each_controller_measures():
+    import benchmark
+
+    rows = re.findall(r"^\| `([\w-]+)` \| ([^|]+) \| [\d.]+ \(", BENCHMARK, re.MULTILINE)
+    table = pd.read_csv(benchmark.DATA).groupby("controller")["information"].unique()
+    assert dict(rows) == {name: seen for name, (seen,) in table.items()}
+
+
+def test_the_claims_are_drawn_from_their_tables(claims):
+    study, tables = claims
+    figure = study.claims_figure.figure(tables, study.FORCE_GAIN, study.ALPHA, study.RATE)
+    assert [len(panel.lines) for panel in figure.axes] == [5, 5, 2, 5, 5, 3]
+
+
+@pytest.mark.slow
+def test_a_run_of_the_claims_is_what_its_command_finds(claims):
+    study, tables = claims
+    plan = study.plans()["laws"]
+    labels = [f"{law} | {trial}" for law, trial in tables["laws"][["law", "trial"]].itertuples(index=False)]
+    assert [point.parameters["run"] for point in plan.points()] == labels
+    number = labels.index("anchored | unknown load")
+    import claims_window
+
+    found = claims_window.judged(cp.run(plan.scenario(number)))
+    for name in study.claims_tables.MEASURES:
+        assert_allclose(found[name], tables["laws"].loc[number, name], rtol=1e-3)

@@ -1,0 +1,405 @@
+"""The verdict on a run: every cause is found, with its first time, on planar and spatial cells."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from cells import SCENARIOS, spatial_scenario
+from numpy.testing import assert_allclose
+
+import coop_pin as cp
+from coop_pin.base.errors import ArgumentError, DivergedError, FieldError, OutOfRangeError
+from coop_pin.cli import main
+from coop_pin.description.trust import TrustThresholds
+from coop_pin.description.urdf import find_urdf
+from coop_pin.results.metrics import STEADY_METRICS
+from coop_pin.results.quantities import WORK
+from coop_pin.results.trust import TrustMonitor
+
+GOALS = {  # straight paths that stretch an arm: through a singular pose
+    "planar": {"xyz": (0.5, 0.75, 0.0)},
+    "spatial": {"xyz": (0.45, 0.05, 0.9), "rpy": (0.3, -0.2, 0.5)},
+}
+STOPS = {  # robot, joint, the side and place of a narrower stop, which a path to the goal passes
+    "planar": ("adept_3dof", "joint_2", "upper", -1.6, {"xyz": (0.6, 0.35, 0.0), "rpy": (0.0, 0.0, 0.947)}),
+    "spatial": ("ur5", "elbow_joint", "upper", 1.9, {"xyz": (0.45, 0.05, 0.6), "rpy": (0.3, -0.2, 0.5)}),
+}
+
+
+def along_a_line(name, goal, duration):
+    scenario = SCENARIOS[name]()
+    motion = {"kind": "line", "start": scenario.start, "goal": goal, "duration": 2.0}
+    return scenario.override({"motion": motion, "events": [], "duration": duration})
+
+
+@pytest.fixture(scope="module", params=SCENARIOS)
+def singular(request):
+    return cp.run(along_a_line(request.param, GOALS[request.param], 2.5))
+
+
+def causes(result):
+    return {breach.cause for breach in result.breaches()}
+
+
+# ---------------------------------------------------------------- causes
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_sound_run_is_trustworthy(name):
+    result = cp.run(SCENARIOS[name]().replace(duration=0.5, events=()))
+    assert result.breaches() == ()
+    assert result.trustworthy
+    assert result.verdict() == "trustworthy"
+    assert result.metrics()["trustworthy"] == 1.0
+
+
+def test_a_motion_through_a_singular_pose_is_marked_with_the_pose_as_its_first_cause(singular):
+    """Its position error afterwards is small: nothing else on top of the table says so."""
+    first, *others = singular.breaches()
+    assert first.cause == "jacobian condition"
+    assert first.allowed == 100.0 < first.value
+    conditions = singular.data.jacobian_condition.sel(arm=first.arm).values
+    assert first.time == singular.data.time.values[np.flatnonzero(conditions > 100.0)[0]]
+    assert first.value == conditions.max()
+    expected = {"torque cut"} if len(singular.data.joint) == 6 else {"closure error"}
+    assert causes(singular) >= expected | {"energy"}
+    assert [breach.time for breach in others] == sorted(breach.time for breach in others)
+    assert not singular.trustworthy
+    assert singular.metrics()["trustworthy"] == 0.0
+    assert singular.verdict() == f"NOT TRUSTWORTHY: {first}; {len(others)} more"
+    assert singular.summary().splitlines()[0] == f"{singular.scenario.name}: {singular.verdict()}"
+
+
+def test_what_was_breached_and_when_is_what_the_record_says(singular):
+    """Energy and closure errors against their definitions, over the whole record."""
+    data, found = singular.data, {(breach.cause, breach.arm): breach for breach in singular.breaches()}
+    works = [data[f"work_{name}"].values for name in ("actuation", "friction", "external", "payload_change")]
+    gravity = data.potential_energy.values
+    gross = np.cumsum([0.0, *sum(np.abs(np.diff(work)) for work in (*works, gravity))])
+    energy = data.kinetic_energy.values + gravity
+    error, allowed = np.abs(energy - energy[0] - sum(works)), 1e-6 + 1e-6 * gross
+    breach = found["energy", ""]
+    assert breach.time == data.time.values[np.flatnonzero(error > allowed)[0]]
+    worst = np.argmax(error - allowed)
+    assert_allclose((breach.value, breach.allowed), (error[worst], allowed[worst]), rtol=1e-9)
+    for arm in data.arm.values:
+        closure = np.maximum(data.closure_distance, data.closure_angle).sel(arm=arm).values
+        assert (("closure error", arm) in found) == (closure.max() > 1e-6)
+        if closure.max() > 1e-6:
+            breach = found["closure error", arm]
+            assert breach[3:5] == (data.time.values[np.flatnonzero(closure > 1e-6)[0]], closure.max())
+
+
+def stopped(name, folder):
+    robot, joint, side, stop, goal = STOPS[name]
+    found = find_urdf(robot)
+    pattern = rf'(<joint name="{joint}".*?{side}=")[^"]*'
+    text, changed = re.subn(pattern, rf"\g<1>{stop}", found.path.read_text(), count=1, flags=re.DOTALL)
+    assert changed == 1
+    (folder / "narrow.urdf").write_text(text)
+    scenario = along_a_line(name, goal, 1.5)
+    arm = scenario.cell.arms["left"]
+    near = {"urdf": str(folder / "narrow.urdf"), "package_dirs": [str(path) for path in found.package_dirs]}
+    arms = dict(scenario.cell.arms) | {"left": arm.replace(**near)}
+    return scenario.replace(cell=scenario.cell.replace(arms=arms))
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_an_arm_through_its_joint_stop_is_marked(name, tmp_path):
+    """The plant has no stops: the arm goes on as if nothing were there, and the tracking looks good."""
+    _, joint, side, stop, _ = STOPS[name]
+    result = cp.run(stopped(name, tmp_path))
+    (breach,) = result.breaches()
+    positions = result.data.joint_position.sel(arm="left").values
+    positions = positions[:, list(result.data.joint_name.sel(arm="left").values).index(joint)]
+    beyond = positions - stop if side == "upper" else stop - positions
+    assert breach[:3] == ("joint limit", "left", joint)
+    assert breach.time == result.data.time.values[np.flatnonzero(beyond > 1e-6)[0]] > 0.0
+    assert (breach.value, breach.allowed) == (positions[np.argmax(beyond)], stop)
+    assert f"left {joint} at its stop from {breach.time:.4g} s" in result.verdict()
+    slack = {"trust.joint_slack": float(beyond.max()) + 0.1}
+    assert cp.RunResult(result.scenario.override(slack), result.data).trustworthy
+
+
+def test_a_torque_cut_breaches_when_it_lasts_without_a_break():
+    """Cuts of 0.1 s are borne by default, longer ones are not; the time is the start of the cut."""
+    weak = {"duration": 0.5, "events": [], "cell.arms.left.torque_limits": 3.0}
+    result = cp.run("adept-paper", weak)
+    saturated = result.data.saturated.sel(arm="left").values
+    found = [breach for breach in result.breaches() if breach.cause == "torque cut"]
+    expected = []
+    for joint, cut in zip(result.data.joint_name.sel(arm="left").values, saturated.T, strict=True):
+        runs = [span.span() for span in re.finditer("1+", "".join(str(int(tick)) for tick in cut))]
+        long = [(first, (last - first - 1) / 80.0) for first, last in runs if (last - first - 1) / 80.0 > 0.1]
+        if long:
+            expected.append(
+                ("torque cut", "left", joint, long[0][0] / 80.0, max(span[1] for span in long), 0.1)
+            )
+    assert expected
+    assert sorted(breach[:3] for breach in found) == sorted(entry[:3] for entry in expected)
+    for breach, entry in zip(sorted(found), sorted(expected), strict=True):
+        assert_allclose(breach[3:], entry[3:], rtol=0, atol=1e-9)
+    patient = cp.RunResult(result.scenario.override({"trust.torque_cut": 1.0}), result.data)
+    assert "torque cut" not in causes(patient)
+
+
+def test_a_torque_cut_lasts_as_long_where_few_samples_are_kept():
+    """Start and end are known to within the time from one to the next."""
+    weak = {"duration": 0.8, "events": [], "cell.arms.left.torque_limits": 1.0}
+    cut = {}
+    for every in (1, 7):
+        breaches = cp.run("adept-paper", weak | {"clock.record_every": every}).breaches()
+        cut[every] = {b.joint: (b.time, b.value) for b in breaches if b.cause == "torque cut"}
+    assert cut[7]
+    for joint, found in cut[7].items():
+        assert_allclose(found[0], cut[1][joint][0], rtol=0, atol=7 / 80)
+        assert_allclose(found[1], cut[1][joint][1], rtol=0, atol=2 * 7 / 80)
+
+
+def test_a_diverged_run_says_so_last_and_still_does_after_loading(tmp_path):
+    late = {"controller.force_path": {"kind": "late"}, "controller.gains.force_gain": 1.5}
+    with pytest.raises(DivergedError) as caught:
+        cp.run("adept-paper", late | {"beyond_bound": True, "events": []})
+    result = caught.value.result
+    assert result.breaches()[-1] == ("error", "", "", result.end, result.end, 20.0)
+    result.save(tmp_path / "result.nc")
+    assert cp.RunResult.load(tmp_path / "result.nc").breaches() == result.breaches()
+
+
+def test_what_is_no_number_is_a_breach(singular):
+    data = singular.data.copy(deep=True)
+    data["closure_angle"][3, 1] = np.nan
+    data["kinetic_energy"][5] = np.nan
+    data["jacobian_condition"][4, 0] = np.nan
+    times = {breach[:2]: breach.time for breach in cp.RunResult(singular.scenario, data).breaches()}
+    left, right = data.arm.values
+    assert times["closure error", right] == data.time.values[3]
+    assert times["jacobian condition", left] == data.time.values[4]
+    assert times["energy", ""] == data.time.values[5]
+
+
+# ---------------------------------------------------------------- while it runs
+
+
+def test_samples_one_by_one_have_the_breaches_of_the_whole(singular):
+    data = singular.data
+    joints = [(str(arm), list(data.joint_name.sel(arm=arm).values)) for arm in data.arm.values]
+    limits = data.position_lower.values, data.position_upper.values
+    monitor = TrustMonitor(singular.scenario.trust, joints, *limits)
+    samples = {str(name): data[name].values for name in ("time", *data.data_vars)}
+    varying = {name: values for name, values in samples.items() if "time" in data[name].dims}
+    first = {}
+    for tick in range(len(data.time)):
+        for breach in monitor.breaches({name: values[tick : tick + 1] for name, values in varying.items()}):
+            first.setdefault(breach[:3], breach.time)
+    assert first.keys() == {breach[:3] for breach in singular.breaches()}
+    for breach in singular.breaches():
+        assert_allclose(first[breach[:3]], breach.time, rtol=0, atol=1e-9)
+
+
+def test_a_run_can_end_at_its_first_breach(singular):
+    ended = cp.run(singular.scenario, stop_at_breach=True)
+    first = singular.breaches()[0]
+    assert ended.end == first.time < singular.end
+    assert [breach[:4] for breach in ended.breaches()] == [first[:4]]
+    for name in ("configuration", "torque", "interaction_wrench"):
+        part = singular.data[name].values[: len(ended.data.time)]
+        np.testing.assert_array_equal(ended.data[name].values, part)
+
+
+def test_a_sound_run_does_not_end_early():
+    assert cp.run("adept-paper", {"duration": 0.5, "events": []}, stop_at_breach=True).end == 0.5
+
+
+# ---------------------------------------------------------------- thresholds
+
+
+def test_thresholds_are_fields_of_the_scenario():
+    scenario = spatial_scenario().override({"trust.closure_error": 1e-20})
+    assert cp.Scenario.from_toml(scenario.to_toml()).trust == TrustThresholds(closure_error=1e-20)
+    assert causes(cp.run(scenario.replace(duration=0.02))) == {"closure error"}
+    for wrong in ({"closure_error": 0.0}, {"torque_cut": -1.0}, {"jacobian_condition": 0.5}):
+        with pytest.raises(FieldError):
+            TrustThresholds(**wrong)
+
+
+# ---------------------------------------------------------------- windows
+
+
+@pytest.fixture(scope="module")
+def pushed():
+    """Six seconds with an event that ends at 1.1 s."""
+    push = {"kind": "wrench-pulse", "time": 1.0, "duration": 0.1, "wrench": (50.0, 0.0, 0.0, 0.0, 0.0, 0.0)}
+    return cp.run("adept-paper", {"duration": 6.0, "events": [push]})
+
+
+def test_metrics_after_the_last_event_have_their_own_window(pushed):
+    metrics = pushed.metrics()
+    assert pushed.windows.after_event == (5.1, 6.0)
+    assert (metrics["after_event_window_start_s"], metrics["after_event_window_end_s"]) == (5.1, 6.0)
+    inside = pushed.data.time.values >= 5.1 - 1e-9
+    assert_allclose(
+        metrics["after_event_internal_axial_mean_N"], pushed.data.internal_axial.values[inside].mean()
+    )
+    assert metrics["after_event_position_rms_m"] == pushed.position_rms(window=(5.1, 6.0))
+    assert pushed.window_of("after_event_position_rms_m") == (5.1, 6.0)
+
+
+def test_a_window_can_be_asked_for(pushed):
+    time, error = pushed.data.time.values, pushed.data.pose_error.values
+    inside = (time > 2.0 - 1e-9) & (time < 3.0 - 1e-9)
+    found = pushed.position_rms(window=(2, 3)), pushed.orientation_rms(window=(2, 3))
+    expected = [
+        np.sqrt((np.linalg.norm(error[inside, part], axis=1) ** 2).mean())
+        for part in (slice(0, 3), slice(3, 6))
+    ]
+    assert_allclose(found, expected, rtol=1e-12)
+    force = pushed.internal_force(window=(2.0, 3.0))
+    assert_allclose(force.axial_mean, pushed.data.internal_axial.values[inside].mean(), rtol=1e-12)
+    for wrong in ((3.0, 2.0), (2.0, 2.0), (-1.0, 2.0), (5.0, 7.0), (np.nan, 2.0), (7.0, 8.0)):
+        with pytest.raises(OutOfRangeError):
+            pushed.internal_force(window=wrong)
+    for wrong in (3.0, (1.0,), "ab", (1.0, 2.0, 3.0), (None, 2.0)):
+        with pytest.raises(ArgumentError):
+            pushed.position_rms(window=wrong)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("duration", [0.5, 4.0])
+def test_a_run_that_does_not_reach_the_steady_window_has_no_steady_metrics(name, duration):
+    """Nor does one that ends as the window begins."""
+    if (name, duration) == ("spatial", 4.0):
+        pytest.skip("slow and no different")
+    result = cp.run(SCENARIOS[name]().replace(duration=duration, events=()))
+    metrics = result.metrics()
+    assert all(np.isnan(metrics[metric]) for metric in STEADY_METRICS)
+    assert all(np.isnan(metrics[f"after_event_{metric}"]) for metric in STEADY_METRICS)
+    assert np.isnan(result.internal_force().axial_mean)
+    assert "no steady metrics" in result.summary()
+
+
+def test_every_metric_has_its_window_beside_it_in_the_summary(pushed):
+    lines = {line.split()[0]: line for line in pushed.summary().splitlines()[2:]}
+    applies = [name for name, value in pushed.metrics().items() if not np.isnan(value)]
+    assert len(applies) > 10
+    for name in applies:
+        assert "window" in name or str(pushed.window_of(name)) in lines[name]
+    assert pushed.window_of("settling_time_s") == (0.0, 1.0)
+    assert pushed.window_of("event_peak_position_error_m") == (1.0, 6.0)
+    assert pushed.window_of("torque_peak_Nm") == (0.0, 6.0)
+
+
+# ---------------------------------------------------------------- command line
+
+pytestmark = pytest.mark.filterwarnings("ignore::coop_pin.base.errors.ScenarioWarning")
+
+FAST = ["--duration", "0.5", "--events", "[]", "--no-replay", "--no-figures"]
+WEAK = ["--cell.arms.left.torque-limits", "2", "--cell.arms.right.torque-limits", "2"]
+
+
+def test_a_run_that_is_not_trustworthy_ends_with_code_3_and_its_reasons(tmp_path, capsys):
+    assert main(["run", "adept-paper", "--out", str(tmp_path), *FAST, *WEAK]) == 3
+    out = capsys.readouterr().out.splitlines()
+    breaches = cp.RunResult.load(tmp_path / "result.nc").breaches()
+    assert str(breaches[0]) in out[0]
+    assert len(breaches) > 1
+    assert any("--verbose" in line for line in out)
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    assert metrics["trustworthy"] is False
+    assert metrics["reasons"] == [str(breach) for breach in breaches]
+    assert main(["run", "adept-paper", "--out", str(tmp_path), *FAST, *WEAK, "--verbose"]) == 3
+    out = capsys.readouterr().out
+    assert all(str(breach) in out for breach in breaches)
+    assert main(["run", "adept-paper", "--out", str(tmp_path), *FAST, *WEAK, "--quiet"]) == 3
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert str(breaches[0]) in err
+
+
+def test_the_command_can_end_a_run_at_its_first_breach(tmp_path):
+    words = ["run", "adept-paper", "--out", str(tmp_path), *FAST, *WEAK, "--stop-at-breach", "--quiet"]
+    assert main(words) == 3
+    result = cp.RunResult.load(tmp_path / "result.nc")
+    assert 0.0 < result.end < 0.5
+    assert json.loads((tmp_path / "metrics.json").read_text())["trustworthy"] is False
+
+
+# ---------------------------------------------------------------- samples written by hand
+
+
+def found_by_hand(lower=(np.nan, np.nan), upper=(np.nan, np.nan), at_once=True, **given):
+    """Breaches in six samples of one arm with two joints, 0.1 s apart, all zero but for what is given."""
+    shapes = {"joint_position": (6, 1, 2), "saturated": (6, 1, 2), "jacobian_condition": (6, 1)}
+    shapes |= {"closure_distance": (6, 1), "closure_angle": (6, 1)}
+    names = (*WORK, "kinetic_energy", "potential_energy")
+    samples = {name: np.zeros(shape) for name, shape in shapes.items()} | {
+        name: np.zeros(6) for name in names
+    }
+    for name, values in given.items():
+        samples[name].reshape(6, -1)[:, 0] = values
+    samples["time"] = 0.1 * np.arange(6)
+    thresholds = TrustThresholds(
+        joint_slack=0.125,
+        jacobian_condition=100.0,
+        torque_cut=0.3,
+        closure_error=1e-3,
+        energy_floor=0.5,
+        energy_share=0.1,
+    )
+    monitor = TrustMonitor(thresholds, [("arm", ("one", "two"))], np.array([lower]), np.array([upper]))
+    if at_once:
+        return monitor.breaches(samples)
+    ticks = [{name: values[k : k + 1] for name, values in samples.items()} for k in range(6)]
+    return tuple(breach for tick in ticks for breach in monitor.breaches(tick))
+
+
+@pytest.mark.parametrize(
+    ("positions", "found"),
+    [
+        ([0.0, 2.0625, 2.25, 2.5, -1.75, -1.0625], [("joint limit", "arm", "one", 0.2, -1.75, -1.0)]),
+        ([0.0, 2.0625, 2.25, 2.5, -1.25, -1.0625], [("joint limit", "arm", "one", 0.2, 2.5, 2.0)]),
+        ([0.0, 2.125, 2.125, -1.125, 0.0, 0.0], []),
+    ],
+)
+def test_the_joint_limit_is_the_one_exceeded_most(positions, found):
+    limits = {"lower": (-1.0, np.nan), "upper": (2.0, np.nan)}
+    assert list(found_by_hand(joint_position=positions, **limits)) == found
+
+
+def test_the_first_sample_beyond_and_the_worst_value_of_condition_and_closure_error():
+    condition, opened = [1.0, 100.0, 101.0, 300.0, 200.0, 1.0], [0.0, 1e-3, 2e-3, 5e-3, 0.0, 0.0]
+    assert found_by_hand(jacobian_condition=condition) == (
+        ("jacobian condition", "arm", "", 0.2, 300.0, 100.0),
+    )
+    for name in ("closure_distance", "closure_angle"):
+        assert found_by_hand(**{name: opened}) == (("closure error", "arm", "", 0.2, 5e-3, 1e-3),)
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+def test_a_torque_cut_of_the_allowed_time_is_borne(at_once):
+    """From the first to the last of n ticks are n - 1 periods; 3 times 0.1 exceeds 0.3 by rounding."""
+    assert found_by_hand(saturated=[1, 1, 1, 1, 0, 1], at_once=at_once) == ()
+    found = found_by_hand(saturated=[0, 1, 1, 1, 1, 1], at_once=at_once)
+    assert [breach[:3] for breach in found] == [("torque cut", "arm", "one")]
+    assert_allclose(found[0][3:], (0.1, 0.4, 0.3), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+def test_energy_may_be_off_by_a_share_of_all_work_done_and_of_all_lifting(at_once):
+    """Works count by amount; allowed are 0.5, 0.7, 0.8, 1.1, 1.4 and 1.5 J; worst is the most beyond."""
+    works = {"work_actuation": [10, 11, 12, 12, 12, 13], "work_friction": [-1, -2, -2, -2, -2, -2]}
+    lifted, off = np.array([0, 0, 0, 3, 0, 0]), np.array([0.0, 0.69, 0.81, 1.0, 2.0, 2.05])
+    kinetic = 5.0 + off - lifted + np.sum(list(works.values()), axis=0)
+    found = found_by_hand(kinetic_energy=kinetic, potential_energy=lifted, at_once=at_once, **works)
+    assert [breach[:3] for breach in found] == [("energy", "", "")] * (1 if at_once else 3)
+    assert_allclose(found[0][3], 0.2, rtol=0, atol=1e-12)
+    assert_allclose(found[0 if at_once else 1][4:], (2.0, 1.4), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+def test_energy_that_a_changed_payload_brings_is_explained(at_once):
+    """It counts once as work, and not as lifting."""
+    works = {"work_payload_change": [0, 0, 7, 7, 7, 7], "work_external": [0, 2, 2, 2, 2, 2]}
+    kinetic = 5.0 + np.sum(list(works.values()), axis=0)
+    assert found_by_hand(kinetic_energy=kinetic, at_once=at_once, **works) == ()

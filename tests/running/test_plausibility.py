@@ -1,0 +1,162 @@
+"""Implausible numbers and doubtful runs: told by run, check and suggest alike, before a run."""
+
+import functools
+
+import numpy as np
+import pytest
+from close import unwrapped
+
+import coop_pin as cp
+from coop_pin.base.errors import ScenarioWarning
+from coop_pin.base.spatial import make_pose
+from coop_pin.cli import main
+from coop_pin.running.plausibility import implausible_numbers, run_warnings
+from coop_pin.simulation.build_controller import build_controller
+
+
+def warnings_of(scenario):
+    return list(run_warnings(scenario, build_controller(scenario)))
+
+
+DEGREES = (0.0, 0.0, 0.0, 57.0, 0.0, -30.0, 0.0)
+SOUND = {"planar": "adept-anchored", "spatial": "two-pandas-box"}
+SHORT = {"duration": 0.02, "events": []}
+
+
+def rolled(grasp):
+    """A grasp whose frame is turned away from the payload's."""
+    return cp.Pose.from_matrix(grasp.matrix @ make_pose((0.0, 0.0, 0.0), (0.3, -0.2, 0.5)))
+
+
+def cell_of(kind):
+    """A sound cell; the spatial one with turned grasp frames."""
+    scenario = cp.Scenario.load(SOUND[kind])
+    if kind == "planar":
+        return scenario
+    cell = scenario.cell
+    grasps = {name: rolled(grasp) for name, grasp in cell.grasps.items()}
+    return scenario.replace(cell=cell.replace(grasps=grasps))
+
+
+@pytest.mark.parametrize("kind", SOUND)
+def test_a_sound_scenario_has_no_implausible_number(kind):
+    assert implausible_numbers(cell_of(kind)) == ()
+
+
+@pytest.mark.parametrize("kind", SOUND)
+@pytest.mark.parametrize(
+    ("field", "value", "parts"),
+    [
+        ("cell.arms.right.base.rpy", [0.0, 0.0, 180.0], ("[0, 0, 180]", "degrees", "[0, 0, 3.142]")),
+        ("cell.arms.right.base.xyz", [650.0, 0.0, 0.0], ("[650, 0, 0]", "mm")),
+        ("cell.grasps.left.xyz", [-200.0, 0.0, 0.0], ("[-200, 0, 0]", "mm")),
+        ("motion", {"kind": "hold", "pose": {"rpy": [0.0, 0.0, 57.3]}}, ("motion.pose.rpy", "degrees")),
+    ],
+)
+def test_a_pose_in_another_unit_is_told_with_its_field(kind, field, value, parts):
+    """Those told besides follow from it: a tip far from the payload, a start far from the motion's."""
+    path = field if field.startswith("cell") else "motion.pose.rpy"
+    (said,) = (line for line in implausible_numbers(cell_of(kind).override({field: value})) if path in line)
+    assert all(part in said for part in parts)
+
+
+@pytest.mark.parametrize("kind", SOUND)
+def test_a_payload_beyond_ten_metres_is_told(kind):
+    large = cell_of(kind).override({"cell.payload.size": [400.0, 300.0, 300.0]})
+    (said,) = implausible_numbers(large)
+    assert "cell.payload.size" in said
+    assert "mm" in said
+    assert implausible_numbers(cell_of(kind).override({"cell.payload.size": [9.0, 0.3, 0.3]})) == ()
+
+
+def test_a_posture_beyond_the_limits_is_told_with_its_joint():
+    pandas = cell_of("spatial")
+    (said,) = implausible_numbers(pandas.override({"cell.arms.left.posture": DEGREES}))
+    assert all(part in said for part in ("cell.arms.left.posture", "panda_joint4", "57", "degrees"))
+    beyond = (-0.406, -0.537, 0.32, 0.1, 0.164, 1.739, 1.415)  # in rad: no guess of a unit
+    (said,) = implausible_numbers(pandas.override({"cell.arms.left.posture": beyond}))
+    assert "panda_joint4" in said
+    assert "degrees" not in said
+    planar = cell_of("planar")
+    within = dict.fromkeys(planar.cell.arms, (0.5, 0.5, 0.5))
+    arms = {name: planar.cell.arms[name].replace(posture=angles) for name, angles in within.items()}
+    assert implausible_numbers(planar.replace(cell=planar.cell.replace(arms=arms))) == ()
+
+
+@pytest.mark.parametrize("kind", SOUND)
+def test_a_start_away_from_that_of_a_motion_from_rest_is_told(kind):
+    """The motion of the paper moves at t = 0: no start from rest meets it."""
+    scenario = cell_of(kind)
+    at = scenario.start.matrix
+    for shift, turn, told in ((0.05, 0.0, "50 mm"), (0.0, 0.1, "0.1 rad"), (0.01, 0.01, "")):
+        goal = cp.Pose.from_matrix(at @ make_pose((shift, 0.0, 0.0), (0.0, 0.0, turn)))
+        found = implausible_numbers(scenario.replace(motion=cp.motions.HoldMotion(pose=goal), events=()))
+        assert len(found) == bool(told)
+        assert all(told in said for said in found)
+
+
+@pytest.mark.parametrize("kind", SOUND)
+def test_a_tip_outside_the_payload_is_told_by_how_much(kind):
+    """In the frame of the shape, of a box and of a cylinder; what is told is the distance, by hand."""
+    scenario = cell_of(kind)
+    cell, size = scenario.cell, np.array(scenario.cell.payload.size)
+    corner = size / 2.0 + np.array((0.03, 0.04, 0.0))
+    shape = cp.Pose(xyz=(0.1, -0.2, 0.3), rpy=(0.3, -0.2, 0.5))
+    for place, form, told in (
+        (corner, "box", "50 mm"),
+        ((0.0, 0.0, size[2] / 2 + 0.02), "box", "20 mm"),
+        ((size[0] / 2 * 0.6, size[0] / 2 * 0.8 + 0.0, size[2] / 2 + 0.07), "cylinder", "70 mm"),
+        ((0.0, 0.0, 0.0), "cylinder", ""),
+    ):
+        tip = (shape.matrix @ (*place, 1.0))[:3]
+        payload = cell.payload.replace(shape=form, shape_pose=shape)
+        grasps = {name: cp.Pose(xyz=tuple(shape.matrix[:3, 3])) for name in cell.grasps}
+        grasps["left"] = cp.Pose(xyz=tuple(tip))
+        moved = scenario.replace(cell=cell.replace(payload=payload, grasps=grasps), squeeze={})
+        found = [line for line in implausible_numbers(moved) if "'left'" in line]
+        assert len(found) == bool(told)
+        assert all(told in said for said in found)
+
+
+@pytest.mark.parametrize("kind", SOUND)
+def test_no_squeeze_is_told_of_several_arms(kind):
+    scenario = cell_of(kind)
+    (said,) = implausible_numbers(scenario.replace(squeeze={}))
+    assert "squeeze" in said
+    one, *_ = scenario.cell.arms
+    alone = {"arms": {one: scenario.cell.arms[one]}, "grasps": {one: scenario.cell.grasps[one]}}
+    single = scenario.replace(cell=scenario.cell.replace(**alone, load_shares=None), squeeze={})
+    assert implausible_numbers(single) == ()
+
+
+def test_run_check_and_suggest_tell_alike(tmp_path, capsys):
+    wrong = cp.Scenario.load("panda-ur5-bar", SHORT | {"squeeze": {}})
+    (said,) = implausible_numbers(wrong)
+    wrong.save(tmp_path / "wrong.toml")
+    main(["check", str(tmp_path / "wrong.toml"), "--poses", "3"])
+    assert said in unwrapped(capsys.readouterr().out)
+    for told in (cp.run, functools.partial(cp.suggest, poses=5)):
+        with pytest.warns(ScenarioWarning) as caught:
+            told(wrong)
+        assert said in [str(warning.message) for warning in caught]
+
+
+def test_a_path_that_leaves_the_reach_is_told_before_the_run():
+    """A circle of 0.6 m about the start of two Pandas; within the duration only what is run counts."""
+    pandas = cp.Scenario.load("two-pandas-box")
+    circle = cp.motions.CircleMotion(pose=pandas.motion.start, radius=0.6, angular_rate=0.5)
+    far = pandas.replace(motion=circle, duration=8.0)
+    assert any("'left'" in said and "cannot follow" in said for said in warnings_of(far))
+    assert warnings_of(far.replace(duration=0.2)) == []
+
+
+def test_a_run_tells_the_elbow_that_its_spring_does_not_hold_as_check_does(tmp_path, capsys):
+    soft = cp.Scenario.load("two-pandas-box", SHORT | {"controller.posture.stiffness": 3.0})
+    (said,) = warnings_of(soft)
+    for part in ("elbow", "left", "controller.posture.stiffness"):
+        assert part in said
+    soft.save(tmp_path / "soft.toml")
+    assert main(["check", str(tmp_path / "soft.toml"), "--poses", "3"]) == 1
+    assert "controller.posture.stiffness" in capsys.readouterr().out
+    with pytest.warns(ScenarioWarning, match="elbow"):
+        cp.run(soft)
