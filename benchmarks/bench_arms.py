@@ -18,7 +18,7 @@ from coop_pin import Arm, Cell, Payload, Pose
 from coop_pin.base.spatial import make_pose
 from coop_pin.grasps import CellChain
 from coop_pin.plant import PlantOptions
-from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 
 POSTURE = (-0.406, -0.537, 0.32, -2.256, 0.164, 1.739, 1.415)
 STEP = 1e-3
@@ -43,10 +43,10 @@ def ring_cell(count: int) -> Cell:
     return Cell(arms=arms, payload=Payload.cylinder(4.0, 0.25, 0.03), grasps=grasps)
 
 
-def plant_at_rest(cell: Cell) -> Plant:
+def plant_at_rest(cell: Cell) -> PinocchioPlant:
     """Return the plant in its initial state."""
     chain = CellChain(cell)
-    return Plant(chain, PlantOptions(), chain.configuration(make_pose((0.0, 0.0, 0.4))))
+    return PinocchioPlant(chain, PlantOptions(), chain.configuration(make_pose((0.0, 0.0, 0.4))))
 
 
 def numbers(values: np.ndarray) -> str:
@@ -79,7 +79,7 @@ def body_xml(model: pin.Model, joint: int) -> str:
         {sites}{children}</body>"""
 
 
-def mjcf(plant: Plant) -> str:
+def mjcf(plant: PinocchioPlant) -> str:
     """Return the same tree with one weld for each closure."""
     tree = plant.chain.model
     roots = [joint for joint in range(1, tree.model.njoints) if tree.model.parents[joint] == 0]
@@ -95,7 +95,7 @@ def mjcf(plant: Plant) -> str:
         <equality>{welds}</equality></mujoco>"""
 
 
-def mujoco_task(plant: Plant):
+def mujoco_task(plant: PinocchioPlant):
     """Return a function that makes one MuJoCo step from rest, at the same configuration."""
     import mujoco
 
@@ -110,7 +110,7 @@ def mujoco_task(plant: Plant):
     return task
 
 
-def chain_task(plant: Plant):
+def chain_task(plant: PinocchioPlant):
     """Return a function that makes one step of the closed chain from rest."""
     start = plant.q.copy()
 

@@ -38,7 +38,7 @@ def loop(runs: list[cp.Scenario], width: int) -> Callable[[], object]:
     prepared = [simulator.prepare(run) for run in runs]
     batch = Prepared.joined(prepared)
     family = simulator.family([batch])
-    _, machine, order = family.orders[batch.times]
+    _, machine, order = family.orders[batch.kind.times]
     block, loads = family.code.begin(batch)
     memory = np.empty(machine.record_size(len(runs)))
     return lambda: machine.run(block.copy(), order.uniforms, loads, out=memory)
@@ -57,7 +57,7 @@ def measured(simulator: BatchSimulator, runs: list[cp.Scenario]) -> Callable[[],
 
 def swept(base: cp.Scenario, count: int) -> Callable[[], object]:
     """Return a sweep from plan to table in this process, with other values each time."""
-    plan = SweepPlan(base=base, axes={FIELD: np.linspace(4.0, 6.0, count).tolist()}, engine="batch")
+    plan = SweepPlan(base=base, axes={FIELD: np.linspace(4.0, 6.0, count).tolist()}, engine="compiled")
 
     def run() -> None:
         with tempfile.TemporaryDirectory() as folder:
@@ -80,7 +80,7 @@ def rollout(base: cp.Scenario, count: int) -> Callable[[], object]:
     data.qpos[:], kind = run.plant.q, mujoco.mjtState.mjSTATE_FULLPHYSICS
     state = np.zeros(mujoco.mj_stateSize(model, kind))
     mujoco.mj_getState(model, data, state, kind)
-    held = run.plant.transmission.torque(run.actuation.holding_commands(run.plant.q))
+    held = run.chain.transmission.torque(run.actuation.holding_commands(run.plant.q))
     states, control = np.tile(state, (count, 1)), np.tile(held, (count, steps, 1))
     given = int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
     return lambda: mujoco.rollout.rollout(model, data, states, control, control_spec=given, nstep=steps)

@@ -2,7 +2,7 @@
 
     python benchmarks/bench_grasps.py [--blocks 15] [--runs 64] [--duration 0.2]
 
-Plant steps of a single run, on Pinocchio and traced, and whole runs in a batch, rigid and compliant in turn.
+Plant steps of a single run, on Pinocchio and compiled, and whole runs as lanes, rigid and compliant in turn.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from common import interleaved, ratio
 
 import coop_pin as cp
 from coop_pin import Simulation
-from coop_pin.compiled import BatchSimulator
-from coop_pin.compiled.engine_choice import plant_of
+from coop_pin.compiled import BatchSimulator, plant_of
 from coop_pin.laws import build_controller
 
 CELLS = ("adept-anchored", "two-pandas-box", "three-ur5-plate")
@@ -39,7 +38,7 @@ def steps_of(scenario: cp.Scenario, engine: str) -> Callable[[], object]:
     q, v = plant.q, plant.v
 
     def steps() -> object:
-        plant.q, plant.v = q, v
+        plant.restore(plant.state()._replace(q=q, v=v))
         for step in range(STEPS):
             plant.advance(step * STEP, STEP)
         return plant.v
@@ -56,7 +55,7 @@ def main(words: Sequence[str] | None = None) -> None:
     options = parser.parse_args(words)
     for name in CELLS:
         scenarios = pair(name, options.duration)
-        for engine in ("pinocchio", "traced"):
+        for engine in ("pinocchio", "compiled"):
             tasks = {kind: steps_of(scenario, engine) for kind, scenario in scenarios.items()}
             report(name, f"{engine}, step", interleaved(tasks, options.blocks, 4), STEPS)
         simulator = BatchSimulator()

@@ -24,8 +24,10 @@ from common import elsewhere, interleaved, ratio, shortened
 from mujoco_cell import MujocoRun, Recorded
 
 import coop_pin as cp
+from coop_pin import simulate
+from coop_pin.compiled import plant_of
+from coop_pin.compiled.engines import Engine
 from coop_pin.laws import build_controller
-from coop_pin.running.run_scenario import Engine
 
 LADDER = (1, 2, 3, 4, 5, 7, 10, 14, 20, 28, 40, 56, 80, 112, 160)
 """Plant steps in a tick, of which the fewest with a small enough error are taken."""
@@ -88,7 +90,9 @@ def spread(cost: np.ndarray) -> str:
 
 
 def coop_pin_run(scenario: cp.Scenario, steps: int, engine: Engine = "pinocchio") -> cp.RunResult:
-    return cp.run(scenario, {"clock.steps_per_tick": steps}, engine=engine)
+    """Return a run on the plant of an engine, under the law as Python."""
+    scenario = scenario.override({"clock.steps_per_tick": steps})
+    return simulate(scenario, build_controller(scenario), plant=plant_of(engine))
 
 
 def mujoco_run(scenario: cp.Scenario, steps: int, solref: float) -> Recorded:
@@ -128,7 +132,7 @@ def distance(measured: Sequence[float]) -> float:
 
 def compare_at_equal_error(scenario: cp.Scenario, limits: Sequence[float], rounds: int) -> None:
     """Print cost relative to MuJoCo of the coarsest steps of each plant within each limit."""
-    ours = {"coop_pin": "pinocchio", "coop_pin traced": "traced"}
+    ours = {"coop_pin": "pinocchio", "coop_pin compiled": "compiled"}
     plants = {
         name: {name: lambda steps, e=engine: recorded(coop_pin_run(scenario, steps, e))}
         for name, engine in ours.items()
@@ -179,7 +183,7 @@ def main(arguments: list[str] | None = None) -> None:
         f"coop_pin{title}, {12.5 / steps:g} ms": lambda n=steps, e=engine: recorded(
             coop_pin_run(scenario, n, e)
         )
-        for engine, title in (("pinocchio", ""), ("traced", " traced"))
+        for engine, title in (("pinocchio", ""), ("compiled", " compiled"))
         for steps in (5, 2, 1)
     }
     for solref in options.solref:

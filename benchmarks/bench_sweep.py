@@ -157,7 +157,7 @@ def many(runs: int, workers: int) -> None:
         return time.perf_counter(), sum(each.ru_utime + each.ru_stime for each in usage)
 
     field, execution = "controller.gains.transient_rate", cp.Execution(workers=workers, quiet=True)
-    made = plan(1, 2.0).replace(axes={field: linspace(4.0, 6.0, runs)}, engine="batch")
+    made = plan(1, 2.0).replace(axes={field: linspace(4.0, 6.0, runs)}, engine="compiled")
     with tempfile.TemporaryDirectory() as folder:
         sweep(made.replace(axes={field: linspace(4.0, 6.0, 64)}), out=f"{folder}/few", execution=execution)
         for name in ("computed", "resumed"):

@@ -48,7 +48,7 @@ def tasks(scenario: cp.Scenario) -> dict[str, common.Task]:
     run = Simulation(scenario, controller)
     for _ in range(TICK):
         run.tick()
-    plant, chain, sensing, t = run.plant, run.plant.chain, run.sensing, run.timeline.time(TICK)
+    plant, chain, sensing, t = run.plant, run.chain, run.sensing, run.timeline.time(TICK)
     target, squeeze, references = run.motion.at(t), run.squeeze.at(t, scenario.cell.grasps), run.references(t)
     signals = next(run.signals())
     measured = run.sensing.start(plant.q, plant.v, references, signals.sensors)

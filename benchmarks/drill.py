@@ -441,7 +441,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--faults", type=int, default=110)
     parser.add_argument("--runs", type=int, default=400)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--engine", default="pinocchio", help="of the sweep: pinocchio or batch")
+    parser.add_argument("--engine", default="pinocchio", help="of the sweep: pinocchio or compiled")
     options = parser.parse_args(arguments)
     start = time.monotonic()
     with tempfile.TemporaryDirectory() as place:

@@ -48,7 +48,7 @@ crate = cp.grasps.CellChain(palms.cell.replace(grasps=grasps, pads=pads))
 heights = np.linspace(0.46, 0.58, 12)
 q = np.array([crate.configuration(cp.Pose(xyz=(0.0, 0.0, z)).matrix) for z in heights])
 still = np.zeros((len(q), crate.mechanism.model.nv))
-least = crate.least_squeeze(q, still, still)
+least = crate.friction_squeeze(q, still, still)
 stated = np.zeros((2, 6))
 stated[:, 0] = (-60.0, 60.0)
 

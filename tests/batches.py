@@ -31,7 +31,7 @@ def require_same_bits(scenarios):
     runs = [simulator.prepare(scenario) for scenario in scenarios]
     prepared = Prepared.joined(runs)
     family = simulator.family([prepared])
-    _, machine, order = family.orders[prepared.times]
+    _, machine, order = family.orders[prepared.kind.times]
     program, uniforms, (block, loads) = machine.program, order.uniforms, family.code.begin(prepared)
     machines = [LlvmMachine(program, width, DiskCache()) for width in (8, 4, 1)] + [NumpyMachine(program)]
     records = [machine.run(block.copy(), uniforms, loads) for machine in machines]

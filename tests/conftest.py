@@ -41,3 +41,60 @@ def thinned_once():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cell_scene, "thinned", once)
         yield
+
+
+class RunsHere:
+    """The jobs that this process has simulated one by one, and what is done before each."""
+
+    def __init__(self):
+        self.jobs, self.before = [], lambda _job: None
+
+
+@pytest.fixture
+def runs_here(monkeypatch):
+    """Runs of sweeps, searches and comparisons that are computed in this process, not read."""
+    from coop_pin.sweeps.workers import backend
+
+    runs, compute = RunsHere(), backend.run_job
+
+    def counted(job):
+        runs.before(job)
+        runs.jobs.append(job)
+        return compute(job)
+
+    monkeypatch.setattr(backend, "run_job", counted)
+    return runs
+
+
+@pytest.fixture
+def control_groups(monkeypatch, tmp_path):
+    """A function that puts this process into listed control groups, and returns the folder of them all."""
+    from coop_pin.base import memory
+
+    def put(listed):
+        path, root = tmp_path / "groups.list", tmp_path / "groups"
+        path.write_text(listed + "\n")
+        monkeypatch.setattr(memory, "_CGROUP_LIST", path)
+        monkeypatch.setattr(memory, "_CGROUPS", root)
+        return root
+
+    return put
+
+
+@pytest.fixture
+def leave_free(control_groups):
+    """A function that lets the control group of this process leave a number of bytes free, once."""
+
+    def leave(free):
+        group = control_groups("0::/job") / "job"
+        group.mkdir(parents=True)
+        for name, text in (("max", free), ("current", 0), ("stat", "inactive_file 0")):
+            (group / f"memory.{name}").write_text(f"{text}\n")
+
+    return leave
+
+
+@pytest.fixture
+def observe_together(monkeypatch):
+    """A function that sets how many samples of a run are observed, and thinned, together."""
+    return lambda count: monkeypatch.setattr("coop_pin.simulation.recorder._BLOCK", count)

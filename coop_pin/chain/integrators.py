@@ -8,18 +8,13 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from functools import cache
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from coop_pin.base.arrays import Array
-from coop_pin.base.disk_cache import DiskCache
-from coop_pin.chain.free_flyer import displaced, increment_rate
-from coop_pin.tracing.kernel import Kernel, Layout, Program
-from coop_pin.tracing.llvm_machine import LlvmMachine
 
 _FREE_FLYER = "JointModelFreeFlyer"
 _SMALL = 2.7e-5
@@ -79,13 +74,26 @@ class LieGroup(ConfigurationSpace):
             w = u[entries]
             if w.dot(w) > _SMALL:
                 break
-            A, moved = pin.Motion(w).action, rate[entries]
-            first = A.dot(moved)
-            moved += A.dot(first) / 12.0 + 0.5 * first
+            rate[entries] = _increment_rate(w.tolist(), v[entries].tolist())
         else:
             if self._is_series:
                 return rate
         return np.linalg.solve(pin.dIntegrate(self._model, q, u, pin.ARG1), v)
+
+
+def _increment_rate(u: Sequence[float], v: Sequence[float]) -> tuple[float, ...]:
+    """Return v + A v / 2 + A^2 v / 12 with A = ad_u; for six numbers arrays would take twice as long."""
+    (a, b, c, x, y, z), (d, e, f, p, q, r) = u, v
+    A, B, C = y * f - z * e + b * r - c * q, z * d - x * f + c * p - a * r, x * e - y * d + a * q - b * p
+    P, Q, R = y * r - z * q, z * p - x * r, x * q - y * p
+    return (
+        d + 0.5 * A + (y * C - z * B + b * R - c * Q) / 12.0,
+        e + 0.5 * B + (z * A - x * C + c * P - a * R) / 12.0,
+        f + 0.5 * C + (x * B - y * A + a * Q - b * P) / 12.0,
+        p + 0.5 * P + (y * R - z * Q) / 12.0,
+        q + 0.5 * Q + (z * P - x * R) / 12.0,
+        r + 0.5 * R + (x * Q - y * P) / 12.0,
+    )
 
 
 def configuration_space(model: pin.Model) -> ConfigurationSpace:
@@ -146,27 +154,32 @@ class RungeKutta(Integrator):
 
     def __init__(self, space: ConfigurationSpace, tableau: Tableau = RK4) -> None:
         self.space, self.tableau = space, tableau
-        self._h, self._rows = math.nan, list[Array]()  # h A and h b, of the last step's length
+        self._A, self._h = np.vstack((tableau.A[1:], tableau.b)), math.nan
+        self._hA = np.zeros_like(self._A)  # of the last step's length
+        self._stages = [(c, row[: i + 1]) for i, (c, row) in enumerate(zip(tableau.c, self._hA, strict=True))]
 
     def step(self, rate: Rate, t: float, q: Array, v: Array, h: float) -> Step:
         """Return the state at t + h."""
         if h != self._h:
-            self._h, self._rows = h, [h * row[:i] for i, row in enumerate((*self.tableau.A, self.tableau.b))]
-        n, space = len(v), self.space
-        rates, powers = np.empty((len(self.tableau.b), 2 * n)), []
-        u, q_i, v_i = np.zeros(n), q, v
-        for i, c in enumerate(self.tableau.c):
-            rates[i, :n] = space.increment_rate(q, u, v_i) if i else v
-            rates[i, n:], power = rate(t + c * h, q_i, v_i)
+            self._h = h
+            np.multiply(self._A, h, self._hA)
+        n, space, powers = len(v), self.space, []
+        rates, k, q_i, v_i = np.empty((len(self._stages), 2 * n)), v, q, v
+        for i, (c, row) in enumerate(self._stages):
+            stage = rates[i]
+            stage[:n] = k
+            stage[n:], power = rate(t + c * h, q_i, v_i)
             powers.append(power)
-            change = self._rows[i + 1].dot(rates[: i + 1])
+            change = row.dot(rates[: i + 1])
             u, v_i = change[:n], v + change[n:]
             q_i = space.step(q, u)
-        return Step(q_i, v_i, self._rows[-1].dot(np.array(powers)))
+            if i + 1 < len(rates):
+                k = space.increment_rate(q, u, v_i)
+        return Step(q_i, v_i, self._hA[-1].dot(np.array(powers)))
 
 
 class VectorRungeKutta(Integrator):
-    """Explicit Runge-Kutta method on a vector space, q' = v: a quarter of the array operations of RungeKutta.
+    """Explicit Runge-Kutta method on a vector space, q' = v: fewer array operations than RungeKutta.
 
     With the weights b as the last row of A, the stages and the end of the step are
 
@@ -207,83 +220,10 @@ class VectorRungeKutta(Integrator):
         return Step(stage[0], stage[1], self._weights.dot(np.array(powers)))
 
 
-class FreeFlyerRungeKutta(Integrator):
-    """RungeKutta of joints in a vector space and a free-flyer after them, as compiled code between the rates.
-
-    With the weights b as the last row of A, stage i begins at
-
-        u_i = h sum_j A_ij k_j,  q_i = q (+) u_i,  v_i = v + h sum_j A_ij a_j,  k_i = dexp_{u_i}^-1 v_i
-    """
-
-    def __init__(self, joints: int, tableau: Tableau = RK4) -> None:
-        """Compile the stages, once in a process.
-
-        Args:
-            joints: number of joints before the free-flyer.
-            tableau: the method; its coefficients fold into the code.
-        """
-        self.tableau = tableau
-        lanes, machine = _free_flyer_stages(joints, tuple(map(tuple, tableau.A)), tuple(tableau.b))
-        block, self._h = np.zeros(lanes.size), np.zeros((1, 1))
-        self._calls = machine.single(block, self._h)
-        at = lanes.views(block)
-        self._q_i, self._v_i, self._weights = at["q_i"], at["v_i"], np.empty(0)
-        copied: list[Any] = [at[name].data for name in ("q", "v", *(f"a_{i}" for i in range(len(tableau.b))))]
-        self._q, self._v, *self._a = copied  # memory, which is written sooner than an array
-        self._powers, self._rows = np.empty(0), list[Any]()  # of the stages; the first rate sizes them
-
-    def step(self, rate: Rate, t: float, q: Array, v: Array, h: float) -> Step:
-        """Return the state at t + h."""
-        if h != self._h[0, 0]:
-            self._h[0], self._weights = h, h * self.tableau.b
-        self._q[:], self._v[:] = q, v
-        q_i, v_i = q, v
-        for i, c in enumerate(self.tableau.c):
-            self._a[i][:], power = rate(t + c * h, q_i, v_i)
-            if not self._rows:
-                self._powers = np.empty((len(self._a), len(power)))
-                self._rows = [row.data for row in self._powers]
-            self._rows[i][:] = power
-            self._calls[i]()
-            q_i, v_i = self._q_i, self._v_i
-        return Step(q_i.copy(), v_i.copy(), self._weights.dot(self._powers))
-
-
-@cache
-def _free_flyer_stages(joints: int, A: Any, b: Any) -> tuple[Layout, LlvmMachine]:
-    """Return the slots of a step and the code of its stages after the first, the last of which ends it."""
-    lanes, uniforms, kernels = Layout(), Layout(), list[Kernel]()
-    nv, rows = joints + 6, [*A[1:], b]
-    lanes.add(q=(nv + 1,), v=(nv,), q_i=(nv + 1,), v_i=(nv,))
-    for i in range(len(rows)):
-        lanes.add(**{f"a_{i}": (nv,), f"k_{i + 1}": (nv,)})
-    uniforms.add(h=())
-    for i, row in enumerate(rows):
-        kernel = Kernel(f"stage_{i + 1}", lanes, uniforms)
-        q, v, h = kernel.read("q"), kernel.read("v"), kernel.uniform("h")
-        u, change = np.zeros(nv), np.zeros(nv)
-        for j, factor in enumerate(row):
-            if factor:
-                u = u + h * factor * kernel.read(f"k_{j}" if j else "v")
-                change = change + h * factor * kernel.read(f"a_{j}")
-        v_i, joint, free = v + change, slice(joints), slice(joints, None)
-        kernel.write("q_i", np.concatenate((q[joint] + u[joint], displaced(q[free], u[free]))))
-        kernel.write("v_i", v_i)
-        kernel.write(f"k_{i + 1}", np.concatenate((v_i[joint], increment_rate(u[free], v_i[free]))))
-        kernels.append(kernel)
-    order = np.array([(i, 0) for i in range(len(rows))])
-    return lanes, LlvmMachine(Program(kernels, lanes, 0, 0, order), 1, DiskCache())
-
-
 def _runge_kutta(model: pin.Model) -> Integrator:
     """Return the classical Runge-Kutta method on the configuration space of a model."""
     space = configuration_space(model)
-    if isinstance(space, VectorSpace):
-        return VectorRungeKutta()
-    is_last_free = str(model.joints[model.njoints - 1].shortname()) == _FREE_FLYER
-    return (
-        FreeFlyerRungeKutta(model.nv - 6) if is_last_free and model.nq == model.nv + 1 else RungeKutta(space)
-    )
+    return VectorRungeKutta() if isinstance(space, VectorSpace) else RungeKutta(space)
 
 
 class SemiImplicitEuler(Integrator):

@@ -19,6 +19,7 @@ from coop_pin.cli.run import run
 from coop_pin.cli.sweep import sweep, sweep_show
 from coop_pin.cli.tune import tune
 from coop_pin.cli.view import report, view
+from coop_pin.compiled.engines import FORMER, engine_named
 
 COMMANDS: dict[str, Callable[..., int | None]] = {
     "run": run,
@@ -58,6 +59,8 @@ def parse(words: Sequence[str]) -> Command:
     name, command, fields = words[0], COMMANDS[words[0]], dict[str, list[str]]()
     command.__doc__ = re.sub(r"\n {12}", " ", command.__doc__ or "")  # else help keeps these line ends
     options = list(words[1:])
+    for engine in re.findall(rf"--engine[= ]({'|'.join(FORMER)})\b", " ".join(options)):
+        engine_named(engine, "--engine")  # tells the present name
     if "fields" in inspect.signature(command).parameters:
         options, fields = split_fields(options, command)
 

@@ -41,7 +41,7 @@ def run(
         quiet: no progress bar and no table.
         verbose: list every breach of the trust thresholds.
         stop_at_breach: end the run at its first breach of the trust thresholds.
-        engine: engine of the run; traced and batch are compiled code, auto takes the fastest.
+        engine: engine of the run; auto takes the fastest.
         replay: write replay.html, the motion in 3-D.
         figures: write the figures, as PNG.
         svg: write the figures as SVG as well.
@@ -60,8 +60,7 @@ def run(
     folder = RunFolder(out or Path("out") / chosen.name)
     folder.path.mkdir(parents=True, exist_ok=True)  # a folder that cannot be made must not cost a run
     if engine == "auto" and not quiet:
-        choice = choose_engine(chosen, is_live=stop_at_breach)
-        print(f"engine {choice.engine}: {choice.reason}")
+        print(choose_engine(chosen, is_live=stop_at_breach).summary())
     watch = Stopwatch()
     try:
         with ProgressBar("ticks", title=chosen.name, quiet=quiet) as bar:

@@ -17,7 +17,7 @@ from coop_pin.comparison.controllers import GAINS, Controllers, controllers_for,
 from coop_pin.comparison.measures import DROPPED, measures
 from coop_pin.comparison.table import CELL, COLUMNS, Comparison, bootstrap_interval
 from coop_pin.comparison.trials import Trial, benchmark_scenario, changes_of, standard_trials
-from coop_pin.compiled.engine_choice import choose_engines
+from coop_pin.compiled.engine_choice import EngineChoice, choose_engines
 from coop_pin.compiled.engines import Engine
 from coop_pin.description.scenario import Scenario
 from coop_pin.sweeps.engine import sweep_plan
@@ -79,14 +79,14 @@ def compare(
         tuned: whether stored gains are used.
         gains: table of stored gains, as ``tune_controllers`` writes it.
         execution: workers, folders of other comparisons to merge, engine: "auto" simulates together by
-            compiled code what can be and is worth compiling, and the rest singly; what a folder has of single
-            runs, it keeps.
+            compiled code what can be and is worth compiling, and the rest on Pinocchio; what a folder has of
+            these runs, it keeps.
 
     Raises:
         NameNotFoundError: there is no such scenario, controller or trial.
-        FieldError: the engine is another, two scenarios have one name, there is nothing to run, or a
-            controller or a trial leads to failed runs only (a law that the cell cannot have, for example);
-            its cause is the first run's error.
+        FieldError: the engine is "compiled" and only Pinocchio has a cell or an event, two scenarios have one
+            name, there is nothing to run, or a controller or a trial leads to failed runs only (a law that
+            the cell cannot have, for example); its cause is the first run's error.
         InfeasibleMotionError: the path of a scenario is out of reach.
         FileReadError: the table of gains cannot be read, or a folder to merge has nothing of these scenarios.
         CoopPinError: whatever ``sweep`` raises.
@@ -128,19 +128,6 @@ def different(scenarios: str | Path | Scenario | Sequence[str | Path | Scenario]
     if not names or len(set(names)) < len(names):
         raise FieldError(f"have the names {names}; give at least one, and no name twice", "scenarios")
     return loaded
-
-
-def engines_of(
-    scenarios: Sequence[Scenario | ScenarioError], execution: Execution, runs: Sequence[int]
-) -> list[Engine]:
-    """Return what simulates each of some scenarios, of which there are so many runs.
-
-    Raises:
-        FieldError: the engine of the execution is neither "pinocchio" nor "auto".
-    """
-    if execution.engine in ("batch", "traced"):
-        raise FieldError(f"is {execution.engine!r}; it must be 'pinocchio' or 'auto'", "engine")
-    return [choice.engine for choice in choose_engines(scenarios, execution.engine or "auto", runs)]
 
 
 def _parts(
@@ -211,20 +198,20 @@ def _require_feasible(points: _Points) -> None:
 
 
 def _by_engine(parts: Sequence[_Part], points: _Points, execution: Execution, out: Path) -> list[_Part]:
-    """Return sweeps of one engine each: the cases that are simulated together apart from the others."""
+    """Return sweeps that are computed in one way each: the cases of each way apart from the others."""
     divided = list[_Part]()
     for part in parts:
-        repeats, batch = len(part.plan) // len(part.cells), part.folder.with_name(f"{part.folder.name}-batch")
-        began_singly = (out / part.folder).is_dir() and not (out / batch).is_dir()
-        kept = dataclasses.replace(execution, engine="pinocchio") if began_singly else execution
+        repeats = len(part.plan) // len(part.cells)
+        folders = {way: part.folder.with_name(f"{part.folder.name}-{way}") for way in ("lanes", "plant")}
+        began_singly = (out / part.folder).is_dir() and not (out / folders["lanes"]).is_dir()
+        engine: Engine = execution.engine or ("pinocchio" if began_singly else "auto")
         cases = [points[part.scenario, *cell] for cell in part.cells]
-        engines = engines_of(cases, execution if execution.engine else kept, [repeats] * len(cases))
-        engine_of = dict(zip(part.cells, engines, strict=True))
-        for engine in sorted(set(engines)):
-            cells = [cell for cell in part.cells if engine_of[cell] == engine]
-            folder = batch if engine == "batch" else part.folder
-            plan = part.plan.part(list(map(" | ".join, cells)), engine)
-            divided.append(part._replace(folder=folder, cells=cells, plan=plan))
+        choices = choose_engines(cases, engine, [repeats] * len(cases))
+        way_of = {cell: each.require(engine).way for cell, each in zip(part.cells, choices, strict=True)}
+        for way in sorted(set(way_of.values())):
+            cells = [cell for cell in part.cells if way_of[cell] == way]
+            plan = part.plan.part(list(map(" | ".join, cells)), EngineChoice(way).engine)
+            divided.append(part._replace(folder=folders.get(way, part.folder), cells=cells, plan=plan))
     return divided
 
 

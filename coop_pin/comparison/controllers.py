@@ -130,8 +130,8 @@ def stored_gains(scenario: str, path: str | Path = GAINS) -> dict[str, dict[str,
     for line, row in enumerate(csv.DictReader(lines), 2):
         try:
             name, value = row["controller"], float(row["value"])
-            field = row["field"].replace("options.", "gains.")  # as the previous version wrote it
-            is_known, is_wanted = field in tuned_ranges(name), row["scenario"] == scenario
+            field, is_wanted = row["field"], row["scenario"] == scenario
+            is_known = field in tuned_ranges(name)
         except (KeyError, TypeError, ValueError):
             is_known = False
         if not is_known:

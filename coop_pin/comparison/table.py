@@ -24,8 +24,6 @@ CELL = ("scenario", "controller", "trial")
 """What names a cell of the table."""
 _RESAMPLES = 1000
 _COUNTS = ("runs", "finished", "trustworthy", DROPPED, "merged")
-_LATER = (DROPPED, "merged")
-"""Columns that tables of 0.1.0 do not have."""
 _TEXTS = (*CELL, "information", "gains", "failure")
 _BYTES = 1 << 28
 """Largest table that is read."""
@@ -67,11 +65,10 @@ class Comparison:
         content = read_user_file(file, limit=_BYTES, kind="the table of a comparison")
         try:
             cells = pd.read_csv(io.BytesIO(content), keep_default_na=False, dtype=dict.fromkeys(_TEXTS, str))
-            cells = cells.assign(**{name: cells.get(name, 0) for name in _LATER})
             cells = cells.astype(dict.fromkeys((*_COUNTS, *COLUMNS), float))
             return cls.of_cells(cells.set_index(list(CELL)), folder)
         except (KeyError, ValueError) as error:
-            reason = f"is not the table of a comparison as coop-pin compare writes it: {error}"
+            reason = f"is not a table of this version ({error}); repeat it with coop-pin compare"
             raise FileReadError(reason, str(file)) from None
 
     def open(self, scenario: str, controller: str, trial: str, *, seed: int = 0) -> RunResult:

@@ -1,28 +1,19 @@
-"""Compiled: plant, tick and laws of a run as compiled code: batches of runs, single lanes, laws as C99.
+"""Compiled: plant, tick and laws of a run as compiled code: one run, runs as lanes of a program, laws as C99.
 
-Open first: ``engine_choice`` (Pinocchio or compiled code, and how), ``simulate`` (batches of runs),
-``preparation`` (what runs of one program must share).
+Open first: ``engine_choice`` (Pinocchio or compiled code, and in which way), ``kind`` (what runs of one code
+share, and what cannot be compiled), ``simulate`` (batches of runs).
 
 Laws are those of ``control``, sensors and drives those of ``simulation/devices``, run on traced numbers. The
 plant alone is written anew, as scalar code with the numbers of the cell's Pinocchio tree, but for springs and
-the free-flyer, which are those of ``grasps`` and ``chain``; tests hold the two together. llvmlite compiles
-batches. A *family* of runs shares one code: its ``Cover`` (events, delays, lost torques) is what that code
-provides; numbers that all of them have *fold* into it, others are *inputs* in the *slots* of a *block* of
-runs. In the order in which they build on each other:
+the free-flyer, which are those of ``grasps`` and ``chain``; tests hold the two together. Runs of one
+``Kind`` share their code: a ``Cover`` (events, delays, lost torques) is what it provides, numbers that all of
+them have *fold* into it, others are *inputs* in the *slots* of a *block* of runs.
 
-- what runs share: engines, code_family;
-- physics (plant): serial_arm (kinematics), arm_dynamics, cell_dynamics (closures, forces on the payload);
-- numbers of runs: constants (what differs folds or is an input), signals (what changes in time);
-- code: plant_code (a Runge-Kutta step), law_code (a law);
-- checks of users' laws (laws): hidden_state (attributes), support (shaken ticks), single_runs (whole runs);
-- runs: preparation (what runs must share), block (slots of the runs), tick (kernels of sensors, law, drives,
-  observation, events), schedule (traced code on disk, the order of the kernels), samples (what was recorded),
-  simulate (families, blocks of runs);
-- other uses of the same code: lane (one run, interruptible), c_messages and c_export (what a law tells and
-  hears, and the law, as C99), compiled_plant (the plant of a single run);
-- engine_choice: which of them simulates a run.
+- Numbers of runs: ``prepared_plant``, ``preparation``, ``constants``, ``signals``.
+- Code: ``plant`` (physics), ``laws``, ``tick``, ``block``, ``schedule`` (code on disk, order of the kernels).
+- Runs: ``lane`` (one run, interruptible), ``samples`` and ``batch_result`` (what was recorded).
 
-``law_code`` and ``c_export`` are in ``laws``. The public names of C99 are in ``cp.export``.
+The public names of C99 are in ``cp.export``.
 
 Imports ``base``, ``chain``, ``control``, ``description``, ``grasps``, ``model``, ``reference``, ``results``,
 ``simulation`` and ``tracing``.
@@ -33,11 +24,12 @@ from coop_pin import lazy_names
 __all__, __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        "BatchResult": "compiled.simulate",
+        "BatchResult": "compiled.batch_result",
         "BatchSimulator": "compiled.simulate",
         "Lane": "compiled.lane",
-        "law_reason": "compiled.code_family",
-        "plant_reason": "compiled.code_family",
+        "law_reason": "compiled.kind",
+        "plant_of": "compiled.engine_choice",
+        "plant_reason": "compiled.kind",
         "simulate_batch": "compiled.simulate",
         "support": "compiled.laws.support",
     },

@@ -13,7 +13,7 @@ from coop_pin.compiled.signals import Desired, RunSignals
 from coop_pin.control import ArmReference
 from coop_pin.results.quantities import shape_of
 from coop_pin.simulation.devices.drives import Applied
-from coop_pin.simulation.simulation import arm_references
+from coop_pin.simulation.references import arm_references
 from coop_pin.tracing.kernel import Kernel, Layout
 from coop_pin.tracing.tree import leaves, rebuilt
 

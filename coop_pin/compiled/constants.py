@@ -11,12 +11,13 @@ import pinocchio as pin
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.spatial.task_rows import TaskRows
-from coop_pin.compiled.code_family import Cover
+from coop_pin.compiled.kind import Cover
 from coop_pin.compiled.plant.cell_dynamics import CellNumbers
 from coop_pin.compiled.plant.serial_arm import Numbers, SerialArm, frames, payload_jacobian
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import PayloadKinematics
 from coop_pin.model.cell_arm import CellArm
+from coop_pin.model.cell_model import ArmPlace
 from coop_pin.simulation.devices.actuation import Actuation
 from coop_pin.simulation.devices.drives import CellDrives, DriveState
 from coop_pin.simulation.devices.network import CellNetwork
@@ -128,8 +129,8 @@ def run_constants(scenario: Scenario, run: Simulation) -> RunConstants:
         TracingError: an arm is no serial chain.
     """
     return RunConstants(
-        cell=CellNumbers.from_chain(run.plant.chain),
-        arms=tuple(map(arm_constants, run.plant.chain.arms)),
+        cell=CellNumbers.from_chain(run.chain),
+        arms=tuple(map(arm_constants, run.chain.arms)),
         sensors=run.sensing.sensors,
         drives=run.actuation.drives,
         network=run.exchange.network,
@@ -172,13 +173,15 @@ def changes(scenario: Scenario, timeline: Timeline, cover: Cover | None = None) 
     )
 
 
-def start(plant: Plant, actuation: Actuation, sensing: Sensing) -> dict[str, Array]:
+def start(
+    plant: Plant, slots: Sequence[ArmPlace], actuation: Actuation, sensing: Sensing
+) -> dict[str, Array]:
     """Return what a run starts from, by name.
 
     ``q``, joint positions of all arms, of continuous joints near the posture, then position and quaternion of
     a free payload, shape (N,) or (N + 7,); ``holding``, the torques that the drives report, N m, shape (N,).
     """
-    q, slots = plant.q, plant.chain.model.arms
+    q = plant.q
     angles = [arm.angles.near(q[arm.q_slice], arm.posture) for arm in slots]
     holding = np.concatenate(actuation.holding_commands(q)) * np.concatenate(sensing.holding_factors)
     return {"q": np.concatenate((*angles, q[slots[-1].q_slice.stop :])), "holding": holding}

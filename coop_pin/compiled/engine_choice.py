@@ -1,21 +1,23 @@
-"""Choice of the engine of runs: single runs on Pinocchio or its compiled twin, or many runs in a batch."""
+"""Choice of the engine of runs: Pinocchio, or compiled code of the plant or of whole runs."""
 
 from __future__ import annotations
 
 import math
 from collections import defaultdict
 from collections.abc import Sequence
-from typing import Literal, NamedTuple, TypeAlias, get_args
+from typing import Literal, NamedTuple, Self, TypeAlias
 
-from coop_pin.base.errors import NameNotFoundError, ScenarioError
-from coop_pin.compiled.code_family import family_of, law_reason, plant_reason
-from coop_pin.compiled.engines import PREVIOUS, Engine
+from coop_pin.base.errors import FieldError, NameNotFoundError, ScenarioError
+from coop_pin.compiled.engines import Engine, Way
+from coop_pin.compiled.kind import Kind, law_reason, pinocchio_reason, plant_reason
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.pinocchio_model import load_arm_model
-from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
+from coop_pin.simulation.plant import PlantMaker
 
 Obstacle: TypeAlias = Literal["few runs", "plant", "scenario", "law", "live"]
-"""What keeps a run from a batch."""
+"""What keeps runs from being lanes."""
+_HOW = {"pinocchio": "", "plant": ", plant under an interpreted law", "lanes": ", whole runs as lanes"}
 _TICKS_PER_JOINT = 250
 """Ticks of single runs that take as long as tracing and compiling does for each joint of a cell.
 
@@ -28,14 +30,29 @@ class EngineChoice(NamedTuple):
     """Engine of a run.
 
     Attributes:
-        engine: "pinocchio" or "traced", each run alone, or "batch", by compiled code, many together or one.
-        obstacle: kind of the reason why it is not "batch"; None if that was asked for.
+        way: how the engine computes it.
+        obstacle: kind of the reason why it is no lane; None if it is one, or Pinocchio was named.
         reason: text that says why it is this one.
     """
 
-    engine: Literal["pinocchio", "traced", "batch"]
+    way: Way
     obstacle: Obstacle | None = None
     reason: str = ""
+
+    @property
+    def engine(self) -> Engine:
+        """The engine: "pinocchio" or "compiled"."""
+        return "pinocchio" if self.way == "pinocchio" else "compiled"
+
+    def require(self, engine: Engine) -> Self:
+        """Return the choice; raises FieldError where the engine that is named has no such plant or event."""
+        if engine == "compiled" and self.way == "pinocchio" and self.obstacle == "plant":
+            raise FieldError(f"is {engine!r}, but {self.reason}; choose 'pinocchio' or 'auto'", "engine")
+        return self
+
+    def summary(self) -> str:
+        """Return the engine, how it computes the run, and why, on one line."""
+        return f"engine {self.engine}{_HOW[self.way]}{self.reason and ': '}{self.reason}"
 
 
 def choose_engines(
@@ -52,17 +69,18 @@ def choose_engines(
 
     Args:
         scenarios: scenarios, or the mistakes in them.
-        engine: engine that is asked for; "auto" weighs runs against compiling.
+        engine: engine that is asked for; "auto" weighs runs against compiling. Of "compiled" the choice is
+            Pinocchio where there is nothing to compile.
         runs: number of runs of each.
         traces_user_code: whether a user's law is built and traced here. Otherwise it counts as one that can
             be traced, and whoever simulates it finds out.
     """
-    if engine == "pinocchio" or engine == "traced":
+    if engine == "pinocchio":
         return [EngineChoice(engine)] * len(scenarios)
-    kinds = [str(each) if isinstance(each, ScenarioError) else family_of(each) for each in scenarios]
-    ticks, choices = defaultdict[str, float](float), dict[str, EngineChoice]()
+    kinds = [str(each) if isinstance(each, ScenarioError) else Kind.of_scenario(each) for each in scenarios]
+    ticks, choices = defaultdict[str | Kind, float](float), dict[str | Kind, EngineChoice]()
     for kind, scenario, count in zip(kinds, scenarios, runs, strict=True):
-        ticks[kind] += count * _ticks(scenario)
+        ticks[kind] += 0.0 if isinstance(scenario, ScenarioError) else count * _ticks(scenario)
     for kind, scenario in zip(kinds, scenarios, strict=True):
         if kind not in choices:
             asked = ticks[kind] if engine == "auto" else None
@@ -70,10 +88,8 @@ def choose_engines(
     return [choices[kind] for kind in kinds]
 
 
-def _ticks(scenario: Scenario | ScenarioError) -> float:
+def _ticks(scenario: Scenario) -> float:
     """Return the ticks of a run, at least one."""
-    if isinstance(scenario, ScenarioError):
-        return 1.0
     return max(1.0, scenario.duration * scenario.clock.rate_hz)
 
 
@@ -81,8 +97,9 @@ def _choice(scenario: Scenario | ScenarioError, ticks: float | None, traces_user
     """Return the engine of runs like a scenario, by the ticks of all of them unless that is None."""
     if isinstance(scenario, ScenarioError):
         return EngineChoice("pinocchio", "scenario", str(scenario))
-    if text := plant_reason(scenario.plant, scenario.cell, scenario.events):
-        return EngineChoice("pinocchio", "plant", text)
+    alone: Way = "plant" if ticks is None else "pinocchio"
+    if (choice := _by_plant(scenario)).way != "lanes":
+        return choice._replace(way=min(choice.way, alone))
     try:
         enough = runs_worth_a_batch(scenario)
         reason = f"compiling takes as long as {enough} single runs"
@@ -95,7 +112,15 @@ def _choice(scenario: Scenario | ScenarioError, ticks: float | None, traces_user
             text = support(scenario)
     except Exception as error:  # a user's class may raise anything; the run itself reports it
         return EngineChoice("pinocchio", "scenario", str(error))
-    return EngineChoice("pinocchio", "law", text) if text else EngineChoice("batch", None, reason)
+    return EngineChoice(alone, "law", text) if text else EngineChoice("lanes", None, reason)
+
+
+def _by_plant(scenario: Scenario) -> EngineChoice:
+    """Return the best way for the plant and the events of a scenario, whatever its law."""
+    if text := pinocchio_reason(scenario):
+        return EngineChoice("pinocchio", "plant", text)
+    text = plant_reason(scenario.plant, scenario.cell, scenario.events)
+    return EngineChoice("plant", "plant", text) if text else EngineChoice("lanes")
 
 
 def runs_worth_a_batch(scenario: Scenario) -> int:
@@ -107,37 +132,42 @@ def runs_worth_a_batch(scenario: Scenario) -> int:
     enough = math.ceil(_ticks_of_compiling(scenario) / _ticks(scenario))
     if not scenario.controller.user_code:
         return enough
-    from coop_pin.compiled.single_runs import CHECKED  # slow to load
+    from coop_pin.compiled.laws.single_runs import CHECKED  # slow to load
 
     return enough + CHECKED
 
 
-def choose_engine(scenario: Scenario, *, is_live: bool = False) -> EngineChoice:
-    """Return the engine of one run by "auto"; it depends on the scenario, and on nothing before.
+def choose_engine(scenario: Scenario, engine: Engine = "auto", *, is_live: bool = False) -> EngineChoice:
+    """Return the engine of one run; it depends on the scenario, and on nothing before.
 
     Args:
         scenario: scenario.
+        engine: engine that is asked for; "auto" weighs the run against compiling.
         is_live: whether something is done at every tick: a view, pacing, or a stop at a breach.
 
     Raises:
+        FieldError: "compiled" is asked for, and only Pinocchio has the plant or an event.
         CoopPinError: an arm cannot be loaded.
     """
-    plant, cell, events = scenario.plant, scenario.cell, scenario.events
-    if text := plant_reason(plant, cell, [event for event in events if event.needs_pinocchio(cell)]):
-        return EngineChoice("pinocchio", "plant", text)
-    needed, ticks = _ticks_of_compiling(scenario), scenario.clock.ticks(scenario.duration)
-    reason = f"compiling takes as long as {needed} ticks on Pinocchio, and there are {ticks}"
-    if ticks < needed:
-        return EngineChoice("pinocchio", "few runs", reason)
-    if text := plant_reason(plant, cell, events):
-        return EngineChoice("traced", "plant", text)
-    if scenario.controller.user_code:
-        text = "a user's law is compiled only if engine 'batch' is named"
+    if engine == "pinocchio":
+        return EngineChoice(engine)
+    if (choice := _by_plant(scenario).require(engine)).way == "pinocchio":
+        return choice
+    if engine == "auto":
+        needed, ticks = _ticks_of_compiling(scenario), scenario.clock.ticks(scenario.duration)
+        reason = f"compiling takes as long as {needed} ticks on Pinocchio, and there are {ticks}"
+        if ticks < needed:
+            return EngineChoice("pinocchio", "few runs", reason)
+        choice = choice._replace(reason=choice.reason or reason)
+    if choice.way == "plant":
+        return choice
+    is_foreign = engine == "auto" and scenario.controller.user_code
+    text = "a user's law is compiled only if engine 'compiled' is named" if is_foreign else None
     if text := text or law_reason(scenario.controller):
-        return EngineChoice("traced", "law", text)
+        return EngineChoice("plant", "law", text)
     if is_live:
-        return EngineChoice("traced", "live", "a view, pacing or a stop at a breach needs every tick")
-    return EngineChoice("batch", None, reason)
+        return EngineChoice("plant", "live", "a view, pacing or a stop at a breach needs every tick")
+    return choice
 
 
 def saved_by_auto(scenario: Scenario, duration: float) -> float:
@@ -150,7 +180,7 @@ def saved_by_auto(scenario: Scenario, duration: float) -> float:
     Raises:
         CoopPinError: an arm cannot be loaded.
     """
-    if choose_engine(scenario).engine != "batch":
+    if choose_engine(scenario).way != "lanes":
         return 0.0
     ticks = scenario.clock.ticks(scenario.duration)
     return duration * (1.0 - _LANE_COST - _ticks_of_compiling(scenario) / ticks)
@@ -161,19 +191,16 @@ def _ticks_of_compiling(scenario: Scenario) -> int:
     return _TICKS_PER_JOINT * sum(load_arm_model(arm).nv for arm in scenario.cell.arms.values())
 
 
-def plant_of(engine: str) -> type[Plant]:
-    """Return the plant of a run by itself: of "pinocchio" or "traced".
+def plant_of(engine: str) -> PlantMaker:
+    """Return the maker of the plant of a run by itself: of "pinocchio" or "compiled".
 
     Raises:
         NameNotFoundError: there is no such engine.
     """
-    engine = PREVIOUS.get(engine, engine)
-    if engine not in ("pinocchio", "traced"):
-        raise NameNotFoundError("engine", engine, get_args(Engine), "coop_pin.run")
+    if engine not in ("pinocchio", "compiled"):
+        raise NameNotFoundError("engine", engine, ("pinocchio", "compiled"), "single runs")
     if engine == "pinocchio":
-        return Plant
-    from coop_pin.compiled.plant.compiled_plant import (
-        TracedPlant,  # a run by Pinocchio does without its compiler
-    )
+        return PinocchioPlant
+    from coop_pin.compiled.plant.compiled_plant import CompiledPlant  # a run by Pinocchio does without it
 
-    return TracedPlant
+    return CompiledPlant

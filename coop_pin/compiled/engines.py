@@ -2,11 +2,32 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
-Engine: TypeAlias = Literal["auto", "pinocchio", "traced", "batch"]
-"""What simulates a run: "pinocchio", one tree of arms and payload; "traced", a compiled plant; "batch",
-compiled code of plant, law and sensors, many runs at once or one; "auto" chooses by the run's length and
-number."""
-PREVIOUS = {"single": "pinocchio"}
-"""Names of earlier versions, which are read."""
+from coop_pin.base.errors import FieldError
+
+Engine: TypeAlias = Literal["auto", "pinocchio", "compiled"]
+"""What simulates a run: "pinocchio", one tree of arms and payload; "compiled", code of plant, sensors, law
+and drives where all can be compiled, otherwise of the plant; "auto" chooses by length and number of runs."""
+Way: TypeAlias = Literal["pinocchio", "plant", "lanes"]
+"""How a run is computed: on Pinocchio; by a compiled plant under an interpreted law; or by compiled code of
+plant, sensors, law and drives, as one of the lanes of a program."""
+FORMER = {"single": "pinocchio", "traced": "compiled", "batch": "compiled"}
+"""Former names, which are answered with the present ones."""
+
+
+def engine_named(word: Any, path: str = "") -> Any:
+    """Return the engine of a name, the name itself.
+
+    Args:
+        word: name.
+        path: field that has it.
+
+    Raises:
+        FieldError: there is no such engine; a former name is answered with the present one.
+    """
+    if str(word) in FORMER:
+        raise FieldError(f"is {word!r}, whose runs are those of engine {FORMER[str(word)]!r}", path)
+    if word not in get_args(Engine):
+        raise FieldError(f"is {word!r}; it must be one of {get_args(Engine)}", path)
+    return word

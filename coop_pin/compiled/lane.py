@@ -6,18 +6,18 @@ that of the samples which it keeps.
 
 from __future__ import annotations
 
-import hashlib
 from typing import cast
 
 import numpy as np
 
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.base.errors import TracingError
-from coop_pin.compiled.code_family import law_reason
-from coop_pin.compiled.preparation import Prepared, PreparedPlant
+from coop_pin.compiled.kind import law_reason
+from coop_pin.compiled.laws.single_runs import require_agreement
+from coop_pin.compiled.preparation import Prepared
+from coop_pin.compiled.prepared_plant import PreparedPlant
 from coop_pin.compiled.samples import RunSamples, kept_of
 from coop_pin.compiled.simulate import BatchSimulator, Family, require_sample_memory
-from coop_pin.compiled.single_runs import require_agreement
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.quantities import Samples
 from coop_pin.results.run_result import RunResult
@@ -43,14 +43,13 @@ class LaneSimulator(BatchSimulator):
     def lane(self, scenario: Scenario) -> tuple[Prepared, Family]:
         """Return a run before it runs, and its code; raises as Lane.
 
-        Signals and times are part of the kind: each run has an order of kernels with its own.
+        Each run has an order of kernels with signals and times of its own.
         """
         if reason := law_reason(scenario.controller):
             raise TracingError(reason)
         is_long = scenario.clock.ticks(scenario.duration) > _LONG
         run = Prepared.of_run(scenario, PreparedPlant(scenario, _PART if is_long else None))
-        signals = hashlib.sha256(run.signals[0].tobytes()).digest()
-        run = run._replace(kind=(signals, run.times, *run.kind))
+        run = run._replace(kind=run.kind.alone(run.signals[0]))
         try:
             return run, self.family([run])
         except TracingError:  # a law that needs its own numbers while it is traced: they fold
@@ -81,12 +80,12 @@ class Lane:
         """
         self._scenario, self._every = scenario, scenario.clock.record_every
         self._prepared, family = _simulator.lane(scenario)
-        _, machine, self._order = family.orders[self._prepared.times]
+        _, machine, self._order = family.orders[self._prepared.kind.times]
         self._code, plant = family.code, self._prepared.plants[0]
         require_sample_memory(machine, 1)
         block, _ = self._code.begin(self._prepared)
         self._block, self._record = np.ascontiguousarray(block.T), machine.new_record(1)
-        self._timeline, self._done, self._first = plant.run.timeline, 0, 0
+        self._timeline, self._done, self._first = plant.timeline, 0, 0
         self._kept, self._count, self._running = dict[str, Array](), 0, RunningMetrics(scenario, plant.labels)
         self._bind(cast(LlvmMachine, machine))
 
@@ -168,13 +167,13 @@ class Lane:
 
     def _result(self) -> RunResult:
         """Return the result of the ticks that are done."""
-        plant, samples, attributes = self._prepared.plants[0], self._samples(), {RunResult.ENGINE: "batch"}
+        plant, samples, attributes = self._prepared.plants[0], self._samples(), {RunResult.ENGINE: "compiled"}
         if self._every > 1:
             attributes[RunResult.EVERY_TICK] = self._running.finished(samples, self._scenario).to_text()
         count = self._keep(samples)
         kept = {name: values[:count] for name, values in self._kept.items()}
         result = RunResult(self._scenario, kept | plant.labels, attributes)
-        pose = plant.run.motion.at(result.end).X_WP_d
+        pose = plant.source.motion.at(result.end).X_WP_d
         if remarks := self._prepared.controller().remarks(pose, self._code.law_state(self._block[0])):
             attributes[RunResult.REMARKS] = "\n".join(remarks)
         return result

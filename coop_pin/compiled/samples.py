@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import InvalidStateError
 from coop_pin.base.spatial import internal_wrenches, log3
-from coop_pin.compiled.preparation import Prepared, PreparedPlant
+from coop_pin.compiled.preparation import Prepared
+from coop_pin.compiled.prepared_plant import PreparedPlant
 from coop_pin.compiled.signals import Desired
 from coop_pin.results.quantities import WORK, WORK_OF_GRASPS, Samples, condition_numbers, padded
 from coop_pin.tracing.kernel import CACHE_LINE, Layout
@@ -62,7 +63,7 @@ class RunSamples(Mapping[str, Any]):
         self._kept, self._every = kept_of(len(records[0]), every), every
         self._records: Sequence[Array] | None = records
         self._plant, scenario = prepared.plants[0], prepared.scenarios[0]
-        self._arms, self._rows = self._plant.run.plant.chain.model.arms, scenario.cell.task_rows
+        self._arms, self._rows = self._plant.slots, scenario.cell.task_rows
         self._recorded, self._made = self._state(), dict[str, Any]()
         self._table = {each.name: each for plant in dict.fromkeys(prepared.plants) for each in plant.table}
 
@@ -203,7 +204,7 @@ class RunSamples(Mapping[str, Any]):
 
     def _shares(self) -> Array:
         """Return the load shares of the arms, shape (runs, m)."""
-        return self.of_plants(lambda plant: plant.run.scenario.cell.shares)
+        return self.of_plants(lambda plant: plant.scenario.cell.shares)
 
     def _jacobians(self) -> list[Array]:
         values, k_0 = self._field("jacobians"), self._rows.size
@@ -259,7 +260,7 @@ class RunSamples(Mapping[str, Any]):
 
     def _of_springs(self) -> dict[str, Callable[[], Any]]:
         """Return what gives the quantities of compliant grasps."""
-        field, of_arms = self._field, self._plant.run.plant.chain.springs.of_arms
+        field, of_arms = self._field, self._plant.of_springs
         work = {name: partial(self._numbers, "work", len(WORK) + i) for i, name in enumerate(WORK_OF_GRASPS)}
         return work | {
             "grasp_wrench": lambda: of_arms(field("grasp_wrench")),

@@ -19,9 +19,8 @@ from coop_pin.base.disk_cache import keep, kept, package_digest
 from coop_pin.compiled.block import RunBlock
 from coop_pin.compiled.laws.law_code import as_tracing_errors
 from coop_pin.compiled.preparation import Prepared
+from coop_pin.compiled.prepared_plant import PreparedPlant
 from coop_pin.compiled.tick import TickCode, sample_name
-from coop_pin.simulation.devices.drives import Given
-from coop_pin.simulation.simulation import Simulation
 from coop_pin.tracing.kernel import LOAD, RECORD, Program
 from coop_pin.tracing.llvm_emitter import llvm_text
 from coop_pin.tracing.tree import leaves, structure, valued
@@ -56,14 +55,15 @@ class RunProgram:
         Raises:
             TracingError: The runs cannot be traced.
         """
-        is_whole = len(first.signals[0]) > first.plants[0].run.timeline.ticks  # else any may change later
+        is_whole = len(first.signals[0]) > first.plants[0].timeline.ticks  # else any may change later
         is_uniform = ~is_loaded & (varying([first, *others]) | (not is_whole))
         self.block = RunBlock(first, differs, is_uniform, is_loaded)
         self.program, self._names, self._law = _traced(self.block, first, width)
 
-    def order(self, run: Prepared) -> Schedule:
-        """Return the order of the kernels of a run, from its first tick on."""
-        return Schedule(run.plants[0].run, self.block, self._names).later(run.signals[0])
+    def order(self, run: Prepared, *, is_recorded: bool = True) -> Schedule:
+        """Return the order of the kernels of a run, from its first tick on; with or without its record."""
+        schedule = Schedule(run.plants[0], self.block, self._names, is_recorded=is_recorded)
+        return schedule.later(run.signals[0])
 
     def begin(self, prepared: Prepared) -> tuple[Array, Array]:
         """Return the initial block, shape (slots, runs), and the loads, shape (ticks + 1, loaded, runs)."""
@@ -115,7 +115,7 @@ def _key(block: RunBlock, first: Prepared, width: int | None) -> bytes:
     """Return the digest of what the code depends on: the package, structure and numbers of the runs."""
     plant, masks = first.plants[0], (block.differs, block.is_uniform, block.is_loaded)
     folded = first.values[0][~block.differs], first.signals[0][0][~(block.is_uniform | block.is_loaded)]
-    shape = first.kind[-3:], structure(plant.example), structure(plant.drives)
+    shape = first.kind[:3], structure(plant.example), structure(plant.drives)
     digest = hashlib.sha256(repr((package_digest(), np.__version__, width, shape)).encode())
     for part in (*folded, *masks):
         digest.update(part.tobytes())
@@ -131,19 +131,21 @@ class Schedule:
         ticks: index of the first instruction of each tick.
     """
 
-    def __init__(self, run: Simulation, block: RunBlock, kernels: Sequence[str]) -> None:
+    def __init__(
+        self, plant: PreparedPlant, block: RunBlock, kernels: Sequence[str], *, is_recorded: bool
+    ) -> None:
         """Begin before the first tick, without instructions.
 
         Args:
-            run: Simulation of one of the runs, for its timeline.
+            plant: Plant of one of the runs, for the order of its stages.
             block: Block of the runs.
             kernels: Names of the kernels of the block.
+            is_recorded: Whether ticks are recorded.
         """
         self._index = {name: index for index, name in enumerate(kernels)}
-        self._tick, self._events, self._block = 0, 0, block
+        self._tick, self._events, self._block, self._is_recorded = 0, 0, block, is_recorded
         self._slots = {name: block.uniforms.slots(name) for name in block.uniforms.names}
-        self._timeline, self._actuation = run.timeline, run.actuation
-        self._has_samples = bool(run.actuation.drives.samples())
+        self._timeline, self._gives = plant.timeline, plant.actuation.gives
         self._target = 0.0  # time of the last command, or sample of a servo
 
     def later(self, signals: Array) -> Self:
@@ -163,57 +165,59 @@ class Schedule:
         """
         self._calls, self.ticks = list[int](), list[int]()
         self._rows, self._steps = list[Array](), dict[float, int]()
-        self._tick_rows, since, gives = len(signals), list[float](), list[float]()
-        timeline, block = self._timeline, self._block
-        for index in range(len(signals)):
-            tick, self._tick = self._tick, self._tick + 1
-            time = timeline.time(tick)
+        self._tick_rows, self._since, self._given = len(signals), list[float](), list[float]()
+        for row in range(len(signals)):
             self.ticks.append(len(self._calls) // 2)
-            supply = self._actuation.gives(time)
-            since.append(time - self._target)
-            gives += [*supply.torques, *supply.commands]
-            self._target = time
-            if block.loaded:
-                self._calls += LOAD, index
-            if not tick:
-                self._call("start", index)
-            elif block.constants.sensors.needs_wrenches:
-                self._call("weigh", index)
-            self._call("tick", index)
-            self._happen(time)  # measured and computed before: the law sees it a tick later
-            self._call("observe", index)
-            self._calls += RECORD, index
-            if tick < timeline.ticks:
-                self._advance(tick, supply)
+            self._lay_out_tick(row)
+            self._tick += 1
         self.instructions = np.array(self._calls, dtype=np.int64).reshape(-1, 2)
-        self.uniforms = np.zeros((self._tick_rows + len(self._rows), block.uniforms.size))
+        self.uniforms = np.zeros((self._tick_rows + len(self._rows), self._block.uniforms.size))
         self.uniforms[self._tick_rows :] = self._rows or 0.0
-        for name, values in (("s", since), ("gives", gives), ("signals", signals)):
+        for name, values in (("s", self._since), ("gives", self._given), ("signals", signals)):
             slots = self._slots[name]
             self.uniforms[: self._tick_rows, slots] = np.reshape(values, (-1, *slots.shape))
-        del self._calls, self._rows, self._steps
+        del self._calls, self._rows, self._steps, self._since, self._given
 
-    def _advance(self, tick: int, gives: Given) -> None:
-        """Add the plant steps of a tick."""
-        timeline, actuation, drives = self._timeline, self._actuation, self._actuation.drives
-        time, varies = timeline.time(tick), not actuation.is_held
-        for index, (start, length) in enumerate(timeline.steps(tick)):
-            if index > 0:
-                self._happen(start)
-                if self._has_samples and (due := drives.due((start - time) / timeline.period)):
-                    since, self._target = start - self._target, start
-                    self._call(sample_name(due), self._row(s=since, gives=actuation.gives(start)))
-            if varies:
-                gives = actuation.gives(start)
-                row = self._row(h=length, s=start - self._target, gives=gives)
-                self._call("drive", row)
-            elif (row := self._steps.get(length, -1)) < 0:
-                row = self._steps[length] = self._row(h=length)
-            if varies or index > 0:  # else the observation has left them
-                self._call("rates", row)
-            self._call("step", row)
-        if varies:
-            self._call("release", self._row(s=timeline.time(tick + 1) - self._target, gives=gives))
+    def _lay_out_tick(self, row: int) -> None:
+        """Add the kernels of the next tick, whose uniforms are in a row."""
+        has_rates = False
+        for kind, time, length, due in self._timeline.stages(self._tick):
+            match kind:
+                case "advance":
+                    if (step := self._steps.get(length, -1)) < 0:
+                        step = self._steps[length] = self._row(h=length)
+                    if not has_rates:  # else the observation has left them
+                        self._call("rates", step)
+                    self._call("step", step)
+                    has_rates = False
+                case "measure":
+                    if self._block.loaded:
+                        self._calls += LOAD, row
+                    if not self._tick:
+                        self._call("start", row)
+                    elif self._block.constants.sensors.needs_wrenches:
+                        self._call("weigh", row)
+                case "command":
+                    commands = self._gives(time)
+                    self._since.append(time - self._target)
+                    self._given += [*commands.torques, *commands.commands]
+                    self._target = time
+                    self._call("tick", row)
+                case "record":
+                    self._call("observe", row)
+                    self._calls += (RECORD, row) * self._is_recorded
+                    has_rates = True
+                case "happen":
+                    self._call(f"event_{self._events}", 0)
+                    self._events += 1
+                case "sample":
+                    self._call(sample_name(due), self._row(s=time - self._target, gives=self._gives(time)))
+                    self._target = time
+                case "drive":
+                    last, has_rates = self._gives(time), False
+                    self._call("drive", self._row(h=length, s=time - self._target, gives=last))
+                case "release":
+                    self._call("release", self._row(s=time - self._target, gives=last))
 
     def _row(self, **fields: Any) -> int:
         """Return the index of a new row of uniforms."""
@@ -225,9 +229,3 @@ class Schedule:
 
     def _call(self, kernel: str, row: int) -> None:
         self._calls += self._index[kernel], row
-
-    def _happen(self, time: float) -> None:
-        """Add the kernel of the events at a time, if there are any."""
-        if self._timeline.happens_at(time):
-            self._call(f"event_{self._events}", 0)
-            self._events += 1

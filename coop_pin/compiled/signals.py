@@ -9,9 +9,10 @@ import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.description.network import ArmClock
-from coop_pin.reference.pose_reference import PoseTarget
-from coop_pin.simulation.simulation import Simulation
+from coop_pin.description.scenario import Scenario
+from coop_pin.reference.pose_reference import PoseReference, PoseTarget
 from coop_pin.simulation.tick import TickSignals
+from coop_pin.simulation.timeline import Timeline
 
 
 class Desired(NamedTuple):
@@ -42,32 +43,45 @@ class RunSignals(NamedTuple):
     clocked: tuple[Desired | tuple[()], ...] = ()
 
 
-def desired_of(run: Simulation, ticks: range, clock: ArmClock | None = None) -> Desired:
-    """Return desired motion and squeeze at ticks of a run, or at what a clock shows then.
+class DesiredSource(NamedTuple):
+    """Source of the desired motion and squeeze of a run.
 
-    Targets are copied one by one: thousands that live at once would be searched for garbage.
+    Attributes:
+        scenario: scenario of the run.
+        motion: the desired motion.
+        timeline: timeline of the run.
     """
-    times = list(map(run.timeline.time, ticks))
-    times = times if clock is None else list(map(clock.reading, times))
-    X, V, A = target = PoseTarget(*(np.empty((len(times), *shape)) for shape in ((4, 4), (6,), (6,))))
-    for index, time in enumerate(times):
-        X[index], V[index], A[index] = run.motion.at(time)
-    return squeezed(Desired(np.array(times), target, np.empty(0)), run)
 
+    scenario: Scenario
+    motion: PoseReference
+    timeline: Timeline
 
-def squeezed(desired: Desired, run: Simulation) -> Desired:
-    """Return the same desired motion with the squeeze of a run."""
-    grasps, times = run.scenario.cell.grasps, desired.time.tolist()
-    return desired._replace(squeeze=np.array([run.squeeze.at(time, grasps) for time in times]))
+    def desired(self, ticks: range, clock: ArmClock | None = None) -> Desired:
+        """Return desired motion and squeeze at ticks, or at what a clock shows then.
 
+        Targets are copied one by one: thousands that live at once would be searched for garbage.
+        """
+        times = list(map(self.timeline.time, ticks))
+        times = times if clock is None else list(map(clock.reading, times))
+        X, V, A = target = PoseTarget(*(np.empty((len(times), *shape)) for shape in ((4, 4), (6,), (6,))))
+        for index, time in enumerate(times):
+            X[index], V[index], A[index] = self.motion.at(time)
+        return self.squeezed(Desired(np.array(times), target, np.empty(0)))
 
-def clocked_of(run: Simulation, ticks: range) -> tuple[Desired | tuple[()], ...]:
-    """Return what each arm of a run desires by its own clock at ticks, as in RunSignals."""
-    clocks = run.scenario.clocks
-    if not clocks:
-        return ()
-    arms = range(len(run.scenario.cell.arms))
-    return tuple(desired_of(run, ticks, clocks[index]) if index in clocks else () for index in arms)
+    def squeezed(self, desired: Desired) -> Desired:
+        """Return the same desired motion with the squeeze of the run."""
+        squeeze, grasps = self.scenario.squeeze, self.scenario.cell.grasps
+        return desired._replace(
+            squeeze=np.array([squeeze.at(time, grasps) for time in desired.time.tolist()])
+        )
+
+    def clocked(self, ticks: range) -> tuple[Desired | tuple[()], ...]:
+        """Return what each arm desires by its own clock at ticks, as in RunSignals."""
+        clocks = self.scenario.clocks
+        if not clocks:
+            return ()
+        arms = range(len(self.scenario.cell.arms))
+        return tuple(self.desired(ticks, clocks[index]) if index in clocks else () for index in arms)
 
 
 def columns(signals: RunSignals) -> Array:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
-from collections import ChainMap
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,20 +13,15 @@ from coop_pin.base.disk_cache import DiskCache
 from coop_pin.base.errors import ArgumentError, CoopPinError
 from coop_pin.base.memory import require_memory
 from coop_pin.base.schema.parts import Filled
-from coop_pin.compiled.code_family import Cover
+from coop_pin.compiled.batch_result import BatchResult
+from coop_pin.compiled.kind import Cover, plant_fields
+from coop_pin.compiled.laws.single_runs import checked, require_agreement
 from coop_pin.compiled.laws.support import require_traceable
-from coop_pin.compiled.preparation import Prepared, PreparedPlant, plant_fields
-from coop_pin.compiled.samples import RunSamples
+from coop_pin.compiled.preparation import Prepared
+from coop_pin.compiled.prepared_plant import PreparedPlant
 from coop_pin.compiled.schedule import RunProgram, Schedule, varying
-from coop_pin.compiled.single_runs import checked, require_agreement
 from coop_pin.description.scenario import Scenario
-from coop_pin.results.metrics import all_metrics
-from coop_pin.results.quantities import Samples
-from coop_pin.results.run_result import RunResult
-from coop_pin.results.running_metrics import RunningMetrics
-from coop_pin.results.trust import TrustMonitor
-from coop_pin.results.window import Windows
-from coop_pin.tracing.kernel import Layout, Machine, Program
+from coop_pin.tracing.kernel import Machine, Program
 from coop_pin.tracing.llvm_machine import LlvmMachine, native_width
 
 LARGEST_BLOCK = 256
@@ -41,98 +34,8 @@ _KEPT = 8
 Of a family, so many orders of its kernels."""
 
 
-class BatchResult:
-    """Results of a batch.
-
-    Attributes:
-        scenarios: scenarios that were run.
-        is_valid: mask of the runs that kept to the guards of a single run (finite and closed motion, regular
-            Jacobians); the samples of the others mean nothing, shape (runs,).
-        samples: quantities as a single run has them, at the ticks that it keeps, with a leading axis of runs.
-        every_tick: the same at all ticks.
-    """
-
-    def __init__(
-        self,
-        prepared: Prepared,
-        layout: Layout,
-        records: Sequence[Array],
-        is_valid: Mask,
-        give_back: Callable[[], None],
-    ) -> None:
-        """Hold the records.
-
-        Args:
-            prepared: Scenarios, plants and numbers of the batch.
-            layout: Slots of the records.
-            records: Records of blocks of the runs, as a Machine returns them.
-            is_valid: Mask of the valid runs, shape (runs,).
-            give_back: Function that gives the memory of the records back.
-        """
-        self.scenarios, self.is_valid = prepared.scenarios, is_valid
-        self._plants, self._trust, self._give_back = prepared.plants, prepared.trust, give_back
-        self._every, self.every_tick = (
-            self.scenarios[0].clock.record_every,
-            RunSamples(prepared, layout, records),
-        )
-        self.samples = self.every_tick
-        if self._every > 1:
-            self.samples = RunSamples(prepared, layout, records, self._every)
-
-    def release(self) -> None:
-        """Give the memory of the records to later batches.
-
-        Samples, results and metrics that were returned before are copies and stay as they are. From now on,
-        asking for others raises InvalidStateError.
-        """
-        self.every_tick.release()
-        self.samples.release()
-        self._give_back()
-
-    def result(self, index: int) -> RunResult:
-        """Return the result of one run, as coop_pin.run returns it."""
-        plant, scenario = self._plants[index], self.scenarios[index]
-        samples = {each.name: self.every_tick[each.name][index].copy() for each in plant.table}
-        attributes = {RunResult.ENGINE: "batch"}
-        if self._every > 1:
-            known = RunningMetrics(scenario, plant.labels).finished(samples, scenario)
-            attributes[RunResult.EVERY_TICK] = known.to_text()
-            samples = {name: self.samples[name][index].copy() for name in samples}
-        return RunResult(scenario, samples | plant.labels, attributes)
-
-    def metrics(self) -> list[dict[str, float]]:
-        """Return the metrics of every run, as those of its result, without making the results."""
-        extremes = self.every_tick.extremes(self.scenarios[0].trust.jacobian_condition)
-        parts = (self._metrics(part, runs, extremes) for runs, part in self.every_tick.parts())
-        metrics = list(itertools.chain.from_iterable(parts))
-        for index, trust in enumerate(self._trust):
-            if trust != self._trust[0]:
-                metrics[index]["trustworthy"] = float(self.result(index).trustworthy)
-        return metrics
-
-    def _metrics(self, part: RunSamples, runs: slice, extremes: Samples) -> list[dict[str, float]]:
-        """Return the metrics of some of the runs, with the trust thresholds of the first of all."""
-        first, sides = self.scenarios[0], ("position_lower", "position_upper")
-        limits = part.of_plants(lambda plant: np.stack([plant.labels[side] for side in sides]))
-        lower, upper = np.moveaxis(limits, 1, 0)
-        known = {name: values[runs] for name, values in extremes.items()}
-        known |= {"time": part["time"][0], "arm": self._plants[runs.start].labels["arm"]}
-        data = ChainMap(known, cast(Any, part))
-        with np.errstate(all="ignore"):  # of runs that are not valid
-            windows = Windows.of(first, float(data["time"][-1]))
-            metrics = all_metrics(data, windows, turns=first.cell.controls_turns)
-            monitor = TrustMonitor(first.trust, (), lower, upper)
-            trustworthy = ~monitor.exceeded(data, metrics["energy_balance_max_J"])
-            trustworthy &= ~(metrics["joint_drift_rad"] > first.trust.joint_drift)
-        columns = {"trustworthy": trustworthy} | metrics
-        table = np.empty((len(columns), len(trustworthy)))
-        for row, values in zip(table, columns.values(), strict=True):
-            row[:] = values
-        return [dict(zip(columns, row, strict=True)) for row in table.T.tolist()]
-
-
 class Family(NamedTuple):
-    """Code for the runs of one kind: numbers in which they differed so far are inputs, all others fold.
+    """Code for runs: numbers in which they differed so far are inputs, all others fold.
 
     Attributes:
         first: first run, whose numbers fold.
@@ -251,7 +154,7 @@ class BatchSimulator:
         prepared = Prepared.joined(runs)
         del self._plants[_KEPT:]
         family, count = self.family([prepared]), len(prepared.plants)
-        _, machine, order = family.orders[prepared.times]
+        _, machine, order = family.orders[prepared.kind.times]
         if machine.record_size(count) > sum(memory.size for memory in self._free):
             require_sample_memory(machine, count)
         (block, loads), lanes = family.code.begin(prepared), family.code.program.lanes
@@ -279,7 +182,7 @@ class BatchSimulator:
         parts.clear()
 
     def family(self, batches: Sequence[Prepared]) -> Family:
-        """Return code for batches of one kind; it is compiled anew only when further numbers differ.
+        """Return code for batches that share it; it is compiled anew only when further numbers differ.
 
         Args:
             batches: Batches, the runs of each of which share their times.
@@ -287,13 +190,15 @@ class BatchSimulator:
         Raises:
             TracingError: the runs cannot be traced.
         """
-        kinds, kind = [each.first.kind for each in self._families], batches[0].kind
+        kinds, kind = [each.first.kind.code for each in self._families], batches[0].kind.code
         family = self._families.pop(kinds.index(kind)) if kind in kinds else None
         first = batches[0].part(slice(1)) if family is None else family.first
         known = {} if family is None else {times: order[0] for times, order in family.orders.items()}
-        firsts = {each.times: known.get(each.times) or each.part(slice(1)) for each in reversed(batches)}
+        firsts = {
+            each.kind.times: known.get(each.kind.times) or each.part(slice(1)) for each in reversed(batches)
+        }
         differs = np.any([self._inputs(first, each) for each in batches], axis=0)
-        is_loaded = np.any([each.loaded(firsts[each.times]) for each in batches], axis=0)
+        is_loaded = np.any([each.loaded(firsts[each.kind.times]) for each in batches], axis=0)
         if family is None:
             require_traceable(first.scenarios[0], first.constants)
         else:

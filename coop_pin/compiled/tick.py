@@ -28,7 +28,7 @@ from coop_pin.simulation.devices.drives import Applied, DriveMotion, DriveState,
 from coop_pin.simulation.devices.network import NetworkSignals, heard
 from coop_pin.simulation.devices.sensors import Truth, View
 from coop_pin.simulation.devices.torque_response import TorqueResponse
-from coop_pin.simulation.simulation import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
+from coop_pin.simulation.plant import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
 from coop_pin.tracing.comparisons import less
 from coop_pin.tracing.elementary import sqrt
 from coop_pin.tracing.kernel import Kernel

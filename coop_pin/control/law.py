@@ -5,13 +5,13 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
-from pydantic import Field, PrivateAttr, SerializerFunctionWrapHandler, model_serializer
+from pydantic import Field
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError
-from coop_pin.base.schema.base import WithLaterFields, unknown_arms
+from coop_pin.base.schema.base import Description, unknown_arms
 from coop_pin.base.schema.parts import fields_of
 from coop_pin.base.spatial.task_rows import TaskRows, joint_shortage
 from coop_pin.control.bounds import (
@@ -29,9 +29,6 @@ from coop_pin.control.gains import Gains
 from coop_pin.control.measurement import ControlledArm
 from coop_pin.control.steady_state import NearRest, SteadyDirection
 
-_WRITTEN_FIRST = ("kind", "target", "options", "gains", "arm_gains", "switching", "force_path")
-"""Fields in the order in which a law is written; the keys of stored runs depend on it."""
-
 
 class LoadTransfer(NamedTuple):
     """Response of a law to a load that goes from arm to arm, or to a table.
@@ -46,7 +43,7 @@ class LoadTransfer(NamedTuple):
     releases: bool = False
 
 
-class Law(WithLaterFields):
+class Law(Description):
     """A controller as a scenario states it.
 
     A law overrides ``build`` and what differs from these defaults: needs (``uses``) and commands
@@ -61,20 +58,9 @@ class Law(WithLaterFields):
     """Quantities that the law uses where they are measured, in addition to kinematics."""
     spare_spring: ClassVar[str] = ""
     """Path of the field with the spring of spare joints; empty if the law has none."""
-    _stored_as: Any = PrivateAttr(default=None)
 
     kind: str
     force_path: ForcePath = NoForcePath()
-
-    @model_serializer(mode="wrap")
-    def _written(self, fields_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        fields = super()._written(fields_of)
-        return {name: fields[name] for name in _WRITTEN_FIRST if name in fields} | fields
-
-    @property
-    def stored_as(self) -> Any:
-        """The law as it stood in the data from which it was read; keys of stored runs are made of it."""
-        return self._stored_as or self
 
     @property
     def command_kind(self) -> str:
@@ -161,19 +147,6 @@ class ParametricLaw(Law, Generic[G]):
     """
 
     gains: G
-
-    @classmethod
-    def of_previous_version(cls, user: Any) -> Self:
-        """Return the law that the previous version names as a user's class with options.
-
-        Args:
-            user: The UserController; keys of stored runs are still made of it.
-        """
-        options = {name: value for name, value in user.options.items() if value is not None}
-        fields = {name: options.pop(name) for name in {*options} & {*cls.model_fields}}
-        law = cls(gains=options, force_path=user.force_path, **fields)
-        law._stored_as = user
-        return law
 
     def gains_of(self, arm: str) -> G:
         """Return the gains of one arm."""

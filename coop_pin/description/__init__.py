@@ -5,7 +5,8 @@ Open first: ``scenario`` (all that determines a run), ``cell/cell`` (arms, paylo
 
 - ``cell``: arm, payload, kinds of grasps, tables, closures. ``urdf``: robot files, found and validated.
 - Devices: ``sensors``, ``actuators``, ``servo``, ``network`` (channels, delay, loss).
-- ``events`` (on the payload), ``arm_events`` (failures), ``grasp_events`` (release, hand-over, put down).
+- ``events`` (disturbances of the payload), ``arm_events`` (failures), ``grasp_events`` (release,
+  hand-over, put down).
 - ``plant`` (clock, steps, formulation), ``trust`` (bounds on a run), ``model_laws``.
 - ``scenario_file`` (TOML), ``catalogue`` and ``scenarios`` (the cells that come with coop_pin).
 

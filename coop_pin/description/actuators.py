@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 from pydantic import Field
 
 from coop_pin.base.errors import FieldError
-from coop_pin.base.schema.base import Description, NotNegative, WithLaterFields
+from coop_pin.base.schema.base import Description, NotNegative
 from coop_pin.description.servo import Limit, NamedServo
 
 
@@ -23,7 +23,7 @@ class GravityCompensation(Description):
     mass_error: float = Field(default=0.0, ge=-1.0)
 
 
-class Actuators(WithLaterFields):
+class Actuators(Description):
     """What the drives of an arm make of its commands; without values they deliver them at once.
 
     With the command tau_c[k] of the controller at tick k, the arm's transmission T and the torque limits of
@@ -54,8 +54,6 @@ class Actuators(WithLaterFields):
         commands_lost_at: time from the next tick of which no command reaches the drives, s; the robot goes on
             with zero in their place, and with its own gravity compensation.
     """
-
-    later_fields: ClassVar[tuple[str, ...]] = ("commands_lost_at", "servo")
 
     servo: NamedServo | None = None
     lag: NotNegative = 0.0

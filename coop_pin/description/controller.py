@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable, Mapping
-from typing import Annotated, Any, Literal, get_args
+from collections.abc import Iterable
+from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field, field_validator
 
 from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.user_code import FunctionName, load_class
@@ -38,6 +38,13 @@ class UserController(Law):
     kind: Literal["user"] = "user"
     target: FunctionName
     options: dict[str, Any] = Field(default_factory=dict)
+
+    @field_validator("target")
+    @classmethod
+    def _is_a_users(cls, target: str) -> str:
+        if target.startswith("coop_pin."):
+            raise FieldError(f"is {target!r}, of the package; state its law by kind and gains")
+        return target
 
     @property
     def command_kind(self) -> str:
@@ -98,14 +105,4 @@ PackageLaw = (
 """The laws that come with coop_pin."""
 
 
-def _as_law(value: Any) -> Any:
-    """Return a law of the package that a scenario of the previous version names as a user's class."""
-    table = dict(value) if isinstance(value, Mapping | UserController) else {}
-    module, _, name = str(table.get("target", "")).partition(":")
-    laws = {f"{law.__name__}Controller": law for law in get_args(PackageLaw)}
-    if not module.startswith("coop_pin.") or name not in laws:
-        return value
-    return laws[name].of_previous_version(UserController(**table))
-
-
-Controller = Annotated[PackageLaw | UserController, Field(discriminator="kind"), BeforeValidator(_as_law)]
+Controller = Annotated[PackageLaw | UserController, Field(discriminator="kind")]

@@ -51,7 +51,7 @@ class Surroundings(NamedTuple):
 
     @property
     def acts(self) -> bool:
-        """Whether a wrench besides gravity may act on the payload: ``Plant.payload_wrench`` is read if so."""
+        """Whether a wrench besides gravity may act on the payload; plants skip it otherwise."""
         return bool(self.push.any() or self.partners)
 
 
@@ -98,11 +98,11 @@ class PayloadEvent(Description):
         return False
 
     def needs_pinocchio(self, cell: Any) -> bool:
-        """Return whether the traced plant of a run by itself does not have what it requires, either."""
+        """Return whether a compiled plant under an interpreted law does not have what it requires, either."""
         return bool(self.requires)
 
-    def act(self, plant: Any, arms: Sequence[str]) -> None:
-        """Change the plant itself at the event's instant: grasps and brakes.
+    def act(self, plant: Any, arms: Sequence[str]) -> Any:
+        """Change the plant itself at the event's instant, grasps and brakes; return what was missed, or None.
 
         Args:
             plant: Plant of the run (``coop_pin.simulation.plant.Plant``).

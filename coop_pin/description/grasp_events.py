@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
@@ -189,13 +189,40 @@ class Regrasp(GraspEvent):
         """Return whether a remark of a run says that the grasp did not happen."""
         return remark.startswith(f"{self.named} {MISSED}")
 
-    def act(self, plant: Any, arms: Sequence[str]) -> None:
-        """Close the grasp, if the tip is there."""
-        plant.grasp(arms.index(self.arm), self)
+    def act(self, plant: Any, arms: Sequence[str]) -> MissedGrasp | None:
+        """Close the grasp, if the tip is there; return the grasp if it did not happen."""
+        arm = arms.index(self.arm)
+        missed = MissedGrasp(self, *plant.gap(arm))
+        if missed.distance > self.tolerance or missed.angle > self.angle_tolerance:
+            return missed
+        plant.grasp(arm, is_nominal=self.rest == "nominal")
+        return None
 
     def text(self, surroundings: Surroundings) -> str:
         """Return the arm, and where its spring rests."""
         return f"{self.title} by {self.arm}, {self.rest} rest pose"
+
+
+class MissedGrasp(NamedTuple):
+    """Grasp that did not happen, because its tip was too far away.
+
+    Attributes:
+        event: the event.
+        distance: distance of the tip from the grasp, m.
+        angle: angle between them, rad.
+    """
+
+    event: Regrasp
+    distance: float
+    angle: float
+
+    def __str__(self) -> str:
+        """Return it as one sentence."""
+        event, distance, angle = self
+        return (
+            f"{event.named} {MISSED}: its tip was {1e3 * distance:.3g} mm and {angle:.3g} rad from the grasp,"
+            f" allowed are {1e3 * event.tolerance:g} mm and {event.angle_tolerance:g} rad"
+        )
 
 
 class PutDown(LastingEvent):

@@ -5,18 +5,18 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.base.arrays import Array, require_path, require_type
 from coop_pin.base.errors import FieldError, NameNotFoundError, one_or_all
 from coop_pin.base.schema.base import (
+    Description,
     Name,
     Positive,
     Text,
     Vector,
-    WithLaterFields,
     check_arm_names,
     unknown_arms,
 )
@@ -46,7 +46,7 @@ _MOST_CHANGES = 6
 """Most changes that a caption tells."""
 
 
-class Scenario(WithLaterFields):
+class Scenario(Description):
     """Everything that determines a run.
 
     Attributes:
@@ -77,8 +77,6 @@ class Scenario(WithLaterFields):
         network: messages between the arms; without one, none cross.
         feed_forward: torques that are added to those of the law.
     """
-
-    later_fields: ClassVar[tuple[str, ...]] = ("network", "feed_forward")
 
     name: Name
     summary: Text = ""
@@ -308,9 +306,7 @@ class Scenario(WithLaterFields):
             ScenarioError: a path does not exist, or the copy has mistakes.
         """
         require_type("changes", changes, Mapping)
-        is_stored = any(str(path).startswith("controller.options") for path in changes)
-        law = self.controller.stored_as if is_stored else self.controller
-        return type(self)(**overridden(self.model_copy(update={"controller": law}), changes))
+        return type(self)(**overridden(self, changes))
 
     @property
     def caption(self) -> str:

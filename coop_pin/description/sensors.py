@@ -18,7 +18,6 @@ from coop_pin.base.schema.base import (
     NotNegative,
     NumberOrVector,
     Positive,
-    WithLaterFields,
     not_negative,
 )
 
@@ -112,7 +111,7 @@ class WrenchParts(Description):
         return np.concatenate([np.full(3, part) for part in (self.force, self.moment)])
 
 
-class WristSensor(WithLaterFields):
+class WristSensor(Description):
     """Sensor of the wrench F_i between the tip of an arm and the payload, in the axes and origin of the tip.
 
     Nothing but the payload hangs behind it: a gripper is part of the arm, in front of it. So it reads neither
@@ -128,8 +127,6 @@ class WristSensor(WithLaterFields):
         lost: intervals of time without samples, [start, end), s.
         stuck_at: time from which every sample repeats the one before, s; it arrives as a new one.
     """
-
-    later_fields: ClassVar[tuple[str, ...]] = ("stuck_at",)
 
     noise: WrenchParts = WrenchParts()
     offset: WrenchParts = WrenchParts()
@@ -173,7 +170,7 @@ class SlipSensor(Description):
     delay: int = Field(default=0, ge=0)
 
 
-class Sensors(WithLaterFields):
+class Sensors(Description):
     """What an arm measures with. Everything is ideal by default, and there is no wrist sensor.
 
     Attributes:
@@ -184,8 +181,6 @@ class Sensors(WithLaterFields):
             drives or one for each.
         slip: sensor of the slip of the arm's patch; ideal when omitted.
     """
-
-    later_fields: ClassVar[tuple[str, ...]] = ("slip",)
 
     encoder: Encoder = Encoder()
     velocity: Velocity = IdealVelocity()

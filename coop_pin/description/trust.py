@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from pydantic import Field
 
-from coop_pin.base.schema.base import NotNegative, Positive, WithLaterFields
+from coop_pin.base.schema.base import Description, NotNegative, Positive
 
 
-class TrustThresholds(WithLaterFields):
+class TrustThresholds(Description):
     """Thresholds beyond which a run is not trustworthy.
 
     Energy errors are compared with the gross work: the amounts of work done between ticks by drives,
@@ -29,8 +27,6 @@ class TrustThresholds(WithLaterFields):
         joint_drift: distance that a joint may drift in the last second of a run whose payload and reference
             rest, rad or m: spare joints of redundant arms that nothing holds.
     """
-
-    later_fields: ClassVar[tuple[str, ...]] = ("joint_drift",)
 
     closure_error: Positive = 1e-6
     energy_share: Positive = 1e-6

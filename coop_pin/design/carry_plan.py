@@ -243,7 +243,7 @@ def _beyond_the_law(plan: CarryPlan, scenario: Scenario, start_time: float) -> F
     simulation = Simulation(scenario, build_controller(scenario))
     while simulation.time < start_time - _SAME * period:
         simulation.tick()
-    nothing = [np.zeros(len(slot.drive)) for slot in simulation.plant.chain.model.arms]
+    plant, nothing = simulation.plant, [np.zeros(len(slot.drive)) for slot in simulation.slots]
 
     def missing(time: float, commanded: Sequence[Array]) -> Sequence[Array]:
         planned = plan.torques_at(time - start_time + _LATER * period)
@@ -255,9 +255,9 @@ def _beyond_the_law(plan: CarryPlan, scenario: Scenario, start_time: float) -> F
     while not times or times[-1] < start_time + plan.duration:
         times.append(simulation.time)
         s = motion.scaling(times[-1] - start_time)
-        simulation.plant.q, rate, _ = line.derivatives(s.value)
-        simulation.plant.v = rate * s.rate
-        simulation.plant.drive(plan.torques_at(times[-1] - start_time))
+        q, rate, _ = line.derivatives(s.value)
+        plant.restore(plant.state()._replace(q=q, v=rate * s.rate))
+        plant.drive(plan.torques_at(times[-1] - start_time))
         simulation.tick()
         added.append(simulation.controller_state.added)
     tables = (np.array(rows) for rows in zip(*added, strict=True))

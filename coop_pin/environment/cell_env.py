@@ -91,8 +91,8 @@ class CellEnv(Env[Array, Array]):
         """Return observation and reward."""
         run = self.simulation
         last, plant = run.recorder.sample(), run.plant
-        q = np.concatenate([arm.angles.of(plant.q[None, arm.q_slice])[0] for arm in plant.chain.model.arms])
-        v = np.concatenate([plant.v[arm.v_slice] for arm in plant.chain.model.arms])
+        q = np.concatenate([arm.angles.of(plant.q[None, arm.q_slice])[0] for arm in run.slots])
+        v = np.concatenate([plant.v[arm.v_slice] for arm in run.slots])
         error = last["payload_twist"] - last["desired_twist"]
         observed = Observed(q[None], v[None], last, error)
         observation, reward = self.task.outcome(observed, run.scenario.cell.shares)

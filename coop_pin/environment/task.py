@@ -199,4 +199,4 @@ class Task:
 
 def drives_of(run: Simulation) -> list[int]:
     """Return the number of each arm's drives."""
-    return [len(arm.drive) for arm in run.plant.chain.model.arms]
+    return [len(arm.drive) for arm in run.slots]

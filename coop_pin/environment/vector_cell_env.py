@@ -10,14 +10,14 @@ import numpy as np
 from coop_pin.base.arrays import Array, Mask, as_count, require_type
 from coop_pin.base.disk_cache import DiskCache
 from coop_pin.base.errors import ArgumentError, InvalidStateError, TracingError, needs_extra
-from coop_pin.compiled.code_family import law_reason
+from coop_pin.compiled.kind import law_reason
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.schedule import RunProgram
 from coop_pin.compiled.simulate import BatchSimulator
 from coop_pin.description.scenario import Scenario
 from coop_pin.environment.acted_law import ActedLaw
-from coop_pin.environment.task import Observed, Task, drives_of
-from coop_pin.tracing.kernel import RECORD, Kernel
+from coop_pin.environment.task import Observed, Task
+from coop_pin.tracing.kernel import Kernel
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.traced_array import traced
 from coop_pin.tracing.tree import flattened
@@ -116,16 +116,16 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         Raises:
             InvalidStateError: the episode is over, or has not begun.
         """
-        if not 0 < self._tick <= self._run.timeline.ticks:
+        if not 0 < self._tick <= self._plant.timeline.ticks:
             raise InvalidStateError("the episode is over or has not begun; call reset()")
         self._act(np.asarray(actions))
-        self._advance(min(self.task.ticks, self._run.timeline.ticks + 1 - self._tick))
+        self._advance(min(self.task.ticks, self._plant.timeline.ticks + 1 - self._tick))
         observations, rewards = self._outcome()
         is_valid = self._slots("is_valid") == 1.0
         rewards = np.where(is_valid, rewards, np.where(self._is_over, 0.0, -self.task.failure))
         observations[~is_valid] = 0.0
         self._is_over = ~is_valid
-        is_last = np.full(self.num_envs, self._tick > self._run.timeline.ticks)
+        is_last = np.full(self.num_envs, self._tick > self._plant.timeline.ticks)
         return observations, rewards, self._is_over.copy(), is_last & is_valid, {}
 
     # ------------------------------------------------------------ lanes
@@ -145,15 +145,15 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         """Return a run with the law acted on."""
         run = self._simulator.prepare(scenario)
         plant = run.plants[0]
-        law = self.task.acted(scenario, run.controller(), drives_of(plant.run))
+        law = self.task.acted(scenario, run.controller(), [len(slot.drive) for slot in plant.slots])
         numbers, structure = flattened(law)
         values = np.array([[*plant.values, *numbers]], dtype=np.float64)
-        return run._replace(controller=lambda: law, values=values, kind=(plant.kind, structure))
+        return run._replace(controller=lambda: law, values=values, kind=run.kind._replace(law=structure))
 
     def _compile(self, prepared: Prepared) -> None:
         """Trace and compile the code; what actions add, and what differs between lanes or seeds, is input."""
         plant = prepared.plants[0]
-        self._run, law = plant.run, cast(ActedLaw, prepared.controller())
+        self._plant, law = plant, cast(ActedLaw, prepared.controller())
         self._law = law
         first = len(plant.values)
         added = slice(first, first + len(flattened((law.squeeze, law.commands))[0]))
@@ -163,16 +163,11 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         is_random = (other != plant.signals(self.scenarios[0])).any(axis=0)
         self._is_random, alone = bool(is_random.any()), prepared.part(slice(1))
         self._code = RunProgram(alone, differs, is_random | prepared.loaded(alone))
-        program, order = self._code.program, self._code.order(alone)
-        kernel = self._outcome_kernel(plant.run.plant.chain.rigid.determinate_rows(plant.run.plant.q))
-        instructions = order.instructions[order.instructions[:, 0] != RECORD]
-        # A tick begins at its first instruction, but for the records of the ticks before it.
-        starts, self._uniforms = [*order.ticks, len(order.instructions)], order.uniforms
-        self._starts = [start - tick for tick, start in enumerate(starts)]
-        of_tick = [kernel.name for kernel in program.kernels].index("tick")
-        outcomes = instructions[instructions[:, 0] == of_tick]
-        outcomes[:, 0] = len(program.kernels)
-        instructions = np.concatenate((instructions, outcomes))
+        program, order = self._code.program, self._code.order(alone, is_recorded=False)
+        kernel = self._outcome_kernel(plant.determined)
+        self._starts, self._uniforms = [*order.ticks, len(order.instructions)], order.uniforms
+        outcomes = [(len(program.kernels), row) for row in range(len(order.ticks))]
+        instructions = np.concatenate((order.instructions, outcomes))
         self._machine = LlvmMachine(
             program._replace(kernels=[*program.kernels, kernel], instructions=instructions),
             cache=DiskCache(),
@@ -199,7 +194,9 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
             "interaction_wrench": np.where(determined, kernel.read("wrenches"), np.nan),
         }
         twist_error = kernel.read("V_WP") - desired.target.V_WP_d
-        joints = sum(drives_of(self._run))  # a payload on compliant grasps has its own coordinates after them
+        joints = sum(
+            len(slot.drive) for slot in self._plant.slots
+        )  # a payload on compliant grasps has its own coordinates after them
         observed = Observed(kernel.read("q")[:joints], kernel.read("v")[:joints], samples, twist_error)
         with np.errstate(invalid="ignore"):  # NaN in rows that are not determined
             observation, reward = self.task.outcome(observed, kernel.read("shares"))

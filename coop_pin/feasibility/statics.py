@@ -201,11 +201,11 @@ def statics_along(scenario: Scenario, cell_reach: Reachability) -> StaticTorques
 @typed
 def start_torques(simulation: Simulation) -> StaticTorques:
     """Return the static torques at the configuration of a simulation, without inverse kinematics."""
-    plant, time = simulation.plant, np.array([simulation.time])
+    q, time = simulation.plant.q, np.array([simulation.time])
     return StaticTorques(
         tuple(
-            _arm_statics(simulation.scenario, arm.name, time, plant.q[np.newaxis, arm.q_slice])
-            for arm in plant.chain.model.arms
+            _arm_statics(simulation.scenario, arm.name, time, q[np.newaxis, arm.q_slice])
+            for arm in simulation.slots
         )
     )
 

@@ -4,7 +4,8 @@ Open first: ``cell_chain`` (closed chain of a cell, interaction wrenches), ``for
 between frames: what a new kind of grasp that gives would be), ``rigid_grasps`` (closures that come and go).
 
 - Springs: ``grasp_springs`` (compliant grasps), ``partner`` (a hand at a handle), ``spring_damper`` (law).
-- Friction: ``contact_patches`` (palms and tables), ``contact_points`` (stick and slip of a point).
+- Friction: ``contact_points`` (friction force of a point that sticks or slides), ``contact_patches`` (palms
+  and tables made of such points).
 - ``friction_cones``: least internal wrenches with which pads hold the payload.
 - At rest: ``equilibrium``, ``contact_equilibrium``.
 - Kinematics: ``cell_kinematics`` (payload, tips, grasps), ``grasp_frames`` (their motion).

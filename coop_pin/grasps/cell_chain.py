@@ -36,6 +36,8 @@ class Observation(NamedTuple):
             (..., m, 6).
         kinetic_energy: kinetic energy of arms and payload, J, shape (...).
         potential_energy: potential energy of arms and payload, J, shape (...).
+        external_wrench: wrench on the payload besides gravity and grasps, about P in world axes, shape
+            (..., 6).
         elastic_energy: energy in compliant grasps and contacts, J, shape (...); None without any.
         grasp_deflection: deflection of each compliant grasp, m and rad, shape (..., m, 6), NaN for others;
             None without any.
@@ -44,6 +46,10 @@ class Observation(NamedTuple):
             plane in axes of the plane, N and N m, shape (..., p, 6); None without any.
         patch_points: number of points of each that touch, shape (..., p); likewise.
         patch_slip: distance that each has slid, m, shape (..., p); likewise.
+        partner_wrench: wrench of the partner that took hold last on the payload, about P in world axes, N
+            and N m, shape (..., 6); None without one.
+        partner_deflection: deflection of its handle in axes of its point, m and rad, likewise.
+        partner_energy: energy in its spring, J, shape (...); likewise.
     """
 
     payload_pose: Array
@@ -52,12 +58,16 @@ class Observation(NamedTuple):
     interaction_wrench: Array
     kinetic_energy: Array
     potential_energy: Array
+    external_wrench: Array
     elastic_energy: Array | None = None
     grasp_deflection: Array | None = None
     grasp_wrench: Array | None = None
     patch_wrench: Array | None = None
     patch_points: Array | None = None
     patch_slip: Array | None = None
+    partner_wrench: Array | None = None
+    partner_deflection: Array | None = None
+    partner_energy: Array | None = None
 
 
 class CellTorques(NamedTuple):
@@ -102,6 +112,13 @@ class CellChain(CellKinematics):
         if closed.closures.closures:
             return closed.solver.acceleration(q, v, tau + elements.force(q)), power
         return pin.aba(closed.model, self._free_data, q, v, tau, elements.wrenches), power
+
+    def energy(self, q: Array, v: Array) -> float:
+        """Return the energy of bodies, springs and contacts, J."""
+        total, springs = self.mechanism.energy(q, v).total, self.springs
+        if len(self.patches):
+            total += self.patches.at(q, v).energy
+        return total + springs.energy(springs.at(q, v)) if springs.arms else total
 
     def interaction_wrenches(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, push: ArrayLike = _NO_WRENCH
@@ -165,7 +182,7 @@ class CellChain(CellKinematics):
         F_i = c_i (push - M_0 xddot - Q_0 xdot - W_0) + f_i
         tau = M a + h - J^T lambda - J_WP^T push - friction
 
-        with the load shares c_i and the internal wrenches f_i, for example those of ``least_squeeze``;
+        with the load shares c_i and the internal wrenches f_i, for example those of ``friction_squeeze``;
         without f_i the torques are those of least tau^T tau. At rest they are equilibrium torques. All arrays
         are of one state, or of n states with n as their first size.
 
@@ -229,7 +246,7 @@ class CellChain(CellKinematics):
         velocities = shaped("v", v, self.mechanism.model.nv)
         return np.apply_along_axis(self.transmission.friction, -1, velocities)
 
-    def least_squeeze(
+    def friction_squeeze(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, push: ArrayLike = _NO_WRENCH
     ) -> Squeeze:
         """Return the internal wrenches of least normal force with which friction at the pads holds a motion.
@@ -252,10 +269,10 @@ class CellChain(CellKinematics):
             raise ArgumentError(f"arm {without[0]!r} has no pad; state it in cell.pads")
         (nq, nv) = (self.mechanism.model.nq, self.mechanism.model.nv)
         return over_states(
-            self._least_squeeze, ("q", q, (nq,)), ("v", v, (nv,)), ("a", a, (nv,)), ("push", push, (6,))
+            self._friction_squeeze, ("q", q, (nq,)), ("v", v, (nv,)), ("a", a, (nv,)), ("push", push, (6,))
         )
 
-    def _least_squeeze(self, q: Array, v: Array, a: Array, push: Array) -> Squeeze:
+    def _friction_squeeze(self, q: Array, v: Array, a: Array, push: Array) -> Squeeze:
         """Return the least squeeze at one state."""
         rows = self.rigid.determinate_rows(q)
         frames = self._at(q, v, a)
@@ -316,6 +333,7 @@ class CellChain(CellKinematics):
             frames.tip_positions(),
             self._wrenches(self.mechanism.solver.forces(), push, *elements),
             *frames.energies(),
+            push,
             *self._of_elements(*elements),
         )
 

@@ -20,7 +20,7 @@ from coop_pin.description.cell.cell import Cell
 from coop_pin.description.events import Surroundings
 from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps.contact_equilibrium import started
-from coop_pin.grasps.contact_patches import ContactPatches
+from coop_pin.grasps.contact_patches import ContactPatches, PatchesState
 from coop_pin.grasps.force_elements import ForceElements
 from coop_pin.grasps.grasp_frames import GraspFrames
 from coop_pin.grasps.grasp_springs import GraspsHeld, GraspSprings
@@ -122,12 +122,13 @@ class CellKinematics:
         """Hold the joints of an arm, by its index, at a configuration from now on."""
         self.rigid.brake(arm, q)
 
-    def held(self) -> tuple[GraspsHeld, ClosuresHeld]:
-        """Return which compliant grasps hold, at which poses, and which closures."""
-        return self.springs.held(), self.rigid.held()
+    def held(self) -> tuple[GraspsHeld, ClosuresHeld, PatchesState]:
+        """Return which compliant grasps hold, at which poses, which closures, and the memory of contacts."""
+        return self.springs.held(), self.rigid.held(), self.patches.state
 
-    def hold(self, compliant: GraspsHeld, closures: ClosuresHeld) -> None:
-        """Return to grasps and closures that held."""
+    def hold(self, held: tuple[GraspsHeld, ClosuresHeld, PatchesState]) -> None:
+        """Return to grasps, closures and contacts that held."""
+        compliant, closures, self.patches.state = held
         self.springs.restore(compliant)
         if closures.grasps.holds is not self.rigid.holds or closures.brakes is not self.rigid.brakes:
             self.rigid.restore(closures)

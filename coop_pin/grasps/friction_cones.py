@@ -6,20 +6,17 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.base.errors import ArgumentError
-from coop_pin.base.spatial import rotate_vector6, shift_wrench
+from coop_pin.base.spatial.limit_surface import motion_maps
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.contact import Pad
 
 _LARGEST = 1e5
 """Largest sum of normal forces that is considered, in parts of the largest load over mu."""
-_GAP, _FASTER = 1e-11, 30.0
-"""Accepted distance from the least cost, and growth of the barrier's weight t."""
-_AT_REST, _QUADRATIC, _NEWTON_STEPS = 1e-8, 0.06, 100
-"""Decrement of Newton's method that is rounding, that from which it needs no damping, and its most steps."""
+_ACCURACY, _ACCEPTED = 1e-10, 1e-7
+"""Of costs and cones, in the same parts: of a solution that is complete, and of one that rounding ended."""
 
 
 class Squeeze(NamedTuple):
@@ -53,7 +50,8 @@ def friction_squeeze(cell: Cell, X_WP: Array, loads: Array, rows: Mask) -> Squee
     (t_i, N_i, b_i, m_i) is the wrench of load and f_i on arm i about the middle of its pad in axes of the
     plane: friction, normal force, moment in the plane and about the normal; l_i are the levers of the pad.
     Frictions tau_ij of its k_i points x_ij, evenly pressed, make its ``spatial.limit_surface``; the last cone
-    keeps it from tipping. Among equals it is the solution farthest from the cones.
+    keeps it from tipping. Among equals it is a solution within the cones, near the one farthest from them:
+    Clarabel, an interior-point method, finds it.
 
     Args:
         cell: description, with a pad of every arm.
@@ -68,20 +66,20 @@ def friction_squeeze(cell: Cell, X_WP: Array, loads: Array, rows: Mask) -> Squee
     scale = (float(np.abs(loads).max()) or 1.0) / min(pad.mu for pad in cell.pads.values())
     sums_to_zero = np.linalg.svd(np.ones((1, m)))[2][1:].T
     basis = np.einsum("ij,rk->irjk", sums_to_zero, np.eye(6)[:, rows]).reshape(m, 6, -1)
-    A, b = np.zeros((m, 6, basis.shape[2])), np.zeros((m, 6))
+    A, b, turn = np.zeros((m, 6, basis.shape[2])), np.zeros((m, 6)), np.eye(4)
+    turn[:3, :3] = X_WP[:3, :3]
     for i, name in enumerate(cell.arms):
-        X = X_WP @ cell.grasps[name].matrix @ cell.pads[name].plane
-        p, turn = X[:3, 3] - X_WP[:3, 3], X[:3, :3].T
-        A[i] = rotate_vector6(turn, shift_wrench(basis[i].T, -p)).T
-        b[i] = rotate_vector6(turn, shift_wrench(loads[i] / scale, -p))
+        X_PG = turn @ cell.grasps[name].matrix
+        A[i] = cell.pads[name].in_plane(basis[i].T, X_PG).T
+        b[i] = cell.pads[name].in_plane(loads[i] / scale, X_PG)
     cones = _cones([cell.pads[name] for name in cell.arms], A, b)
     cost = np.zeros(cones.n.shape[1])
     cost[: A.shape[2]] = A[:, 2].sum(axis=0)
-    x, missing = _least(cost, cones)
-    if missing >= 0.0:
+    x = _least(cost, cones)
+    if x is None:
         raise ArgumentError(
             "friction at the pads holds no such motion: whatever the arms press, a pad lacks"
-            f" {scale * missing:.3g} N; press across the payload, or raise mu or radius"
+            f" {scale * _missing(cost, cones):.3g} N; press across the payload, or raise mu or radius"
         )
     x = x[: A.shape[2]]
     return Squeeze(scale * basis @ x, scale * (A[:, 2] @ x + b[:, 2]))
@@ -113,63 +111,39 @@ def _cones(pads: Sequence[Pad], A: Array, b: Array) -> _Cones:
 
 def _point_frictions(pad: Pad) -> tuple[Array, Array]:
     """Return frictions of k points in parts of mu / k: of (t, m), (k, 2, 3), and of none, (k, 2, 2 k - 3)."""
-    (x, y, _), k = pad.points.T, len(pad.points)
-    G = np.zeros((3, k, 2))
-    G[0, :, 0] = G[1, :, 1] = 1.0
-    G[2, :, 0], G[2, :, 1] = -y, x
-    flat = G.reshape(3, -1)
+    k, flat = len(pad.points), motion_maps(pad.points).reshape(-1, 3).T
     inverse, free = np.linalg.pinv(flat), np.linalg.svd(flat)[2][3:].T
     return k / pad.mu * np.asarray(inverse, float).reshape(k, 2, 3), free.reshape(k, 2, -1)
 
 
-def _least(cost: Array, cones: _Cones) -> tuple[Array, float]:
-    """Return the x of least cost in cones, and by how much a wider x_0 does not fit; negative if it does.
+def _least(cost: Array, cones: _Cones) -> Array | None:
+    """Return the x of least cost . x in cones, shape (x,); None without one of an allowed cost."""
+    import clarabel  # slow to load
+    from scipy.sparse import csc_matrix
 
-    A first search moves all cones by y and minimises y until it is negative. The cost is limited, so that
-    neither search goes to infinity.
-    """
-    count, rows, size = cones.S.shape
-    limit = _Cones(np.zeros((1, rows, size)), np.zeros((1, rows)), -cost[None], np.array([_LARGEST]))
-    limited = _Cones(*map(np.concatenate, zip(cones, limit, strict=True)))
-    moved = np.append(np.ones(count), 0.0)[:, None]
-    wider = limited._replace(
-        S=np.concatenate((limited.S, np.zeros((count + 1, rows, 1))), axis=2), n=np.hstack((limited.n, moved))
+    settings, size = clarabel.DefaultSettings(), len(cost)
+    settings.verbose, settings.equilibrate_enable = False, False
+    for kind in ("gap_abs", "gap_rel", "feas"):
+        setattr(settings, f"tol_{kind}", _ACCURACY)
+        setattr(settings, f"reduced_tol_{kind}", _ACCEPTED)
+    A = np.concatenate((cones.n[:, None], cones.S), axis=1)
+    b = np.concatenate((cones.n_0[:, None], cones.s), axis=1)
+    kinds = [clarabel.SecondOrderConeT(A.shape[1])] * len(A)
+    program = csc_matrix((size, size)), cost, csc_matrix(-A.reshape(-1, size)), b.ravel(), kinds
+    solution = clarabel.DefaultSolver(*program, settings).solve()
+    is_solved = solution.status in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
+    return np.array(solution.x) if is_solved and solution.obj_val <= _LARGEST else None
+
+
+def _missing(cost: Array, cones: _Cones) -> float:
+    """Return the least y by which all cones must move until there is an x of an allowed cost in them."""
+    count, y = len(cones.n), np.append(np.zeros(len(cost)), 1.0)
+    n = np.vstack((np.hstack((cones.n, np.ones((count, 1)))), np.append(-cost, 0.0), y))
+    wider = _Cones(
+        S=np.pad(cones.S, ((0, 2), (0, 0), (0, 1))),
+        s=np.pad(cones.s, ((0, 2), (0, 0))),
+        n=n,
+        n_0=np.append(cones.n_0, (_LARGEST, 0.0)),
     )
-    outside = float((np.linalg.norm(cones.s, axis=1) - cones.n_0).max())
-    x = np.append(np.zeros(size), 1.0 + max(outside, 0.0))
-    x = _descend(np.append(np.zeros(size), 1.0), wider, x, enough=-_GAP)
-    return (x, x[-1]) if x[-1] >= 0.0 else (_descend(cost, limited, x[:-1]), x[-1])
-
-
-def _descend(cost: Array, cones: _Cones, x: Array, *, enough: float = -np.inf) -> Array:
-    """Return the x of least cost . x from one inside the cones, by Newton's method on a logarithmic barrier.
-
-    phi_t(x) = t cost . x - sum_i ln((n_i . x + n_0i)^2 - |S_i x + s_i|^2),    t = 1, 30, 900, ...
-
-    The minimiser of phi_t costs at most 2 c / t more than the least (Boyd and Vandenberghe, Convex
-    Optimization, 2004, section 11.3). phi_t is self-concordant: damped steps stay inside.
-
-    Args:
-        cost: shape (x,).
-        cones: cones.
-        x: start inside all of them.
-        enough: cost at which to end.
-    """
-    (S, s, n, n_0), t = cones, 1.0
-    shape = np.einsum("ci,cj->cij", n, n) - np.einsum("cki,ckj->cij", S, S)
-    while 2.0 * len(n) / t > _GAP:
-        for _ in range(_NEWTON_STEPS):
-            side, axis = S @ x + s, n @ x + n_0
-            f = axis**2 - (side**2).sum(axis=1)
-            slopes = 2.0 * (axis[:, None] * n - np.einsum("ck,cki->ci", side, S)) / f[:, None]
-            gradient = t * cost - slopes.sum(axis=0)
-            hessian = slopes.T @ slopes - 2.0 * np.einsum("cij,c->ij", shape, 1.0 / f)
-            step = -scipy.linalg.lstsq(hessian, gradient, lapack_driver="gelsy", check_finite=False)[0]
-            decrement = -float(gradient @ step)
-            if not decrement > _AT_REST:
-                break
-            x = x + step / (1.0 if decrement < _QUADRATIC else 1.0 + np.sqrt(decrement))
-            if cost @ x < enough:
-                return x
-        t *= _FASTER
-    return x
+    x = _least(y, wider)
+    return np.nan if x is None else float(x[-1])

@@ -1,13 +1,14 @@
 """Springs and dampers of compliant grasps: force elements between the tips of arms and the payload.
 
 ``GraspSprings`` has the places of ``spring_state`` in the tree of a cell. The steps of a run ask for it some
-thousand times a second: ``_write_wrenches`` is compiled for the joints of its tree.
+thousand times a second: ``_write_wrenches`` is compiled for the joints of its tree. Without llvmlite
+numpy runs the same function, and a run takes some six times as long.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cache
+from collections.abc import Callable, Sequence
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,13 +24,31 @@ from coop_pin.grasps.spring_damper import MovingFrame, SpringDamper, SpringState
 from coop_pin.model.cell_model import CellModel
 from coop_pin.model.pinocchio_model import frame_id, symmetric
 from coop_pin.tracing.kernel import Kernel, Layout, Program
-from coop_pin.tracing.llvm_machine import LlvmMachine
+from coop_pin.tracing.llvm_machine import LlvmMachine, can_compile
 
 _OF_JOINTS = "X_WJ", "V_J", "F_J", "dissipated"
 """Fields of the code that every rate reads or writes."""
 
 
-def _write_wrenches(kernel: Kernel, joints: Sequence[Sequence[int]]) -> None:
+class _Slots(NamedTuple):
+    """Slots of a block that code reads and writes by numpy, as of a kernel.
+
+    Attributes:
+        views: views of the slots, by name.
+    """
+
+    views: dict[str, Array]
+
+    def read(self, name: str) -> Array:
+        """Return a field of the block."""
+        return self.views[name]
+
+    def write(self, name: str, values: Any) -> None:
+        """Write a field of the block."""
+        self.views[name][...] = values
+
+
+def _write_wrenches(kernel: Kernel | _Slots, joints: Sequence[Sequence[int]]) -> None:
     """Write the states of grasps between frames E of the arms and G of the payload; add to F_J of the joints.
 
     A pose is [R^T; p^T], shape (4, 3). A wrench on the body of a joint is about its origin in its axes.
@@ -60,12 +79,14 @@ def _moving(X_WJ: Array, X_JF: Array, V_J: Array) -> MovingFrame:
 
 
 @cache
-def _compiled(joints: tuple[tuple[int, int], ...], count: int) -> tuple[Layout, LlvmMachine]:
-    """Return the slots of grasps between pairs of a tree's joints and the code that fills them."""
+def _compiled(joints: tuple[tuple[int, int], ...], count: int) -> tuple[Layout, LlvmMachine | None]:
+    """Return the slots of grasps between pairs of a tree's joints, and their code; None without llvmlite."""
     lanes, n = Layout(), len(joints)
     lanes.add(X_WJ=(count, 4, 3), V_J=(count, 2, 3), F_J=(count, 6), dissipated=())
     lanes.add(frames=(n, 2, 4, 3), stiffness=(n, 6), damping=(n, 6))
     lanes.add(on_body=(n, 6), wrench=(n, 6), power=(n,), position=(n, 3), rotation=(n, 3, 3))
+    if not can_compile():
+        return lanes, None
     kernel = Kernel("grasps", lanes, Layout())
     _write_wrenches(kernel, joints)
     return lanes, LlvmMachine(Program([kernel], lanes, 0, 0, np.array([(0, 0)])), 1, DiskCache())
@@ -121,7 +142,9 @@ class GraspSprings:
             pairs = tuple((arm.joint, payload.joint) for arm, payload in self._sides)
             lanes, machine = _compiled(pairs, model.njoints)
             block = np.zeros(lanes.size)
-            (self._call,), self._at = machine.single(block, np.zeros((1, 0))), lanes.views(block)
+            self._at = lanes.views(block)
+            by_numpy: list[Callable[[], object]] = [partial(_write_wrenches, _Slots(self._at), pairs)]
+            (self._call,) = machine.single(block, np.zeros((1, 0))) if machine else by_numpy
             self._rows = [self._at[name].reshape(-1).data for name in _OF_JOINTS]
         stiffness = np.array([grasp.stiffness for grasp in grasps.values()]).reshape(-1, 6)
         damping = [np.zeros(6) if g.damping is None else np.array(g.damping) for g in grasps.values()]

@@ -233,7 +233,7 @@ class _MonitoredCell:
 
     def _motion(self, t: float, q: Array, v: Array, payload: Surroundings) -> tuple[Array, Array]:
         """Return sbar and A = M_0 + sum (J M^-1 J^T)^-1 at a state, shapes (k_0,) and (k_0, k_0)."""
-        slots, rows = self.simulation.plant.chain.model.arms, list(self.rows.indices)
+        slots, rows = self.simulation.slots, list(self.rows.indices)
         first = self.models[0].payload_pose(q[slots[0].q_slice])
         M_0 = spatial_inertia(payload.mass, payload.inertia, first[:3, :3])
         A, sbar = M_0[np.ix_(rows, rows)], np.zeros(len(rows))
@@ -248,7 +248,7 @@ class _MonitoredCell:
 
     def _lyapunov(self, now: RecordedTick, Zbar: Array, Zbar_rate: Array, held: Array) -> dict[str, Any]:
         """Return V and its rates; held is what the plant says K sbar + Zbar is."""
-        model = self.simulation.plant.chain.mechanism.model
+        model = self.simulation.chain.mechanism.model
 
         def ahead(dt: float) -> tuple[Array, Array]:
             q = pin.integrate(model, now.q, dt * now.v + dt**2 / 2 * now.a)

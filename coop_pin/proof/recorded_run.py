@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.control import ArmMeasurement, ArmReference, CellCommand
 from coop_pin.description.events import Surroundings
+from coop_pin.model.cell_model import ArmPlace
 from coop_pin.results.run_result import RunResult
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.simulation import Simulation
+from coop_pin.simulation.tick import TickInputs
 
 _RECORDED = (
     "configuration",
     "velocity",
     "torque",
     "commanded_torque",
+    "saturated",
     "interaction_wrench",
     "internal_wrench",
     "desired_internal_wrench",
 )
-_BESIDE = 1e-6
-"""Part of a period by which the time just before or just after a tick differs from the tick's."""
 
 
 class ArmTick(NamedTuple):
@@ -92,46 +94,57 @@ def recorded_ticks(result: RunResult, simulation: Simulation) -> Iterator[Record
         ArgumentError: a grasp is compliant.
     """
     result.scenario.cell.require_rigid("the monitor of a law's proof")
-    data, rows = result.data, list(result.scenario.cell.task_rows.indices)
-    plant, sensing, chain = simulation.plant, simulation.sensing, simulation.plant.chain
-    beside, slots = _BESIDE * simulation.timeline.period, chain.model.arms
-    recorded = {name: np.nan_to_num(data[name].values) for name in _RECORDED}
-    applied: Any = None
-    for k, (t, signals) in enumerate(zip(data["time"].values.tolist(), simulation.signals(), strict=False)):
-        plant.q, plant.v, plant.time = recorded["configuration"][k], recorded["velocity"][k], t
-        references = simulation.references(t)
-        if k == 0:
-            measured = sensing.start(plant.q, plant.v, references, signals.sensors)
-        else:
-            plant.surround(simulation.scenario.surroundings_at(t - beside))
-            measured = sensing.measure(t, plant, applied, signals.sensors)
-        plant.surround(simulation.scenario.surroundings_at(t + beside))
-        torques, commanded = (
-            [tau[: len(slot.drive)] for tau, slot in zip(recorded[name][k], slots, strict=True)]
-            for name in ("torque", "commanded_torque")
+    times, plant = result.data["time"].values.tolist(), simulation.plant
+    at = PinocchioPlant(simulation.chain, result.scenario.plant, plant.q)
+    recorded = {name: np.nan_to_num(result.data[name].values) for name in _RECORDED}
+    for k, t in enumerate(times):
+        sample = {name: values[k] for name, values in recorded.items()}
+        q, v = sample["configuration"], sample["velocity"]
+        plant.restore(plant.state()._replace(q=q, v=v, time=t, force=at.force))
+        inputs = simulation.observe()
+        at.restore(plant.state())
+        yield _recorded_tick(at, simulation.slots, sample, inputs)
+        if k + 1 < len(times):  # the last one may diverge, as the run did
+            commanded = [
+                tau[: len(slot.drive)]
+                for tau, slot in zip(sample["commanded_torque"], simulation.slots, strict=True)
+            ]
+            simulation.step(CellCommand(commanded, None))
+
+
+def _recorded_tick(
+    at: PinocchioPlant, slots: Sequence[ArmPlace], sample: Mapping[str, Array], inputs: TickInputs
+) -> RecordedTick:
+    """Return one tick of the cell.
+
+    Args:
+        at: Plant at the state of the tick.
+        slots: Positions of the arms in q and v.
+        sample: Recorded quantities of the tick, by name.
+        inputs: What the law gets.
+    """
+    drives = [slice(len(slot.drive)) for slot in slots]
+    at.drive([tau[k] for tau, k in zip(sample["torque"], drives, strict=True)])
+    chain, q, v, rows = at.chain, at.q, at.v, list(at.chain.cell.task_rows.indices)
+    friction, pushed = chain.transmission.friction(v), at.generalised_force()
+    a = np.array(chain.mechanism.solver.acceleration(q, v, pushed))
+    forces = pushed - chain.payload_jacobian(q).T @ at.payload_wrench(q, v, at.time)
+    arms = tuple(
+        ArmTick(
+            q=q[slot.q_slice],
+            v=v[slot.v_slice],
+            a=a[slot.v_slice],
+            friction=friction[slot.v_slice],
+            forces=forces[slot.v_slice],
+            tau=sample["torque"][i, drives[i]],
+            commanded=sample["commanded_torque"][i, drives[i]],
+            saturated=sample["saturated"][i, drives[i]].astype(bool),
+            F=sample["interaction_wrench"][i],
+            f=sample["internal_wrench"][i, rows],
+            f_d=sample["desired_internal_wrench"][i, rows],
+            measured=inputs.measurements[i],
+            reference=inputs.references[i],
         )
-        applied = simulation.actuation.apply(t, CellCommand(commanded, None), signals.missed)
-        plant.hold(plant.transmission.torque(torques))
-        friction, pushed = plant.transmission.friction(plant.v), plant.generalised_force()
-        a = np.array(chain.mechanism.solver.acceleration(plant.q, plant.v, pushed))
-        push = plant.payload_wrench(plant.q, plant.v, t)
-        forces = pushed - chain.payload_jacobian(plant.q).T @ push
-        arms = tuple(
-            ArmTick(
-                q=plant.q[slot.q_slice],
-                v=plant.v[slot.v_slice],
-                a=a[slot.v_slice],
-                friction=friction[slot.v_slice],
-                forces=forces[slot.v_slice],
-                tau=torques[i],
-                commanded=commanded[i],
-                saturated=applied.saturated[i],
-                F=recorded["interaction_wrench"][k, i],
-                f=recorded["internal_wrench"][k, i, rows],
-                f_d=recorded["desired_internal_wrench"][k, i, rows],
-                measured=measured[i],
-                reference=references[i],
-            )
-            for i, slot in enumerate(slots)
-        )
-        yield RecordedTick(t, plant.q, plant.v, a, plant.surroundings, arms)
+        for i, slot in enumerate(slots)
+    )
+    return RecordedTick(at.time, q, v, a, at.surroundings, arms)

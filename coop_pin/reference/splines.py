@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from functools import cached_property
-from typing import ClassVar, Literal, NamedTuple, Self
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import model_validator
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import AmbiguousTurnError, ArgumentError, FieldError, OutOfRangeError
-from coop_pin.base.schema.base import WithLaterFields
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import quaternions
 from coop_pin.reference.pose_reference import PoseReference, PoseTarget, make_target
@@ -180,7 +179,7 @@ class Waypoint(Pose):
     time: float
 
 
-class WaypointsMotion(WithLaterFields, PoseReference):
+class WaypointsMotion(PoseReference):
     """Spline through poses at their times, at rest before the first and after the last.
 
     To stop at a pose between, give it twice. Times that are spaced very unevenly make the path swing out.
@@ -189,8 +188,6 @@ class WaypointsMotion(WithLaterFields, PoseReference):
         points: two or more, their times increasing.
         stops: whether it rests at every point: straight lines by quintics, which do not swing out.
     """
-
-    later_fields: ClassVar[tuple[str, ...]] = ("stops",)
 
     kind: Literal["waypoints"] = "waypoints"
     points: tuple[Waypoint, ...]

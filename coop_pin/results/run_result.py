@@ -54,7 +54,7 @@ class RunResult:
 
     ENDED_BY = "ended_by"
     """Attribute of ``data``: class of the error that ended the run, if one did."""
-    ENGINE = "engine"
+    ENGINE, USUAL_ENGINE = "engine", "pinocchio"
     """Attribute of ``data``: what computed the motion, unless it was Pinocchio."""
     EVERY_TICK = "every_tick"
     """Attribute of ``data`` of runs that keep every n-th tick: what is known of all ticks, as JSON."""
@@ -97,8 +97,8 @@ class RunResult:
 
     @property
     def engine(self) -> str:
-        """What computed the run: "pinocchio", "traced" or "batch"."""
-        return str(self._texts.get(self.ENGINE, "pinocchio"))
+        """What computed the run: "pinocchio" or "compiled"."""
+        return str(self._texts.get(self.ENGINE, self.USUAL_ENGINE))
 
     @property
     def _texts(self) -> Mapping[str, str]:
@@ -320,8 +320,9 @@ class RunResult:
         try:
             scenario = Scenario.from_toml(text)
         except (ScenarioError, FileReadError) as error:
-            unreadable = f"{path} holds a scenario that this version of coop_pin cannot read"
-            raise FileReadError(f"{unreadable}: {error}") from None
+            unreadable = f"{path} holds a scenario that this version of coop_pin cannot read ({error})"
+            command = f"coop-pin run {path.with_name('scenario.toml')} --out {path.parent}"
+            raise FileReadError(f"{unreadable}; mend it and repeat it: {command}") from None
         if missing := [q.name for q in quantities(scenario) if q.stored and q.name not in data]:
             advice = "it was written by another version of coop_pin: run its scenario again"
             raise FileReadError(f"{path} lacks {', '.join(missing)}; {advice}")

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from coop_pin.base.errors import ArgumentError, CoopPinError, ScenarioWarning, TracingError
+from coop_pin.base.errors import ScenarioWarning, TracingError
 from coop_pin.compiled.engine_choice import choose_engine, plant_of, saved_by_auto
-from coop_pin.compiled.engines import PREVIOUS, Engine
+from coop_pin.compiled.engines import Engine, engine_named
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Observer
@@ -45,22 +45,22 @@ def run(
         scenario: a Scenario, a name in the catalogue, or the path of a TOML file.
         overrides: fields to change, by dotted path, for example ``{"controller.gains.sign_gain": 0.0}``;
             ``{"clock.steps_per_tick": "auto"}`` is the fewest steps that keep 1e-8 m, see ``fewest_steps``.
-        progress: function that is called with (ticks done, ticks in all): after every tick, by engine "batch"
-            after some hundred.
+        progress: function that is called with (ticks done, ticks in all): after every tick, of compiled
+            runs after some hundred.
         view: function that is called with a snapshot after every tick, for example what
             coop_pin.open_view returns.
         realtime_rate: simulated seconds in one second of wall time; inf is as fast as possible. When omitted
             1 with a view, otherwise inf.
         stop_at_breach: end the run at its first breach of the scenario's trust thresholds.
-        engine: engine of the run. "traced" is a compiled plant, "batch" compiled code of plant, sensors
-            and law: faster, and equal to rounding. A run by "batch" that breaks off is repeated by "traced",
-            which tells its error. "auto" takes the fastest for this length; see ``choose_engine``.
+        engine: engine of the run. "compiled" is faster, and equal to rounding: code of plant, sensors, law
+            and drives where they can be compiled and nothing is to be done at every tick, otherwise of the
+            plant alone; the log says which. A run of the first kind that breaks off is repeated as one of the
+            second, which tells its error. "auto" takes the fastest for this length; see ``choose_engine``.
         warn: whether to look for what makes the run doubtful; that takes a part of a second.
 
     Raises:
         ScenarioError: the scenario has mistakes.
-        ArgumentError: engine "traced" does not have the scenario's plant, or "batch" not its law, or
-            something else is to be done at every tick.
+        FieldError: engine "compiled" does not have the scenario's plant or one of its events.
         CoopPinError: the run could not start, or broke off; ``error.result`` holds what was computed.
     """
     if not isinstance(scenario, Scenario):
@@ -71,12 +71,11 @@ def run(
     for warning in run_warnings(scenario, controller) if warn else ():
         warnings.warn(warning, ScenarioWarning, stacklevel=2)
     is_live = view is not None or stop_at_breach or realtime_rate not in (None, math.inf)
-    chosen = _chosen(scenario, PREVIOUS.get(engine, engine), is_live)
-    if chosen == "batch":
-        result = _run_as_lane(scenario, progress, is_named=engine == "batch")
-        if result is not None:
-            return result
-        chosen = "traced"
+    choice = choose_engine(scenario, engine_named(engine, "engine"), is_live=is_live)
+    _LOG.info(choice.summary())
+    result = _run_as_lane(scenario, progress) if choice.way == "lanes" else None
+    if result is not None:
+        return result
     started = time.perf_counter()
     result = simulate(
         scenario,
@@ -85,48 +84,31 @@ def run(
         view=view,
         realtime_rate=realtime_rate,
         stop_at_breach=stop_at_breach,
-        plant=plant_of(chosen),
+        plant=plant_of(choice.engine),
     )
-    if chosen == "pinocchio" and warn and not is_live:
+    if choice.engine == "pinocchio" and warn and not is_live:
         saved = saved_by_auto(scenario, time.perf_counter() - started)
         if saved > _WORTH_A_HINT:
             _LOG.warning("engine 'auto' would have saved about %.0f s of this run", saved)
     return result
 
 
-def _chosen(scenario: Scenario, engine: str, is_live: bool) -> str:
-    """Return the engine of a run; raises ArgumentError as run."""
-    if engine == "auto":
-        choice = choose_engine(scenario, is_live=is_live)
-        level = logging.WARNING if choice.obstacle == "live" else logging.INFO
-        _LOG.log(level, "engine %r: %s", choice.engine, choice.reason)
-        return choice.engine
-    if engine == "batch" and is_live:
-        detail = "a view, pacing or a stop at a breach needs every tick; choose engine 'traced'"
-        raise ArgumentError(f"engine 'batch' does not fit: {detail}")
-    return engine
-
-
-def _run_as_lane(scenario: Scenario, progress: Progress | None, *, is_named: bool) -> RunResult | None:
-    """Return the result of a run by compiled code; None where a single run must tell its error.
+def _run_as_lane(scenario: Scenario, progress: Progress | None) -> RunResult | None:
+    """Return the result of a run by compiled code; None where it is repeated with an interpreted law.
 
     Args:
         scenario: Scenario to run.
         progress: Function that is called after chunks of ticks.
-        is_named: Whether nothing but compiled code was asked for.
     """
     from coop_pin.compiled.lane import Lane  # a run by Pinocchio does without its compiler
 
     try:
         lane = Lane(scenario)
-    except TracingError as error:
-        if is_named:
-            raise ArgumentError(f"engine 'batch' does not fit: {error}; choose engine 'traced'") from None
-        _LOG.warning("engine 'traced': %s", error)
+    except Exception as error:  # also of a user's motion, at a tick that the other run tells
+        _LOG.info("the law is interpreted: %s: %s", type(error).__name__, error)
         return None
-    except CoopPinError:  # the single run ends with it
+    try:
+        return lane.run(progress)
+    except TracingError as error:  # a user's law keeps state besides that of init and step
+        _LOG.warning("the law is interpreted: %s", error)
         return None
-    except Exception as error:  # of a user's motion, at a tick that the single run will tell
-        _LOG.warning("engine 'traced': %s: %s", type(error).__name__, error)
-        return None
-    return lane.run(progress)

@@ -1,9 +1,11 @@
 """Simulation: one run of a scenario, tick by tick: plant, sensors, law, drives, events, recorder.
 
-Open first: ``simulation`` (the loop, and the order of the stages of a tick), ``plant`` (what happens between
-two ticks: held torques, friction, forces on the payload), ``devices`` (sensors, drives, servos, network).
+Open first: ``timeline`` (the order of the stages of a tick, and when events happen), ``plant`` (what a run
+asks of a simulator of the cell; ``pinocchio_plant`` is one, a second simulator would be another),
+``devices`` (sensors, drives, servos, network).
 
-- ``simulate``: a whole run. ``tick``: inputs of a tick, for every engine. ``timeline``: ticks, steps, events.
+- ``loop`` (runs the stages), ``simulation`` (changes of a run that goes on), ``simulate`` (a whole run).
+- ``tick``: signals and inputs of a tick, for every engine. ``references``: desired motion of each arm.
 - ``build_controller``: the law that a scenario names.
 - ``recorder`` (what is kept of each tick), ``run_state`` (state from which a run goes on).
 - ``realtime``: pacing by the clock on the wall.

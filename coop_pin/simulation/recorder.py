@@ -5,15 +5,18 @@ from __future__ import annotations
 import contextlib
 import copy
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coop_pin.base.arrays import Array, frozen
+from coop_pin.base.arrays import Array, Mask, frozen
 from coop_pin.base.errors import CoopPinError, NotEnoughMemoryError
 from coop_pin.base.memory import free_memory
 from coop_pin.description.scenario import Scenario
+from coop_pin.model.cell_model import ArmPlace
+from coop_pin.model.joint_limits import JointLimits
 from coop_pin.results.quantities import (
     WORK,
     WORK_OF_GRASPS,
@@ -79,20 +82,27 @@ class Recorder:
         determined: rows of the interaction wrenches that are determinate; see RigidGrasps.
     """
 
-    def __init__(self, scenario: Scenario, plant: Plant, timeline: Timeline) -> None:
-        self.scenario, self._cell, self._plant = scenario, scenario.cell, plant
-        self._limits = [arm.limits for arm in plant.chain.arms]
+    def __init__(
+        self,
+        scenario: Scenario,
+        plant: Plant,
+        timeline: Timeline,
+        slots: Sequence[ArmPlace],
+        limits: Sequence[JointLimits],
+        determined: Mask,
+    ) -> None:
+        """Begin without samples; limits of each arm, and determined as the attribute, shape (6,)."""
+        self.scenario, self._cell, self._plant, self._arms = scenario, scenario.cell, plant, slots
+        self._limits, self.determined = limits, determined
         self.count, self._thinned, self._held_from, self._observed = 0, 0, 0, 0
         self.table = quantities(scenario)
-        self.determined = plant.chain.rigid.determinate_rows(plant.q)
         self._every = scenario.clock.record_every
-        arms, model, rows = plant.chain.model.arms, plant.chain.mechanism.model, scenario.cell.task_rows.size
-        joints = max(len(arm.drive) for arm in arms)
+        joints, rows = max(len(arm.drive) for arm in slots), scenario.cell.task_rows.size
         self._length = timeline.ticks // self._every + 1 + (_BLOCK if self._every > 1 else 0)
-        patches = len(plant.chain.patches)
-        self._sizes = {"q": model.nq, "v": model.nv, "arm": len(arms), "joint": joints, "patch": patches}
+        nq, nv, patches = len(plant.q), len(plant.v), len(scenario.cell.patches) + len(scenario.cell.tables)
+        self._sizes = {"q": nq, "v": nv, "arm": len(slots), "joint": joints, "patch": patches}
         self._block = 1 if patches else _BLOCK  # the plant remembers no bristles of earlier samples
-        size = bytes_per_sample(self.table, self._sizes) + 8 * (rows + 1) * model.nv
+        size = bytes_per_sample(self.table, self._sizes) + 8 * (rows + 1) * nv
         self.memory = float(self._length * size)
         if self.memory > (free := free_memory()):
             fits = math.ceil(self._every * self.memory / max(1.0, _FREE_PART * free))
@@ -102,23 +112,20 @@ class Recorder:
         self._samples: Samples = {}  # allocated for the first tick: a run as one lane of a batch has none
         self._is_shared = False
         self._running = RunningMetrics(scenario, self.labels()) if self._every > 1 else None
-        self._angles = [arm.posture for arm in arms]
+        self._angles = [arm.posture for arm in slots]
         self._monitor = TrustMonitor(scenario.trust, self.joints, *self.limit_table()[:2])
 
     def _allocate(self) -> None:
         """Replace the samples by empty ones, which nothing that was handed out shares."""
-        count, plant, arms = self._length, self._plant, self._plant.chain.model.arms
+        count, plant, arms = self._length, self._plant, self._arms
         self._samples, self._is_shared = allocate(self.table, count, self._sizes), False
         self._work = np.full((count, len(plant.work)), np.nan)
         self._samples |= zip((*WORK, *WORK_OF_GRASPS)[: len(plant.work)], self._work.T, strict=True)
         self._read = [(each.read, *self._columns(each)) for each in self.table if each.read]
         rows = self._cell.task_rows.size
         self._jacobians = [np.zeros((count, rows, len(arm.drive))) for arm in arms]
-        self._turned = {
-            index: np.zeros((count, len(arm.drive)))
-            for index, arm in enumerate(arms)
-            if not arm.angles.is_vector
-        }
+        turning = [index for index, arm in enumerate(arms) if not arm.angles.is_vector]
+        self._turned = {index: np.zeros((count, len(arms[index].drive))) for index in turning}
         self._forces = np.zeros((count, self._sizes["v"]))
 
     def record(self, time: float, inputs: TickInputs, applied: Applied, shares: Array) -> None:
@@ -144,16 +151,10 @@ class Recorder:
             "desired_pose": target.X_WP_d,
             "desired_twist": target.V_WP_d,
             "desired_squeeze": squeeze,
-            "external_wrench": plant.payload_wrench(plant.q, plant.v, time),
             "closure_distance": distances,
             "closure_angle": angles,
         }.items():
             samples[name][sample] = value
-        if plant.surroundings.partners:
-            partner = plant.partners(plant.q, plant.v, time)[-1]
-            samples["partner_wrench"][sample] = partner.wrench
-            samples["partner_deflection"][sample] = partner.deflection
-            samples["partner_energy"][sample] = partner.energy
         if "load_share" in samples:
             samples["load_share"][sample] = shares
         for read, columns, entries in self._read:
@@ -165,7 +166,7 @@ class Recorder:
             jacobians[sample] = measurement.payload_jacobian
         for index, turned in self._turned.items():
             # Full turns are counted at every tick: between kept samples a joint may make several.
-            arm = plant.chain.model.arms[index]
+            arm = self._arms[index]
             along = arm.angles.along(plant.q[None, arm.q_slice], self._angles[index])
             turned[sample] = self._angles[index] = along[0]
         self._work[sample], self._forces[sample] = plant.work, plant.force
@@ -186,7 +187,8 @@ class Recorder:
         self.scenario = scenario
         if self._is_shared or not self._samples:
             self._allocate()
-        self.count, self._thinned, self._held_from, self._observed = state[:4]
+        self.count, self._thinned = state.size, state.thinned
+        self._held_from, self._observed = state.held_from, state.observed
         self._angles = list(state.angles)
         self._monitor, self._running = copy.deepcopy((state.monitor, state.running))
         for table, samples in zip(self._tables(), state.samples, strict=False):  # none before the first tick
@@ -237,7 +239,7 @@ class Recorder:
 
     def _columns(self, quantity: Quantity) -> tuple[list[Array], list[int] | None]:
         """Return the samples of each arm, or of a quantity of no arm, and their entries; None for all."""
-        samples, arms = self._samples[quantity.name], self._plant.chain.model.arms
+        samples, arms = self._samples[quantity.name], self._arms
         match quantity.dims.split():
             case []:
                 return [samples], None
@@ -260,11 +262,7 @@ class Recorder:
         return Snapshot(time=float(values["time"][0]), **arrays)
 
     def result(self, scenario: Scenario) -> RunResult:
-        """Return the result up to the last recorded tick whose wrenches are finite.
-
-        Args:
-            scenario: Scenario that was run.
-        """
+        """Return the result of the scenario that was run, to the last tick whose wrenches are finite."""
         from coop_pin.results.dataset import dataset  # slow to load
 
         self._is_shared = True
@@ -276,7 +274,7 @@ class Recorder:
         if self._running is not None:
             held = computed(self.table, self._kept(slice(self._thinned, self.count)), self._cell.shares)
             data.attrs[RunResult.EVERY_TICK] = self._running.finished(held, scenario).to_text()
-        if self._plant.engine != Plant.engine:
+        if self._plant.engine != RunResult.USUAL_ENGINE:
             data.attrs[RunResult.ENGINE] = self._plant.engine
         return RunResult(scenario, data)
 
@@ -287,13 +285,13 @@ class Recorder:
     @property
     def joints(self) -> list[tuple[str, list[str]]]:
         """Name of each arm and names of its joints."""
-        return [(arm.name, list(arm.joint_names)) for arm in self._plant.chain.model.arms]
+        return [(arm.name, list(arm.joint_names)) for arm in self._arms]
 
     def _kept(self, ticks: slice) -> Samples:
         """Return what was recorded at some ticks, without the wrenches that rigid bodies do not determine."""
         samples: Samples = {name: values[ticks] for name, values in self._samples.items()}
         samples["interaction_wrench"][..., ~self.determined] = np.nan
-        arms, q, v = self._plant.chain.model.arms, samples["configuration"], samples["velocity"]
+        arms, q, v = self._arms, samples["configuration"], samples["velocity"]
         return samples | {
             "angles": [
                 self._turned[index][ticks] if index in self._turned else arm.angles.of(q[:, arm.q_slice])

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from coop_pin.base.errors import ArgumentError
 from coop_pin.control import CellController
+from coop_pin.description.grasp_events import MissedGrasp
 from coop_pin.description.scenario import Scenario
 from coop_pin.reference.pose_reference import PoseReference
 from coop_pin.reference.squeeze import SqueezeReference
@@ -31,6 +32,7 @@ class RunState(NamedTuple):
         controller_state: state that it returned last.
         motion: the desired motion.
         squeeze: the desired internal wrenches.
+        missed: grasps that did not happen.
         replaced: sentences for the result's summary on what was replaced.
         inputs: inputs of a tick that was observed and is not done yet.
         applied: torques of the last tick.
@@ -47,6 +49,7 @@ class RunState(NamedTuple):
     controller_state: Any
     motion: PoseReference
     squeeze: SqueezeReference
+    missed: tuple[MissedGrasp, ...]
     replaced: tuple[str, ...]
     inputs: TickInputs | None
     applied: Applied | None

@@ -12,7 +12,8 @@ from coop_pin.control import CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Observer, ThrottledObserver
-from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
+from coop_pin.simulation.plant import PlantMaker
 from coop_pin.simulation.realtime import RealtimePacer
 from coop_pin.simulation.simulation import Simulation
 
@@ -28,7 +29,7 @@ def simulate(
     view: Observer | None = None,
     realtime_rate: float | None = None,
     stop_at_breach: bool = False,
-    plant: type[Plant] = Plant,
+    plant: PlantMaker = PinocchioPlant,
 ) -> RunResult:
     """Return the result of a controller on the plant of a scenario.
 
@@ -41,7 +42,7 @@ def simulate(
         realtime_rate: simulated seconds in one second of wall time; inf is as fast as possible. When omitted
             1 with a view, otherwise inf.
         stop_at_breach: end the run at its first breach of the scenario's trust thresholds.
-        plant: Class that computes the motion.
+        plant: Maker of the plant, as of Simulation.
 
     Raises:
         UnreachablePoseError: the start is out of an arm's reach.

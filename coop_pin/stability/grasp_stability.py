@@ -92,7 +92,7 @@ def grasp_stability(simulation: Simulation) -> GraspStability:
         ArgumentError: all grasps are rigid.
         SingularJacobianError: an arm is singular.
     """
-    cell, plant = simulation.scenario.cell, simulation.plant
+    cell, chain, q = simulation.scenario.cell, simulation.chain, simulation.plant.q
     if not cell.unclosed:
         raise ArgumentError(
             "grasp_stability needs a compliant grasp or a patch; loop_stability is for rigid ones"
@@ -101,12 +101,12 @@ def grasp_stability(simulation: Simulation) -> GraspStability:
     radius = loop.radius(1.0)
     is_stable = radius < 1.0 + NEUTRAL
     holds_from = 1.0 if is_stable else loop.least_factor()
-    springs, patches = plant.chain.springs, plant.chain.patches
-    deflection = springs.at(plant.q, plant.v).deflection if springs.arms else np.zeros((0, 6))
-    gaps = [plant.chain.gap(arm, plant.q) for arm in patches.arms]
+    springs, patches = chain.springs, chain.patches
+    deflection = springs.at(q, simulation.plant.v).deflection if springs.arms else np.zeros((0, 6))
+    gaps = [chain.gap(arm, q) for arm in patches.arms]
     distances = [*np.linalg.norm(deflection[:, :3], axis=1), *(gap.distance for gap in gaps)]
     angles = [*np.linalg.norm(deflection[:, 3:], axis=1), *(gap.angle for gap in gaps)]
-    seen = np.array([X.translation for part in (springs, patches) for X in part.seen_poses(plant.q)])
+    seen = np.array([X.translation for part in (springs, patches) for X in part.seen_poses(q)])
     soft = [min(grasp.stiffness[:3]) for grasp in cell.compliant.values()]
     soft += [min(grasp.stiffness, grasp.shear_stiffness) for grasp in cell.patches.values()]
     return GraspStability(
@@ -125,7 +125,7 @@ def grasp_stability(simulation: Simulation) -> GraspStability:
 def _wrench_errors(simulation: Simulation) -> Callable[[Array, Array], Array] | None:
     """Return the internal wrenches at a state minus those at the start; None if they are not fed back."""
     scenario, plant = simulation.scenario, simulation.plant
-    cell, chain, plan = scenario.cell, plant.chain, scenario.grasp_plan_at(0.0)
+    cell, chain, plan = scenario.cell, simulation.chain, scenario.grasp_plan_at(0.0)
     if not scenario.controller.force_path.measures or len(cell.unclosed) < len(cell.arms):
         return None
     springs, patches = chain.springs, chain.patches
@@ -195,7 +195,7 @@ class _GraspLoop:
 
     def radius(self, stiffer: float) -> float:
         """Return the largest ``|z|`` with the stiffness times a factor, at the same damping ratios."""
-        A, basis = plant_matrix(self._simulation, self._simulation.plant.q, stiffer)
+        A, basis = plant_matrix(self._simulation.chain, self._simulation.plant.q, stiffer)
         turn = np.kron(np.eye(2), basis.T @ self._N)  # both are bases of the same motions
         A, n = turn.T @ A @ turn, len(A) // 2
         springs = np.repeat((stiffer, math.sqrt(stiffer)), n)  # wrenches of springs, and of dampers

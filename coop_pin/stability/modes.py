@@ -92,7 +92,7 @@ def fastest_joints(simulation: Simulation, mode: Array) -> tuple[str, ...]:
     """Return the joints that move fastest in a mode, the fastest first."""
     speeds = {
         name: float(speed)
-        for slot in simulation.plant.chain.model.arms
+        for slot in simulation.slots
         for name, speed in zip(slot.angles.names, mode[slot.v_slice], strict=True)
     }
     fastest = sorted(speeds, key=lambda name: -speeds[name])
@@ -101,7 +101,7 @@ def fastest_joints(simulation: Simulation, mode: Array) -> tuple[str, ...]:
 
 def damping_matrix(simulation: Simulation, q: Array, torque: Callable[[Array], Array]) -> Array:
     """Return D = -d(acceleration)/dv through a torque, with the closures closed."""
-    chain, rest = simulation.plant.chain.mechanism, np.zeros(len(simulation.plant.v))
+    chain, rest = simulation.chain.mechanism, np.zeros(len(simulation.plant.v))
     speeds = [chain.project_velocity(q, row) for row in np.eye(len(rest))]
     torques = [rest, *((torque(-v) - torque(v)) / 2.0 for v in speeds)]
     still, *damped = (chain.forward_dynamics(q, rest, tau).acceleration for tau in torques)

@@ -41,13 +41,13 @@ class RestingLaw:
         Raises:
             SingularJacobianError: an arm is singular there.
         """
-        plant, scenario = simulation.plant, simulation.scenario
+        chain, scenario = simulation.chain, simulation.scenario
         self._simulation, self._time = simulation, time if seen_at is None else seen_at
-        self._rest, X_WP = np.zeros(len(plant.v)), plant.chain.payload_pose(q)
+        self._rest, X_WP = np.zeros(chain.mechanism.model.nv), chain.payload_pose(q)
         holding = simulation.actuation.holding_commands(q)
         ideal = scenario.with_ideal_sensors
-        self._sensing = Sensing(ideal, plant.chain, holding_torques=lambda _q: holding)
-        self._signals = next(SignalSource(ideal, plant.chain.model.arms).rows()).sensors
+        self._sensing = Sensing(ideal, simulation.slots, chain.arms, holding_torques=lambda _q: holding)
+        self._signals = next(SignalSource(ideal, simulation.slots).rows()).sensors
         self._law, is_zeroed = simulation.controller, scenario.controller.near_rest.is_zeroed
         if is_zeroed:  # at this pose, not where the start is
             self._law = build_controller(scenario.replace(start=Pose.from_matrix(X_WP)))
@@ -67,7 +67,7 @@ class RestingLaw:
 
     def moving(self, v: Array) -> list[ArmMeasurement]:
         """Return the measurements at the pose at a velocity, shape (nv,)."""
-        slots = self._simulation.plant.chain.model.arms
+        slots = self._simulation.slots
         rates = [frozen(slot.drive.dot(v[slot.v_slice])) for slot in slots]
         return [
             seen._replace(v=rate, payload_twist=frozen(seen.payload_jacobian.dot(rate)))
@@ -89,4 +89,4 @@ class RestingLaw:
         seen = [arm._replace(messages=each.messages) for arm, each in zip(seen, messages, strict=True)]
         command = self._law.step(seen, self.references, state)
         torques = simulation.actuation.torques_of(command)
-        return simulation.plant.transmission.torque(torques), command.state
+        return simulation.chain.transmission.torque(torques), command.state

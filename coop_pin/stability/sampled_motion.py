@@ -141,9 +141,9 @@ def sampled_motion(
     Raises:
         SingularJacobianError: an arm is singular there.
     """
-    plant, scenario = simulation.plant, simulation.scenario
-    chain, rest = plant.chain.mechanism, np.zeros(len(plant.v))
-    law, motions = RestingLaw(simulation, q, time, seen_at=_SETTLED), Motions.at(plant.chain, q)
+    scenario, chain = simulation.scenario, simulation.chain
+    mechanism, rest = chain.mechanism, np.zeros(chain.mechanism.model.nv)
+    law, motions = RestingLaw(simulation, q, time, seen_at=_SETTLED), Motions.at(chain, q)
     N = motions.basis
 
     def step(seen: Any, q: Array, v: Array, state: object) -> tuple[Array, object]:
@@ -153,8 +153,8 @@ def sampled_motion(
                 for arm, error in zip(seen, wrench_errors(q, v), strict=True)
             ]
         torque, state = law.step(seen, state)
-        torque = torque + plant.transmission.torque(simulation.actuation.carried(q))
-        return N.T @ chain.forward_dynamics(q, rest, torque).acceleration, state
+        torque = torque + chain.transmission.torque(simulation.actuation.carried(q))
+        return N.T @ mechanism.forward_dynamics(q, rest, torque).acceleration, state
 
     def response(seen: Any, moved: Array, v: Array) -> Array:
         now, state = step(seen, moved, v, law.state)
@@ -163,7 +163,7 @@ def sampled_motion(
         return np.concatenate((now, kept))
 
     def responses(y: Array) -> list[Array]:
-        moved = pin.integrate(chain.model, q, y)
+        moved = pin.integrate(mechanism.model, q, y)
         return [response(law.measured(moved), moved, rest), response(law.moving(y), q, y)]
 
     ends = np.array([responses(h * row) for row in N.T for h in (_SMALL, -_SMALL)])

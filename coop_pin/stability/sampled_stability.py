@@ -124,7 +124,7 @@ def configurations_along(
         cell_reach: Reachability, likewise.
         most: Number of poses, at most.
     """
-    model, reaches = simulation.plant.chain.model, cell_reach.arms
+    model, reaches = simulation.chain.model, cell_reach.arms
     lead = CellArm(simulation.scenario.cell, reaches[0].arm)
     # Of the poses at t = 0, which lead to the reference, the last.
     samples = list({time: sample for sample, time in enumerate(reaches[0].times.tolist())}.items())

@@ -12,7 +12,8 @@ from coop_pin.base.arrays import Array, as_positive, require_type
 from coop_pin.base.errors import DivergedError, OutOfRangeError
 from coop_pin.description.scenario import Scenario
 from coop_pin.simulation.build_controller import build_controller
-from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
+from coop_pin.simulation.plant import PlantMaker
 from coop_pin.simulation.simulate import simulate
 
 STEPS_FIELD, AUTO = "clock.steps_per_tick", "auto"
@@ -65,7 +66,7 @@ def with_changes(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
     return fewest_steps(scenario.override(others), error=AUTO_ERROR).scenario
 
 
-def fewest_steps(scenario: Scenario, *, error: float = 1e-9, plant: type[Plant] = Plant) -> StepSize:
+def fewest_steps(scenario: Scenario, *, error: float = 1e-9, plant: PlantMaker = PinocchioPlant) -> StepSize:
     """Return the fewest integration steps in a tick, of 1, 2, 4, ... 64, whose run keeps an error.
 
     With x the payload's position and the closure errors of the arms at the recorded ticks, ``|.|`` the
@@ -82,7 +83,7 @@ def fewest_steps(scenario: Scenario, *, error: float = 1e-9, plant: type[Plant] 
     Args:
         scenario: scenario that would be run; a shorter duration or fewer events give what suffices for these.
         error: limit of the position of the payload and of the closure errors, m.
-        plant: class that computes the motion.
+        plant: Maker of the plant, as of Simulation.
 
     Raises:
         OutOfRangeError: no number of steps keeps it, with the smallest error found.
@@ -109,7 +110,7 @@ def fewest_steps(scenario: Scenario, *, error: float = 1e-9, plant: type[Plant] 
     )
 
 
-def _positions(scenario: Scenario, steps: int, plant: type[Plant]) -> Array:
+def _positions(scenario: Scenario, steps: int, plant: PlantMaker) -> Array:
     """Return the payload's position and each arm's closure error at the recorded ticks, shape (k, 3 + m)."""
     scenario = scenario.override({STEPS_FIELD: steps})
     data = simulate(scenario, build_controller(scenario), plant=plant).data

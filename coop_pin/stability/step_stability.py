@@ -12,6 +12,7 @@ from coop_pin.base.arrays import Array, typed
 from coop_pin.base.bisection import edge
 from coop_pin.description.events import Partner
 from coop_pin.feasibility.reachability import Reachability
+from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.grasps.partner import partner_matrices
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.modes import NEUTRAL, damping_matrix, fastest_joints, motion_basis
@@ -93,11 +94,11 @@ def step_stability(simulation: Simulation, cell_reach: Reachability | None = Non
 
 def _grasp_steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:
     """Return the stability of the plant's steps under grasps and friction, for the payload that is worst."""
-    scenario, chain, cell = simulation.scenario, simulation.plant.chain, simulation.scenario.cell
+    scenario, chain, cell = simulation.scenario, simulation.chain, simulation.scenario.cell
     instants, stabilities = {0.0, *(event.time for event in scenario.events)}, list[StepStability]()
     for surroundings in map(scenario.surroundings_at, instants):
         chain.surround(surroundings)
-        A, N = plant_matrix(simulation, q, partners=surroundings.partners)
+        A, N = plant_matrix(chain, q, partners=surroundings.partners)
         s, vectors = np.linalg.eig(A)
         modes = N @ vectors[len(A) // 2 :]
         limits = np.array([_ray_limit(entry) for entry in s])
@@ -108,36 +109,35 @@ def _grasp_steps_at(simulation: Simulation, time: float, q: Array) -> StepStabil
         kinds = {"compliant grasps": cell.compliant, "patches": cell.patches}
         cause = next((kind for kind, grasps in kinds.items() if grasps), "partner")
         stabilities.append(StepStability(value, float(limits[worst]), steps, joints, time, cause))
-    chain.surround(simulation.plant.surroundings)
+    chain.surround(cell.surroundings)
     return max(stabilities, key=lambda stability: stability.value / stability.limit)
 
 
 def plant_matrix(
-    simulation: Simulation, q: Array, stiffer: float = 1.0, partners: Sequence[Partner] = ()
+    chain: CellChain, q: Array, stiffer: float = 1.0, partners: Sequence[Partner] = ()
 ) -> tuple[Array, Array]:
     """Return the matrix of [y, w] under force elements and friction, and the basis N of the n motions.
 
     N has shape (nv, n), and v = N w.
 
     Args:
-        simulation: Simulation of a cell.
+        chain: Chain of a cell.
         q: Configuration, with the payload at rest.
         stiffer: Factor of all stiffnesses of grasps, at the same damping ratios.
         partners: Partners that hold the payload.
     """
-    plant = simulation.plant
-    chain, rest, friction = plant.chain.mechanism, np.zeros(len(plant.v)), plant.transmission.friction
-    N = motion_basis(chain, q)
-    elements = plant.chain.springs, plant.chain.patches
+    mechanism, friction = chain.mechanism, chain.transmission.friction
+    N, rest = motion_basis(mechanism, q), np.zeros(mechanism.model.nv)
+    elements = chain.springs, chain.patches
     K, D = (sum(parts) for parts in zip(*(element.matrices(q) for element in elements), strict=True))
     K, D = stiffer * K, math.sqrt(stiffer) * D
     for partner in partners:
-        held = partner_matrices(partner, partner.time, plant.chain.payload_jacobian(q))
+        held = partner_matrices(partner, partner.time, chain.payload_jacobian(q))
         K, D = K + held[0], D + held[1]
     D -= np.column_stack([friction(_SLOW * row) / _SLOW for row in np.eye(len(rest))])
-    still = chain.forward_dynamics(q, rest, rest).acceleration
+    still = mechanism.forward_dynamics(q, rest, rest).acceleration
     forces = np.hstack((K @ N, D @ N)).T
-    response = [chain.forward_dynamics(q, rest, force).acceleration - still for force in forces]
+    response = [mechanism.forward_dynamics(q, rest, force).acceleration - still for force in forces]
     n = N.shape[1]
     return np.vstack((np.eye(n, 2 * n, n), -N.T @ np.column_stack(response))), N
 
@@ -155,7 +155,7 @@ def _ray_limit(pole: complex) -> float:
 
 def _steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:
     """Return the stability of the plant's steps at a configuration and its time."""
-    friction, scenario = simulation.plant.transmission.friction, simulation.scenario
+    friction, scenario = simulation.chain.transmission.friction, simulation.scenario
     eigenvalues, modes = np.linalg.eig(damping_matrix(simulation, q, lambda v: friction(_SLOW * v) / _SLOW))
     worst = int(np.argmax(np.abs(eigenvalues)))
     steps = scenario.clock.steps_per_tick

@@ -46,7 +46,7 @@ class TickMap:
             ticks: N.
         """
         self._simulation, self._ticks, self._origin = simulation, ticks, simulation.state()
-        chain, q = simulation.plant.chain, simulation.plant.q
+        chain, q = simulation.chain, simulation.plant.q
         self._chain, self._motions = chain.mechanism, Motions.at(chain, q)
         self._arms, self._rows, self._R_WP = (
             chain.model.arms,

@@ -1,12 +1,12 @@
 """Sweeps: many runs of a plan: workers, a store of finished runs, their table, and tuning.
 
-Open first: ``plan`` (scenarios and what varies), ``engine`` (computes the missing runs), ``store`` (finished
+Open first: ``plan`` (scenarios and what varies), ``session`` (computes the missing runs), ``store`` (finished
 runs on disk: checksummed lines, one writer).
 
 - Plan: ``dimensions``, ``template`` (scenarios validated once), ``run_key`` (digest of a run),
-  ``feasibility`` and ``plant_steps`` (before the first run), ``duration`` (estimate).
+  ``feasibility`` and ``engine`` (decided before the first run), ``duration`` (estimate).
 - ``workers``: jobs, processes, dask. ``progress_bar``.
-- Results: ``result`` (named dimensions, best, boundaries), ``table``, ``heat_map`` (an HTML page).
+- Results: ``analysis`` (best, boundaries), ``result`` (files), ``table``, ``heat_map`` (an HTML page).
 - ``optimisation``: search of fields for the smallest metric (``cp.tune``).
 
 Names are loaded on first use: the host process of local workers lies in this package and needs none.

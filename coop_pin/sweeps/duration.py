@@ -45,8 +45,7 @@ class Estimate(NamedTuple):
     def summary(self) -> str:
         """Return the estimate on one line."""
         total = datetime.timedelta(seconds=round(self.total_s))
-        engine, _, reason = self.engine
-        how = f"engine {engine}: {reason}" if reason else f"engine {engine}"
+        how = self.engine.summary()
         return f"about {total} h for {self.runs} runs of {self.run_s:.2g} s on {self.workers} workers; {how}"
 
 
@@ -64,7 +63,7 @@ def estimate(plan: SweepPlan, *, workers: int | None = None) -> Estimate:
     """
     count, scenario = max(Execution(workers=workers).processes, 1), plan.scenario(0)
     (choice,) = choose_engines([scenario], plan.engine, [len(plan)])
-    timed = _batch_run_s if choice.engine == "batch" else _single_run_s
+    timed = _batch_run_s if choice.way == "lanes" else _single_run_s
     timed(scenario)  # the first run of a process also loads modules and compiles
     return Estimate(len(plan), timed(scenario), count, choice)
 
@@ -73,7 +72,7 @@ def _batch_run_s(scenario: Scenario) -> float:
     """Return the duration of a run of a batch, s, without tracing and compiling."""
     from coop_pin.sweeps.workers.batch_job import run_batch  # slow to load
 
-    jobs = [Job("", scenario.replace(seed=seed), engine="batch") for seed in range(_SAMPLE_RUNS)]
+    jobs = [Job("", scenario.replace(seed=seed), way="lanes") for seed in range(_SAMPLE_RUNS)]
     start = time.perf_counter()
     run_batch(jobs)
     return (time.perf_counter() - start) / _SAMPLE_RUNS

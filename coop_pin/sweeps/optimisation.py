@@ -15,10 +15,11 @@ from coop_pin.base.arrays import Array, as_count, require_path, require_type
 from coop_pin.base.errors import FieldError, NothingFeasibleError, ScenarioError, needs_extra
 from coop_pin.description.scenario import Scenario
 from coop_pin.sweeps.dimensions import Sample, Span
-from coop_pin.sweeps.engine import open_session, with_engine
+from coop_pin.sweeps.engine import with_engine
 from coop_pin.sweeps.feasibility import require_feasible, require_feasible_groups
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import SweepResult
+from coop_pin.sweeps.session import open_session
 from coop_pin.sweeps.table import PointResult
 from coop_pin.sweeps.workers.execution import HERE, Execution
 

@@ -18,7 +18,7 @@ from coop_pin.base.errors import FieldError, NameNotFoundError, ScenarioError, U
 from coop_pin.base.schema.base import Description
 from coop_pin.base.schema.user_code import FunctionName
 from coop_pin.base.user_files import read_toml
-from coop_pin.compiled.engines import PREVIOUS, Engine
+from coop_pin.compiled.engines import Engine, engine_named
 from coop_pin.description.scenario import Scenario
 from coop_pin.stability.step_size import AUTO, AUTO_ERROR, STEPS_FIELD
 from coop_pin.sweeps.dimensions import Dimension, Sample, Values
@@ -103,12 +103,15 @@ class SweepPlan(Description):
         zipped: groups of fields that vary together.
         sample: points over the ranges of several fields.
         metrics: user functions, "module:function", that take a RunResult and return numbers by name.
-        time_limit_s: wall time after which a run is aborted, s. Not applied to batches in threads.
-        memory_limit_gb: memory of a worker, GB; a run that needs more fails. Not applied in this process.
+        time_limit_s: wall time after which a run that is simulated singly is aborted, s. Batches of laws of
+            the package ignore it.
+        memory_limit_gb: memory of a worker, GB; a run that needs more fails. Neither batches of laws of the
+            package nor runs in this process have a limit.
         keep: runs whose full results are stored: their places in the plan, or "all", or "none".
-        engine: "pinocchio" or "traced", each run alone; "batch", runs of one kind together by compiled code,
-            and on Pinocchio those that cannot be; or "auto": "batch" if the first run can be and there are
-            enough of them to be worth compiling, decided when the sweep first starts.
+        engine: "pinocchio", each run alone; "compiled", runs of one kind together, or each alone on a
+            compiled plant if the first run's law cannot be compiled, and on Pinocchio those that cannot be
+            either; or "auto": "compiled" if the first run can be together with others and there are enough of
+            them to be worth compiling, decided when the sweep first starts.
         steps_error_m: limit of the error with which "auto" as ``clock.steps_per_tick`` in ``changes`` is
             chosen, m; see ``fewest_steps``.
         repeats: number of runs of each point, with the scenario's ``seed`` 0, 1, 2, ...: the last dimension
@@ -125,7 +128,7 @@ class SweepPlan(Description):
     time_limit_s: float = Field(default=600.0, gt=0.0)
     memory_limit_gb: float = Field(default=4.0, gt=0.0)
     keep: str | tuple[int, ...] = "none"
-    engine: Annotated[Engine, BeforeValidator(lambda name: PREVIOUS.get(str(name), name))] = "auto"
+    engine: Annotated[Engine, BeforeValidator(engine_named)] = "auto"
     steps_error_m: float = Field(default=AUTO_ERROR, gt=0.0)
     repeats: int = Field(default=1, ge=1)
 
@@ -283,7 +286,7 @@ class SweepPlan(Description):
         """Return the scenarios, the dimensions and the number of runs as text."""
         sizes = " x ".join(map(str, self.shape)) or "1"
         total = f"{sizes} = {len(self)} runs" if len(self.shape) > 1 else f"{len(self)} runs"
-        total += {"batch": ", in batches", "auto": ""}.get(self.engine, ", each alone")
+        total += {"auto": ""}.get(self.engine, f", engine {self.engine}")
         lines = [f"sweep of {', '.join(self.base)}: {total}"]
         width = max((len(dimension.name) for dimension in self.dimensions), default=0)
         lines += [f"  {dimension.name:<{width}}  {dimension.summary()}" for dimension in self.dimensions]

@@ -95,7 +95,7 @@ def source_files(name: str) -> tuple[Path, ...]:
 
 def code_of(scenario: Scenario, metrics: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names of the user's code that a run needs, each once."""
-    parts = (scenario.controller.stored_as, scenario.motion, scenario.squeeze, *scenario.events)
+    parts = (scenario.controller, scenario.motion, scenario.squeeze, *scenario.events)
     users = [part for part in parts if part.kind in ("user", "function")]
     named = [fields_of(part).get(field) for part in users for field in ("target", "twist", "acceleration")]
     return tuple(dict.fromkeys([*filter(None, named), *metrics]))
@@ -137,7 +137,6 @@ def run_key(
     digest: Callable[[Path], str] = file_digest,
     *,
     engine: str = "pinocchio",
-    version: str = "",
     text: Callable[[Scenario], str] = Scenario.model_dump_json,
 ) -> str:
     """Return the key of a run, 64 hexadecimal digits.
@@ -152,15 +151,13 @@ def run_key(
         metrics: the user's metrics, "module:function".
         code: digests of the user's code; computed when omitted.
         digest: ``file_digest``, or one that remembers.
-        engine: engine of the plan; batches differ from single runs by rounding.
-        version: version of coop_pin; this one when omitted.
+        engine: engine of the plan; compiled runs differ from those of Pinocchio by rounding.
         text: function that returns a scenario as JSON.
     """
     if code is None:
         code = tuple((name, code_digests(name)) for name in code_of(scenario, metrics))
-    stored = scenario.model_copy(update={"controller": scenario.controller.stored_as})
-    content = _content(scenario, metrics, code, digest, engine, version)
-    return _hash(content | {"scenario": text(stored)})
+    content = _content(scenario, metrics, code, digest, engine)
+    return _hash(content | {"scenario": text(scenario)})
 
 
 def _content(
@@ -169,18 +166,17 @@ def _content(
     code: Code,
     digest: Callable[[Path], str],
     engine: str,
-    version: str,
 ) -> dict[str, Any]:
     """Return what the key of a run covers besides the scenario; see run_key."""
     files = {name: digest(path) for name, path in _files(scenario)}
     named = {} if engine == "pinocchio" else {"engine": engine}
-    content = {"coop_pin": version or __version__, "metrics": list(metrics)}
+    content = {"coop_pin": __version__, "metrics": list(metrics)}
     return content | {"files": files, "code": dict(code)} | named
 
 
-def unresolved_key(base: Scenario, changes: Mapping[str, Any], version: str = "") -> str:
+def unresolved_key(base: Scenario, changes: Mapping[str, Any]) -> str:
     """Return the key of a run whose changed scenario has mistakes: of the base scenario and the changes."""
-    content = {"coop_pin": version or __version__, "base": base.model_dump_json()}
+    content = {"coop_pin": __version__, "base": base.model_dump_json()}
     return _hash(content | {"changes": dict(changes)})
 
 
@@ -258,9 +254,7 @@ class _KeyTemplate:
         return digest.hexdigest()
 
 
-def keyed_points(
-    plan: SweepPlan, runs: Iterable[int] | None = None, *, version: str = ""
-) -> Iterator[KeyedPoint]:
+def keyed_points(plan: SweepPlan, runs: Iterable[int] | None = None) -> Iterator[KeyedPoint]:
     """Yield points of a plan, all without numbers, with their keys; every file is looked at once."""
     digests, digest, text = functools.cache(code_digests), functools.cache(file_digest), ScenarioTexts()
     engine, metrics, templates = plan.engine, plan.metrics, Templates(plan)
@@ -272,7 +266,7 @@ def keyed_points(
     def shared(template: Template) -> tuple[_KeyTemplate, Code]:
         first = template.pattern.first
         code = code_for(first)
-        content = _content(first, metrics, code, digest, engine, version)
+        content = _content(first, metrics, code, digest, engine)
         return _KeyTemplate(template, content), code
 
     for point in plan.points(runs):
@@ -285,8 +279,8 @@ def keyed_points(
             continue
         scenario = plan.resolved(point)
         if isinstance(scenario, ScenarioError):
-            yield KeyedPoint(point, unresolved_key(plan.base[point.base], point.changes, version), scenario)
+            yield KeyedPoint(point, unresolved_key(plan.base[point.base], point.changes), scenario)
             continue
         code = code_for(scenario)
-        key = run_key(scenario, metrics, code, digest, engine=engine, version=version, text=text)
+        key = run_key(scenario, metrics, code, digest, engine=engine, text=text)
         yield KeyedPoint(point, key, scenario, code)

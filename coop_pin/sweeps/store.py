@@ -40,8 +40,6 @@ TRANSIENT = ("RunTimeoutError", "WorkerDiedError", "MemoryError")
 """Failures that may not occur again."""
 _PLAN_BYTES = 1 << 28
 """Largest plan that is read."""
-_FIRST_VERSION = "0.1.0"
-"""Version of plans that do not name theirs."""
 _LINE_BYTES = 1 << 24
 """Largest record that is read; what follows a longer one in its segment is not."""
 
@@ -66,9 +64,9 @@ class SweepStore:
         self.folder = Path(folder)
         self.known: dict[str, str] = {}
         if any(path.is_dir() for path in (self.folder / "runs").glob("??")):
+            detail = "holds a sweep of an older version, one file for each run, and is left as it is"
             raise FileReadError(
-                f"{folder} holds a sweep of an older version, one file for each run; it is left as it is:"
-                " choose another folder, and the runs are computed again"
+                f"{folder} {detail}; repeat it: coop-pin sweep PLAN.toml --out ANOTHER_FOLDER"
             )
 
     # ------------------------------------------------------------ one writer
@@ -230,14 +228,10 @@ class SweepStore:
         self.write_changed(self.folder / "plan.json", checksummed(content.encode()) + b"\n")
 
     def read_plan(self) -> SweepPlan:
-        """Return the last plan; see ``versioned_plan``."""
-        return self.versioned_plan()[0]
-
-    def versioned_plan(self) -> tuple[SweepPlan, str]:
-        """Return the last plan, and the version of coop_pin that the keys of its runs are of.
+        """Return the last plan.
 
         Raises:
-            FileReadError: the folder is not that of a sweep, or its plan is damaged.
+            FileReadError: the folder is not that of a sweep of this version, or its plan is damaged.
         """
         path = self.folder / "plan.json"
         if not path.exists():
@@ -245,11 +239,17 @@ class SweepStore:
         try:
             data = read_user_file(path, limit=_PLAN_BYTES, kind="the plan of a sweep")
             fields = json.loads(checked_content(data.strip()))
-            version = str(fields.pop("coop_pin", _FIRST_VERSION))
-            return SweepPlan(**fields), version
+            version = fields.pop("coop_pin", "before 0.2.0")
+            plan = SweepPlan(**fields) if version == __version__ else None
         except (FileReadError, ScenarioError, ValueError, TypeError, AttributeError, RecursionError) as error:
             advice = "run the sweep's command again: finished runs are kept"
             raise FileReadError(f"{path} cannot be used ({error}); {advice}") from None
+        if plan is None:
+            command = (
+                f"coop-pin sweep PLAN.toml --out {self.folder}, or cp.sweep(plan, out={str(self.folder)!r})"
+            )
+            raise FileReadError(f"{path} is of coop_pin {version}; repeat it with {__version__}: {command}")
+        return plan
 
     def write_changed(self, path: Path, content: bytes) -> None:
         """Write a file of the folder if its content changes; raises as write_with."""

@@ -5,14 +5,18 @@ from __future__ import annotations
 import itertools
 import logging
 import operator
+import re
 import textwrap
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 import pandas as pd
 import xarray as xr
+from pydantic_core import to_json
 
+from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError
 from coop_pin.results.metrics import NO_STEADY_METRICS
 from coop_pin.sweeps.dimensions import label
@@ -29,8 +33,12 @@ _PARTS = operator.attrgetter(*_TEXTS, *_NUMBERS)
 """These parts of a record, as a tuple."""
 _UNREAD = "another version wrote them: choose another folder, and they are computed again"
 """Advice where lines are whole and cannot be read."""
-_CHUNK = 1000
-"""Records that are read at once."""
+TIMES = ["wall_s", "cpu_s"]
+"""Durations, which differ from machine to machine."""
+_CHUNK, _AT_ONCE = 1000, 10_000
+"""Records that are read at once, and rows that are written at once."""
+_QUOTED = re.compile('[,"\\r\\n]')
+"""Characters of texts that CSV quotes."""
 
 
 class PointResult(NamedTuple):
@@ -184,3 +192,27 @@ def describe(table: pd.DataFrame, metrics: list[str]) -> list[str]:
         span = f"{column.min():>11.4g} .. {column.max():<11.4g}"
         lines.append(f"  {name:<30} {span} median {column.median():.4g}")
     return lines
+
+
+def write_rows(columns: Mapping[str, Array], path: Path) -> None:
+    """Write columns of equal length as CSV, some rows after the other, in half the time of csv."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        file.write(",".join(map(_cell, columns)) + "\n")
+        for first in range(0, len(columns["number"]), _AT_ONCE):
+            cells = (_cells(values[first : first + _AT_ONCE]) for values in columns.values())
+            file.write("\n".join(map(",".join, zip(*cells, strict=True))) + "\n")
+
+
+def _cells(values: Array) -> list[str]:
+    """Return the entries of a column as CSV has them, nothing where it is not a number."""
+    entries: list[Any] = values.tolist()
+    if values.dtype.kind in "iuf":
+        numbers = to_json(entries, inf_nan_mode="constants")[1:-1].decode()
+        return numbers.replace("NaN", "").replace("Infinity", "inf").split(",")
+    texts = [*map(str, entries)]
+    return [*map(_cell, texts)] if _QUOTED.search("".join(texts)) else texts
+
+
+def _cell(text: str) -> str:
+    """Return a text as CSV has it."""
+    return '"{}"'.format(text.replace('"', '""')) if _QUOTED.search(text) else text

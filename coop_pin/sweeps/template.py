@@ -125,11 +125,11 @@ class Templates:
         """Return the template of a run; None if it must be validated by itself."""
         if not self._numbers:
             return None
-        kind = tuple([point.places[axis] for axis in self._others])
-        if kind not in self._plain and isinstance(first := self._plan.resolved(point), Scenario):
-            self._plain[kind] = [axis for axis in self._numbers if self._template(first, [axis])]
-        plain = self._plain.get(kind, [])
-        key = kind if plain == self._numbers else _without(point.places, plain)
+        others = tuple([point.places[axis] for axis in self._others])
+        if others not in self._plain and isinstance(first := self._plan.resolved(point), Scenario):
+            self._plain[others] = [axis for axis in self._numbers if self._template(first, [axis])]
+        plain = self._plain.get(others, [])
+        key = others if plain == self._numbers else _without(point.places, plain)
         if key not in self._made:
             while len(self._made) >= _MOST:
                 del self._made[next(iter(self._made))]
@@ -197,9 +197,8 @@ def _check(scenario: Scenario, path: str) -> Callable[[Any], Number]:
     *names, name = path.split(".")
     owner = functools.reduce(part_of, names, scenario)
     kind, rules = type(owner), type(owner).__pydantic_decorators__
-    is_seed = path == "seed"  # no validator and no serializer of a scenario looks at it
-    if (rules.model_serializers or rules.field_serializers) and not is_seed:
-        raise LookupError("is written by rules")
+    if owner is scenario and path != "seed":  # which no validator of a scenario looks at
+        raise LookupError("is read with other fields of the scenario")
     field, fields = kind.model_fields[name], fields_of(owner)
     annotation: Any = Annotated[(field.annotation, *field.metadata, None)]
     adapter = TypeAdapter(annotation, config=kind.model_config)
@@ -210,7 +209,7 @@ def _check(scenario: Scenario, path: str) -> Callable[[Any], Number]:
             raise ValueError("changes others")
         return part_of(made, name)
 
-    is_plain = is_seed or not (rules.model_validators or rules.field_validators)
+    is_plain = owner is scenario or not (rules.model_validators or rules.field_validators)
     validated = adapter.validator.validate_python if is_plain else by_class
 
     @functools.lru_cache(_VALUES, typed=True)

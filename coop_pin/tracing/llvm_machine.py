@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import logging
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from .kernel import Array, Machine, Program
 from .llvm_emitter import ARGUMENTS, llvm_text
 
+_LOG = logging.getLogger("coop_pin")
 _AT_ONCE = 2_000
 """Instructions of one call: some 40 ms with 64 lanes and kernels of ten thousand operations."""
 
@@ -138,6 +140,17 @@ def _llvm() -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     return llvm
+
+
+@cache
+def can_compile() -> bool:
+    """Return whether llvmlite is there; a line of the log says once that it is not."""
+    try:
+        _llvm()
+    except ImportError:
+        _LOG.info("llvmlite is missing: numpy runs what it would compile, several times slower")
+        return False
+    return True
 
 
 def native_width() -> int:

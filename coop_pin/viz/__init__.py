@@ -1,10 +1,10 @@
 """Views of runs in 3-D, with the forces drawn: replay, live view, images, videos, Jupyter panel, report.
 
-Open first: ``cell_scene`` (what is drawn of a cell), ``arrows`` (length of the arrow of a force), ``replay``
-(a recorded run as one HTML file).
+Open first: ``cell_scene`` (what is drawn of a cell), ``web/stage.js`` (draws the arrows of
+forces), ``replay`` (a recorded run as one HTML file).
 
 - Scene: ``scene`` (drawables), ``frames`` (numbers of an instant), ``contacts`` (cones, a partner's hand).
-- Page: ``page``, ``curves`` (plots in time), ``highlights`` (worst instants), ``web`` (``stage.js``: arrows).
+- Page: ``page``, ``curves`` (plots in time), ``highlights`` (worst instants), ``arrows`` (their scale).
 - ``live``: a run while it is computed. ``report``: one page of a run.
 - ``export`` (images, videos) by a ``browser``.
 

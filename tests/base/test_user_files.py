@@ -14,9 +14,7 @@ import coop_pin as cp
 from coop_pin.base.errors import CoopPinError, FieldError, FileReadError, UrdfError
 from coop_pin.base.user_files import parse_toml, read_user_file
 from coop_pin.description.cell.mesh import read_mesh
-from coop_pin.description.urdf import xacro
 from coop_pin.reference.csv_motion import CsvMotion
-from coop_pin.results import netcdf
 from coop_pin.sweeps.plan import SweepPlan
 
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="pipes and devices of POSIX")
@@ -124,6 +122,10 @@ def flipped(data, place, bit):
     return data[:place] + bytes([data[place] ^ 1 << bit]) + data[place + 1 :]
 
 
+SEAL = b"coop_pin sha256 "
+"""What stands before the checksum at the end of a file."""
+
+
 @pytest.mark.parametrize("count", [300, pytest.param(10**9, marks=pytest.mark.slow)], ids=["some", "all"])
 def test_a_flipped_bit_is_refused(saved, count, tmp_path):
     """One bit of every byte; those of the marker of the checksum alone make it a file without one."""
@@ -133,15 +135,15 @@ def test_a_flipped_bit_is_refused(saved, count, tmp_path):
     kept = [
         place for place in places if not refused(path, flipped(whole, place, seeded.randrange(8)), result)
     ]
-    marker = whole.rindex(netcdf._SEAL)
-    assert all(marker <= place < marker + len(netcdf._SEAL) for place in kept)
+    marker = whole.rindex(SEAL)
+    assert all(marker <= place < marker + len(SEAL) for place in kept)
 
 
 @pytest.mark.parametrize("count", [10, pytest.param(1000, marks=pytest.mark.slow)])
 def test_a_flipped_bit_of_a_copy_is_refused_or_changes_nothing(saved, count, tmp_path):
     """Another program's copy has no checksum of its bytes: HDF5 reads what is damaged."""
     result, whole = saved
-    copy, seeded, path = whole[: whole.rindex(netcdf._SEAL)], random.Random(7), tmp_path / "result.nc"
+    copy, seeded, path = whole[: whole.rindex(SEAL)], random.Random(7), tmp_path / "result.nc"
     places = seeded.sample(range(len(copy)), count)
     found = [refused(path, flipped(copy, place, seeded.randrange(8)), result) for place in places]
     assert sum(found) > 0.2 * count
@@ -252,13 +254,11 @@ DOUBLED = """<xacro:macro name="m0"/>{}<xacro:m40/>""".format(
     ],
     ids=["doubled", "power", "list", "recursive", "large"],
 )
-def test_an_expansion_without_end_is_refused(before, tmp_path, monkeypatch):
+def test_an_expansion_without_end_is_refused(before, tmp_path):
     pytest.importorskip("xacrodoc")
-    assert xacro._CPU_S < 5
-    monkeypatch.setattr(xacro, "_CPU_S", 1)
     earlier = resource.getrusage(resource.RUSAGE_CHILDREN)
     with pytest.raises(UrdfError, match=r"arm\.xacro"):
         _xacro(tmp_path / "arm", 1, before)
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    assert used.ru_utime + used.ru_stime - earlier.ru_utime - earlier.ru_stime < 2.0
+    assert used.ru_utime + used.ru_stime - earlier.ru_utime - earlier.ru_stime < 5.0
     assert used.ru_maxrss < 2**21  # 2 GiB, in KiB

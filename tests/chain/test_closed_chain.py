@@ -439,8 +439,19 @@ def test_closures_that_contradict_each_other_are_refused():
         )
 
 
+@pytest.fixture
+def solved_as(monkeypatch):
+    """The forward dynamics of a chain at a state, had its solver found an acceleration."""
+
+    def solved(chain, q, v, a):
+        monkeypatch.setattr(chain.solver, "acceleration", lambda *_: a)
+        return chain.forward_dynamics(q, v, np.zeros(chain.model.nv))
+
+    return solved
+
+
 @pytest.mark.parametrize("case", CASES, ids=str)
-def test_a_solution_is_refused_from_a_millionth_of_the_accelerations_on(case, monkeypatch):
+def test_a_solution_is_refused_from_a_millionth_of_the_accelerations_on(case, solved_as):
     plant, q = chain_of(case)
     chain, still = plant.mechanism, np.zeros(plant.mechanism.model.nv)
     good = chain.forward_dynamics(q, still, still)
@@ -450,8 +461,7 @@ def test_a_solution_is_refused_from_a_millionth_of_the_accelerations_on(case, mo
     allowed = 1e-6 * (1.0 + np.abs(good.acceleration).max())
 
     def solved_but_for(residual):
-        monkeypatch.setattr(chain.solver, "acceleration", lambda *_: good.acceleration + residual * off)
-        return chain.forward_dynamics(q, still, still).residual
+        return solved_as(chain, q, still, good.acceleration + residual * off).residual
 
     assert_close(solved_but_for(0.5 * allowed), 0.5 * allowed, atol=0.01 * allowed)
     with pytest.raises(ConstraintSolveError) as refused:
@@ -460,14 +470,13 @@ def test_a_solution_is_refused_from_a_millionth_of_the_accelerations_on(case, mo
     assert_close(refused.value.allowed, allowed, atol=1e-3 * allowed)
 
 
-def test_near_a_singular_pose_the_allowance_grows_with_what_was_truncated(monkeypatch):
+def test_near_a_singular_pose_the_allowance_grows_with_what_was_truncated(solved_as):
     """By 10 s |L^T a| for the truncated singular value s: the norm of a in the mass metric, a^T M a."""
     chain = four_bar.four_bars(1)
     q, v = four_bar.start(chain, 1, angle=1e-6)
     a = np.array([3.0, -2.0, 5.0])
-    monkeypatch.setattr(chain.solver, "acceleration", lambda *_: a)
     with pytest.raises(ConstraintSolveError) as refused:
-        chain.forward_dynamics(q, v, np.zeros(3))
+        solved_as(chain, q, v, a)
     M = symmetric(pin.crba(chain.model, chain.model.createData(), q))
     J = chain.closures.state(q, v).jacobian
     weighted = J @ np.linalg.inv(np.linalg.cholesky(M)).T

@@ -11,7 +11,6 @@ from numpy.testing import assert_allclose
 
 from coop_pin.chain.integrators import (
     INTEGRATORS,
-    FreeFlyerRungeKutta,
     LieGroup,
     RungeKutta,
     SemiImplicitEuler,
@@ -173,22 +172,6 @@ def test_the_short_form_for_vectors_is_the_same_method(name):
     for one, other in zip(short, long, strict=True):
         assert_allclose(one, other, rtol=1e-12, atol=1e-13)
     assert type(INTEGRATORS["rk4"](plant.mechanism.model)) is VectorRungeKutta
-
-
-@pytest.mark.parametrize("name", SCENARIOS)
-def test_compiled_stages_of_a_free_payload_are_the_general_method(name):
-    plant, q, v = moving((name, "free"))
-    compiled = INTEGRATORS["rk4"](plant.mechanism.model)
-    assert type(compiled) is FreeFlyerRungeKutta
-    general = RungeKutta(configuration_space(plant.mechanism.model))
-    drag = np.linspace(0.1, 0.9, len(v))
-
-    def rate(t, _q, v):
-        return -drag * v + np.cos(60.0 * t), np.array([v @ v])
-
-    one, two = (each.step(rate, 0.7, q, v, 0.005) for each in (compiled, general))
-    for part, other in zip(one, two, strict=True):
-        assert_allclose(part, other, rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize("method", INTEGRATORS)

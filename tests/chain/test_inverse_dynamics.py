@@ -6,12 +6,10 @@ import pytest
 from cells import (
     CATALOGUE_CELLS,
     FAR_CELLS,
-    catalogue_cell,
-    cell_and_start,
     kkt_of,
-    planar_three_arms,
     random_velocity,
 )
+from chain_cells import cell_of, random_tau
 from linkages import bennett, four_bar, robot, sarrus
 from numpy.testing import assert_allclose
 
@@ -23,19 +21,12 @@ from coop_pin.compiled.plant.plant_code import PlantCode
 from coop_pin.description.cell.closure import Closure
 from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps import CellChain
-from coop_pin.simulation.plant import Plant
-from coop_pin.tracing import elementary, numpy_machine
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
+from coop_pin.tracing import numpy_machine
 from coop_pin.tracing.tree import leaves
 
 CELLS = ["planar", "spatial", "planar-three", *CATALOGUE_CELLS, *FAR_CELLS]
 LINKAGES = {"bennett-point": ("point",), "bennett-full": ("full",), "sarrus": ()}
-
-
-def cell_of(name):
-    if name == "planar-three":
-        scenario = planar_three_arms("adept-paper")
-        return scenario.cell, scenario.start.matrix
-    return cell_and_start(name) if name in ("planar", "spatial") else catalogue_cell(name)
 
 
 def plant_of(name, **options):
@@ -59,10 +50,6 @@ def any_chain(name):
         return linkage(name)
     plant, q, v = plant_of(name)
     return plant.mechanism, q, v
-
-
-def random_tau(chain, seed=5):
-    return 10.0 * np.random.default_rng(seed).normal(size=chain.model.nv)
 
 
 @pytest.mark.parametrize("name", [*CELLS, *LINKAGES])
@@ -134,10 +121,9 @@ def test_torques_of_a_cell_overcome_friction_push_and_squeeze_at_many_states(nam
     one = plant.inverse_dynamics(q[0], v[0], a[0], internal=internal[0], push=push)
     assert_allclose(one.torque - plant.friction(v[0]), both.torque[0], rtol=0, atol=1e-12)
     for k in range(2):
-        body = Plant(plant, PlantOptions(), q[k])
-        body.v = v[k]
+        body = PinocchioPlant(plant, PlantOptions(), q[k])
         body.surround(plant.cell.surroundings._replace(push=push))
-        body.hold(both.torque[k])
+        body.restore(body.state()._replace(v=v[k], force=both.torque[k]))
         again = chain.forward_dynamics(q[k], v[k], body.generalised_force()).acceleration
         assert_allclose(again, a[k], rtol=0, atol=1e-10 * (1.0 + np.abs(a).max()))
         F = body.interaction_wrenches()
@@ -263,13 +249,15 @@ def test_derivatives_equal_central_differences_of_the_kkt_solver(name, off):
         assert_allclose(wrench, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
 
 
+ROUNDER = 1.5 * 2.0**52
+"""A sum with it is rounded to a whole number."""
+
+
 def _of_complex(monkeypatch):
     """Let numpy evaluate traced code at complex numbers: real parts decide, whole numbers are real."""
 
     def rounding(operation):
-        return lambda a, b: (
-            np.real(operation(a, b)) if elementary._ROUNDER in (abs(a), abs(b)) else operation(a, b)
-        )
+        return lambda a, b: np.real(operation(a, b)) if ROUNDER in (abs(a), abs(b)) else operation(a, b)
 
     def comparing(operation):
         return lambda a, b: 1.0 * operation(np.real(a), np.real(b))
@@ -369,7 +357,7 @@ def test_bad_arguments_are_told():
     with pytest.raises(ArgumentError, match="no states"):
         plant.inverse_dynamics(np.zeros((0, len(q))), v, a)
     with pytest.raises(ArgumentError, match="no pad"):
-        plant.least_squeeze(q, v, a)
+        plant.friction_squeeze(q, v, a)
 
 
 def test_motors_that_cannot_cause_a_motion_are_told():

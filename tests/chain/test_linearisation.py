@@ -5,9 +5,10 @@ import pinocchio as pin
 import pytest
 import scipy.linalg
 from cells import kkt_of
+from chain_cells import random_tau
 from linkages import bar, four_bar, robot
 from numpy.testing import assert_allclose
-from test_inverse_dynamics import CELLS, any_chain, linkage, plant_of, random_tau
+from test_inverse_dynamics import CELLS, any_chain, linkage, plant_of
 
 from coop_pin.base.errors import ArgumentError, OutOfRangeError
 from coop_pin.chain.closed_chain import ClosedChain

@@ -13,6 +13,7 @@ from scipy.linalg import null_space
 
 from coop_pin.base.errors import OpenClosureError, OutOfRangeError, ShapeError
 from coop_pin.chain.closed_chain import ClosedChain
+from coop_pin.chain.projection import Projection
 from coop_pin.description.cell.closure import Closure
 from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps import CellChain
@@ -173,75 +174,81 @@ def test_a_nan_is_never_closed():
 # ---------------------------------------------------------------- number and length of the steps
 
 
-@pytest.fixture
-def looks(monkeypatch):
-    """Configurations at which the closures of a chain are looked at."""
+class Looked:
+    """The closures of a chain, and the configurations at which they are looked at."""
 
-    def record(chain):
-        seen, state = [], chain.closures.state
-        monkeypatch.setattr(chain.closures, "state", lambda q, v: seen.append(q) or state(q, v))
-        return seen
+    def __init__(self, chain):
+        self.of, self.seen = chain.closures, []
+        self.projection = Projection(chain.model, self)
 
-    return record
+    def __getattr__(self, name):
+        return getattr(self.of, name)
+
+    def state(self, q, v):
+        self.seen.append(q)
+        return self.of.state(q, v)
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
-def test_newton_steps_and_the_descent_converge_quadratically(case, looks):
+def test_newton_steps_and_the_descent_converge_quadratically(case):
     plant, q_open = opened(case, 0.1)
-    seen = looks(plant.mechanism)
-    plant.mechanism.project_configuration(q_open)
+    looked = Looked(plant.mechanism)
+    seen, projection = looked.seen, looked.projection
+    projected = projection.state(q_open, np.zeros(plant.mechanism.model.nv), 1e-9).q
+    np.testing.assert_array_equal(projected, plant.mechanism.project_configuration(q_open))
     assert len(seen) <= 7
     for gap, most in ((0.1, 8), (0.8, 12)):
         _, q_open = opened(case, gap)
         seen.clear()
-        near = plant.mechanism._projection.descend(q_open)
+        near = projection.descend(q_open)
         assert len(seen) <= most
         seen.clear()
-        assert plant.mechanism._projection.descend(near) is near
+        assert projection.descend(near) is near
         assert len(seen) == 1
 
 
 @pytest.mark.parametrize("loops", [1, 2])
 @pytest.mark.parametrize("angle", [0.0, 1e-6, 1e-4])
-def test_steps_end_where_rounding_stops_them(loops, angle, looks):
+def test_steps_end_where_rounding_stops_them(loops, angle):
     """In and near a singular pose rounding moves the configuration by more than what counts as at rest."""
     chain = four_bar.four_bars(loops)
     q, v = four_bar.start(chain, loops, angle=angle)
-    seen = looks(chain)
+    looked = Looked(chain)
     for size in (1e-4, 1e-2):
-        seen.clear()
-        projected = chain._projection.state(q + size * np.cos(np.arange(len(q))), v, 1e-6)
-        assert len(seen) <= 12
+        looked.seen.clear()
+        projected = looked.projection.state(q + size * np.cos(np.arange(len(q))), v, 1e-6)
+        assert len(looked.seen) <= 12
         assert max(max(error) for error in chain.closure_errors(projected.q)) < 1e-11
 
 
-def test_steps_at_a_lower_rank_are_followed_by_one_at_the_full_rank(looks):
+def test_steps_at_a_lower_rank_are_followed_by_one_at_the_full_rank():
     """The first step leaves one row out; that it is short says nothing about that row."""
     plant, q = closed(("spatial", "welded"))
     model = plant.mechanism.model
-    svd = plant.mechanism._projection.svd(q, plant.mechanism.closures.state(q, np.zeros(model.nv)))
+    looked = Looked(plant.mechanism)
+    svd = looked.projection.svd(q, plant.mechanism.closures.state(q, np.zeros(model.nv)))
     off = pin.integrate(model, q, 1e-5 * svd.solve_LT(svd.right[:, -1]))
-    seen = looks(plant.mechanism)
-    projected = plant.mechanism._projection.state(off, np.zeros(model.nv), 1e-9, svd.rank - 1)
+    projected = looked.projection.state(off, np.zeros(model.nv), 1e-9, svd.rank - 1)
     assert projected.rank == svd.rank
-    assert len(seen) <= 6
+    assert len(looked.seen) <= 6
     assert_close(plant.closure_errors(projected.q), np.zeros((2, 2)), atol=1e-12)
 
 
-def test_a_descent_moves_no_joint_by_more_than_half_a_radian_at_once_and_ends_at_the_least_error(looks):
+def test_a_descent_moves_no_joint_by_more_than_half_a_radian_at_once_and_ends_at_the_least_error():
     plant, q = closed(("planar", "welded"))
     model = plant.mechanism.model.copy()
     model.addFrame(
         pin.Frame("far", 0, 0, pin.SE3(np.eye(3), np.array([4.0, 0.0, 0.0])), pin.FrameType.OP_FRAME)
     )
     chain = ClosedChain(model, [Closure("right/grasp", "far", "point")])
-    seen = looks(chain)
-    nearest = chain._projection.descend(q)
+    looked = Looked(chain)
+    seen, projection = looked.seen, looked.projection
+    nearest = projection.descend(q)
     assert len(seen) < 150
     first = np.abs(seen[1] - seen[0]).max()
     assert_close(first, 0.5, atol=1e-12)
     error = chain.closures.state(nearest, np.zeros(model.nv))
     assert_close(error.jacobian.T @ error.position, np.zeros(model.nv), atol=1e-5)
     seen.clear()
-    chain._projection.descend(nearest)
+    projection.descend(nearest)
     assert len(seen) <= 30

@@ -1,5 +1,6 @@
 """Command line: commands, fields, exit codes, and the folder of a run."""
 
+import functools
 import json
 import re
 import signal
@@ -22,7 +23,7 @@ from coop_pin.cli.overrides import changes, literal
 from coop_pin.cli.parsing import split_fields
 from coop_pin.cli.run import run
 from coop_pin.cli.run_folder import RunFolder, Timing
-from coop_pin.sweeps.engine import open_session
+from coop_pin.sweeps.session import open_session
 
 NUMBERS = ["--no-replay", "--no-figures"]
 SHORT = ["--duration", "0.5", "--events", "[]"]
@@ -428,8 +429,14 @@ def test_ctrl_c_leaves_the_result_and_ends_with_130(tmp_path):
     assert metrics["position_rms_m"] is None  # it did not reach the window
 
 
+@pytest.fixture
+def parsed(monkeypatch):
+    """A function that replaces what makes a command of the words of a command line."""
+    return functools.partial(monkeypatch.setattr, "coop_pin.cli.parsing.parse")
+
+
 @pytest.mark.parametrize("kind", [ImportError, RuntimeError])
-def test_ctrl_c_while_modules_load_is_told_as_ctrl_c(kind, monkeypatch, capsys):
+def test_ctrl_c_while_modules_load_is_told_as_ctrl_c(kind, parsed, capsys):
     """Compiled code makes an ImportError of it, and Python's ``__set_name__`` a RuntimeError."""
 
     def loading(_words):
@@ -437,7 +444,7 @@ def test_ctrl_c_while_modules_load_is_told_as_ctrl_c(kind, monkeypatch, capsys):
         inner.__cause__ = KeyboardInterrupt()
         raise ImportError("one of its modules cannot be loaded") from inner
 
-    monkeypatch.setattr("coop_pin.cli.parsing.parse", loading)
+    parsed(loading)
     assert main(["list"]) == 130
     assert capsys.readouterr().err == "coop-pin: interrupted\n"
 
@@ -450,9 +457,9 @@ class Serialized(BaseModel):
         raise KeyboardInterrupt
 
 
-def test_ctrl_c_while_json_is_written_is_told_as_ctrl_c_and_ends_a_sweep(monkeypatch, capsys, tmp_path):
+def test_ctrl_c_while_json_is_written_is_told_as_ctrl_c_and_ends_a_sweep(parsed, capsys, tmp_path):
     """Pydantic makes a ValueError of it, without cause."""
-    monkeypatch.setattr("coop_pin.cli.parsing.parse", lambda _words: Serialized().model_dump_json)
+    parsed(lambda _words: Serialized().model_dump_json)
     assert main(["list"]) == 130
     assert capsys.readouterr().err == "coop-pin: interrupted\n"
     with pytest.raises(SweepInterruptedError), open_session(tmp_path, cp.Execution(quiet=True), 1):
@@ -460,7 +467,7 @@ def test_ctrl_c_while_json_is_written_is_told_as_ctrl_c_and_ends_a_sweep(monkeyp
     assert not is_ctrl_c(ValueError("KeyboardInterrupt"))
 
 
-def test_ctrl_c_that_python_drops_in_a_destructor_comes_again(monkeypatch, capsys):
+def test_ctrl_c_that_python_drops_in_a_destructor_comes_again(parsed, capsys):
     class Interrupting:
         def __del__(self):
             signal.raise_signal(signal.SIGINT)
@@ -470,14 +477,14 @@ def test_ctrl_c_that_python_drops_in_a_destructor_comes_again(monkeypatch, capsy
         time.sleep(30.0)  # until it comes
 
     hook, start = sys.unraisablehook, time.monotonic()
-    monkeypatch.setattr("coop_pin.cli.parsing.parse", lambda _words: command)
+    parsed(lambda _words: command)
     assert main(["list"]) == 130
     assert time.monotonic() - start < 20.0
     assert capsys.readouterr().err == "coop-pin: interrupted\n"
     assert sys.unraisablehook is hook
 
 
-def test_ctrl_c_that_python_drops_at_the_end_of_a_command_does_not_outlive_it(monkeypatch):
+def test_ctrl_c_that_python_drops_at_the_end_of_a_command_does_not_outlive_it(parsed):
     class Interrupting:
         def __del__(self):
             signal.raise_signal(signal.SIGINT)
@@ -485,12 +492,12 @@ def test_ctrl_c_that_python_drops_at_the_end_of_a_command_does_not_outlive_it(mo
     def command():
         Interrupting()
 
-    monkeypatch.setattr("coop_pin.cli.parsing.parse", lambda _words: command)
+    parsed(lambda _words: command)
     assert main(["list"]) == 0
     time.sleep(0.2)
 
 
-def test_other_errors_that_python_drops_are_told(monkeypatch):
+def test_other_errors_that_python_drops_are_told(parsed, monkeypatch):
     class Failing:
         def __del__(self):
             raise ValueError("lost")
@@ -500,16 +507,16 @@ def test_other_errors_that_python_drops_are_told(monkeypatch):
 
     told = []
     monkeypatch.setattr(sys, "unraisablehook", lambda dropped: told.append(dropped.exc_type))
-    monkeypatch.setattr("coop_pin.cli.parsing.parse", lambda _words: command)
+    parsed(lambda _words: command)
     assert main(["list"]) == 0
     assert told == [ValueError]
 
 
-def test_an_import_that_fails_by_itself_is_raised(monkeypatch):
+def test_an_import_that_fails_by_itself_is_raised(parsed):
     def loading(_words):
         raise ImportError("no such module")
 
-    monkeypatch.setattr("coop_pin.cli.parsing.parse", loading)
+    parsed(loading)
     with pytest.raises(ImportError, match="no such module"):
         main(["list"])
 

@@ -39,11 +39,12 @@ def test_a_sweep_writes_its_folder_and_can_be_shown(folder, capsys):
     assert "run 1: controller.gains.sign_gain = -1.0" in shown
 
 
-def test_a_sweep_takes_over_the_runs_of_another_folder(folder, monkeypatch, capsys):
+def test_a_sweep_takes_over_the_runs_of_another_folder(folder, runs_here, capsys):
     words = ["sweep", "gains.toml", "--workers", "0", "--quiet"]
     assert main([*words, "--out", "theirs"]) == 0
-    monkeypatch.setattr("coop_pin.sweeps.workers.backend.run_job", None)
+    runs_here.jobs.clear()
     assert main([*words, "--out", "mine", "--merge", "theirs"]) == 0
+    assert runs_here.jobs == []
     theirs, mine = (pd.read_csv(folder / name / "table.csv") for name in ("theirs", "mine"))
     assert theirs["merged"].tolist() == [0.0] * 3
     assert mine["merged"].tolist() == [1.0] * 3

@@ -43,7 +43,6 @@ from coop_pin.compiled.engine_choice import choose_engines
 from coop_pin.figures import comparison_figure
 from coop_pin.model_based import ArmDynamics
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.workers.job import run_job
 
 CONTROLLERS = ("printed", "anchored", "computed-torque")
 TRIALS = ("nominal", "mass x2", "bias 1 mm", "noise")
@@ -105,10 +104,10 @@ def test_a_cell_is_the_run_that_it_names(table, scenarios):
 
 
 @pytest.mark.usefixtures("table")
-def test_a_second_call_repeats_no_run_and_writes_the_same_bytes(scenarios, folder, monkeypatch):
+def test_a_second_call_repeats_no_run_and_writes_the_same_bytes(scenarios, folder, runs_here):
     before = (folder / "comparison.csv").read_bytes()
-    monkeypatch.setattr("coop_pin.sweeps.workers.backend.run_job", None)
     run(scenarios, folder)
+    assert runs_here.jobs == []
     assert (folder / "comparison.csv").read_bytes() == before
 
 
@@ -161,16 +160,15 @@ def test_the_command_writes_the_replay_of_a_cell_or_of_two_and_the_page_links_th
 
 
 @pytest.mark.usefixtures("table")
-def test_the_runs_of_others_are_taken_over_by_their_keys(scenarios, folder, tmp_path, monkeypatch):
+def test_the_runs_of_others_are_taken_over_by_their_keys(scenarios, folder, tmp_path, runs_here):
     """Nothing is run again but what a damaged line held, and the table has the same bytes."""
     before = (folder / "comparison.csv").read_bytes()
     others = [tmp_path / name for name in ("first", "second")]
     for other in others:  # each has done one scenario
         shutil.copytree(folder, other)
         shutil.rmtree(other / {"first": "spatial", "second": "planar"}[other.name])
-    with monkeypatch.context() as patch:
-        patch.setattr("coop_pin.sweeps.workers.backend.run_job", None)
-        assert "#" in run(scenarios, tmp_path / "merged", merge=others).summary()
+    assert "#" in run(scenarios, tmp_path / "merged", merge=others).summary()
+    assert runs_here.jobs == []
     merged = pd.read_csv(tmp_path / "merged" / "comparison.csv")
     assert (merged["merged"] == merged["runs"]).all()
     assert merged.assign(merged=0).to_csv() == pd.read_csv(io.BytesIO(before)).to_csv()
@@ -179,13 +177,8 @@ def test_the_runs_of_others_are_taken_over_by_their_keys(scenarios, folder, tmp_
     content = bytearray(segment.read_bytes())
     content[content.index(b"tracking_rms_mm") + 20] ^= 1
     segment.write_bytes(content)
-    computed = []
-    with monkeypatch.context() as patch:
-        patch.setattr(
-            "coop_pin.sweeps.workers.backend.run_job", lambda job: computed.append(job) or run_job(job)
-        )
-        run(scenarios, tmp_path / "repaired", merge=others)
-    assert len(computed) == 1
+    run(scenarios, tmp_path / "repaired", merge=others)
+    assert len(runs_here.jobs) == 1
     repaired = pd.read_csv(tmp_path / "repaired" / "comparison.csv")
     assert (repaired["runs"] - repaired["merged"]).sum() == 1
     assert repaired.assign(merged=0).to_csv() == pd.read_csv(io.BytesIO(before)).to_csv()
@@ -219,9 +212,9 @@ def test_what_can_be_runs_in_batches_and_gives_the_same_table(scenarios, tmp_pat
         assert_allclose(auto.data[name], single.data[name], rtol=1e-9, atol=1e-12)
     assert auto.table.index.tolist() == single.table.index.tolist()
     kept = {part.name: SweepStore(part) for part in (tmp_path / "auto" / "planar").iterdir()}
-    assert set(kept) == {"fixed", "fixed-batch", "random", "random-batch"}
+    assert set(kept) == {"fixed", "fixed-lanes", "random", "random-lanes"}
     for name, store in kept.items():
-        engine = "batch" if name.endswith("batch") else "pinocchio"
+        engine = "compiled" if name.endswith("lanes") else "pinocchio"
         assert store.read_plan().engine == engine
         assert {record.engine for record in store.records()} == {engine}
     with pytest.raises(FieldError):

@@ -7,11 +7,12 @@ import adversaries
 import numpy as np
 import pytest
 from cells import SCENARIOS
+from ways import run_as_lane
 
 import coop_pin as cp
 from coop_pin.base.errors import TracingError
 from coop_pin.compiled import simulate_batch
-from coop_pin.compiled.single_runs import checked, difference
+from coop_pin.compiled.laws.single_runs import checked, difference
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.store import SweepStore
 
@@ -112,12 +113,22 @@ def test_attributes_that_change_over_a_step_are_refused_by_name(target, name, ce
         simulate_batch([scenario_of(target, cell)])
 
 
+def test_a_single_run_of_an_adversary_by_name_ends_with_its_law_interpreted(caplog):
+    scenario = scenario_of("CountByGlobals", gain=GAINS[0])
+    with pytest.raises(TracingError, match="differs"):
+        run_as_lane(scenario)
+    adversaries.reset()
+    result = cp.run(scenario, engine="compiled", warn=False)
+    assert (result.engine, result.end) == ("compiled", pytest.approx(scenario.duration))
+    assert "interpreted" in caplog.text
+
+
 # ---------------------------------------------------------------- sweeps
 
 
 def plan(target, gains=GAINS, **fields):
     base = scenario_of(target, gain=0.0)
-    return SweepPlan(base=base, axes={"controller.options.gain": list(gains)}, engine="batch", **fields)
+    return SweepPlan(base=base, axes={"controller.options.gain": list(gains)}, engine="compiled", **fields)
 
 
 def records(folder):
@@ -143,12 +154,11 @@ def test_a_sweep_repeats_a_family_that_differs_singly_and_tells_why(target, tmp_
 
 def test_a_family_is_checked_once_in_a_folder(tmp_path, monkeypatch):
     looked = []
-    monkeypatch.setattr(
-        "coop_pin.compiled.single_runs.difference", lambda *pair: looked.append(pair) or difference(*pair)
-    )
+    place = "coop_pin.compiled.laws.single_runs.difference"
+    monkeypatch.setattr(place, lambda *pair: looked.append(pair) or difference(*pair))
     cp.sweep(plan("Spring"), out=tmp_path, execution=HERE)
     assert len(looked) == 2
-    assert [record.engine for record in records(tmp_path)] == ["batch"] * 3
+    assert [record.engine for record in records(tmp_path)] == ["compiled"] * 3
     assert len({record.family for record in records(tmp_path)}) == 1
     cp.sweep(plan("Spring", (*GAINS, 1.0)), out=tmp_path, execution=HERE)
     assert len(looked) == 2

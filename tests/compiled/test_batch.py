@@ -1,5 +1,6 @@
 """Batches of runs: the dynamics against Pinocchio, whole runs against coop_pin.run."""
 
+import functools
 from collections import Counter
 
 import numpy as np
@@ -13,12 +14,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, InvalidStateError, NotEnoughMemoryError
 from coop_pin.compiled import simulate_batch, support
-from coop_pin.compiled.code_family import Cover, family_of
 from coop_pin.compiled.engine_choice import choose_engines
+from coop_pin.compiled.kind import Cover, Kind
 from coop_pin.compiled.plant.arm_dynamics import ArmInput, ArmNumbers, arm_terms
 from coop_pin.compiled.plant.cell_dynamics import CellNumbers, CellState, cell_motion, closure_error
 from coop_pin.compiled.plant.serial_arm import SerialArm
-from coop_pin.compiled.preparation import Prepared, PreparedPlant
+from coop_pin.compiled.preparation import Prepared
+from coop_pin.compiled.prepared_plant import PreparedPlant
 from coop_pin.compiled.simulate import BatchSimulator
 from coop_pin.compiled.tick import TickCode
 from coop_pin.grasps.cell_chain import CellChain
@@ -259,6 +261,8 @@ def test_a_plant_with_another_payload_has_the_bits_of_one_built_anew(name):
     carried = PreparedPlant(base).carrying(heavy, cover)
     assert carried.values.tobytes() == built.values.tobytes()
     assert carried.begins == built.begins
+    assert carried.scenario == heavy
+    assert carried.kind == built.kind
     assert PreparedPlant(base).carrying(base.override({"events.0.time": 0.6}), cover) is None
     assert PreparedPlant(base).carrying(base.override({"duration": 0.8}), cover) is None
     first, *_ = base.cell.arms
@@ -266,19 +270,24 @@ def test_a_plant_with_another_payload_has_the_bits_of_one_built_anew(name):
     assert carried.carrying(moved, cover) is None
 
 
+def families(simulator):
+    """What a simulator keeps of each kind of runs: its code, and the run for which it was made."""
+    return simulator._families
+
+
 @pytest.mark.slow
 def test_batches_of_one_simulator_share_their_code_and_have_the_bits_of_any_other():
     scenarios = runs("adept-paper", 0.05, count=3)
     simulator = BatchSimulator(machine=NumpyMachine)
-    whole, (family,) = simulator.run(scenarios).samples, simulator._families
+    whole, (family,) = simulator.run(scenarios).samples, families(simulator)
     alone = simulator.run(scenarios[2:]).samples  # numbers that were inputs stay inputs
-    assert simulator._families[0].code is family.code
+    assert families(simulator)[0].code is family.code
     folded = BatchSimulator(machine=NumpyMachine).run(scenarios[2:]).samples  # no number is an input
     for name, values in folded.items():
         assert_array_equal(values[0], whole[name][2], err_msg=name)
         assert_array_equal(alone[name], values, err_msg=name)
     simulator.run([scenario.override({"controller.gains.damping_gain": 31.0}) for scenario in scenarios])
-    (wider,) = simulator._families
+    (wider,) = families(simulator)
     assert wider.first is family.first
     assert wider.code is not family.code
 
@@ -313,12 +322,16 @@ def test_the_engine_is_decided_for_those_runs_together_that_share_their_code(nam
     base = cp.Scenario.load(name, {"duration": 0.1, "events": [], "sensors.wrist": {}})
     changed = {change: base.override(fields) for change, fields in {**TRIALS, **OWN_CODE}.items()}
     cover, simulator = Cover.of_all([base, *changed.values()]), BatchSimulator()
-    code = {change: simulator.prepare(scenario, cover).kind for change, scenario in changed.items()}
+    code = {change: simulator.prepare(scenario, cover).kind.code for change, scenario in changed.items()}
     shared = {change for change in changed if code[change] == code["nominal"]}
-    assert shared == {change for change in changed if family_of(changed[change]) == family_of(base)}
+    kind = Kind.of_scenario(base)
+    assert shared == {change for change in changed if Kind.of_scenario(changed[change]) == kind}
     assert shared == {*TRIALS}
     release = base.override({"events": [{"kind": "lose-arm", "time": 0.05, "arm": "left", "form": "braked"}]})
-    assert [choice.obstacle for choice in choose_engines([base, release], "batch", [1, 1])] == [None, "plant"]
+    assert [choice.obstacle for choice in choose_engines([base, release], "compiled", [1, 1])] == [
+        None,
+        "plant",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -338,9 +351,9 @@ def test_runs_with_other_events_rates_delays_and_losses_share_their_code_and_kee
     simulator, batches = BatchSimulator(), dict[object, list[Prepared]]()
     for scenario in scenarios:
         run = simulator.prepare(scenario, cover)
-        batches.setdefault(run.times, []).append(run)
+        batches.setdefault(run.kind.times, []).append(run)
     lagging = simulator.prepare(base.override({"actuators.lag": 0.01}), cover)
-    assert lagging.kind != run.kind
+    assert lagging.kind.code != run.kind.code
     code = simulator.family([Prepared.joined(runs) for runs in batches.values()]).code
     assert [len(runs) for runs in batches.values()] == [4, 1, 1, 1, 1, 1]
     found = dict[str, xr.Dataset]()
@@ -353,7 +366,7 @@ def test_runs_with_other_events_rates_delays_and_losses_share_their_code_and_kee
             if one is run.scenarios[0]
         ]
         found |= {name: batch.result(index).data for index, name in enumerate(names)}
-    assert simulator._families[-1].code is code
+    assert families(simulator)[-1].code is code
     ends = np.array([found[name].configuration[-1] for name in ("mass", "push", "torque", "commands")])
     assert np.abs(ends - found["nominal"].configuration[-1].values).max(axis=1).min() > 1e-9
     for name, scenario in zip(TRIALS, scenarios, strict=True):
@@ -389,19 +402,25 @@ def test_another_process_neither_traces_nor_compiles_and_other_numbers_have_othe
     assert count["traced"] == 2 + 2 + 1
 
 
-def test_blocks_of_runs_and_later_batches_leave_samples_as_they_are(monkeypatch):
+@pytest.fixture
+def largest_block(monkeypatch):
+    """A function that sets how many runs at most go through the kernels together."""
+    return functools.partial(monkeypatch.setattr, "coop_pin.compiled.simulate.LARGEST_BLOCK")
+
+
+def test_blocks_of_runs_and_later_batches_leave_samples_as_they_are(largest_block):
     scenarios, simulator = runs("adept-paper", 0.05, 4), BatchSimulator()
     together, kept = simulator.run(scenarios).samples, simulator.run(scenarios[:1]).samples
-    monkeypatch.setattr("coop_pin.compiled.simulate.LARGEST_BLOCK", 3)
+    largest_block(3)
     in_blocks = simulator.run(scenarios).samples
     for name, values in together.items():
         assert_array_equal(in_blocks[name], values, err_msg=name)
         assert_array_equal(kept[name][0], values[0], err_msg=name)
 
 
-def test_a_released_batch_lends_its_memory_and_what_was_read_of_it_stays(monkeypatch):
+def test_a_released_batch_lends_its_memory_and_what_was_read_of_it_stays(largest_block):
     """Each of three blocks has memory of its own, which later batches overwrite; nobody reads it any more."""
-    monkeypatch.setattr("coop_pin.compiled.simulate.LARGEST_BLOCK", 2)
+    largest_block(2)
     scenarios = runs("adept-paper", 0.05, 5)
     simulator, others = BatchSimulator(), runs("adept-paper", 0.05, 2)[::-1]
     batch, again = simulator.run(scenarios), simulator.run(scenarios)
@@ -411,9 +430,10 @@ def test_a_released_batch_lends_its_memory_and_what_was_read_of_it_stays(monkeyp
     result = batch.result(4).data.copy(deep=True)
     for _ in range(2):
         batch.release()  # a second time changes nothing
-    released = len(simulator._free)
+    free = simulator._free
+    released = len(free)
     later = [simulator.run(others) for _ in range(3)]
-    assert (released, len(simulator._free)) == (3, 0)
+    assert (released, len(free)) == (3, 0)
     for name, values in read.items():
         assert_array_equal(values, copies[name], err_msg=name)
         assert_array_equal(again.samples[name], values, err_msg=name)
@@ -456,8 +476,8 @@ def test_runs_that_differ_in_motion_start_friction_and_squeeze_are_one_batch():
     assert not np.allclose(batch.samples["torque"][0], batch.samples["torque"][1])
 
 
-def test_samples_that_do_not_fit_are_refused_before_they_are_made(monkeypatch):
-    monkeypatch.setattr("coop_pin.base.memory.free_memory", lambda: 1_000_000)
+def test_samples_that_do_not_fit_are_refused_before_they_are_made(leave_free):
+    leave_free(1_000_000)
     scenario = cp.Scenario.load("adept-paper").replace(duration=0.05, events=())
     with pytest.raises(NotEnoughMemoryError):
         simulate_batch([scenario] * 100, machine=NumpyMachine)

@@ -9,9 +9,9 @@ import subprocess
 import numpy as np
 import pytest
 from cells import ANCHORED, RIGID, SCENARIOS
+from law_cells import servo_cell
 from numpy.testing import assert_array_equal
 from scipy.linalg import expm
-from test_servo import servo_cell
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, NameNotFoundError, TracingError

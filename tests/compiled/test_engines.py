@@ -1,22 +1,27 @@
-"""Engine "traced": the same runs as Pinocchio's, with the same guards, views and interrupted results."""
+"""Compiled plants under interpreted laws: runs of Pinocchio, its guards, views and interrupted results."""
 
 from __future__ import annotations
 
 import json
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from cells import planar_scenario, spatial_scenario
 from numpy.testing import assert_allclose
+from ways import run_on
 
 import coop_pin as cp
 from coop_pin.base import errors
 from coop_pin.cli import main
+from coop_pin.compiled import plant_of
+from coop_pin.compiled.engine_choice import choose_engine
+from coop_pin.compiled.engines import FORMER
+from coop_pin.compiled.plant.cell_dynamics import closure_error
 from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps import CellChain
-from coop_pin.running.run_scenario import plant_of
 from coop_pin.simulation.build_controller import build_controller
-from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.simulation import Simulation
 
 CASES = {
@@ -41,9 +46,9 @@ SLOW = pytest.param("three", marks=pytest.mark.slow)
 
 @pytest.fixture(scope="module", params=["planar", "spatial", "continuous", SLOW])
 def pair(request) -> tuple[cp.RunResult, cp.RunResult]:
-    """The same run by both engines."""
+    """The same run on both plants."""
     scenario = eventful(request.param)
-    return cp.run(scenario), cp.run(scenario, engine="traced")
+    return run_on("pinocchio", scenario), run_on("compiled", scenario)
 
 
 def test_a_run_has_the_samples_of_pinocchio(pair):
@@ -62,28 +67,28 @@ def test_a_run_has_the_samples_of_pinocchio(pair):
 
 
 def test_the_results_name_their_engines(pair):
-    assert [result.engine for result in pair] == ["pinocchio", "traced"]
+    assert [result.engine for result in pair] == ["pinocchio", "compiled"]
     assert "engine" not in pair[0].data.attrs
 
 
 @pytest.mark.parametrize("name", ["planar", "spatial"])
 def test_the_plant_has_the_accelerations_of_pinocchio_at_random_states(name):
-    """From the change of velocity over a step so short that only the acceleration counts."""
+    """From the change of velocity in a step so short that only the acceleration counts; off closures, too."""
     scenario, rng = CASES[name][0](), np.random.default_rng(3)
     chain = CellChain(scenario.cell)
     q_start, model = chain.configuration(scenario.start.matrix), chain.mechanism.model
-    traced, rows = plant_of("traced")(chain, PlantOptions(), q_start), scenario.cell.task_rows
-    for _ in range(3):
+    traced, rows = plant_of("compiled")(chain, PlantOptions(), q_start), scenario.cell.task_rows
+    for gap in (0.0, 0.0, 1e-3):
         q = chain.mechanism.project_configuration(q_start + 0.03 * rng.normal(size=model.nv))
         v = chain.mechanism.project_velocity(q, rng.normal(size=model.nv))
+        q, v = q + gap * rng.normal(size=model.nv), v + 100.0 * gap * rng.normal(size=model.nv)
         force, push = 20.0 * rng.normal(size=model.nv), np.zeros(6)
         push[list(rows.indices)] = rng.normal(size=rows.size)
-        oracle = Plant(chain, PlantOptions(), q)
+        oracle = PinocchioPlant(chain, PlantOptions(), q)
         seen = []
         for plant in (oracle, traced):
-            plant.q, plant.v = q, v
-            plant.hold(force)
-            plant.surround(plant.surroundings._replace(push=push))
+            state, pushed = plant.state(), chain.cell.surroundings._replace(push=push)
+            plant.restore(state._replace(q=q, v=v, force=force, surroundings=pushed))
             seen.append(plant.observe(*(np.array([part, part]) for part in (q, v, force)), np.zeros(2)))
             found = plant.interaction_wrenches()
             assert_allclose(seen[-1].interaction_wrench, [found, found], rtol=1e-12, atol=1e-12)
@@ -97,13 +102,25 @@ def test_the_plant_has_the_accelerations_of_pinocchio_at_random_states(name):
             assert_allclose(getattr(seen[1], field), getattr(seen[0], field), rtol=1e-12)
 
 
+def test_closure_errors_of_compiled_code_are_logarithms():
+    """Of a weld that has come apart by some hundredths of a radian, far from the world's origin."""
+    rng = np.random.default_rng(2)
+    for size in (1e-9, 1e-3, 0.05):
+        X_0 = pin.SE3(pin.exp3(rng.normal(size=3)), rng.normal(size=3))
+        X_i = X_0 * pin.exp6(pin.Motion(size * rng.uniform(-1.0, 1.0, 6)))
+        sides = (X_0.rotation, X_0.translation, X_i.rotation, X_i.translation)
+        wanted = -pin.log6(X_0 * X_i.inverse()).vector
+        assert_allclose(closure_error(*sides).astype(float), wanted, rtol=0, atol=1e-12)
+
+
 def test_steps_wait_until_something_asks_and_give_the_same_state():
     scenario = planar_scenario()
     chain = CellChain(scenario.cell)
     q = chain.configuration(scenario.start.matrix)
-    at_once, one_by_one = (plant_of("traced")(chain, PlantOptions(), q) for _ in range(2))
+    at_once, one_by_one = (plant_of("compiled")(chain, PlantOptions(), q) for _ in range(2))
     for plant in (at_once, one_by_one):
-        plant.hold(np.linspace(-3.0, 3.0, chain.mechanism.model.nv))
+        force = np.linspace(-3.0, 3.0, chain.mechanism.model.nv)
+        plant.restore(plant.state()._replace(force=force))
     for step in range(150):  # more than one call makes
         for plant in (at_once, one_by_one):
             plant.advance(1e-3 * step, 1e-3)
@@ -122,17 +139,17 @@ def test_a_view_sees_every_tick_and_an_interrupted_run_is_kept():
             raise KeyboardInterrupt
 
     with pytest.raises(errors.RunInterruptedError) as caught:
-        cp.run(scenario, engine="traced", view=watch, realtime_rate=np.inf)
+        cp.run(scenario, engine="compiled", view=watch, realtime_rate=np.inf)
     kept = caught.value.result
     assert kept.data.sizes["time"] == 12
-    assert kept.engine == "traced"
+    assert kept.engine == "compiled"
     assert_allclose(kept.data["payload_position"].values[:, :2], [X[:2, 3] for X in seen], rtol=0, atol=0)
 
 
 def test_an_event_added_on_the_way_acts():
     scenario = planar_scenario().replace(duration=0.5, events=())
     results = []
-    for engine in ("pinocchio", "traced"):
+    for engine in ("pinocchio", "compiled"):
         run = Simulation(scenario, build_controller(scenario), plant=plant_of(engine))
         for _ in range(10):
             run.tick()
@@ -163,32 +180,61 @@ def test_a_users_law_that_diverges_ends_both_runs_alike():
         {"controller": {"kind": "user", "target": TooStrong}, "events": [], "duration": 2.0}
     )
     found = []
-    for engine in ("pinocchio", "traced"):
+    for engine in ("pinocchio", "compiled"):
         with pytest.raises(errors.DivergedError) as caught:
-            cp.run(scenario, engine=engine)
+            run_on(engine, scenario)
         found.append(caught.value)
     assert found[0].time == found[1].time
     assert found[0].result.end == found[1].result.end
 
 
-@pytest.mark.parametrize(
-    "changed",
-    [{"plant.payload": "free"}, {"plant.integrator": "semi-implicit-euler"}, {"plant.project": "step"}],
-)
-def test_a_plant_that_is_not_traced_is_refused(changed):
-    with pytest.raises(errors.ArgumentError, match="traced"):
-        cp.run("adept-paper", changed, engine="traced")
+PINOCCHIO_ALONE = {
+    "free payload": {"plant.payload": "free"},
+    "another integrator": {"plant.integrator": "semi-implicit-euler"},
+    "projection": {"plant.project": "step"},
+    "released": {"plant.payload": "free", "events": [{"kind": "release", "time": 0.1, "arm": "left"}]},
+    "braked": {"events": [{"kind": "lose-arm", "time": 0.1, "arm": "left", "form": "braked"}]},
+}
+"""Changes after which nothing of adept-paper can be compiled."""
 
 
-def test_an_unknown_engine_is_refused():
-    with pytest.raises(errors.NameNotFoundError) as caught:
-        cp.run("adept-paper", engine="traceed")
-    assert "traced" in str(caught.value)
+@pytest.mark.parametrize("change", PINOCCHIO_ALONE)
+def test_what_only_pinocchio_has_is_refused_before_the_run(change, tmp_path):
+    """By a run and a sweep that name the compiled engine; both name one that can."""
+    scenario, ticks = cp.Scenario.load("adept-paper", {"duration": 0.2, "events": []}), []
+    scenario = scenario.override(PINOCCHIO_ALONE[change])
+    here = cp.Execution(workers=0, quiet=True, engine="compiled")
+    with pytest.raises(errors.FieldError, match="'pinocchio'"):
+        cp.run(scenario, engine="compiled", warn=False, progress=lambda *_: ticks.append(1))
+    with pytest.raises(errors.FieldError, match="'pinocchio'"):
+        cp.sweep(scenario, {"seed": [0, 1]}, out=tmp_path, execution=here)
+    assert not ticks
+    assert choose_engine(scenario).engine == "pinocchio"
+
+
+def test_unknown_engines_are_refused_and_former_ones_named_as_they_are_called():
+    for name, present in (("compield", "compiled"), *FORMER.items()):
+        for call in (
+            lambda name=name: cp.run("adept-paper", engine=name),
+            lambda name=name: cp.Execution(engine=name),
+            lambda name=name: cp.SweepPlan(base="adept-paper", engine=name),
+        ):
+            with pytest.raises(errors.FieldError, match=f"'{present}'") as caught:
+                call()
+            assert caught.value.path == "engine"
+
+
+@pytest.mark.parametrize("former", FORMER)
+@pytest.mark.parametrize("form", [["--engine", "{}"], ["--engine={}"]], ids=len)
+def test_commands_name_former_engines_as_they_are_called(former, form, capsys):
+    for command in (["run", "adept-paper"], ["sweep", "plan.toml"]):
+        assert main([*command, *(word.format(former) for word in form)]) == 2
+        assert f"'{FORMER[former]}'" in capsys.readouterr().err
 
 
 def test_the_command_line_chooses_the_engine(tmp_path, capsys):
-    words = ["run", "adept-paper", "--engine", "traced", "--duration", "0.1", "--events", "[]"]
+    words = ["run", "adept-paper", "--engine", "compiled", "--duration", "0.1", "--events", "[]"]
     assert main([*words, "--no-figures", "--no-replay", "--out", str(tmp_path)]) == 0
-    assert "engine traced" in capsys.readouterr().out
-    assert cp.RunResult.load(tmp_path / "result.nc").engine == "traced"
+    assert "engine compiled" in capsys.readouterr().out
+    assert cp.RunResult.load(tmp_path / "result.nc").engine == "compiled"
     assert json.loads((tmp_path / "metrics.json").read_text())["trustworthy"]

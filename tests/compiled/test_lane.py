@@ -10,9 +10,11 @@ import sys
 import numpy as np
 import pytest
 from batches import require_same_samples
+from sensing_settings import SETTINGS
 from test_batch_laws import LAWS, scenario_with
-from test_batch_sensing import SETTINGS, in_setting
+from test_batch_sensing import in_setting
 from test_engines import CASES, eventful
+from ways import WAYS, run_as_lane, run_on
 
 import coop_pin as cp
 from coop_pin.base import errors
@@ -20,6 +22,7 @@ from coop_pin.cli import main
 from coop_pin.compiled import plant_reason
 from coop_pin.compiled.engine_choice import choose_engine
 from coop_pin.results.run_result import RunResult
+from coop_pin.sweeps.store import SweepStore
 
 RUNS = {
     **{
@@ -51,10 +54,10 @@ QUICK = {*ALWAYS, *random.Random(31).sample(sorted({*RUNS} - {*ALWAYS}), 4)}
 DIVERGING = {"law leader-follower 0"}
 
 
-def finished(scenario, engine):
+def finished(scenario, way):
     """The run, or the time at which it diverges."""
     try:
-        return cp.run(scenario, engine=engine, warn=False)
+        return WAYS[way](scenario)
     except errors.DivergedError as error:
         return error.time
 
@@ -64,11 +67,12 @@ def finished(scenario, engine):
 )
 def test_a_lane_is_the_run_on_pinocchio(name):
     scenario = RUNS[name]()
-    lane, single = (finished(scenario, engine) for engine in ("batch", "pinocchio"))
-    if name in DIVERGING:
-        assert lane == single
+    lane, single = (finished(scenario, way) for way in ("lanes", "pinocchio"))
+    if name in DIVERGING:  # the run on a compiled plant tells its error
+        assert lane is None
+        assert finished(scenario, "plant") == single
         return
-    assert (lane.engine, single.engine) == ("batch", "pinocchio")
+    assert (lane.engine, single.engine) == ("compiled", "pinocchio")
     require_same_samples(lane.data, single.data)
     remarks = [result.data.attrs.get(RunResult.REMARKS) for result in (lane, single)]
     assert remarks[0] == remarks[1]
@@ -83,7 +87,7 @@ def test_other_gains_need_no_other_code(tmp_path, monkeypatch):
     for gain in (0.05, 0.13, 0.2):
         changes = {"duration": 0.2, "events": [], "controller.gains.sign_gain": gain}
         scenario = cp.Scenario.load("adept-anchored", changes)
-        lane, single = cp.run(scenario, engine="batch", warn=False), cp.run(scenario, warn=False)
+        lane, single = run_as_lane(scenario), cp.run(scenario, warn=False)
         require_same_samples(lane.data, single.data)
     assert len(made) <= 1
 
@@ -99,8 +103,8 @@ def test_an_interrupted_lane_keeps_its_first_chunks(every):
             raise KeyboardInterrupt
 
     with pytest.raises(errors.RunInterruptedError) as caught:
-        cp.run(scenario, engine="batch", progress=watch, warn=False)
-    kept, whole = caught.value.result.data, cp.run(scenario, engine="batch", warn=False).data
+        run_as_lane(scenario, progress=watch)
+    kept, whole = caught.value.result.data, run_as_lane(scenario).data
     assert 0 < done[0] < done[1] < 1200
     ticks = np.round(kept.time.values * scenario.clock.rate_hz).astype(int)
     assert ticks.tolist() == [tick for tick in range(done[1] + 1) if tick % every == 0 or tick == done[1]]
@@ -158,7 +162,7 @@ def test_an_hour_of_two_pandas_takes_less_than_1_gb_and_its_page_less_than_4_mb(
     done = subprocess.run(words, check=True, capture_output=True, text=True)
     said, peak_kb = done.stdout.splitlines()
     print(said, f"{int(peak_kb) / 1024:.0f} MB, page {files[1].stat().st_size / 1e6:.2f} MB")
-    assert said == "batch 180001 True"
+    assert said == "compiled 180001 True"
     assert int(peak_kb) * 1024 < 1e9
     assert files[1].stat().st_size < 4e6
 
@@ -177,7 +181,7 @@ def test_a_run_says_what_auto_would_have_saved(monkeypatch, caplog):
 
 def test_progress_ends_with_the_last_tick_and_its_errors_carry_the_result():
     scenario, told = cp.Scenario.load("adept-paper", {"duration": 15.0}), []
-    cp.run(scenario, engine="batch", progress=lambda *ticks: told.append(ticks), warn=False)
+    run_as_lane(scenario, progress=lambda *ticks: told.append(ticks))
     assert told[-1] == (1200, 1200)
     assert told == sorted(told)
 
@@ -185,7 +189,7 @@ def test_progress_ends_with_the_last_tick_and_its_errors_carry_the_result():
         raise errors.RunTimeoutError(1.0)
 
     with pytest.raises(errors.RunTimeoutError) as caught:
-        cp.run(scenario, engine="batch", progress=fail, warn=False)
+        run_as_lane(scenario, progress=fail)
     assert caught.value.result.data.attrs[RunResult.ENDED_BY] == "RunTimeoutError"
     assert caught.value.result.data.sizes["time"] == told[0][0] + 1
 
@@ -193,7 +197,7 @@ def test_progress_ends_with_the_last_tick_and_its_errors_carry_the_result():
 def test_a_lane_that_diverges_has_the_error_of_a_single_run():
     changes = {"controller.gains.pose_gain": 400.0, "beyond_bound": True, "duration": 2.0, "events": []}
     found = []
-    for engine in ("pinocchio", "batch"):
+    for engine in ("pinocchio", "compiled"):
         with pytest.raises(errors.CoopPinError) as caught:
             cp.run("adept-paper", changes, engine=engine, warn=False)
         found.append((type(caught.value), caught.value.time, caught.value.result.end))
@@ -209,24 +213,27 @@ def test_auto_chooses_by_length_law_and_what_happens_at_ticks():
         {"controller": {"kind": "computed-torque", "gains": {"position_gain": 9.0, "velocity_gain": 6.0}}}
     )
     cases = {
-        ("batch", None): (long.replace(duration=2000.0), False),
+        ("lanes", None): (long.replace(duration=2000.0), False),
         ("pinocchio", "few runs"): (short, False),
-        ("traced", "live"): (long, True),
-        ("traced", "law"): (based, False),
+        ("plant", "live"): (long, True),
+        ("plant", "law"): (based, False),
         ("pinocchio", "plant"): (long.override({"plant.payload": "free"}), False),
     }
     for expected, (scenario, is_live) in cases.items():
         assert choose_engine(scenario, is_live=is_live)[:2] == expected
+        if expected != ("pinocchio", "plant"):  # by its name, however few ticks
+            named = choose_engine(scenario, "compiled", is_live=is_live)
+            assert (named.engine, named.way) == ("compiled", expected[0].replace("pinocchio", "lanes"))
 
 
 def test_auto_takes_compliant_grasps_and_leaves_their_events_to_single_runs():
-    assert choose_engine(cp.Scenario.load("adept-compliant"))[0] == "batch"
-    assert choose_engine(cp.Scenario.load("three-ur5-handover"))[:2] == ("traced", "plant")
+    assert choose_engine(cp.Scenario.load("adept-compliant"))[0] == "lanes"
+    assert choose_engine(cp.Scenario.load("three-ur5-handover"))[:2] == ("plant", "plant")
     assert choose_engine(cp.Scenario.load("human-partner"))[:2] == ("pinocchio", "plant")
 
 
 def test_auto_runs_what_it_chooses():
-    assert cp.run("adept-paper", engine="auto", warn=False).engine == "batch"
+    assert cp.run("adept-paper", engine="auto", warn=False).engine == "compiled"
     assert (
         cp.run("adept-paper", {"duration": 1.0, "events": []}, engine="auto", warn=False).engine
         == "pinocchio"
@@ -238,17 +245,27 @@ def test_auto_runs_what_it_chooses():
     [{"view": lambda _: None}, {"realtime_rate": 1.0}, {"stop_at_breach": True}],
     ids=lambda each: next(iter(each)),
 )
-def test_a_lane_is_refused_where_something_happens_at_every_tick(asked):
-    with pytest.raises(errors.ArgumentError, match="traced"):
-        cp.run("adept-paper", engine="batch", warn=False, **asked)
+def test_the_law_is_interpreted_where_something_happens_at_every_tick(asked, caplog):
+    changes = {"duration": 0.2, "events": []}
+    with caplog.at_level("INFO", "coop_pin"):
+        result = cp.run("adept-paper", changes, engine="compiled", warn=False, **asked)
+    plant = run_on("compiled", cp.Scenario.load("adept-paper", changes))
+    assert result.data.identical(plant.data)
+    assert "interpreted" in caplog.text
 
 
-def test_a_lane_of_a_law_that_cannot_be_traced_is_refused():
+def test_a_law_that_cannot_be_compiled_is_interpreted():
     changes = {
-        "controller": {"kind": "computed-torque", "gains": {"position_gain": 9.0, "velocity_gain": 6.0}}
+        "controller": {"kind": "computed-torque", "gains": {"position_gain": 9.0, "velocity_gain": 6.0}},
+        "duration": 0.2,
+        "events": [],
     }
-    with pytest.raises(errors.ArgumentError, match="computed-torque"):
-        cp.run("adept-paper", changes, engine="batch", warn=False)
+    scenario = cp.Scenario.load("adept-paper", changes)
+    with pytest.raises(errors.TracingError, match="computed-torque"):
+        run_as_lane(scenario)
+    result = cp.run(scenario, engine="compiled", warn=False)
+    assert result.engine == "compiled"
+    assert result.data.identical(run_on("compiled", scenario).data)
 
 
 class Damper(cp.ArmController):
@@ -281,42 +298,55 @@ def users(target):
     )
 
 
-def test_a_users_law_runs_as_a_lane_by_name():
-    lane, single = (cp.run(users(Damper), engine=engine, warn=False) for engine in ("batch", "pinocchio"))
-    assert lane.engine == "batch"
+def test_a_users_law_runs_as_a_lane_by_name(caplog):
+    with caplog.at_level("INFO", "coop_pin"):
+        lane, single = (
+            cp.run(users(Damper), engine=engine, warn=False) for engine in ("compiled", "pinocchio")
+        )
+    assert "interpreted" not in caplog.text
+    assert lane.data.identical(run_as_lane(users(Damper)).data)
     require_same_samples(lane.data, single.data)
 
 
-def test_a_users_law_with_hidden_state_is_no_lane():
-    with pytest.raises(errors.CoopPinError):
-        cp.run(users(Forgetful), engine="batch", warn=False)
-
-
-def test_the_old_name_of_an_engine_is_read():
-    assert cp.Execution(engine="single").engine == "pinocchio"
-    assert cp.SweepPlan(base="adept-paper", engine="single").engine == "pinocchio"
-    assert (
-        cp.run("adept-paper", {"duration": 0.1, "events": []}, engine="single", warn=False).engine
-        == "pinocchio"
-    )
+def test_a_users_law_with_hidden_state_is_no_lane(caplog):
+    with pytest.raises(errors.TracingError):
+        run_as_lane(users(Forgetful))
+    with caplog.at_level("INFO", "coop_pin"):
+        result = cp.run(users(Forgetful), engine="compiled", warn=False)
+    assert (result.engine, result.end) == ("compiled", 4.0)
+    assert "interpreted" in caplog.text
 
 
 def test_the_command_tells_what_auto_chose(tmp_path, capsys):
     words = ["run", "adept-paper", "--engine", "auto", "--no-figures", "--no-replay", "--out", str(tmp_path)]
     assert main(words) == 0
-    assert "engine batch: " in capsys.readouterr().out
-    assert cp.RunResult.load(tmp_path / "result.nc").engine == "batch"
+    assert "engine compiled, whole runs as lanes: " in capsys.readouterr().out
+    assert cp.RunResult.load(tmp_path / "result.nc").engine == "compiled"
 
 
-def test_a_sweep_on_the_traced_plant_says_so(tmp_path):
-    axes = {"controller.gains.sign_gain": [0.0, 0.1]}
-    plan = {"changes": {"duration": 0.2, "events": []}, "execution": cp.Execution(workers=0, quiet=True)}
+def test_a_sweep_of_a_law_that_cannot_be_compiled_runs_on_compiled_plants(tmp_path):
+    axes = {"controller.gains.position_gain": [9.0, 16.0]}
+    law = {"kind": "computed-torque", "gains": {"position_gain": 9.0, "velocity_gain": 6.0}}
+    plan = {
+        "changes": {"duration": 0.2, "events": [], "controller": law},
+        "execution": cp.Execution(workers=0, quiet=True),
+    }
     tables = {
         engine: cp.sweep("adept-paper", axes, out=tmp_path / engine, engine=engine, **plan).table
-        for engine in ("traced", "pinocchio")
+        for engine in ("compiled", "pinocchio")
     }
-    columns = ["position_rms_m", "closure_distance_max_m"]
-    common = [name for name in columns if name in tables["traced"]]
-    assert common
-    np.testing.assert_allclose(tables["traced"][common], tables["pinocchio"][common], rtol=0, atol=1e-9)
-    assert '"engine":"traced"' in (tmp_path / "traced" / "runs" / "000001.jsonl").read_text().replace(" ", "")
+    columns = ["position_rms_m", "closure_error_max_m"]
+    np.testing.assert_allclose(tables["compiled"][columns], tables["pinocchio"][columns], rtol=0, atol=1e-9)
+    for engine in tables:
+        assert {record.engine for record in SweepStore(tmp_path / engine).records()} == {engine}
+
+
+def test_of_a_sweep_in_lanes_other_laws_run_on_compiled_plants_and_other_plants_on_pinocchio(tmp_path):
+    base = cp.Scenario.load("adept-paper", {"duration": 0.1, "events": []})
+    model = {"kind": "computed-torque", "gains": {"position_gain": 9.0, "velocity_gain": 6.0}}
+    cases = {"own": {}, "model": {"controller": model}, "free": {"plant.payload": "free"}}
+    here = cp.Execution(workers=0, quiet=True, engine="compiled")
+    result = cp.sweep(base, cases={"case": cases}, out=tmp_path, execution=here)
+    engines = {record.key: record.engine for record in SweepStore(tmp_path).records()}
+    assert [engines[key] for key in result.table["key"]] == ["compiled", "compiled", "pinocchio"]
+    assert result.counts()["ok"] == 3

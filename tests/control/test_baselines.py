@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 from cells import SCENARIOS
+from law_cells import force_error, stated, still
 from numpy.testing import assert_allclose
-from test_model_based import force_error, stated, still
 
 import coop_pin as cp
 from coop_pin.control import CellController

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from batches import require_same_samples
 from cells import SCENARIOS
+from network_cells import BIASED, CELLS, Silent, samples
 from numpy.testing import assert_allclose
-from test_network import BIASED, CELLS, Silent, samples
 
 import coop_pin as cp
 from coop_pin.base.errors import FieldError, ScenarioError

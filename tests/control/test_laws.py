@@ -3,11 +3,10 @@
 import math
 from typing import get_args
 
-import numpy as np
 import pytest
-from cells import ANCHORED, SCENARIOS
+from cells import SCENARIOS
+from law_cells import stated, still
 from numpy.testing import assert_allclose
-from test_model_based import stated, still
 
 import coop_pin as cp
 from coop_pin.base.errors import FieldError, ScenarioError
@@ -120,11 +119,3 @@ def test_prescribed_performance_sags_as_steady_errors_say():
     scenario = still("planar", law, rate=500.0, duration=2.5, events=[push], **carried)
     sag = cp.run(scenario).data.pose_error.values[-1, 0]
     assert_allclose(steady_errors(scenario, load=3.0).sag, sag, rtol=0.03)
-
-
-def test_keys_of_stored_runs_depend_on_the_order_in_which_a_law_is_written():
-    law = ANCHORED["planar"]
-    first = ["kind", "gains", "arm_gains", "switching", "force_path", "zero_at_grasp", "posture"]
-    assert list(law.model_dump())[: len(first)] == first
-    assert list(cp.UserController(target="a:b").model_dump()) == ["kind", "target", "options", "force_path"]
-    assert np.array_equal(list(law.model_dump(mode="json")), list(law.model_dump()))

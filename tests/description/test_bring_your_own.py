@@ -38,7 +38,7 @@ from coop_pin.grasps import CellChain
 from coop_pin.model import ArmModel
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.model.pinocchio_model import load_arm_model
-from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 
 FINGERS = {"panda_finger_joint1": 0.02}
 BODY = (
@@ -126,12 +126,14 @@ def test_a_pose_by_half_an_axis_or_in_two_ways_is_refused(fields, path):
 
 
 def test_a_tip_left_out_is_the_only_leaf_or_an_error_that_lists_the_leaves(urdf):
-    with pytest.raises(UrdfError, match="panda_leftfinger") as error:
+    with pytest.raises(UrdfError) as error:
         Arm(urdf="panda")
     assert set(error.value.names) == {"panda_leftfinger", "panda_rightfinger", "panda_hand_tcp"}
     assert Arm(urdf=str(urdf(two_links()))).tip == "b"
-    with pytest.raises(NameNotFoundError, match="tool0"):
+    with pytest.raises(NameNotFoundError) as unknown:
         ArmModel(Arm(urdf="ur5", tip="tool00"))
+    assert unknown.value.name == "tool00"
+    assert "tool0" in unknown.value.known
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "kinova", "xarm7", "baxter", "talos_arm", "z1"])
@@ -180,8 +182,9 @@ def test_a_link_that_shares_its_name_with_a_joint_is_found():
 
 def test_xacro_without_its_extra_says_what_to_install(urdf, monkeypatch):
     monkeypatch.setitem(sys.modules, "xacrodoc", None)
-    with pytest.raises(MissingExtraError, match=r"coop-pin\[xacro\]"):
+    with pytest.raises(MissingExtraError) as caught:
         Arm.from_urdf(urdf("<robot/>", "arm.urdf.xacro"))
+    assert caught.value.extra == "xacro"
 
 
 def test_xacro_is_expanded_with_its_arguments_and_its_own_includes(tmp_path):
@@ -279,15 +282,16 @@ def test_what_cannot_be_locked_is_refused_by_name():
     panda = Arm.from_urdf("panda", "panda_hand_tcp")
     with pytest.raises(UrdfError, match=r"panda_finger_joint1: is 0\.5"):
         load_arm_model(panda.replace(locked={"panda_finger_joint1": 0.5}))
-    with pytest.raises(NameNotFoundError, match="panda_finger_joint1"):
+    with pytest.raises(NameNotFoundError) as unknown:
         load_arm_model(panda.replace(locked={"panda_finger_joint": 0.0}))
+    assert "panda_finger_joint1" in unknown.value.known
     ur5 = Arm.from_urdf("ur5", "tool0")
     with pytest.raises(UrdfError, match="every joint"):
         load_arm_model(ur5.replace(locked=dict.fromkeys(list(load_arm_model(ur5).names)[1:], 0.0)))
 
 
 def test_moving_mimic_joints_are_refused_unless_ignored():
-    with pytest.raises(MimicJointError, match="panda_finger_joint2") as error:
+    with pytest.raises(MimicJointError) as error:
         ArmModel(Arm.from_urdf("panda", "panda_hand_tcp"))
     assert error.value.names == ("panda_finger_joint2",)
     assert ArmModel(Arm.from_urdf("panda", "panda_hand_tcp", mimic="ignore")).nq == 9
@@ -504,7 +508,7 @@ def test_a_cell_that_falls_stays_closed_and_keeps_its_energy(name, payload):
     cell, X_WP = catalogue_cell(name)
     options = PlantOptions(payload=payload)
     chain = CellChain(cell, options)
-    plant = Plant(chain, options, chain.configuration(X_WP))
+    plant = PinocchioPlant(chain, options, chain.configuration(X_WP))
     start = chain.mechanism.energy(plant.q, plant.v).total
     for _ in range(100):
         plant.advance(0.0, 2e-3)

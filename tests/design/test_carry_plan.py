@@ -234,7 +234,7 @@ def palms(more):
     }
     cell, start = scenario.cell.rigid.replace(pads=pads), scenario.start
     chain, still = CellChain(cell), np.zeros(14)
-    least = chain.least_squeeze(chain.configuration(start.matrix), still, still).internal
+    least = chain.friction_squeeze(chain.configuration(start.matrix), still, still).internal
     squeeze = least @ np.kron(np.eye(2), start.matrix[:3, :3])
     squeeze = squeeze + cp.squeezes.TipForceSqueeze(force=more).at(0.0, cell.grasps)
     goal = start.replace(xyz=tuple(np.add(start.xyz, (0.0, 0.15, 0.1))))

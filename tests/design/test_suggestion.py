@@ -10,22 +10,17 @@ import tomli_w
 from cells import CATALOGUE_CELLS, FAR_CELLS
 from close import unwrapped
 from scipy.spatial.transform import Rotation
+from ur_cells import UR, UR5_OF_FIVE, carry, short
 
 import coop_pin as cp
 from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.cli import main
 from coop_pin.design import gain_proposal
 from coop_pin.feasibility import MotionWrenches, closure_problem, reachability
-from coop_pin.model import ArmModel, CellArm
+from coop_pin.model import CellArm
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import loop_stability
-
-ONES = cp.laws.PayloadSpace(
-    gains=cp.laws.PayloadSpaceGains(pose_gain=1.0, sliding_gain=1.0, sign_gain=1.0, transient_rate=1.0),
-    force_path=cp.laws.LateForcePath(),
-)
-"""A controller has to be stated; its gains are not used."""
 
 SIX_R = (
     # axis, origin from the joint before, mass, length of the link along z
@@ -60,7 +55,6 @@ def six_r(folder, effort):
     return {"urdf": str(file), "tip": "l5", "posture": (0.0, 0.3, 1.4, 0.0, 1.2, 0.0)}
 
 
-UR = {"tip": "tool0", "posture": (0.0, -1.2, 1.6, -1.97, -1.57, 0.0)}
 XARM = {"urdf": "xarm7", "tip": "link_eef", "posture": (0.0, -0.3, 0.0, 1.2, 0.0, 1.5, 0.0)}
 Z1 = {
     "urdf": "z1",
@@ -69,38 +63,6 @@ Z1 = {
     "posture": (0.0, 1.2, -1.2, 0.0, 0.0, 0.0),
 }
 SO100 = {"urdf": "so100", "tip": "gripper", "locked": {"gripper": 0.0}, "posture": (0.0, 0.0, 0.0, 0.0, 0.0)}
-UR5_OF_FIVE = {
-    "urdf": "ur5",
-    "tip": "tool0",
-    "locked": {"wrist_3_joint": 0.0},
-    "posture": UR["posture"][:5],
-}
-
-
-def carry(name, arms, *, by=(0.0, 0.12, 0.16), mass=2.0, **cell):
-    """Arms in a ring, at their postures, carry a box along 0.2 m in 3 s; nothing is stated about the law."""
-    placed, angle = {}, 2.0 * np.pi / len(arms)
-    for k, fields in enumerate(arms):
-        tip = ArmModel(cp.Arm(**fields)).tip_pose(fields["posture"])[:3, 3]
-        away = np.array((-(tip[0] + 0.15), 0.0, -tip[2]))
-        turn = cp.Pose(rpy=(0.0, 0.0, k * angle)).matrix[:3, :3]
-        base = cp.Pose(xyz=tuple(turn @ away), rpy=(0.0, 0.0, k * angle))
-        placed[f"arm{k}"] = cp.Arm(base=base, **fields)
-    start = cp.Pose()
-    return cp.Scenario(
-        name=name,
-        cell=cp.Cell(
-            arms=placed,
-            payload=cp.Payload.box(mass, (0.3, 0.2, 0.1)),
-            payload_pose=start,
-            grasps="as-posed",
-            **cell,
-        ),
-        controller=ONES,
-        start=start,
-        motion=cp.motions.LineMotion(start=start, goal=cp.Pose(xyz=by), start_time=1.0, duration=3.0),
-        duration=5.0,
-    )
 
 
 def ten_cells(folder):
@@ -152,7 +114,7 @@ def suggestion(six):
 def closed_chain_mobility(scenario, found, at):
     """A^-1 by unit wrenches on the payload of the closed chain at rest, without any inertia of arms."""
     simulation = Simulation(scenario, build_controller(scenario))
-    chain, cell = simulation.plant.chain, scenario.cell
+    chain, cell = simulation.chain, scenario.cell
     first = CellArm(cell, found.arms[0].arm)
     q_first = found.arms[0].q[at]
     q = chain.model.configuration([arm.q[at] for arm in found.arms], first.payload_pose(q_first))
@@ -365,22 +327,20 @@ def test_what_it_proposes_holds_the_spare_joints_along_the_motion(name):
 
 
 def test_the_spring_is_raised_until_it_holds_or_the_cell_is_refused(monkeypatch):
-    module = importlib.import_module("coop_pin.design.suggestion")
-    monkeypatch.setattr(module, "_SPARE_RATE", 6.0)
-    assert cp.suggest("two-pandas-box", poses=5).proposal.posture.stiffness == 80.0
-    monkeypatch.setattr(module, "_SPARE_RATE", 1e9)
-    monkeypatch.setattr(module, "_STIFFEST", 79.0)
+    def suggested(rate, stiffest):
+        module = importlib.import_module("coop_pin.design.suggestion")
+        monkeypatch.setattr(module, "_SPARE_RATE", rate)
+        monkeypatch.setattr(module, "_STIFFEST", stiffest)
+        return cp.suggest("two-pandas-box", poses=5)
+
+    assert suggested(6.0, 640.0).proposal.posture.stiffness == 80.0
     with pytest.raises(InfeasibleMotionError) as caught:
-        cp.suggest("two-pandas-box", poses=5)
+        suggested(1e9, 79.0)
     assert caught.value.cause == "stability"
 
 
 LEVEL = UR5_OF_FIVE | {"posture": (0.0, -1.2, 1.6, -0.4, -1.57)}
 """Its tool is level: with its three parallel axes it cannot tilt about the line to another such arm."""
-
-
-def short(scenario):
-    return scenario.replace(motion=scenario.motion.replace(start_time=0.2, duration=1.5), duration=2.0)
 
 
 @pytest.mark.parametrize("name", ["adept-paper", "five-joint-pair", "two-pandas-box"])

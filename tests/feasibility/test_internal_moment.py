@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from cells import ANCHORED, SCENARIOS
 from numpy.testing import assert_allclose
-from test_suggestion import UR, UR5_OF_FIVE, carry, short
+from ur_cells import UR, UR5_OF_FIVE, carry, short
 
 import coop_pin as cp
 from coop_pin.cli import main

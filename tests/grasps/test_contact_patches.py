@@ -13,7 +13,7 @@ from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps import CellChain
 from coop_pin.grasps.contact_equilibrium import laid, lies
 from coop_pin.grasps.contact_points import ContactPoints
-from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 
 MU, MASS, G = 0.5, 2.0, 9.81
 TABLES = {
@@ -48,7 +48,7 @@ class Bench:
         X_WP[:3, 3] += height * self.R[:, 2]
         q = self.chain.model.configuration([slot.posture for slot in self.chain.model.arms], X_WP)
         patches, model = self.chain.patches, self.chain.model
-        self.plant = Plant(self.chain, options, laid(patches, q) if lies(patches, q) else q)
+        self.plant = PinocchioPlant(self.chain, options, laid(patches, q) if lies(patches, q) else q)
         self.start = int(model.model.idx_vs[model.payload_joint])
         self.zero, self.time = self._balance(), 0.0
 

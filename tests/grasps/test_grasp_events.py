@@ -9,8 +9,8 @@ import math
 import numpy as np
 import pytest
 from cells import SCENARIOS
+from compliant_cells import anchored, with_grasps
 from numpy.testing import assert_allclose, assert_array_equal
-from test_compliant_grasps import anchored, with_grasps
 
 import coop_pin as cp
 from coop_pin.base.errors import FieldError
@@ -54,7 +54,7 @@ def run_until(sim: Simulation, time: float) -> None:
 
 def total_energy(sim: Simulation) -> float:
     """Kinetic, potential and elastic energy, J."""
-    plant, springs = sim.plant, sim.plant.chain.springs
+    plant, springs = sim.plant, sim.chain.springs
     energy = plant.chain.mechanism.energy(plant.q, plant.v).total
     return energy + springs.energy(springs.at(plant.q, plant.v))
 
@@ -173,19 +173,19 @@ def test_a_compliant_grasp_opens_beside_a_rigid_one(name, payload):
 def test_grasp_as_found_has_no_jump_and_a_nominal_one_books_its_spring(name):
     sim = simulation(scenario_with(name, *CYCLE))
     run_until(sim, 0.05)
-    plant, springs = sim.plant, sim.plant.chain.springs
+    plant, springs = sim.plant, sim.chain.springs
     plant.v = np.zeros_like(plant.v)  # the damper acts at once, and is no jump of the spring
     state, before = springs.at(plant.q, plant.v), plant.interaction_wrenches()
     pose, found = plant.chain.payload_pose(plant.q), plant.state()
     e = state.deflection[1]
     assert np.linalg.norm(e) > 1e-6
-    plant.grasp(1, cp.events.Regrasp(time=0.05, arm="right"))
+    cp.events.Regrasp(time=0.05, arm="right").act(plant, ["left", "right"])
     assert_array_equal(plant.chain.payload_pose(plant.q), pose)
     assert np.abs(plant.interaction_wrenches() - before).max() < 1e-2
     assert_allclose(plant.work[3], found.work[3], atol=1e-12)
     assert_allclose(springs.at(plant.q, plant.v).deflection[1], 0.0, atol=1e-12)
     plant.restore(found)
-    plant.grasp(1, cp.events.Regrasp(time=0.05, arm="right", rest="nominal"))
+    cp.events.Regrasp(time=0.05, arm="right", rest="nominal").act(plant, ["left", "right"])
     K = np.array(sim.scenario.cell.compliant["right"].stiffness)
     assert_allclose(plant.work[3] - found.work[3], 0.5 * e @ (K * e), rtol=1e-2)
     assert_allclose(springs.at(plant.q, plant.v).deflection[1], e, atol=1e-12)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cells import SCENARIOS
-from test_compliant_grasps import anchored
+from compliant_cells import anchored
 
 import coop_pin as cp
 from coop_pin.base.errors import CoopPinError

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from cells import SCENARIOS
+from compliant_cells import anchored, with_grasps
 from numpy.testing import assert_allclose, assert_array_equal
-from test_compliant_grasps import anchored, with_grasps
 
 import coop_pin as cp
-from coop_pin.base.errors import CoopPinError, DivergedError
+from coop_pin.base.errors import CoopPinError, DivergedError, FieldError
 from coop_pin.base.spatial import exp3, make_pose
 from coop_pin.compiled import support
 from coop_pin.grasps.partner import partner_matrices, partner_state
@@ -178,11 +178,13 @@ def test_two_partners_at_a_time_and_late_ones_are_refused():
     scenario.replace(events=(one, partner(scenario, time=0.04)))
 
 
-def test_batches_and_the_traced_engine_refuse_a_partner():
+def test_compiled_code_refuses_a_partner_before_the_run():
     scenario = with_partner("spatial")
     assert "partner" in support(scenario)
     assert "partner" not in (support(scenario.replace(events=())) or "")
-    assert cp.run(scenario, warn=False, engine="auto").data.attrs.get("engine") is None
+    assert cp.run(scenario, warn=False, engine="auto").engine == "pinocchio"
+    with pytest.raises(FieldError, match="'pinocchio'"):
+        cp.run(scenario, warn=False, engine="compiled")
 
 
 @pytest.mark.slow

@@ -7,15 +7,15 @@ import pinocchio as pin
 import pytest
 from batches import require_same_bits, require_same_samples
 from cells import SCENARIOS
+from compliant_cells import anchored, moved, with_grasps
 from numpy.testing import assert_allclose
-from test_batch_sensing import SETTINGS
-from test_compliant_grasps import anchored, moved, with_grasps
+from sensing_settings import SETTINGS
+from ways import WAYS, run_as_lane, run_on
 
 import coop_pin as cp
-from coop_pin.base.errors import ArgumentError, TracingError
+from coop_pin.base.errors import TracingError
 from coop_pin.chain.free_flyer import displaced, increment_rate, rotation
-from coop_pin.compiled import support
-from coop_pin.compiled.engine_choice import plant_of
+from coop_pin.compiled import plant_of, support
 from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps import CellChain
 from coop_pin.simulation.plant import Plant
@@ -62,15 +62,14 @@ def test_the_plant_moves_and_observes_as_that_of_pinocchio(name, arms):
     scenario = with_grasps(SCENARIOS[name](), arms=arms)
     chain = CellChain(scenario.cell)
     q_start, plants = chain.configuration(scenario.start.matrix), list[Plant]()
-    plants = [plant_of(engine)(chain, PlantOptions(), q_start) for engine in ("pinocchio", "traced")]
+    plants = [plant_of(engine)(chain, PlantOptions(), q_start) for engine in ("pinocchio", "compiled")]
     rng, seen = np.random.default_rng(5), []
     q, v = moved(chain, scenario.start.matrix, 6)
     v = chain.mechanism.project_velocity(q := chain.mechanism.project_configuration(q), v)
     force = np.zeros(len(v))
     force[: chain.model.arms[-1].v_slice.stop] = 20.0 * rng.normal(size=chain.model.arms[-1].v_slice.stop)
     for plant in plants:
-        plant.q, plant.v = q, v
-        plant.hold(force)
+        plant.restore(plant.state()._replace(q=q, v=v, force=force))
         seen.append(plant.observe(q[None], v[None], force[None], np.zeros(1)))
         for step in range(3):
             plant.advance(1e-4 * step, 1e-4)
@@ -90,8 +89,8 @@ def test_the_plant_moves_and_observes_as_that_of_pinocchio(name, arms):
 
 def test_a_run_in_a_plane_is_that_of_pinocchio():
     scenario = compliant("planar")
-    single, batch = (cp.run(scenario, engine=engine, warn=False) for engine in ("pinocchio", "batch"))
-    require_same_samples(batch.data, single.data)
+    single = cp.run(scenario, warn=False)
+    require_same_samples(run_as_lane(scenario).data, single.data)
     assert single.data["elastic_energy"].values.min() > 0.0
 
 
@@ -104,12 +103,12 @@ RUNS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", RUNS)
-def test_runs_are_those_of_pinocchio_by_both_compiled_engines(case):
+def test_runs_are_those_of_pinocchio_in_both_ways(case):
     make, name = RUNS[case]
     scenario = make(name)
     single = cp.run(scenario, warn=False)
-    for engine in ("traced", "batch"):
-        require_same_samples(cp.run(scenario, engine=engine, warn=False).data, single.data)
+    for way in ("plant", "lanes"):
+        require_same_samples(WAYS[way](scenario).data, single.data)
 
 
 @pytest.mark.slow
@@ -128,18 +127,18 @@ def test_a_batch_of_stiffnesses_has_the_bits_of_every_machine(name):
 @pytest.mark.parametrize("name", ["adept-compliant", "three-ur5-handover"])
 def test_scenarios_of_the_catalogue_are_those_of_pinocchio(name):
     scenario = cp.Scenario.load(name)
-    traced = cp.run(scenario, engine="traced", warn=False).data
+    traced = run_on("compiled", scenario).data
     require_same_samples(traced, cp.run(scenario, warn=False).data)
 
 
-def test_releases_are_traced_alone_and_batches_refuse_them_by_name():
+def test_releases_are_of_the_plant_alone_and_lanes_refuse_them_by_name():
     event = cp.events.HandOver(time=0.01, arm="left", duration=0.02)
     scenario = compliant("planar").replace(
         events=(event, cp.events.Regrasp(time=0.04, arm="left", duration=0.01))
     )
     single = cp.run(scenario, warn=False)
     assert single.data["load_share"].values[:, 0].min() == 0.0
-    require_same_samples(cp.run(scenario, engine="traced", warn=False).data, single.data)
+    require_same_samples(cp.run(scenario, engine="compiled", warn=False).data, single.data)
     assert "hand-over" in support(scenario)
-    with pytest.raises(ArgumentError, match="hand-over"):
-        cp.run(scenario, engine="batch", warn=False)
+    with pytest.raises(TracingError, match="hand-over"):
+        run_as_lane(scenario)

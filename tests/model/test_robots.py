@@ -98,8 +98,7 @@ def test_names_of_a_platform_are_taken_and_floating_joints_refused(tmp_path):
             cp.model.ArmModel(cp.Arm(urdf=str(tmp_path / "free.urdf"), tip="tip"))
 
 
-def test_arms_without_a_mobile_base_are_written_as_before():
-    assert "mobile_base" not in cp.Arm(urdf="ur5", tip="tool0").model_dump()
+def test_a_mobile_base_is_written_and_read():
     mobile = cp.Scenario.load("three-driven-ur5")
     assert cp.Scenario.from_toml(mobile.to_toml()) == mobile
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from cells import SCENARIOS
+from law_cells import force_error, stated, still
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
@@ -16,39 +17,12 @@ from coop_pin.simulation.build_controller import build_controller
 STEP = 0.02
 
 
-OUTSIDE_GAINS = ("model", "tracking_weight", "friction_coefficient")
-
-
-def stated(kind, **fields):
-    """Changes that name a law of the package."""
-    gains = {name: value for name, value in fields.items() if name not in OUTSIDE_GAINS}
-    rest = {name: value for name, value in fields.items() if name in OUTSIDE_GAINS}
-    return {"controller": {"kind": kind, "gains": gains, "force_path": {"kind": "late"}, **rest}}
-
-
 def computed_torque(**options):
     return stated("computed-torque", **options)
 
 
-def still(name, controller, *, step=0.0, rate=250.0, duration=0.5, **changes):
-    """A test cell at rest, whose reference is a step away along x."""
-    scenario = SCENARIOS[name]().replace(events=(), duration=duration)
-    goal = scenario.start.model_dump()
-    goal["xyz"] = [goal["xyz"][0] + step, *goal["xyz"][1:]]
-    motion = {"kind": "hold", "pose": goal}
-    return scenario.override(
-        {"motion": motion, "clock.rate_hz": rate, "clock.steps_per_tick": 1} | controller | changes
-    )
-
-
 def x_error(result):
     return result.data.pose_error.values[:, 0]
-
-
-def force_error(result):
-    """Internal-wrench error of the first arm over time, shape (n, 6)."""
-    error = result.data.internal_wrench - result.data.desired_internal_wrench
-    return np.nan_to_num(error.values[:, 0])
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -183,21 +157,21 @@ class Keeper(cp.CellController):
         return self.law.step(measurements, references, state)
 
 
-def lyapunov(scenario, laws, kept):
+def lyapunov(scenario, kept):
     """V = sum s^T M s / 2 + s_0^T M_0 s_0 / 2 + weighted parameter errors, from the true parameters."""
-    V = 0.0
-    for index, (arm, law) in enumerate(laws.items()):
+    V, gains, rows = 0.0, scenario.controller.gains, scenario.cell.task_rows
+    for index, arm in enumerate(scenario.cell.arms):
         m, reference, state = (part[index] for part in kept)
         exact = ArmDynamics(scenario, arm)
         theta, phi = exact.parameters()
-        xtilde = law._rows.pose_error(m.payload_pose, reference.pose)
-        s_0 = m.payload_twist - reference.twist + law._gains.pose_gain * xtilde
+        xtilde = rows.pose_error(m.payload_pose, reference.pose)
+        s_0 = m.payload_twist - reference.twist + gains.pose_gain * xtilde
         s = np.linalg.solve(m.payload_jacobian, s_0)
         V += s @ exact.terms(m).M @ s / 2.0
         share = scenario.cell.shares[index]
         V += share * s_0 @ exact.payload_inertia(m.payload_pose) @ s_0 / 2.0
-        V += ((state.parameters - theta) ** 2).sum() / (2.0 * law._gains.adaptation)
-        V += ((state.payload - share * phi) ** 2).sum() / (2.0 * law._gains.payload_adaptation)
+        V += ((state.parameters - theta) ** 2).sum() / (2.0 * gains.adaptation)
+        V += ((state.payload - share * phi) ** 2).sum() / (2.0 * gains.payload_adaptation)
     return V
 
 
@@ -213,7 +187,7 @@ def test_adaptation_lowers_its_lyapunov_function_and_the_error(name):
     scenario = moving(name, stated("adaptive", **options), 1.0, **{"clock.rate_hz": rate})
     keeper = Keeper(build_controller(scenario))
     result = cp.simulate(scenario, keeper)
-    V = np.array([lyapunov(scenario, keeper.law.controllers, kept) for kept in keeper.kept[::25]])
+    V = np.array([lyapunov(scenario, kept) for kept in keeper.kept[::25]])
     assert np.diff(V).max() < 2e-4 * V[0]
     assert V[-1] < V[0]
     frozen = {"controller.gains.adaptation": 0.0, "controller.gains.payload_adaptation": 0.0}

@@ -152,7 +152,7 @@ def test_a_sweep_tells_the_time_at_the_bound(tmp_path):
         cp.sweep(plan, out=tmp_path / engine, execution=cp.Execution(workers=0, quiet=True, engine=engine))
         .values("anchor_bounded_s")
         .values.tolist()
-        for engine in ("pinocchio", "batch")
+        for engine in ("pinocchio", "compiled")
     ]
     assert_allclose(columns[0], (1.0, 0.5), atol=0.05)
     assert columns[1] == columns[0]

@@ -52,7 +52,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "model": ({"description"}, {"collada", "pinocchio", "scipy"}),
     "chain": ({"description", "model", "tracing"}, {"pinocchio", "scipy"}),
     "results": ({"description"}, {"h5py", "pandas", "xarray"}),
-    "grasps": ({"chain", "description", "model", "tracing"}, {"pinocchio", "scipy"}),
+    "grasps": ({"chain", "description", "model", "tracing"}, {"clarabel", "pinocchio", "scipy"}),
     "simulation": ({"chain", "control", "description", "grasps", "model", "reference", "results"}, set()),
     "model_based": ({"control", "description", "model"}, {"pinocchio", "proxsuite"}),
     "compiled": (
@@ -344,16 +344,16 @@ def test_a_package_of_many_stages_says_in_which_order_its_files_are_read(package
 
 
 FOLDERS = sorted(file.parent.relative_to(PACKAGE).as_posix() for file in PACKAGE.rglob("__init__.py"))
-TOLD = [folder for folder in FOLDERS if not re.match(r"\.|control|tracing", folder)]
+READ_FIRST = [folder for folder in FOLDERS if not re.match(r"\.|control|tracing", folder)]
 """Folders whose docstrings a newcomer reads first."""
 
 
-@pytest.mark.parametrize("folder", TOLD)
+@pytest.mark.parametrize("folder", READ_FIRST)
 def test_a_package_says_what_to_open_first_and_what_it_imports(folder):
     """Files that are named exist, and imports are those of the table."""
     text = ast.get_docstring(TREES[PACKAGE / folder / "__init__.py"])
     (first,) = re.findall(r"Open first: (.*?)\n\n", text, re.DOTALL)
-    assert len(re.findall(r"``[\w/]+``", first)) >= 3
+    assert len(re.findall(r"``[\w/.]+``", first)) >= 3
     known = {file.stem for file in TREES} | {Path(name).name for name in FOLDERS}
     known |= {*dir(coop_pin), *COMMANDS, "cp", "fields", "init", "step", "module", "web", "scenarios"}
     known |= {name for space in dir(coop_pin) for name in getattr(getattr(coop_pin, space), "__all__", ())}
@@ -573,3 +573,140 @@ def test_a_controller_sees_arrays_and_floats_and_cannot_write_to_them(name, path
             assert value.dtype == (np.bool_ if field == "saturated" else np.float64)
             assert not value.flags.writeable, field
             assert value.base is None or not value.base.flags.writeable, field
+
+
+# ---------------------------------------------------------------- what tests know of the package
+
+MOST_PRIVATE, MOST_PATCHED = 33, 55
+"""Most uses of private names of the package, and most replacements of parts of it, in all tests."""
+
+PROTOCOLS = {"_fields", "_replace", "_asdict", "_make", "_repr_html_", "_repr_mimebundle_"}
+"""Names with an underscore that Python and Jupyter offer to all."""
+SETTERS = {"setattr", "delattr", "setitem", "object"}
+"""Functions of pytest's monkeypatch and of unittest.mock that replace."""
+SCRIPTS = {"bench", "benchmark", "draw", "live"}
+"""What tests call the modules of benchmarks and studies."""
+TESTS = {
+    file: ast.parse(file.read_text(encoding="utf-8"))
+    for file in sorted((REPOSITORY / "tests").rglob("*.py"))
+    if file != Path(__file__)
+}
+
+
+def is_private(name: str) -> bool:
+    return name.startswith("_") and not name.endswith("__") and name not in {"_", *PROTOCOLS}
+
+
+def given_names(tree: ast.AST) -> set[str]:
+    """The names of functions, classes, variables and attributes that a file gives."""
+    return {
+        node.id if isinstance(node, ast.Name) else node.attr if isinstance(node, ast.Attribute) else node.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef | ast.ClassDef)
+        or (isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store))
+    }
+
+
+def replaced_by(call: ast.Call) -> list[ast.expr]:
+    """What a call replaces, and the name of the attribute; nothing if it replaces nothing.
+
+    ``monkeypatch.setattr(...)``, the same through ``functools.partial``, and ``mock.patch(...)``.
+    """
+    for at, function in enumerate((call.func, *call.args[:1])):
+        if isinstance(function, ast.Attribute) and (
+            function.attr in SETTERS or ast.unparse(function) == "mock.patch"
+        ):
+            return call.args[at : at + 2]
+    return []
+
+
+def imported(tree: ast.AST, *, ours: bool) -> set[str]:
+    """The names that a file imports of the package, or of others."""
+    names = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            for alias in node.names:
+                module = node.module if isinstance(node, ast.ImportFrom) else alias.name
+                if (str(module).partition(".")[0] == "coop_pin") == ours:
+                    names.add(alias.asname or alias.name.partition(".")[0])
+    return names
+
+
+def private_uses(tree: ast.Module, private: set[str]) -> list[str]:
+    """Attributes, imports, overrides and replaced names that only the package gives."""
+    of_package = imported(tree, ours=True)
+    overriding = [
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ClassDef)
+        and any(ast.unparse(base).partition(".")[0] in of_package for base in node.bases)
+    ]
+    overrides = [
+        method.name for kind in overriding for method in kind.body if isinstance(method, ast.FunctionDef)
+    ]
+    found = [name for name in overrides if name in private]
+    own = given_names(tree) - set(overrides)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and node.attr in private - own:
+            found.append(node.attr)
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("coop_pin"):
+            found += [alias.name for alias in node.names if is_private(alias.name)]
+        elif isinstance(node, ast.Call):
+            texts = [each.value for each in replaced_by(node) if isinstance(each, ast.Constant)]
+            found += [str(text) for text in texts if str(text).rpartition(".")[2] in private]
+    return found
+
+
+def patched_parts(tree: ast.Module) -> list[str]:
+    """What a file replaces, but for parts of other libraries and of scripts."""
+    others, found = imported(tree, ours=False) | SCRIPTS, []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and (replaced := replaced_by(node)):
+            if isinstance(replaced[0], ast.Constant):
+                is_ours = str(replaced[0].value).startswith("coop_pin")
+            else:
+                is_ours = re.split(r"[.(\[]", ast.unparse(replaced[0]))[0] not in others
+            found += [ast.unparse(replaced[0])] * is_ours
+    return found
+
+
+def by_file(found: dict[Path, list[str]]) -> str:
+    """The files with the most, and what they have."""
+    lines = sorted(found.items(), key=lambda item: -len(item[1]))
+    return "\n".join(f"{len(names)} {file.name}: {', '.join(names)}" for file, names in lines if names)
+
+
+def test_tests_use_few_private_names_of_the_package_and_replace_few_of_its_parts():
+    """Each ties a test to how the package is written. A fixture that several tests share counts once."""
+    private = {name for tree in TREES.values() for name in given_names(tree) if is_private(name)}
+    uses = {file: private_uses(tree, private) for file, tree in TESTS.items()}
+    parts = {file: patched_parts(tree) for file, tree in TESTS.items()}
+    assert sum(map(len, uses.values())) <= MOST_PRIVATE, by_file(uses)
+    assert sum(map(len, parts.values())) <= MOST_PATCHED, by_file(parts)
+
+
+@pytest.mark.parametrize(
+    ("text", "private", "patched"),
+    [
+        ("from coop_pin.chain import projection\nprojection._STEPS", ["_STEPS"], []),
+        ("from coop_pin.chain.projection import _STEPS", ["_STEPS"], []),
+        ("class Own:\n    def _STEPS(self): self._STEPS()", [], []),
+        ("import coop_pin as cp\nclass Own(cp.Sweep):\n    def _STEPS(self): pass", ["_STEPS"], []),
+        ("monkeypatch.setattr('coop_pin.a._STEPS', 1)", ["coop_pin.a._STEPS"], ["'coop_pin.a._STEPS'"]),
+        ("patch = partial(monkeypatch.setattr, chain.solver, 'solve')", [], ["chain.solver"]),
+        ("import os\nmonkeypatch.setattr(os, 'fsync', None)", [], []),
+        ("with mock.patch('coop_pin.a.b'): pass", [], ["'coop_pin.a.b'"]),
+    ],
+)
+def test_private_uses_and_replacements_are_counted(text, private, patched):
+    tree = ast.parse(text)
+    assert private_uses(tree, {"_STEPS"}) == private
+    assert patched_parts(tree) == patched
+
+
+def test_tests_import_one_another_only_within_their_folder():
+    """What tests of several packages share is in modules beside the folders."""
+    for file, tree in TESTS.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("test_"):
+                assert (file.parent / f"{node.module}.py").is_file(), (file.name, node.module)

@@ -98,7 +98,7 @@ def test_at_equal_error_the_mujoco_benchmark_takes_the_coarsest_steps_within_it(
     monkeypatch.setattr(bench, "LADDER", (1, 2, 3))
     bench.main(["--equal-error", "1e-6", "1e-30", "--rounds", "1", "--duration", "0.05"])
     lines = [re.split(r" {2,}", line) for line in capsys.readouterr().out.splitlines()[2:]]
-    assert [name.split(",")[0] for name, *_ in lines] == 2 * ["coop_pin", "coop_pin traced", "MuJoCo"]
+    assert [name.split(",")[0] for name, *_ in lines] == 2 * ["coop_pin", "coop_pin compiled", "MuJoCo"]
     for _, limit, step, gap, position, *_ in lines[:3]:
         assert max(float(gap), float(position)) <= float(limit) == 1e-6
         assert 12.5 / float(step) == pytest.approx(round(12.5 / float(step)), rel=1e-3)
@@ -116,7 +116,7 @@ def test_at_equal_error_the_mujoco_benchmark_takes_the_coarsest_steps_within_it(
 def test_the_pages_have_the_same_table_of_plants():
     verification, readme = (table_of_plants(BENCHMARKS.parent / name) for name in PAGES)
     assert verification == readme
-    assert {"coop_pin, 2.5 ms", "coop_pin traced, 2.5 ms", "MuJoCo, 2.5 ms, solref 2 dt"} <= set(readme)
+    assert {"coop_pin, 2.5 ms", "coop_pin compiled, 2.5 ms", "MuJoCo, 2.5 ms, solref 2 dt"} <= set(readme)
 
 
 @pytest.mark.slow
@@ -128,7 +128,7 @@ def test_the_errors_in_the_table_of_plants_are_those_of_its_runs(benchmark_modul
     reference = bench.recorded(bench.coop_pin_run(scenario, 64))
     found = {
         "coop_pin, 2.5 ms": bench.recorded(bench.coop_pin_run(scenario, 5)),
-        "coop_pin traced, 2.5 ms": bench.recorded(bench.coop_pin_run(scenario, 5, "traced")),
+        "coop_pin compiled, 2.5 ms": bench.recorded(bench.coop_pin_run(scenario, 5, "compiled")),
         "MuJoCo, 2.5 ms, solref 2 dt": cell.MujocoRun(scenario, build_controller(scenario), 2.0).run(),
     }
     table = table_of_plants(BENCHMARKS / "README.md")

@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from cells import ANCHORED, SCENARIOS
+from damping import damping_and_inertia
 from numpy.testing import assert_allclose
 from scipy.linalg import eigh, expm
 from scipy.optimize import brentq
-from test_sampled_stability import damping_and_inertia
 
 import coop_pin as cp
 from coop_pin.comparison import controllers_for

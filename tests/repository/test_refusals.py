@@ -67,7 +67,7 @@ def test_a_simulation_refuses_objects_of_a_wrong_class(cell):
     for call, name in (
         (lambda: run.add_event(3), "event"),
         (lambda: run.replace_controller(scenario.controller), "controller"),
-        (lambda: run.plant.chain.surround(3.0), "surroundings"),
+        (lambda: run.chain.surround(3.0), "surroundings"),
     ):
         with pytest.raises(errors.WrongTypeError) as caught:
             call()

@@ -8,6 +8,7 @@ import re
 import shutil
 import stat
 import time
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -283,7 +284,7 @@ def test_a_user_without_a_home_is_no_error(monkeypatch):
 
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.delenv("HOME", raising=False)
-    monkeypatch.setattr(disk_cache.Path, "home", nobody)
+    monkeypatch.setattr(Path, "home", nobody)
     disk_cache.keep(KEY, CODE)
     assert disk_cache.kept(KEY) is None
 

@@ -157,8 +157,8 @@ def test_lag_with_rate_limit_solves_its_differential_equation():
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_drives_without_a_servo_sense_where_they_are(name):
     run = cp.Simulation(cell_of(name))
-    places = run.plant.chain.model.arms
-    run.plant.q, run.plant.v = run.plant.q + 0.1, run.plant.v + 0.2
+    places, state = run.slots, run.plant.state()
+    run.plant.restore(state._replace(q=state.q + 0.1, v=state.v + 0.2))
     for index, place in enumerate(places):
         q, v = run.actuation._sensed.motion(index)
         assert_allclose(q, place.drive @ run.plant.q[place.q_slice], rtol=0, atol=1e-15)
@@ -172,7 +172,7 @@ def missed(name, seed, ticks, probability=0.3):
     """Which commands were missed, shape (ticks, arms): each command is the number of its tick, from 1 on."""
     scenario = cell_of(name, seed=seed, actuators={"missed_ticks": probability})
     run = cp.Simulation(scenario, Given(stepped))
-    sizes = [len(place.drive) for place in run.plant.chain.model.arms]
+    sizes = [len(place.drive) for place in run.slots]
     last, found = [torque[0] for torque in run.actuation.holding_commands(run.plant.q)], []
     command = CellCommand([np.zeros(size) for size in sizes], None)
     for tick, signals in zip(range(1, ticks + 1), run.signals(), strict=False):
@@ -243,7 +243,7 @@ def test_compensation_follows_the_true_configuration_and_is_cut_with_the_command
     run = cp.Simulation(scenario, Given(lambda _time, held: [1.3 * torque + 0.5 for torque in held]))
     while not run.is_finished:
         run.tick()
-    data, chain = run.result().data, run.plant.chain
+    data, chain = run.result().data, run.chain
     chain.surround(scenario.cell.surroundings._replace(mass=1e-12, inertia=1e-12 * np.eye(3)))
     model, pin_data = chain.mechanism.model, chain.mechanism.model.createData()
     for k in range(0, len(data.time), 5):

@@ -8,11 +8,11 @@ import pytest
 from batches import require_same_samples
 from cells import ANCHORED, SCENARIOS
 from numpy.testing import assert_allclose
+from ways import run_on
 
 import coop_pin as cp
-from coop_pin.compiled import simulate_batch
+from coop_pin.compiled import plant_of, simulate_batch
 from coop_pin.compiled.constants import changes
-from coop_pin.compiled.engine_choice import plant_of
 from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps import CellChain
 from coop_pin.proof import theorem_monitor
@@ -22,7 +22,7 @@ TURNED = np.array((0.8, -0.5, -9.0))
 DURATIONS = {"planar": 0.1, "spatial": 0.04}
 
 
-@pytest.mark.parametrize("engine", ["pinocchio", "traced"])
+@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_a_plant_in_turned_gravity_is_one_built_with_it(name, engine):
     """Acceleration, wrenches and potential; the work is that of lowering the mass centre along the change."""
@@ -35,14 +35,13 @@ def test_a_plant_in_turned_gravity_is_one_built_with_it(name, engine):
     v = turned.mechanism.project_velocity(q, 0.1 * rng.normal(size=model.nv))
     force, rows = rng.normal(size=model.nv), list(scenario.cell.task_rows.indices)
     plants = [plant_of(engine)(chain, PlantOptions(), q) for chain in (turned, built)]
-    plants[0].surround(plants[0].surroundings._replace(gravity=TURNED))
+    plants[0].surround(plants[0].state().surroundings._replace(gravity=TURNED))
     pin_data = model.createData()
     centre = np.array(pin.centerOfMass(model, pin_data, q))
     lowered = -pin_data.mass[0] * (TURNED - np.array(scenario.cell.gravity)) @ centre
     assert_allclose(plants[0].work, [0.0, 0.0, 0.0, lowered], rtol=1e-10)
     for plant in plants:
-        plant.v = v
-        plant.hold(force)
+        plant.restore(plant.state()._replace(v=v, force=force))
     wrenches = [plant.interaction_wrenches()[:, rows] for plant in plants]
     assert_allclose(wrenches[0], wrenches[1], rtol=0, atol=1e-9)
     seen = [plant.observe(q[None], v[None], force[None], np.zeros(1)) for plant in plants]
@@ -108,7 +107,7 @@ def turning(name: str, gravity: np.ndarray = TURNED) -> cp.Scenario:
 def test_runs_of_all_engines_agree_and_keep_their_energy(name):
     scenarios = [turning(name), turning(name, -0.5 * TURNED)]
     ours = [cp.run(scenario) for scenario in scenarios]
-    traced, batch = cp.run(scenarios[0], engine="traced"), simulate_batch(scenarios)
+    traced, batch = run_on("compiled", scenarios[0]), simulate_batch(scenarios)
     require_same_samples(traced.data, ours[0].data)
     for index, result in enumerate(ours):
         require_same_samples(batch.result(index).data, result.data)

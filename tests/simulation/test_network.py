@@ -6,7 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from batches import require_same_samples
-from cells import ANCHORED, SCENARIOS, planar_three_arms
+from cells import ANCHORED, SCENARIOS
+from network_cells import BIASED, CELLS, Silent, samples, two_arms
 from numpy.testing import assert_allclose, assert_array_equal
 
 import coop_pin as cp
@@ -35,29 +36,7 @@ from coop_pin.stability import loop_stability
 from coop_pin.stability.modes import motion_basis
 
 ALL = {"all arms": {}, "far": {"delay": 1, "jitter": 2, "loss": 0.2, "resolution": 1e-5}}
-SHARES = (0.2, 0.3, 0.5)
 AGREED = {"controller.leak_to": "mean", "controller.gains.leak": 4.0}
-BIASED = "cell.arms.{}.calibration_error.tip.xyz"
-
-
-def two_arms(cell):
-    return SCENARIOS[cell]().override({"events": [], "duration": 0.4}), ANCHORED[cell]
-
-
-def three_arms(cell):
-    """The planar cell with a third arm, or three UR5 at a plate; shares are unequal."""
-    if cell == "planar":
-        return planar_three_arms("adept-anchored").replace(duration=0.4), ANCHORED[cell]
-    plate = cp.Scenario.load("three-ur5-plate", {"events": [], "duration": 0.2})
-    shares = dict(zip(plate.cell.arms, SHARES, strict=True))
-    return plate.override({"cell.load_shares": shares}), plate.controller
-
-
-CELLS = {
-    f"{count} {cell}": (of, cell)
-    for cell in SCENARIOS
-    for count, of in (("two", two_arms), ("three", three_arms))
-}
 
 
 def biased(name, **fields):
@@ -69,10 +48,6 @@ def biased(name, **fields):
     arm = next(iter(scenario.cell.arms))
     law = {"controller": {"kind": "mean-pose"} | stated, BIASED.format(arm): [1e-3, 0.0, 0.0]}
     return scenario.override(law | fields)
-
-
-def samples(scenario, controller=None):
-    return cp.simulate(scenario, build_controller(scenario) if controller is None else controller).data
 
 
 # ---------------------------------------------------------------- the same law, by messages
@@ -301,7 +276,7 @@ def worst_force(law, network, duration):
     moved = {"network": network, "duration": duration, "clock.record_every": 40}
     base = cp.Scenario.load("adept-anchored").override({"controller": law, "events": []} | moved)
     first = next(iter(base.cell.arms))
-    result = cp.run(base.override({BIASED.format(first): [1e-3, 0.0, 0.0]}), engine="batch")
+    result = cp.run(base.override({BIASED.format(first): [1e-3, 0.0, 0.0]}), engine="compiled")
     error = np.abs(result.data.internal_axial_error)
     return float(error.sel(time=slice(0.9 * duration, None)).max())
 
@@ -346,7 +321,7 @@ def spatial_force_errors(network, actuators=None, **law):
     motion = cp.motions.LineMotion(start=base.start, goal=base.start.replace(xyz=xyz, rpy=rpy), duration=4.0)
     changes = {"duration": 600.0, "clock.record_every": 500, "motion": motion}
     law = {f"controller.{field}": value for field, value in law.items()}
-    data = cp.run(base.override(changes | law | (actuators or {})), engine="batch").data
+    data = cp.run(base.override(changes | law | (actuators or {})), engine="compiled").data
     error = data.internal_wrench.values - data.desired_internal_wrench.values
     return np.abs(error[:, 0, :3]).max(axis=1)
 
@@ -690,16 +665,6 @@ def test_a_low_pose_gain_lets_the_weight_of_the_arms_grow(cell, integral):
 
 
 # ---------------------------------------------------------------- consensus
-
-
-class Silent(cp.ArmController):
-    """Says nothing, does nothing."""
-
-    def init(self, measurement, reference):
-        return None
-
-    def step(self, measurement, reference, state):
-        return cp.ArmCommand(np.zeros(0), state)
 
 
 def disagreements(arms, gain, *, rows=3, delay=0, ticks=60):

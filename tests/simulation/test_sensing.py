@@ -1,6 +1,7 @@
 """What a controller measures: sensors and their errors, holding torques, and the random sources."""
 
 import contextlib
+import itertools
 
 import numpy as np
 import pinocchio as pin
@@ -48,7 +49,8 @@ def started(scenario, ticks=1):
 
 def measured(simulation, count):
     """Measurements of all arms at ``count`` more ticks during which the plant stays as it is."""
-    return [seen_by(simulation, next(simulation._signals)) for _ in range(count)]
+    signals = itertools.islice(simulation.signals(simulation.ticks_done), count)
+    return [seen_by(simulation, of_tick) for of_tick in signals]
 
 
 def seen_by(simulation, signals):
@@ -65,7 +67,7 @@ def first_of(simulation):
 
 def at_rest(simulation):
     """No torque cut, and none reported."""
-    return Applied.at_rest([len(place.drive) for place in simulation.plant.chain.model.arms])
+    return Applied.at_rest([len(place.drive) for place in simulation.slots])
 
 
 def of_arm(measurements, arm, field):

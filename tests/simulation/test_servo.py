@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from batches import require_same_samples
 from cells import SCENARIOS, planar_three_arms
+from law_cells import servo_cell
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import block_diag, expm
 
@@ -27,31 +28,10 @@ LIMITED = {
 }
 
 
-def servo_cell(name, kind, servo=None, **changes):
-    """A test cell without friction whose arms have servos, on a line of 11 mm and 20 mrad in 0.5 s."""
-    base = SCENARIOS[name]()
-    start = base.start
-    goal = start.replace(xyz=np.add(start.xyz, (0.01, -0.005, 0.0)), rpy=np.add(start.rpy, (0.0, 0.0, 0.02)))
-    arms = {f"cell.arms.{arm}.friction": "none" for arm in base.cell.arms}
-    return base.override(
-        {
-            "duration": 0.5,
-            "events": [],
-            "clock.rate_hz": 200.0,
-            "clock.steps_per_tick": 5,
-            "motion": cp.motions.LineMotion(start=start, goal=goal, duration=0.5),
-            "controller": cp.laws.Admittance(command=kind),
-            "actuators.servo": {"command": kind, "rate_hz": 1000.0, **(servo or {})},
-            **arms,
-            **changes,
-        }
-    )
-
-
 def inertias(scenario):
     """The diagonal of each arm's own inertia at its drives at the start."""
     simulation, values = cp.Simulation(scenario), []
-    for slot in simulation.plant.chain.model.arms:
+    for slot in simulation.slots:
         M = cp.model.CellArm(scenario.cell, slot.name).mass_matrix(simulation.plant.q[slot.q_slice])
         inverse = np.linalg.inv(slot.drive)
         values.append(np.diag(inverse.T @ M @ inverse))
@@ -74,7 +54,7 @@ def test_the_servo_is_its_equations(name, kind):
     scenario = servo_cell(name, kind, LIMITED, **clock, **{"actuators.gravity_compensation": {}})
     data, h, limit = cp.run(scenario, engine="pinocchio").data, 1e-3, LIMITED["speed_limit"]
     for arm, (inertia, slot) in enumerate(
-        zip(inertias(scenario), cp.Simulation(scenario).plant.chain.model.arms, strict=True)
+        zip(inertias(scenario), cp.Simulation(scenario).slots, strict=True)
     ):
         q = of_arm(data, "joint_position", arm) @ slot.drive.T
         v = of_arm(data, "joint_velocity", arm) @ slot.drive.T
@@ -305,7 +285,7 @@ def test_without_error_the_motion_tends_to_the_prescribed_one_as_the_bandwidth_r
             **{"clock.steps_per_tick": n, "duration": 0.2, "squeeze": {}},
             motion=cp.motions.LineMotion(start=start, goal=goal, duration=0.4),
         )
-        data, rows = cp.run(scenario, engine="batch" if n > 100 else "pinocchio").data, [0, 1, 5]
+        data, rows = cp.run(scenario, engine="compiled" if n > 100 else "pinocchio").data, [0, 1, 5]
         error, V_d = (data[key].values[-1][rows] for key in ("pose_error", "desired_twist"))
         assert_allclose(error, -V_d / bandwidth, rtol=0.01)
         errors.append(np.abs(error).max())
@@ -316,7 +296,7 @@ def series_stiffness(scenario, gain):
     """(sum_i (J_i^-T I_i gain J_i^-1)^-1 + compliance of the grasp i)^-1 about P in world axes, task rows."""
     compliance, chosen = 0.0, list(scenario.cell.task_rows.indices)
     simulation = cp.Simulation(scenario)
-    for slot, inertia in zip(simulation.plant.chain.model.arms, inertias(scenario), strict=True):
+    for slot, inertia in zip(simulation.slots, inertias(scenario), strict=True):
         arm = cp.model.CellArm(scenario.cell, slot.name)
         J = arm.task_jacobian(simulation.plant.q[slot.q_slice])
         compliance = compliance + J @ np.diag(1.0 / (inertia * gain)) @ J.T
@@ -415,7 +395,7 @@ def force_error(data):
 
 def test_two_ur5_with_wrist_sensors_carry_5_kg():
     """0.37 N at most from 1 s on under 0.5 mm of bias: while moving and after."""
-    error = force_error(cp.run(pair_of_ur5(True, 5e-4), engine="batch").data)
+    error = force_error(cp.run(pair_of_ur5(True, 5e-4), engine="compiled").data)
     assert_allclose(error[500:].max(), 0.373, atol=0.02)
     assert error[-500:].mean() < 0.15
 
@@ -423,7 +403,9 @@ def test_two_ur5_with_wrist_sensors_carry_5_kg():
 @pytest.mark.slow
 def test_two_ur5_without_wrist_sensors_pull_apart():
     """0.5 mm of bias: 22.6 N after 6 s, growing by 3.7 N/s; 5.5 N without bias."""
-    blind = {bias: force_error(cp.run(pair_of_ur5(False, bias), engine="batch").data) for bias in (0.0, 5e-4)}
+    blind = {
+        bias: force_error(cp.run(pair_of_ur5(False, bias), engine="compiled").data) for bias in (0.0, 5e-4)
+    }
     assert_allclose([blind[0.0][-1], blind[5e-4][-1]], [5.5, 22.6], rtol=0.02)
     b = view_error(pair_of_ur5(False, 5e-4))
     rate = np.linalg.norm((series_stiffness(pair_of_ur5(False, 0.0), 2000.0) @ (5.0 * b))[:3])
@@ -442,9 +424,10 @@ def test_a_follower_of_the_leader_s_pose_pulls_with_its_whole_stiffness(name):
     true = servo_cell(name, "position", servo, controller=law, **changes)
     off, rows = true.override({BIAS: [2e-5, 0.0, 0.0]}), true.cell.task_rows
     ends = [
-        rows.select(cp.run(one, engine="batch").data.interaction_wrench.values[-1, 1]) for one in (true, off)
+        rows.select(cp.run(one, engine="compiled").data.interaction_wrench.values[-1, 1])
+        for one in (true, off)
     ]
-    slot, inertia = cp.Simulation(true).plant.chain.model.arms[1], inertias(true)[1]
+    slot, inertia = cp.Simulation(true).slots[1], inertias(true)[1]
     J = cp.model.CellArm(true.cell, "right").task_jacobian(cp.Simulation(true).plant.q[slot.q_slice])
     b = view_error(off) - view_error(true)
     S_2 = np.linalg.inv(J @ np.diag(1.0 / (inertia * 18e3)) @ J.T)
@@ -605,7 +588,7 @@ def test_three_unequal_arms_pull_with_the_stiffness_of_their_servos(name, follow
     b_x = 5e-4 if follows == "reference" else 2e-5  # a leader's pose moves by as much as it is pulled
     off, true = (three_arms(name).override(stiff | {tip: [b, 0.0, 0.0]}) for b in (b_x, 0.0))
     rows, simulation, S = off.cell.task_rows, cp.Simulation(true), []
-    for slot, inertia in zip(simulation.plant.chain.model.arms, inertias(true), strict=True):
+    for slot, inertia in zip(simulation.slots, inertias(true), strict=True):
         J = cp.model.CellArm(true.cell, slot.name).task_jacobian(simulation.plant.q[slot.q_slice])
         S.append(np.linalg.inv(J @ np.diag(1.0 / (inertia * 2000.0)) @ J.T))
     views = [[one.payload_pose for one in cp.Simulation(each).observe().measurements] for each in (off, true)]
@@ -643,7 +626,7 @@ def test_over_a_line_of_arms_a_bias_goes_at_the_rate_of_its_graph(name):
         laplacian[i, i] += shares[j]
         laplacian[i, j] -= shares[i]
     simulation = cp.Simulation(base)
-    for slot, inertia in zip(simulation.plant.chain.model.arms, inertias(base), strict=True):
+    for slot, inertia in zip(simulation.slots, inertias(base), strict=True):
         J_inverse = np.linalg.inv(
             cp.model.CellArm(base.cell, slot.name).task_jacobian(simulation.plant.q[slot.q_slice])
         )
@@ -702,7 +685,7 @@ def test_arms_of_one_cell_take_different_commands(name):
 def test_two_ur5_that_take_velocities_stand_in_the_catalogue():
     """Under 0.5 mm: 0.30 N while moving with wrists; without 19.6 N/s from the start pose on, as by B_s."""
     scenario = cp.Scenario.load("two-ur5-admittance")
-    data = cp.run(scenario, engine="batch").data
+    data = cp.run(scenario, engine="compiled").data
     error, time = force_error(data), data.time.values
     assert error[(time > 1.0) & (time < 5.0)].max() < 0.35
     assert error[time > 7.0].mean() < 0.1

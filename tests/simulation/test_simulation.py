@@ -8,6 +8,7 @@ import pytest
 from cells import SCENARIOS
 from close import assert_close
 from numpy.testing import assert_allclose
+from ways import run_on
 
 import coop_pin as cp
 from coop_pin.base.errors import OpenClosureError, OutOfRangeError, UserCodeError
@@ -98,9 +99,11 @@ def test_two_runs_give_the_same_bits(cell):
         np.testing.assert_array_equal(first[name].values, second[name].values, err_msg=name)
 
 
-@pytest.mark.parametrize("engine", ["pinocchio", "traced"])
+@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
 @pytest.mark.parametrize("cell", SCENARIOS)
-def test_samples_observed_at_every_tick_are_those_observed_together(cell, engine, monkeypatch):
+def test_samples_observed_at_every_tick_are_those_observed_together(
+    cell, engine, observe_together, monkeypatch
+):
     """With a mass drop, a push, and of three ticks the last kept."""
     scenario, together, at_once = SCENARIOS[cell](), [], Recorder.observe
     push = WrenchPulse(time=0.1031, duration=0.05, wrench=(40, -20, 0, 0, 0, 1))
@@ -108,13 +111,14 @@ def test_samples_observed_at_every_tick_are_those_observed_together(cell, engine
     scenario = scenario.replace(events=events, duration=0.4, clock=scenario.clock.replace(record_every=3))
 
     def counted(recorder):
-        together.append(recorder.count - recorder._observed)
+        state = recorder.state()
+        together.append(state.size - state.observed)
         at_once(recorder)
 
-    every = cp.run(scenario, view=lambda _: None, realtime_rate=np.inf, engine=engine).data
+    every = run_on(engine, scenario, view=lambda _: None, realtime_rate=np.inf).data
     monkeypatch.setattr(Recorder, "observe", counted)
-    monkeypatch.setattr("coop_pin.simulation.recorder._BLOCK", 5)
-    blocks = cp.run(scenario, engine=engine).data
+    observe_together(5)
+    blocks = run_on(engine, scenario).data
     assert max(together) == 5
     assert min(count for count in together if count) < 5  # before the mass drop
     for name in every:

@@ -11,7 +11,7 @@ import pytest
 from cells import SCENARIOS
 from linkages import bennett
 
-from coop_pin.base import errors, memory
+from coop_pin.base import errors
 from coop_pin.base.memory import free_memory
 from coop_pin.chain.trajectory import time_grid
 from coop_pin.description.events import PayloadChange
@@ -19,7 +19,6 @@ from coop_pin.description.plant import Clock
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.run_result import RunResult
 from coop_pin.running.plausibility import large_record, run_warnings
-from coop_pin.simulation import recorder
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulate import simulate
 from coop_pin.simulation.simulation import Simulation
@@ -59,14 +58,13 @@ def test_the_memory_that_is_asked_for_is_what_a_run_takes():
     with pytest.raises(errors.NotEnoughMemoryError) as caught:
         Simulation(huge, build_controller(huge))
     asked = caught.value.needed / (1e8 * 250.0 + 1) * 2001
-    run.recorder.count = 2001
-    for samples in run.recorder._samples.values():
-        samples[1:] = samples[0]
-    for samples in run.recorder._jacobians:
-        samples[1:] = samples[0]
+    record = run.recorder.state()
+    samples = [np.repeat(of_one, 2001, axis=0) for of_one in record.samples]
+    run.recorder.restore(record._replace(size=2001, samples=samples), scenario)
+    kept = sum(of_all.nbytes for of_all in samples)
+    del samples
     tracemalloc.start()
     result = run.result()
-    kept = sum(samples.nbytes for samples in run.recorder._samples.values())
     content = result.data.to_netcdf(engine="h5netcdf")
     held = kept + tracemalloc.get_traced_memory()[0]
     tracemalloc.stop()
@@ -80,12 +78,12 @@ def test_a_motion_of_a_billion_steps_is_refused():
         chain.integrate(*start, duration=1e9, step=1e-9)
 
 
-def test_a_time_grid_needs_its_times_and_what_goes_with_them(monkeypatch):
+def test_a_time_grid_needs_its_times_and_what_goes_with_them(leave_free):
     """Five times of eight bytes, each with 92 more."""
     assert time_grid(1.0, 0.25, 92).tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
     assert 0.07 / 0.01 > 7.0  # by rounding
     np.testing.assert_allclose(time_grid(0.07, 0.01, 92), np.linspace(0.0, 0.07, 8), rtol=1e-14)
-    monkeypatch.setattr(memory, "free_memory", lambda: 0)
+    leave_free(0)
     with pytest.raises(errors.NotEnoughMemoryError) as caught:
         time_grid(1.0, 0.25, 92)
     assert caught.value.needed == pytest.approx(500.0, rel=1e-8)
@@ -123,14 +121,9 @@ print(free_memory(), limit - used)
     ],
     ids=["version 2", "version 1"],
 )
-def test_free_memory_is_within_the_limits_of_every_control_group(
-    listed, folder, names, tmp_path, monkeypatch
-):
+def test_free_memory_is_within_the_limits_of_every_control_group(listed, folder, names, control_groups):
     limit, used, cache = names
-    (tmp_path / "list").write_text(listed + "\n")
-    monkeypatch.setattr(memory, "_CGROUP_LIST", tmp_path / "list")
-    monkeypatch.setattr(memory, "_CGROUPS", tmp_path / "cgroup")
-    job = tmp_path / "cgroup" / folder / "batch" / "job"
+    job = control_groups(listed) / folder / "batch" / "job"
     job.mkdir(parents=True)
     for group, text in ((job, "max" if not folder else str(2**63 - 4096)), (job.parent, "9000000")):
         (group / limit).write_text(text + "\n")
@@ -180,9 +173,8 @@ def test_a_record_that_is_large_is_told_with_what_makes_it_small(name, hours):
     assert any("GB" in text for text in run_warnings(scenario, build_controller(scenario)))
 
 
-def test_a_record_that_does_not_fit_names_what_fits(monkeypatch):
-    monkeypatch.setattr(recorder, "free_memory", lambda: 1 << 26)
-    monkeypatch.setattr(memory, "free_memory", lambda: 1 << 26)
+def test_a_record_that_does_not_fit_names_what_fits(leave_free):
+    leave_free(1 << 26)
     scenario = Scenario.load("two-pandas-box", {"duration": 600.0, "events": ()})
     with pytest.raises(errors.NotEnoughMemoryError) as caught:
         Simulation(scenario)
@@ -205,9 +197,9 @@ def limited(cell, duration):
 
 @pytest.mark.parametrize(("cell", "duration", "every"), [("planar", 10.0, 4), ("spatial", 1.0, 10**6)])
 def test_metrics_verdict_and_limits_of_a_thinned_run_are_those_of_all_ticks(
-    cell, duration, every, monkeypatch, tmp_path
+    cell, duration, every, observe_together, tmp_path
 ):
-    monkeypatch.setattr(recorder, "_BLOCK", 23)
+    observe_together(23)
     scenario = limited(cell, duration)
     whole, thinned = finished(scenario), finished(scenario.override({"clock.record_every": every}))
     thinned.save(tmp_path / "result.nc")
@@ -228,10 +220,10 @@ def test_metrics_verdict_and_limits_of_a_thinned_run_are_those_of_all_ticks(
 
 @pytest.mark.parametrize("cell", SCENARIOS)
 def test_a_thinned_run_that_is_stepped_restored_and_disturbed_has_the_metrics_of_the_whole_one(
-    cell, monkeypatch
+    cell, observe_together
 ):
     """Restored into the middle of a block, with an event added after the last one."""
-    monkeypatch.setattr(recorder, "_BLOCK", 7)
+    observe_together(7)
     results = []
     for every in (1, 5):
         scenario = SCENARIOS[cell]().override(
@@ -269,14 +261,14 @@ def test_full_turns_between_kept_samples_are_counted():
     scenario = Scenario.load("kinova-pair", {"duration": 1.0, "events": ()})
     run = Simulation(scenario.override({"clock.record_every": 10**6}), build_controller(scenario))
     run.tick()
-    place = run.plant.chain.model.arms[0]
+    place = run.slots[0]
     joint = int(np.flatnonzero(place.angles.continuous)[0])
-    inputs = run.observe()
-    first, entry = run.recorder._angles[0][joint], place.angles.entry[joint] + place.q_slice.start
+    inputs, applied = run.observe(), run.state().applied
+    first, entry = run.recorder.state().angles[0][joint], place.angles.entry[joint] + place.q_slice.start
     for tick in range(1, 9):
         angle = first + 2.0 * tick
         run.plant.q[entry : entry + 2] = np.cos(angle), np.sin(angle)
-        measurements = run.sensing.measure(run.time, run.plant, run._applied, inputs.signals.sensors)
+        measurements = run.sensing.measure(run.time, run.plant, applied, inputs.signals.sensors)
         now = inputs._replace(measurements=measurements)
-        run.recorder.record(tick / 80.0, now, run._applied, scenario.cell.shares)
+        run.recorder.record(tick / 80.0, now, applied, scenario.cell.shares)
     assert run.result().data["joint_position"].values[-1, 0, joint] == pytest.approx(first + 16.0)

@@ -11,10 +11,10 @@ from cells import SCENARIOS
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, FieldError, InvalidStateError, ShapeError
-from coop_pin.compiled.plant.compiled_plant import TracedPlant
-from coop_pin.control.controller import CellCommand
+from coop_pin.compiled.plant.compiled_plant import CompiledPlant
+from coop_pin.control import CellCommand
 from coop_pin.simulation.build_controller import build_controller
-from coop_pin.simulation.plant import Plant
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.simulation import Simulation
 
 EVERYTHING = {
@@ -38,7 +38,7 @@ def short(name, duration):
     return SCENARIOS[name]().replace(beyond_bound=True, events=(), duration=duration)
 
 
-def stepped(scenario, ticks, plant=Plant):
+def stepped(scenario, ticks, plant=PinocchioPlant):
     simulation = Simulation(scenario, build_controller(scenario), plant=plant)
     for _ in range(ticks):
         simulation.tick()
@@ -151,7 +151,9 @@ def test_another_seed_draws_other_numbers_and_the_first_one_the_same(name):
 
 
 def test_the_compiled_plant_is_restored_too():
-    simulation = stepped(cp.Scenario.load("two-pandas-box").replace(events=(), duration=0.05), 7, TracedPlant)
+    simulation = stepped(
+        cp.Scenario.load("two-pandas-box").replace(events=(), duration=0.05), 7, CompiledPlant
+    )
     state = simulation.state()
     expected = finished(simulation)
     simulation.restore(state)

@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 from cells import ANCHORED, SCENARIOS
 from close import assert_close
+from damping import damping_and_inertia
 from numpy.testing import assert_allclose
 from random_cells import random_cell
 from scipy.linalg import eigvalsh
@@ -19,8 +20,6 @@ from coop_pin.cli import main
 from coop_pin.control import ArmCommand, ArmController
 from coop_pin.feasibility import reachability
 from coop_pin.grasps import CellChain
-from coop_pin.model import CellArm
-from coop_pin.model.inverse_kinematics import solve_ik
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import (
@@ -49,23 +48,6 @@ def with_damping(factor, changes=()):
 def closed_form(cell, X, damping_gains, period):
     """T lambda_max(A^-1 B) in the task rows, for arms with as many joints as the cell has task rows."""
     return period * float(eigvalsh(*damping_and_inertia(cell, X, damping_gains))[-1])
-
-
-def damping_and_inertia(cell, X, damping_gains):
-    """B = sum_i J_i^-T K_d_i J_i^-1 and A = M_0 + sum_i J_i^-T M_i J_i^-1 in the task rows."""
-    rows, world_inertia = cell.task_rows, np.zeros((6, 6))
-    world_inertia[:3, :3] = cell.payload.mass * np.eye(3)
-    world_inertia[3:, 3:] = X[:3, :3] @ cell.payload.inertia_matrix @ X[:3, :3].T
-    inertia = rows.select(rows.select(world_inertia).T)
-    damping = np.zeros_like(inertia)
-    for name, arm in cell.arms.items():
-        model = CellArm(cell, name)
-        q = solve_ik(model, X, posture=arm.posture)
-        to_drive = np.linalg.inv(model.drive)
-        J_inverse = np.linalg.inv(rows.select(model.payload_jacobian(q)) @ to_drive)
-        inertia = inertia + J_inverse.T @ to_drive.T @ model.mass_matrix(q) @ to_drive @ J_inverse
-        damping = damping + J_inverse.T @ damping_gains[name] @ J_inverse
-    return damping, inertia
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 4.0])
@@ -504,6 +486,6 @@ def test_the_joints_are_those_of_the_worst_mode_the_fastest_first(monkeypatch):
     D = modes @ np.diag([1.0, 90.0, 2.0, 0.0, 0.0, 0.0]) @ np.linalg.inv(modes)
     for module in modules:
         monkeypatch.setattr(module, "damping_matrix", lambda *_: D)
-    names = [name for place in simulation.plant.chain.model.arms for name in place.angles.names]
+    names = [name for place in simulation.slots for name in place.angles.names]
     for found in (modules[0].start_stability(simulation), modules[1].step_stability(simulation)):
         assert found.joints == (names[3], names[4], names[1])

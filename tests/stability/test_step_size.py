@@ -12,8 +12,8 @@ from coop_pin.base.errors import DivergedError, FieldError, OutOfRangeError
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import step_size, step_stability
-from coop_pin.sweeps import plant_steps
-from coop_pin.sweeps.engine import open_session
+from coop_pin.sweeps import engine
+from coop_pin.sweeps.session import open_session
 from coop_pin.sweeps.store import SweepStore
 
 PUSH = cp.events.WrenchPulse(time=0.21, duration=0.1, wrench=(200.0, 100.0, 0.0, 0.0, 0.0, 2.0))
@@ -82,9 +82,15 @@ def test_the_errors_fall_with_the_order_of_the_integrator(cell, integrator, orde
     assert_allclose(np.log2(values[:-1] / values[1:]), order, atol=0.4)
 
 
+@pytest.fixture
+def most_steps(monkeypatch):
+    """A function that sets the largest number of steps in a tick that is tried."""
+    return functools.partial(monkeypatch.setattr, step_size, "MOST_STEPS")
+
+
 @pytest.mark.parametrize("cell", SCENARIOS)
-def test_an_error_that_no_number_of_steps_keeps_is_refused_with_the_smallest(cell, monkeypatch):
-    monkeypatch.setattr(step_size, "MOST_STEPS", 2)
+def test_an_error_that_no_number_of_steps_keeps_is_refused_with_the_smallest(cell, most_steps):
+    most_steps(2)
     scenario = moving(cell)
     with pytest.raises(OutOfRangeError) as caught:
         cp.stability.fewest_steps(scenario, error=1e-13)
@@ -100,14 +106,14 @@ def test_the_error_must_be_positive(value):
 
 
 @pytest.mark.parametrize("cell", SCENARIOS)
-def test_numbers_of_steps_with_which_the_run_diverges_are_passed_over(cell, monkeypatch):
+def test_numbers_of_steps_with_which_the_run_diverges_are_passed_over(cell, most_steps):
     scenario = with_viscous_friction(moving(cell), 500.0)
     found = cp.stability.fewest_steps(scenario, error=1e-6)
     assert min(found.errors) > 1
     for steps in (found.steps, min(found.errors) // 2):
         steady = scenario.override({"clock.steps_per_tick": steps})
         assert step_stability(Simulation(steady, build_controller(steady))).ok == (steps == found.steps)
-    monkeypatch.setattr(step_size, "MOST_STEPS", min(found.errors) // 2)
+    most_steps(min(found.errors) // 2)
     with pytest.raises(DivergedError):
         cp.stability.fewest_steps(scenario, error=1e-6)
 
@@ -140,7 +146,7 @@ def test_a_sweep_with_automatic_steps_keeps_its_error_at_points_that_were_not_me
     cell, tmp_path, monkeypatch
 ):
     """Random points of a plan of 108, and what the folder has of the choice."""
-    monkeypatch.setattr(plant_steps, "_SAMPLE", 2)
+    monkeypatch.setattr(engine, "_SAMPLE", 2)
     scenario, error = moving(cell), {"planar": 1e-8, "spatial": 1e-9}[cell]
     mass = scenario.cell.payload.mass
     axes = {
@@ -148,9 +154,9 @@ def test_a_sweep_with_automatic_steps_keeps_its_error_at_points_that_were_not_me
         "controller.gains.damping_gain": [0.5, 0.3, 0.4],
     }
     plan = cp.SweepPlan(base=scenario, axes=axes, changes=AUTO, steps_error_m=error, engine="pinocchio")
-    measured = plant_steps.extreme_points(plan)
+    measured = engine.extreme_points(plan)
     others = np.random.default_rng(31).choice([n for n in range(len(plan)) if n not in measured], 2)
-    decided = plant_steps.with_steps(plan, SweepStore(tmp_path))
+    decided = engine.with_steps(plan, SweepStore(tmp_path))
     steps = decided.changes["clock.steps_per_tick"]
     assert steps > 1
     for number in others.tolist():
@@ -176,8 +182,8 @@ def test_automatic_steps_stand_in_plan_key_and_record_and_are_kept_on_resume(cel
     records = (tmp_path / "auto" / "runs").glob("*.jsonl")
     assert f'"clock.steps_per_tick":{steps}' in "".join(path.read_text() for path in records).replace(" ", "")
     measured = []
-    original = plant_steps.fewest_steps
-    monkeypatch.setattr(plant_steps, "fewest_steps", lambda *a, **b: measured.append(a) or original(*a, **b))
+    original = engine.fewest_steps
+    monkeypatch.setattr(engine, "fewest_steps", lambda *a, **b: measured.append(a) or original(*a, **b))
     again = cp.sweep(scenario, axes, out=tmp_path / "auto", execution=HERE, changes=AUTO)
     assert again.plan == first.plan
     assert not measured

@@ -39,7 +39,7 @@ def refused(kind, call):
 @pytest.fixture
 def no_runs(monkeypatch):
     """No run may start: an attempt is an AttributeError."""
-    monkeypatch.delattr("coop_pin.sweeps.engine.Session.compute")
+    monkeypatch.delattr("coop_pin.sweeps.session.Session.compute")
 
 
 @NO_RUNS

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from browser import offline_page
-from test_comparison_figures import made_up
+from made_up import made_up
 from test_sweep_result import GAIN, MASS, RATE, filled
 
 from coop_pin.sweeps.heat_map import replay_file

@@ -1,9 +1,7 @@
 """Sweeps whose runs are simulated together: the same table, the same errors, the engine in key and record."""
 
 import logging
-import shutil
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,7 +23,7 @@ GAINS = {"controller.gains.damping_gain": [40.0, 1e5, 50.0]}
 
 def plan(**fields):
     base = cp.Scenario.load("adept-paper").replace(duration=0.1, events=(), beyond_bound=True)
-    return SweepPlan(base=base, **{"axes": GAINS, "engine": "batch"} | fields)
+    return SweepPlan(base=base, **{"axes": GAINS, "engine": "compiled"} | fields)
 
 
 def swept(chosen, folder):
@@ -43,7 +41,7 @@ def bits(runs):
 def test_the_table_of_batches_is_that_of_single_runs_and_errors_are_the_same(tmp_path):
     single, _ = swept(plan(engine="pinocchio"), tmp_path / "single")
     batch, engines = swept(plan(keep=(0,)), tmp_path / "batch")
-    assert engines == ["batch", "pinocchio", "batch"]
+    assert engines == ["compiled", "pinocchio", "compiled"]
     for found, wanted in zip(batch, single, strict=True):
         assert (found.parameters, found.kind, found.message) == (
             wanted.parameters,
@@ -86,38 +84,38 @@ def test_what_a_run_gives_does_not_depend_on_the_runs_beside_it(tmp_path):
 @pytest.mark.slow
 def test_runs_that_cannot_start_or_be_traced_are_single_and_the_others_are_not(tmp_path):
     runs, engines = swept(plan(axes={"start.xyz": [[0.6, 0.14, 0.0], [5.0, 0.0, 0.0]]}), tmp_path / "far")
-    assert engines == ["batch", "pinocchio"]
+    assert engines == ["compiled", "pinocchio"]
     assert [run.kind for run in runs] == ["", "UnreachablePoseError"]
     runs, engines = swept(plan(axes={"plant.payload": ["welded", "free"]}), tmp_path / "free")
-    assert engines == ["batch", "pinocchio"]
+    assert engines == ["compiled", "pinocchio"]
     assert [run.kind for run in runs] == ["", ""]
 
 
 def test_a_law_that_cannot_be_traced_is_not_traced_again_for_the_next_batch(monkeypatch, caplog):
-    jobs = [Job("key", plan(changes=law("raise"), axes={}).scenario(0), engine="batch")]
+    jobs = [Job("key", plan(changes=law("raise"), axes={}).scenario(0), way="lanes")]
     with caplog.at_level(logging.WARNING):
-        assert batch_job.run_batch(jobs) == [None]
+        assert batch_job.run_batch(jobs) == ["plant"]
     assert "cannot be traced" in caplog.text
     monkeypatch.setattr(
         "coop_pin.compiled.simulate.require_traceable", lambda *_: pytest.fail("traced again")
     )
-    assert batch_job.run_batch(jobs) == [None]
+    assert batch_job.run_batch(jobs) == ["plant"]
 
 
-@pytest.mark.parametrize("function", ["prepare", "run_prepared"])
-def test_why_a_batch_breaks_is_told_once_for_all_its_runs(function, monkeypatch, caplog):
+@pytest.mark.parametrize(("function", "way"), [("prepare", "plant"), ("run_prepared", "pinocchio")])
+def test_why_a_batch_breaks_is_told_once_for_all_its_runs(function, way, monkeypatch, caplog):
     monkeypatch.setattr(batch_job._simulator, function, lambda *_: 1 / 0)
     batch_job._warn_once.cache_clear()
-    jobs = [Job("key", scenario, engine="batch") for scenario in map(plan().scenario, range(3))]
+    jobs = [Job("key", scenario, way="lanes") for scenario in map(plan().scenario, range(3))]
     with caplog.at_level(logging.WARNING, "coop_pin.sweeps"):
-        assert batch_job.run_batch(jobs) == [None, None, None]
+        assert batch_job.run_batch(jobs) == [way] * 3
     assert len(caplog.records) == 1
     assert "ZeroDivisionError: division by zero" in caplog.text
 
 
 def test_compiled_code_ends_between_its_parts_when_nobody_waits_and_leaves_the_output_alone():
     """Threads of a sweep share sys.stdout and the lock of batches: both are as before, also after Ctrl-C."""
-    jobs, outputs = [Job("key", plan(axes={}).scenario(0), engine="batch")], []
+    jobs, outputs = [Job("key", plan(axes={}).scenario(0), way="lanes")], []
     (outcome,) = batch_job.run_batch(jobs, lambda: outputs.append(sys.stdout))
     assert outcome is not None
     assert set(outputs) == {sys.stdout}
@@ -129,7 +127,7 @@ def test_compiled_code_ends_between_its_parts_when_nobody_waits_and_leaves_the_o
 def test_a_run_that_cannot_start_tells_it_in_its_own_record_only(caplog):
     far = plan(changes={"start.xyz": [5.0, 0.0, 0.0]}, axes={}).scenario(0)
     with caplog.at_level(logging.WARNING, "coop_pin.sweeps"):
-        assert batch_job.run_batch([Job("key", far, engine="batch")]) == [None]
+        assert batch_job.run_batch([Job("key", far, way="lanes")]) == ["plant"]
     assert not caplog.records
 
 
@@ -142,28 +140,26 @@ def test_auto_weighs_runs_against_compiling_and_a_folder_keeps_its_engine(tmp_pa
     many, few = plan(engine="auto", axes=axes), plan(engine="auto")
     assert engine_choice.runs_worth_a_batch(many.scenario(0)) == len(many)
     with caplog.at_level(logging.WARNING):
-        assert [engine.with_engine(each, store).engine for each in (many, few)] == ["batch", "pinocchio"]
-        assert engine.with_engine(few, store, runs=188).engine == "batch"
+        assert [engine.with_engine(each, store).engine for each in (many, few)] == ["compiled", "pinocchio"]
+        assert engine.with_engine(few, store, runs=188).engine == "compiled"
     assert not caplog.records
     store.write_plan(few.replace(engine="pinocchio"))
     assert engine.with_engine(many, store).engine == "pinocchio"
-    assert engine.with_engine(many.replace(engine="batch"), store).engine == "batch"
+    assert engine.with_engine(many.replace(engine="compiled"), store).engine == "compiled"
 
 
 def test_a_sweep_that_began_with_single_runs_goes_on_with_them(tmp_path, caplog):
-    """Stored by 0.1.0, where "pinocchio" was the default; today's choice for its two runs is a batch."""
-    folder = Path(shutil.copytree(Path(__file__).parents[1] / "data" / "previous_sweep", tmp_path / "stored"))
+    """One run by its name; the choice for the two runs of the longer plan would be to compile."""
     base = cp.Scenario.load("adept-paper").replace(duration=10.0, events=())
     again = SweepPlan(base=base, axes={"controller.gains.sign_gain": [0.1, 0.2]})
-    assert engine.with_engine(again, SweepStore(tmp_path / "new")).engine == "batch"
-    runs, engines = swept(again, folder)
+    assert engine.with_engine(again, SweepStore(tmp_path / "new")).engine == "compiled"
+    swept(again.replace(axes={"controller.gains.sign_gain": [0.1]}, engine="pinocchio"), tmp_path)
+    runs, engines = swept(again, tmp_path)
     assert engines == ["pinocchio", "pinocchio"]
     assert [run.kind for run in runs] == ["", ""]
-    assert SweepStore(folder).versioned_plan()[1] == cp.__version__
-    caplog.clear()
-    assert cp.SweepResult.load(folder).counts() == {"ok": 2, "failed": 0, "missing": 0}
+    assert cp.SweepResult.load(tmp_path).counts() == {"ok": 2, "failed": 0, "missing": 0}
     assert not caplog.records
-    assert SweepStore(folder).read_plan().engine == "pinocchio"
+    assert SweepStore(tmp_path).read_plan().engine == "pinocchio"
 
 
 @pytest.mark.parametrize(
@@ -188,9 +184,9 @@ def test_scenarios_that_differ_in_numbers_times_and_events_are_counted_together(
     found = engine_choice.choose_engines([*biased, *others, *noisy], "auto", [1] * 66)
     assert {each.engine for each in found} == {"pinocchio"}  # 30 + 3 + 3.6 runs
     found = engine_choice.choose_engines([*biased, *others, *noisy], "auto", [1] * 31 + [2] * 5 + [1] * 30)
-    assert [each.engine for each in found] == 36 * ["batch"] + 30 * ["pinocchio"]
+    assert [each.engine for each in found] == 36 * ["compiled"] + 30 * ["pinocchio"]
     assert {each.obstacle for each in found} == {None, "few runs"}
-    assert engine_choice.choose_engines([base, *noisy], "auto", [1] * 31)[0].engine == "batch"
+    assert engine_choice.choose_engines([base, *noisy], "auto", [1] * 31)[0].engine == "compiled"
 
 
 @pytest.mark.parametrize("changes", [{}, law("none")], ids=["plant", "user"])
@@ -207,7 +203,7 @@ def test_the_reason_why_runs_are_single_is_told(changes, tmp_path, caplog):
 @pytest.mark.parametrize("mode", ["raise", "SystemExit", "KeyboardInterrupt"])
 def test_a_users_code_is_not_traced_by_the_process_that_chooses_and_fails_in_its_own_run(mode, tmp_path):
     wanted = plan(changes=law(mode), axes={})
-    assert engine.with_engine(wanted, SweepStore(tmp_path)).engine == "batch"
+    assert engine.with_engine(wanted, SweepStore(tmp_path)).engine == "compiled"
     (run,), engines = swept(wanted, tmp_path)
     assert engines == ["pinocchio"]
     assert run.kind == {"raise": "UserCodeError"}.get(mode, mode)
@@ -216,7 +212,7 @@ def test_a_users_code_is_not_traced_by_the_process_that_chooses_and_fails_in_its
     assert ("faulty.py:" in run.message) == (mode == "raise")
 
 
-@pytest.mark.parametrize("engine", ["pinocchio", "batch"])
+@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
 def test_options_that_the_users_code_changes_are_those_of_its_own_run(engine, tmp_path):
     options = {"kind": "user", "target": "faulty:Forgetful", "options": {"torques": [0.3, 0.2, 0.1, 0.0] * 9}}
     wanted = plan(changes={"controller": options}, axes={"cell.payload.mass": [1.0, 1.0, 1.0]}, engine=engine)
@@ -227,9 +223,11 @@ def test_options_that_the_users_code_changes_are_those_of_its_own_run(engine, tm
 
 
 def test_keys_of_single_runs_do_not_name_an_engine_and_those_of_batches_do():
-    keys = {name: [point.key for point in keyed_points(plan(engine=name))] for name in ("pinocchio", "batch")}
+    keys = {
+        name: [point.key for point in keyed_points(plan(engine=name))] for name in ("pinocchio", "compiled")
+    }
     assert keys["pinocchio"][0] == cp.sweeps.run_key.run_key(plan().scenario(0))
-    assert len({*keys["pinocchio"], *keys["batch"]}) == 6
+    assert len({*keys["pinocchio"], *keys["compiled"]}) == 6
 
 
 @pytest.mark.slow

@@ -231,8 +231,21 @@ def test_whatever_dask_raises_is_one_typed_error(error):
         list(outcomes(DaskBackend(client), iter([Job("a", "{}")])))
 
 
+class Busy(Client):
+    """A client that takes runs, whatever its scheduler says, and computes none."""
+
+    def submit(self, *_):
+        return Future()
+
+
+@pytest.fixture
+def connects_to(monkeypatch):
+    """A function that sets what a connection to any scheduler gives."""
+    return lambda client: monkeypatch.setattr(dask_backend, "_CLIENT", lambda *_, **__: client)
+
+
 def test_a_scheduler_may_be_out_of_reach_for_a_while_and_then_is_lost(monkeypatch):
-    client = Client()
+    client = Busy()
     found = DaskBackend(client)
     batches = outcomes(found, iter([Job("a", "{}")]))
     assert found.slots() == 3
@@ -240,26 +253,25 @@ def test_a_scheduler_may_be_out_of_reach_for_a_while_and_then_is_lost(monkeypatc
     assert found.slots() == 3
     monkeypatch.setattr(dask_backend, "_PATIENCE_S", 0.05)
     monkeypatch.setattr("coop_pin.sweeps.workers.backend._POLL_S", 0.02)
-    monkeypatch.setattr(client, "submit", lambda *_: Future())
     with pytest.raises(WorkersLostError, match="no answer"):
         list(batches)
 
 
-def test_a_plain_scheduler_is_called_what_it_is(monkeypatch, caplog):
+def test_a_plain_scheduler_is_called_what_it_is(connects_to, caplog):
     plain = SimpleNamespace(run=print, get_executor=dict, close=print)
-    monkeypatch.setattr(dask_backend, "_CLIENT", lambda *_, **__: plain)
+    connects_to(plain)
     with dask_backend.connected("tcp://127.0.0.1:8786"):
         assert ["tcp://127.0.0.1:8786 has no TLS" in message for message in caplog.messages] == [True]
 
 
-def test_a_client_that_cannot_be_closed_hides_no_error(monkeypatch):
+def test_a_client_that_cannot_be_closed_hides_no_error(connects_to):
     """As when its scheduler is gone: "Cannot change state of expiring Timeout", seen once in many runs."""
 
     def close():
         raise RuntimeError("Cannot change state of expiring Timeout")
 
     broken = SimpleNamespace(run=print, get_executor=dict, close=close)
-    monkeypatch.setattr(dask_backend, "_CLIENT", lambda *_, **__: broken)
+    connects_to(broken)
     with pytest.raises(WorkersLostError), dask_backend.connected("tls://127.0.0.1:8786"):
         raise WorkersLostError("the scheduler is gone")
 

@@ -21,12 +21,12 @@ from coop_pin.base.errors import (
     StoreLockedError,
     SweepInterruptedError,
 )
-from coop_pin.sweeps.engine import open_session, sweep
+from coop_pin.sweeps.engine import sweep
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.run_key import keyed_points
+from coop_pin.sweeps.session import open_session
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.workers import backend
 from coop_pin.sweeps.workers.execution import Execution
 from coop_pin.sweeps.workers.job import Job, checked_content, checksummed, run_job
 
@@ -35,16 +35,9 @@ SHORT = {"duration": 0.1, "events": []}
 
 
 @pytest.fixture
-def computed(monkeypatch):
+def computed(runs_here):
     """Jobs that were computed, not read."""
-    jobs = []
-
-    def counted(job):
-        jobs.append(job)
-        return run_job(job)
-
-    monkeypatch.setattr(backend, "run_job", counted)
-    return jobs
+    return runs_here.jobs
 
 
 def small(out, axes=None, **fields):
@@ -112,7 +105,7 @@ def test_equal_points_are_computed_once(tmp_path, computed):
     assert result.counts()["ok"] == 3
 
 
-WAYS = [(0, "pinocchio"), (2, "pinocchio"), (0, "batch"), (2, "batch")]
+WAYS = [(0, "pinocchio"), (2, "pinocchio"), (0, "compiled"), (2, "compiled")]
 
 
 @pytest.mark.parametrize(("workers", "chosen"), WAYS)
@@ -157,17 +150,15 @@ def test_a_damaged_record_is_set_aside_and_computed_again(tmp_path, computed):
     assert aside.read_bytes() in segment.read_bytes()
 
 
-def test_interrupted_runs_are_kept_and_counted(tmp_path, monkeypatch, computed):
-    def interrupted(job):
+def test_interrupted_runs_are_kept_and_counted(tmp_path, runs_here, computed):
+    def interrupted(_job):
         if len(computed) == 2:
             raise KeyboardInterrupt
-        computed.append(job)
-        return run_job(job)
 
-    with monkeypatch.context() as patched:
-        patched.setattr(backend, "run_job", interrupted)
-        with pytest.raises(SweepInterruptedError, match="2 of 3 runs") as stopped:
-            small(tmp_path)
+    runs_here.before = interrupted
+    with pytest.raises(SweepInterruptedError, match="2 of 3 runs") as stopped:
+        small(tmp_path)
+    runs_here.before = lambda _job: None
     assert (stopped.value.finished, stopped.value.total) == (2, 3)
     assert SweepResult.load(tmp_path).counts() == {"ok": 2, "failed": 0, "missing": 1}
     small(tmp_path)

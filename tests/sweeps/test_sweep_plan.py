@@ -298,7 +298,7 @@ def test_an_estimate_counts_runs_and_divides_by_workers():
     assert two.total_s == 5 * two.run_s
     assert one.engine.engine == "pinocchio"
     many = estimate(plan(axes={GAIN: linspace(0.0, 0.1, 1000)}), workers=1)
-    assert many.engine.engine == "batch"
+    assert many.engine.way == "lanes"
     assert many.run_s < one.run_s
 
 

@@ -18,6 +18,7 @@ from coop_pin.tracing.tree import leaves
 PLAIN = {
     "controller.gains.pose_gain": (0.5, 2),
     "controller.switching.width": (0.01, 0.2),
+    "controller.normal_guard": (0.0, 2.0),
     "cell.payload.mass": (1.0, 7.0),
     "events.0.mass": (3.0, 4),
     "sensors.encoder.noise": (0.0, 1e-5),
@@ -27,7 +28,6 @@ PLAIN = {
 """Plain numbers of adept-anchored."""
 READ = (
     "controller.gains.anchor_gain",  # bounded by the delay of the force path
-    "controller.normal_guard",  # is not written at its default
     "clock.rate_hz",
     "events.0.time",
     "duration",
@@ -88,7 +88,7 @@ def test_keys_of_a_plan_are_those_of_its_runs_one_by_one() -> None:
             "controller.gains.pose_gain": [1.0, 2, -1.0, 2.5],
             "cell.payload.mass": [5.0, 6.0, 7.0, 8.0],
         },
-        engine="batch",
+        engine="compiled",
     )
     templates, used = Templates(plan), 0
     for keyed in keyed_points(plan):
@@ -100,7 +100,7 @@ def test_keys_of_a_plan_are_those_of_its_runs_one_by_one() -> None:
         else:
             filled = keyed.pattern and keyed.pattern.filled(keyed.numbers)
             assert (filled or keyed.example) == whole
-            assert keyed.key == run_key(whole, engine="batch")
+            assert keyed.key == run_key(whole, engine="compiled")
     assert used == 64  # where the anchor gain is accepted
 
 

@@ -1,7 +1,6 @@
 """Local workers: the same bits in every process, runs that kill or hang their workers, ports."""
 
 import contextlib
-import pickle
 import subprocess
 import sys
 import threading
@@ -12,7 +11,6 @@ from pathlib import Path
 import psutil
 import pytest
 from faulty import law
-from pebble import ProcessExpired
 
 import coop_pin as cp
 from coop_pin.base.errors import CodeChangedError, FieldError, WorkerDiedError, WorkersLostError
@@ -180,24 +178,16 @@ def test_workers_that_are_stopped_or_killed_at_any_time_and_a_host_that_is_kille
     assert psutil.wait_procs(processes, timeout=10)[1] == []
 
 
-def test_the_runs_of_a_batch_whose_worker_dies_are_tried_again_each_alone(monkeypatch):
+def test_the_runs_of_a_batch_whose_worker_dies_are_tried_again_each_alone():
     """A run that costs three workers has failed; the others of its batch have not."""
-    tried = []
-
-    def reply(_self, _limit_s, _compute, arguments, *_):
-        keys = [job.key for job in pickle.loads(arguments[0])]
-        tried.append(keys)
-        content = pickle.dumps([Outcome(Record(key)) for key in keys])
-        return (ProcessExpired("", code=-11), b"") if "bad" in keys else (None, content)
-
-    monkeypatch.setattr(Worker, "_start", lambda _: None)
-    monkeypatch.setattr(Worker, "_reply", reply)
-    found = [outcome.record for outcome in Worker().compute([Job(key, "{}") for key in ("a", "bad", "b")])]
-    assert tried == [["a", "bad", "b"], ["a"], ["bad"], ["bad"], ["b"]]
+    modes = {"a": "none", "b": "crash", "c": "none"}
+    batch = [Job(key, job(mode).scenario) for key, mode in modes.items()]
+    with contextlib.closing(Worker()) as worker:
+        found = [outcome.record for outcome in worker.compute(batch)]
     assert [(record.key, record.failure) for record in found] == [
         ("a", ""),
-        ("bad", "WorkerDiedError"),
-        ("b", ""),
+        ("b", "WorkerDiedError"),
+        ("c", ""),
     ]
     assert found[1].message == str(WorkerDiedError(3, -11))
 
@@ -249,7 +239,7 @@ def batch_jobs(count):
     def jobs():
         for i in range(count):
             drawn.append(i)
-            yield Job(str(i), scenario, engine="batch")
+            yield Job(str(i), scenario, way="lanes")
 
     return drawn, jobs()
 

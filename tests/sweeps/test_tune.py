@@ -32,12 +32,11 @@ from coop_pin.base.errors import (
     UnknownFieldError,
 )
 from coop_pin.cli import main
-from coop_pin.sweeps import Sample, engine
+from coop_pin.sweeps import Sample, session
 from coop_pin.sweeps.optimisation import Bound, Objective
 from coop_pin.sweeps.optimisation import search as find
 from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.workers import backend
 
 GAIN, SIGN = "controller.gains.pose_gain", "controller.gains.sign_gain"
 SHORT = cp.Scenario.load("adept-paper", {"duration": 0.5, "events": []})
@@ -49,15 +48,6 @@ OPTIONS = {
     "population": 5,
     "execution": cp.Execution(workers=0, quiet=True),
 }
-
-
-@pytest.fixture
-def counted(monkeypatch):
-    """Numbers of runs that were really computed."""
-    runs = []
-    original = backend.run_job
-    monkeypatch.setattr(backend, "run_job", lambda job: runs.append(job.key) or original(job))
-    return runs
 
 
 @pytest.fixture(scope="module")
@@ -191,15 +181,15 @@ def test_metrics_of_the_user_s_own_can_be_minimised_and_bounded(tmp_path):
 # ---------------------------------------------------------------- a function of its arguments
 
 
-def test_the_same_call_computes_nothing_and_a_longer_one_only_what_is_new(tmp_path, search, counted):
+def test_the_same_call_computes_nothing_and_a_longer_one_only_what_is_new(tmp_path, search, runs_here):
     first, folder = search
-    counted.clear()
+    runs_here.jobs.clear()
     shutil.copytree(folder, tmp_path / "copy")
     again = cp.tune(SHORT, RANGES, out=tmp_path / "copy", **OPTIONS)
-    assert not counted
+    assert not runs_here.jobs
     assert again.history.data.equals(first.history.data)
     longer = cp.tune(SHORT, RANGES, out=tmp_path / "copy", **OPTIONS | {"generations": 2})
-    assert len(counted) == 5
+    assert len(runs_here.jobs) == 5
     assert_array_equal(longer.history.data[GAIN].values[:10], first.history.data[GAIN].values)
     assert longer.best.metrics[PEAK] <= first.best.metrics[PEAK]
 
@@ -211,20 +201,16 @@ def test_another_seed_is_another_search(tmp_path, search):
 
 @pytest.mark.parametrize("after", [0, 3, 7])
 def test_an_interrupted_search_goes_on_to_the_history_of_an_undisturbed_one(
-    tmp_path, search, monkeypatch, after
+    tmp_path, search, runs_here, after
 ):
-    computed, original = [], backend.run_job
-
-    def interrupted(job):
-        if len(computed) == after:
+    def interrupted(_job):
+        if len(runs_here.jobs) == after:
             raise KeyboardInterrupt
-        computed.append(job.key)
-        return original(job)
 
-    with monkeypatch.context() as patched:
-        patched.setattr(backend, "run_job", interrupted)
-        with pytest.raises(SweepInterruptedError, match=f"{after} of 10 runs"):
-            cp.tune(SHORT, RANGES, out=tmp_path, **OPTIONS)
+    runs_here.before = interrupted
+    with pytest.raises(SweepInterruptedError, match=f"{after} of 10 runs"):
+        cp.tune(SHORT, RANGES, out=tmp_path, **OPTIONS)
+    runs_here.before = lambda _job: None
     tried = 5 * (after // 5 + 1)
     assert SweepResult.load(tmp_path).counts() == {"ok": after, "failed": 0, "missing": tried - after}
     resumed = cp.tune(SHORT, RANGES, out=tmp_path, **OPTIONS)
@@ -237,8 +223,8 @@ def test_an_interrupted_search_goes_on_to_the_history_of_an_undisturbed_one(
 @pytest.fixture
 def pools(monkeypatch):
     """The pools of local workers that are opened."""
-    opened, original = [], engine.LocalBackend
-    monkeypatch.setattr(engine, "LocalBackend", lambda workers: opened.append(workers) or original(workers))
+    opened, original = [], session.LocalBackend
+    monkeypatch.setattr(session, "LocalBackend", lambda workers: opened.append(workers) or original(workers))
     return opened
 
 
@@ -276,18 +262,14 @@ def test_a_search_that_finds_all_its_runs_starts_no_workers(tmp_path, search, po
 # ---------------------------------------------------------------- what goes wrong
 
 
-def test_a_search_holds_its_folder_from_the_first_generation_to_the_last(tmp_path, monkeypatch):
-    original, refused = backend.run_job, []
-
-    def intruded(job):
+def test_a_search_holds_its_folder_from_the_first_generation_to_the_last(tmp_path, runs_here):
+    def intruded(_job):
         with pytest.raises(StoreLockedError):
             SweepStore(tmp_path).locked().__enter__()
-        refused.append(job.key)
-        return original(job)
 
-    monkeypatch.setattr(backend, "run_job", intruded)
+    runs_here.before = intruded
     cp.tune(SHORT, RANGES, out=tmp_path, **OPTIONS)
-    assert len(refused) == 10
+    assert len(runs_here.jobs) == 10
 
 
 def test_one_bound_may_stand_alone(tmp_path):

@@ -159,33 +159,36 @@ def test_frame_times_are_on_the_clock_of_the_run():
 
 @pytest.mark.parametrize("time", [-0.1, 1.1, np.nan])
 def test_times_outside_the_run_are_refused(result, tmp_path, time):
-    with pytest.raises(OutOfRangeError, match="time"):
+    with pytest.raises(OutOfRangeError) as caught:
         save_image(result, tmp_path / "no.png", time=time)
+    assert caught.value.name == "time"
 
 
-def test_invalid_sizes_and_rates_are_refused(result, tmp_path):
-    with pytest.raises(OutOfRangeError, match=r"width.*10.*64"):
-        save_image(result, tmp_path / "no.png", width=10)
-    with pytest.raises(OutOfRangeError, match=r"height.*321.*even"):
-        save_video(result, tmp_path / "no.mp4", height=321)
-    with pytest.raises(OutOfRangeError, match="frames_per_second"):
-        save_video(result, tmp_path / "no.mp4", frames_per_second=0.0)
-    with pytest.raises(OutOfRangeError, match=r"frames_per_second.*inf"):
-        save_video(result, tmp_path / "no.mp4", frames_per_second=np.inf)
+@pytest.mark.parametrize(
+    ("save", "name", "value"),
+    [
+        (save_image, "width", 10),
+        (save_video, "height", 321),  # odd
+        (save_video, "frames_per_second", 0.0),
+        (save_video, "frames_per_second", np.inf),
+    ],
+)
+def test_invalid_sizes_and_rates_are_refused(result, tmp_path, save, name, value):
+    with pytest.raises(OutOfRangeError) as caught:
+        save(result, tmp_path / "no.mp4", **{name: value})
+    assert (caught.value.name, caught.value.value) == (name, value)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_the_error_of_a_missing_package_names_its_extra(result, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "playwright", None)
-    with pytest.raises(
-        MissingExtraError, match=r"^playwright is not installed.*pip install 'coop-pin\[video\]'"
-    ):
+    with pytest.raises(MissingExtraError) as caught:
         save_image(result, tmp_path / "no.png")
+    assert (caught.value.package, caught.value.extra) == ("playwright", "video")
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(
-        MissingExtraError, match=r"^imageio-ffmpeg is not installed.*pip install 'coop-pin\[video\]'"
-    ):
+    with pytest.raises(MissingExtraError) as caught:
         save_video(result, tmp_path / "no.mp4")
+    assert (caught.value.package, caught.value.extra) == ("imageio-ffmpeg", "video")
 
 
 def test_a_missing_browser_is_an_error_and_old_files_stay(result, tmp_path, monkeypatch, capsys):

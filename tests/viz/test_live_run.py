@@ -1,12 +1,14 @@
 """Interactive runs: a change acts from the next tick on, as if it had been planned; and the Jupyter panel."""
 
 import re
+import sys
 import threading
 import time
 
 import numpy as np
 import pytest
 from cells import SCENARIOS, planar_scenario
+from faulty import law
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
@@ -199,24 +201,13 @@ def test_a_run_that_diverges_keeps_its_error_and_ends():
     assert run.error is None
 
 
-class Raises(cp.CellController):
-    """User controller that raises."""
-
-    def init(self, measurements, references):
-        return None
-
-    def step(self, measurements, references, state):
-        raise ZeroDivisionError("oh")
-
-
 def test_a_users_controller_that_raises_ends_the_run_and_not_the_panel():
-    run, ended = LiveRun(quiet_paper(), realtime_rate=float("inf")), threading.Event()
+    run, ended = LiveRun(quiet_paper().override(law("raise")), realtime_rate=float("inf")), threading.Event()
     run.on_end = ended.set
-    run._simulation.replace_controller(Raises())
     run.start()
     assert ended.wait(PATIENCE_S)
     assert isinstance(run.error, UserCodeError)
-    assert "ZeroDivisionError: oh" in str(run.error)
+    assert "ValueError: this law has a mistake" in str(run.error)
 
 
 # ---------------------------------------------------------------- Panel
@@ -325,6 +316,7 @@ def test_sliders_of_the_payload_space_law_are_the_gains_that_have_an_effect():
 
 
 def test_a_panel_without_ipywidgets_names_the_extra(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "ipywidgets", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'coop-pin\[notebook\]'"):
+    monkeypatch.setitem(sys.modules, "ipywidgets", None)
+    with pytest.raises(MissingExtraError) as caught:
         Panel(quiet_paper())
+    assert caught.value.extra == "notebook"

@@ -278,8 +278,9 @@ def test_the_secret_is_not_in_the_arguments_that_every_user_can_read(server):
 def test_a_chosen_port_is_served_and_given_back(planar):
     with socket.create_server(("127.0.0.1", 0)) as found:
         port = found.getsockname()[1]
-        with pytest.raises(PortTakenError, match=str(port)):
+        with pytest.raises(PortTakenError) as caught:
             open_view(planar, port=port)
+        assert caught.value.port == port
     for _ in range(2):  # it is free again at once
         view = open_view(planar, port=port)
         assert view.url.startswith(f"http://127.0.0.1:{port}/")
@@ -290,8 +291,9 @@ def test_a_chosen_port_is_served_and_given_back(planar):
 
 @pytest.mark.parametrize("port", [-1, 65536])
 def test_invalid_port_numbers_are_refused(planar, port):
-    with pytest.raises(PortTakenError, match=f"port {port} "):
+    with pytest.raises(PortTakenError) as caught:
         open_view(planar, port=port)
+    assert caught.value.port == port
 
 
 def test_the_server_accepts_its_own_names_and_no_others(server):
@@ -416,10 +418,12 @@ def test_a_closed_view_is_silent(planar):
 
 
 def test_rates_must_be_positive(planar):
-    with pytest.raises(OutOfRangeError, match="frames_per_second"):
+    with pytest.raises(OutOfRangeError) as caught:
         open_view(planar, frames_per_second=0.0)
-    with pytest.raises(OutOfRangeError, match="realtime_rate"):
+    assert (caught.value.name, caught.value.value) == ("frames_per_second", 0.0)
+    with pytest.raises(OutOfRangeError) as caught:
         cp.run(planar, realtime_rate=-1.0)
+    assert (caught.value.name, caught.value.value) == ("realtime_rate", -1.0)
 
 
 # ---------------------------------------------------------------- end of the process

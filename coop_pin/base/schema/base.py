@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from numbers import Real
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import (
@@ -15,9 +14,7 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
-    SerializerFunctionWrapHandler,
     ValidationError,
-    model_serializer,
 )
 
 from coop_pin.base.errors import FieldError, one_or_all, suggestion
@@ -253,23 +250,3 @@ class Description(BaseModel, metaclass=_Listed):  # type: ignore[metaclass]
             ScenarioError: a path does not exist, or the copy has mistakes.
         """
         return type(self)(**overridden(self, changes))
-
-
-class WithLaterFields(Description):
-    """Description that is written without the defaults of fields that earlier versions did not have.
-
-    So keys of stored runs stay as they are.
-    """
-
-    later_fields: ClassVar[tuple[str, ...]] = ()
-
-    @model_serializer(mode="wrap")
-    def _written(self, fields_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        fields, usual = fields_of(self), _later_defaults(type(self))
-        return {name: value for name, value in fields.items() if name not in usual or value != usual[name]}
-
-
-@functools.cache
-def _later_defaults(kind: type[WithLaterFields]) -> dict[str, Any]:
-    """Return the defaults of the fields that earlier versions did not have, by name."""
-    return {name: kind.model_fields[name].default for name in kind.later_fields}

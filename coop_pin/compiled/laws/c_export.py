@@ -105,7 +105,7 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     for _ in range(min(ticks, run.timeline.ticks + 1)):
         run.tick()
     arm_ticks, law = [tick[index] for tick in recorded.ticks], controller.controllers[arm]
-    constants, rows = arm_constants(run.plant.chain.arms[index]), scenario.cell.task_rows
+    constants, rows = arm_constants(run.chain.arms[index]), scenario.cell.task_rows
     exact = bool(scenario.controller.user_code)
     try:
         alone = DecentralisedController({arm: law})

@@ -10,8 +10,8 @@ import numpy as np
 
 from coop_pin.base.arrays import typed
 from coop_pin.base.errors import DivergedError, TracingError
-from coop_pin.compiled.code_family import law_reason, plant_reason
 from coop_pin.compiled.constants import RunConstants, run_constants
+from coop_pin.compiled.kind import law_reason, plant_reason
 from coop_pin.compiled.laws.hidden_state import Contents, of_classes, of_objects, require_unchanged
 from coop_pin.compiled.laws.law_code import (
     LawTick,

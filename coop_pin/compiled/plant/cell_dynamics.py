@@ -262,8 +262,8 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
     ]
     R, p, V = body = _payload_frame(cell, terms, state)
     V_WP = join(V[:3] + cross(V[3:], p), V[3:])
-    # F_P is the whole wrench on the payload besides gravity, about P in world axes: Plant.payload_wrench. One
-    # that depends on R, p and V_WP is added to it here, and there, and told by Surroundings.acts.
+    # F_P is the whole wrench on the payload besides gravity, about P in world axes. One that depends on R, p
+    # and V_WP is added here and to PinocchioPlant.payload_wrench, and Surroundings.acts is true then.
     F_P = acting.push
     W = join(F_P[:3], F_P[3:] + cross(p, F_P[:3]))
     springs = _spring_states(cell, terms, body)

@@ -1,8 +1,9 @@
-"""Plant of a single run as compiled code: the engine "traced", in place of Pinocchio's solvers."""
+"""Plant of a single run as compiled code, under an interpreted law, in place of Pinocchio's solvers."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -11,14 +12,14 @@ from coop_pin.base.disk_cache import DiskCache
 from coop_pin.base.errors import ArgumentError, TracingError
 from coop_pin.base.spatial import log3
 from coop_pin.chain.closure_set import ClosureError
-from coop_pin.compiled.code_family import plant_reason
+from coop_pin.compiled.kind import plant_reason
 from coop_pin.compiled.plant.cell_dynamics import CellNumbers, GraspNumbers
 from coop_pin.compiled.plant.plant_code import STEPS_AT_ONCE, PlantCode, varying
 from coop_pin.description.events import Surroundings
-from coop_pin.description.grasp_events import Regrasp
 from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps.cell_chain import CellChain, Observation
-from coop_pin.simulation.plant import Plant
+from coop_pin.results.quantities import WORK
+from coop_pin.simulation.plant import PlantState
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.tree import leaves, structure
 
@@ -26,16 +27,24 @@ _KEPT_CODES = 8
 """Cells whose code a process keeps."""
 
 
-class TracedPlant(Plant):
-    """Plant whose steps and observations are compiled code; its chain remains that of Pinocchio.
+class CompiledPlant:
+    """Cell in motion, a ``Plant``, whose steps and observations are compiled code.
 
-    Steps wait until the state is read or a force changes, so that a tick without events is one call.
+    Steps wait until the state is read or a force changes, so that a tick without events is one call. Events
+    act on the cell's chain, whose numbers the code then reads again.
+
+    Attributes:
+        engine: name of what computes the motion.
+        chain: the cell's closed chain, which holds the grasps.
+        surroundings: payload, and what acts on it from outside.
+        force: held generalised force of the actuators, N m, shape (nv,).
+        time: time, s.
     """
 
-    engine = "traced"
+    engine = "compiled"
 
     def __init__(self, chain: CellChain, options: PlantOptions, q: Array) -> None:
-        """Start at rest, without torques; arguments as of Plant.
+        """Start at rest, without torques; arguments as of PinocchioPlant.
 
         Raises:
             ArgumentError: the engine does not have the options, or an arm is no serial chain.
@@ -51,7 +60,9 @@ class TracedPlant(Plant):
         self._at = code.lanes.views(self._block)
         self._names, self._joints = code.observed, len(self._at["force"])
         self._arms, self._is_vector = chain.model.arms, all(a.angles.is_vector for a in chain.model.arms)
-        super().__init__(chain, options, q)
+        self.chain, self.time = chain, 0.0
+        self._put(q, *np.zeros((2, chain.mechanism.model.nv)))
+        self.surround(chain.cell.surroundings)
 
     @property
     def q(self) -> Array:
@@ -59,24 +70,11 @@ class TracedPlant(Plant):
         self._settle()
         return self._q
 
-    @q.setter
-    def q(self, q: Array) -> None:
-        self._settle()
-        self._q = q
-        self._is_observed = False
-        self._at["q"][:] = self._angles(q)
-
     @property
     def v(self) -> Array:
         """Velocity, shape (nv,)."""
         self._settle()
         return self._v
-
-    @v.setter
-    def v(self, v: Array) -> None:
-        self._settle()
-        self._is_observed = False
-        self._v = self._at["v"][:] = v
 
     @property
     def work(self) -> Array:
@@ -84,17 +82,32 @@ class TracedPlant(Plant):
         self._settle()
         return self._at["work"].copy()
 
-    @work.setter
-    def work(self, work: Array) -> None:
-        self._settle()
-        self._at["work"][:] = work
+    def state(self) -> PlantState:
+        """Return the state."""
+        held = self.chain.held()
+        return PlantState(self.q, self.v, self.work, self.surroundings, self.force, self.time, held)
 
-    def hold(self, force: Array) -> None:
-        """Hold the generalised force of the actuators from now on, N m, shape (nv,)."""
-        self._settle()
-        super().hold(force)
+    def restore(self, state: PlantState) -> None:
+        """Return to a state, or to one with other q, v, work, force or surroundings."""
+        self._waiting.clear()
+        self.time = state.time
+        self.chain.hold(state.memory)
+        self._put(state.q, state.v, state.force)
+        self.surround(state.surroundings)
+        self._at["work"][:] = state.work
+
+    def _put(self, q: Array, v: Array, force: Array) -> None:
+        """Write a state into the slots."""
+        self._q, self._v, self.force = q, v, force
+        self._at["q"][:], self._at["v"][:], self._at["force"][:] = self._angles(q), v, force[: self._joints]
         self._is_observed = False
-        self._at["force"][:] = force[: self._joints]
+
+    def drive(self, torques: Sequence[Array]) -> None:
+        """Hold drive torques of each arm from now on, N m, shape (k,) each."""
+        self._settle()
+        self.force = self.chain.transmission.torque(torques)
+        self._at["force"][:] = self.force[: self._joints]
+        self._is_observed = False
 
     def surround(self, surroundings: Surroundings) -> None:
         """Replace the surroundings from now on; the energy that this adds counts as work.
@@ -103,36 +116,38 @@ class TracedPlant(Plant):
             TracingError: a partner holds the payload.
         """
         if surroundings.partners:
-            raise TracingError("the traced plant has no partners; choose the engine 'pinocchio'")
-        self._settle()
-        super().surround(surroundings)
-        self._is_observed = False
-        self._at["surroundings"][:] = leaves(surroundings)
-        self._at["grasps"][:] = leaves(GraspNumbers.of_chain(self.chain))
+            raise TracingError("the compiled plant has no partners; choose the engine 'pinocchio'")
+        with self._changing():
+            self.surroundings = surroundings
+            self.chain.surround(surroundings)
 
     def release(self, arm: int) -> None:
-        """Open the compliant grasp of an arm, as Plant does.
+        """Open the compliant grasp of an arm; the energy that its spring loses counts as work.
 
         Raises:
             TracingError: the grasp is rigid.
         """
         self._require_compliant(arm)
-        super().release(arm)
-        self.surround(self.surroundings)
+        with self._changing():
+            self.chain.release(arm)
 
-    def grasp(self, arm: int, event: Regrasp) -> None:
-        """Close the compliant grasp of an arm, as Plant does.
+    def gap(self, arm: int) -> ClosureError:
+        """Return distance and angle of an arm's tip from its nominal grasp, m and rad."""
+        return self.chain.gap(arm, self.q)
+
+    def grasp(self, arm: int, *, is_nominal: bool = False) -> None:
+        """Close the compliant grasp of an arm where its tip is, or at the nominal pose, as of Plant.
 
         Raises:
             TracingError: the grasp is rigid.
         """
         self._require_compliant(arm)
-        super().grasp(arm, event)
-        self.surround(self.surroundings)
+        with self._changing():
+            self.chain.grasp(arm, self._q, is_nominal)
 
     def _require_compliant(self, arm: int) -> None:
         if arm not in self.chain.springs.arms:
-            raise TracingError("the traced plant keeps rigid grasps closed; choose the engine 'pinocchio'")
+            raise TracingError("the compiled plant keeps rigid grasps closed; choose the engine 'pinocchio'")
 
     def brake(self, arm: int) -> None:
         """Refuse to brake an arm.
@@ -140,16 +155,28 @@ class TracedPlant(Plant):
         Raises:
             TracingError: always.
         """
-        raise TracingError("the traced plant has no brakes; choose the engine 'pinocchio'")
+        raise TracingError("the compiled plant has no brakes; choose the engine 'pinocchio'")
+
+    @contextmanager
+    def _changing(self) -> Iterator[None]:
+        """Write what a change makes of the chain's numbers, and count the energy that it adds as work."""
+        q, v = self.q, self.v
+        before = self.chain.energy(q, v)
+        yield
+        self._at["surroundings"][:] = leaves(self.surroundings)
+        self._at["grasps"][:] = leaves(GraspNumbers.of_chain(self.chain))
+        self._at["work"][len(WORK) - 1] += self.chain.energy(q, v) - before
+        self._is_observed = False
 
     def advance(self, t: float, h: float) -> None:
         """Integrate from time t over h seconds."""
         self._waiting.append(h)
+        self.time = t + h
         if len(self._waiting) == STEPS_AT_ONCE:
             self._settle()
 
     def observe(self, q: Array, v: Array, force: Array, time: Array) -> Observation:
-        """Return poses, wrenches and energy at n states in the present surroundings."""
+        """Return what is recorded of n states in the present surroundings, as of Plant."""
         blocks = np.tile(self._block, (len(q), 1))
         for name, values in (("q", self._angles(q)), ("v", v), ("force", force[:, : self._joints])):
             blocks[:, self._slots(name).ravel()] = values
@@ -164,6 +191,7 @@ class TracedPlant(Plant):
             interaction_wrench=require_finite("the interaction wrenches", fields["wrenches"]),
             kinetic_energy=fields["kinetic"],
             potential_energy=fields["potential"],
+            external_wrench=fields["payload_wrench"],
             **self._springs_observed(fields),
         )
 
@@ -183,7 +211,16 @@ class TracedPlant(Plant):
         """Return the wrench on each arm by the payload, about P in world axes, shape (m, 6)."""
         return self._observed()["wrenches"].copy()
 
-    def _closure_errors(self, q: Array) -> list[ClosureError]:
+    def payload_pose(self) -> Array:
+        """Return X_WP, shape (4, 4)."""
+        return self.chain.payload_pose(self.q)
+
+    def slips(self) -> Array:
+        """Return no slip: no arm has a patch, shape (0,)."""
+        return np.zeros(0)
+
+    def closure_errors(self) -> list[ClosureError]:
+        """Return the closure error between tip and grasp of each arm."""
         return [ClosureError(*error) for error in self._observed()["closure_errors"].tolist()]
 
     def _observed(self) -> dict[str, Array]:
@@ -217,13 +254,13 @@ class TracedPlant(Plant):
 
 
 def _numbers(chain: CellChain, options: PlantOptions) -> CellNumbers:
-    """Return the constants of a cell; raises ArgumentError as TracedPlant."""
+    """Return the constants of a cell; raises ArgumentError as CompiledPlant."""
     if reason := plant_reason(options, chain.cell):
-        raise ArgumentError(f"engine 'traced' does not fit: {reason}; choose engine 'pinocchio'")
+        raise ArgumentError(f"engine 'compiled' does not fit: {reason}; choose engine 'pinocchio'")
     try:
         return CellNumbers.from_chain(chain)
     except TracingError as error:
-        raise ArgumentError(f"engine 'traced' does not fit: {error}; choose engine 'pinocchio'") from None
+        raise ArgumentError(f"engine 'compiled' does not fit: {error}; choose engine 'pinocchio'") from None
 
 
 _CODES: dict[Hashable, tuple[PlantCode, LlvmMachine]] = {}

@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from coop_pin.base.schema.base import Description, WithLaterFields
+from coop_pin.base.schema.base import Description
 from coop_pin.control.controller import ArmController
 from coop_pin.control.measurement import ControlledArm
 
@@ -64,7 +64,7 @@ class NoForcePath(PlainForcePath):
 _Delay = Annotated[int, Field(ge=0)]
 
 
-class LateForcePath(ForcePathTraits, WithLaterFields):
+class LateForcePath(ForcePathTraits, Description):
     """Internal wrench of one tick before: f_m[k] = f(t_k^-), f_m[0] = f_d.
 
     Attributes:
@@ -72,8 +72,6 @@ class LateForcePath(ForcePathTraits, WithLaterFields):
         split: Load in the measured wrenches: the "shares" about P, or in the "virtual-linkage" tip
             forces without moments, which patches can bear; then the payload's mass may be unknown.
     """
-
-    later_fields: ClassVar[tuple[str, ...]] = ("split",)
 
     by_sensors: ClassVar[bool] = True
     pole: ClassVar[float] = 0.0
@@ -83,7 +81,7 @@ class LateForcePath(ForcePathTraits, WithLaterFields):
     split: Split = "shares"
 
 
-class LowPassForcePath(ForcePathTraits, WithLaterFields):
+class LowPassForcePath(ForcePathTraits, Description):
     """Discrete low-pass filter: f_m[k] = p f_m[k-1] + (1 - p) f(t_k^-), f_m[0] = f_d.
 
     It takes every sample once, when it arrives; between samples of slow sensors it holds.
@@ -93,8 +91,6 @@ class LowPassForcePath(ForcePathTraits, WithLaterFields):
         delay: D, ticks of transport before the filter, which then takes f(t_{k-D}^-).
         split: Load in the measured wrenches, as of LateForcePath.
     """
-
-    later_fields: ClassVar[tuple[str, ...]] = ("split",)
 
     by_sensors: ClassVar[bool] = True
 

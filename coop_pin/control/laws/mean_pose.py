@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -163,16 +163,6 @@ class MeanPose(PayloadSpace):
         leak_to: Goal of ``gains.leak``: the integral of the "start", or by messages the "mean" of all arms'
             integrals, by AgreedIntegral.
     """
-
-    later_fields: ClassVar[tuple[str, ...]] = (
-        "on_loss",
-        "averaging",
-        "consensus_gain",
-        "leak_to",
-        "slip_guard",
-        "normal_guard",
-        "knows_deflection",
-    )
 
     kind: Literal["mean-pose"] = "mean-pose"  # type: ignore[assignment]  # names the class, not its base
     on_loss: Literal["last", "skip"] = "last"

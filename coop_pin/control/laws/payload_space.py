@@ -9,8 +9,6 @@ import numpy as np
 from pydantic import (
     BeforeValidator,
     Field,
-    SerializerFunctionWrapHandler,
-    model_serializer,
     model_validator,
 )
 
@@ -33,9 +31,6 @@ from coop_pin.control.measurement import ControlledArm
 from coop_pin.control.posture import PostureGains
 from coop_pin.control.steady_state import SteadyDirection
 from coop_pin.control.terms import GainAxes
-
-_BOUND = ("anchor_bias", "anchor_bias_answered")
-"""Fields of the bound; a law without one is written without them, as before there was one."""
 
 
 def _bias(value: Any) -> Any:
@@ -80,8 +75,6 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             squeeze deflects them; else they give up a part of the squeeze to what they see of it.
     """
 
-    later_fields: ClassVar[tuple[str, ...]] = ("gain_axes", "slip_guard", "normal_guard", "knows_deflection")
-
     equal_gains: ClassVar[Mapping[str, str]] = {
         **SurfaceLaw.equal_gains,
         "anchor_gain": "else the anchors move the payload: it needs one g",
@@ -101,14 +94,6 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     normal_guard: NotNegative = 0.0
     knows_deflection: bool = False
 
-    @model_validator(mode="before")
-    @classmethod
-    def _without_bound(cls, fields: Any) -> Any:
-        """Return the fields of a record without ``anchor_bias``: of a law that bounds no anchor."""
-        omitted = {*_BOUND, "payload_mass", *cls.later_fields}
-        is_record = isinstance(fields, Mapping) and {*cls.model_fields} - omitted <= {*fields} - {*_BOUND}
-        return {"anchor_bias": "none"} | dict(fields) if is_record else fields
-
     @model_validator(mode="after")
     def _answers_for_more(self) -> Self:
         if self.anchor_bias != "none" and np.less(self.anchor_bias_answered, self.anchor_bias).any():
@@ -116,11 +101,6 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             detail = f"is {list(self.anchor_bias_answered)}; it must be at least anchor_bias, {least}"
             raise FieldError(detail, "anchor_bias_answered")
         return self
-
-    @model_serializer(mode="wrap")
-    def _written(self, fields_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        fields, without = super()._written(fields_of), _BOUND if self.anchor_bias == "none" else ()
-        return {name: value for name, value in fields.items() if name not in without}
 
     @property
     def measures(self) -> bool:

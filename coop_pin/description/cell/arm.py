@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,7 +28,6 @@ from coop_pin.base.schema.base import (
     NumberOrVector,
     Positive,
     Vector,
-    WithLaterFields,
     number_or_row,
     positive,
 )
@@ -142,7 +141,7 @@ def _robot_of(fields: Mapping[str, Any]) -> Robot | None:
     return Robot(load_checked(find_urdf(urdf, package_dirs=package_dirs, xacro_args=xacro_args)))
 
 
-class Arm(WithLaterFields):
+class Arm(Description):
     """One arm of a cell.
 
     Its joints are those of the URDF that are neither fixed nor locked, in Pinocchio's order.
@@ -170,8 +169,6 @@ class Arm(WithLaterFields):
         calibration_error: errors of the arm's own kinematic model, which its controller sees.
         mobile_base: driven platform under the arm, whose three joints come before the arm's.
     """
-
-    later_fields: ClassVar[tuple[str, ...]] = ("mobile_base",)
 
     urdf: str
     package_dirs: tuple[str, ...] = ()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,9 +13,9 @@ from pydantic import Field, ValidationInfo, field_validator
 from coop_pin.base.arrays import Array, as_array, as_pose, require_type
 from coop_pin.base.errors import ArgumentError, FieldError, NameNotFoundError
 from coop_pin.base.schema.base import (
+    Description,
     Name,
     Vector3,
-    WithLaterFields,
     check_arm_names,
     plain_name,
     unknown_arms,
@@ -62,7 +62,7 @@ def grasps_from_configuration(
     return grasps
 
 
-class Cell(WithLaterFields):
+class Cell(Description):
     """Arms that grasp one payload: rigidly, compliantly or by friction; a single arm is an arm with a load.
 
     Attributes:
@@ -80,8 +80,6 @@ class Cell(WithLaterFields):
         tables: tables that the payload may lie on, by name.
         pads: pads of arms with rigid or compliant grasps, by which results tell whether friction would hold.
     """
-
-    later_fields: ClassVar[tuple[str, ...]] = ("tables", "pads")
 
     arms: dict[str, Arm] = Field(min_length=1)
     payload: Payload

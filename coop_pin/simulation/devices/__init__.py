@@ -3,8 +3,8 @@
 Open first: ``sensors`` (what each arm measures), ``drives`` (from commanded torques to those that act: lag,
 limits, friction, gravity compensation), ``network`` (messages: delayed, lost, rounded).
 
-- Of drives: ``torque_response`` (lag, rate limit). Of sensors: ``encoder``, ``wrist``, ``signals`` (noise
-  and all that depends on time and chance only).
+- Of drives: ``torque_response`` (lag, rate limit). Of sensors: ``encoder``, ``wrist``; ``signals``
+  draws their noise, and all that depends on time and chance only.
 - ``servo``: inner loop of arms that take velocities or positions.
 - On Pinocchio's state: ``sensing`` (inputs of the sensors), ``actuation`` (inputs of the drives).
 

@@ -12,6 +12,8 @@ from coop_pin.base.errors import ArgumentError, DivergedError, FieldError, Shape
 from coop_pin.control import CellCommand, CellController
 from coop_pin.control.controller import COMMANDS
 from coop_pin.description.scenario import Scenario
+from coop_pin.model.cell_arm import CellArm
+from coop_pin.model.cell_model import ArmPlace
 from coop_pin.simulation.devices.drives import Applied, DriveMotion, DriveState, Given, cell_drives
 from coop_pin.simulation.devices.servo import ServoState
 from coop_pin.simulation.devices.torque_response import SAME
@@ -45,19 +47,28 @@ class Actuation:
         is_held: whether torques are held between ticks: no lag, no rate limit, no torque lost.
     """
 
-    def __init__(self, scenario: Scenario, plant: Plant) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        plant: Plant,
+        slots: Sequence[ArmPlace],
+        arms: Sequence[CellArm],
+        loads: Array,
+    ) -> None:
         """Start from the torques that hold the cell at rest at the plant's configuration.
 
         Args:
             scenario: Actuators and seed.
-            plant: Plant, whose configuration is read.
+            plant: Plant, whose configuration and velocity are read.
+            slots: Positions of the arms in q and v.
+            arms: Models of the arms.
+            loads: Wrench on each arm at rest about P in world axes, shape (m, 6).
 
         Raises:
             FieldError: the number of rate limits differs from the number of an arm's joints.
         """
-        self._plant, self._slots, self._start = plant, plant.chain.model.arms, 0.0
-        self._models, self._names = plant.chain.arms, [slot.name for slot in self._slots]
-        self._loads = plant.chain.loads(plant.q)
+        self._plant, self._slots, self._start = plant, slots, 0.0
+        self._models, self._names, self._loads = arms, [slot.name for slot in slots], loads
         options = [scenario.actuators_of(name) for name in self._names]
         lost = ([each.torque_lost_at for each in options], [each.commands_lost_at for each in options])
         self._lost_at = [[np.inf if time is None else time for time in times] for times in lost]
@@ -144,15 +155,13 @@ class Actuation:
         )
         return applied
 
-    def sample(self, share: float, time: float) -> list[Array] | None:
-        """Return the torques of each arm after samples of servos within a tick, N m; None if there are none.
+    def sample(self, due: Sequence[int], time: float) -> list[Array]:
+        """Return the torques of each arm after samples of servos within a tick, N m.
 
         Args:
-            share: Share of the tick that has passed.
+            due: Arms whose servos sample, by index.
             time: Time, s.
         """
-        if not (due := self.drives.due(share)):
-            return None
         self._gives, since, self._start = self.gives(time), time - self._start, time
         torques, self.state = self.drives.sample(self.state, due, self._sensed, self._gives, since)
         return torques

@@ -13,8 +13,9 @@ from coop_pin.control.measurement import ArmMeasurement, ArmReference
 from coop_pin.description.cell.grasp_plan import GraspPlan
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import SlipSensor
-from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.arm_model import PayloadKinematics
+from coop_pin.model.cell_arm import CellArm
+from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import per_joint
 from coop_pin.simulation.devices.drives import Applied
 from coop_pin.simulation.devices.sensors import SensorState, Truth, View, cell_sensors, sensors_path
@@ -86,7 +87,8 @@ class Sensing:
     def __init__(
         self,
         scenario: Scenario,
-        chain: CellChain,
+        slots: Sequence[ArmPlace],
+        arms: Sequence[CellArm],
         *,
         holding_torques: Callable[[Array], Sequence[Array]],
         loads: Callable[[Array], Array] | None = None,
@@ -95,7 +97,8 @@ class Sensing:
 
         Args:
             scenario: Cell, sensors and force path.
-            chain: Chain of the cell.
+            slots: Positions of the arms in q and v.
+            arms: Models of the arms.
             holding_torques: Torques of the drives of each arm at rest, as a function of the cell's
                 configuration.
             loads: Wrenches on the arms at rest likewise, shape (m, 6); load shares of the weight when None.
@@ -103,7 +106,7 @@ class Sensing:
         Raises:
             FieldError: a row of values for each joint has another size.
         """
-        self._slots, self._arms = slots, arms = chain.model.arms, chain.arms
+        self._slots, self._arms = slots, arms
         self._holding_torques, self._loads = holding_torques, loads
         self._turning = [(i, slot) for i, slot in enumerate(slots) if not slot.angles.is_vector]
         self._kinematics, self.holding_factors = [arm.kinematics for arm in arms], []
@@ -115,6 +118,7 @@ class Sensing:
         self.sensors = cell_sensors(scenario, slots)
         self._needs_wrenches = self.sensors.needs_wrenches
         self._holds, self._slips = np.ones(len(slots), dtype=bool), SlipSensors.of(scenario)
+        self._patched = [index for index, slot in enumerate(slots) if slot.name in scenario.cell.patches]
         self._payload = scenario.cell.surroundings
         self.state: SensingState | None = None
 
@@ -151,13 +155,13 @@ class Sensing:
         """Return the measurements of a later tick, after the torques of the tick before."""
         q = plant.q
         wrenches = plant.interaction_wrenches() if self._needs_wrenches else _NONE
-        R_WP = plant.chain.payload_pose(q)[:3, :3] if self.sensors.wrists else _NONE
+        R_WP = plant.payload_pose()[:3, :3] if self.sensors.wrists else _NONE
         assert self.state is not None  # start() came first
         truth = self._truth(time, q, plant.v, signals, applied, wrenches, R_WP)
-        patches, slips, slip = plant.chain.patches, self.state.slips, None
-        if patches.arms:
-            holds = self._holds[patches.arms]
-            slip, slips = self._slips.step(slips, patches.slips, signals.slip_noise, holds)
+        slips, slip = self.state.slips, None
+        if self._patched:
+            holds = self._holds[self._patched]
+            slip, slips = self._slips.step(slips, plant.slips(), signals.slip_noise, holds)
         measured = self._step(self.state.sensors, truth, partial(self._view, q), slips)
         return measured if slip is None else [reading._replace(slip=slip) for reading in measured]
 

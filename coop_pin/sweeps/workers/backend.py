@@ -22,6 +22,7 @@ from typing import Any, NoReturn, Protocol
 from pebble import ProcessExpired
 
 from coop_pin.base.errors import CoopPinError, RunTimeoutError, WorkerDiedError, WorkersLostError
+from coop_pin.compiled.engines import Way
 from coop_pin.sweeps.workers import worker_host
 from coop_pin.sweeps.workers.job import CtrlC, Job, Outcome, Record, run_job
 
@@ -48,7 +49,7 @@ def outcomes_here(jobs: Iterator[Job]) -> Generator[list[Outcome]]:
         if threading.current_thread() is threading.main_thread():  # Ctrl-C does not reach others
             stack.callback(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, _raise_ctrl_c))
         while batch := _next_batch(jobs, 1):
-            if batch[0].engine != "batch":
+            if batch[0].way != "lanes":
                 yield [run_job(job) for job in batch]
             else:
                 yield from _batch_here(batch)
@@ -66,19 +67,19 @@ def _batch_here(batch: Sequence[Job], is_over: Callable[[], bool] = bool) -> Ite
 
 
 def _with_singles(
-    batch: Sequence[Job], outcomes: Sequence[Outcome | None], run: Callable[[Job], list[Outcome]]
+    batch: Sequence[Job], outcomes: Sequence[Outcome | Way], run: Callable[[Job], list[Outcome]]
 ) -> Iterator[list[Outcome]]:
     """Yield the outcomes of a batch, then one by one those of its jobs that must be run singly."""
-    yield list(filter(None, outcomes))
+    yield [outcome for outcome in outcomes if not isinstance(outcome, str)]
     for job, outcome in zip(batch, outcomes, strict=True):
-        if outcome is None:
-            yield run(job._replace(engine="pinocchio"))
+        if isinstance(outcome, str):
+            yield run(job._replace(way=outcome))
 
 
 def _next_batch(jobs: Iterator[Job], size: int) -> list[Job]:
     """Return the next jobs: as many as wanted, or the most of those that are simulated together."""
     first = list(itertools.islice(jobs, 1))
-    if first and first[0].engine == "batch":
+    if first and first[0].way == "lanes":
         scenario = first[0].example
         ticks = _LARGEST_BATCH * scenario.clock.ticks(scenario.duration)
         size = _LARGEST_BATCH * min(max(_BATCH_TICKS // ticks, 1), _MOST_PARTS)
@@ -273,7 +274,7 @@ class LocalBackend:
         return self._threads.submit(run_in_thread, self._name, batch)
 
     def outcomes(self, jobs: Iterator[Job]) -> Generator[list[Outcome]]:
-        """Yield the outcomes of jobs of one engine as they finish; workers draw batches by themselves.
+        """Yield the outcomes of jobs of one way as they finish; workers draw batches by themselves.
 
         Raises:
             WorkersLostError: workers cannot be started or run no jobs.
@@ -281,7 +282,7 @@ class LocalBackend:
         """
         first = [*itertools.islice(jobs, 1)]
         jobs = itertools.chain(first, jobs)
-        if not (first and first[0].engine == "batch"):
+        if not (first and first[0].way == "lanes"):
             yield from outcomes(self, jobs)
             return
         under_way = {self._threads.submit(self._drawn, jobs) for _ in range(2 * self._count)}

@@ -15,7 +15,8 @@ from typing import Any, NamedTuple, TypeVar
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import CoopPinError, TracingError
 from coop_pin.base.schema.parts import Filled
-from coop_pin.compiled.code_family import Cover
+from coop_pin.compiled.engines import Way
+from coop_pin.compiled.kind import Cover, Kind
 from coop_pin.compiled.laws.hidden_state import digest
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.simulate import BatchSimulator
@@ -36,7 +37,7 @@ _simulator = BatchSimulator()
 """With plants, code and memory of the last families, for all batches of a process."""
 IN_PYTHON = threading.Lock()
 """Held by the thread that draws or works on a batch, but while compiled code runs and metrics are found."""
-_untraceable = list[Hashable]()
+_untraceable = list[Kind]()
 """Families that were refused: their later batches are not traced again."""
 _LOG = logging.getLogger("coop_pin.sweeps")
 _ALIKE = 4
@@ -44,18 +45,20 @@ _ALIKE = 4
 Result = TypeVar("Result")
 
 
-def run_jobs(jobs: Sequence[Job]) -> list[Outcome | None]:
-    """Return the outcomes of jobs of one engine; None for those of a batch that must be run singly."""
-    return run_batch(jobs) if jobs[0].engine == "batch" else [run_job(job) for job in jobs]
+def run_jobs(jobs: Sequence[Job]) -> list[Outcome | Way]:
+    """Return the outcomes of jobs of one way; another way for those that must be run singly."""
+    return run_batch(jobs) if jobs[0].way == "lanes" else [run_job(job) for job in jobs]
 
 
-def run_batch(jobs: Sequence[Job], is_over: Callable[[], bool] = bool) -> list[Outcome | None]:
-    """Return the outcomes of jobs in their order; None for those that must be run singly.
+def run_batch(jobs: Sequence[Job], is_over: Callable[[], bool] = bool) -> list[Outcome | Way]:
+    """Return the outcomes of jobs in their order; for those that must be run singly the way in which.
+
+    That is "plant" for those that cannot be lanes, and "pinocchio" for those that break off.
 
     What a run gives does not depend on those that it is simulated with.
 
     Args:
-        jobs: jobs of the batch engine.
+        jobs: jobs whose way is "lanes".
         is_over: whether nobody waits for the outcomes any longer, as after Ctrl-C; asked between parts of the
             compiled code.
 
@@ -64,22 +67,17 @@ def run_batch(jobs: Sequence[Job], is_over: Callable[[], bool] = bool) -> list[O
         KeyboardInterrupt: Ctrl-C, or ``is_over``.
     """
     with IN_PYTHON:
-        start, outcomes = times(), dict[int, Outcome | None]()
+        start, outcomes = times(), dict[int, Outcome | Way]()
         for code in {job.code for job in jobs}:
             require_unchanged(code)
-        families = list[list[_Block]]()
+        families = dict[Kind, list[_Block]]()
         for block in _prepared(jobs):
-            if block.runs.kind in _untraceable:
-                continue
-            same = (each for each in families if each[0].runs.kind == block.runs.kind)
-            if (family := next(same, None)) is None:
-                families.append(family := [])
-            family.append(block)
+            families.setdefault(block.runs.kind.code, []).append(block)
         preparation = (times() - start) / len(jobs)
-        for family in families:
+        for family in (families[kind] for kind in families if kind not in _untraceable):
             first = jobs[family[0].indices[0]]
             outcomes |= _attempted(first, _of_family, jobs, family, preparation, is_over) or {}
-        return [outcomes.get(index) for index in range(len(jobs))]
+        return [outcomes.get(index, "plant") for index in range(len(jobs))]
 
 
 class _Block(NamedTuple):
@@ -124,7 +122,7 @@ def _of_a_law(jobs: Sequence[Job]) -> Filled | None:
 
 def _of_family(
     jobs: Sequence[Job], family: Sequence[_Block], preparation: Array, is_over: Callable[[], bool]
-) -> dict[int, Outcome | None]:
+) -> dict[int, Outcome | Way]:
     """Return the outcomes of runs of one code, by the index of their jobs; see _together.
 
     Args:
@@ -136,10 +134,10 @@ def _of_family(
     Raises:
         TracingError: the runs cannot be traced.
     """
-    start, outcomes = times(), dict[int, Outcome | None]()
+    start, outcomes = times(), dict[int, Outcome | Way]()
     alike = dict[Hashable, list[_Block]]()
     for block in family:
-        alike.setdefault(block.runs.times, []).append(block)
+        alike.setdefault(block.runs.kind.times, []).append(block)
     batches = [
         (
             [index for block in blocks for index in block.indices],
@@ -150,7 +148,7 @@ def _of_family(
     try:
         _simulator.family([runs for _, runs in batches])
     except TracingError:
-        _untraceable.append(family[0].runs.kind)
+        _untraceable.append(family[0].runs.kind.code)
         raise
     shared = preparation + (times() - start) / sum(len(indices) for indices, _ in batches)
     for indices, runs in batches:
@@ -204,8 +202,8 @@ def _unlocked(is_over: Callable[[], bool]) -> Iterator[Callable[[], None]]:
 
 def _together(
     jobs: Sequence[Job], runs: Prepared, preparation: Array, is_over: Callable[[], bool]
-) -> list[Outcome | None]:
-    """Return the outcomes of runs of a family; None for one that breaks a guard: a single run has its error.
+) -> list[Outcome | Way]:
+    """Return the outcomes of runs of a family; "pinocchio" for one that breaks a guard, and fails there.
 
     When a batch cannot start, for example for lack of memory, its halves can; why a run alone cannot is told.
 
@@ -229,17 +227,17 @@ def _together(
         half = len(jobs) // 2
         if not half:
             _tell(jobs[0], error)
-            return [None]
+            return ["pinocchio"]
         parts = slice(half), slice(half, None)
         together = (_together(jobs[part], runs.part(part), preparation, is_over) for part in parts)
         return [*itertools.chain.from_iterable(together)]
-    family = digest((*runs.kind, jobs[0].code)) if runs.is_foreign else ""
-    spent, outcomes = preparation + (times() - start) / len(jobs), list[Outcome | None]()
-    told: dict[str, Any] = {"engine": "batch", "family": family}
+    family = digest((*runs.kind.code, jobs[0].code)) if runs.is_foreign else ""
+    spent, outcomes = preparation + (times() - start) / len(jobs), list[Outcome | Way]()
+    told: dict[str, Any] = {"engine": "compiled", "family": family}
     told |= zip(("wall_s", "cpu_s"), spent.tolist(), strict=True)
     for index, (job, is_valid) in enumerate(zip(jobs, batch.is_valid.tolist(), strict=True)):
         if not is_valid:
-            outcomes.append(None)
+            outcomes.append("pinocchio")
         elif job.metrics or job.keep:
             outcome = outcome_of(job, functools.partial(batch.result, index), metrics[index])
             more = {name: told[name] + getattr(outcome.record, name) for name in ("wall_s", "cpu_s")}

@@ -5,10 +5,9 @@ from __future__ import annotations
 import dataclasses
 import os
 from pathlib import Path
-from typing import get_args
 
 from coop_pin.base.errors import FieldError
-from coop_pin.compiled.engines import PREVIOUS, Engine
+from coop_pin.compiled.engines import Engine, engine_named
 
 
 @dataclasses.dataclass(frozen=True)
@@ -17,12 +16,12 @@ class Execution:
 
     Attributes:
         workers: number of processes, 0 for this process; one for each processor when omitted.
-            Batches in which nothing of a user's runs are computed by as many threads.
+            Compiled runs of laws of the package are computed by as many threads.
         scheduler: address of a dask scheduler to use instead of local processes, for example
             ``tcp://127.0.0.1:8786``.
-        engine: pinocchio or traced, each run alone; batch simulates runs together by compiled code; auto
-            decides by the number of runs; the plan's when omitted, auto without a plan. A comparison takes
-            pinocchio or auto, for each kind of runs by itself.
+        engine: pinocchio, each run alone; compiled, runs of one kind together; auto decides by the number of
+            runs; the plan's when omitted, auto without a plan. A comparison decides for each kind of runs by
+            itself.
         merge: folder of another sweep, search or comparison, whose runs are taken over where they are the
             same; once for each.
         recompute: number of runs of each such folder, drawn at random, that are computed here, too; if one
@@ -42,25 +41,17 @@ class Execution:
     quiet: bool = False
 
     def __post_init__(self) -> None:
-        if (self.workers, self.scheduler, self.merge, self.recompute, self.quiet) != (
-            None,
-            None,
-            (),
-            0,
-            False,
-        ):
+        if (self.workers, self.scheduler, self.merge, self.recompute, self.quiet) != (None, None, (), 0, 0):
             self._require_types()
-        object.__setattr__(self, "engine", PREVIOUS.get(str(self.engine), self.engine))
-        if self.engine not in (None, *get_args(Engine)):
-            raise FieldError(f"is {self.engine!r}; it must be one of {get_args(Engine)}", "engine")
+        if self.engine is not None:
+            engine_named(self.engine, "engine")
 
     def _require_types(self) -> None:
         from coop_pin.base.arrays import as_count, require_path, require_type  # loads numpy: not for help
 
-        require_type("workers", self.workers, int, type(None))
-        require_type("scheduler", self.scheduler, str, type(None))
-        require_type("merge", self.merge, list, tuple)
-        require_type("quiet", self.quiet, bool)
+        kinds = {"workers": (int, type(None)), "scheduler": (str, type(None)), "merge": (list, tuple)}
+        for name, allowed in (kinds | {"quiet": (bool,)}).items():
+            require_type(name, getattr(self, name), *allowed)
         as_count("recompute", self.recompute)
         for folder in self.merge:
             require_path("merge", folder)

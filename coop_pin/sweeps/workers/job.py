@@ -19,11 +19,14 @@ from coop_pin.base.errors import CoopPinError, FieldError, FileReadError, RunTim
 from coop_pin.base.schema.parts import Pattern
 from coop_pin.base.schema.user_code import load_function
 from coop_pin.base.user_files import printable
-from coop_pin.compiled.engines import PREVIOUS, Engine
+from coop_pin.compiled.engine_choice import plant_of
+from coop_pin.compiled.engines import Way
+from coop_pin.compiled.kind import pinocchio_reason
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.netcdf import to_netcdf
 from coop_pin.results.run_result import RunResult
-from coop_pin.running.run_scenario import run
+from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulate import simulate
 from coop_pin.sweeps.run_key import Code, require_unchanged
 
 _MOST_METRICS, _LONGEST_NAME = 1000, 200
@@ -65,7 +68,7 @@ class Record:
         message: the error's message, after its place in the user's code if it is not coop_pin's own.
         failed_at_s: simulated time of the error if it has one, s.
         trace: last lines of the traceback of an error that is not coop_pin's own.
-        engine: engine that simulated it: "pinocchio" or "traced", or "batch" together with others.
+        engine: engine that simulated it: "pinocchio" or "compiled".
         family: digest of the family and the code of a run of a user's law in a batch; some of its runs are
             repeated singly.
         merged: whether it was taken over from another folder.
@@ -82,7 +85,7 @@ class Record:
     message: _Text = ""
     failed_at_s: float | None = None
     trace: _Text = ""
-    engine: Annotated[_Text, AfterValidator(lambda name: PREVIOUS.get(name, name))] = "pinocchio"
+    engine: _Text = "pinocchio"
     family: _Text = ""
     merged: bool = False
     wall_s: float = 0.0
@@ -184,8 +187,8 @@ class Job(NamedTuple):
         memory_limit: memory of a worker, bytes; 0 for no limit.
         keep: whether the full result is requested.
         code: digests of the user's code that the key covers.
-        engine: "pinocchio" or "traced", or "batch" for a run that is simulated together with others if it can
-            be.
+        way: how it is computed: by "lanes" together with others if it can be, by "plant" on a compiled plant
+            if there can be one.
         pattern: pattern of the scenario, if others differ from it in plain numbers.
         numbers: numbers of the run in the pattern.
     """
@@ -198,7 +201,7 @@ class Job(NamedTuple):
     memory_limit: int = 0
     keep: bool = False
     code: Code = ()
-    engine: Engine = "pinocchio"
+    way: Way = "pinocchio"
     pattern: Pattern | None = None
     numbers: tuple[float, ...] = ()
 
@@ -227,7 +230,7 @@ class CtrlC(KeyboardInterrupt):
 
 
 def run_job(job: Job) -> Outcome:
-    """Return the outcome of a job; any error of the run becomes part of its record.
+    """Return the outcome of a job by itself; any error of the run becomes part of its record.
 
     What user code prints goes to standard error.
 
@@ -238,9 +241,10 @@ def run_job(job: Job) -> Outcome:
     require_unchanged(job.code)
 
     def compute() -> RunResult:
-        engine: Engine = "traced" if job.engine == "traced" else "pinocchio"  # what a batch has left over
-        progress = deadline(job.time_limit_s)
-        return run(separate(job.scenario), progress=progress, warn=False, engine=engine)
+        scenario, progress = separate(job.scenario), deadline(job.time_limit_s)
+        is_compiled = job.way == "plant" and pinocchio_reason(scenario) is None
+        plant = plant_of("compiled" if is_compiled else "pinocchio")
+        return simulate(scenario, build_controller(scenario), progress=progress, plant=plant)
 
     return outcome_of(job, compute)
 
