@@ -18,7 +18,7 @@ from coop_pin.comparison.measures import DROPPED, measures
 from coop_pin.comparison.table import CELL, COLUMNS, Comparison, bootstrap_interval
 from coop_pin.comparison.trials import Trial, benchmark_scenario, changes_of, standard_trials
 from coop_pin.compiled.engine_choice import EngineChoice, choose_engines
-from coop_pin.compiled.engines import Engine, Way
+from coop_pin.compiled.engines import Engine
 from coop_pin.description.scenario import Scenario
 from coop_pin.sweeps.engine import sweep_plan
 from coop_pin.sweeps.feasibility import require_feasible_groups, require_reach
@@ -130,18 +130,6 @@ def different(scenarios: str | Path | Scenario | Sequence[str | Path | Scenario]
     return loaded
 
 
-def ways_of(
-    scenarios: Sequence[Scenario | ScenarioError], execution: Execution, runs: Sequence[int]
-) -> list[Way]:
-    """Return how each of some scenarios is computed, of which there are so many runs.
-
-    Raises:
-        FieldError: the engine of the execution is "compiled", and only Pinocchio has the plant of a scenario.
-    """
-    engine: Engine = execution.engine or "auto"
-    return [choice.require(engine).way for choice in choose_engines(scenarios, engine, runs)]
-
-
 def _parts(
     scenario: Scenario,
     laws: Mapping[str, dict[str, Any]],
@@ -216,11 +204,11 @@ def _by_engine(parts: Sequence[_Part], points: _Points, execution: Execution, ou
         repeats = len(part.plan) // len(part.cells)
         folders = {way: part.folder.with_name(f"{part.folder.name}-{way}") for way in ("lanes", "plant")}
         began_singly = (out / part.folder).is_dir() and not (out / folders["lanes"]).is_dir()
-        kept = dataclasses.replace(execution, engine="pinocchio") if began_singly else execution
+        engine: Engine = execution.engine or ("pinocchio" if began_singly else "auto")
         cases = [points[part.scenario, *cell] for cell in part.cells]
-        ways = ways_of(cases, execution if execution.engine else kept, [repeats] * len(cases))
-        way_of = dict(zip(part.cells, ways, strict=True))
-        for way in sorted(set(ways)):
+        choices = choose_engines(cases, engine, [repeats] * len(cases))
+        way_of = {cell: each.require(engine).way for cell, each in zip(part.cells, choices, strict=True)}
+        for way in sorted(set(way_of.values())):
             cells = [cell for cell in part.cells if way_of[cell] == way]
             plan = part.plan.part(list(map(" | ".join, cells)), EngineChoice(way).engine)
             divided.append(part._replace(folder=folders.get(way, part.folder), cells=cells, plan=plan))

@@ -80,7 +80,7 @@ def choose_engines(
     kinds = [str(each) if isinstance(each, ScenarioError) else Kind.of_scenario(each) for each in scenarios]
     ticks, choices = defaultdict[str | Kind, float](float), dict[str | Kind, EngineChoice]()
     for kind, scenario, count in zip(kinds, scenarios, runs, strict=True):
-        ticks[kind] += count * _ticks(scenario)
+        ticks[kind] += 0.0 if isinstance(scenario, ScenarioError) else count * _ticks(scenario)
     for kind, scenario in zip(kinds, scenarios, strict=True):
         if kind not in choices:
             asked = ticks[kind] if engine == "auto" else None
@@ -88,10 +88,8 @@ def choose_engines(
     return [choices[kind] for kind in kinds]
 
 
-def _ticks(scenario: Scenario | ScenarioError) -> float:
+def _ticks(scenario: Scenario) -> float:
     """Return the ticks of a run, at least one."""
-    if isinstance(scenario, ScenarioError):
-        return 1.0
     return max(1.0, scenario.duration * scenario.clock.rate_hz)
 
 

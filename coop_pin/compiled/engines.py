@@ -26,8 +26,8 @@ def engine_named(word: Any, path: str = "") -> Any:
     Raises:
         FieldError: there is no such engine; a former name is answered with the present one.
     """
-    if word in get_args(Engine):
-        return word
     if str(word) in FORMER:
         raise FieldError(f"is {word!r}, whose runs are those of engine {FORMER[str(word)]!r}", path)
-    raise FieldError(f"is {word!r}; it must be one of {get_args(Engine)}", path)
+    if word not in get_args(Engine):
+        raise FieldError(f"is {word!r}; it must be one of {get_args(Engine)}", path)
+    return word

@@ -10,7 +10,7 @@ import numpy as np
 from coop_pin.base.arrays import Array
 from coop_pin.base.bisection import factor_edge
 from coop_pin.base.errors import InfeasibleMotionError
-from coop_pin.base.spatial import rotate_vector6, shift_wrench
+from coop_pin.base.spatial.limit_surface import motion_maps, sliding_speeds
 from coop_pin.description.cell.cell import Cell
 from coop_pin.design.carried_path import CarriedPath
 from coop_pin.design.path_parameterization import PathLimits, fastest, smoothed
@@ -208,18 +208,17 @@ def _moved(begun: CarryTiming, splines: list[Array], p: Array) -> CarryTiming:
 def _pad_rows(cell: Cell, name: str, reserve: float) -> Array:
     """Return rows of an arm's pad: planes inside the cones of ``chain.friction_cones``, shape (r, m, 6).
 
-    d . (f_x, f_y, m / R) <= (1 - reserve) mu N h(d) r for unit vectors d = (v, w R), with the work h(d) =
-    sum_j |v + w e_z x x_j| / k that evenly pressed points can take, and d . (b / l) <= (1 - reserve) N r with
-    the levers l of the pad. r shrinks the planes until all their corners are inside the cone.
+    d . (f_x, f_y, m / R) <= (1 - reserve) mu N h r for unit vectors d = (v, w R), with the mean h of the
+    points' ``sliding_speeds``, and d . (b / l) <= (1 - reserve) N r with the levers l of the pad. r shrinks
+    the planes until all their corners are inside the cone.
     """
-    pad, X = cell.pads[name], cell.grasps[name].matrix
-    on_pad = rotate_vector6((X[:3, :3] @ pad.plane[:3, :3]).T, shift_wrench(np.eye(6), -X[:3, 3])).T
+    pad = cell.pads[name]
+    on_pad = pad.in_plane(np.eye(6), cell.grasps[name].matrix).T
     k, R = np.arange(_DIRECTIONS) + 0.5, pad.torsion_radius
     z, azimuth = 1.0 - 2.0 * k / _DIRECTIONS, k * np.pi * (1.0 + np.sqrt(5.0))
     circle = np.sqrt(1.0 - z**2)
     d = np.stack((circle * np.cos(azimuth), circle * np.sin(azimuth), z), axis=1)
-    (p_x, p_y, _), w = pad.points.T, z[:, None] / R
-    h = np.hypot(d[:, :1] - w * p_y, d[:, 1:2] + w * p_x).mean(axis=1)
+    h = sliding_speeds(motion_maps(pad.points), d / (1.0, 1.0, R)).mean(axis=1)
     from scipy.spatial import ConvexHull  # slow to load
 
     sides = ConvexHull(d / h[:, None]).simplices  # three planes that meet in a corner each

@@ -6,14 +6,16 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import InfeasibleMotionError
-from coop_pin.base.spatial import rotate_vector6, shift_wrench
+from coop_pin.base.spatial import rotate_vector6
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.contact import Pad
 from coop_pin.description.events import Surroundings
 from coop_pin.description.scenario import Scenario
+from coop_pin.model.pinocchio_model import momentum_rate
 from coop_pin.reference.squeeze import TipForceSqueeze
 
 _POSES, _FEWER = 401, 101
@@ -136,7 +138,7 @@ def _least(
         load: Load of the arm at each, about P in payload axes.
         squeeze: Wrench of the squeeze, likewise.
     """
-    borne, pressed = (_in_plane(cell, arm, pad, np.array(F)) for F in (load, squeeze))
+    borne, pressed = (pad.in_plane(np.array(F), cell.grasps[arm].matrix) for F in (load, squeeze))
     F = borne + pressed
     slip = pad.needed_friction(F) / pad.mu
     tilt = np.linalg.norm(F[:, 3:5] / pad.levers, axis=1)
@@ -149,13 +151,7 @@ def _least(
 
 def _resultant(surroundings: Surroundings, R: Array, V: Array, A: Array) -> Array:
     """Return the wrench that the moving payload puts on the arms about P in payload axes, shape (6,)."""
-    inertia, push = surroundings.inertia, surroundings.push
-    omega, alpha = R.T @ V[3:], R.T @ A[3:]
-    force = R.T @ (surroundings.mass * (surroundings.gravity - A[:3]) + push[:3])
-    return np.concatenate((force, R.T @ push[3:] - inertia @ alpha - np.cross(omega, inertia @ omega)))
-
-
-def _in_plane(cell: Cell, name: str, pad: Pad, F: Array) -> Array:
-    """Return wrenches about P in payload axes about the middle of a pad in axes of its plane."""
-    X = cell.grasps[name].matrix
-    return rotate_vector6((X[:3, :3] @ pad.plane[:3, :3]).T, shift_wrench(F, -X[:3, 3]))
+    inertia = pin.Inertia(surroundings.mass, np.zeros(3), surroundings.inertia)
+    turning = pin.Motion(np.zeros(3), R.T @ V[3:])  # P is at rest in a frame that moves with it
+    change = pin.Motion(R.T @ (A[:3] - surroundings.gravity), R.T @ A[3:])
+    return rotate_vector6(R.T, surroundings.push) - momentum_rate(inertia, turning, change)

@@ -9,7 +9,7 @@ import numpy as np
 
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.base.errors import ArgumentError
-from coop_pin.base.spatial import rotate_vector6, shift_wrench
+from coop_pin.base.spatial.limit_surface import motion_maps
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.contact import Pad
 
@@ -66,12 +66,12 @@ def friction_squeeze(cell: Cell, X_WP: Array, loads: Array, rows: Mask) -> Squee
     scale = (float(np.abs(loads).max()) or 1.0) / min(pad.mu for pad in cell.pads.values())
     sums_to_zero = np.linalg.svd(np.ones((1, m)))[2][1:].T
     basis = np.einsum("ij,rk->irjk", sums_to_zero, np.eye(6)[:, rows]).reshape(m, 6, -1)
-    A, b = np.zeros((m, 6, basis.shape[2])), np.zeros((m, 6))
+    A, b, turn = np.zeros((m, 6, basis.shape[2])), np.zeros((m, 6)), np.eye(4)
+    turn[:3, :3] = X_WP[:3, :3]
     for i, name in enumerate(cell.arms):
-        X = X_WP @ cell.grasps[name].matrix @ cell.pads[name].plane
-        p, turn = X[:3, 3] - X_WP[:3, 3], X[:3, :3].T
-        A[i] = rotate_vector6(turn, shift_wrench(basis[i].T, -p)).T
-        b[i] = rotate_vector6(turn, shift_wrench(loads[i] / scale, -p))
+        X_PG = turn @ cell.grasps[name].matrix
+        A[i] = cell.pads[name].in_plane(basis[i].T, X_PG).T
+        b[i] = cell.pads[name].in_plane(loads[i] / scale, X_PG)
     cones = _cones([cell.pads[name] for name in cell.arms], A, b)
     cost = np.zeros(cones.n.shape[1])
     cost[: A.shape[2]] = A[:, 2].sum(axis=0)
@@ -111,11 +111,7 @@ def _cones(pads: Sequence[Pad], A: Array, b: Array) -> _Cones:
 
 def _point_frictions(pad: Pad) -> tuple[Array, Array]:
     """Return frictions of k points in parts of mu / k: of (t, m), (k, 2, 3), and of none, (k, 2, 2 k - 3)."""
-    (x, y, _), k = pad.points.T, len(pad.points)
-    G = np.zeros((3, k, 2))
-    G[0, :, 0] = G[1, :, 1] = 1.0
-    G[2, :, 0], G[2, :, 1] = -y, x
-    flat = G.reshape(3, -1)
+    k, flat = len(pad.points), motion_maps(pad.points).reshape(-1, 3).T
     inverse, free = np.linalg.pinv(flat), np.linalg.svd(flat)[2][3:].T
     return k / pad.mu * np.asarray(inverse, float).reshape(k, 2, 3), free.reshape(k, 2, -1)
 

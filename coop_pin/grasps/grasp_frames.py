@@ -12,7 +12,7 @@ import pinocchio as pin
 from coop_pin.base.arrays import Array
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.model.cell_model import CellModel
-from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix
+from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, momentum_rate
 
 _CLOSED_BY_TREE = ClosureError(0.0, 0.0)
 
@@ -83,10 +83,9 @@ class GraspFrames:
         The frames must have moved with v and a.
         """
         model, data, frame = self._model, self._data, self._tree.payload_frame
-        inertia = self._tree.payload_inertia
         V = pin.getFrameVelocity(model, data, frame, pin.LOCAL)
         A = pin.getFrameAcceleration(model, data, frame, pin.LOCAL) - self.payload.actInv(model.gravity)
-        return (inertia * A + V.cross(inertia * V)).vector
+        return momentum_rate(self._tree.payload_inertia, V, A)
 
     def energies(self) -> tuple[float, float]:
         """Return kinetic and potential energy of arms and payload at the last motion, J."""

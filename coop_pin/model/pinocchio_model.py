@@ -120,6 +120,20 @@ def symmetric(upper: Array) -> Array:
     return triangle + np.triu(upper, 1).T
 
 
+def momentum_rate(inertia: pin.Inertia, V: pin.Motion, A: pin.Motion) -> Array:
+    """Return I A + V x* I V, the resultant wrench on a rigid body by Newton and Euler, shape (6,).
+
+    All are about one point of the body in one set of axes. Where A is less gravity, so is the wrench.
+
+    Args:
+        inertia: I.
+        V: twist.
+        A: spatial acceleration.
+    """
+    wrench: Array = (inertia * A + V.cross(inertia * V)).vector
+    return wrench
+
+
 class UnreducedArm(NamedTuple):
     """Model of an arm with all joints of its URDF, and the joints to lock.
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.base.arrays import Array, Mask
-from coop_pin.base.spatial import rotations, shift_wrench
+from coop_pin.base.spatial import rotate_vector6, rotations
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.contact import Pad
 from coop_pin.results.quantities import Arrays
@@ -90,11 +90,9 @@ def pad_wrench(data: Arrays, cell: Cell, name: str, pad: Pad) -> Array:
     """
     if name in cell.patches and "patch_wrench" in data:
         return np.asarray(data["patch_wrench"])[:, list(cell.patches).index(name)]
-    F = np.asarray(data["interaction_wrench"])[:, list(cell.arms).index(name)].reshape(-1, 2, 3)
-    X, R_WP = cell.grasps[name].matrix, rotations(np.asarray(data["payload_quaternion"]))
-    about_G = shift_wrench((F @ R_WP).reshape(-1, 6), -X[:3, 3])
-    turned: Array = about_G.reshape(-1, 2, 3) @ (X[:3, :3] @ pad.plane[:3, :3])
-    return turned.reshape(-1, 6)
+    R_PW = np.swapaxes(rotations(np.asarray(data["payload_quaternion"])), -1, -2)
+    F = rotate_vector6(R_PW, np.asarray(data["interaction_wrench"])[:, list(cell.arms).index(name)])
+    return pad.in_plane(F, cell.grasps[name].matrix)
 
 
 def dropped_at(data: Arrays, cell: Cell) -> float:

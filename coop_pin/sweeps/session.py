@@ -48,8 +48,6 @@ class Session:
         columns: columns of the runs computed for it.
     """
 
-    keys: list[str]
-    columns: Columns
     bar: ProgressBar
 
     def __init__(self, store: SweepStore, execution: Execution) -> None:

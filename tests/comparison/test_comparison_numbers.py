@@ -13,11 +13,11 @@ from numpy.testing import assert_allclose
 import coop_pin as cp
 from coop_pin.base.errors import FieldError, NothingFeasibleError
 from coop_pin.comparison import Comparison, controllers_for, standard_trials, tune_controllers, tuned_gains
-from coop_pin.comparison.benchmark import ways_of
 from coop_pin.comparison.controllers import t_lambda
 from coop_pin.comparison.measures import MEASURES, measures
 from coop_pin.comparison.table import CELL, COLUMNS
 from coop_pin.comparison.trials import changes_of, friction_changes
+from coop_pin.compiled.engine_choice import choose_engines
 
 
 @pytest.fixture(params=SCENARIOS)
@@ -216,19 +216,14 @@ def test_every_controller_is_searched_with_the_same_number_of_runs(scenario, tmp
 
 
 def test_ways_are_those_of_the_engine_that_is_named(scenario):
-    execution = cp.Execution(workers=0, quiet=True)
-    runs = [10**7]
-    asked = {None: "lanes", "auto": "lanes", "compiled": "lanes", "pinocchio": "pinocchio"}
-    found = {
-        engine: ways_of([scenario], cp.Execution(workers=0, engine=engine, quiet=True), runs)[0]
-        for engine in asked
-    }
-    assert found == asked
-    assert ways_of([scenario], execution, [1]) == ["pinocchio"]
-    compiled = cp.Execution(engine="compiled")
-    model = scenario.override(
-        {"controller": {"kind": "computed-torque", "gains": {"position_gain": 9.0, "velocity_gain": 6.0}}}
-    )
-    assert ways_of([scenario, model], compiled, [1, 1]) == ["lanes", "plant"]
+    model = {"kind": "computed-torque", "gains": {"position_gain": 9.0, "velocity_gain": 6.0}}
+    runs, free = [10**7], scenario.override({"plant.payload": "free"})
+    expected = {"auto": "lanes", "compiled": "lanes", "pinocchio": "pinocchio"}
+    assert {name: choose_engines([scenario], name, runs)[0].way for name in expected} == expected
+    assert choose_engines([scenario], "auto", [1])[0].way == "pinocchio"
+    modelled = scenario.override({"controller": model})
+    for engine, ways in (("compiled", ["lanes", "plant"]), ("auto", ["lanes", "pinocchio"])):
+        assert [each.way for each in choose_engines([scenario, modelled], engine, runs * 2)] == ways
+    (choice,) = choose_engines([free], "compiled", [1])
     with pytest.raises(FieldError, match="free"):
-        ways_of([scenario.override({"plant.payload": "free"})], compiled, [1])
+        choice.require("compiled")

@@ -198,8 +198,9 @@ def replay(
     scenario: cp.Scenario, engine: str = "pinocchio"
 ) -> tuple[Any, Iterator[tuple[dict[str, Any], Any]]]:
     """The record of a run; samples of the reference plant, and that plant, which changes, at each tick."""
-    bristles = Simulation(scenario, build_controller(scenario)).chain.patches.state.roots
-    return (data := run_on(engine, scenario).data), replayed(scenario, data, bristles)
+    start = Simulation(scenario, build_controller(scenario)).chain.patches.state
+    data = run_on(engine, scenario).data
+    return data, replayed(scenario, data, start.roots)
 
 
 def require_same(data: Any, ticks: Iterator[tuple[dict[str, Any], Any]]) -> None:

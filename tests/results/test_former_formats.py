@@ -42,7 +42,7 @@ def test_a_run_is_refused_and_repeated_by_the_command_once_its_law_has_its_kind(
 
 
 def test_a_sweep_is_refused_and_the_same_call_repeats_it(folder):
-    with pytest.raises(FileReadError, match=r"coop-pin sweep .*cp.sweep") as caught:
+    with pytest.raises(FileReadError, match=r"coop-pin sweep .*cp\.sweep") as caught:
         cp.SweepResult.load(folder / "sweep")
     assert "before 0.2.0" in str(caught.value)
     former = {record.key for record in SweepStore(folder / "sweep").records()}

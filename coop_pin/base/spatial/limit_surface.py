@@ -12,6 +12,33 @@ _NEWTON_STEPS = 8
 _TINY = float(np.finfo(float).tiny)
 
 
+def motion_maps(points: Array) -> Array:
+    """Return G_j of points x_j in a plane, shape (k, 2, 3): a motion t = (v, w) moves x_j with G_j t.
+
+    G_j^T takes a force on the point to force and moment about the normal, as of a wrench.
+
+    Args:
+        points: points in the plane, m, shape (k, 2) or longer.
+    """
+    G = np.zeros((len(points), 2, 3))
+    G[:, 0, 0] = G[:, 1, 1] = 1.0
+    G[:, 0, 2], G[:, 1, 2] = -points[:, 1], points[:, 0]
+    return G
+
+
+def sliding_speeds(G: Array, t: Array) -> Array:
+    """Return the speeds |v + w e_z x x_j| of points in a motion of their plane, shape (..., k).
+
+    Their mean with weights p_j is the work h(t) of a unit of friction mu N, the support function of the limit
+    surface.
+
+    Args:
+        G: Maps of the points, as of ``motion_maps``.
+        t: Motions (v, w), shape (..., 3).
+    """
+    return np.linalg.norm(np.einsum("kia,...a->...ki", G, t), axis=-1)
+
+
 def needed_friction(F: Array, points: Array, pressures: Array) -> Array:
     """Return the friction mu N that a patch needs for a wrench, N, shape (...,): it slides where it has less.
 
@@ -32,16 +59,14 @@ def needed_friction(F: Array, points: Array, pressures: Array) -> Array:
         pressures: parts p_j, which sum to one, shape (..., k).
     """
     scale = np.linalg.norm(points, axis=1).max()
-    G = np.zeros((len(points), 2, 3))
-    G[:, 0, 0] = G[:, 1, 1] = 1.0
-    G[:, 0, 2], G[:, 1, 2] = -points[:, 1] / scale, points[:, 0] / scale
+    G = motion_maps(points / scale)
     squares = np.swapaxes(G, 1, 2) @ G
     w = np.nan_to_num(np.concatenate((F[..., :2], F[..., 5:] / scale), axis=-1))
     weights, needed, rest = pressures, np.zeros(F.shape[:-1]), 0.3
     for _ in range(_STEPS):
         A = np.einsum("...k,kab->...ab", weights, squares)
         t = np.linalg.solve(A, w[..., None])[..., 0]
-        speeds = np.linalg.norm(np.einsum("kia,...a->...ki", G, t), axis=-1)
+        speeds = sliding_speeds(G, t)
         friction = np.maximum((pressures * speeds).sum(axis=-1), _TINY)
         needed = np.maximum(needed, (w * t).sum(axis=-1) / friction)
         rest = max(0.6 * rest, _AT_REST)

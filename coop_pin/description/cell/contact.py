@@ -11,7 +11,7 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import Description, Interval, Positive, positive
 from coop_pin.base.schema.pose import Pose
-from coop_pin.base.spatial import inverse_pose
+from coop_pin.base.spatial import inverse_pose, rotate_vector6, shift_wrench
 from coop_pin.base.spatial.limit_surface import elastic_pressures, needed_friction
 from coop_pin.description.cell.payload import Payload
 
@@ -105,6 +105,16 @@ class Pad(Description):
     def reach(self) -> Array:
         """Half extents of the patch along the axes of the plane, m, shape (2,)."""
         return np.full(2, self.radius) if self.size is None else 0.5 * np.array(self.size)
+
+    def in_plane(self, F: Array, X_PG: Array) -> Array:
+        """Return wrenches about P as those about the middle of the pad in axes of its plane, shape (..., 6).
+
+        Args:
+            F: Wrenches on the arm about P, shape (..., 6).
+            X_PG: Pose of the grasp frame seen from P, in the axes of the wrenches, shape (4, 4).
+        """
+        X_PF = X_PG @ self.plane
+        return rotate_vector6(X_PF[:3, :3].T, shift_wrench(F, -X_PF[:3, 3]))
 
     def pressures(self, F: Array) -> Array:
         """Return the parts of the normal force that the points bear, shape (..., k): all the same.

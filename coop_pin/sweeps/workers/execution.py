@@ -49,10 +49,9 @@ class Execution:
     def _require_types(self) -> None:
         from coop_pin.base.arrays import as_count, require_path, require_type  # loads numpy: not for help
 
-        require_type("workers", self.workers, int, type(None))
-        require_type("scheduler", self.scheduler, str, type(None))
-        require_type("merge", self.merge, list, tuple)
-        require_type("quiet", self.quiet, bool)
+        kinds = {"workers": (int, type(None)), "scheduler": (str, type(None)), "merge": (list, tuple)}
+        for name, allowed in (kinds | {"quiet": (bool,)}).items():
+            require_type(name, getattr(self, name), *allowed)
         as_count("recompute", self.recompute)
         for folder in self.merge:
             require_path("merge", folder)
