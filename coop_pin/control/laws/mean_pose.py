@@ -202,7 +202,7 @@ class MeanPose(PayloadSpace):
             return law
         if scenario.network is not None:
             return AgreedIntegral(law)
-        return replace(law, integral=replace(law.integral, leak=0.0))
+        return replace(law, integral=law.integral._replace(leak=0.0))
 
     def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
         """Return the controller of the cell, or those of the arms where messages cross; see Law."""
