@@ -4,8 +4,8 @@ Open first: ``engine_choice`` (Pinocchio or compiled code, and in which way), ``
 share, and what cannot be compiled), ``simulate`` (batches of runs).
 
 Laws are those of ``control``, sensors and drives those of ``simulation/devices``, run on traced numbers. The
-plant alone is written anew, as scalar code with the numbers of the cell's Pinocchio tree, but for springs and
-the free-flyer, which are those of ``grasps`` and ``chain``; tests hold the two together. Runs of one
+plant alone is written anew, as scalar code with the numbers of the cell's Pinocchio tree, but for springs,
+which are those of ``grasps``; tests hold the two together. Runs of one
 ``Kind`` share their code: a ``Cover`` (events, delays, lost torques) is what it provides, numbers that all of
 them have *fold* into it, others are *inputs* in the *slots* of a *block* of runs. In the order in which they
 build on each other:

@@ -30,7 +30,7 @@ class EngineChoice(NamedTuple):
     """Engine of a run.
 
     Attributes:
-        way: how the engine computes it.
+        way: form in which the engine computes it.
         obstacle: kind of the reason why it is no lane; None if it is one, or Pinocchio was named.
         reason: text that says why it is this one.
     """

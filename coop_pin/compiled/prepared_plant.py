@@ -142,13 +142,13 @@ class PreparedPlant:
             scenario: Scenario of the plant.
             cover: Provisions of the code.
         """
-        cell, own = scenario.cell, self.scenario
+        cell, base = scenario.cell, self.scenario
         if scenario.controller.user_code or cell.has_force_elements or cover != self._cover:
             return None
-        kinds = [[event.kind for event in each.events] for each in (scenario, own)]
+        kinds = [[event.kind for event in each.events] for each in (scenario, base)]
         if kinds[0] != kinds[1] or times_of(scenario) != self.kind.times:
             return None
-        if unloaded_fields(scenario) != unloaded_fields(own):
+        if unloaded_fields(scenario) != unloaded_fields(base):
             return None
         prepared, chain = copy.copy(self), self._chain.carrying(cell)
         plant = PinocchioPlant(chain, scenario.plant, start_configuration(chain, scenario))

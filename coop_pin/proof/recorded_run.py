@@ -121,7 +121,7 @@ def _recorded_tick(
         at: Plant at the state of the tick.
         slots: Positions of the arms in q and v.
         sample: Recorded quantities of the tick, by name.
-        inputs: What the law gets.
+        inputs: Measurements and references that the law gets.
     """
     drives = [slice(len(slot.drive)) for slot in slots]
     at.drive([tau[k] for tau, k in zip(sample["torque"], drives, strict=True)])

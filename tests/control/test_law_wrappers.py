@@ -293,8 +293,8 @@ def test_they_need_a_network_and_wrists():
     kinds = ("consensus", "learned-load")
     laws = {kind: in_a_line("three planar", {"kind": kind}).controller for kind in kinds}
     assert {kind: law.needs for kind, law in laws.items()} == {
-        "consensus": ("poses of all arms", "holding torque", "internal wrench"),
-        "learned-load": ("poses of all arms", "holding torque", "own wrench", "learned mass"),
+        "consensus": ("holding torque", "internal wrench"),
+        "learned-load": ("holding torque", "own wrench", "learned mass"),
     }
     for missing in ({"network": None}, {"sensors.wrist": None}):
         with pytest.raises(ScenarioError, match=r"network|wrist"):

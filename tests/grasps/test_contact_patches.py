@@ -80,7 +80,7 @@ class Bench:
         return np.array(rows)
 
     def _balance(self) -> float:
-        return self.plant.energy() - float(self.plant.work.sum())
+        return self.chain.energy(self.plant.q, self.plant.v) - float(self.plant.work.sum())
 
 
 def slope(rows: np.ndarray, column: int, first: float = 0.02, last: float = 0.15) -> float:

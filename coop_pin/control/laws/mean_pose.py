@@ -200,7 +200,9 @@ class MeanPose(PayloadSpace):
         law: Any = super().controller_of(arm, gains, scenario)
         if self.leak_to == "start":
             return law
-        return replace(law, leak=0.0) if scenario.network is None else AgreedIntegral(law)
+        if scenario.network is not None:
+            return AgreedIntegral(law)
+        return replace(law, integral=law.integral._replace(leak=0.0))
 
     def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
         """Return the controller of the cell, or those of the arms where messages cross; see Law."""
