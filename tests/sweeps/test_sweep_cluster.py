@@ -108,7 +108,7 @@ def scheduler_elsewhere(folder, code):
 SWEEP = """
 import logging, os, sys
 from coop_pin.base.errors import CoopPinError
-from coop_pin.sweeps import Execution, SweepPlan, sweep
+from coop_pin import Execution, SweepPlan, sweep
 logging.basicConfig()
 folder, address = sys.argv[1:]
 plan = SweepPlan.model_validate_json(sys.stdin.read())

@@ -354,7 +354,7 @@ WITHOUT_DASK = """
 import sys
 sys.modules["distributed"] = sys.modules["dask"] = None  # importing it raises from here on
 from coop_pin.base.errors import MissingExtraError
-from coop_pin.sweeps import Execution, sweep
+from coop_pin import Execution, sweep
 short = {"duration": 0.1, "events": []}
 here = Execution(workers=0, quiet=True)
 assert sweep("adept-paper", out="here", execution=here, changes=short).counts()["ok"] == 1

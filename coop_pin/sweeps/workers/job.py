@@ -187,7 +187,7 @@ class Job(NamedTuple):
         memory_limit: memory of a worker, bytes; 0 for no limit.
         keep: whether the full result is requested.
         code: digests of the user's code that the key covers.
-        way: form of the computation, "lanes" with others if it can be, by "plant" on a compiled plant
+        way: form of the computation: "lanes", together with others if it can be; "plant", on a compiled plant
             if there can be one.
         pattern: pattern of the scenario, if others differ from it in plain numbers.
         numbers: numbers of the run in the pattern.
