@@ -137,6 +137,6 @@ def require_closed(plant: Plant, time: float) -> None:
     v = plant.v
     if not v.dot(v) < SPEED_LIMIT**2 and not (speed := float(np.abs(v).max())) < SPEED_LIMIT:
         raise DivergedError(time, "joint speed, rad/s,", speed, SPEED_LIMIT)
-    closure_error = max(max(error) for error in plant.closure_errors())
+    closure_error = max(map(max, plant.closure_errors()))
     if not closure_error < CLOSURE_ERROR_LIMIT:
         raise DivergedError(time, "closure error, m or rad,", closure_error, CLOSURE_ERROR_LIMIT)
