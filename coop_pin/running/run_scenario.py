@@ -72,7 +72,8 @@ def run(
         warnings.warn(warning, ScenarioWarning, stacklevel=2)
     is_live = view is not None or stop_at_breach or realtime_rate not in (None, math.inf)
     choice = choose_engine(scenario, engine_named(engine, "engine"), is_live=is_live)
-    _LOG.info(choice.summary())
+    if engine != "pinocchio":  # else nothing was chosen
+        _LOG.info(choice.summary())
     result = _run_as_lane(scenario, progress) if choice.way == "lanes" else None
     if result is not None:
         return result
