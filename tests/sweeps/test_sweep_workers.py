@@ -294,7 +294,7 @@ def test_a_host_that_cannot_start_is_a_typed_error(monkeypatch):
 
 UP = """
 import contextlib, sys
-sys.path.insert(0, "TESTS")
+sys.path[:0] = FOLDERS
 from test_sweep_workers import LocalBackend, computed, job
 with contextlib.closing(LocalBackend(1)) as pool:
     print("up", flush=True)
@@ -303,7 +303,8 @@ with contextlib.closing(LocalBackend(1)) as pool:
 
 
 def test_workers_end_with_their_parent_however_it_ends():
-    code = UP.replace("TESTS", str(Path(__file__).parents[1]))
+    here = Path(__file__).parent
+    code = UP.replace("FOLDERS", repr([str(here), str(here.parent)]))
     parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
     assert parent.stdout.readline() == b"up\n"
     process = psutil.Process(parent.pid)
