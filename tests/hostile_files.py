@@ -36,7 +36,6 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio  # noqa: F401  loaded once, before the forks
-import trimesh
 import xarray as xr
 from cells import SCENARIOS
 from malformed_urdf import CORPUS, arm
@@ -200,6 +199,8 @@ class Files:
         self.kinds[name] = content, damages, read
 
     def _add_meshes(self) -> None:
+        import trimesh
+
         box = trimesh.creation.box((0.1, 0.2, 0.3))
         for kind in MESHES:
             content = box.export(file_type="stl_ascii" if kind == "ascii.stl" else kind)

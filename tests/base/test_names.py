@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from cells import SCENARIOS, planar_scenario
+from source_trees import SourceTrees
 
 import coop_pin as cp
 from coop_pin import figures
@@ -98,10 +99,7 @@ NO_NOUNS = re.compile(
 """Argument or attribute whose text does not begin with a noun."""
 PARTICIPLES = {"found", "given", "own", "place", "wanted"}
 """Locals that do not say what they hold."""
-TREES = {
-    path.relative_to(PACKAGE).as_posix(): ast.parse(path.read_text(encoding="utf-8"))
-    for path in sorted(PACKAGE.rglob("*.py"))
-}
+TREES = SourceTrees(sorted(PACKAGE.rglob("*.py")))
 
 
 def documented(tree):

@@ -6,7 +6,6 @@ import tomllib
 import numpy as np
 import pinocchio as pin
 import pytest
-import trimesh
 from cells import CATALOGUE_CELLS, catalogue_cell
 from numpy.testing import assert_allclose
 
@@ -326,8 +325,15 @@ def test_models_are_the_callers_own_and_follow_their_file(urdf):
 # ---------------------------------------------------------------- payloads
 
 
+def solid(shape, *size, **options):
+    """A mesh of trimesh, which takes a second to import."""
+    from trimesh import creation
+
+    return getattr(creation, shape)(*size, **options)
+
+
 def test_a_mesh_of_a_box_is_the_box_wherever_its_file_puts_it(tmp_path):
-    mesh = trimesh.creation.box((300.0, 200.0, 100.0))
+    mesh = solid("box", (300.0, 200.0, 100.0))
     mesh.apply_translation((50.0, 20.0, -30.0))
     mesh.invert()  # triangles that look inwards do no harm
     mesh.export(tmp_path / "box.stl")
@@ -343,7 +349,7 @@ def test_a_mesh_of_a_box_is_the_box_wherever_its_file_puts_it(tmp_path):
 
 
 def test_a_cylinder_has_the_inertia_of_its_mesh(tmp_path):
-    trimesh.creation.cylinder(radius=0.1, height=0.4, sections=2000).export(tmp_path / "rod.stl")
+    solid("cylinder", radius=0.1, height=0.4, sections=2000).export(tmp_path / "rod.stl")
     assert_allclose(
         Payload.cylinder(2.0, 0.1, 0.4).inertia,
         Payload.mesh(tmp_path / "rod.stl", mass=2.0).inertia,
@@ -353,7 +359,7 @@ def test_a_cylinder_has_the_inertia_of_its_mesh(tmp_path):
 
 
 def test_meshes_that_enclose_nothing_are_refused(tmp_path):
-    mesh = trimesh.creation.box((1.0, 1.0, 1.0))
+    mesh = solid("box", (1.0, 1.0, 1.0))
     mesh.update_faces(np.arange(len(mesh.faces)) > 0)
     mesh.export(tmp_path / "open.stl")
     with pytest.raises(FieldError, match="open"):
@@ -412,7 +418,7 @@ target = "nobody:Nothing"
 
 def test_a_file_says_the_same_as_the_calls(tmp_path):
     """A payload by its kind, grasps as posed, a mesh beside the file: resolved, written and read again."""
-    trimesh.creation.box((0.3, 0.2, 0.1)).export(tmp_path / "box.stl")
+    solid("box", (0.3, 0.2, 0.1)).export(tmp_path / "box.stl")
     kinds = {
         '{ kind = "box", mass = 3.0, size = [0.3, 0.2, 0.1] }': Payload.box(3.0, (0.3, 0.2, 0.1)),
         '{ kind = "bar", mass = 3.0, length = 0.5 }': Payload.bar(3.0, 0.5),

@@ -4,7 +4,6 @@ import malformed_urdf
 import numpy as np
 import pinocchio as pin
 import pytest
-import yourdfpy
 from cells import planar_scenario, spatial_cell
 from numpy.testing import assert_allclose
 
@@ -129,6 +128,8 @@ def test_payload_sits_at_the_tip_as_the_grasp_says(arm):
 
 @pytest.mark.parametrize("name", ARMS)
 def test_tip_pose_is_what_yourdfpy_says(name):
+    import yourdfpy
+
     description, X_PE = ARMS[name]
     arm = ArmModel(description, X_PE)
     robot = yourdfpy.URDF.load(str(find_urdf(description.urdf).path), load_meshes=False)

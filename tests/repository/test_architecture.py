@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cells import SCENARIOS
+from source_trees import SourceTrees
 
 import coop_pin
 from coop_pin.cli.parsing import COMMANDS
@@ -187,7 +188,7 @@ FROM_THE_TOP = {"__version__", "lazy_names"}
 COPIED = "tracing"
 """The package that works as a copy of its folder elsewhere: it imports its own files by relative names."""
 
-TREES = {file: ast.parse(file.read_text(encoding="utf-8")) for file in sorted(PACKAGE.rglob("*.py"))}
+TREES = SourceTrees(sorted(PACKAGE.rglob("*.py")))
 MODULES = {
     ".".join(("coop_pin", *file.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__"): file
     for file in TREES
@@ -586,11 +587,7 @@ SETTERS = {"setattr", "delattr", "setitem", "object"}
 """Functions of pytest's monkeypatch and of unittest.mock that replace."""
 SCRIPTS = {"bench", "benchmark", "draw", "live"}
 """What tests call the modules of benchmarks and studies."""
-TESTS = {
-    file: ast.parse(file.read_text(encoding="utf-8"))
-    for file in sorted((REPOSITORY / "tests").rglob("*.py"))
-    if file != Path(__file__)
-}
+TESTS = SourceTrees(file for file in sorted((REPOSITORY / "tests").rglob("*.py")) if file != Path(__file__))
 
 
 def is_private(name: str) -> bool:

@@ -1,17 +1,14 @@
-"""Every notebook runs from top to bottom, has no outputs in the repository, and equals its .py twin."""
+"""Every notebook runs from top to bottom, has no outputs in the repository, and equals its .py twin.
+
+nbformat and nbclient take seconds to import: the tests that use them do.
+"""
 
 import ast
 import asyncio
 import importlib
 from pathlib import Path
 
-import jupytext
-import nbformat
 import pytest
-from jupyter_client import AsyncKernelManager
-from nbclient import NotebookClient
-from nbclient.exceptions import CellExecutionError
-from nbformat import v4
 
 import coop_pin as cp
 
@@ -31,6 +28,8 @@ SHORT = {
 @pytest.fixture(scope="module")
 def kernel():
     """A kernel that runs one notebook after the other: to start it takes as long as to run a short one."""
+    from jupyter_client import AsyncKernelManager
+
     manager = AsyncKernelManager(kernel_name="python3")
     yield manager
     asyncio.run(manager.shutdown_kernel(now=True))
@@ -50,6 +49,9 @@ def run(notebook, folder, kernel=None):
 
     A kernel that is given forgets all names first; without one, a new kernel is started and ended.
     """
+    from nbclient import NotebookClient
+    from nbformat import v4
+
     if kernel is None:
         NotebookClient(notebook, timeout=300, resources={"metadata": {"path": folder}}).execute()
         return
@@ -73,6 +75,8 @@ def assert_it_runs_and_shows_its_replay(notebook, folder, kernel=None):
 
 def in_short(path):
     """The notebook with the parameters of its short mode, which are those that it has."""
+    import nbformat
+
     notebook = nbformat.read(path, as_version=4)
     tagged = [cell for cell in notebook.cells if "parameters" in cell.metadata.get("tags", [])]
     assert len(tagged) == (path.stem in SHORT)
@@ -90,6 +94,8 @@ def test_a_notebook_runs_in_its_short_mode_and_shows_its_replay(path, tmp_path, 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(SHORT))
 def test_a_notebook_runs_at_its_full_length(name, tmp_path):
+    import nbformat
+
     assert_it_runs_and_shows_its_replay(
         nbformat.read(NOTEBOOKS[0].with_name(f"{name}.ipynb"), as_version=4), tmp_path
     )
@@ -97,6 +103,9 @@ def test_a_notebook_runs_at_its_full_length(name, tmp_path):
 
 def test_a_notebook_that_fails_is_caught(tmp_path, kernel):
     """Without this the tests above would prove nothing."""
+    from nbclient.exceptions import CellExecutionError
+    from nbformat import v4
+
     cells = [v4.new_code_cell(code) for code in ("print('so far')", "assert 1 == 2", "print('not reached')")]
     notebook = v4.new_notebook(cells=cells)
     with pytest.raises(CellExecutionError):
@@ -120,6 +129,9 @@ def private_or_missing_names(code):
 
 
 def test_notebooks_are_short_without_outputs_the_same_as_their_twins_and_use_the_public_api():
+    import jupytext
+    import nbformat
+
     assert NOTEBOOKS
     for path in NOTEBOOKS:
         notebook, twin = nbformat.read(path, as_version=4), jupytext.read(path.with_suffix(".py"))

@@ -13,7 +13,6 @@ import tomllib
 import venv
 from pathlib import Path
 
-import nbformat
 import pytest
 import yaml
 from packaging.requirements import Requirement
@@ -91,6 +90,8 @@ def test_binder_installs_the_clone_or_the_wheel_of_a_variable(wheel, tmp_path):
 @pytest.mark.slow
 def test_the_first_cells_of_the_notebook_install_from_the_address_of_a_wheel(tmp_path):
     """In an empty environment, without the clone; the wheel comes by HTTP, requirements from the index."""
+    import nbformat
+
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path / "wheel")]
     subprocess.run(command, cwd=REPOSITORY, check=True, capture_output=True)
     (wheel,) = (tmp_path / "wheel").iterdir()

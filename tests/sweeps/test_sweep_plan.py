@@ -7,7 +7,6 @@ import sys
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.stats import qmc
 
 import coop_pin as cp
 from coop_pin.base.errors import (
@@ -222,6 +221,8 @@ def test_files_that_are_no_plans_are_refused(tmp_path):
 
 
 def test_sobol_points_are_those_of_scipy_in_ranges_given_as_spans_or_pairs():
+    from scipy.stats import qmc
+
     sample = Sample(fields={"a": {"low": 0, "high": 1}, "b": (2, 4)}, count=64, seed=5)
     whole = qmc.Sobol(2, scramble=True, rng=np.random.default_rng(5)).random(64)
     found = [sample.dimension().changes(i) for i in range(64)]

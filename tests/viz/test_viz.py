@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 import trimesh
 import xarray as xr
-import yourdfpy
 import zmq
 from cells import planar_scenario, spatial_scenario
 from numpy.testing import assert_allclose, assert_array_equal
@@ -708,6 +707,8 @@ def test_a_mesh_without_a_plain_colour_is_drawn_whole(file) -> None:
 
 
 def test_links_beyond_a_locked_joint_are_drawn_at_the_locked_position() -> None:
+    import yourdfpy
+
     locked = {"panda_finger_joint1": 0.03}  # the other finger mimics it
     arm = Arm(urdf="panda", tip="panda_hand_tcp", locked=locked)
     cell = Cell(arms={"only": arm}, payload=Payload.box(1.0, (0.1, 0.1, 0.1)), grasps={"only": Pose()})

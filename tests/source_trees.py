@@ -1,0 +1,28 @@
+"""Syntax trees of Python files, parsed when they are first asked for: not while tests are collected."""
+
+import ast
+import functools
+from collections.abc import Mapping
+
+
+@functools.cache
+def parsed(file):
+    return ast.parse(file.read_text(encoding="utf-8"))
+
+
+class SourceTrees(Mapping):
+    """Files and their syntax trees."""
+
+    def __init__(self, files):
+        self._files = dict.fromkeys(files)
+
+    def __getitem__(self, file):
+        if file not in self._files:
+            raise KeyError(file)
+        return parsed(file)
+
+    def __iter__(self):
+        return iter(self._files)
+
+    def __len__(self):
+        return len(self._files)
