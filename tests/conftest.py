@@ -72,11 +72,11 @@ def control_groups(monkeypatch, tmp_path):
     from coop_pin.base import memory
 
     def put(listed):
-        path, root = tmp_path / "groups.list", tmp_path / "groups"
+        path = tmp_path / "system" / "proc" / "self" / "cgroup"
+        path.parent.mkdir(parents=True)
         path.write_text(listed + "\n")
-        monkeypatch.setattr(memory, "_CGROUP_LIST", path)
-        monkeypatch.setattr(memory, "_CGROUPS", root)
-        return root
+        monkeypatch.setattr(memory, "_SYSTEM", tmp_path / "system")
+        return tmp_path / "system" / "sys" / "fs" / "cgroup"
 
     return put
 

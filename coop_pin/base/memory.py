@@ -11,7 +11,8 @@ from pathlib import Path
 
 from coop_pin.base.errors import NotEnoughMemoryError
 
-_CGROUP_LIST, _CGROUPS = Path("/proc/self/cgroup"), Path("/sys/fs/cgroup")
+_SYSTEM = Path("/")
+"""Folder of the system's own files."""
 _CGROUP_FILES = {
     "": ("memory.max", "memory.current", "inactive_file"),
     "memory": ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
@@ -68,7 +69,7 @@ def _address_space() -> int:
 
 def _cgroup_memory() -> Iterator[int]:
     """Yield what the limits of the process's control groups and of the groups around them leave, bytes."""
-    for folder, (limit, used, cache) in _cgroups(_CGROUP_LIST, _CGROUPS):
+    for folder, (limit, used, cache) in _cgroups(_SYSTEM / "proc/self/cgroup", _SYSTEM / "sys/fs/cgroup"):
         with contextlib.suppress(OSError, ValueError):  # no number: the group has no limit
             most = int((folder / limit).read_text("ascii"))
             counts = dict(map(str.split, (folder / "memory.stat").read_text("ascii").splitlines()))

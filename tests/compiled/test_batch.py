@@ -1,7 +1,6 @@
 """Batches of runs: the dynamics against Pinocchio, whole runs against coop_pin.run."""
 
 import functools
-from collections import Counter
 
 import numpy as np
 import pinocchio as pin
@@ -22,7 +21,6 @@ from coop_pin.compiled.plant.serial_arm import SerialArm
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.prepared_plant import PreparedPlant
 from coop_pin.compiled.simulate import BatchSimulator
-from coop_pin.compiled.tick import TickCode
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.transmission import Transmission
 from coop_pin.results.metrics import STEADY_METRICS
@@ -381,25 +379,30 @@ def test_another_process_neither_traces_nor_compiles_and_other_numbers_have_othe
 ):
     """Traced code on disk gives the bits of the kernels, with numbers that fold, a damaged file too."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    field, count = "controller.gains.transient_rate", Counter[str]()
+    field, folder = "controller.gains.transient_rate", tmp_path / "coop_pin" / "compiled"
     base = cp.Scenario.load(name).replace(duration=0.1, events=())
     heavy = base.override({"cell.payload.mass": 1.1 * base.cell.payload.mass})  # folds
-    kernels = TickCode.kernels
-    monkeypatch.setattr(TickCode, "kernels", lambda code: count.update(["traced"]) or kernels(code))
 
     def positions(scenario, **machine):
         runs = [scenario, scenario.override({field: 4.0})]
         return simulate_batch(runs, **machine).samples["configuration"]
 
     traced = [positions(scenario, machine=lambda program: LlvmMachine(program)) for scenario in (base, heavy)]
-    for _ in range(2):
-        for scenario, expected in zip((base, heavy), traced, strict=True):
-            assert_array_equal(positions(scenario), expected)
-    assert count["traced"] == 2 + 2
-    for file in (tmp_path / "coop_pin" / "compiled").iterdir():
+
+    def written():
+        return {file.name: file.stat().st_ino for file in folder.iterdir()}
+
+    for scenario, expected in zip((base, heavy), traced, strict=True):
+        assert_array_equal(positions(scenario), expected)
+    kept = written()
+    for scenario, expected in zip((base, heavy), traced, strict=True):
+        assert_array_equal(positions(scenario), expected)
+    assert written() == kept
+    assert len(kept) == 2 * 2  # traced and compiled code
+    for file in folder.iterdir():
         file.write_bytes(file.read_bytes()[:-1])
     assert_array_equal(positions(base), traced[0])
-    assert count["traced"] == 2 + 2 + 1
+    assert sum(number != kept[name] for name, number in written().items()) == 2
 
 
 @pytest.fixture

@@ -578,7 +578,7 @@ def test_a_controller_sees_arrays_and_floats_and_cannot_write_to_them(name, path
 
 # ---------------------------------------------------------------- what tests know of the package
 
-MOST_PRIVATE, MOST_PATCHED = 33, 55
+MOST_PRIVATE, MOST_PATCHED = 29, 40
 """Most uses of private names of the package, and most replacements of parts of it, in all tests."""
 
 PROTOCOLS = {"_fields", "_replace", "_asdict", "_make", "_repr_html_", "_repr_mimebundle_"}

@@ -115,8 +115,9 @@ def test_finished_runs_of_a_study_are_kept_by_sweep(draw, tmp_path, monkeypatch)
         "plans",
         lambda _: {"a": cp.SweepPlan(base="adept-paper", changes={"duration": 0.1, "events": []})},
     )
-    monkeypatch.setattr(cp, "sweep", lambda plan, out: (len(plan), out))
-    assert draw.run("name", tmp_path) == {"a": (1, tmp_path / "a")}
+    (result,) = draw.run("name", tmp_path).values()
+    assert result.counts()["ok"] == 1
+    assert cp.SweepResult.load(tmp_path / "a").counts() == result.counts()
 
 
 # ---------------------------------------------------------------- the front

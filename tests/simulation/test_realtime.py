@@ -1,12 +1,12 @@
 """Real-time pacing, with a clock and a sleep that the test controls."""
 
 import math
+import time
 
 import pytest
 from close import assert_close
 
 import coop_pin as cp
-from coop_pin.simulation import realtime
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.realtime import RealtimePacer
 
@@ -28,7 +28,8 @@ class Wall:
 @pytest.fixture
 def wall(monkeypatch):
     wall = Wall()
-    monkeypatch.setattr(realtime, "time", wall)
+    monkeypatch.setattr(time, "monotonic", wall.monotonic)
+    monkeypatch.setattr(time, "sleep", wall.sleep)
     return wall
 
 

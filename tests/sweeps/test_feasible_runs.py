@@ -37,9 +37,10 @@ def refused(kind, call):
 
 
 @pytest.fixture
-def no_runs(monkeypatch):
-    """No run may start: an attempt is an AttributeError."""
-    monkeypatch.delattr("coop_pin.sweeps.session.Session.compute")
+def no_runs(runs_here):
+    """No run is started."""
+    yield
+    assert runs_here.jobs == []
 
 
 @NO_RUNS

@@ -192,23 +192,27 @@ def test_the_runs_of_a_batch_whose_worker_dies_are_tried_again_each_alone():
     assert found[1].message == str(WorkerDiedError(3, -11))
 
 
-def test_a_thread_that_turns_to_another_sweep_closes_its_own_worker_only(monkeypatch):
+def test_a_thread_that_turns_to_another_sweep_closes_its_own_worker_only():
     """As in a dask worker that serves two sweeps at once."""
-    closed = []
-    monkeypatch.setattr(Worker, "compute", lambda worker, _: [worker])
-    monkeypatch.setattr(Worker, "close", lambda worker: closed.append(worker))
-    monkeypatch.setattr(backend, "_workers", {})
+    before = {worker.pid for worker in workers_of()}
+
+    def alive_after(thread, sweep):
+        thread.submit(backend.run_in_thread, sweep, [job("none")]).result()
+        return alive()
+
+    def alive():
+        return {worker.pid for worker in workers_of()} - before
+
     with ThreadPoolExecutor(1) as one, ThreadPoolExecutor(1) as other:
-        ((first,), (second,)) = (
-            pool.submit(backend.run_in_thread, "a", []).result() for pool in (one, other)
-        )
-        assert one.submit(backend.run_in_thread, "a", []).result() == [first]
-        (third,) = one.submit(backend.run_in_thread, "b", []).result()
-        assert first in closed
-        assert second not in closed
+        (first,) = alive_after(one, "a")
+        (second,) = alive_after(other, "a") - {first}
+        assert alive_after(one, "a") == {first, second}
+        (third,) = alive_after(one, "b") - {second}
+        assert third != first
         backend.close_workers("a")
-        assert second in closed
-        assert third not in closed
+        assert alive() == {third}
+        backend.close_workers("b")
+        assert alive() == set()
 
 
 @pytest.mark.parametrize(("wall_s", "largest"), [(0.001, 64), (0.05, 5), (2.0, 1)])
