@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Sequence
-from typing import Literal, NamedTuple, Self, TypeAlias
+from typing import Literal, NamedTuple, Self, TypeAlias, get_args
 
 from coop_pin.base.errors import FieldError, NameNotFoundError, ScenarioError
 from coop_pin.compiled.engines import Engine, Way
@@ -41,8 +41,8 @@ class EngineChoice(NamedTuple):
 
     @property
     def engine(self) -> Engine:
-        """The engine: "pinocchio" or "compiled"."""
-        return "pinocchio" if self.way == "pinocchio" else "compiled"
+        """The engine that computes in this way."""
+        return "compiled" if self.way == "plant" or self.way == "lanes" else self.way
 
     def require(self, engine: Engine) -> Self:
         """Return the choice; raises FieldError where the engine that is named has no such plant or event."""
@@ -75,7 +75,7 @@ def choose_engines(
         traces_user_code: whether a user's law is built and traced here. Otherwise it counts as one that can
             be traced, and whoever simulates it finds out.
     """
-    if engine == "pinocchio":
+    if engine != "auto" and engine != "compiled":
         return [EngineChoice(engine)] * len(scenarios)
     kinds = [str(each) if isinstance(each, ScenarioError) else Kind.of_scenario(each) for each in scenarios]
     ticks, choices = defaultdict[str | Kind, float](float), dict[str | Kind, EngineChoice]()
@@ -149,7 +149,7 @@ def choose_engine(scenario: Scenario, engine: Engine = "auto", *, is_live: bool 
         FieldError: "compiled" is asked for, and only Pinocchio has the plant or an event.
         CoopPinError: an arm cannot be loaded.
     """
-    if engine == "pinocchio":
+    if engine != "auto" and engine != "compiled":
         return EngineChoice(engine)
     if (choice := _by_plant(scenario).require(engine)).way == "pinocchio":
         return choice
@@ -192,15 +192,16 @@ def _ticks_of_compiling(scenario: Scenario) -> int:
 
 
 def plant_of(engine: str) -> PlantMaker:
-    """Return the maker of the plant of a run by itself: of "pinocchio" or "compiled".
+    """Return the maker of the plant of a run by itself, of an engine other than "auto".
 
     Raises:
         NameNotFoundError: there is no such engine.
     """
-    if engine not in ("pinocchio", "compiled"):
-        raise NameNotFoundError("engine", engine, ("pinocchio", "compiled"), "single runs")
-    if engine == "pinocchio":
-        return PinocchioPlant
-    from coop_pin.compiled.plant.compiled_plant import CompiledPlant  # a run by Pinocchio does without it
+    match engine:
+        case "pinocchio":
+            return PinocchioPlant
+        case "compiled":
+            from coop_pin.compiled.plant.compiled_plant import CompiledPlant  # slow to load
 
-    return CompiledPlant
+            return CompiledPlant
+    raise NameNotFoundError("engine", engine, get_args(Engine)[1:], "single runs")

@@ -19,7 +19,7 @@ from coop_pin.base.errors import CoopPinError, FieldError, FileReadError, RunTim
 from coop_pin.base.schema.parts import Pattern
 from coop_pin.base.schema.user_code import load_function
 from coop_pin.base.user_files import printable
-from coop_pin.compiled.engine_choice import plant_of
+from coop_pin.compiled.engine_choice import EngineChoice, plant_of
 from coop_pin.compiled.engines import Way
 from coop_pin.compiled.kind import pinocchio_reason
 from coop_pin.description.scenario import Scenario
@@ -242,9 +242,10 @@ def run_job(job: Job) -> Outcome:
 
     def compute() -> RunResult:
         scenario, progress = separate(job.scenario), deadline(job.time_limit_s)
-        is_compiled = job.way == "plant" and pinocchio_reason(scenario) is None
-        plant = plant_of("compiled" if is_compiled else "pinocchio")
-        return simulate(scenario, build_controller(scenario), progress=progress, plant=plant)
+        engine = EngineChoice(job.way).engine
+        if engine == "compiled" and pinocchio_reason(scenario):
+            engine = "pinocchio"
+        return simulate(scenario, build_controller(scenario), progress=progress, plant=plant_of(engine))
 
     return outcome_of(job, compute)
 
