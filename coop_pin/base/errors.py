@@ -10,11 +10,12 @@ from __future__ import annotations
 import contextlib
 import copy
 import difflib
+import math
 import signal
 import sys
 import sysconfig
 import traceback
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -407,9 +408,27 @@ def place_of(error: BaseException) -> tuple[str, int, str]:
     # By the file of the module: compiled code states one of its own for each frame, a notebook has none.
     users = (entry for entry in frames if _is_users(Path(entry[0].f_globals.get("__file__") or "")))
     frame, line = next(users, frames[0])
-    file, here = Path(frame.f_code.co_filename).resolve(), Path.cwd()
+    return _shown(Path(frame.f_code.co_filename)), line, frame.f_code.co_qualname
+
+
+def source_of(function: Callable[..., Any]) -> tuple[str, int, str]:
+    """Return file, first line and name of a function or method, as ``place_of``; ("", 0, name) if unknown."""
+    name = getattr(function, "__qualname__", type(function).__qualname__)
+    code = getattr(function, "__code__", None)
+    return ("", 0, name) if code is None else (_shown(Path(code.co_filename)), code.co_firstlineno, name)
+
+
+def is_users(function: Callable[..., Any]) -> bool:
+    """Return whether a function or method is of neither this package nor an installed one."""
+    code = getattr(function, "__code__", None)
+    return code is not None and _is_users(Path(code.co_filename))
+
+
+def _shown(file: Path) -> str:
+    """Return the path of a user's file relative to the current folder if it is below it, else its name."""
+    file, here = file.resolve(), Path.cwd()
     is_below = _is_users(file) and file.is_relative_to(here)
-    return file.relative_to(here).as_posix() if is_below else file.name, line, frame.f_code.co_name
+    return file.relative_to(here).as_posix() if is_below else file.name
 
 
 def _is_users(file: Path) -> bool:
@@ -419,17 +438,28 @@ def _is_users(file: Path) -> bool:
 
 
 class UserCodeError(CoopPinError, RuntimeError):
-    """An exception (``cause``, and __cause__) in the user's controller, motion or squeeze at ``time`` s.
+    """An exception (``cause``, and __cause__) in the user's ``function`` at ``time`` s, sys.exit included.
 
-    ``file`` and ``line`` are those of ``place_of``.
+    ``file``, ``line`` and ``function``, such as "MyLaw.step", are those of ``place_of``.
     """
 
-    def __init__(self, time: float, error: Exception) -> None:
+    def __init__(self, time: float, error: BaseException) -> None:
         self.time, self.cause = time, f"{type(error).__name__}: {error}"
-        self.file, self.line, function = place_of(error)
+        self.file, self.line, self.function = place_of(error)
         super().__init__(
-            f"at t = {time:.6g} s a controller, motion or squeeze failed at {self.file}:{self.line} in"
-            f" {function}: {self.cause}; the result up to then is kept"
+            f"at t = {time:.6g} s {self.function} failed at {self.file}:{self.line}: {self.cause}; the result"
+            " up to then is kept"
+        )
+
+
+class CommandError(CoopPinError, TypeError):
+    """A command by ``function`` of a law, at ``file`` and ``line``, that no drive can take: ``problem``."""
+
+    def __init__(self, time: float, step: Callable[..., Any], problem: str, remedy: str) -> None:
+        self.time, self.problem = time, problem
+        self.file, self.line, self.function = source_of(step)
+        super().__init__(
+            f"at t = {time:.6g} s {self.function} ({self.file}:{self.line}) returned {problem}; {remedy}"
         )
 
 
@@ -438,10 +468,12 @@ class DivergedError(CoopPinError, ArithmeticError):
 
     def __init__(self, time: float, quantity: str, value: float, limit: float) -> None:
         self.time, self.quantity, self.value, self.limit = time, quantity, value, limit
+        remedy = "lower the gains or raise the control rate ('coop-pin check' shows how far)"
+        if math.isnan(value):
+            remedy = "a gain, a motion, a squeeze or an event is too large for floating-point numbers"
         super().__init__(
             f"the run diverged at t = {time:.6g} s: {quantity} reached {value:.3g} (limit {limit:.3g});"
-            " lower the gains or raise the control rate ('coop-pin check' shows how far); the result up to"
-            " then is kept"
+            f" {remedy}; the result up to then is kept"
         )
 
 

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from coop_pin.base.arrays import Array
-from coop_pin.base.errors import SingularJacobianError
+from coop_pin.base.errors import CommandError, SingularJacobianError
 from coop_pin.base.spatial.generic_numbers import Traceable
 from coop_pin.control.measurement import ArmMeasurement, ArmReference
 
@@ -93,6 +93,24 @@ class CellCommand:
         return [next(value for value in each if value is not None) for each in zip(*kinds, strict=True)]
 
 
+def require_command(time: float, step: Callable[..., Any], command: Any, kind: type[Any]) -> None:
+    """Refuse what a law returns in place of a command.
+
+    Args:
+        time: Time of the tick, s.
+        step: The law's function.
+        command: Its result.
+        kind: ArmCommand or CellCommand.
+
+    Raises:
+        CommandError: the result is no command.
+    """
+    if not isinstance(command, kind):
+        problem = "nothing" if command is None else f"an object of type {type(command).__name__}"
+        torques = "torques" if kind is CellCommand else "torque"
+        raise CommandError(time, step, problem, f"write: return cp.{kind.__name__}({torques}, state)")
+
+
 class ArmController(Traceable, ABC):
     """Controller of one arm from its own measurements: the decentralised laws. Immutable.
 
@@ -155,6 +173,10 @@ class CellController(Traceable, ABC):
         """Return what it commands to an arm: "torque", "velocity" or "position"."""
         return self.command_kind
 
+    def step_of(self, arm: str) -> Callable[..., Any]:
+        """Return the function that commands an arm."""
+        return self.step
+
     @abstractmethod
     def init(self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]) -> Any:
         """Return the state at the first tick."""
@@ -190,6 +212,10 @@ class DecentralisedController(CellController):
         """Return what the controller of an arm commands."""
         return self.controllers[arm].command_kind
 
+    def step_of(self, arm: str) -> Callable[..., Any]:
+        """Return the step of the controller of an arm."""
+        return self.controllers[arm].step
+
     def init(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]
     ) -> tuple[Any, ...]:
@@ -211,10 +237,16 @@ class DecentralisedController(CellController):
 
         Raises:
             SingularJacobianError: an arm's Jacobian is singular.
+            CommandError: an arm's law returns no ArmCommand.
         """
-        laws = self.controllers.values()
-        commands = self._for_arms([law.step for law in laws], measurements, references, state)
-        return CellCommand.of_arms(commands)
+        steps = [law.step for law in self.controllers.values()]
+        commands = self._for_arms(steps, measurements, references, state)
+        try:
+            return CellCommand.of_arms(commands)
+        except AttributeError:
+            for step, command in zip(steps, commands, strict=True):
+                require_command(measurements[0].time, step, command, ArmCommand)
+            raise
 
     def messages(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any

@@ -76,6 +76,7 @@ class UserController(Law):
             detail = f"is {self.target!r}, which is neither an ArmController nor a CellController"
             raise FieldError(detail, "controller.target")
         of_cell = issubclass(kind, CellController)
+        _require_methods(kind, self.target, "s" if of_cell else "")
         try:
             inspect.signature(kind).bind(scenario, *([] if of_cell else [""]), **self.options)
         except TypeError as error:
@@ -87,6 +88,25 @@ class UserController(Law):
         return DecentralisedController(
             {name: kind(scenario, name, **self.options) for name in scenario.cell.arms}
         )
+
+
+def _require_methods(kind: type[Any], target: str, s: str) -> None:
+    """Refuse a class without the methods of a controller, or whose methods take other arguments.
+
+    Raises:
+        FieldError: a method is missing, or cannot be called as the loop calls it.
+    """
+    arguments = f"measurement{s}", f"reference{s}", "state"
+    for name, count in (("init", 2), ("step", 3)):
+        call = f"def {name}(self, {', '.join(arguments[:count])})"
+        method = getattr(kind, name)
+        if getattr(method, "__isabstractmethod__", False):
+            raise FieldError(f"is {target!r}, which has no method {name}; write {call}", "controller.target")
+        try:
+            inspect.signature(method).bind(kind, *arguments[:count])
+        except TypeError as error:
+            detail = f"is {target!r}, whose {name} takes other arguments ({error}); write {call}"
+            raise FieldError(detail, "controller.target") from None
 
 
 PackageLaw = (

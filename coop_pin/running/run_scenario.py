@@ -105,7 +105,7 @@ def _run_as_lane(scenario: Scenario, progress: Progress | None) -> RunResult | N
 
     try:
         lane = Lane(scenario)
-    except Exception as error:  # also of a user's motion, at a tick that the other run tells
+    except (Exception, SystemExit) as error:  # also of a user's motion, at a tick that the other run names
         _LOG.info("the law is interpreted: %s: %s", type(error).__name__, error)
         return None
     try:

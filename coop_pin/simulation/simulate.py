@@ -84,7 +84,7 @@ def errors_with_results(so_far: Callable[[], RunResult | None], time: Callable[[
     except CoopPinError as error:
         error.result = _marked(so_far(), error)
         raise
-    except Exception as error:  # a user's controller, motion or squeeze may raise anything
+    except (Exception, SystemExit) as error:  # a user's controller, motion or squeeze may raise anything
         user_error = UserCodeError(time(), error)
         user_error.result = _marked(so_far(), user_error)
         raise user_error from error

@@ -7,11 +7,14 @@ torques held (zero-order hold). ``observe`` and ``step`` are its two halves, for
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from coop_pin.base.arrays import as_number, require_type
-from coop_pin.base.errors import FieldError, OutOfRangeError
+from coop_pin.base.errors import CommandError, DivergedError, FieldError, OutOfRangeError, is_users
 from coop_pin.control import ArmReference, CellCommand, CellController
+from coop_pin.control.controller import require_command
 from coop_pin.description.events import PayloadEvent
 from coop_pin.description.grasp_events import Event
 from coop_pin.reference.squeeze import SqueezeReference
@@ -61,7 +64,27 @@ class Simulation(TickLoop):
                 self.exchange.state = None  # all is said again
             self._inputs = inputs = self._heard(inputs, self.controller_state)
             measurements, references, *_ = inputs
-            self._step(self.controller.step(measurements, references, self.controller_state))
+            command = self.controller.step(measurements, references, self.controller_state)
+            require_command(self.time, self.controller.step, command, CellCommand)
+            try:
+                self._step(command)
+            except DivergedError as error:
+                if math.isnan(error.value):
+                    self._require_numbers(command)
+                raise
+
+    def _require_numbers(self, command: CellCommand) -> None:
+        """Refuse NaN by a user's law.
+
+        Raises:
+            CommandError: a value for an arm is NaN.
+        """
+        for slot, values in zip(self.slots, command.values, strict=True):
+            step, nan = self.controller.step_of(slot.name), np.isnan(np.asarray(values, dtype=float))
+            if nan.any() and is_users(step):
+                problem = f"NaN for drive {int(nan.argmax())} of arm {slot.name!r}"
+                remedy = "look for 0 / 0, inf - inf, or the root or logarithm of a negative number in it"
+                raise CommandError(self.time, step, problem, remedy)
 
     def observe(self) -> TickInputs:
         """Return what a controller gets at the next tick; again before ``step``, the same.

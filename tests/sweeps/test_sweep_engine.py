@@ -232,12 +232,14 @@ def test_a_job_answers_whatever_its_run_raises():
         assert run_job(Job("key", scenario)).record.failure == kind
 
 
-@pytest.mark.parametrize("mode", ["SystemExit", "KeyboardInterrupt"])
-def test_user_code_that_wants_to_end_the_program_ends_its_run(tmp_path, mode):
+@pytest.mark.parametrize(
+    ("mode", "kind"), [("SystemExit", "UserCodeError"), ("KeyboardInterrupt", "KeyboardInterrupt")]
+)
+def test_user_code_that_wants_to_end_the_program_ends_its_run(tmp_path, mode, kind):
     """And what it prints stays out of our output."""
     cases = {"law": {"wild": law(mode), "tame": law("none")}}
     result = small(tmp_path, {"clock.rate_hz": [80.0]}, cases=cases)
-    assert [(f.number, f.kind) for f in result.failures] == [(0, mode)]
+    assert [(f.number, f.kind) for f in result.failures] == [(0, kind)]
     assert result.counts() == {"ok": 1, "failed": 1, "missing": 0}
 
 

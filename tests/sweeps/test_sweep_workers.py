@@ -114,7 +114,7 @@ KINDS = {
     "crash": "WorkerDiedError",
     "hang": "RunTimeoutError",
     "raise": "UserCodeError",
-    "SystemExit": "SystemExit",
+    "SystemExit": "UserCodeError",
     "KeyboardInterrupt": "KeyboardInterrupt",
     "memory": "MemoryError",
     "none": None,

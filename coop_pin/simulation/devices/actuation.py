@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -254,7 +254,7 @@ class Actuation:
         """Return the values of a command as arrays.
 
         Raises:
-            ArgumentError: an arm is not commanded what it takes.
+            ArgumentError: an arm is not commanded what it takes, or values are no real numbers.
             ShapeError: not one value for each drive of each arm.
         """
         commanded, m = list[Array](), len(self._names)
@@ -264,8 +264,25 @@ class Actuation:
                 raise ShapeError(f"the list of {arm.takes} commands, one for each arm,", (len(values),), (m,))
             if values[index] is None:
                 raise ArgumentError(f"the command has no {arm.takes} for arm {name!r}, which takes one")
-            value = np.asarray(values[index], dtype=np.float64)
+            value = values[index]
+            if type(value) is not np.ndarray or value.dtype != np.float64:
+                value = _real_numbers(f"{arm.takes} of arm {name!r}", value)
             if value.shape != arm.limit.shape:
                 raise ShapeError(f"{arm.takes} of arm {name!r}", value.shape, arm.limit.shape)
             commanded.append(value)
         return commanded
+
+
+def _real_numbers(name: str, values: Any) -> Array:
+    """Return values as float64 numbers.
+
+    Raises:
+        ArgumentError: they are complex, or no numbers.
+    """
+    try:
+        array = np.asarray(values)
+    except Exception as error:  # such as that of a tensor with a gradient
+        raise ArgumentError(f"{name} cannot be read as an array: {error}") from error
+    if array.dtype.kind not in "fiub":
+        raise ArgumentError(f"{name} has entries of type {array.dtype}; they must be real numbers")
+    return array.astype(np.float64)
