@@ -453,7 +453,7 @@ class UserCodeError(CoopPinError, RuntimeError):
 
 
 class CommandError(CoopPinError, TypeError):
-    """A command by ``function`` of a law, at ``file`` and ``line``, that no drive can take: ``problem``."""
+    """A command at ``time`` s by ``function`` of a law, at ``file`` and ``line``, with a ``problem``."""
 
     def __init__(self, time: float, step: Callable[..., Any], problem: str, remedy: str) -> None:
         self.time, self.problem = time, problem
