@@ -22,7 +22,7 @@ from coop_pin.base.spatial.internal_wrench import (
     virtual_linkage_internal_wrenches,
 )
 from coop_pin.description.cell.payload import Payload
-from coop_pin.results.quantities import Arrays, energies
+from coop_pin.results.quantities import Arrays, start_energy, unexplained_energy
 from coop_pin.results.window import SETTLING_S, Window, Windows, samples_of
 
 if TYPE_CHECKING:  # slow to load
@@ -201,9 +201,11 @@ def internal_force(data: Arrays, window: Window) -> InternalForceMetrics:
 
 
 def energy_balance(data: Arrays) -> Array:
-    """Return energy minus its start minus all work done, J, shape (..., n): zero for an exact integration."""
-    energy, works = energies(data)
-    return np.asarray(energy - energy[..., :1] - sum(works))
+    """Return the energy minus all work done, less the same at the start, J, shape (..., n).
+
+    It is zero for an exact integration. The work of an event at the start is done at the first sample.
+    """
+    return unexplained_energy(data, start_energy(data))
 
 
 def closure_error_max(data: Arrays) -> tuple[Array, Array]:

@@ -254,6 +254,23 @@ def energies(data: Arrays) -> tuple[Array, list[Array]]:
     return energy + np.asarray(data["elastic_energy"]) if "elastic_energy" in data else energy, works
 
 
+def start_energy(data: Arrays) -> Array:
+    """Return the energy before the first sample, and before an event there, J, shape (..., 1)."""
+    energy, works = energies(data)
+    return energy[..., :1] - sum(work[..., :1] for work in works)
+
+
+def unexplained_energy(data: Arrays, start: Array) -> Array:
+    """Return the energy that is neither that of the start nor work done, J, shape (..., n).
+
+    Args:
+        data: arrays of a run, or of a part of it.
+        start: start_energy of the run, shape (..., 1).
+    """
+    energy, works = energies(data)
+    return energy - start - sum(works)
+
+
 _FIXED_SIZES = {"axis": 6, "position": 3, "quaternion": 4, "row": 4, "column": 4}
 
 GROUPS: dict[str, Callable[[Scenario], bool]] = {

@@ -21,7 +21,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.results.friction import friction_metrics
 from coop_pin.results.limits import LimitKind, LimitViolation, limit_violations
 from coop_pin.results.metrics import STEADY_METRICS, all_metrics, joint_drift
-from coop_pin.results.quantities import Arrays, Samples, energies
+from coop_pin.results.quantities import Arrays, Samples, start_energy, unexplained_energy
 from coop_pin.results.trust import Breach, TrustMonitor, drift_breaches, in_time, joint_names
 from coop_pin.results.window import RUN_END, SETTLING_S, Window, Windows, samples_of
 
@@ -84,7 +84,7 @@ class RunningMetrics:
         self._breaches, self._limits = dict[Hashable, Breach](), dict[Hashable, LimitViolation]()
         self._values, self._means = dict[str, float](), dict[Hashable, tuple[int, float]]()
         self._end = dict[str, Array]()
-        self._start_energy = math.nan
+        self._start_energy: Array  # before the first sample
 
     def add(self, samples: Arrays, scenario: Scenario) -> None:
         """Take the next block, which others follow.
@@ -115,10 +115,9 @@ class RunningMetrics:
         if cell.padded:
             values |= friction_metrics(data, cell)
         new = {name: float(value) for name, value in values.items()}
-        energy, works = energies(data)
         if not self._values:
-            self._start_energy, self._values = float(energy[0]), new
-        new["energy_balance_max_J"] = float(np.abs(energy - self._start_energy - sum(works)).max())
+            self._start_energy, self._values = start_energy(data), new
+        new["energy_balance_max_J"] = float(np.abs(unexplained_energy(data, self._start_energy)).max())
         for prefix, window in (("", windows.steady), ("after_event_", windows.after_event)):
             count = 0 if window.is_empty else int(samples_of(data, window).sum())
             new |= {

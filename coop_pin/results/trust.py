@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.description.trust import TrustThresholds
 from coop_pin.results.metrics import DRIFT_S
-from coop_pin.results.quantities import energies
+from coop_pin.results.quantities import energies, start_energy, unexplained_energy
 
 Cause = Literal[
     "joint limit", "jacobian condition", "torque cut", "closure error", "energy", "joint drift", "error"
@@ -130,7 +130,7 @@ class TrustMonitor:
         self._gross: Array | float = 0.0
         self._cut_start = np.full(lower.shape, np.nan)
         self._last: list[Array] | None = None
-        self._start_energy: Array  # of the first sample
+        self._start_energy: Array  # before the first sample
 
     def breaches(self, samples: Mapping[str, NDArray[Any]]) -> tuple[Breach, ...]:
         """Return the breaches in the next samples of a run, in the order of their first times.
@@ -199,15 +199,14 @@ class TrustMonitor:
         return np.moveaxis(lengths, 0, -3)
 
     def _energy(self, samples: Mapping[str, NDArray[Any]]) -> _Series:
-        energy, done = energies(samples)
-        energy, works = energy - sum(done), [*done, samples["potential_energy"]]
+        works = [*energies(samples)[1], samples["potential_energy"]]
         if self._last is None:
-            self._last, self._start_energy = [work[..., :1] for work in works], energy[..., :1]
+            self._last, self._start_energy = [work[..., :1] for work in works], start_energy(samples)
         pairs = zip(works, self._last, strict=True)
         steps = sum(np.abs(np.diff(work, prepend=last)) for work, last in pairs)
         gross = self._gross + np.cumsum(steps, axis=-1)
         self._last, self._gross = [work[..., -1:] for work in works], gross[..., -1:]
-        values = np.abs(energy - self._start_energy)
+        values = np.abs(unexplained_energy(samples, self._start_energy))
         allowed = self._allowed.energy_floor + self._allowed.energy_share * gross
         return _at_most("energy", values, allowed, values - allowed)
 

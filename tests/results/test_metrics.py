@@ -495,6 +495,24 @@ def test_closure_error_torque_peak_and_energy_balance_are_over_the_whole_run():
     assert_close(result.energy_balance_max(), 2.0, atol=EXACT)
 
 
+@pytest.mark.parametrize("every", [1, 3])
+@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_the_work_of_an_event_at_the_start_is_no_energy_error(cell, engine, every):
+    """As of one at the next tick: at t = 0 the work is done before the first sample."""
+    scenario = SCENARIOS[cell]()
+    half = {"kind": "payload-change", "mass": scenario.cell.payload.mass / 2.0}
+    turn = {"kind": "gravity-turn", "gravity": (9.81, 0.0, 0.0)}
+    for event in (half, turn):
+        for time in (0.0, scenario.clock.period):
+            changes = {"events": [event | {"time": time}], "duration": 0.2, "clock.record_every": every}
+            result = cp.run(scenario.override(changes), engine=engine, warn=False)
+            balance = np.abs(metrics.energy_balance(result.arrays)).max()
+            assert max(balance, result.energy_balance_max()) < 1e-6
+            assert "energy" not in {breach.cause for breach in result.breaches()}
+    assert np.abs(result.data.work_payload_change.values[-1]) > 1e-3
+
+
 def test_limits_that_were_exceeded():
     limits = np.full((4, 2, 2), NO_LIMIT)
     limits[0, 0, 0], limits[1, 0, 0] = -1.0, 2.0
