@@ -158,7 +158,7 @@ def cell_summary(cell: Cell, X_WP: ArrayLike) -> CellSummary:
         cell.payload,
         cell.gravity,
         cell.rows,
-        closure_rows=6 * (len(arms) - len(cell.compliant)),
+        closure_rows=chain.mechanism.closures.rows,
         rank=rank,
         freedom=int(chain.mechanism.model.nv) - rank,
     )

@@ -135,8 +135,7 @@ class CellKinematics:
 
     def _grasp_of(self, arm: int) -> tuple[GraspSprings | ContactPatches | RigidGrasps, int]:
         """Return the grasps to which that of an arm belongs, and its number among them."""
-        kinds = self.springs, self.patches, self.rigid
-        grasps = next(grasps for grasps in kinds if arm in grasps.arms)
+        grasps = next(each for each in (self.springs, self.patches, self.rigid) if arm in each.arms)
         return grasps, grasps.arms.index(arm)
 
     def configuration(self, X_WP: ArrayLike, squeeze: ArrayLike | None = None) -> Array:

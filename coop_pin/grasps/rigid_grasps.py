@@ -61,8 +61,8 @@ class RigidGrasps:
             tree: Tree of the cell, which is kept.
             options: Formulation and stabilisation.
         """
-        without = (*tree.closed_by_tree, *cell.unclosed)
-        self.arms = [index for index, name in enumerate(cell.arms) if name not in without]
+        self._rows = {name: rows for name, rows in cell.closing.items() if name not in tree.closed_by_tree}
+        self.arms = [index for index, name in enumerate(cell.arms) if name in self._rows]
         self._tree, self._options, self._data = tree, options, tree.model.createData()
         self._nominal = np.array([cell.grasps[tree.arms[index].name].matrix for index in self.arms])
         self._nominal = self._nominal.reshape(-1, 4, 4)
@@ -80,10 +80,10 @@ class RigidGrasps:
             for index, holds, pose, nominal in zip(self.arms, *held.grasps, self._nominal, strict=True)
             if holds
         }
-        names, options = [arm.name for arm in self._tree.arms], self._options
+        names, options = [self._tree.arms[index].name for index in self.closed], self._options
         grasps = [
-            Closure(f"{names[index]}/grasp", f"payload/{names[index]}", X_BC=X and X.homogeneous)
-            for index, X in self.closed.items()
+            Closure(f"{name}/grasp", f"payload/{name}", self._rows[name], X_BC=X and X.homogeneous)
+            for name, X in zip(names, self.closed.values(), strict=True)
         ]
         self.mechanism = ClosedChain(
             self._tree.model,

@@ -81,7 +81,7 @@ class CellModel:
                 joint, as it always is if no grasp is rigid. The other rigid grasps need closures.
         """
         self.model = model = _arms_tree(cell)
-        first = next((name for name in cell.arms if name not in cell.unclosed), None)
+        first = next((name for name, rows in cell.closing.items() if rows == "full"), None)
         if payload == "free" or first is None:
             self.closed_by_tree: tuple[str, ...] = ()
             self._X_JP = pin.SE3.Identity()

@@ -24,6 +24,7 @@ from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import inverse_pose, rotate_vector6, shift_wrench
 from coop_pin.base.spatial.task_rows import RowsName, TaskRows, task_rows
 from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.closure import NamedRows
 from coop_pin.description.cell.contact import Pad, PatchGrasp, Table
 from coop_pin.description.cell.grasp import CompliantGrasp, Grasp
 from coop_pin.description.cell.payload import Payload
@@ -217,9 +218,14 @@ class Cell(Description):
         return {name: faces[name] for name in self.arms if name in faces}
 
     @property
+    def closing(self) -> dict[str, NamedRows]:
+        """Rows of the loop that each rigid grasp closes, by arm, in their order."""
+        return {name: "full" for name in self.grasps if name not in self.compliant | self.patches}
+
+    @property
     def unclosed(self) -> list[str]:
         """Arms whose grasps are compliant or held by friction: those that close no loop."""
-        return [name for name in self.grasps if name in self.compliant or name in self.patches]
+        return [name for name in self.grasps if name not in self.closing]
 
     @property
     def has_contacts(self) -> bool:
