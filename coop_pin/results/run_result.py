@@ -7,7 +7,6 @@ import math
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -39,7 +38,6 @@ from coop_pin.results.window import SETTLING_S, Window, Windows, checked_window
 if TYPE_CHECKING:  # slow to load
     import xarray as xr
 
-NO_ATTRIBUTES: Mapping[str, str] = MappingProxyType({})
 _EVENT = ("resettling_time_s", "event_peak_position_error_m")
 
 
@@ -62,7 +60,10 @@ class RunResult:
     """Attribute of ``data``: what the law's last state says of the run, a sentence a line, if anything."""
 
     def __init__(
-        self, scenario: Scenario, data: xr.Dataset | Samples, attributes: Mapping[str, str] = NO_ATTRIBUTES
+        self,
+        scenario: Scenario,
+        data: xr.Dataset | Samples,
+        attributes: Mapping[str, str] | None = None,
     ) -> None:
         """Hold a Dataset, or arrays as ``labelled`` takes them, which are labelled when asked for.
 
@@ -73,7 +74,7 @@ class RunResult:
         """
         require_type("scenario", scenario, Scenario)
         require_type("data", data, Mapping)
-        self.scenario, self._data, self._attributes = scenario, data, attributes
+        self.scenario, self._data, self._attributes = scenario, data, dict(attributes or {})
 
     @property
     def data(self) -> xr.Dataset:

@@ -1,7 +1,9 @@
 """Results: the dataset has what its table declares; axial, shear and moment follow their definitions."""
 
+import copy
 import io
 import os
+import pickle
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from close import assert_close
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
+from coop_pin.base import errors
 from coop_pin.base.errors import ArgumentError, FileReadError, FileWriteError
 from coop_pin.base.spatial import make_pose
 from coop_pin.results import netcdf
@@ -283,3 +286,28 @@ def test_a_wrong_name_in_a_result_is_told_with_the_names_there_are(result, tmp_p
         assert data.sel(arm=[one]).sizes["arm"] == 1
     shared = xr.DataArray([2.0] * result.data.sizes["arm"], {"arm": result.data.arm.values.tolist()}, "arm")
     assert_allclose((result.data.torque * shared).values, 2.0 * result.data.torque.values)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda it: pickle.loads(pickle.dumps(it))])
+@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_results_and_the_errors_that_carry_them_are_copied_and_pickled(cell, engine, copied):
+    """As between processes of a pool: labelled and not."""
+    scenario = SCENARIOS[cell]().override({"duration": 0.1, "events": []})
+    result = cp.run(scenario, engine=engine, warn=False)
+    for found in (copied(result), copied((result.data, result)[1])):
+        assert found.scenario == result.scenario
+        assert found.engine == result.engine
+        assert found.data.identical(result.data)
+        assert found.summary() == result.summary()
+    user = scenario.override({"controller": {"kind": "user", "target": "mistaken_laws:ReturnsNan"}})
+    with pytest.raises(errors.CommandError) as caught:
+        cp.run(user, engine=engine, warn=False)
+    error = copied(caught.value)
+    assert vars(error).keys() == vars(caught.value).keys()
+    assert (str(error), error.function, error.time) == (
+        str(caught.value),
+        "ReturnsNan.step",
+        caught.value.time,
+    )
+    assert error.result.data.identical(caught.value.result.data)
