@@ -99,7 +99,7 @@ def require_command(time: float, step: Callable[..., Any], command: Any, kind: t
     Args:
         time: Time of the tick, s.
         step: The law's function.
-        command: Its result.
+        command: Result of the function.
         kind: ArmCommand or CellCommand.
 
     Raises:

@@ -123,7 +123,7 @@ def local_names(tree):
 
 def test_texts_of_arguments_begin_with_a_noun():
     offenders = [
-        f"{file}: {line.strip()}"
+        f"{file.relative_to(PACKAGE)}: {line.strip()}"
         for file, tree in TREES.items()
         for line in documented(tree)
         if NO_NOUNS.match(line)
