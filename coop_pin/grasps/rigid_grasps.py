@@ -104,13 +104,9 @@ class RigidGrasps:
 
     def brake(self, arm: int, q: Array) -> None:
         """Hold the joints of an arm at a configuration from now on."""
-        tree, data, joints = self._tree.model, self._data, self._tree.arms[arm].v_slice
+        tree, data = self._tree.model, self._data
         pin.forwardKinematics(tree, data, q, np.zeros(tree.nv))
-        brakes = [
-            _brake(tree, data, number)
-            for number in range(1, tree.njoints)
-            if joints.start <= tree.idx_vs[number] < joints.stop
-        ]
+        brakes = [_brake(tree, data, number) for number in self._tree.arms[arm].joints]
         self.restore(self.held()._replace(brakes=(*self.brakes, *brakes)))
 
     def determinate_rows(self, q: Array) -> Mask:

@@ -17,7 +17,6 @@ from coop_pin.model.pinocchio_model import (
     append_arm,
     empty_model,
     frame_id,
-    joint_id,
     load_arm_model,
 )
 
@@ -29,6 +28,7 @@ class ArmPlace(NamedTuple):
 
     Attributes:
         name: Name of the arm.
+        joints: Indices of its joints.
         q_slice: Entries of q that are its own.
         v_slice: Entries of v that are its own.
         tip: Index of its tip frame.
@@ -40,6 +40,7 @@ class ArmPlace(NamedTuple):
     """
 
     name: str
+    joints: tuple[int, ...]
     q_slice: slice
     v_slice: slice
     tip: int
@@ -130,19 +131,20 @@ def _arms_tree(cell: Cell) -> pin.Model:
 
 
 def _place(model: pin.Model, name: str, cell: Cell) -> ArmPlace:
-    joints = [joint_id(model, joint) for joint in list(model.names) if joint.startswith(f"{name}/")]
+    joints = tuple(number for number, joint in enumerate(model.names) if joint.startswith(f"{name}/"))
     first, last = joints[0], joints[-1]
     q = slice(int(model.idx_qs[first]), int(model.idx_qs[last] + model.nqs[last]))
     v = slice(int(model.idx_vs[first]), int(model.idx_vs[last] + model.nvs[last]))
     arm, nv = cell.arms[name], v.stop - v.start
     return ArmPlace(
         name,
+        joints,
         q,
         v,
         frame_id(model, f"{name}/grasp"),
         drive=arm.drive_matrix(nv),
         from_drive=np.asarray(np.linalg.inv(arm.drive_matrix(nv)), dtype=np.float64),
-        angles=JointAngles(model, first, last),
+        angles=JointAngles(model, joints),
         posture=np.zeros(nv) if arm.posture is None else np.array(arm.posture),
         share=cell.share(name),
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
 
@@ -22,18 +24,17 @@ class JointAngles:
         revolute: mask of the revolute joints, shape (k,).
     """
 
-    def __init__(self, model: pin.Model, first: int = 1, last: int | None = None) -> None:
+    def __init__(self, model: pin.Model, joints: Sequence[int] = ()) -> None:
         """Read the joints of an arm.
 
         Args:
             model: model of the arm, or of a tree that contains it.
-            first: index of its first joint.
-            last: index of its last joint; that of the model when omitted.
+            joints: indices of its joints; all of the model when omitted.
         """
-        joints = range(first, model.njoints if last is None else last + 1)
+        joints = joints or range(1, model.njoints)
         self.names = tuple(str(model.names[joint]) for joint in joints)
-        self.entry = np.array([model.idx_qs[joint] - model.idx_qs[first] for joint in joints])
         self.continuous = np.array([model.nqs[joint] == 2 for joint in joints])
+        self.entry = np.cumsum(1 + self.continuous) - 1 - self.continuous
         kinds = [str(model.joints[joint].shortname()) for joint in joints]
         self.revolute = np.array([kind.startswith("JointModelR") for kind in kinds]) & ~self.continuous
         self.units = tuple(np.where(self.revolute | self.continuous, "rad", "m").tolist())

@@ -104,12 +104,10 @@ class CellNumbers(NamedTuple):
         """
         tree, cell, model, arms = chain.model, chain.cell, chain.mechanism.model, []
         for slot in tree.arms:
-            columns = range(slot.v_slice.start, slot.v_slice.stop)
-            joints = [joint for joint in range(1, model.njoints) if model.idx_vs[joint] in columns]
             X_JP = model.frames[slot.tip].placement * pin.SE3(cell.grasps[slot.name].matrix).inverse()
             is_welded = slot.name in tree.closed_by_tree
-            last = tree.carrier_inertia if is_welded else model.inertias[joints[-1]]
-            arms.append(SerialArm.from_model(model, joints, X_JP, last))
+            last = tree.carrier_inertia if is_welded else model.inertias[slot.joints[-1]]
+            arms.append(SerialArm.from_model(model, slot.joints, X_JP, last))
         gains = chain.mechanism.stabilisation
         return cls(
             arms=tuple(arms),

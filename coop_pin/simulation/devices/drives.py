@@ -81,7 +81,6 @@ class ArmDrives(NamedTuple):
         lowest: their negatives.
         carried: 1 + mass_error of the robot's gravity compensation; None without.
         misses: whether ticks may be missed.
-        entries: entries of the values of all drives that are its own.
         servo: the robot's inner loop; None where it takes torques.
     """
 
@@ -89,7 +88,6 @@ class ArmDrives(NamedTuple):
     lowest: Array
     carried: float | None
     misses: bool
-    entries: slice
     servo: JointServo | None = None
 
     @property
@@ -273,7 +271,8 @@ class CellDrives(NamedTuple):
 
     def split(self, values: Any) -> list[Any]:
         """Return the part of each arm of the values of all drives."""
-        return [values[arm.entries] for arm in self.arms]
+        ends = np.cumsum([len(arm.limit) for arm in self.arms])
+        return [values[end - len(arm.limit) : end] for arm, end in zip(self.arms, ends, strict=True)]
 
 
 def cell_drives(
@@ -314,4 +313,4 @@ def _arm_drives(
         path = f"{scenario.actuators_path(slot.name)}.servo"
         servo = JointServo.of(options.servo, scenario.clock.period, inertia(), path)
     limit, misses = limits.torque, options.missed_ticks > 0.0
-    return ArmDrives(limit, -limit, carried or None, misses, slot.v_slice, servo)
+    return ArmDrives(limit, -limit, carried or None, misses, servo)
