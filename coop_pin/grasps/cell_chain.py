@@ -216,7 +216,7 @@ class CellChain(CellKinematics):
         self, q: Array, v: Array, a: Array, internal: Array | None, push: Array, friction: Array | None
     ) -> CellTorques:
         """Return the torques at one state."""
-        motors = [f"{arm.name}/{joint}" for arm in self.model.arms for joint in arm.joint_names]
+        motors = [name for name in list(self.model.model.names)[1:] if name != "payload"]
         applied, wrenches = self.payload_jacobian(q).T @ push, None
         applied += 0.0 if friction is None else friction
         frames = self._at(q, v, a)
