@@ -371,7 +371,7 @@ class Calls:
         yield cp.export.export_c, lambda: {**alone(), "arm": "left", "folder": self.folder / "c", "ticks": 2}
         yield cp.proof.anchor_bounded_time, result
         yield implausible_numbers, alone
-        yield run_warnings, lambda: {**alone(), "controller": cp.laws.build_controller(self.scenario)}
+        yield run_warnings, simulation
         yield cp.feasibility.loads_without_an_arm, along
         posture = lambda: {**along(), "posture": cp.laws.PostureGains()}  # noqa: E731
         yield cp.feasibility.internal_moment, posture

@@ -45,16 +45,20 @@ def check(
         fields: fields of the scenario, as typed.
     """
     from coop_pin import feasibility
-    from coop_pin.running.plausibility import gains_are_known
+    from coop_pin.running.plausibility import gains_are_known, large_record
     from coop_pin.simulation.build_controller import build_controller
     from coop_pin.simulation.simulation import Simulation
 
     chosen = load_scenario(scenario, fields)
     reach = feasibility.reachability(chosen, poses=poses)
     is_feasible = _feasible(chosen, reach, table_error)
-    if not reach.ok or not gains_are_known(chosen):
+    if not reach.ok:
+        return FAILED
+    is_known = gains_are_known(chosen)
+    simulation = Simulation(chosen, build_controller(chosen) if is_known else None)
+    _print_lines([large_record(simulation)])
+    if not is_known:
         return OK if is_feasible else FAILED
-    simulation = Simulation(chosen, build_controller(chosen))
     is_stable = _stable(simulation, reach, table_error)
     _errors(simulation, reach, bias, bias_turn, load)
     return OK if is_feasible and is_stable else FAILED
@@ -63,7 +67,7 @@ def check(
 def _feasible(scenario: Any, reach: Any, table_error: float) -> bool:
     """Print what does not depend on the law, and return whether the cell can do the motion."""
     from coop_pin import feasibility, stability
-    from coop_pin.running.plausibility import implausible_numbers, large_record
+    from coop_pin.running.plausibility import implausible_numbers
 
     numbers = (f"! {number}" for number in implausible_numbers(scenario))
     print_wrapped(*numbers, reach.summary(), sep="\n")
@@ -77,7 +81,6 @@ def _feasible(scenario: Any, reach: Any, table_error: float) -> bool:
             lines.append(f"{loop.summary()}; errors at rest on servos are not checked")
         except ArgumentError as error:
             lines.append(f"the arms have servos, and gains and errors at rest are not checked: {error}")
-    lines.append(large_record(scenario))
     pressed = feasibility.table_force(scenario, table_error=table_error)
     lines += [forces.summary() for forces in (squeeze, pressed) if forces is not None]
     if scenario.cell.tables and not scenario.cell.unclosed:

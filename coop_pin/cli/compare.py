@@ -10,7 +10,8 @@ import tyro
 
 from coop_pin import figures, viz
 from coop_pin.base.errors import FieldError
-from coop_pin.cli.execution import HERE, ExecutionOptions, kept_result, tell
+from coop_pin.cli.sweep import ExecutionOptions, kept_result, tell
+from coop_pin.sweeps.workers.execution import HERE
 
 
 def compare(

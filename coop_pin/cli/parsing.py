@@ -16,8 +16,7 @@ from coop_pin.cli.compare import compare
 from coop_pin.cli.inspect import check_urdf, fields_of, list_all, new, show, suggest
 from coop_pin.cli.law import export_c, root_locus
 from coop_pin.cli.run import run
-from coop_pin.cli.sweep import sweep, sweep_show
-from coop_pin.cli.tune import tune
+from coop_pin.cli.sweep import sweep, sweep_show, tune
 from coop_pin.cli.view import report, view
 from coop_pin.compiled.engines import FORMER, engine_named
 

@@ -14,7 +14,7 @@ build on each other:
 - physics (plant): serial_arm (kinematics), arm_dynamics, cell_dynamics (closures, forces on the payload);
 - numbers of runs: constants (what differs folds or is an input), signals (what changes in time);
 - code: plant_code (a Runge-Kutta step), law_code (a law);
-- checks of users' laws: support (shaken ticks), single_runs (whole runs);
+- checks of users' laws: support (shaken ticks, single runs);
 - runs: prepared_plant and preparation (their numbers), block (slots of the runs), tick (kernels of sensors,
   law, drives, observation, events), schedule (traced code on disk, the order of the kernels), samples (what
   was recorded), batch_result, simulate (blocks of runs);

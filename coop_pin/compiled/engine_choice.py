@@ -132,7 +132,7 @@ def runs_worth_a_batch(scenario: Scenario) -> int:
     enough = math.ceil(_ticks_of_compiling(scenario) / _ticks(scenario))
     if not scenario.controller.user_code:
         return enough
-    from coop_pin.compiled.laws.single_runs import CHECKED  # slow to load
+    from coop_pin.compiled.laws.support import CHECKED  # slow to load
 
     return enough + CHECKED
 

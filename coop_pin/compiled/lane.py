@@ -13,7 +13,7 @@ import numpy as np
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.base.errors import TracingError
 from coop_pin.compiled.kind import law_reason
-from coop_pin.compiled.laws.single_runs import require_agreement
+from coop_pin.compiled.laws.support import require_single_run
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.prepared_plant import PreparedPlant
 from coop_pin.compiled.samples import RunSamples, kept_of
@@ -23,6 +23,7 @@ from coop_pin.results.quantities import Samples
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.simulation.simulate import Progress, errors_with_results
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.tracing.llvm_machine import LlvmMachine
 
 _CHUNK = 4096
@@ -40,7 +41,7 @@ class LaneSimulator(BatchSimulator):
         super().__init__(width=1)
         self._folding = BatchSimulator(width=1)
 
-    def lane(self, scenario: Scenario) -> tuple[Prepared, Family]:
+    def lane(self, scenario: Scenario, simulation: Simulation | None) -> tuple[Prepared, Family]:
         """Return a run before it runs, and its code; raises as Lane.
 
         Each run has an order of kernels with signals and times of its own.
@@ -48,7 +49,8 @@ class LaneSimulator(BatchSimulator):
         if reason := law_reason(scenario.controller):
             raise TracingError(reason)
         is_long = scenario.clock.ticks(scenario.duration) > _LONG
-        run = Prepared.of_run(scenario, PreparedPlant(scenario, _PART if is_long else None))
+        plant = PreparedPlant(scenario, _PART if is_long else None, simulation=simulation)
+        run = Prepared.of_run(scenario, plant)
         run = run._replace(kind=run.kind.alone(run.signals[0]))
         try:
             return run, self.family([run])
@@ -67,11 +69,13 @@ _simulator = LaneSimulator()
 class Lane:
     """A run as one lane of a batch, with the record of a single run: every quantity at the ticks it keeps."""
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, simulation: Simulation | None = None) -> None:
         """Prepare the run, and compile its code unless that is known.
 
         Args:
             scenario: Scenario to run.
+            simulation: run of the scenario by Pinocchio before its first tick, whose numbers are read; a new
+                one when None.
 
         Raises:
             TracingError: it cannot run as compiled code.
@@ -79,7 +83,7 @@ class Lane:
             CoopPinError: it cannot start.
         """
         self._scenario, self._every = scenario, scenario.clock.record_every
-        self._prepared, family = _simulator.lane(scenario)
+        self._prepared, family = _simulator.lane(scenario, simulation)
         _, machine, self._order = family.orders[self._prepared.kind.times]
         self._code, plant = family.code, self._prepared.plants[0]
         require_sample_memory(machine, 1)
@@ -112,7 +116,7 @@ class Lane:
                     progress(self._done - 1, ticks)
         result = self._result()
         if self._prepared.is_foreign:
-            require_agreement(self._scenario, result.arrays, to_the_end=False)
+            require_single_run(self._scenario, result.arrays, to_the_end=False)
         return result
 
     def _bind(self, machine: LlvmMachine) -> None:

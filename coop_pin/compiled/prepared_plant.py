@@ -70,6 +70,7 @@ class PreparedPlant:
         most_ticks: int | None = None,
         cover: Cover | None = None,
         like: PreparedPlant | None = None,
+        simulation: Simulation | None = None,
     ) -> None:
         """Build the plant.
 
@@ -78,6 +79,7 @@ class PreparedPlant:
             most_ticks: number of ticks of which desired motion and signals are made at first; None for all.
             cover: Provisions of the code; those that this run needs when None.
             like: Plant of another scenario, of which parts are taken over that are the same.
+            simulation: run of the scenario by Pinocchio before its first tick; a new one when None.
 
         Raises:
             TracingError: it cannot be traced.
@@ -85,7 +87,7 @@ class PreparedPlant:
         """
         if reason := plant_reason(scenario.plant, scenario.cell, scenario.events):
             raise TracingError(f"{scenario.name!r} cannot run in a batch: {reason}")
-        run = Simulation(scenario)
+        run = simulation or Simulation(scenario)
         self.scenario, self.timeline, self._sensing = scenario, run.timeline, run.sensing
         self._chain = chain = run.chain  # read while a plant is built, with that plant's payload
         self.slots, self.of_springs = run.slots, chain.springs.of_arms

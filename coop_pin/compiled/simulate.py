@@ -15,8 +15,7 @@ from coop_pin.base.memory import require_memory
 from coop_pin.base.schema.parts import Filled
 from coop_pin.compiled.batch_result import BatchResult
 from coop_pin.compiled.kind import Cover, plant_fields
-from coop_pin.compiled.laws.single_runs import checked, require_agreement
-from coop_pin.compiled.laws.support import require_traceable
+from coop_pin.compiled.laws.support import checked, require_single_run, require_traceable
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.prepared_plant import PreparedPlant
 from coop_pin.compiled.schedule import RunProgram, Schedule, varying
@@ -94,7 +93,7 @@ class BatchSimulator:
         if scenarios[0].controller.user_code and valid:
             for index in checked(valid):
                 samples = {name: batch.samples[name][index] for name in batch.samples}
-                require_agreement(scenarios[index], samples)
+                require_single_run(scenarios[index], samples)
         return batch
 
     def prepare(self, scenario: Scenario, cover: Cover | None = None) -> Prepared:

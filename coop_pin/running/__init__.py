@@ -3,7 +3,7 @@
 Open first: ``run_scenario`` (the function), ``plausibility`` (implausible numbers and all other warnings
 before a run), and ``engine_choice`` of ``compiled`` (which engine).
 
-Imports ``base``, ``compiled``, ``control``, ``description``, ``feasibility``, ``model``, ``results``,
+Imports ``base``, ``compiled``, ``description``, ``feasibility``, ``model``, ``results``,
 ``simulation`` and ``stability``.
 """
 

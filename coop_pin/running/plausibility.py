@@ -9,14 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.base.arrays import Array, require_type
-from coop_pin.base.errors import CoopPinError
+from coop_pin.base.arrays import Array, require_type, typed
 from coop_pin.base.memory import free_memory
 from coop_pin.base.schema.base import Description
 from coop_pin.base.schema.parts import fields_of
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import inverse_pose, pose_error
-from coop_pin.control import CellController
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.scenario import Scenario
 from coop_pin.feasibility.least_squeeze import least_squeeze
@@ -37,32 +35,30 @@ _OFF_START = 0.02
 """Distance and angle between the start and the motion's start that are told, m and rad."""
 _OUTSIDE_M = 0.01
 """Distance of a tip from the payload's shape that is told: pads and flanges have some, m."""
-_MANY_TICKS, _LARGE_RECORD = 1e5, 1e9
-"""Samples that may take as much memory as is told, bytes."""
+_LARGE_RECORD = 1e9
+"""Memory of a record from which on a run warns of it, bytes."""
 _PATH_POSES, _LOOP_POSES = 41, 3
 """Poses at which a run looks for reach, and for stability."""
 
 
-def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str]:
+@typed
+def run_warnings(simulation: Simulation) -> Iterator[str]:
     """Yield what makes a run doubtful before it starts, one sentence each: what ``coop-pin check`` tells.
 
-    Implausible numbers, drives too weak at the start, a path that leaves the reach, motion that grows from
-    tick to tick, friction in long plant steps. What cannot be looked at fails in the run, which tells it with
-    its time.
+    A record that takes much memory, a squeeze that slips, drives too weak at the start, a path that leaves
+    the reach, motion that grows from tick to tick, friction in long plant steps; ``implausible_numbers`` has
+    the rest. What cannot be computed here fails in the run, whose error has its time.
 
     Args:
-        scenario: scenario that would be run.
-        controller: controller of the scenario.
+        simulation: the run before its first tick; in the end it is as it was.
     """
-    yield from implausible_numbers(scenario)
-    with contextlib.suppress(CoopPinError):  # the run ends with it
-        yield from filter(None, [large_record(scenario)])
-    with contextlib.suppress(Exception):  # a user's motion may fail: the run tells it
+    scenario, start = simulation.scenario, simulation.state()
+    yield from filter(None, [large_record(simulation)])
+    with contextlib.suppress(Exception):  # of a user's motion: the run raises it again
         for forces in (least_squeeze(scenario), table_force(scenario)):
             if forces is not None and not forces.ok:
                 yield forces.summary().removeprefix("! ")
     with contextlib.suppress(Exception):
-        simulation = Simulation(scenario, controller)
         yield from map(str, start_torques(simulation).overloaded)
         path = reachability(scenario, poses=_PATH_POSES)
         yield from (f"arm {arm.arm!r} {problem}" for arm in path.arms for problem in arm.problems())
@@ -73,6 +69,7 @@ def run_warnings(scenario: Scenario, controller: CellController) -> Iterator[str
         elif gains_are_known(scenario):
             stable += [start_stability(simulation), loop_stability(simulation, reach)]
         yield from (finding.summary().removeprefix("! ") for finding in stable if not finding.ok)
+    simulation.restore(start)
 
 
 def gains_are_known(scenario: Scenario) -> bool:
@@ -88,23 +85,12 @@ def gains_are_known(scenario: Scenario) -> bool:
     return not (scenario.controller.user_code or scenario.has_servos or on_tables)
 
 
-def large_record(scenario: Scenario) -> str:
-    """Return what memory the record of a long run takes; "" below 1 GB.
-
-    Args:
-        scenario: Scenario of the run.
-
-    Raises:
-        NotEnoughMemoryError: it does not fit.
-        CoopPinError: the run cannot start.
-    """
-    clock = scenario.clock
-    if clock.ticks(scenario.duration) < _MANY_TICKS * clock.record_every:
-        return ""
-    memory = Simulation(scenario).recorder.memory
+def large_record(simulation: Simulation) -> str:
+    """Return what memory the record of a long run takes; "" below 1 GB."""
+    memory = simulation.recorder.memory
     if memory < _LARGE_RECORD:
         return ""
-    every = clock.record_every * math.ceil(memory / _LARGE_RECORD)
+    every = simulation.scenario.clock.record_every * math.ceil(memory / _LARGE_RECORD)
     return (
         f"its record takes {1e-9 * memory:.2g} GB of memory of {1e-9 * free_memory():.3g} GB that are free;"
         f" with clock.record_every {every} below 1 GB, and metrics and verdict remain those of all ticks"

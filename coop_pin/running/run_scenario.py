@@ -16,9 +16,10 @@ from coop_pin.compiled.engines import Engine, engine_named
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Observer
-from coop_pin.running.plausibility import run_warnings
+from coop_pin.running.plausibility import implausible_numbers, run_warnings
 from coop_pin.simulation.build_controller import build_controller
-from coop_pin.simulation.simulate import Progress, simulate
+from coop_pin.simulation.simulate import Progress, run_to_end
+from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.step_size import with_changes
 
 _LOG = logging.getLogger("coop_pin")
@@ -39,7 +40,7 @@ def run(
 ) -> RunResult:
     """Return the result of a scenario with the controller that it names.
 
-    What ``coop-pin check`` finds wrong with it is told before the run, each as a ScenarioWarning.
+    What ``coop-pin check`` finds wrong with it comes before the run, each as a ScenarioWarning.
 
     Args:
         scenario: a Scenario, a name in the catalogue, or the path of a TOML file.
@@ -68,24 +69,24 @@ def run(
     if overrides is not None:
         scenario = with_changes(scenario, overrides)
     controller = build_controller(scenario)
-    for warning in run_warnings(scenario, controller) if warn else ():
-        warnings.warn(warning, ScenarioWarning, stacklevel=2)
+    for number in implausible_numbers(scenario) if warn else ():
+        warnings.warn(number, ScenarioWarning, stacklevel=2)
     is_live = view is not None or stop_at_breach or realtime_rate not in (None, math.inf)
     choice = choose_engine(scenario, engine_named(engine, "engine"), is_live=is_live)
     if engine != "pinocchio":  # else nothing was chosen
         _LOG.info(choice.summary())
-    result = _run_as_lane(scenario, progress) if choice.way == "lanes" else None
-    if result is not None:
-        return result
+    is_lane = choice.way == "lanes"  # which is prepared from the numbers of a Pinocchio tree
+    plant = plant_of("pinocchio" if is_lane else choice.engine)
+    simulation = Simulation(scenario, controller, plant=plant)
+    for warning in run_warnings(simulation) if warn else ():
+        warnings.warn(warning, ScenarioWarning, stacklevel=2)
+    if is_lane:
+        if (result := _run_as_lane(simulation, progress)) is not None:
+            return result
+        simulation = Simulation(scenario, controller, plant=plant_of(choice.engine))
     started = time.perf_counter()
-    result = simulate(
-        scenario,
-        controller,
-        progress=progress,
-        view=view,
-        realtime_rate=realtime_rate,
-        stop_at_breach=stop_at_breach,
-        plant=plant_of(choice.engine),
+    result = run_to_end(
+        simulation, progress=progress, view=view, realtime_rate=realtime_rate, stop_at_breach=stop_at_breach
     )
     if choice.engine == "pinocchio" and warn and not is_live:
         saved = saved_by_auto(scenario, time.perf_counter() - started)
@@ -94,17 +95,17 @@ def run(
     return result
 
 
-def _run_as_lane(scenario: Scenario, progress: Progress | None) -> RunResult | None:
+def _run_as_lane(simulation: Simulation, progress: Progress | None) -> RunResult | None:
     """Return the result of a run by compiled code; None where it is repeated with an interpreted law.
 
     Args:
-        scenario: Scenario to run.
-        progress: Function that is called after chunks of ticks.
+        simulation: the run before its first tick.
+        progress: function that is called after chunks of ticks.
     """
     from coop_pin.compiled.lane import Lane  # a run by Pinocchio does without its compiler
 
     try:
-        lane = Lane(scenario)
+        lane = Lane(simulation.scenario, simulation)
     except (Exception, SystemExit) as error:  # also of a user's motion, at a tick that the other run names
         _LOG.info("the law is interpreted: %s: %s", type(error).__name__, error)
         return None

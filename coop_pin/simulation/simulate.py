@@ -52,9 +52,23 @@ def simulate(
         RunInterruptedError: Ctrl-C; it carries the result up to then as ``result``.
         Any CoopPinError raised after the first tick carries the result up to then as ``result``.
     """
+    run = Simulation(scenario, controller, plant=plant)
+    return run_to_end(
+        run, progress=progress, view=view, realtime_rate=realtime_rate, stop_at_breach=stop_at_breach
+    )
+
+
+def run_to_end(
+    run: Simulation,
+    *,
+    progress: Progress | None = None,
+    view: Observer | None = None,
+    realtime_rate: float | None = None,
+    stop_at_breach: bool = False,
+) -> RunResult:
+    """Return the result of a simulation after its last tick; arguments and errors as of simulate."""
     for name, called in (("progress", progress), ("view", view)):
         require_type(name, called, Callable, type(None))  # type: ignore[arg-type]
-    run = Simulation(scenario, controller, plant=plant)
     pacer = RealtimePacer((1.0 if view else math.inf) if realtime_rate is None else realtime_rate)
     with errors_with_results(lambda: run.result() if run.ticks_done else None, lambda: run.time):
         while not run.is_finished:

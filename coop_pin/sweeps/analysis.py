@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from coop_pin.base.arrays import Array, as_count, as_number, require_type
+from coop_pin.base.arrays import as_count, as_number, require_type
 from coop_pin.base.errors import (
     ArgumentError,
     FieldError,
@@ -61,13 +61,10 @@ class SweepTable:
     @functools.cached_property
     def table(self) -> pd.DataFrame:
         """Table of all runs by number: varied fields, status, error, metrics, durations and key."""
-        return pd.DataFrame(self._columns()).set_index("number")
-
-    def _columns(self) -> dict[str, Array]:
-        """Return the columns of the table by name."""
         runs: Any = self._runs
-        sizes, names = runs["number"].sizes, ("number", *runs.coords, *runs.data_vars)
-        return {name: runs.variables[name].set_dims(sizes).values.ravel() for name in names}
+        sizes, names = runs["number"].sizes, (*runs.coords, *runs.data_vars)
+        columns = {name: runs.variables[name].set_dims(sizes).values.ravel() for name in names}
+        return pd.DataFrame(columns).set_index("number")
 
     def at(self, fields: Mapping[str, Any]) -> Self:
         """Return the part of the sweep in which fields have given values.

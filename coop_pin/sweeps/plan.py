@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 import sys
 from collections import Counter
@@ -11,6 +10,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
 
+import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from coop_pin.base.arrays import require_path
@@ -148,7 +148,12 @@ class SweepPlan(Description):
             if isinstance(run, str) or not -size <= run < size:
                 form = f"'all', 'none' or numbers of runs, of which there are {size}, counted from 0"
                 raise FieldError(f"is {self.keep!r}; it must be {form}", "keep")
-        self._require_known_fields()
+        for (
+            scenario
+        ) in self._tried.values():  # values that it refuses fail in their runs: one may search a limit
+            problems = scenario.problems if isinstance(scenario, ScenarioError) else ()
+            if unknown := [problem for problem in problems if isinstance(problem, UnknownFieldError)]:
+                raise one_or_all(unknown, "the plan") from None
         return self
 
     @classmethod
@@ -183,21 +188,13 @@ class SweepPlan(Description):
         return tuple(dimensions)
 
     @functools.cached_property
-    def _base_names(self) -> tuple[str, ...]:
-        return tuple(self.base)
-
-    @functools.cached_property
     def shape(self) -> tuple[int, ...]:
         """Size of each dimension."""
         return tuple(dimension.size for dimension in self.dimensions)
 
     def places(self, index: int) -> tuple[int, ...]:
         """Return the place of a run along each dimension."""
-        places = list[int]()
-        for size in reversed(self.shape):
-            index, position = divmod(index, size)
-            places.insert(0, position)
-        return tuple(places)
+        return tuple(map(int, np.unravel_index(index, self.shape)))
 
     def __len__(self) -> int:
         """Return the number of runs."""
@@ -207,21 +204,17 @@ class SweepPlan(Description):
         """Return one point with all that is overridden in its run; negative places count from the end."""
         if not -(size := len(self)) <= index < size:
             raise IndexError(f"point {index} of a plan with {size}")
-        return self._point(index % size, self.places(index % size))
-
-    def _point(self, number: int, places: tuple[int, ...]) -> Point:
-        dimensions, changes = self.dimensions, self.changes.copy()
+        number, dimensions, changes = index % size, self.dimensions, self.changes.copy()
+        places = self.places(number)
         for dimension, position in zip(dimensions, places, strict=True):
             changes |= dimension.changes(position)
-        names = self._base_names
-        base = names[places[0] if len(names) > 1 else 0]  # then they are the first dimension
+        # Several scenarios are the first dimension.
+        base = dimensions[0].fields["base"][places[0]] if len(self.base) > 1 else next(iter(self.base))
         return Point(number, base, changes, places, dimensions)
 
     def points(self, numbers: Iterable[int] | None = None) -> Iterator[Point]:
         """Yield points by their numbers, all in order when these are omitted."""
-        if numbers is not None:
-            return map(self.__getitem__, numbers)
-        return itertools.starmap(self._point, enumerate(_places(self.shape)))
+        return map(self.__getitem__, range(len(self)) if numbers is None else numbers)
 
     @functools.cached_property
     def has_open_steps(self) -> bool:
@@ -291,23 +284,3 @@ class SweepPlan(Description):
         width = max((len(dimension.name) for dimension in self.dimensions), default=0)
         lines += [f"  {dimension.name:<{width}}  {dimension.summary()}" for dimension in self.dimensions]
         return "\n".join(lines + [f"  {field} = {value}" for field, value in self.changes.items()])
-
-    def _require_known_fields(self) -> None:
-        """Refuse misspelt fields before anything runs, by trying the first point and every case.
-
-        Values that a scenario refuses fail in their runs: a sweep may search for their limit.
-        """
-        for scenario in self._tried.values():
-            problems = scenario.problems if isinstance(scenario, ScenarioError) else ()
-            if unknown := [problem for problem in problems if isinstance(problem, UnknownFieldError)]:
-                raise one_or_all(unknown, "the plan") from None
-
-
-def _places(shape: Sequence[int]) -> Iterator[tuple[int, ...]]:
-    """Yield the places of all runs along each dimension, the last running fastest, without a list of them."""
-    if not shape:
-        yield ()
-        return
-    for outer in _places(shape[:-1]):
-        for position in range(shape[-1]):
-            yield *outer, position

@@ -20,7 +20,7 @@ from coop_pin.sweeps.analysis import SweepTable
 from coop_pin.sweeps.heat_map import write_heat_map
 from coop_pin.sweeps.run_key import file_digest
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.table import OK, TIMES, PointResult, describe, write_rows
+from coop_pin.sweeps.table import OK, TIMES, PointResult, describe
 
 
 class SweepResult(SweepTable):
@@ -49,13 +49,9 @@ class SweepResult(SweepTable):
         seal = folder / "tables.json"
         if seal.is_file() and seal.read_bytes() == self._seal():
             return
-        columns = self._columns()
-        for name, names in (
-            ("times.csv", ["number", *TIMES, "key"]),
-            ("table.csv", [name for name in columns if name not in TIMES]),
-        ):
-            write = functools.partial(write_rows, {each: columns[each] for each in names})
-            self.store.write_with(folder / name, write)
+        without_times = self.table.drop(columns=TIMES)
+        for name, table in (("times.csv", self.table[[*TIMES, "key"]]), ("table.csv", without_times)):
+            self.store.write_with(folder / name, functools.partial(table.to_csv, lineterminator="\n"))
         write_table = functools.partial(Path.write_bytes, data=written_netcdf(self.data).getbuffer())
         self.store.write_with(folder / "table.nc", write_table)
         self.store.write_changed(seal, self._seal())

@@ -127,7 +127,7 @@ class Session:
 
         A family that agrees is kept in the folder, as a record of its own, and never checked again.
         """
-        from coop_pin.compiled.laws.single_runs import checked, told  # slow to load
+        from coop_pin.compiled.laws.support import checked, disagreement  # slow to load
 
         numbers = {key: number for number, key in reversed([*enumerate(self.keys)])}
         families = dict[str, list[int]]()
@@ -140,7 +140,9 @@ class Session:
             records = [outcome.record for outcome in singles]
             if reason := _difference(self.store.read_records([each.key for each in records]), records):
                 scenario = plan.scenario(members[0])
-                _LOG.warning("runs of %r are repeated one by one: %s", scenario.name, told(scenario, reason))
+                _LOG.warning(
+                    "runs of %r are repeated one by one: %s", scenario.name, disagreement(scenario, reason)
+                )
                 self._store(plan, self._singly(plan, members))
             elif not {outcome.record.failure for outcome in singles} & {*TRANSIENT}:
                 self.store.append([Outcome(Record(family))])
@@ -222,7 +224,7 @@ def _job(plan: SweepPlan, keyed: KeyedPoint, way: Way) -> Job:
 
 def _difference(stored: Mapping[str, Record], singles: Sequence[Record]) -> str:
     """Return how stored runs differ from single ones; nothing of those that cannot be told."""
-    from coop_pin.compiled.laws.single_runs import difference  # slow to load
+    from coop_pin.compiled.laws.support import difference  # slow to load
 
     for single in singles:
         record = stored[single.key]

@@ -5,18 +5,14 @@ from __future__ import annotations
 import itertools
 import logging
 import operator
-import re
 import textwrap
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 import pandas as pd
 import xarray as xr
-from pydantic_core import to_json
 
-from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError
 from coop_pin.results.metrics import NO_STEADY_METRICS
 from coop_pin.sweeps.dimensions import label
@@ -29,16 +25,10 @@ _LOG = logging.getLogger("coop_pin.sweeps")
 OK, FAILED, MISSING = "ok", "failed", "missing"
 _TEXTS, _NUMBERS = ("failure", "message"), ("failed_at_s", "merged", "wall_s", "cpu_s")
 """Parts of a record that are columns, beside its key and its metrics."""
-_PARTS = operator.attrgetter(*_TEXTS, *_NUMBERS)
-"""These parts of a record, as a tuple."""
-_UNREAD = "another version wrote them: choose another folder, and they are computed again"
-"""Advice where lines are whole and cannot be read."""
 TIMES = ["wall_s", "cpu_s"]
 """Durations, which differ from machine to machine."""
-_CHUNK, _AT_ONCE = 1000, 10_000
-"""Records that are read at once, and rows that are written at once."""
-_QUOTED = re.compile('[,"\\r\\n]')
-"""Characters of texts that CSV quotes."""
+_CHUNK = 1000
+"""Records that are read at once."""
 
 
 class PointResult(NamedTuple):
@@ -91,7 +81,11 @@ class Columns:
     def add(self, records: Sequence[Record]) -> None:
         """Take over records."""
         at = np.array([self.places.setdefault(record.key, len(self.places)) for record in records], dtype=int)
-        parts = np.array([*map(_PARTS, records)], dtype=object).reshape(-1, len(_TEXTS + _NUMBERS)).T
+        parts = (
+            np.array([*map(operator.attrgetter(*_TEXTS, *_NUMBERS), records)], dtype=object)
+            .reshape(-1, len(_TEXTS + _NUMBERS))
+            .T
+        )
         for texts, values in zip(self.texts.values(), parts[: len(_TEXTS)], strict=True):
             texts[at] = values
         for name, values in zip(_NUMBERS, parts[len(_TEXTS) :].astype(np.float64), strict=True):
@@ -130,7 +124,8 @@ def read_runs(
     if columns is None:
         columns = Columns.of(store.records(), keys)
         if unread := {*keys} & {*store.known} - {*columns.places}:
-            _LOG.warning("%d stored runs of %s cannot be read; %s", len(unread), store.folder, _UNREAD)
+            advice = "another version wrote them: choose another folder, and they are computed again"
+            _LOG.warning("%d stored runs of %s cannot be read; %s", len(unread), store.folder, advice)
     texts, numbers = columns.texts, columns.numbers
     require_own_names(plan, columns.metrics)
     conditions = [texts["failure"] == None, texts["failure"] != ""]  # noqa: E711  of each entry
@@ -192,27 +187,3 @@ def describe(table: pd.DataFrame, metrics: list[str]) -> list[str]:
         span = f"{column.min():>11.4g} .. {column.max():<11.4g}"
         lines.append(f"  {name:<30} {span} median {column.median():.4g}")
     return lines
-
-
-def write_rows(columns: Mapping[str, Array], path: Path) -> None:
-    """Write columns of equal length as CSV, some rows after the other, in half the time of csv."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        file.write(",".join(map(_cell, columns)) + "\n")
-        for first in range(0, len(columns["number"]), _AT_ONCE):
-            cells = (_cells(values[first : first + _AT_ONCE]) for values in columns.values())
-            file.write("\n".join(map(",".join, zip(*cells, strict=True))) + "\n")
-
-
-def _cells(values: Array) -> list[str]:
-    """Return the entries of a column as CSV has them, nothing where it is not a number."""
-    entries: list[Any] = values.tolist()
-    if values.dtype.kind in "iuf":
-        numbers = to_json(entries, inf_nan_mode="constants")[1:-1].decode()
-        return numbers.replace("NaN", "").replace("Infinity", "inf").split(",")
-    texts = [*map(str, entries)]
-    return [*map(_cell, texts)] if _QUOTED.search("".join(texts)) else texts
-
-
-def _cell(text: str) -> str:
-    """Return a text as CSV has it."""
-    return '"{}"'.format(text.replace('"', '""')) if _QUOTED.search(text) else text

@@ -11,7 +11,7 @@ import functools
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, cast
 
 import numpy as np
 from pydantic import BaseModel, TypeAdapter
@@ -92,8 +92,7 @@ class Template:
 
     def scenario(self, numbers: Sequence[Number]) -> Scenario:
         """Return the scenario of a run."""
-        scenario: Scenario = self.pattern.filled([number.value for number in numbers])
-        return scenario
+        return cast(Scenario, self.pattern.filled([number.value for number in numbers]))
 
     def text(self, numbers: Iterable[Number]) -> str:
         """Return the scenario of a run as JSON."""
@@ -129,7 +128,7 @@ class Templates:
         if others not in self._plain and isinstance(first := self._plan.resolved(point), Scenario):
             self._plain[others] = [axis for axis in self._numbers if self._template(first, [axis])]
         plain = self._plain.get(others, [])
-        key = others if plain == self._numbers else _without(point.places, plain)
+        key = tuple([place for axis, place in enumerate(point.places) if axis not in plain])
         if key not in self._made:
             while len(self._made) >= _MOST:
                 del self._made[next(iter(self._made))]
@@ -157,11 +156,6 @@ class Templates:
             if template is not None and not template.agrees(self._plan.resolved(run), run.changes):
                 return None
         return template
-
-
-def _without(places: Sequence[int], axes: Sequence[int]) -> tuple[int, ...]:
-    """Return the places along all dimensions but some."""
-    return tuple(position for axis, position in enumerate(places) if axis not in axes)
 
 
 def _is_of_numbers(dimension: Dimension) -> bool:

@@ -18,10 +18,10 @@ from matplotlib.figure import Figure
 from coop_pin import __version__
 from coop_pin.base.arrays import typed
 from coop_pin.base.schema.changes import stated, table_text, value_text
-from coop_pin.figures.grasp_figures import friction_figure
 from coop_pin.figures.motion_views import motion_figure
 from coop_pin.figures.run_figures import (
     error_figure,
+    friction_figure,
     internal_force_figure,
     singularity_figure,
     torque_figure,

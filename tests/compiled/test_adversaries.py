@@ -12,7 +12,7 @@ from ways import run_as_lane
 import coop_pin as cp
 from coop_pin.base.errors import TracingError
 from coop_pin.compiled import simulate_batch
-from coop_pin.compiled.laws.single_runs import checked, difference
+from coop_pin.compiled.laws.support import checked, difference
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.store import SweepStore
 
@@ -154,7 +154,7 @@ def test_a_sweep_repeats_a_family_that_differs_singly_and_tells_why(target, tmp_
 
 def test_a_family_is_checked_once_in_a_folder(tmp_path, monkeypatch):
     looked = []
-    place = "coop_pin.compiled.laws.single_runs.difference"
+    place = "coop_pin.compiled.laws.support.difference"
     monkeypatch.setattr(place, lambda *pair: looked.append(pair) or difference(*pair))
     cp.sweep(plan("Spring"), out=tmp_path, execution=HERE)
     assert len(looked) == 2

@@ -205,7 +205,10 @@ def test_a_squeeze_that_is_too_small_drops_the_payload_and_the_arms_stay(name):
     assert f"drops at {result.dropped_at:.3g} s" in result.verdict()
     assert all(f"of {arm!r} slides from" in result.verdict() for arm in scenario.cell.arms)
     assert f"drops at {result.dropped_at:.3g} s" in telling_instant(result).text
-    assert any("least squeeze" in warning for warning in run_warnings(scenario, build_controller(scenario)))
+    assert any(
+        "least squeeze" in warning
+        for warning in run_warnings(Simulation(scenario, build_controller(scenario)))
+    )
     assert float(data.patch_points[-1].sum()) == 0.0
     assert float(data.patch_slip[-1].max()) < 0.05
     assert np.nanmax(np.abs(data.joint_velocity.values)) < 1.0

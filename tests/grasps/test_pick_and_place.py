@@ -21,6 +21,7 @@ from coop_pin.reference.pose_reference import check_consistency
 from coop_pin.results.metrics import energy_balance
 from coop_pin.running.plausibility import implausible_numbers, run_warnings
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
 
 WEIGHT = 3.0 * 9.81
 
@@ -198,7 +199,8 @@ def test_suggested_gains_spare_a_table_that_is_too_high(name, seen):
     assert figures["carried"] < 2.2e-3
     assert_allclose(figures["placed"], 1.0, rtol=0.1)
     assert not any(
-        "table" in warning for warning in run_warnings(found.scenario, build_controller(found.scenario))
+        "table" in warning
+        for warning in run_warnings(Simulation(found.scenario, build_controller(found.scenario)))
     )
 
 

@@ -79,7 +79,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {"pinocchio", "scipy"},
     ),
     "running": (
-        {"compiled", "control", "description", "feasibility", "model", "results", "simulation", "stability"},
+        {"compiled", "description", "feasibility", "model", "results", "simulation", "stability"},
         set(),
     ),
     "design": (
@@ -110,7 +110,6 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "pandas",
             "pebble",
             "pydantic",
-            "pydantic_core",
             "scipy",
             "tqdm",
             "xarray",

@@ -12,10 +12,13 @@ from coop_pin.base.spatial import make_pose
 from coop_pin.cli import main
 from coop_pin.running.plausibility import implausible_numbers, run_warnings
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.loop import TickLoop
+from coop_pin.simulation.simulation import Simulation
 
 
 def warnings_of(scenario):
-    return list(run_warnings(scenario, build_controller(scenario)))
+    simulation = Simulation(scenario, build_controller(scenario))
+    return [*implausible_numbers(scenario), *run_warnings(simulation)]
 
 
 DEGREES = (0.0, 0.0, 0.0, 57.0, 0.0, -30.0, 0.0)
@@ -160,3 +163,20 @@ def test_a_run_tells_the_elbow_that_its_spring_does_not_hold_as_check_does(tmp_p
     assert "controller.posture.stiffness" in capsys.readouterr().out
     with pytest.warns(ScenarioWarning, match="elbow"):
         cp.run(soft)
+
+
+@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
+def test_a_run_builds_one_simulation_which_its_warnings_leave_as_it_was(engine, monkeypatch):
+    """A gain reaches the torque by one way: the warnings look at the simulation that the run then steps."""
+    built, build = [], TickLoop.__init__
+
+    def counted(self, *args, **options):
+        built.append(self)
+        build(self, *args, **options)
+
+    scenario = cp.Scenario.load("adept-paper", {"duration": 0.1, "events": ()})
+    quiet = cp.run(scenario, engine=engine, warn=False)
+    monkeypatch.setattr(TickLoop, "__init__", counted)
+    result = cp.run(scenario, engine=engine)
+    assert len(built) == 1
+    assert result.data.identical(quiet.data)

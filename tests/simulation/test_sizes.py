@@ -167,10 +167,10 @@ def test_a_thinned_run_holds_samples_of_the_whole_one_and_its_last(cell, every):
 @pytest.mark.parametrize(("name", "hours"), [("adept-paper", 10.0), ("two-pandas-box", 1.0)])
 def test_a_record_that_is_large_is_told_with_what_makes_it_small(name, hours):
     scenario = Scenario.load(name, {"duration": 3600.0 * hours})
-    every = int(large_record(scenario).split("clock.record_every ")[1].split()[0])
+    every = int(large_record(Simulation(scenario)).split("clock.record_every ")[1].split()[0])
     assert every > 1
-    assert large_record(scenario.override({"clock.record_every": every})) == ""
-    assert any("GB" in text for text in run_warnings(scenario, build_controller(scenario)))
+    assert large_record(Simulation(scenario.override({"clock.record_every": every}))) == ""
+    assert any("GB" in text for text in run_warnings(Simulation(scenario, build_controller(scenario))))
 
 
 def test_a_record_that_does_not_fit_names_what_fits(leave_free):
