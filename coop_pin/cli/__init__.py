@@ -3,8 +3,8 @@
 Open first: ``parsing`` (all commands), ``run`` (``coop-pin run``; its folder is written by ``run_folder``),
 ``overrides`` (fields of a scenario as typed).
 
-- Commands: ``check``, ``inspect`` (list, show, suggest, new), ``law``, ``sweep`` (and ``tune``, and options of
-  commands with many runs), ``compare``, ``view``; ``field_list`` is what ``fields`` prints.
+- Commands: ``check``, ``inspect`` (list, show, suggest, new), ``law``, ``sweep`` (also ``tune``, and options
+  of commands with many runs), ``compare``, ``view``; ``field_list`` is what ``fields`` prints.
 - ``exit_codes`` lists how a command ends.
 
 What is slow to load is imported in the command that needs it.
@@ -71,12 +71,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what Python flushes at its end
         return OUTPUT_CLOSED
-    except failures as error:
-        return _report(str(error), FAILED)
-    except errors.CoopPinError as error:
-        return _report(str(error), BAD_INPUT)
-    except OSError as error:
-        return _report(str(error), FAILED)
+    except (errors.CoopPinError, OSError) as error:
+        is_input = isinstance(error, errors.CoopPinError) and not isinstance(error, failures)
+        return _report(str(error), BAD_INPUT if is_input else FAILED)
     except errors.SweepInterruptedError as interrupt:
         status = f"{interrupt.finished} of {interrupt.total} runs are kept in {interrupt.folder}"
         return _report(f"{status}; go on with: {shlex.join(['coop-pin', *words])}", INTERRUPTED)

@@ -69,8 +69,7 @@ def _feasible(scenario: Any, reach: Any, table_error: float) -> bool:
     from coop_pin import feasibility, stability
     from coop_pin.running.plausibility import implausible_numbers
 
-    numbers = (f"! {number}" for number in implausible_numbers(scenario))
-    print_wrapped(*numbers, reach.summary(), sep="\n")
+    print_wrapped(*(f"! {number}" for number in implausible_numbers(scenario)), reach.summary(), sep="\n")
     torques, squeeze = feasibility.statics_along(scenario, reach), feasibility.least_squeeze(scenario)
     singular, is_stable = feasibility.closure_problem(scenario) if reach.ok else "", True
     lines = [torques.summary(), f"! {singular}" if singular else ""]
@@ -104,8 +103,8 @@ def _stable(simulation: Any, reach: Any, table_error: float) -> bool:
     if scenario.cell.unclosed:
         findings.insert(0, stability.grasp_stability(simulation))
     else:
-        of_motion = stability.motion_stability(simulation, reach)
-        findings[:0] = of_motion, stability.loop_stability(simulation, reach)
+        findings.insert(0, stability.motion_stability(simulation, reach))
+        findings.insert(1, stability.loop_stability(simulation, reach))
     lines += [finding.summary() for finding in findings]
     if scenario.cell.unclosed:
         proposal = design.own_inertia_proposal(scenario, reach, table_error=table_error)

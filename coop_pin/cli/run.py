@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -51,7 +52,7 @@ def run(
     Raises:
         CoopPinError: the run could not start.
     """
-    from coop_pin.cli.run_folder import RunFolder, Stopwatch
+    from coop_pin.cli.run_folder import RunFolder, Timing
     from coop_pin.compiled.engine_choice import choose_engine
     from coop_pin.running import run_scenario
     from coop_pin.sweeps.progress_bar import ProgressBar
@@ -61,7 +62,7 @@ def run(
     folder.path.mkdir(parents=True, exist_ok=True)  # a folder that cannot be made must not cost a run
     if engine == "auto" and not quiet:
         print(choose_engine(chosen, is_live=stop_at_breach).summary())
-    watch = Stopwatch()
+    start = time.perf_counter(), time.process_time()
     try:
         with ProgressBar("ticks", title=chosen.name, quiet=quiet) as bar:
             result = run_scenario.run(
@@ -70,11 +71,11 @@ def run(
     except (CoopPinError, RunInterruptedError) as error:
         if (result := error.result) is None:
             raise
-        folder.write(result, watch.timing(result), replay=False, figures=())
+        folder.write(result, Timing.since(start, result), replay=False, figures=())
         print(f"coop-pin: {error} in {folder.path / folder.RESULT}", file=sys.stderr)
         _warn(result, verbose)
         return INTERRUPTED if isinstance(error, RunInterruptedError) else FAILED
-    timing = watch.timing(result)
+    timing = Timing.since(start, result)
     formats: tuple[Literal["png", "svg"], ...] = ("png", "svg") if svg else ("png",)
     folder.write(result, timing, replay=replay, figures=formats if figures else ())
     if report:

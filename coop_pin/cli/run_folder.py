@@ -26,17 +26,11 @@ class Timing(NamedTuple):
     cpu_s: float
     real_time_factor: float
 
-
-class Stopwatch:
-    """Wall and processor time since it was created."""
-
-    def __init__(self) -> None:
-        self._wall, self._cpu = time.perf_counter(), time.process_time()
-
-    def timing(self, result: RunResult) -> Timing:
-        """Return the time that a result took until now."""
-        wall = time.perf_counter() - self._wall
-        return Timing(wall, time.process_time() - self._cpu, result.end / wall)
+    @classmethod
+    def since(cls, start: tuple[float, float], result: RunResult) -> Timing:
+        """Return the time that a result has taken since the wall and processor times of its start, s."""
+        wall = time.perf_counter() - start[0]
+        return cls(wall, time.process_time() - start[1], result.end / wall)
 
 
 class RunFolder:

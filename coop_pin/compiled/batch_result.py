@@ -51,13 +51,9 @@ class BatchResult:
         """
         self.scenarios, self.is_valid = prepared.scenarios, is_valid
         self._plants, self._trust, self._give_back = prepared.plants, prepared.trust, give_back
-        self._every, self.every_tick = (
-            self.scenarios[0].clock.record_every,
-            RunSamples(prepared, layout, records),
-        )
-        self.samples = self.every_tick
-        if self._every > 1:
-            self.samples = RunSamples(prepared, layout, records, self._every)
+        self._every = every = self.scenarios[0].clock.record_every
+        self.every_tick = RunSamples(prepared, layout, records)
+        self.samples = self.every_tick if every == 1 else RunSamples(prepared, layout, records, every)
 
     def release(self) -> None:
         """Give the memory of the records to later batches.

@@ -71,8 +71,7 @@ class Cover(NamedTuple):
     @classmethod
     def of_all(cls, scenarios: Iterable[Scenario]) -> Cover:
         """Return what some scenarios need together; those with the same objects are asked once."""
-        parts = attrgetter(*_COVERED)
-        different = {tuple(map(id, parts(scenario))): scenario for scenario in scenarios}
+        different = {tuple(map(id, attrgetter(*_COVERED)(each))): each for each in scenarios}
         delays, responds, changed, instants = zip(*map(cls.of, different.values()), strict=True)
         return cls(max(delays), any(responds), frozenset().union(*changed), max(instants))
 
@@ -129,12 +128,6 @@ class Kind(NamedTuple):
     def code(self) -> Self:
         """Kind of the code: without the times."""
         return self._replace(times=())
-
-    def with_law(self, structure: Hashable, law: Controller) -> Self:
-        """Return the kind of a run of this plant, by the structure of the numbers of its controller."""
-        return type(self)(
-            self.plant, structure, surroundings_of(law), self.times
-        )  # _replace takes twice as long
 
     def alone(self, signals: Array) -> Self:
         """Return the kind of a run whose signals and times no other run shares."""

@@ -18,6 +18,7 @@ from coop_pin.compiled.kind import (
     motion_fields,
     plant_reason,
     squeeze_fields,
+    surroundings_of,
     times_of,
     unloaded_fields,
 )
@@ -148,9 +149,8 @@ class PreparedPlant:
         if scenario.controller.user_code or cell.has_force_elements or cover != self._cover:
             return None
         kinds = [[event.kind for event in each.events] for each in (scenario, base)]
-        if kinds[0] != kinds[1] or times_of(scenario) != self.kind.times:
-            return None
-        if unloaded_fields(scenario) != unloaded_fields(base):
+        has_times = kinds[0] == kinds[1] and times_of(scenario) == self.kind.times
+        if not has_times or unloaded_fields(scenario) != unloaded_fields(base):
             return None
         prepared, chain = copy.copy(self), self._chain.carrying(cell)
         plant = PinocchioPlant(chain, scenario.plant, start_configuration(chain, scenario))
@@ -176,7 +176,8 @@ class PreparedPlant:
         controller = scenario.controller.build(scenario, self.arms)
         self.actuation.require_taken(controller)
         numbers, structure = flattened(controller, self._known)
-        kind = self.kind.with_law(structure, scenario.controller)
+        surroundings = surroundings_of(scenario.controller)
+        kind = Kind(self.kind.plant, structure, surroundings, self.kind.times)  # _replace takes longer
         self._last = self._last if kind == self._last else kind  # the same object: no more to compare
         return controller, np.concatenate((self.values, np.array(numbers, dtype=np.float64))), self._last
 

@@ -96,10 +96,8 @@ def _traced(block: RunBlock, first: Prepared, width: int | None) -> tuple[Progra
     """Return the program, the names of its kernels, and a tree like the state of the law; see RunProgram."""
     is_kept = width is not None and not first.is_foreign  # users' modules may change
     key = _key(block, first, width) if is_kept else b""
-    traced: tuple[Program, list[str], Any]
     if is_kept and (content := kept(key)):
-        traced = pickle.loads(zlib.decompress(content))
-        return traced
+        return pickle.loads(zlib.decompress(content))
     code = TickCode(block, exact=first.is_foreign)
     program = Program(code.kernels(), block.lanes, block.recorded, block.loaded)
     names, law = [kernel.name for kernel in program.kernels], [0.0] * len(leaves(code.law))

@@ -66,7 +66,9 @@ class CarriedPath:
 
     def at(self, places: Array) -> CarriedPath:
         """Return the path at other places, by cubic splines."""
-        rates, torque, wrench = np.split(self._spline(places), self._columns, axis=-1)
+        first = self.rates.shape[1]  # columns of the spline: rates, torques, wrenches
+        ends = first, first + 3 * self.torque.shape[2]
+        rates, torque, wrench = np.split(self._spline(places), ends, axis=-1)
         return replace(
             self,
             places=places,
@@ -74,12 +76,6 @@ class CarriedPath:
             torque=_by_row(torque, self.torque.shape[2:]),
             wrench=_by_row(wrench, self.wrench.shape[2:]),
         )
-
-    @property
-    def _columns(self) -> tuple[int, int]:
-        """Columns of the spline from which on it has torques, and wrenches."""
-        rates = self.rates.shape[1]
-        return rates, rates + 3 * self.torque.shape[2]
 
     @cached_property
     def _spline(self) -> Any:

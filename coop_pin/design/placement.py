@@ -89,15 +89,15 @@ def contacts(payload: Payload, count: int, side: Side, layout: Layout) -> Iterat
             fan = 0.0 if shared else _FAN * (k - (count - 1) / 2.0)
             around, at = fan - np.pi / 2.0, np.pi * (k / (count - 1) - 1.0)
         outward = np.array((np.cos(at), np.sin(at), 0.0))
-        to_edge = half[0] if payload.shape == "cylinder" else np.min(half[:2] / _not_zero(outward[:2]))
+        to_edge = (
+            half[0]
+            if payload.shape == "cylinder"
+            else np.min(half[:2] / np.maximum(np.abs(outward[:2]), _SMALL))
+        )
         point, approach = to_edge * outward, -outward
         if side == "above":
             point, approach = _INSET * point + (0.0, 0.0, half[2]), -np.eye(3)[2]
         yield Contact(point, approach, around, shared)
-
-
-def _not_zero(values: Array) -> Array:
-    return np.maximum(np.abs(values), _SMALL)
 
 
 class ArmPlacement:

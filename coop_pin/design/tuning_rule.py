@@ -75,11 +75,6 @@ class GainProposal(NamedTuple):
     internal_moment: float | None
     law: PayloadSpace | None = None
 
-    @property
-    def is_accurate(self) -> bool:
-        """Whether the errors to expect while moving ask for no higher rate."""
-        return self.tracking <= _TRACKING and (self.internal_force or 0.0) <= _FORCE
-
     def with_anchor_gain(self, g: float) -> GainProposal:
         """Return the proposal of single arms' gains with another g; the internal errors go with 1 / g."""
         assert self.law is not None
@@ -262,7 +257,7 @@ def accurate_proposal(
     for count in range(1, int(fastest / stated) + 1):
         posture = posture_gains(scenario, cell_reach, 1.0 / (stated * count), least_stiffness)
         proposal = at_rate(stated * count, posture, wrenches(posture))
-        if proposal.is_accurate:
+        if proposal.tracking <= _TRACKING and (proposal.internal_force or 0.0) <= _FORCE:
             break
     return proposal, wrenches(posture)
 

@@ -9,8 +9,7 @@ import numpy as np
 from coop_pin.base.arrays import Array, require_type
 from coop_pin.base.errors import DivergedError, SingularJacobianError, needs_extra
 from coop_pin.description.scenario import Scenario
-from coop_pin.environment.acted_law import ActedLaw
-from coop_pin.environment.task import Observed, Task, drives_of
+from coop_pin.environment.task import ActedLaw, Observed, Task, drives_of
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 

@@ -15,8 +15,7 @@ from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.schedule import RunProgram
 from coop_pin.compiled.simulate import BatchSimulator
 from coop_pin.description.scenario import Scenario
-from coop_pin.environment.acted_law import ActedLaw
-from coop_pin.environment.task import Observed, Task
+from coop_pin.environment.task import ActedLaw, Observed, Task
 from coop_pin.tracing.kernel import Kernel
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.traced_array import traced
@@ -206,41 +205,31 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
 
     def _begin(self, prepared: Prepared) -> None:
         """Lay out the lanes at the start: groups of registers, shape (groups, slots, width)."""
-        width, lanes = self._machine.width, self.num_envs
-        groups = -(-lanes // width)
-        lane = np.minimum(np.arange(groups * width), lanes - 1)
         block, loads = self._code.begin(prepared)
         shares = np.array([one.cell.shares for one in prepared.scenarios])
         block[self._code.program.lanes.slots("shares")] = shares.T
-        self._first = np.ascontiguousarray(block[:, lane].reshape(-1, groups, width).swapaxes(0, 1))
-        loads = loads[:, :, lane].reshape(*loads.shape[:2], groups, width)
-        self._loads = np.ascontiguousarray(np.moveaxis(loads, 2, 0))
+        self._first = self._machine.packed(block)
         self._block = self._first.copy()
         self._call: Callable[[int, int], None] = self._machine.bound(
-            self._block, self._uniforms, None, self._loads
+            self._block, self._uniforms, None, self._machine.packed(loads)
         )
 
     def _act(self, actions: Array) -> None:
         """Write what actions add into the lanes."""
         squeeze, commands = self.task.additions(actions, self._law)
         values = np.concatenate((squeeze.reshape(self.num_envs, -1), *commands), axis=1)
-        self._write(self._additions, values)
+        self._block[:, self._additions] = self._machine.packed(values.T)
 
     def _advance(self, ticks: int) -> None:
         first, last = self._starts[self._tick], self._starts[self._tick + ticks]
         self._call(first, last - first)
         self._tick += ticks
 
-    def _write(self, slots: Array, values: Array) -> None:
-        groups, _, width = self._block.shape
-        lane = np.minimum(np.arange(groups * width), self.num_envs - 1)
-        self._block[:, slots] = values[lane].reshape(groups, width, -1).swapaxes(1, 2)
-
     def _slots(self, name: str) -> Array:
         """Return a field of the lanes, shape (lanes, ...)."""
         slots = self._code.program.lanes.slots(name)
-        values = self._block[:, slots.ravel()].swapaxes(1, 2).reshape(-1, slots.size)
-        return values[: self.num_envs].reshape(self.num_envs, *slots.shape)
+        values = self._machine.unpacked(self._block[:, slots.ravel()], self.num_envs)
+        return values.T.reshape(self.num_envs, *slots.shape)
 
     def _outcome(self) -> tuple[Array, Array]:
         """Return observations and rewards."""

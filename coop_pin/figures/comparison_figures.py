@@ -16,7 +16,7 @@ from coop_pin.base.arrays import typed
 from coop_pin.base.errors import FieldError
 from coop_pin.comparison.table import Comparison
 from coop_pin.figures import palette
-from coop_pin.figures.style import as_written, label, legend_above, scale_to_metric, styled
+from coop_pin.figures.style import STYLE, as_written, label, legend_above, scale_to_metric
 
 _TRACKING, _FORCE = "tracking_rms_mm", "internal_force"
 _TITLES = {_TRACKING: "tracking error, rms (mm)", _FORCE: "internal-force error, rms (N)"}
@@ -66,7 +66,7 @@ def comparison_figure(comparison: Comparison, scenario: str) -> Figure:
     )
     rows, grid = table.sizes["controller"], (1, 2) if table.sizes["trial"] <= _TRIALS else (2, 1)
     heights = (0.8 + _ROW * max(rows, _ROWS), 1.8 + grid[0] * (0.3 + _ROW * rows))
-    with styled():
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11.0, sum(heights)), layout="constrained")
         (upper,), (lower,) = figure.subfigures(2, 1, squeeze=False, height_ratios=heights)
         front, ranks = upper.subplots(1, 2)

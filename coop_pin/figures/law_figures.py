@@ -14,7 +14,7 @@ from coop_pin.base.arrays import Array, typed
 from coop_pin.figures import palette
 from coop_pin.figures.style import as_written, label, plain_figure, run_figure, scale_to_field
 from coop_pin.results.run_result import RunResult
-from coop_pin.stability.root_locus import RootLocus
+from coop_pin.stability.closed_loop import RootLocus
 
 _LARGEST = 1.6
 """Edge of the plane that is drawn."""
@@ -30,7 +30,7 @@ def root_locus_figure(locus: RootLocus) -> Figure:
     the radius, with a colour for the mode that is slowest or grows fastest, and the bounds. Axes are cut.
 
     Args:
-        locus: Root locus, by coop_pin.stability.root_locus.
+        locus: Root locus, by coop_pin.stability.closed_loop.
     """
     with plain_figure(7.6, 3.7, 1, 2, width_ratios=(1.0, 1.05)) as (figure, (plane, radius)):
         _draw_plane(figure, plane, locus)

@@ -130,9 +130,7 @@ def lines_figure(table: xr.Dataset, field: str) -> Figure:
 
 def _written(field: str, value: Any) -> str:
     """Return a coordinate as text: a case by its name, a number after the words of its field."""
-    if isinstance(value, str):
-        return value
-    return f"{field_label(field).partition(' (')[0]} {value:g}"
+    return value if isinstance(value, str) else f"{field_label(field).partition(' (')[0]} {value:g}"
 
 
 def map_figure(table: xr.Dataset) -> Figure:

@@ -1,11 +1,11 @@
 """Stability: whether a law holds at its control rate: sampled loops, eigenvalues, steps, errors at rest.
 
 Open first: ``sampled_stability`` (T lambda of the damping under zero-order hold), ``closed_loop``
-(eigenvalues of the sampled closed loop with plant, sensors and drives), ``steady_errors`` (under a bias).
+(eigenvalues of the loop with plant, sensors and drives, root locus), ``steady_errors`` (under a bias).
 
 - ``loop_stability`` (all gains along the motion), ``grasp_stability`` (grasps that give),
   ``admittance_stability`` (servos); ``sampled_motion`` is the loop that they share.
-- ``root_locus`` over a gain; ``tick_map``, ``resting_law``, ``modes``: its parts.
+- ``tick_map``, ``resting_law``, ``modes``: parts of them.
 - Integration: ``step_size`` (fewest steps by measured error), ``step_stability`` (friction, springs).
 
 Imports ``base``, ``chain``, ``control``, ``description``, ``feasibility``, ``grasps``, ``model`` and
@@ -15,11 +15,10 @@ Imports ``base``, ``chain``, ``control``, ``description``, ``feasibility``, ``gr
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin import lazy_names
 from coop_pin.stability.admittance_stability import AdmittanceStability, admittance_stability
-from coop_pin.stability.closed_loop import ClosedLoop, eigenvalues
+from coop_pin.stability.closed_loop import ClosedLoop, RootLocus, eigenvalues, root_locus
 from coop_pin.stability.grasp_stability import GraspStability, grasp_stability
 from coop_pin.stability.loop_stability import LoopStability, loop_stability
 from coop_pin.stability.modes import Mode
-from coop_pin.stability.root_locus import RootLocus, root_locus
 from coop_pin.stability.sampled_motion import SampledMotion, sampled_motion
 from coop_pin.stability.sampled_stability import (
     SampledStability,

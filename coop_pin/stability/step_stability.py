@@ -102,13 +102,9 @@ def _grasp_steps_at(simulation: Simulation, time: float, q: Array) -> StepStabil
         s, vectors = np.linalg.eig(A)
         modes = N @ vectors[len(A) // 2 :]
         limits = np.array([_ray_limit(entry) for entry in s])
-        worst = int(np.argmax(np.abs(s) / limits))
-        steps = scenario.clock.steps_per_tick
-        value, joints = float(np.abs(s[worst])), fastest_joints(simulation, np.abs(modes[:, worst]))
-        value *= scenario.clock.period / steps
         kinds = {"compliant grasps": cell.compliant, "patches": cell.patches}
         cause = next((kind for kind, grasps in kinds.items() if grasps), "partner")
-        stabilities.append(StepStability(value, float(limits[worst]), steps, joints, time, cause))
+        stabilities.append(_critical(simulation, time, s, modes, limits, cause))
     chain.surround(cell.surroundings)
     return max(stabilities, key=lambda stability: stability.value / stability.limit)
 
@@ -155,10 +151,17 @@ def _ray_limit(pole: complex) -> float:
 
 def _steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:
     """Return the stability of the plant's steps at a configuration and its time."""
-    friction, scenario = simulation.chain.transmission.friction, simulation.scenario
+    friction = simulation.chain.transmission.friction
     eigenvalues, modes = np.linalg.eig(damping_matrix(simulation, q, lambda v: friction(_SLOW * v) / _SLOW))
-    worst = int(np.argmax(np.abs(eigenvalues)))
-    steps = scenario.clock.steps_per_tick
-    value = float(np.abs(eigenvalues[worst])) * scenario.clock.period / steps
+    limits = np.full(len(modes), REAL_STABILITY[simulation.scenario.plant.integrator])
+    return _critical(simulation, time, eigenvalues, modes, limits, "friction")
+
+
+def _critical(
+    simulation: Simulation, time: float, poles: Array, modes: Array, limits: Array, cause: str
+) -> StepStability:
+    """Return the stability of the plant's steps for the pole that is largest in its limit, rates in 1/s."""
+    clock, worst = simulation.scenario.clock, int(np.argmax(np.abs(poles) / limits))
+    value = float(np.abs(poles[worst])) * (clock.period / clock.steps_per_tick)
     joints = fastest_joints(simulation, np.abs(modes[:, worst]))
-    return StepStability(value, REAL_STABILITY[scenario.plant.integrator], steps, joints, time)
+    return StepStability(value, float(limits[worst]), clock.steps_per_tick, joints, time, cause)

@@ -64,7 +64,7 @@ class TickMap:
         Raises:
             ArgumentError: the map is not smooth at the origin, or the law keeps what is no number.
         """
-        numbers, n = self._numbers(self._origin), self._basis.shape[1]
+        numbers, n = [*_numbers(self._memories(self._origin))], self._basis.shape[1]
         count = 2 * n + sum(number.size for number in numbers)
         scalars = np.repeat([number.ndim == 0 for number in numbers], [number.size for number in numbers])
         rest = np.zeros(count)
@@ -125,14 +125,11 @@ class TickMap:
         wrenches = plant.interaction_wrenches()
         internal = wrenches - self._shares[:, None] * wrenches.sum(axis=0)
         turned = (internal.reshape(-1, 2, 3) @ self._R_WP).reshape(-1, 6)
-        memories = [np.ravel(number) for number in self._numbers(state)]
+        memories = [np.ravel(number) for number in _numbers(self._memories(state))]
         x = np.concatenate(
             (y, self._basis.T @ state.plant.v, *memories, self._rows.select(turned.T).T.ravel())
         )
         return np.where(np.isfinite(x), x, 0.0)
-
-    def _numbers(self, state: RunState) -> list[Array]:
-        return [*_numbers(self._memories(state))]
 
     def _memories(self, state: RunState) -> tuple[Any, ...]:
         """Return the memories of a state: of drives, sensors, law, servos and network."""

@@ -4,7 +4,7 @@ Open first: ``plan`` (scenarios and what varies), ``session`` (computes the miss
 runs on disk: checksummed lines, one writer).
 
 - Plan: ``dimensions``, ``template`` (scenarios validated once), ``run_key`` (digest of a run),
-  ``feasibility`` and ``engine`` (decided before the first run), ``duration`` (estimate).
+  ``feasibility`` and ``engine`` (decided before the first run, with an estimate of the duration).
 - ``workers``: jobs, processes, dask. ``progress_bar``.
 - Results: ``analysis`` (best, boundaries), ``result`` (files), ``table``, ``heat_map`` (an HTML page).
 - ``optimisation``: search of fields for the smallest metric (``cp.tune``).
@@ -20,12 +20,12 @@ from coop_pin import lazy_names
 __all__, __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        "Estimate": "sweeps.duration",
+        "Estimate": "sweeps.engine",
         "PointResult": "sweeps.table",
         "Sample": "sweeps.dimensions",
         "Span": "sweeps.dimensions",
         "TuneResult": "sweeps.optimisation",
-        "estimate": "sweeps.duration",
+        "estimate": "sweeps.engine",
         "linspace": "sweeps.dimensions",
         "logspace": "sweeps.dimensions",
     },

@@ -92,13 +92,13 @@ class Objective(NamedTuple):
         return metric.mean(axis=0), excess.sum(axis=0)
 
 
-Evaluate = Callable[[list[list[float]]], tuple[Array, Array]]
-"""Runs a generation of points, s rows of values, and returns what ``Objective.read`` does of them."""
 _LARGEST = 1e12
 """Violation of a failed run; the search wants finite numbers."""
 
 
-def search(evaluate: Evaluate, first: Sample, *, generations: int) -> None:
+def search(
+    evaluate: Callable[[list[list[float]]], tuple[Array, Array]], first: Sample, *, generations: int
+) -> None:
     """Search with optuna's tree-structured Parzen estimator, after a sample.
 
     Points are requested and reported a generation at a time, so that they do not depend on which run ends
@@ -106,7 +106,7 @@ def search(evaluate: Evaluate, first: Sample, *, generations: int) -> None:
     than these.
 
     Args:
-        evaluate: runs a generation.
+        evaluate: runs a generation of points, s rows of values, and returns what ``Objective.read`` does.
         first: the first generation; the later ones have its size, ranges and seed.
         generations: number of later ones.
 
@@ -139,10 +139,6 @@ def search(evaluate: Evaluate, first: Sample, *, generations: int) -> None:
             for trial, metric, excess in zip(trials, *evaluate(points), strict=True):
                 trial.set_constraint("bounds", min(float(excess), _LARGEST))
                 study.tell(trial, float(metric) if np.isfinite(metric) else 0.0)
-
-
-Ranges = Mapping[str, tuple[float, float] | Span]
-"""The range of each field."""
 
 
 class TuneResult(NamedTuple):
@@ -199,7 +195,7 @@ def _require_feasible_cases(plan: SweepPlan, size: int) -> None:
 
 def tune(
     scenario: str | Path | Scenario,
-    vary: Ranges,
+    vary: Mapping[str, tuple[float, float] | Span],
     *,
     minimize: str,
     subject_to: str | Sequence[str] = (),

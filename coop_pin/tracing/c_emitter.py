@@ -74,8 +74,7 @@ class CEmitter(Emitter):
         """
         outputs = [operand for _, operand in stores]
         code = self.body(tape, outputs, lambda index, at: f"const double v{index} = {read(at)};")
-        ends = (f"{left} = {self.operand(operand)};" for left, operand in stores)
-        lines = [first, *code, *ends, last]
+        lines = [first, *code, *(f"{left} = {self.operand(operand)};" for left, operand in stores), last]
         self.parts.append("\n".join([head, "{", *(f"    {line}" for line in lines if line), "}\n"]))
 
     def operand(self, operand: Operand) -> str:

@@ -63,17 +63,24 @@ class LlvmMachine(Machine):
     def _execute(
         self, block: Array, uniforms: Array, loads: Array, record: Array, between: Callable[[], None]
     ) -> None:
-        lanes, width, groups = block.shape[1], self.width, record.shape[2] // self.width
-        lane = np.minimum(np.arange(groups * width), lanes - 1)  # the last run fills the last group
-        slots = np.ascontiguousarray(block[:, lane].reshape(-1, groups, width).swapaxes(0, 1))
-        loads = loads[:, :, lane].reshape(*loads.shape[:2], groups, width)
-        loads = np.ascontiguousarray(np.moveaxis(loads, 2, 0))
-        call = self.bound(slots, np.ascontiguousarray(uniforms), record, loads)
+        slots = self.packed(block)
+        call = self.bound(slots, np.ascontiguousarray(uniforms), record, self.packed(loads))
         count = len(self.program.instructions)
         for first in range(0, count, _AT_ONCE):  # Python sees Ctrl-C in between
             call(first, min(_AT_ONCE, count - first))
             between()
-        block[:] = slots.swapaxes(0, 1).reshape(len(block), -1)[:, :lanes]
+        block[:] = self.unpacked(slots, block.shape[1])
+
+    def packed(self, values: Array) -> Array:
+        """Return values of runs, (..., runs), as registers, (groups, ..., width), the last run repeated."""
+        groups = -(-values.shape[-1] // self.width)
+        lane = np.minimum(np.arange(groups * self.width), values.shape[-1] - 1)
+        registers = values[..., lane].reshape(*values.shape[:-1], groups, self.width)
+        return np.ascontiguousarray(np.moveaxis(registers, -2, 0))
+
+    def unpacked(self, registers: Array, runs: int) -> Array:
+        """Return the values of runs, shape (..., runs), in registers, shape (groups, ..., width)."""
+        return np.moveaxis(registers, 0, -2).reshape(*registers.shape[1:-1], -1)[..., :runs]
 
     def bound(
         self,

@@ -22,8 +22,7 @@ from coop_pin.description.catalogue import scenario_names
 from coop_pin.viz import save_replay, save_report
 from coop_pin.viz.arrows import recorded_scales
 from coop_pin.viz.highlights import telling_instant
-from coop_pin.viz.live.live_scene import LiveScene, initial_scene
-from coop_pin.viz.live.live_view import open_view
+from coop_pin.viz.live.live_view import LiveScene, initial_scene, open_view
 
 REPOSITORY = Path(__file__).parents[2]
 NOTEBOOK = REPOSITORY / "notebooks" / "05_live_gains.ipynb"
@@ -659,7 +658,7 @@ def lab(tmp_path):
     drain = threading.Thread(target=server.stderr.read, daemon=True)
     drain.start()
     yield address[0]
-    os.killpg(server.pid, signal.SIGTERM)
+    os.killpg(server.process.pid, signal.SIGTERM)
     server.wait(PATIENCE_MS / 1e3)
     drain.join(PATIENCE_MS / 1e3)
     server.stderr.close()

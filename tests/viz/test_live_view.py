@@ -27,9 +27,8 @@ from coop_pin.base.errors import OutOfRangeError, PortTakenError, RunInterrupted
 from coop_pin.description.scenario import scenario_names
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.viz import LiveView
-from coop_pin.viz.live.live_scene import LiveScene, initial_scene
 from coop_pin.viz.live.live_server import LiveServer
-from coop_pin.viz.live.live_view import open_view
+from coop_pin.viz.live.live_view import LiveScene, initial_scene, open_view
 
 PATIENCE_S = 20.0
 
@@ -272,7 +271,7 @@ def test_the_secret_is_not_in_the_arguments_that_every_user_can_read(server):
     secret = urllib.parse.urlsplit(server.url).path.strip("/")
     assert len(secret) > 20
     for file in ("cmdline", "environ"):
-        assert secret.encode() not in Path(f"/proc/{server.pid}/{file}").read_bytes()
+        assert secret.encode() not in Path(f"/proc/{server.process.pid}/{file}").read_bytes()
 
 
 def test_a_chosen_port_is_served_and_given_back(planar):
@@ -355,8 +354,8 @@ def test_a_viewer_killed_during_a_run_causes_one_warning(planar):
 
     def kill_in_the_middle(snapshot) -> None:
         if snapshot.time > 0.2 and not killed:
-            os.kill(view.pid, signal.SIGKILL)
-            killed.append(eventually(lambda: not is_there(view.pid)))
+            os.kill(view.server.process.pid, signal.SIGKILL)
+            killed.append(eventually(lambda: not is_there(view.server.process.pid)))
         view(snapshot)
 
     with pytest.warns(ViewWarning, match="code -9") as caught:
@@ -370,7 +369,7 @@ def test_a_viewer_killed_during_a_run_causes_one_warning(planar):
 
 def test_a_viewer_that_hangs_drops_frames_and_nothing_else(planar):
     view = open_view(planar)
-    os.kill(view.pid, signal.SIGSTOP)
+    os.kill(view.server.process.pid, signal.SIGSTOP)
     seen, _ = snapshots(planar)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -381,15 +380,15 @@ def test_a_viewer_that_hangs_drops_frames_and_nothing_else(planar):
         spent = time.monotonic() - start
     view.close()  # a hanging process is killed
     assert spent < 2.0
-    assert not is_there(view.pid)
+    assert not is_there(view.server.process.pid)
 
 
 def test_frames_come_whole_after_a_hang(server):
-    os.kill(server.pid, signal.SIGSTOP)
+    os.kill(server.process.pid, signal.SIGSTOP)
     big = os.urandom(300_000)
     assert server.send(big)
     assert not server.send(b"dropped")
-    os.kill(server.pid, signal.SIGCONT)
+    os.kill(server.process.pid, signal.SIGCONT)
     assert eventually(lambda: server.send(b"last"))
     assert eventually(lambda: asyncio.run(listen(server.url, 1))[0].endswith(b"last"))
 
@@ -413,7 +412,7 @@ def test_a_closed_view_is_silent(planar):
     view.show(snapshot)
     view(snapshot)
     assert view.sent == 0
-    assert not is_there(view.pid)
+    assert not is_there(view.server.process.pid)
     assert not accepts_connections(view.url)
 
 
@@ -435,7 +434,7 @@ server = LiveServer("page")
 if sys.argv[1] == "forked" and os.fork() == 0:  # another process keeps the pipe open
     time.sleep(60)
     os._exit(0)
-print(server.pid, server.url, flush=True)
+print(server.process.pid, server.url, flush=True)
 if sys.argv[1] == "leaves":
     sys.exit()
 time.sleep(60)
@@ -474,7 +473,7 @@ def test_the_server_ends_with_its_parent(how, number):
 
 def test_an_unreferenced_server_frees_its_process_and_port():
     server = LiveServer("page")
-    pid, url = server.pid, server.url
+    pid, url = server.process.pid, server.url
     assert get(url)[0] == 200
     del server
     assert eventually(lambda: not is_there(pid))
@@ -482,7 +481,7 @@ def test_an_unreferenced_server_frees_its_process_and_port():
 
 
 def test_ctrl_c_in_the_terminal_does_not_reach_the_view(server):
-    assert os.getpgid(server.pid) != os.getpgid(0)
+    assert os.getpgid(server.process.pid) != os.getpgid(0)
 
 
 def test_the_process_loads_neither_pinocchio_nor_meshcat_nor_files_of_the_working_directory(tmp_path):
@@ -492,7 +491,7 @@ def test_the_process_loads_neither_pinocchio_nor_meshcat_nor_files_of_the_workin
         from coop_pin.viz.live.live_server import LiveServer
         server = LiveServer("page")
         print(urllib.request.urlopen(server.url, timeout=20).read().decode())
-        loaded = open(f"/proc/{server.pid}/maps").read()
+        loaded = open(f"/proc/{server.process.pid}/maps").read()
         print([name for name in ("pinocchio", "numpy", "matplotlib") if name in loaded])
     """)
     done = subprocess.run(
@@ -511,7 +510,7 @@ def test_1500_reconnections(server):
 
     asyncio.run(reconnect())
     assert eventually(
-        lambda: len(list(Path(f"/proc/{server.pid}/fd").iterdir())) < 30
+        lambda: len(list(Path(f"/proc/{server.process.pid}/fd").iterdir())) < 30
     )  # what was opened is closed again
     assert get(server.url)[0] == 200
 

@@ -48,7 +48,7 @@ from coop_pin.viz.contacts import ABSENT, HOLDS, SLIDES, contact_items, contact_
 from coop_pin.viz.curves import thinned_rows
 from coop_pin.viz.frames import frame_samples
 from coop_pin.viz.highlights import instants, telling_instant, trust_text
-from coop_pin.viz.live.live_scene import LiveScene, initial_scene
+from coop_pin.viz.live.live_view import LiveScene, initial_scene
 from coop_pin.viz.page import page_scripts
 from coop_pin.viz.replay import run_names, shared_caption
 

@@ -3,7 +3,7 @@
 Open first: ``live_view`` (``cp.open_view``), ``live_run`` (a simulation in a thread, with gains that change),
 ``panel`` (buttons and sliders in Jupyter).
 
-``live_scene`` makes the frames, ``live_server`` and ``live_server_process`` serve them to browsers.
+``live_server`` and ``live_server_process`` serve the frames to browsers.
 
 Imports what ``viz`` imports.
 """

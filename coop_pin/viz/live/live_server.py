@@ -33,6 +33,7 @@ class LiveServer:
 
     Attributes:
         url: address with a secret, which other users of the machine do not know.
+        process: the server process.
     """
 
     def __init__(self, page: str, *, port: int = 0) -> None:
@@ -48,26 +49,21 @@ class LiveServer:
         """
         self._stderr = tempfile.TemporaryFile()  # noqa: SIM115 (closed by _end)
         try:
-            self.url, self._process = _start(page, port, self._stderr)
+            self.url, self.process = _start(page, port, self._stderr)
         except OSError:
             self._stderr.close()
             raise
-        assert self._process.stdin is not None
-        self._pipe = self._process.stdin
+        assert self.process.stdin is not None
+        self._pipe = self.process.stdin
         os.set_blocking(self._pipe.fileno(), False)
         self._unsent = b""
         self._is_broken = False
-        self._end = weakref.finalize(self, _end, self._process, self._pipe, self._stderr)
+        self._end = weakref.finalize(self, _end, self.process, self._pipe, self._stderr)
 
     @property
     def is_alive(self) -> bool:
         """Whether the process was alive at the last write, and has not been closed."""
         return self._end.alive and not self._is_broken
-
-    @property
-    def pid(self) -> int:
-        """Process id of the server."""
-        return self._process.pid
 
     def send(self, frame: bytes) -> bool:
         """Send a frame if there is space in the pipe; never block.
@@ -104,10 +100,10 @@ class LiveServer:
     def _exit_reason(self) -> str:
         """Return exit code and error output of the process."""
         with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(_END_S)
+            self.process.wait(_END_S)
         self._stderr.seek(0)
         said = self._stderr.read()[-_SHOWN_CHARACTERS:].decode(errors="replace").strip()
-        return f"its process ended with code {self._process.returncode}" + (f": {said}" if said else "")
+        return f"its process ended with code {self.process.returncode}" + (f": {said}" if said else "")
 
 
 def _start(page: str, port: int, stderr: IO[bytes]) -> tuple[str, subprocess.Popen[bytes]]:
