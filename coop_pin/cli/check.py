@@ -24,8 +24,8 @@ def check(
     """Check reachability, distance to singularities, limits and static torques along the desired motion.
 
     Nothing is simulated. Static torques are those that hold the arms, the payload and the squeeze at rest. A
-    closed chain whose closures lose rank at the start is told.
-    Numbers in a likely wrong unit, and starts, postures and grasps that do not fit, are told first.
+    closed chain whose closures lose rank at the start is named.
+    Numbers in a likely wrong unit, and starts, postures and grasps that do not fit, come first.
     For the built-in controllers, also check that the damping gains are stable at the control rate, all gains
     with the lag of the drives along the motion, the slowest and the least damped mode of the whole loop at
     the start, and the joint friction in the plant's steps; say what the law

@@ -94,7 +94,7 @@ def _warn(result: Any, verbose: bool) -> None:
 
 
 def _details(result: Any, verbose: bool) -> list[str]:
-    """Return every breach as a line if asked for, otherwise how to ask when there are several."""
+    """Return every breach as a line where details are wanted, otherwise the option that lists several."""
     breaches = result.breaches()
     if verbose:
         return [f"  {breach}" for breach in breaches]

@@ -127,7 +127,7 @@ def _result(path: Path) -> Any:
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
-    """Return the names of runs: of their folders, or of their files beside each other."""
+    """Return the names of runs: of their folders, or of their files in one folder."""
     folders = [path if path.is_dir() else path.parent for path in paths]
     is_different = len(set(folders)) == len(folders)
     return [
@@ -137,7 +137,7 @@ def _names(paths: Sequence[Path]) -> list[str]:
 
 
 def _side_by_side(paths: Sequence[Path]) -> Path:
-    """Write the page of several runs beside the first one's result, and return its file."""
+    """Write the page of several runs into the first one's folder, and return its file."""
     (result, *others), names = map(_result, paths), _names(paths)
     page = (paths[0] if paths[0].is_dir() else paths[0].parent) / f"against-{'-'.join(names[1:])}.html"
     viz.save_replay(result, page, *others, names=names)

@@ -171,7 +171,7 @@ class Comparison:
             }
             frame = pd.DataFrame(texts, index=self.labels(scenario))
             lines += [f"{scenario}: tracking mm / internal force N", frame.T.to_string(), ""]
-            lines += [f"{seen}: {', '.join(names)}" for seen, names in self._classes(scenario).items()]
+            lines += [f"{kind}: {', '.join(names)}" for kind, names in self._classes(scenario).items()]
             lines.append("")
         return "\n".join(lines + self._failures())
 
@@ -188,14 +188,14 @@ class Comparison:
             NameNotFoundError: there is no such scenario.
         """
         self._require_name("scenario", scenario)
-        seen = self.data["information"].sel(scenario=scenario).transpose("controller", "trial").values
-        return [next((name for name in row if isinstance(name, str)), "") for row in seen]
+        information = self.data["information"].sel(scenario=scenario).transpose("controller", "trial").values
+        return [next((name for name in row if isinstance(name, str)), "") for row in information]
 
     def _classes(self, scenario: str) -> dict[str, list[str]]:
         """Return the controllers of each class of information."""
         classes = dict[str, list[str]]()
-        for name, seen in zip(self.data["controller"].values, self.information(scenario), strict=True):
-            classes.setdefault(seen, []).append(str(name))
+        for name, information in zip(self.data["controller"].values, self.information(scenario), strict=True):
+            classes.setdefault(information, []).append(str(name))
         return classes
 
     def _failures(self) -> list[str]:

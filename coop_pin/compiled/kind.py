@@ -70,7 +70,7 @@ class Cover(NamedTuple):
 
     @classmethod
     def of_all(cls, scenarios: Iterable[Scenario]) -> Cover:
-        """Return what some scenarios need together; those with the same objects are asked once."""
+        """Return what some scenarios need together; the same objects are looked at once."""
         different = {tuple(map(id, attrgetter(*_COVERED)(each))): each for each in scenarios}
         delays, responds, changed, instants = zip(*map(cls.of, different.values()), strict=True)
         return cls(max(delays), any(responds), frozenset().union(*changed), max(instants))

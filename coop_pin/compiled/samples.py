@@ -39,7 +39,7 @@ def kept_of(ticks: int, every: int, first: int = 0) -> NDArray[np.int64]:
 
 
 class RunSamples(Mapping[str, Any]):
-    """Quantities that some runs of a batch have, by name, shape (runs, samples, ...); made when asked for."""
+    """Quantities of some runs of a batch by name, shape (runs, samples, ...), computed on first use."""
 
     def __init__(
         self,
@@ -130,7 +130,7 @@ class RunSamples(Mapping[str, Any]):
                 first = runs.stop
 
     def release(self) -> None:
-        """Drop the records; samples that were not asked for until now cannot be made any more."""
+        """Drop the records; samples that were not read until now cannot be computed any more."""
         self._records = None
 
     def _recorded_of(self, name: str, entry: Any) -> tuple[list[Array], tuple[int, ...]]:

@@ -170,10 +170,10 @@ class TickCode:
 
         def exchange(messages: Sequence[Numbers]) -> list[dict[str, Message]]:
             nonlocal state
-            said = list(map(traced, messages))
+            sent = list(map(traced, messages))
             if state is None:
-                self._network = state = network.start(said)
-            received, state = network.step(state, said, timing)
+                self._network = state = network.start(sent)
+            received, state = network.step(state, sent, timing)
             return received
 
         return heard(constants.controller, measurements, references, law, exchange), state

@@ -129,8 +129,8 @@ def new_cell(
     )
     suggested = suggest(draft, poses=_POSES)
     scenario = suggested.scenario.override(dict(_rounded(suggested)))
-    told = (*filter(None, [shared]), *(() if is_planar or is_robot else _below_ground(scenario)))
-    return dataclasses.replace(suggested, scenario=scenario, changes=(*suggested.changes, *told))
+    remarks = (*filter(None, [shared]), *(() if is_planar or is_robot else _below_ground(scenario)))
+    return dataclasses.replace(suggested, scenario=scenario, changes=(*suggested.changes, *remarks))
 
 
 def _below_ground(scenario: Scenario) -> Iterator[str]:
@@ -183,7 +183,7 @@ def _arm(robot: str | Path, tip: str, name: str) -> Arm:
 
 
 def _arms_of_robot(robot: str | Path | Arm, tips: Sequence[str]) -> tuple[dict[str, Arm], str]:
-    """Return the arms of one robot from left to right, by name, and what is said of joints that move several.
+    """Return the arms of one robot from left to right, by name, and a remark on joints that move several.
 
     Joints that move no tip or several are locked at their angles nearest to zero. Left is along +y.
 
@@ -213,8 +213,8 @@ def _arms_of_robot(robot: str | Path | Arm, tips: Sequence[str]) -> tuple[dict[s
     movers = [links.movers(tip) for tip in tools]
     shared = [joint for joint in links.joints if sum(joint in chain for chain in movers) > 1]
     angles = next(iter(arms.values())).locked
-    told = ", ".join(f"{joint} at {angles[joint]:g}" for joint in shared)
-    return arms, f"one joint cannot move two arms: locked {told}" if told else ""
+    locked = ", ".join(f"{joint} at {angles[joint]:g}" for joint in shared)
+    return arms, f"one joint cannot move two arms: locked {locked}" if locked else ""
 
 
 def _names(count: int) -> list[str]:

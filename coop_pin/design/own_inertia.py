@@ -221,14 +221,14 @@ def deflection_bias(scenario: Scenario, G: Array) -> tuple[float, float]:
         np.array([cell.compliance(name) for name in cell.arms]),
         weight_wrench(cell.payload.mass, cell.gravity),
     )
-    is_zeroed, seen = scenario.controller.near_rest.is_zeroed, list[Array]()
+    is_zeroed, biases = scenario.controller.near_rest.is_zeroed, list[Array]()
     for time in np.linspace(0.0, scenario.duration, _INSTANTS).tolist():
         R = (motion.at(time).X_WP_d if time else scenario.start.matrix)[:3, :3]
         force = parts @ np.concatenate((R.T @ weight[:3], R.T @ weight[3:]))
         if time or cell.patches:  # on compliant grasps the squeeze is not on at the start
             force = force + scenario.squeeze.at(time, cell.grasps)
-        seen.append(np.array([rows.select(b) for b in np.einsum("ijk,ik->ij", C, force)]))
-    b = np.array(seen) - is_zeroed * seen[0]
+        biases.append(np.array([rows.select(b) for b in np.einsum("ijk,ik->ij", C, force)]))
+    b = np.array(biases) - is_zeroed * biases[0]
     off = b - np.linalg.solve(G.sum(axis=0), np.einsum("ijk,tik->tj", G, b).T).T[:, None]
     sizes = np.linalg.norm(rows.expand(off).reshape(*off.shape[:2], 2, 3), axis=-1).max(axis=(0, 1))
     return float(sizes[0]), float(sizes[1])

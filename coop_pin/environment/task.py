@@ -47,7 +47,7 @@ class ActedLaw(CellController):
     def init(self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]) -> Any:
         """Return the law's state; without a law the commands that hold the start."""
         if self.law is not None:
-            return self.law.init(measurements, self._asked(references))
+            return self.law.init(measurements, self._with_squeeze(references))
         rest = [np.zeros(len(commands)) for commands in self.commands]
         if self.kind != "torque":
             return tuple(rest)
@@ -62,7 +62,7 @@ class ActedLaw(CellController):
         """Return the law's commands with the additions."""
         base, kept = state, state
         if self.law is not None:
-            command = self.law.step(measurements, self._asked(references), state)
+            command = self.law.step(measurements, self._with_squeeze(references), state)
             base, kept = command.values, command.state
         values = [value + added for value, added in zip(base, self.commands, strict=True)]
         return CellCommand(state=kept, **{_FIELDS[self.kind]: values})
@@ -71,9 +71,11 @@ class ActedLaw(CellController):
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
     ) -> list[Array]:
         """Return what the arms of the law tell each other."""
-        return [] if self.law is None else self.law.messages(measurements, self._asked(references), state)
+        return (
+            [] if self.law is None else self.law.messages(measurements, self._with_squeeze(references), state)
+        )
 
-    def _asked(self, references: Sequence[ArmReference]) -> list[ArmReference]:
+    def _with_squeeze(self, references: Sequence[ArmReference]) -> list[ArmReference]:
         return [
             reference._replace(internal_wrench=reference.internal_wrench + added)
             for reference, added in zip(references, self.squeeze, strict=True)

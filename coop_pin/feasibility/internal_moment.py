@@ -107,13 +107,13 @@ class _Balance(NamedTuple):
         arms = [(HeldArm(scenario, reach, posture), reach.q[first:]) for reach in cell_reach.arms]
         torques = [arm.missing(t, path) for arm, path in arms]
         turns = np.array([arms[0][0].model.payload_pose(q)[:3, :3] for q in arms[0][1]])
-        asked = _moments_of_payload(scenario, t, turns)
+        inertial = _moments_of_payload(scenario, t, turns)
         moments = np.array(
             [
                 _moments(
                     [arm.model.payload_jacobian(path[k]) for arm, path in arms],
                     [torque[k] for torque in torques],
-                    -asked[k],
+                    -inertial[k],
                 )
                 for k in range(len(t))
             ]

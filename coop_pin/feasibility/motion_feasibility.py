@@ -120,13 +120,13 @@ def _lighter(scenario: Scenario, statics: StaticTorques) -> str:
 
 
 def squeeze_part(statics: StaticTorques) -> float:
-    """Return the largest part of the squeeze, at most 1, that the drives can hold beside weight and load."""
+    """Return the largest part of the squeeze, at most 1, that the drives can hold besides weight and load."""
     part = min(1.0, *(part_held(arm.weight + arm.load, arm.squeeze, arm.limit) for arm in statics.arms))
     return part if part == 1.0 else math.floor(100.0 * part) / 100.0
 
 
 def part_held(fixed: Array, varied: Array, limit: Array) -> float:
-    """Return the largest part of some torques that the drives can hold beside others, N m, shape (n, k)."""
+    """Return the largest part of some torques that the drives can hold besides others, N m, shape (n, k)."""
     holding = np.copysign(fixed, fixed * varied)
     with np.errstate(divide="ignore", invalid="ignore"):
         held = (_TORQUE_PART * limit - holding) / np.abs(varied)

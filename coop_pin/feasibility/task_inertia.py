@@ -201,7 +201,7 @@ class HeldArm:
         """Return g(q), N m, shape (k,)."""
         return self.model.nonlinear_effects(q, np.zeros(self.model.nv))
 
-    def beside(self, q: Array, v: Array) -> Array:
+    def other_torques(self, q: Array, v: Array) -> Array:
         """Return the joint torques besides the law's wrench, N m, shape (k,)."""
         torque = self.carried * self.weight(q)
         if self.is_redundant:
@@ -240,7 +240,7 @@ class HeldArm:
     def missing(self, t: Array, q: Array) -> Array:
         """Return M qdd + h + friction - what the torques hold besides the law's wrench, N m, shape (n, k)."""
         v = self._speeds(t, q)
-        return self.without_payload(t, q) - np.array([self.beside(*s) for s in zip(q, v, strict=True)])
+        return self.without_payload(t, q) - np.array([self.other_torques(*s) for s in zip(q, v, strict=True)])
 
     def without_payload(self, t: Array, q: Array) -> Array:
         """Return M qdd + h + friction along a path of configurations, N m, shape (n, k)."""
@@ -282,7 +282,7 @@ class HeldArm:
                 along = J_plus @ self.rows.select(target.V_WP_d)
                 M = from_drive.T @ model.mass_matrix(q_k) @ from_drive
                 D = from_drive.T @ self.friction.damping(from_drive @ (along + w)) @ from_drive
-                pulled = from_drive.T @ (self.beside(q_k, rest) - self.weight(q_k))
+                pulled = from_drive.T @ (self.other_torques(q_k, rest) - self.weight(q_k))
                 inert = M + h * (D + np.diag(self.damping))
                 w = np.linalg.solve(
                     N @ inert @ N + np.eye(model.nv) - N, N @ (M @ w + h * (pulled - D @ along))

@@ -59,7 +59,7 @@ def comparison_figure(comparison: Comparison, scenario: str) -> Figure:
     table = comparison.data.sel(scenario=scenario)
     table = table.assign({_FORCE: (table["axial_rms_N"] ** 2 + table["shear_rms_N"] ** 2) ** 0.5})
     classes = zip(comparison.labels(scenario), comparison.information(scenario), strict=True)
-    labels = [f"{as_written(name)}: {seen}" for name, seen in classes]
+    labels = [f"{as_written(name)}: {information}" for name, information in classes]
     table = table.assign_coords(label=("controller", labels))
     table = table.sel(controller=comparison.ranks(_TRACKING).index).dropna(
         "trial", how="all", subset=["runs"]

@@ -1,4 +1,4 @@
-"""Figure of the motion of a run: paths of payload and tips, seen from above and from the side."""
+"""Figure of the motion of a run: paths of payload and tips, from above and from the side."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _WIDTH, _MIN_WIDTH, _MAX_HEIGHT, _MARGIN = 6.6, 4.6, 7.0, 0.45
 
 @typed
 def motion_figure(result: RunResult) -> Figure:
-    """Return the paths of payload and tips, and the polygon of the tips at six instants, seen from above.
+    """Return the paths of payload and tips, and the polygon of the tips at six instants, from above.
 
     Cells that move in space are also drawn from the side (x, z), below the view from above and to the same
     scale.

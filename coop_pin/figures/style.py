@@ -115,7 +115,7 @@ def label(panel: Axes, title: str, unit: str) -> None:
 
 
 def legend_above(panel: Axes) -> None:
-    """Put the legend of a panel beside its title, above the curves."""
+    """Put the legend of a panel above the curves, in the line of its title."""
     panel.legend(
         loc="lower right",
         bbox_to_anchor=(1.0, 1.0),

@@ -32,9 +32,9 @@ _WHOLE_TURN = 2.0 * np.pi
 _LARGEST_M = 10.0
 """Positions and sizes beyond it are likely millimetres, m."""
 _OFF_START = 0.02
-"""Distance and angle between the start and the motion's start that are told, m and rad."""
+"""Distance and angle between the start and the motion's start that count, m and rad."""
 _OUTSIDE_M = 0.01
-"""Distance of a tip from the payload's shape that is told: pads and flanges have some, m."""
+"""Distance of a tip from the payload's shape that counts: pads and flanges have some, m."""
 _LARGE_RECORD = 1e9
 """Memory of a record from which on a run warns of it, bytes."""
 _PATH_POSES, _LOOP_POSES = 41, 3
@@ -108,7 +108,7 @@ def implausible_numbers(scenario: Scenario) -> tuple[str, ...]:
         scenario: scenario that would be run.
     """
     require_type("scenario", scenario, Scenario)
-    with np.errstate(over="ignore", invalid="ignore"):  # of lengths of 1e300 m, which are told
+    with np.errstate(over="ignore", invalid="ignore"):  # of lengths of 1e300 m, which are named
         return (
             *_units(scenario, ""),
             *_postures(scenario),
@@ -144,9 +144,9 @@ def _plan(scenario: Scenario) -> Iterator[str]:
 def _pads(cell: Cell) -> Iterator[str]:
     """Yield pads of which a run can tell nothing."""
     rigid = [name for name in cell.arms if name not in cell.unclosed]
-    if cell.rows == "planar" and len(rigid) > 1 and (untold := [name for name in cell.pads if name in rigid]):
+    if cell.rows == "planar" and len(rigid) > 1 and (padded := [name for name in cell.pads if name in rigid]):
         yield (
-            f"the pads of {untold}: rigid bodies leave the force across the plane open, and with it the"
+            f"the pads of {padded}: rigid bodies leave the force across the plane open, and with it the"
             " friction that a run uses (NaN); make their grasps compliant"
         )
 

@@ -29,20 +29,20 @@ class RestingLaw:
         state: state of the law, which begins there from the torques that hold the cell.
     """
 
-    def __init__(self, simulation: Simulation, q: Array, time: float, seen_at: float | None = None) -> None:
+    def __init__(self, simulation: Simulation, q: Array, time: float, law_time: float | None = None) -> None:
         """Begin the law.
 
         Args:
             simulation: Simulation that has not begun.
             q: Configuration of the chain at the pose.
             time: Time of the references, s.
-            seen_at: Time of the measurements, s; that of the references when omitted.
+            law_time: Time of the measurements, s; that of the references when omitted.
 
         Raises:
             SingularJacobianError: an arm is singular there.
         """
         chain, scenario = simulation.chain, simulation.scenario
-        self._simulation, self._time = simulation, time if seen_at is None else seen_at
+        self._simulation, self._time = simulation, time if law_time is None else law_time
         self._rest, X_WP = np.zeros(chain.mechanism.model.nv), chain.payload_pose(q)
         holding = simulation.actuation.holding_commands(q)
         ideal = scenario.with_ideal_sensors
@@ -53,8 +53,8 @@ class RestingLaw:
             self._law = build_controller(scenario.replace(start=Pose.from_matrix(X_WP)))
         first = self._sensing.start(q, self._rest, simulation.references(time), self._signals)
         self.references = [
-            reference._replace(pose=X_WP if is_zeroed else seen.payload_pose, twist=0.0 * reference.twist)
-            for reference, seen in zip(simulation.references(time), first, strict=True)
+            reference._replace(pose=X_WP if is_zeroed else one.payload_pose, twist=0.0 * reference.twist)
+            for reference, one in zip(simulation.references(time), first, strict=True)
         ]
         first = heard(self._law, first, self.references, None, simulation.exchange.at_once)
         self.state = self._law.init(first, self.references)
@@ -62,31 +62,33 @@ class RestingLaw:
 
     def measured(self, q: Array) -> list[ArmMeasurement]:
         """Return the measurements at rest at a configuration; what was asked for a tick ago has acted."""
-        seen = self._sensing.start(q, self._rest, self.references, self._signals)
-        return [arm._replace(time=self._time, reported_torque=None) for arm in seen]
+        measured = self._sensing.start(q, self._rest, self.references, self._signals)
+        return [arm._replace(time=self._time, reported_torque=None) for arm in measured]
 
     def moving(self, v: Array) -> list[ArmMeasurement]:
         """Return the measurements at the pose at a velocity, shape (nv,)."""
         slots = self._simulation.slots
         rates = [frozen(slot.drive.dot(v[slot.v_slice])) for slot in slots]
         return [
-            seen._replace(v=rate, payload_twist=frozen(seen.payload_jacobian.dot(rate)))
-            for seen, rate in zip(self.at_rest, rates, strict=True)
+            arm._replace(v=rate, payload_twist=frozen(arm.payload_jacobian.dot(rate)))
+            for arm, rate in zip(self.at_rest, rates, strict=True)
         ]
 
     def step(
-        self, seen: Sequence[ArmMeasurement], state: Any, told: Sequence[ArmMeasurement] | None = None
+        self, measured: Sequence[ArmMeasurement], state: Any, spoken: Sequence[ArmMeasurement] | None = None
     ) -> tuple[Array, Any]:
         """Return the generalised force of the law, shape (nv,), and its next state.
 
         Args:
-            seen: Measurements of the arms.
+            measured: Measurements of the arms.
             state: State of the law.
-            told: Measurements of which messages tell; ``seen`` when omitted.
+            spoken: Measurements that the messages are made of; ``measured`` when omitted.
         """
-        simulation, told = self._simulation, seen if told is None else told
-        messages = heard(self._law, told, self.references, state, simulation.exchange.at_once)
-        seen = [arm._replace(messages=each.messages) for arm, each in zip(seen, messages, strict=True)]
-        command = self._law.step(seen, self.references, state)
+        simulation, spoken = self._simulation, measured if spoken is None else spoken
+        messages = heard(self._law, spoken, self.references, state, simulation.exchange.at_once)
+        measured = [
+            arm._replace(messages=each.messages) for arm, each in zip(measured, messages, strict=True)
+        ]
+        command = self._law.step(measured, self.references, state)
         torques = simulation.actuation.torques_of(command)
         return simulation.chain.transmission.torque(torques), command.state

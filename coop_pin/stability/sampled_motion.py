@@ -112,11 +112,11 @@ def closed_tick(free: Array, by_u: Array, G: Array, H: Array, velocity: Array = 
     n, k, e = len(G), U.shape[1], len(velocity) - 1
     # [y, w, e] from the states, then [y, w_m] and the next e.
     slots, eye = np.eye(3 * n + k + e * n), np.eye(n)
-    seen = np.vstack((slots[: 2 * n], slots[3 * n + k :]))
-    measured = np.vstack((slots[:n], np.kron(velocity[:1], eye) @ seen))
+    observed = np.vstack((slots[: 2 * n], slots[3 * n + k :]))
+    measured = np.vstack((slots[:n], np.kron(velocity[:1], eye) @ observed))
     h = slots[3 * n : 3 * n + k]
     motion = free @ slots[: 3 * n] + by_u @ (G @ measured + U @ h)
-    return np.vstack((motion, h + U.T @ H @ measured, np.kron(velocity[1:], eye) @ seen))
+    return np.vstack((motion, h + U.T @ H @ measured, np.kron(velocity[1:], eye) @ observed))
 
 
 def sampled_motion(
@@ -143,21 +143,21 @@ def sampled_motion(
     """
     scenario, chain = simulation.scenario, simulation.chain
     mechanism, rest = chain.mechanism, np.zeros(chain.mechanism.model.nv)
-    law, motions = RestingLaw(simulation, q, time, seen_at=_SETTLED), Motions.at(chain, q)
+    law, motions = RestingLaw(simulation, q, time, law_time=_SETTLED), Motions.at(chain, q)
     N = motions.basis
 
-    def step(seen: Any, q: Array, v: Array, state: object) -> tuple[Array, object]:
+    def step(measured: Any, q: Array, v: Array, state: object) -> tuple[Array, object]:
         if wrench_errors is not None:
-            seen = [
+            measured = [
                 arm._replace(internal_wrench=arm.internal_wrench + error, internal_wrench_age=0.0)
-                for arm, error in zip(seen, wrench_errors(q, v), strict=True)
+                for arm, error in zip(measured, wrench_errors(q, v), strict=True)
             ]
-        torque, state = law.step(seen, state)
+        torque, state = law.step(measured, state)
         torque = torque + chain.transmission.torque(simulation.actuation.carried(q))
         return N.T @ mechanism.forward_dynamics(q, rest, torque).acceleration, state
 
-    def response(seen: Any, moved: Array, v: Array) -> Array:
-        now, state = step(seen, moved, v, law.state)
+    def response(measured: Any, moved: Array, v: Array) -> Array:
+        now, state = step(measured, moved, v, law.state)
         is_kept = scenario.controller.near_rest.integral == "linear"
         kept = step(law.at_rest, q, rest, state)[0] if is_kept else 0.0 * now
         return np.concatenate((now, kept))

@@ -141,8 +141,8 @@ def _stability_at(simulation: Simulation, q: Array, time: float) -> SampledStabi
 
     def torque(v: Array, hears_rest: bool = False) -> Array:
         # Laws are linear in small speeds but for bounded signs, which cancel between opposite large ones.
-        seen = law.moving(speed * v)
-        return law.step(seen, law.state, law.at_rest if hears_rest else seen)[0] / speed
+        measured = law.moving(speed * v)
+        return law.step(measured, law.state, law.at_rest if hears_rest else measured)[0] / speed
 
     D = damping_matrix(simulation, q, torque)
     eigenvalues, modes = np.linalg.eig(D)

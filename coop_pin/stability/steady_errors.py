@@ -216,10 +216,10 @@ def _drift(direction: SteadyDirection, share: float, force: float) -> float:
     """Return the error at which an arm rests whose force error it cannot change, m; inf if it never does."""
     from scipy.optimize import brentq  # slow to load
 
-    asked = direction.internal_rate * force / share
-    if direction.integral(min(direction.free, LARGEST_SAG)) <= asked:
+    rate = direction.internal_rate * force / share
+    if direction.integral(min(direction.free, LARGEST_SAG)) <= rate:
         return direction.free
-    return float(brentq(lambda x: direction.integral(x) - asked, 0.0, LARGEST_SAG, xtol=1e-12))
+    return float(brentq(lambda x: direction.integral(x) - rate, 0.0, LARGEST_SAG, xtol=1e-12))
 
 
 def _joint_springs(scenario: Scenario) -> list[Array]:

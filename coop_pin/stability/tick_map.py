@@ -140,8 +140,8 @@ class TickMap:
             torque = response.at(state.actuation.drives.response, self._simulation.scenario.clock.period)
         force, drives = state.plant.force[self._driven], state.actuation.drives
         inner = drives.servos, drives.held
-        seen, reported = state.sensing.sensors, state.applied.reported
-        return force, torque, reported, seen, state.controller_state, inner, state.network
+        sensors, reported = state.sensing.sensors, state.applied.reported
+        return force, torque, reported, sensors, state.controller_state, inner, state.network
 
     def _moved(self, deviation: Array) -> RunState:
         """Return the origin with a deviation, on the closures."""

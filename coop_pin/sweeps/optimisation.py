@@ -1,4 +1,4 @@
-"""Optimisation: scenario fields with the smallest value of a metric under constraints, found with optuna."""
+"""Optimisation: scenario fields with the smallest value of a metric under constraints, by optuna."""
 
 from __future__ import annotations
 

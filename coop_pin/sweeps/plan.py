@@ -54,7 +54,7 @@ Cases = Annotated[dict[str, dict[str, Any]], Field(min_length=1)]
 
 
 def _anchored(base: Any, folder: Path) -> Any:
-    """Return scenarios as written in a plan's file, with absolute paths of files that exist beside it."""
+    """Return scenarios as written in a plan's file, with absolute paths of files in its folder."""
     if isinstance(base, Mapping):
         return dict(zip(base, _anchored(list(base.values()), folder), strict=True))
     if isinstance(base, list):

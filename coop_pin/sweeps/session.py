@@ -223,7 +223,7 @@ def _job(plan: SweepPlan, keyed: KeyedPoint, way: Way) -> Job:
 
 
 def _difference(stored: Mapping[str, Record], singles: Sequence[Record]) -> str:
-    """Return how stored runs differ from single ones; nothing of those that cannot be told."""
+    """Return how stored runs differ from single ones; nothing of those that lacked time or memory."""
     from coop_pin.compiled.laws.support import difference  # slow to load
 
     for single in singles:

@@ -73,7 +73,7 @@ class SweepStore:
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Hold the folder for writing; what a killed owner left behind is cleaned up and told.
+        """Hold the folder for writing; what a killed owner left behind is cleaned up and logged.
 
         The lock is the kernel's, which ends with its process however that ends. The text in the file names
         the owner; text in a file that is not locked was left by a process that was killed.
@@ -186,9 +186,9 @@ class SweepStore:
         """
         if not (other.folder / "runs").is_dir():
             raise FileReadError(f"{other.folder} holds no sweep: there is no folder 'runs' in it")
-        damaged, missing, records, seen = list[bytes](), {*keys} - {*self.known}, dict[str, Record](), 0
+        damaged, missing, records, count = list[bytes](), {*keys} - {*self.known}, dict[str, Record](), 0
         for record in other.records(damaged):
-            seen += 1
+            count += 1
             if record.key in missing and record.failure not in TRANSIENT:
                 try:
                     record.require_sound()
@@ -196,7 +196,7 @@ class SweepStore:
                     raise FileReadError(f"cannot be merged: {error}", str(other.folder)) from None
                 records[record.key] = dataclasses.replace(record, changes={}, merged=True)
         message = "%d runs are taken from the %d of %s; the others are known here or not in this plan"
-        _LOG.warning(message, len(records), seen, other.folder)
+        _LOG.warning(message, len(records), count, other.folder)
         if damaged:
             _LOG.warning("%d damaged lines of %s are left out", len(damaged), other.folder)
         return records

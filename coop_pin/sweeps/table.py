@@ -1,4 +1,4 @@
-"""Table of all runs of a plan, read from the store in one pass, and what is said about it."""
+"""Table of all runs of a plan, read from the store in one pass, and its summary."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Headless browser of the system or of playwright: found, started without a display, and closed again."""
+"""Headless browser of the system or of playwright, started without a display and closed again."""
 
 from __future__ import annotations
 

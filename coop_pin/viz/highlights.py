@@ -21,7 +21,7 @@ _SMALL_N, _SMALL_NM = 1.0, 0.1
 _ROUNDING_N = 1e-6
 """Force that counts as none, N."""
 
-_TOLD_WITHIN_S = 1.0
+_NAMED_WITHIN_S = 1.0
 """Time after an event within which a sentence refers to it."""
 
 
@@ -52,8 +52,8 @@ def telling_instant(result: RunResult) -> Instant:
         result: the run.
     """
     if math.isfinite(result.dropped_at):
-        said = result.friction_text
-        return Instant(f"{said[0].upper()}{said[1:]}.", result.dropped_at)
+        text = result.friction_text
+        return Instant(f"{text[0].upper()}{text[1:]}.", result.dropped_at)
     data = result.data
     errors = [np.nan_to_num(data[f"internal_{part}_error"].values) for part in ("axial", "shear")]
     error = np.hypot(*errors).max(axis=1)
@@ -82,25 +82,25 @@ def telling_instant(result: RunResult) -> Instant:
         force = f"{verb} with {read_number(abs(axial))} N{at}"
         does = force if abs(axial) > _ROUNDING_N else "do not squeeze the payload"
         goal = f"{'a pull' if desired > 0.0 else 'a squeeze'} of {read_number(abs(desired))} N"
-        said = f"the arms {does}, where {'none' if abs(desired) < _SMALL_N else goal} is wanted"
+        finding = f"the arms {does}, where {'none' if abs(desired) < _SMALL_N else goal} is wanted"
     elif desired_shear < _SMALL_N:
-        said = f"the arms load the payload across with {read_number(shear)} N{at}, where none is wanted"
+        finding = f"the arms load the payload across with {read_number(shear)} N{at}, where none is wanted"
     else:
-        said = f"the force of the arms across is off by {read_number(off_across)} N{at}"
-    return Instant(f"{when} {said}; {_motion(result, worst)}{moment_text}.", t)
+        finding = f"the force of the arms across is off by {read_number(off_across)} N{at}"
+    return Instant(f"{when} {finding}; {_motion(result, worst)}{moment_text}.", t)
 
 
 def events_text(result: RunResult) -> str:
     """Return what happened to arms and grasps of a run, as sentences; empty without such an event."""
     remarks = result.data.attrs.get(RunResult.REMARKS, "").splitlines()
     missed = [remark for remark in remarks if MISSED in remark]
-    told = [
+    texts = [
         f"{event.told}{_holders(result.scenario, event, missed)}"
         for event in sorted(result.scenario.events, key=lambda event: event.time)
         if event.told and event.time <= result.end
         if not any(event.is_named(remark) for remark in missed)
     ]
-    sentences = [*["; ".join(told)][: len(told)], *missed]
+    sentences = [*["; ".join(texts)][: len(texts)], *missed]
     return " ".join(f"{sentence[:1].upper()}{sentence[1:]}." for sentence in sentences)
 
 
@@ -108,7 +108,7 @@ def _holders(scenario: Scenario, event: Any, missed: list[str]) -> str:
     """Return which arms hold the payload after a grasp event, if it is one, in brackets."""
     if event not in scenario.grasp_events:
         return ""
-    not_done = [other for other in scenario.grasp_events if any(other.is_named(said) for said in missed)]
+    not_done = [other for other in scenario.grasp_events if any(other.is_named(remark) for remark in missed)]
     holds = scenario.grasp_plan_at(event.instant, not_done).holds
     names = [name for name, is_held in zip(scenario.cell.arms, holds, strict=True) if is_held]
     if len(names) in (0, len(holds)):
@@ -131,7 +131,7 @@ def _is_late(result: RunResult) -> Mask:
 def _moment(result: RunResult) -> tuple[int, float, str]:
     """Return sample and size of the largest error of the internal moment, N m, and words for a large one.
 
-    Where no controlled row has a moment, none is wanted, and all of it is told.
+    Where no controlled row has a moment, none is wanted, and all of it counts.
     """
     is_wanted = result.scenario.cell.task_rows.has_moments
     wrench, desired = (result.data[f"{of}internal_wrench"].values[..., 3:] for of in ("", "desired_"))
@@ -146,7 +146,7 @@ def trust_text(result: RunResult) -> str:
     """Return the verdict on a run as one line, with what was judged and the thresholds."""
     if not result.trustworthy:
         return result.verdict()
-    said = f"; {result.friction_text}" if result.friction_text else ""
+    friction = f"; {result.friction_text}" if result.friction_text else ""
     allowed, data = result.scenario.trust, result.data
     limits = {"joints within their stops": "position_upper", "torque limits kept": "torque_limit"}
     kept = [text for text, name in limits.items() if np.isfinite(data[name].values).any()]
@@ -155,7 +155,7 @@ def trust_text(result: RunResult) -> str:
         f"energy to {result.energy_balance_max():.1g} J ({allowed.energy_share:g} of the work)",
         f"condition number {data['jacobian_condition'].values.max():.2g} ({allowed.jacobian_condition:g})",
     )
-    return f"simulation sound: {', '.join((*numbers, *kept))}{said}"
+    return f"simulation sound: {', '.join((*numbers, *kept))}{friction}"
 
 
 def instants(result: RunResult) -> list[Instant]:
@@ -166,7 +166,7 @@ def instants(result: RunResult) -> list[Instant]:
     data, time = result.data, result.data["time"].values
     names = ("internal_axial", "internal_shear", "internal_axial_error", "internal_shear_error")
     axial, shear, off_along, off_across = (np.nan_to_num(data[name].values) for name in names)
-    off, told = np.hypot(off_along, off_across).max(axis=1), telling_instant(result).time
+    off, worst = np.hypot(off_along, off_across).max(axis=1), telling_instant(result).time
     happened = [event for event in result.scenario.events if event.time <= result.end]
     headings = Counter(event.heading for event in happened)
     events = [
@@ -175,8 +175,8 @@ def instants(result: RunResult) -> list[Instant]:
     ]
     events += [("dropped", result.dropped_at)] * math.isfinite(result.dropped_at)
     instants = [("start", 0.0), *sorted(events, key=lambda event: event[1])]
-    error = off[int(np.abs(time - told).argmin())]
-    instants += [(f"largest error {read_number(error)} N", told)] * bool(error > _SMALL_N)
+    error = off[int(np.abs(time - worst).argmin())]
+    instants += [(f"largest error {read_number(error)} N", worst)] * bool(error > _SMALL_N)
     moment, size, _ = _moment(result)
     instants += [(f"largest moment error {read_number(size)} N m", float(time[moment]))] * bool(
         size > _SMALL_NM
@@ -190,8 +190,8 @@ def instants(result: RunResult) -> list[Instant]:
         sample, arm = np.unravel_index(unwanted.argmax(), unwanted.shape)
         if (size := float(unwanted[sample, arm])) > _SMALL_N:
             off_by = float(error[sample, arm])
-            beside = f" (off by {read_number(off_by)} N)" * (size - off_by > _SMALL_N)
-            text = f"{text} {read_number(size)} N{_at(result.scenario, int(arm))}{beside}"
+            difference = f" (off by {read_number(off_by)} N)" * (size - off_by > _SMALL_N)
+            text = f"{text} {read_number(size)} N{_at(result.scenario, int(arm))}{difference}"
             instants.append((text, float(time[sample])))
     merged: dict[float, list[str]] = {}
     for text, at in [*instants, ("end", result.end)]:
@@ -233,7 +233,7 @@ def _when(scenario: Scenario, time: float) -> str:
         return text
     event = max(before, key=lambda event: event.end)
     name, since = event.title, time - event.end
-    if since > _TOLD_WITHIN_S:
+    if since > _NAMED_WITHIN_S:
         return text
     if abs(since) < 0.5 / scenario.clock.rate_hz:
         return f"{text}, as the {name} ends,"

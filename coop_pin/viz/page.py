@@ -78,7 +78,7 @@ def page_parts(
     title: str,
     summary: str,
     *,
-    told: str = "",
+    verdict: str = "",
     scales: ArrowScales,
     curves: Sequence[Curve],
     data: Mapping[str, Any],
@@ -89,7 +89,7 @@ def page_parts(
         kind: "replay" or "live".
         title: heading.
         summary: sentence below the heading; may be empty.
-        told: HTML above the tiles: verdict and sentence.
+        verdict: HTML above the tiles: verdict and sentence.
         scales: scales of the arrows.
         curves: curves of the plots.
         data: entries of the page's data besides plots, colours and scales.
@@ -126,7 +126,7 @@ def page_parts(
         player=web_file("player.js"),
         title=html.escape(title),
         summary=html.escape(summary),
-        told=told,
+        verdict=verdict,
         **_COLOURS,
         scale=f"0.1 m of arrow: {0.1 * forces:g} N" + ("" if moments is None else f", {0.1 * moments:g} N m"),
         linear=f"{LINEAR_M * forces:g}",

@@ -154,14 +154,14 @@ def _replay(result: RunResult, times: Iterable[float], scales: ArrowScales) -> t
         "replay",
         result.scenario.name,
         result.scenario.caption,
-        told=_told(result),
+        verdict=_verdict(result),
         scales=scales,
         curves=curves,
         data=data,
     )
 
 
-def _told(result: RunResult) -> str:
+def _verdict(result: RunResult) -> str:
     """Return sentence and verdict of a run, as HTML; the sentence leads to its instant."""
     kind, instant = "verdict" if result.trustworthy else "verdict broken", telling_instant(result)
     happened = events_text(result)
@@ -224,8 +224,8 @@ def _side_by_side(runs: Sequence[RunResult], names: Sequence[str], times: list[f
 def shared_caption(captions: Sequence[str]) -> str:
     """Return what all captions say, as one line; empty if they have nothing in common."""
     first, *others = (re.split("; |changed: ", caption) for caption in captions)
-    said = [text for text in first if text and all(text in other for other in others)]
-    return f"in all: {'; '.join(said)}" if said else ""
+    common = [text for text in first if text and all(text in other for other in others)]
+    return f"in all: {'; '.join(common)}" if common else ""
 
 
 def _common_curves(run: RunResult) -> Array:

@@ -138,7 +138,7 @@ def report_html(result: RunResult) -> str:
         version=html.escape(__version__),
         broken_off=broken_off * (end < scenario.duration - 1e-9),
         verdict=_verdict(result),
-        told=html.escape(f"{events_text(result)} {telling_instant(result).text}".strip()),
+        sentence=html.escape(f"{events_text(result)} {telling_instant(result).text}".strip()),
         tiles=_tiles(result),
         facts="\n".join(
             f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>"

@@ -189,7 +189,7 @@ static const {name}_reference desired[] = {{
 static const double expected[][{joints}] = {{
 {expected}
 }};
-{said}
+{expected_message}
 int main(void)
 {{
     {name}_state state;

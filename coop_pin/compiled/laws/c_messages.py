@@ -26,13 +26,13 @@ int {name}_message(
     double *message);
 
 """,
-    "said": """
-static const double said[][{size}] = {{
-{said}
+    "expected_message": """
+static const double expected_message[][{size}] = {{
+{expected_message}
 }};
 
 /* Return whether a message is the expected one. */
-static int is_said(const double *message, const double *expected)
+static int agrees(const double *message, const double *expected)
 {{
     int good = 1;
     for (int index = 0; index < {size}; ++index)
@@ -42,10 +42,10 @@ static int is_said(const double *message, const double *expected)
 """,
     "before": """
     double message[{size}];
-    good &= {name}_first_message(&measured[0], &desired[0], message) & is_said(message, said[0]);""",
+    good &= {name}_first_message(&measured[0], &desired[0], message) & agrees(message, expected_message[0]);""",
     "at_tick": """
         good &= {name}_message(&measured[tick], &desired[tick], &state, message);
-        good &= is_said(message, said[tick + 1]);""",
+        good &= agrees(message, expected_message[tick + 1]);""",
 }
 """Parts of header and self-test by name."""
 
@@ -54,11 +54,11 @@ def meanings(measurement: ArmMeasurement) -> dict[str, str]:
     """Return the meaning of each field with a message, or its age, that an arm hears."""
     senders = heard_fields(measurement).items()
     latest = {field: f"latest message of arm {sender!r}" for field, sender in senders}
-    return latest | {f"{field}_age": f"ticks since arm {sender!r} said it" for field, sender in senders}
+    return latest | {f"{field}_age": f"ticks since arm {sender!r} sent it" for field, sender in senders}
 
 
 def message_texts(name: str, ticks: Sequence[LawTick], first: Array) -> dict[str, str]:
-    """Return the parts of header and self-test, by name; empty for a law that says nothing.
+    """Return the parts of header and self-test, by name; empty for a law without messages.
 
     Args:
         name: Name of the files.
@@ -73,7 +73,7 @@ def message_texts(name: str, ticks: Sequence[LawTick], first: Array) -> dict[str
         "name": name,
         "size": len(first),
         "heard": ", ".join(map(repr, heard_fields(ticks[0].measurement).values())),
-        "said": ",\n".join(f"    {{{row}}}" for row in rows),
+        "expected_message": ",\n".join(f"    {{{row}}}" for row in rows),
         "tolerance": c_number(AGREEMENT * float(np.abs(messages).max())),
     }
     return {part: text.format(**numbers) for part, text in _TEXTS.items()}

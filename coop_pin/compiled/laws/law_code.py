@@ -61,7 +61,7 @@ class RecordedLaw(CellController):
 
     def __init__(self, law: CellController) -> None:
         self._law, self.ticks = law, list[list[LawTick]]()
-        self.first_messages = self._said = list[Array]()
+        self.first_messages = self._latest = list[Array]()
         self._first: Sequence[ArmMeasurement] = ()
 
     def commands_of(self, arm: str) -> str:
@@ -72,10 +72,10 @@ class RecordedLaw(CellController):
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
     ) -> list[Array]:
         """Return the law's messages."""
-        self._said = self._law.messages(measurements, references, state)
+        self._latest = self._law.messages(measurements, references, state)
         if state is None:
-            self.first_messages = self._said
-        return self._said
+            self.first_messages = self._latest
+        return self._latest
 
     def init(self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]) -> Any:
         """Return the law's state at the first tick."""
@@ -87,12 +87,12 @@ class RecordedLaw(CellController):
     ) -> CellCommand:
         """Return the law's command."""
         command = self._law.step(measurements, references, state)
-        seen = [
+        measured = [
             measurement._replace(holding_torque=first.holding_torque)
             for measurement, first in zip(measurements, self._first, strict=True)
         ]
-        torques, said = map(np.asarray, command.values), self._said or [_NOTHING] * len(seen)
-        self.ticks.append(list(map(LawTick, seen, references, torques, said)))
+        torques, messages = map(np.asarray, command.values), self._latest or [_NOTHING] * len(measured)
+        self.ticks.append(list(map(LawTick, measured, references, torques, messages)))
         return command
 
 
@@ -125,8 +125,8 @@ class LawCode(NamedTuple):
 
 def fields(tick: LawTick) -> tuple[Values, Values]:
     """Return the values of measurement and reference that are inputs of the code, by name."""
-    seen, reference = tick.measurement._asdict(), tick.reference._asdict()
-    measured = {name: seen[name] for name in MEASURED}
+    measurement, reference = tick.measurement._asdict(), tick.reference._asdict()
+    measured = {name: measurement[name] for name in MEASURED}
     absent = {name for name, value in measured.items() if value is None}
     absent |= {f"{name}_age" for name in absent}
     present = {name: value for name, value in measured.items() if name not in absent}

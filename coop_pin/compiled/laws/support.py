@@ -107,8 +107,8 @@ class ShakenLaw(RecordedLaw):
     ) -> CellCommand:
         """Return the law's command, shaken."""
         draw = self._random.random
-        seen = [each._replace(saturated=draw(each.q.shape) < _SATURATED) for each in measurements]
-        command = super().step(seen, references, state)
+        saturated = [each._replace(saturated=draw(each.q.shape) < _SATURATED) for each in measurements]
+        command = super().step(saturated, references, state)
         velocities, positions = (
             self._shaken(part, _MOTION) for part in (command.velocities, command.positions)
         )

@@ -233,18 +233,18 @@ def _together(
         return [*itertools.chain.from_iterable(together)]
     family = digest((*runs.kind.code, jobs[0].code)) if runs.is_foreign else ""
     spent, outcomes = preparation + (times() - start) / len(jobs), list[Outcome | Way]()
-    told: dict[str, Any] = {"engine": "compiled", "family": family}
-    told |= zip(("wall_s", "cpu_s"), spent.tolist(), strict=True)
+    shared: dict[str, Any] = {"engine": "compiled", "family": family}
+    shared |= zip(("wall_s", "cpu_s"), spent.tolist(), strict=True)
     for index, (job, is_valid) in enumerate(zip(jobs, batch.is_valid.tolist(), strict=True)):
         if not is_valid:
             outcomes.append("pinocchio")
         elif job.metrics or job.keep:
             outcome = outcome_of(job, functools.partial(batch.result, index), metrics[index])
-            more = {name: told[name] + getattr(outcome.record, name) for name in ("wall_s", "cpu_s")}
-            record = dataclasses.replace(outcome.record, **told | more)
+            more = {name: shared[name] + getattr(outcome.record, name) for name in ("wall_s", "cpu_s")}
+            record = dataclasses.replace(outcome.record, **shared | more)
             outcomes.append(outcome._replace(record=record))
         else:
-            record = Record(job.key, dict(job.changes), metrics[index], **told)
+            record = Record(job.key, dict(job.changes), metrics[index], **shared)
             outcomes.append(Outcome(record, line=record.to_line()))
     batch.release()
     return outcomes

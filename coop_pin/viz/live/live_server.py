@@ -102,8 +102,8 @@ class LiveServer:
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.process.wait(_END_S)
         self._stderr.seek(0)
-        said = self._stderr.read()[-_SHOWN_CHARACTERS:].decode(errors="replace").strip()
-        return f"its process ended with code {self.process.returncode}" + (f": {said}" if said else "")
+        output = self._stderr.read()[-_SHOWN_CHARACTERS:].decode(errors="replace").strip()
+        return f"its process ended with code {self.process.returncode}" + (f": {output}" if output else "")
 
 
 def _start(page: str, port: int, stderr: IO[bytes]) -> tuple[str, subprocess.Popen[bytes]]:
