@@ -189,7 +189,7 @@ static const {name}_reference desired[] = {{
 static const double expected[][{joints}] = {{
 {expected}
 }};
-{expected_message}
+{sent}
 int main(void)
 {{
     {name}_state state;

@@ -26,9 +26,9 @@ int {name}_message(
     double *message);
 
 """,
-    "expected_message": """
-static const double expected_message[][{size}] = {{
-{expected_message}
+    "sent": """
+static const double sent[][{size}] = {{
+{sent}
 }};
 
 /* Return whether a message is the expected one. */
@@ -42,10 +42,10 @@ static int agrees(const double *message, const double *expected)
 """,
     "before": """
     double message[{size}];
-    good &= {name}_first_message(&measured[0], &desired[0], message) & agrees(message, expected_message[0]);""",
+    good &= {name}_first_message(&measured[0], &desired[0], message) & agrees(message, sent[0]);""",
     "at_tick": """
         good &= {name}_message(&measured[tick], &desired[tick], &state, message);
-        good &= agrees(message, expected_message[tick + 1]);""",
+        good &= agrees(message, sent[tick + 1]);""",
 }
 """Parts of header and self-test by name."""
 
@@ -73,7 +73,7 @@ def message_texts(name: str, ticks: Sequence[LawTick], first: Array) -> dict[str
         "name": name,
         "size": len(first),
         "heard": ", ".join(map(repr, heard_fields(ticks[0].measurement).values())),
-        "expected_message": ",\n".join(f"    {{{row}}}" for row in rows),
+        "sent": ",\n".join(f"    {{{row}}}" for row in rows),
         "tolerance": c_number(AGREEMENT * float(np.abs(messages).max())),
     }
     return {part: text.format(**numbers) for part, text in _TEXTS.items()}
