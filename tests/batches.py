@@ -2,12 +2,12 @@
 
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
+from numpy_machine import NumpyMachine
 
 from coop_pin.base.disk_cache import DiskCache
 from coop_pin.compiled import BatchSimulator
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.tracing.llvm_machine import LlvmMachine
-from coop_pin.tracing.numpy_machine import NumpyMachine
 
 
 def require_same_samples(found, wanted):

@@ -39,11 +39,11 @@ from pathlib import Path
 import numpy as np
 from cells import SCENARIOS
 from linkages import bennett
+from numpy_machine import NumpyMachine
 
 import coop_pin as cp
 from coop_pin import cli
 from coop_pin.running.plausibility import implausible_numbers, run_warnings
-from coop_pin.tracing.numpy_machine import NumpyMachine
 
 SOUND = {"result", "refused", "not callable so"}
 LIMIT_S, LIMIT_BYTES = 30.0, 6 << 30

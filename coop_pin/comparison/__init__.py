@@ -3,7 +3,7 @@
 Open first: ``benchmark`` (``cp.compare``: runs and medians), ``trials`` (named changes under which all are
 compared), ``controllers`` (who is compared, by which gains; ``controllers.toml``).
 
-- ``measures`` (of a run, and the cost of a search), ``costs`` (computing time), ``table`` (text, CSV, page).
+- ``measures`` (of a run, and the cost of a search), ``table`` (text, CSV, page).
 - ``tuned_gains``: the same search for every controller.
 
 Imports ``base``, ``compiled``, ``control``, ``description``, ``design``, ``feasibility``, ``grasps``,
@@ -22,7 +22,7 @@ __all__, __getattr__, __dir__ = lazy_names(
         "controller_names": "comparison.controllers",
         "controllers_for": "comparison.controllers",
         "standard_trials": "comparison.trials",
-        "tick_costs": "comparison.costs",
+        "tick_costs": "comparison.controllers",
         "tune_controllers": "comparison.tuned_gains",
     },
 )

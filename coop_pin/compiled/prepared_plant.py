@@ -34,7 +34,7 @@ from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.simulation.tick import SignalSource
-from coop_pin.tracing.numpy_machine import evaluate
+from coop_pin.tracing.evaluation import evaluate
 from coop_pin.tracing.tape import Tape, UntraceableError, operands
 from coop_pin.tracing.traced_array import inputs
 from coop_pin.tracing.tree import flattened, leaves

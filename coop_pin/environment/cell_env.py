@@ -9,7 +9,7 @@ import numpy as np
 from coop_pin.base.arrays import Array, require_type
 from coop_pin.base.errors import DivergedError, SingularJacobianError, needs_extra
 from coop_pin.description.scenario import Scenario
-from coop_pin.environment.task import ActedLaw, Observed, Task, drives_of
+from coop_pin.environment.task import ActedLaw, Observed, Task
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 
@@ -50,8 +50,8 @@ class CellEnv(Env[Array, Array]):
             scenario = scenario.replace(beyond_bound=True)
             self.task.retuned(scenario, np.zeros(len(self.task.gains)))
         law = build_controller(scenario)
-        self.simulation = Simulation(scenario, law)
-        self._law: ActedLaw = self.task.acted(scenario, law, drives_of(self.simulation))
+        drives = [len(slot.drive) for slot in Simulation(scenario, law).slots]
+        self._law: ActedLaw = self.task.acted(scenario, law, drives)
         self.simulation = Simulation(scenario, self._law)
         actions, size = self.task.sizes(self._law)
         self.action_space = Box(-1.0, 1.0, (actions,), np.float64)

@@ -15,7 +15,6 @@ from coop_pin.base.spatial import rotate_vector6
 from coop_pin.control import ArmMeasurement, ArmReference, CellCommand, CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.quantities import QUANTITIES, computed
-from coop_pin.simulation.simulation import Simulation
 
 _FIELDS = {"torque": "torques", "velocity": "velocities", "position": "positions"}
 
@@ -260,8 +259,3 @@ class Task:
         observation = np.concatenate((*parts, turned.reshape(*lead, -1)), axis=-1)
         reward = -sum((w * metric(samples[quantity]) for w, quantity, metric in metrics), np.zeros(lead))
         return observation, reward
-
-
-def drives_of(run: Simulation) -> list[int]:
-    """Return the number of each arm's drives."""
-    return [len(arm.drive) for arm in run.slots]

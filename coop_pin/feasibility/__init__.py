@@ -4,7 +4,7 @@ Open first: ``reachability`` (reach, singular poses, joint limits and speeds of 
 ``statics`` (torque of every drive at rest against its limit), ``motion_feasibility`` (all of it at once).
 
 - Paths: ``payload_path`` (poses of the payload), ``path_following`` (one arm along them).
-- Forces: ``least_squeeze`` (of friction), ``reserves`` (of drives), ``table_force``, ``internal_moment``.
+- Forces: ``least_squeeze`` (of friction), ``table_force``, ``internal_moment``.
 - ``task_inertia``: inertia and wrenches of the motion. ``cell_summary``: what a cell consists of.
 
 Whether the law holds is in ``stability``; proposals are in ``design``.
@@ -20,11 +20,12 @@ from coop_pin.feasibility.least_squeeze import LeastSqueeze, least_squeeze
 from coop_pin.feasibility.motion_feasibility import closure_problem
 from coop_pin.feasibility.path_following import FastestJoint, JointLimitMargin, NearlySingular, Unreachable
 from coop_pin.feasibility.reachability import ArmReach, Reachability, reachability
-from coop_pin.feasibility.reserves import force_reserve, loads_without_an_arm
 from coop_pin.feasibility.statics import (
     ArmStatics,
     DriveTorque,
     StaticTorques,
+    force_reserve,
+    loads_without_an_arm,
     start_torques,
     static_torques,
     statics_along,

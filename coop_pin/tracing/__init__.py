@@ -2,9 +2,9 @@
 
 It knows no robot and imports nothing but numpy and llvmlite; its imports are relative, so that the folder
 works anywhere. A tape records operations, a kernel is a tape that reads and writes slots of a block, a
-program has kernels and their order; a machine runs it, by numpy or compiled by LLVM. ``README.md`` has an
+program has kernels and their order; a machine runs it, compiled by LLVM. ``README.md`` has an
 example. In the order in which they build on each other: tape (operations, scalars), comparisons (and
 choices), elementary (sine, logarithm, inverse), traced_array (numpy's functions), tree (numbers in nested
-values), kernel (slots, programs), emitter with c_emitter and llvm_emitter (text), numpy_machine (the
-oracle) and llvm_machine (compiled).
+values), evaluation (by numpy), kernel (slots, programs), emitter with c_emitter and llvm_emitter (text), and
+llvm_machine.
 """

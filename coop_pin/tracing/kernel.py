@@ -197,11 +197,11 @@ class Machine(ABC):
             ValueError: ``out`` is too small, or no row of floats.
         """
         record = self.new_record(block.shape[1], out)
-        self._execute(block, uniforms, loads, record, between or (lambda: None))
+        self.execute(block, uniforms, loads, record, between or (lambda: None))
         return record[:, :, : block.shape[1]]
 
     @abstractmethod
-    def _execute(
+    def execute(
         self, block: Array, uniforms: Array, loads: Array, record: Array, between: Callable[[], None]
     ) -> None:
         """Run the program with a record of whole registers; see ``run``."""

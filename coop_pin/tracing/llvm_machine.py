@@ -60,9 +60,10 @@ class LlvmMachine(Machine):
             self._engine.get_function_address("run")
         )
 
-    def _execute(
+    def execute(
         self, block: Array, uniforms: Array, loads: Array, record: Array, between: Callable[[], None]
     ) -> None:
+        """Run the program with a record of whole registers; see ``run``."""
         slots = self.packed(block)
         call = self.bound(slots, np.ascontiguousarray(uniforms), record, self.packed(loads))
         count = len(self.program.instructions)

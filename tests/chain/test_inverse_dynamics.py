@@ -22,7 +22,7 @@ from coop_pin.description.cell.closure import Closure
 from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps import CellChain
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
-from coop_pin.tracing import numpy_machine
+from coop_pin.tracing import evaluation
 from coop_pin.tracing.tree import leaves
 
 CELLS = ["planar", "spatial", "planar-three", *CATALOGUE_CELLS, *FAR_CELLS]
@@ -270,7 +270,7 @@ def _of_complex(monkeypatch):
         "abs": lambda x: x * np.sign(np.real(x)),
     }
     for name, operation in operations.items():
-        monkeypatch.setitem(numpy_machine._OPERATIONS, name, operation)
+        monkeypatch.setitem(evaluation._OPERATIONS, name, operation)
 
 
 @pytest.mark.parametrize("name", ["planar", "spatial", "two-pandas-box", "three-ur5-plate"])
@@ -291,7 +291,7 @@ def test_derivatives_are_those_of_complex_steps_through_the_dynamics_of_batches(
         for argument, value in arguments.items():
             block[slots(argument).ravel()] = value
         written, outputs = zip(*kernel.writes, strict=True)
-        block[[*written]] = numpy_machine.evaluate(
+        block[[*written]] = evaluation.evaluate(
             kernel.tape, outputs, [block[slot] for _, slot in kernel.reads]
         )
         return block[slots("rates")][:nv]

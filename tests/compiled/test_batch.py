@@ -9,6 +9,7 @@ import xarray as xr
 from batches import require_same_bits, require_same_samples
 from cells import RIGID
 from numpy.testing import assert_allclose, assert_array_equal
+from numpy_machine import NumpyMachine
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, InvalidStateError, NotEnoughMemoryError
@@ -25,8 +26,8 @@ from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.transmission import Transmission
 from coop_pin.results.metrics import STEADY_METRICS
 from coop_pin.results.quantities import WORK
+from coop_pin.tracing.evaluation import evaluate
 from coop_pin.tracing.llvm_machine import LlvmMachine
-from coop_pin.tracing.numpy_machine import NumpyMachine, evaluate
 from coop_pin.tracing.tape import Tape, operands
 from coop_pin.tracing.traced_array import inputs
 from coop_pin.tracing.tree import SharedFunctions

@@ -11,6 +11,7 @@ import pytest
 from batches import require_same_samples
 from cells import ANCHORED, SCENARIOS
 from numpy.testing import assert_allclose
+from numpy_machine import NumpyMachine
 from scipy.linalg import expm
 
 import coop_pin as cp
@@ -26,7 +27,6 @@ from coop_pin.description.controller import PackageLaw
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.tracing.numpy_machine import NumpyMachine
 
 GAINS = {"pose_gain": 2.0, "sign_gain": 0.1, "damping_gain": 20.0, "transient_rate": 5.0}
 REDUNDANT = {"controller": {"kind": "sliding-mode-redundant", "gains": GAINS}}

@@ -21,7 +21,7 @@ from coop_pin.control.measurement import DESIRED
 from coop_pin.model.arm_model import ArmKinematics, ArmModel
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.tracing.c_emitter import CEmitter, c_number
-from coop_pin.tracing.numpy_machine import evaluate
+from coop_pin.tracing.evaluation import evaluate
 from coop_pin.tracing.tape import FOLD, Subroutine, Tape, operands
 from coop_pin.tracing.traced_array import inputs
 

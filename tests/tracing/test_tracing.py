@@ -23,12 +23,13 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from numpy_machine import NumpyMachine
 
 from coop_pin.tracing import elementary, traced_array
+from coop_pin.tracing.evaluation import evaluate
 from coop_pin.tracing.kernel import RECORD, Kernel, Layout, Program
 from coop_pin.tracing.llvm_emitter import llvm_text
 from coop_pin.tracing.llvm_machine import LlvmMachine
-from coop_pin.tracing.numpy_machine import NumpyMachine, evaluate
 from coop_pin.tracing.tape import Tape, UntraceableError, operands
 from coop_pin.tracing.traced_array import TracedMask, TracedScalar, inputs, parts, traced
 from coop_pin.tracing.tree import SharedFunctions, leaves, rebuilt, structure

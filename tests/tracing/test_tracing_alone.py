@@ -22,7 +22,8 @@ def test_a_copy_of_the_package_passes_its_tests_where_there_is_no_coop_pin(tmp_p
         Path(inspect.getfile(Tape)).parent, copy, ignore=shutil.ignore_patterns("__pycache__", "*.pyc")
     )
     shutil.copy(Path(__file__).with_name("test_tracing.py"), tests)
-    for file in (tests, copy / "README.md"):  # as the README says
+    oracle = shutil.copy(Path(__file__).parents[1] / "numpy_machine.py", tmp_path)
+    for file in (tests, Path(oracle), copy / "README.md"):  # as the README says
         text = file.read_text(encoding="utf-8")
         file.write_text(text.replace("coop_pin.tracing", "tracing"), encoding="utf-8")
     (tmp_path / "conftest.py").write_text(WITHOUT, encoding="utf-8")

@@ -18,7 +18,7 @@ from coop_pin.compiled.constants import ArmConstants
 from coop_pin.control import ArmController, ArmMeasurement, ArmReference, CellCommand, CellController, Message
 from coop_pin.control.measurement import DESIRED, MEASURED
 from coop_pin.simulation.devices.sensors import measured_motion
-from coop_pin.tracing.numpy_machine import evaluate
+from coop_pin.tracing.evaluation import evaluate
 from coop_pin.tracing.tape import Number, Operand, Tape, UntraceableError, operands
 from coop_pin.tracing.traced_array import inputs, masks, plain
 from coop_pin.tracing.tree import leaves, rebuilt, structure

@@ -1,4 +1,4 @@
-"""Programs run by numpy, one operation at a time on all lanes: slow, the oracle of the compiled code."""
+"""Evaluation of traced code by numpy, one operation at a time, on numbers or on arrays of lanes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from .kernel import LOAD, RECORD, Array, Machine
 from .tape import Operand, Tape
 
 _OPERATIONS: dict[str, Callable[..., Any]] = {
@@ -49,28 +48,3 @@ def evaluate(tape: Tape, outputs: Sequence[Operand], inputs: Sequence[Any]) -> l
         else:
             values[index] = _OPERATIONS[name](*map(value, operands))
     return list(map(value, outputs))
-
-
-class NumpyMachine(Machine):
-    """Machine that evaluates a program by numpy."""
-
-    def _execute(
-        self, block: Array, uniforms: Array, loads: Array, record: Array, between: Callable[[], None]
-    ) -> None:
-        program = self.program
-        with np.errstate(all="ignore"):
-            for code, row in program.instructions.tolist():
-                between()
-                if code == RECORD:
-                    record[row] = block[: program.recorded]
-                elif code == LOAD:
-                    block[program.recorded : program.recorded + program.loaded] = loads[row]
-                else:
-                    kernel = program.kernels[code]
-                    arguments = [
-                        block[slot].copy() if space == "lane" else uniforms[row, slot]
-                        for space, slot in kernel.reads
-                    ]
-                    slots, outputs = zip(*kernel.writes, strict=True) if kernel.writes else ((), ())
-                    for slot, value in zip(slots, evaluate(kernel.tape, outputs, arguments), strict=True):
-                        block[slot] = value
