@@ -1,4 +1,4 @@
-"""Static torques of drives against their limits, the internal force they can bear, and loads without an arm."""
+"""Static torques of drives against their limits, internal force they can bear, and loads without an arm."""
 
 from __future__ import annotations
 

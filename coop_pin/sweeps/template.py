@@ -128,7 +128,7 @@ class Templates:
         if others not in self._plain and isinstance(first := self._plan.resolved(point), Scenario):
             self._plain[others] = [axis for axis in self._numbers if self._template(first, [axis])]
         plain = self._plain.get(others, [])
-        key = tuple([place for axis, place in enumerate(point.places) if axis not in plain])
+        key = tuple([position for axis, position in enumerate(point.places) if axis not in plain])
         if key not in self._made:
             while len(self._made) >= _MOST:
                 del self._made[next(iter(self._made))]
