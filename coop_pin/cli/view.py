@@ -7,7 +7,7 @@ import os
 import sys
 import threading
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -71,16 +71,18 @@ def view(
     if is_scenario and not (pictures or against):
         from coop_pin.viz.live.live_view import open_view
 
-        scenario, simulate = load_scenario(what, fields), _simulator(realtime_rate) if run else None
+        scenario = load_scenario(what, fields)
+        if run:  # loaded before Ctrl-C ends the view: it is an ImportError where compiled code loads
+            from coop_pin.running import run_scenario
         with contextlib.closing(open_view(scenario, port=port)) as live:
             _show(live.url, live.url, open)
             hint = "open this address in a browser on this machine; Ctrl-C ends the view"
             print(f"coop-pin: {hint}", file=sys.stderr)
             with contextlib.suppress(KeyboardInterrupt):  # which ends it normally
-                if simulate is None:
+                if not run:
                     threading.Event().wait()
-                else:
-                    simulate(live, scenario)
+                while live.is_alive:
+                    run_scenario.run(scenario, view=live, realtime_rate=realtime_rate)
         return
     refuse_fields(fields, what)
     if not pictures:
@@ -94,20 +96,6 @@ def view(
     if video is not None:
         viz.save_video(result, video, *others, names=names)
         print(video.resolve())
-
-
-def _simulator(realtime_rate: float) -> Callable[[Any, Any], None]:
-    """Return the function that simulates a scenario over and over at a rate while its view is open.
-
-    It loads what it needs before Ctrl-C is told of, which is an ImportError where compiled code loads.
-    """
-    from coop_pin.running.run_scenario import run
-
-    def simulate(live: Any, scenario: Any) -> None:
-        while live.is_alive:
-            run(scenario, view=live, realtime_rate=realtime_rate)
-
-    return simulate
 
 
 def _show(text: str, address: str, opens: bool) -> None:

@@ -54,7 +54,11 @@ def save_figure(
     stem = stem.with_suffix("") if named else stem
     paths = tuple(stem.with_name(f"{stem.name}.{kind}") for kind in formats)
     if paper:
-        _fit_paper(figure)
+        figure.suptitle("")
+        figure.supxlabel("")
+        width, height = figure.get_size_inches()
+        fitted = _COLUMN if width < 6.0 else _PAGE
+        figure.set_size_inches(fitted, height * fitted / width)
     engine, dpi, canvas = figure.get_layout_engine(), figure.dpi, figure.canvas
     # Without a fixed salt, matplotlib makes the ids inside an SVG random.
     with mpl.rc_context({"svg.hashsalt": "coop_pin", "pdf.fonttype": 42}):
@@ -70,14 +74,6 @@ def save_figure(
             figure.set_layout_engine(engine)
             figure.set_canvas(canvas)
     return paths
-
-
-def _fit_paper(figure: Figure) -> None:
-    figure.suptitle("")
-    figure.supxlabel("")
-    width, height = figure.get_size_inches()
-    fitted = _COLUMN if width < 6.0 else _PAGE
-    figure.set_size_inches(fitted, height * fitted / width)
 
 
 def _write(figure: Figure, part: Path) -> None:

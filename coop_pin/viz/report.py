@@ -79,11 +79,13 @@ def scenario_facts(result: RunResult) -> list[tuple[str, str]]:
     """Return labels and texts: arms, payload, controller, clock, motion, events, plant."""
     scenario = result.scenario
     cell, clock, plant = scenario.cell, scenario.clock, scenario.plant
+    law = scenario.controller.model_dump(exclude_none=True)
+    kind, gains = law.pop("kind"), law.pop("gains", {})
     facts = [(f"arm {name}", _arm(result, index)) for index, name in enumerate(cell.arms)]
     facts += [
         ("payload", f"{cell.payload.mass:g} kg"),
         ("task", f"{cell.rows} ({cell.task_rows.size} rows), gravity ({_row(cell.gravity)}) m/s²"),
-        ("controller", _controller(result)),
+        ("controller", f"{kind}: {table_text(gains | law)}"),
         ("motion", scenario.motion.kind),
         ("clock", f"{clock.rate_hz:g} Hz, {clock.steps_per_tick} plant steps in a tick, {result.end:g} s"),
         ("plant", f"payload {plant.payload}, {plant.integrator}"),
@@ -109,12 +111,6 @@ def _arm(result: RunResult, index: int) -> str:
     )
 
 
-def _controller(result: RunResult) -> str:
-    fields = result.scenario.controller.model_dump(exclude_none=True)
-    kind, gains = fields.pop("kind"), fields.pop("gains", {})
-    return f"{kind}: {table_text(gains | fields)}"
-
-
 def _row(values: Iterable[float]) -> str:
     return ", ".join(f"{round(value, 9) + 0.0:.4g}" for value in values)
 
@@ -131,6 +127,12 @@ def report_html(result: RunResult) -> str:
     """
     scenario, end = result.scenario, result.end
     broken_off = f'<p class="warning">This run broke off at t = {end:g} s of {scenario.duration:g} s.</p>'
+    metrics, friction = result.metrics(), ""
+    absent = "; ".join(
+        text for name, (text, *_) in METRIC_TEXTS.items() if math.isnan(metrics.get(name, 0.0))
+    )
+    if scenario.cell.padded:
+        friction = _image(friction_figure(result), "friction used, and normal force beyond what it needs")
     return Template(web_file("report.html")).substitute(
         title=html.escape(scenario.name),
         summary=html.escape(scenario.caption),
@@ -144,8 +146,14 @@ def report_html(result: RunResult) -> str:
             f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>"
             for name, text in scenario_facts(result)
         ),
-        metrics=_metrics(metrics_table(result)),
-        left_out=_left_out(result),
+        metrics="\n".join(
+            f"<tr{' class=numerical' if row.name in _NUMERICAL else ''}><td>{html.escape(row.text)}</td>"
+            f'<td class="number">{html.escape(row.value)}</td>'
+            f'<td class="number">{html.escape(row.window)}</td>'
+            f'<td class="name"><code>{html.escape(row.name)}</code></td></tr>'
+            for row in metrics_table(result)
+        ),
+        left_out=f"Left out, because it does not apply to this run: {html.escape(absent)}." if absent else "",
         replay=html.escape(replay_html(result)),
         motion=_image(motion_figure(result), "paths of payload and tips"),
         tracking=_image(
@@ -155,7 +163,7 @@ def report_html(result: RunResult) -> str:
             internal_force_figure(result),
             "axial force, shear force and moment of the internal wrench on each arm",
         ),
-        friction=_friction(result),
+        friction=f"<figure>{friction}</figure>" if friction else "",
         torque=_image(torque_figure(result), "drive torques of every joint"),
         errors=_image(error_figure(result), "pose errors, closure drift and energy balance"),
         singularity=_image(singularity_figure(result), "condition number of each payload Jacobian"),
@@ -201,31 +209,6 @@ def _tiles(result: RunResult) -> str:
         for name, value, unit, note in tiles
         if not math.isnan(value)
     )
-
-
-def _friction(result: RunResult) -> str:
-    """Return the figure of the friction of a cell with patches or pads."""
-    if not result.scenario.cell.padded:
-        return ""
-    image = _image(friction_figure(result), "friction used, and normal force beyond what it needs")
-    return f"<figure>{image}</figure>"
-
-
-def _metrics(rows: list[MetricRow]) -> str:
-    return "\n".join(
-        f"<tr{' class=numerical' if row.name in _NUMERICAL else ''}><td>{html.escape(row.text)}</td>"
-        f'<td class="number">{html.escape(row.value)}</td>'
-        f'<td class="number">{html.escape(row.window)}</td>'
-        f'<td class="name"><code>{html.escape(row.name)}</code></td></tr>'
-        for row in rows
-    )
-
-
-def _left_out(result: RunResult) -> str:
-    """Return the metrics that the table leaves out, as a sentence."""
-    metrics = result.metrics()
-    texts = "; ".join(text for name, (text, *_) in METRIC_TEXTS.items() if math.isnan(metrics.get(name, 0.0)))
-    return f"Left out, because it does not apply to this run: {html.escape(texts)}." if texts else ""
 
 
 def _limits(result: RunResult) -> str:
