@@ -171,7 +171,10 @@ class Comparison:
             }
             frame = pd.DataFrame(texts, index=self.labels(scenario))
             lines += [f"{scenario}: tracking mm / internal force N", frame.T.to_string(), ""]
-            lines += [f"{kind}: {', '.join(names)}" for kind, names in self._classes(scenario).items()]
+            classes = dict[str, list[str]]()
+            for name, kind in zip(self.data["controller"].values, self.information(scenario), strict=True):
+                classes.setdefault(kind, []).append(str(name))
+            lines += [f"{kind}: {', '.join(names)}" for kind, names in classes.items()]
             lines.append("")
         return "\n".join(lines + self._failures())
 
@@ -190,13 +193,6 @@ class Comparison:
         self._require_name("scenario", scenario)
         information = self.data["information"].sel(scenario=scenario).transpose("controller", "trial").values
         return [next((name for name in row if isinstance(name, str)), "") for row in information]
-
-    def _classes(self, scenario: str) -> dict[str, list[str]]:
-        """Return the controllers of each class of information."""
-        classes = dict[str, list[str]]()
-        for name, information in zip(self.data["controller"].values, self.information(scenario), strict=True):
-            classes.setdefault(information, []).append(str(name))
-        return classes
 
     def _failures(self) -> list[str]:
         """Return a line for each error of a controller in a scenario, with the trials in which it occurs."""

@@ -44,7 +44,7 @@ from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.grasp_stability import grasp_stability
 from coop_pin.stability.loop_stability import LoopStability, loop_stability
 from coop_pin.stability.sampled_stability import start_stability
-from coop_pin.stability.step_stability import step_stability
+from coop_pin.stability.step_size import step_stability
 
 _SPARE_RATE = 1.0
 """Least decay of the spare joints, 1/s: what they are off after a motion is gone in a few seconds."""

@@ -3,7 +3,7 @@
 Open first: ``reachability`` (reach, singular poses, joint limits and speeds of all arms along the motion),
 ``statics`` (torque of every drive at rest against its limit), ``motion_feasibility`` (all of it at once).
 
-- Paths: ``payload_path`` (poses of the payload), ``path_following`` (one arm along them).
+- Paths: ``path_following`` (poses of the payload, one arm along them).
 - Forces: ``least_squeeze`` (of friction), ``table_force``, ``internal_moment``.
 - ``task_inertia``: inertia and wrenches of the motion. ``cell_summary``: what a cell consists of.
 

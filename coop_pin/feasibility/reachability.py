@@ -18,9 +18,11 @@ from coop_pin.feasibility.path_following import (
     JointLimitMargin,
     NearlySingular,
     PathFollowing,
+    PayloadPath,
     Unreachable,
+    payload_path,
+    with_free_turn,
 )
-from coop_pin.feasibility.payload_path import PayloadPath, payload_path, with_free_turn
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.inverse_kinematics import solve_ik
 

@@ -16,7 +16,7 @@ from coop_pin.base.spatial import spatial_inertia, weight_wrench
 from coop_pin.control.posture import PostureGains
 from coop_pin.description.cell.payload import Payload
 from coop_pin.description.scenario import Scenario
-from coop_pin.feasibility.payload_path import time_at_rest
+from coop_pin.feasibility.path_following import time_at_rest
 from coop_pin.feasibility.reachability import ArmReach, Reachability
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.transmission import friction

@@ -26,7 +26,7 @@ from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.grasp_stability import grasp_stability
 from coop_pin.stability.loop_stability import loop_stability
 from coop_pin.stability.sampled_stability import start_stability
-from coop_pin.stability.step_stability import step_stability
+from coop_pin.stability.step_size import step_stability
 
 _WHOLE_TURN = 2.0 * np.pi
 _LARGEST_M = 10.0

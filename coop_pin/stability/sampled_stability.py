@@ -14,7 +14,7 @@ from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.modes import damping_matrix, fastest_joints
-from coop_pin.stability.resting_law import RestingLaw
+from coop_pin.stability.sampled_motion import RestingLaw
 
 STABILITY_LIMIT = 2.0
 """Sampled damping is stable below this: v[k+1] = (1 - value) v[k]."""

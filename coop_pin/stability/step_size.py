@@ -1,20 +1,29 @@
-"""Step size of a plant by measured error: the fewest integration steps in a tick that are accurate enough."""
+"""Steps of a plant: the fewest in a tick that keep a measured error, and their stability under friction."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.base.arrays import Array, as_positive, require_type
+from coop_pin.base.arrays import Array, as_positive, require_type, typed
+from coop_pin.base.bisection import edge
 from coop_pin.base.errors import DivergedError, OutOfRangeError
+from coop_pin.description.events import Partner
 from coop_pin.description.scenario import Scenario
+from coop_pin.feasibility.reachability import Reachability
+from coop_pin.grasps.cell_chain import CellChain
+from coop_pin.grasps.partner import partner_matrices
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.plant import PlantMaker
 from coop_pin.simulation.simulate import simulate
+from coop_pin.simulation.simulation import Simulation
+from coop_pin.stability.modes import NEUTRAL, damping_matrix, fastest_joints, motion_basis
+from coop_pin.stability.sampled_stability import start_and_later
 
 STEPS_FIELD, AUTO = "clock.steps_per_tick", "auto"
 """Field whose value "auto", in changes of a scenario, stands for the fewest steps that keep an error."""
@@ -121,3 +130,152 @@ def _distance(run: Array, other: Array) -> float:
     """Return the largest distance of the payload, or difference of a closure error, of two runs, m."""
     change = run - other
     return float(max(np.linalg.norm(change[:, :3], axis=1).max(), np.abs(change[:, 3:]).max()))
+
+
+REAL_STABILITY = {"rk4": 2.785293563405282, "semi-implicit-euler": 2.0}
+"""Largest h lambda for which an integrator's solution of v' = -lambda v decays: for RK4 the real root of
+x^3 - 4 x^2 + 12 x - 24."""
+
+_POSES = 21
+_SLOW = 1e-6
+"""A speed at which Coulomb friction is linear, rad/s or m/s."""
+_NEUTRAL_POLE = 1.0
+"""Size of a pole that only rounding and slow friction have, 1/s."""
+_LONGEST, _LIMIT_ERROR = 4.0, 1e-4
+"""Beyond the stability region of RK4; accuracy of its border."""
+
+
+class StepStability(NamedTuple):
+    """Stability of the plant's integration under joint friction and compliant grasps, with the critical mode.
+
+    Attributes:
+        value: ``h |lambda|``, with h the plant's step and lambda the fastest decay by friction alone; with
+            compliant grasps the mode of springs, dampers and friction that is nearest to its limit.
+        limit: stability limit of the integrator for it.
+        steps_per_tick: plant steps in a tick.
+        joints: the joints that move most in that mode, as arm/joint.
+        time: time of the pose at which it is so, s.
+        cause: origin of the mode, "friction", "compliant grasps", "patches" or "partner".
+    """
+
+    value: float
+    limit: float
+    steps_per_tick: int
+    joints: tuple[str, ...]
+    time: float = 0.0
+    cause: str = "friction"
+
+    @property
+    def ok(self) -> bool:
+        """Whether it is integrated stably."""
+        return self.value <= self.limit
+
+    def summary(self) -> str:
+        """Return the finding as text, in one line."""
+        at = f" at t = {self.time:.3g} s" if self.time else ""
+        text = f"h*lambda = {self.value:.3g} of the {self.cause} of {', '.join(self.joints)}{at}"
+        if self.ok:
+            return f"{text} is within the stability limit {self.limit:.3g} of the plant's steps"
+        steps = math.ceil(self.steps_per_tick * self.value / self.limit)
+        remedy = "lower the friction" if self.cause == "friction" else "use a softer or less damped element"
+        return (
+            f"! {text} exceeds the stability limit {self.limit:.3g} of the plant's steps."
+            f" Raise clock.steps_per_tick from {self.steps_per_tick} to {steps}, or {remedy}"
+        )
+
+
+@typed
+def step_stability(simulation: Simulation, cell_reach: Reachability | None = None) -> StepStability:
+    """Return the stability of the plant's steps under friction and grasps, where it is least on the motion.
+
+    D is that of sampled_stability for the friction. With compliant grasps it is looked at for every payload
+    that the events bring. Coulomb friction is steepest at rest, where its slope is
+    coulomb / coulomb_velocity: a joint that turns back along the motion passes it. Beyond the limit energy
+    appears from nothing.
+
+    Args:
+        simulation: Simulation that has not begun.
+        cell_reach: Reachability of its scenario, in which every arm holds the start; up to 21 poses of the
+            motion are looked at. The start alone when omitted.
+    """
+    poses = start_and_later(simulation, cell_reach, _POSES)
+    stabilities = [_steps_at(simulation, *pose) for pose in poses]
+    scenario = simulation.scenario
+    if scenario.cell.unclosed or scenario.partners:
+        stabilities += [_grasp_steps_at(simulation, *pose) for pose in poses]
+    return max(stabilities, key=lambda stability: stability.value / stability.limit)
+
+
+def _grasp_steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:
+    """Return the stability of the plant's steps under grasps and friction, for the payload that is worst."""
+    scenario, chain, cell = simulation.scenario, simulation.chain, simulation.scenario.cell
+    instants, stabilities = {0.0, *(event.time for event in scenario.events)}, list[StepStability]()
+    for surroundings in map(scenario.surroundings_at, instants):
+        chain.surround(surroundings)
+        A, N = plant_matrix(chain, q, partners=surroundings.partners)
+        s, vectors = np.linalg.eig(A)
+        modes = N @ vectors[len(A) // 2 :]
+        limits = np.array([_ray_limit(entry) for entry in s])
+        kinds = {"compliant grasps": cell.compliant, "patches": cell.patches}
+        cause = next((kind for kind, grasps in kinds.items() if grasps), "partner")
+        stabilities.append(_critical(simulation, time, s, modes, limits, cause))
+    chain.surround(cell.surroundings)
+    return max(stabilities, key=lambda stability: stability.value / stability.limit)
+
+
+def plant_matrix(
+    chain: CellChain, q: Array, stiffer: float = 1.0, partners: Sequence[Partner] = ()
+) -> tuple[Array, Array]:
+    """Return the matrix of [y, w] under force elements and friction, and the basis N of the n motions.
+
+    N has shape (nv, n), and v = N w.
+
+    Args:
+        chain: Chain of a cell.
+        q: Configuration, with the payload at rest.
+        stiffer: Factor of all stiffnesses of grasps, at the same damping ratios.
+        partners: Partners that hold the payload.
+    """
+    mechanism, friction = chain.mechanism, chain.transmission.friction
+    N, rest = motion_basis(mechanism, q), np.zeros(mechanism.model.nv)
+    elements = chain.springs, chain.patches
+    K, D = (sum(parts) for parts in zip(*(element.matrices(q) for element in elements), strict=True))
+    K, D = stiffer * K, math.sqrt(stiffer) * D
+    for partner in partners:
+        held = partner_matrices(partner, partner.time, chain.payload_jacobian(q))
+        K, D = K + held[0], D + held[1]
+    D -= np.column_stack([friction(_SLOW * row) / _SLOW for row in np.eye(len(rest))])
+    still = mechanism.forward_dynamics(q, rest, rest).acceleration
+    forces = np.hstack((K @ N, D @ N)).T
+    response = [mechanism.forward_dynamics(q, rest, force).acceleration - still for force in forces]
+    n = N.shape[1]
+    return np.vstack((np.eye(n, 2 * n, n), -N.T @ np.column_stack(response))), N
+
+
+def _ray_limit(pole: complex) -> float:
+    """Return the largest ``h |s|`` at which RK4 does not let the mode of a pole s grow."""
+    direction = pole / abs(pole) if abs(pole) > _NEUTRAL_POLE else -1.0
+
+    def is_stable(size: float) -> bool:
+        x = size * direction
+        return abs(1.0 + x + x**2 / 2.0 + x**3 / 6.0 + x**4 / 24.0) <= 1.0 + NEUTRAL
+
+    return edge(is_stable, 0.0, _LONGEST, _LIMIT_ERROR)
+
+
+def _steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:
+    """Return the stability of the plant's steps at a configuration and its time."""
+    friction = simulation.chain.transmission.friction
+    eigenvalues, modes = np.linalg.eig(damping_matrix(simulation, q, lambda v: friction(_SLOW * v) / _SLOW))
+    limits = np.full(len(modes), REAL_STABILITY[simulation.scenario.plant.integrator])
+    return _critical(simulation, time, eigenvalues, modes, limits, "friction")
+
+
+def _critical(
+    simulation: Simulation, time: float, poles: Array, modes: Array, limits: Array, cause: str
+) -> StepStability:
+    """Return the stability of the plant's steps for the pole that is largest in its limit, rates in 1/s."""
+    clock, worst = simulation.scenario.clock, int(np.argmax(np.abs(poles) / limits))
+    value = float(np.abs(poles[worst])) * (clock.period / clock.steps_per_tick)
+    joints = fastest_joints(simulation, np.abs(modes[:, worst]))
+    return StepStability(value, float(limits[worst]), clock.steps_per_tick, joints, time, cause)

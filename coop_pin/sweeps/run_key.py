@@ -137,7 +137,6 @@ def run_key(
     digest: Callable[[Path], str] = file_digest,
     *,
     engine: str = "pinocchio",
-    text: Callable[[Scenario], str] = Scenario.model_dump_json,
 ) -> str:
     """Return the key of a run, 64 hexadecimal digits.
 
@@ -152,12 +151,11 @@ def run_key(
         code: digests of the user's code; computed when omitted.
         digest: ``file_digest``, or one that remembers.
         engine: engine of the plan; compiled runs differ from those of Pinocchio by rounding.
-        text: function that returns a scenario as JSON.
     """
     if code is None:
         code = tuple((name, code_digests(name)) for name in code_of(scenario, metrics))
     content = _content(scenario, metrics, code, digest, engine)
-    return _hash(content | {"scenario": text(scenario)})
+    return _hash(content | {"scenario": scenario.model_dump_json()})
 
 
 def _content(
@@ -203,20 +201,6 @@ def _urdf_path(urdf: str) -> Path:
     return find_urdf(urdf).path
 
 
-class ScenarioTexts:
-    """JSON of one scenario after the other; fields that are those of the last one are not written anew."""
-
-    def __init__(self) -> None:
-        self._fields: dict[str, tuple[Any, str]] = {}
-
-    def __call__(self, scenario: Scenario) -> str:
-        """Return what ``model_dump_json`` returns."""
-        for name, value in fields_of(scenario).items():
-            if name not in self._fields or self._fields[name][0] is not value:
-                self._fields[name] = value, scenario.model_dump_json(include={name})[1:-1]
-        return f"{{{','.join(filter(None, (text for _, text in self._fields.values())))}}}"
-
-
 class KeyedPoint(NamedTuple):
     """One run of a plan and its key.
 
@@ -256,7 +240,7 @@ class _KeyTemplate:
 
 def keyed_points(plan: SweepPlan, runs: Iterable[int] | None = None) -> Iterator[KeyedPoint]:
     """Yield points of a plan, all without numbers, with their keys; every file is looked at once."""
-    digests, digest, text = functools.cache(code_digests), functools.cache(file_digest), ScenarioTexts()
+    digests, digest = functools.cache(code_digests), functools.cache(file_digest)
     engine, metrics, templates = plan.engine, plan.metrics, Templates(plan)
 
     def code_for(scenario: Scenario) -> Code:
@@ -282,5 +266,5 @@ def keyed_points(plan: SweepPlan, runs: Iterable[int] | None = None) -> Iterator
             yield KeyedPoint(point, unresolved_key(plan.base[point.base], point.changes), scenario)
             continue
         code = code_for(scenario)
-        key = run_key(scenario, metrics, code, digest, engine=engine, text=text)
+        key = run_key(scenario, metrics, code, digest, engine=engine)
         yield KeyedPoint(point, key, scenario, code)

@@ -3,8 +3,9 @@
 Open first: ``cell_scene`` (what is drawn of a cell), ``web/stage.js`` (draws the arrows of
 forces), ``replay`` (a recorded run as one HTML file).
 
-- Scene: ``scene`` (drawables), ``frames`` (numbers of an instant), ``contacts`` (cones, a partner's hand).
-- Page: ``page``, ``curves`` (plots in time), ``highlights`` (worst instants), ``arrows`` (their scale).
+- Scene: ``scene`` (drawables, scales of arrows), ``frames`` (numbers of an instant), ``contacts`` (cones, a
+  partner's hand).
+- Page: ``page``, ``curves`` (plots in time), ``highlights`` (worst instants).
 - ``live``: a run while it is computed. ``report``: one page of a run.
 - ``export`` (images, videos) by a ``browser``.
 

@@ -13,9 +13,8 @@ from coop_pin.description.events import Partner
 from coop_pin.figures import palette
 from coop_pin.model.shapes import Box, Cylinder, Mesh, Shape, Sphere, half_extents, payload_shape
 from coop_pin.model.visuals import Body
-from coop_pin.viz.arrows import LONGEST_M
 from coop_pin.viz.contacts import contact_items
-from coop_pin.viz.scene import Axes, Camera, Item, Scene, thinned
+from coop_pin.viz.scene import LONGEST_M, Axes, Camera, Item, Scene, thinned
 
 LINK_FACES = 1800
 """Largest number of triangles of one link's mesh."""

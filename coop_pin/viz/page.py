@@ -16,10 +16,17 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.atomic_write import write_atomically
 from coop_pin.description.cell.cell import Cell
 from coop_pin.figures import palette
-from coop_pin.viz.arrows import LINEAR_M, LOGARITHMIC, LONGEST_M, ArrowScales
 from coop_pin.viz.curves import Curve, plot_table
 from coop_pin.viz.frames import WARNING_COLOURS, CellFrames
-from coop_pin.viz.scene import Scene, base64_floats, packed_scene
+from coop_pin.viz.scene import (
+    LINEAR_M,
+    LOGARITHMIC,
+    LONGEST_M,
+    ArrowScales,
+    Scene,
+    base64_floats,
+    packed_scene,
+)
 
 _PATH_POINTS = 240
 SCRIPTS, DATA = "<!--scripts-->", "<!--data-->"

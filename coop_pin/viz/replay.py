@@ -16,7 +16,6 @@ from coop_pin.base.errors import FieldError
 from coop_pin.figures import palette
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results.run_result import RunResult
-from coop_pin.viz.arrows import LINEAR_M, ArrowScales, recorded_scales
 from coop_pin.viz.cell_scene import cell_scene
 from coop_pin.viz.curves import Curve, cell_curves, curve_rows, thinned_rows
 from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, frame_samples, run_samples
@@ -34,7 +33,7 @@ from coop_pin.viz.page import (
     save_page,
     web_file,
 )
-from coop_pin.viz.scene import base64_floats
+from coop_pin.viz.scene import LINEAR_M, ArrowScales, base64_floats, recorded_scales
 
 _MOST_RUNS = 4
 _FALLS_S = 0.2

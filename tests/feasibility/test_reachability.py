@@ -19,7 +19,7 @@ from coop_pin.description.controller import UserController
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.urdf import find_urdf
 from coop_pin.feasibility import reachability
-from coop_pin.feasibility.payload_path import payload_path
+from coop_pin.feasibility.path_following import payload_path
 from coop_pin.model import ArmModel
 from coop_pin.reference.lines import LineMotion
 from coop_pin.reference.motions import CircleMotion, HoldMotion, TurnMotion

@@ -30,7 +30,7 @@ from coop_pin.stability import (
     sampled_stability,
     step_stability,
 )
-from coop_pin.stability.step_stability import REAL_STABILITY
+from coop_pin.stability.step_size import REAL_STABILITY
 
 QUIET = {"controller.gains.sign_gain": 0.0, "events": [], "duration": 1.5}
 

@@ -20,7 +20,7 @@ from coop_pin.base.errors import (
 from coop_pin.description.urdf import find_urdf
 from coop_pin.sweeps import Sample, estimate, linspace, logspace
 from coop_pin.sweeps.plan import SweepPlan
-from coop_pin.sweeps.run_key import ScenarioTexts, run_key, unresolved_key
+from coop_pin.sweeps.run_key import run_key, unresolved_key
 
 GAIN, RATE, MASS = "controller.gains.sign_gain", "clock.rate_hz", "cell.payload.mass"
 SHORT = {"duration": 0.25, "events": []}
@@ -310,14 +310,3 @@ def test_another_version_of_coop_pin_makes_another_key(monkeypatch):
     after = run_key(base), unresolved_key(base, {"duration": -1.0})
     assert before[0] != after[0]
     assert before[1] != after[1]
-
-
-def test_the_text_of_a_key_is_that_of_the_whole_scenario():
-    """Fields that are those of the last scenario are not written anew: keys of stored runs stay."""
-    text = ScenarioTexts()
-    for name in ("adept-paper", "two-pandas-box", "three-ur5-handover", "human-partner"):
-        base = cp.Scenario.load(name)
-        network = {"network": {"delay": 1}, "sensors": {"wrist": {}}}
-        for changes in ({}, {"seed": 5}, {"duration": 30.0}, network, {}):
-            scenario = base.override(changes)
-            assert text(scenario) == scenario.model_dump_json()

@@ -20,9 +20,9 @@ from numpy.testing import assert_allclose
 import coop_pin as cp
 from coop_pin.description.catalogue import scenario_names
 from coop_pin.viz import save_replay, save_report
-from coop_pin.viz.arrows import recorded_scales
 from coop_pin.viz.highlights import telling_instant
 from coop_pin.viz.live.live_view import LiveScene, initial_scene, open_view
+from coop_pin.viz.scene import recorded_scales
 
 REPOSITORY = Path(__file__).parents[2]
 NOTEBOOK = REPOSITORY / "notebooks" / "05_live_gains.ipynb"

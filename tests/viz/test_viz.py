@@ -42,7 +42,6 @@ from coop_pin.model.shapes import Mesh, half_extents
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results.run_result import RunResult
 from coop_pin.viz import notebook_view, replay_html, save_replay
-from coop_pin.viz.arrows import TYPICAL_M, recorded_scales
 from coop_pin.viz.cell_scene import LINK_FACES, cell_scene
 from coop_pin.viz.contacts import ABSENT, HOLDS, SLIDES, contact_items, contact_nodes, contact_poses
 from coop_pin.viz.curves import thinned_rows
@@ -51,6 +50,7 @@ from coop_pin.viz.highlights import instants, telling_instant, trust_text
 from coop_pin.viz.live.live_view import LiveScene, initial_scene
 from coop_pin.viz.page import page_scripts
 from coop_pin.viz.replay import run_names, shared_caption
+from coop_pin.viz.scene import TYPICAL_M, recorded_scales
 
 SCRIPTS = ("stage.js", "plots.js", "player.js")
 FLOAT32 = 3e-7

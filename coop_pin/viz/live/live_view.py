@@ -22,12 +22,12 @@ from coop_pin.model.visuals import CellVisuals
 from coop_pin.results.quantities import GROUPS
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Snapshot
-from coop_pin.viz.arrows import expected_scales
 from coop_pin.viz.cell_scene import cell_scene
 from coop_pin.viz.curves import cell_curves, curve_rows
 from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, snapshot_samples
 from coop_pin.viz.live.live_server import LiveServer
 from coop_pin.viz.page import packed_run, page_frame, page_html, page_parts
+from coop_pin.viz.scene import expected_scales
 
 _PATH_SAMPLES = 400
 
