@@ -6,7 +6,7 @@ from typing import Any
 
 from coop_pin.base.arrays import Mask
 from coop_pin.compiled.constants import RunConstants
-from coop_pin.compiled.plant.cell_dynamics import CellNumbers
+from coop_pin.compiled.plant.cell_numbers import CellNumbers
 from coop_pin.compiled.plant.plant_code import observed
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.signals import Desired, RunSignals

@@ -12,7 +12,7 @@ import pinocchio as pin
 from coop_pin.base.arrays import Array
 from coop_pin.base.spatial.task_rows import TaskRows
 from coop_pin.compiled.kind import Cover
-from coop_pin.compiled.plant.cell_dynamics import CellNumbers
+from coop_pin.compiled.plant.cell_numbers import CellNumbers
 from coop_pin.compiled.plant.serial_arm import Numbers, SerialArm, frames, payload_jacobian
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import PayloadKinematics

@@ -16,7 +16,7 @@ from numpy.testing import assert_allclose
 from coop_pin.base.errors import ArgumentError, NameNotFoundError, ShapeError
 from coop_pin.base.spatial import internal_wrenches
 from coop_pin.chain.closed_chain import ClosedChain
-from coop_pin.compiled.plant.cell_dynamics import CellNumbers
+from coop_pin.compiled.plant.cell_numbers import CellNumbers
 from coop_pin.compiled.plant.plant_code import PlantCode
 from coop_pin.description.cell.closure import Closure
 from coop_pin.description.plant import PlantOptions

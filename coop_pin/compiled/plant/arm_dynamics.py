@@ -18,6 +18,7 @@ from coop_pin.compiled.plant.serial_arm import (
 )
 from coop_pin.tracing.tape import Number
 from coop_pin.tracing.traced_array import plain
+from coop_pin.tracing.tree import SharedFunctions
 
 
 class ArmInput(NamedTuple):
@@ -135,6 +136,19 @@ def arm_terms(model: ArmNumbers, state: ArmInput) -> ArmResponse:
         kinetic=0.5 * (state.v @ (M @ state.v)),
         moment=whole.moved(*links(arm, state.q)[0]).moment,
     )
+
+
+def shared_terms(
+    functions: SharedFunctions, model: ArmNumbers, state: ArmInput, *, in_place: bool
+) -> ArmResponse:
+    """Return the terms of an arm: by a call of its model's code; in a plane, where it is short, in place."""
+    if in_place:
+        return arm_terms(model, state)
+    blank, bodies = (np.zeros((3, 3)), np.zeros(3)), [*model.arm.bodies]
+    bodies[0] = bodies[0]._replace(R=blank[0], p=blank[1])
+    bodies[-1] = bodies[-1]._replace(inertia=RigidInertia(0.0, blank[1], blank[0]))
+    shared = SerialArm(tuple(bodies), model.arm.is_revolute, *blank)
+    return functions.call(state.v[0].tape, arm_terms, model._replace(arm=shared), state)
 
 
 def newton_euler(

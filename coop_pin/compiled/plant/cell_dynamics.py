@@ -11,167 +11,37 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
-from coop_pin.chain.free_flyer import displaced, increment_rate, rotation
+from coop_pin.chain.free_flyer import rotation
 from coop_pin.compiled.plant.arm_dynamics import (
-    ArmInput,
     ArmNumbers,
     ArmResponse,
-    arm_terms,
     factor,
+    shared_terms,
     solve_lower,
     solve_transposed,
 )
+from coop_pin.compiled.plant.cell_numbers import CellNumbers
 from coop_pin.compiled.plant.serial_arm import (
     Numbers,
     RigidInertia,
-    SerialArm,
     cross,
     force_cross,
-    frames,
     join,
     motion_cross,
 )
 from coop_pin.description.events import Surroundings
-from coop_pin.grasps.cell_chain import CellChain
-from coop_pin.grasps.spring_damper import MovingFrame, SpringDamper, SpringState, spring_state
-from coop_pin.model.transmission import Friction, friction
+from coop_pin.grasps.spring_damper import MovingFrame, SpringState, spring_state
 from coop_pin.results.quantities import WORK, WORK_OF_GRASPS
 from coop_pin.tracing.elementary import polynomial
 from coop_pin.tracing.kernel import Kernel
-from coop_pin.tracing.tape import Number, Traced
-from coop_pin.tracing.traced_array import parts, plain, traced
+from coop_pin.tracing.tape import Number
+from coop_pin.tracing.traced_array import plain, traced
 from coop_pin.tracing.tree import SharedFunctions
 
 _ROTATION = (15.0 / 336.0, 3.0 / 40.0, 1.0 / 6.0, 1.0)
 _TRANSLATION = (1.0 / 30240.0, 1.0 / 720.0, 1.0 / 12.0)
 """Series of asin(s) / s in s^2, and of (1 - x / 2 cot(x / 2)) / x^2 in x^2: exact for closed grasps."""
-
-
-class GraspNumbers(NamedTuple):
-    """Numbers of a compliant grasp.
-
-    Attributes:
-        spring: spring and damper; zero where the grasp is open.
-        X_PE: pose of the tip on the payload as the arm's own kinematics have it, shape (4, 4).
-        X_PG: pose on the payload at which the spring rests, shape (4, 4).
-    """
-
-    spring: SpringDamper
-    X_PE: Numbers
-    X_PG: Numbers
-
-    @classmethod
-    def of_chain(cls, chain: CellChain) -> tuple[GraspNumbers | None, ...]:
-        """Return those of each arm; None for a rigid grasp."""
-        numbers: list[GraspNumbers | None] = [None] * len(chain.model.arms)
-        grasps, springs = list(chain.cell.grasps.values()), chain.springs
-        for i, spring, X_PG in zip(springs.arms, springs.acting(), springs.held().poses, strict=True):
-            numbers[i] = cls(spring, grasps[i].matrix, X_PG)
-        return tuple(numbers)
-
-
-class CellNumbers(NamedTuple):
-    """Constants of a cell's dynamics, most of which fold into its code.
-
-    Attributes:
-        arms: serial arms of the plant; the payload is not part of the last body of the one that carries it.
-        carries: whether the payload is welded to each arm: to none where it is free.
-        grasps: compliant grasp of each arm; None for a rigid one.
-        tips: position of each tip in the payload frame, m, shape (m, 3).
-        position_gain: omega^2 of Baumgarte's stabilisation, 1/s^2.
-        velocity_gain: 2 zeta omega, 1/s.
-        friction: friction of each arm.
-        surroundings: payload, and what acts on it from outside.
-    """
-
-    arms: tuple[SerialArm, ...]
-    carries: tuple[bool, ...]
-    grasps: tuple[GraspNumbers | None, ...]
-    tips: Numbers
-    position_gain: Number
-    velocity_gain: Number
-    friction: tuple[Friction, ...]
-    surroundings: Surroundings
-
-    @classmethod
-    def from_chain(cls, chain: CellChain) -> CellNumbers:
-        """Return the constants of a chain whose payload is welded to an arm, or free on compliant grasps.
-
-        Raises:
-            TracingError: an arm is no serial chain.
-        """
-        tree, cell, model, arms = chain.model, chain.cell, chain.mechanism.model, []
-        for slot in tree.arms:
-            X_JP = model.frames[slot.tip].placement * pin.SE3(cell.grasps[slot.name].matrix).inverse()
-            is_welded = slot.name in tree.closed_by_tree
-            last = tree.carrier_inertia if is_welded else model.inertias[slot.joints[-1]]
-            arms.append(SerialArm.from_model(model, slot.joints, X_JP, last))
-        gains = chain.mechanism.stabilisation
-        return cls(
-            arms=tuple(arms),
-            carries=tuple(slot.name in tree.closed_by_tree for slot in tree.arms),
-            grasps=GraspNumbers.of_chain(chain),
-            tips=np.array([cell.grasps[arm].matrix[:3, 3] for arm in cell.arms]),
-            position_gain=gains.position_gain,
-            velocity_gain=gains.velocity_gain,
-            friction=tuple(friction(arm, name) for name, arm in cell.arms.items()),
-            surroundings=cell.surroundings,
-        )
-
-    @property
-    def carrier(self) -> int | None:
-        """Index of the arm to which the payload is welded; None where it is free."""
-        return self.carries.index(True) if any(self.carries) else None
-
-    @property
-    def closed(self) -> list[int]:
-        """Indices of the arms whose grasps are closures."""
-        return [i for i in range(len(self.arms)) if i != self.carrier and self.grasps[i] is None]
-
-    @property
-    def compliant(self) -> dict[int, GraspNumbers]:
-        """Compliant grasps by the index of their arm."""
-        return {i: grasp for i, grasp in enumerate(self.grasps) if grasp is not None}
-
-    @property
-    def joints(self) -> int:
-        """Number of joints of all arms."""
-        return sum(len(arm.bodies) for arm in self.arms)
-
-    @property
-    def sizes(self) -> tuple[int, int, int]:
-        """Sizes of configuration and velocity, a free payload's last, and number of works."""
-        N, is_free, is_elastic = self.joints, self.carrier is None, bool(self.compliant)
-        return N + 7 * is_free, N + 6 * is_free, len(WORK) + is_elastic * len(WORK_OF_GRASPS)
-
-    def by_arm(self, values: Numbers) -> list[Numbers]:
-        """Return the part of each arm of values of all joints or drives, without those of a free payload."""
-        return parts(values[: self.joints], [len(arm.bodies) for arm in self.arms])
-
-    def displaced(self, q: Numbers, increments: Sequence[Numbers]) -> Numbers:
-        """Return q (+) u of an increment u, a sum: shape (N,) or, with a free payload, (N + 7,)."""
-        if self.carrier is not None:
-            return sum(increments, q)
-        N, u = self.joints, sum(increments[1:], increments[0])
-        return traced(np.concatenate((q[:N] + u[:N], displaced(q[N:], u[N:]))))
-
-    def increment_rate(self, u: Numbers, v: Numbers) -> Numbers:
-        """Return u' with which q (+) u moves with velocity v, shape (N,) or (N + 6,)."""
-        if self.carrier is not None:
-            return v
-        N = self.joints
-        return traced(np.concatenate((v[:N], increment_rate(u[N:], v[N:]))))
-
-    def moving_rows(self, q: Sequence[Numbers]) -> list[int]:
-        """Return the rows of world six-vectors that are not zero by structure for every motion of the cell.
-
-        Args:
-            q: Joint positions of each arm, traced, shape (n,) each.
-        """
-        S = np.hstack([frames(arm, positions).S for arm, positions in zip(self.arms, q, strict=True)])
-        return [row for row in range(6) if any(isinstance(x, Traced) or x != 0.0 for x in S[row])]
 
 
 class CellMotion(NamedTuple):
@@ -251,9 +121,9 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
     resistance = [friction.force(rates) for friction, rates in zip(cell.friction, v, strict=True)]
     tau = [drives + losses for drives, losses in zip(force, resistance, strict=True)]
     rows = cell.moving_rows(q)
-    inputs, kept = _arm_inputs(cell, payload, q, v, tau), "".join(map(str, rows))
+    inputs, kept = cell.arm_inputs(payload, q, v, tau), "".join(map(str, rows))
     terms = [
-        _terms(
+        shared_terms(
             functions, ArmNumbers(arm, gravity, kept if grasp is None else ""), one, in_place=len(rows) < 6
         )
         for arm, grasp, one in zip(cell.arms, cell.grasps, inputs, strict=True)
@@ -403,27 +273,6 @@ def closure_error(R_0: Numbers, p_0: Numbers, R_i: Numbers, p_i: Numbers) -> Num
     w = polynomial(sine @ sine, _ROTATION) * sine
     wp = cross(w, p)
     return -join(p - 0.5 * wp + polynomial(w @ w, _TRANSLATION) * cross(w, wp), w)
-
-
-def _arm_inputs(cell: CellNumbers, payload: RigidInertia, *states: Sequence[Numbers]) -> list[ArmInput]:
-    """Return the input of each arm, given q, v and tau of each."""
-    arm_inputs = []
-    for index, (arm, q, v, tau) in enumerate(zip(cell.arms, *states, strict=True)):
-        first, last, held = arm.bodies[0], arm.bodies[-1].inertia, (arm.R_JP, arm.p_JP)
-        carried = last.plus(payload.moved(*held)) if index == cell.carrier else last
-        arm_inputs.append(ArmInput(q, v, tau, (first.R, first.p), carried, held))
-    return arm_inputs
-
-
-def _terms(functions: SharedFunctions, model: ArmNumbers, state: ArmInput, *, in_place: bool) -> ArmResponse:
-    """Return the terms of an arm: by a call of its model's code; in a plane, where it is short, in place."""
-    if in_place:
-        return arm_terms(model, state)
-    blank, bodies = (np.zeros((3, 3)), np.zeros(3)), [*model.arm.bodies]
-    bodies[0] = bodies[0]._replace(R=blank[0], p=blank[1])
-    bodies[-1] = bodies[-1]._replace(inertia=RigidInertia(0.0, blank[1], blank[0]))
-    shared = SerialArm(tuple(bodies), model.arm.is_revolute, *blank)
-    return functions.call(state.v[0].tape, arm_terms, model._replace(arm=shared), state)
 
 
 def _closure_forces(

@@ -13,7 +13,7 @@ from coop_pin.base.errors import ArgumentError, TracingError
 from coop_pin.base.spatial import log3
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.compiled.kind import plant_reason
-from coop_pin.compiled.plant.cell_dynamics import CellNumbers, GraspNumbers
+from coop_pin.compiled.plant.cell_numbers import CellNumbers, GraspNumbers
 from coop_pin.compiled.plant.plant_code import STEPS_AT_ONCE, PlantCode, varying
 from coop_pin.description.events import Surroundings
 from coop_pin.description.plant import PlantOptions

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from coop_pin.chain.integrators import RK4
-from coop_pin.compiled.plant.cell_dynamics import CellMotion, CellNumbers, CellState, cell_motion
+from coop_pin.compiled.plant.cell_dynamics import CellMotion, CellState, cell_motion
+from coop_pin.compiled.plant.cell_numbers import CellNumbers
 from coop_pin.compiled.plant.serial_arm import Numbers
 from coop_pin.grasps.spring_damper import SpringState
 from coop_pin.tracing.kernel import Kernel, Layout, Program
