@@ -13,7 +13,7 @@ build on each other:
 - what runs share: engines (names), hidden_state (attributes of users' laws), kind;
 - physics (plant): serial_arm (kinematics), arm_dynamics, cell_numbers (constants), cell_dynamics (closures,
   forces on the payload);
-- numbers of runs: constants (what differs folds or is an input), signals (what changes in time);
+- numbers of runs: constants (what differs folds or is an input, and signals, which change in time);
 - code: plant_code (a Runge-Kutta step), law_code (a law);
 - checks of users' laws: support (shaken ticks, single runs);
 - runs: prepared_plant and preparation (their numbers), block (slots of the runs), tick (kernels of sensors,

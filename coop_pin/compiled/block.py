@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from coop_pin.base.arrays import Mask
-from coop_pin.compiled.constants import RunConstants
+from coop_pin.compiled.constants import Desired, RunConstants, RunSignals
 from coop_pin.compiled.plant.cell_numbers import CellNumbers
 from coop_pin.compiled.plant.plant_code import observed
 from coop_pin.compiled.preparation import Prepared
-from coop_pin.compiled.signals import Desired, RunSignals
 from coop_pin.control import ArmReference
 from coop_pin.results.quantities import shape_of
 from coop_pin.simulation.devices.drives import Applied

@@ -11,7 +11,17 @@ import numpy as np
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import CoopPinError, TracingError
 from coop_pin.base.schema.parts import Pattern
-from coop_pin.compiled.constants import changes, covered_constants, covered_drives, run_constants, start
+from coop_pin.compiled.constants import (
+    DesiredSource,
+    RunSignals,
+    changes,
+    columns,
+    covered_constants,
+    covered_drives,
+    first_of,
+    run_constants,
+    start,
+)
 from coop_pin.compiled.kind import (
     Cover,
     Kind,
@@ -23,7 +33,6 @@ from coop_pin.compiled.kind import (
     unloaded_fields,
 )
 from coop_pin.compiled.laws.law_code import as_tracing_errors
-from coop_pin.compiled.signals import DesiredSource, RunSignals, columns, first_of
 from coop_pin.control import CellController
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.quantities import QUANTITIES

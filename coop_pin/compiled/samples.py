@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import InvalidStateError
 from coop_pin.base.spatial import internal_wrenches, log3
+from coop_pin.compiled.constants import Desired
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.prepared_plant import PreparedPlant
-from coop_pin.compiled.signals import Desired
 from coop_pin.results.quantities import WORK, WORK_OF_GRASPS, Samples, condition_numbers, padded
 from coop_pin.tracing.kernel import CACHE_LINE, Layout
 

@@ -13,13 +13,12 @@ import numpy as np
 
 from coop_pin.base.spatial.generic_numbers import inverse
 from coop_pin.compiled.block import RunBlock
-from coop_pin.compiled.constants import RunConstants
+from coop_pin.compiled.constants import Desired, RunConstants, RunSignals
 from coop_pin.compiled.laws.law_code import law_code
 from coop_pin.compiled.plant.arm_dynamics import newton_euler
 from coop_pin.compiled.plant.cell_dynamics import CellMotion, CellState, cell_motion, energy_gain
 from coop_pin.compiled.plant.plant_code import write_observed, write_step
 from coop_pin.compiled.plant.serial_arm import Numbers, frames
-from coop_pin.compiled.signals import Desired, RunSignals
 from coop_pin.control import ArmMeasurement, ArmReference, Message
 from coop_pin.description.events import Surroundings
 from coop_pin.results.quantities import WORK

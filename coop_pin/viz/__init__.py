@@ -1,10 +1,9 @@
 """Views of runs in 3-D, with the forces drawn: replay, live view, images, videos, Jupyter panel, report.
 
-Open first: ``cell_scene`` (what is drawn of a cell), ``web/stage.js`` (draws the arrows of
+Open first: ``cell_scene`` (what is drawn of a cell and its contacts), ``web/stage.js`` (draws the arrows of
 forces), ``replay`` (a recorded run as one HTML file).
 
-- Scene: ``scene`` (drawables, scales of arrows), ``frames`` (numbers of an instant), ``contacts`` (cones, a
-  partner's hand).
+- Scene: ``scene`` (drawables, scales of arrows), ``frames`` (numbers of an instant).
 - Page: ``page``, ``curves`` (plots in time), ``highlights`` (worst instants).
 - ``live``: a run while it is computed. ``report``: one page of a run.
 - ``export`` (images, videos) by a ``browser``.

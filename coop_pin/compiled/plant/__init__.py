@@ -3,8 +3,8 @@
 Open first: ``cell_dynamics`` (closures and forces on the payload), ``serial_arm`` (kinematics of an arm;
 ``arm_dynamics`` its forces), ``compiled_plant`` (the plant of a single run).
 
-``plant_code`` joins them into a Runge-Kutta step and an observation. The plant on Pinocchio is
-``simulation/plant``; tests hold the two together.
+``cell_numbers`` has the constants, ``plant_code`` joins all into a Runge-Kutta step and an observation. The
+plant on Pinocchio is ``simulation/plant``; tests hold the two together.
 
 Imports what ``compiled`` imports.
 """
