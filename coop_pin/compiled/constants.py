@@ -1,4 +1,4 @@
-"""Numbers of a run: all that its traced code computes with, and its signals, which change from tick to tick."""
+"""Numbers of a run: all that its traced code computes with, and signals, which change from tick to tick."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Sequence
-from typing import Literal, NamedTuple, Self, TypeAlias, get_args
+from typing import Literal, NamedTuple, Self, get_args
 
 from coop_pin.base.errors import FieldError, NameNotFoundError, ScenarioError
 from coop_pin.compiled.engines import Engine, Way
@@ -15,8 +15,6 @@ from coop_pin.model.pinocchio_model import load_arm_model
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.plant import PlantMaker
 
-Obstacle: TypeAlias = Literal["few runs", "plant", "scenario", "law", "live"]
-"""What keeps runs from being lanes."""
 _HOW = {"pinocchio": "", "plant": ", plant under an interpreted law", "lanes": ", whole runs as lanes"}
 _TICKS_PER_JOINT = 250
 """Ticks of single runs that take as long as tracing and compiling does for each joint of a cell.
@@ -36,7 +34,7 @@ class EngineChoice(NamedTuple):
     """
 
     way: Way
-    obstacle: Obstacle | None = None
+    obstacle: Literal["few runs", "plant", "scenario", "law", "live"] | None = None
     reason: str = ""
 
     @property

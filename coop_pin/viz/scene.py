@@ -9,7 +9,7 @@ value. A strut of the virtual linkage is as thick as its tension is long, in pro
 from __future__ import annotations
 
 import base64
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -39,9 +39,6 @@ class Axes(NamedTuple):
     length: float
 
 
-Drawable: TypeAlias = Shape | Axes
-
-
 class Item(NamedTuple):
     """Drawable on a node.
 
@@ -57,7 +54,7 @@ class Item(NamedTuple):
     """
 
     node: str
-    drawable: Drawable
+    drawable: Shape | Axes
     colour: str
     pose: Array
     layer: str = ""
