@@ -479,7 +479,7 @@ def test_the_elbow_drifts_as_fast_as_its_mode_says(stiffness):
 def test_the_joints_are_those_of_the_worst_mode_the_fastest_first(monkeypatch):
     """Modes by hand: the second decays worst."""
     modules = [
-        importlib.import_module(f"coop_pin.stability.{name}_stability") for name in ("sampled", "step")
+        importlib.import_module(f"coop_pin.stability.{name}") for name in ("sampled_stability", "step_size")
     ]
     simulation, modes = Simulation(paper(), build_controller(paper())), np.eye(6)
     modes[:, 1] = (0.0, 0.4, 0.0, -1.0, 0.5, 0.2)
