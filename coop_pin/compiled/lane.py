@@ -176,8 +176,7 @@ class Lane:
             attributes[RunResult.EVERY_TICK] = self._running.finished(samples, self._scenario).to_text()
         count = self._keep(samples)
         kept = {name: values[:count] for name, values in self._kept.items()}
-        result = RunResult(self._scenario, kept | plant.labels, attributes)
-        pose = plant.source.motion.at(result.end).X_WP_d
+        pose = plant.source.motion.at(float(kept["time"][-1])).X_WP_d
         if remarks := self._prepared.controller().remarks(pose, self._code.law_state(self._block[0])):
             attributes[RunResult.REMARKS] = "\n".join(remarks)
-        return result
+        return RunResult(self._scenario, kept | plant.labels, attributes)
