@@ -30,6 +30,8 @@ if TYPE_CHECKING:  # slow to load
 
 POSITION_BAND_M = 5e-3
 ORIENTATION_BAND_RAD = 5e-3
+FORCE_BAND_N, FORCE_BAND_SHARE = 1.0, 0.1
+"""Errors of the internal force, N and as a share of what is desired, that count as small."""
 _ROUNDING, _TRACE_ROUNDING = 1e-9, 1e-12
 """Rounding of times, s, and of traces of rotations."""
 DRIFT_S, REST = 1.0, 1e-3
@@ -118,6 +120,33 @@ def _in_band_by_trace(data: Arrays, turns: bool) -> Mask | None:
     trace = sum(X[i][j] * X_d[..., i, j] for i in range(3) for j in range(3)) if turns else 3.0
     excess = trace - (1.0 + 2.0 * math.cos(ORIENTATION_BAND_RAD))
     return inside & (excess > 0.0) if np.all(np.abs(excess) > _TRACE_ROUNDING) else None
+
+
+def start_decay(data: Arrays, windows: Windows, *, turns: bool) -> float:
+    """Return the time until the errors that a run starts with have decayed, s.
+
+    They have where the pose error is in the band, the internal force within 1 N or 10 % of what is desired,
+    and its error grows for the first time; at the latest at the first event. 0 for a run that starts in the
+    bands, or never gets there.
+
+    Args:
+        data: arrays of a run.
+        windows: its windows.
+        turns: as of in_band.
+    """
+    force, desired = (
+        np.hypot(*(np.nan_to_num(data[f"{name}_{part}"]) for part in parts)).max(axis=-1)
+        for name, parts in (
+            ("internal", ("axial_error", "shear_error")),
+            ("desired_internal", ("axial", "shear")),
+        )
+    )
+    is_near = in_band(data, turns=turns) & (force <= np.maximum(FORCE_BAND_N, FORCE_BAND_SHARE * desired))
+    if is_near[0] or not is_near.any():
+        return 0.0
+    near = int(is_near.argmax())
+    grows = np.append(np.diff(force[near:]) > 0.0, True)
+    return min(float(np.asarray(data["time"])[near + grows.argmax()]), windows.event.start)
 
 
 def error_norms(data: Arrays) -> tuple[Array, Array]:

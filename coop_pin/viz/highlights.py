@@ -8,12 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.base.arrays import Mask
 from coop_pin.description.events import MISSED
 from coop_pin.description.scenario import Scenario
-from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M
+from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M, start_decay
 from coop_pin.results.run_result import RunResult
-from coop_pin.results.window import SETTLING_S
 
 _SMALL_N, _SMALL_NM = 1.0, 0.1
 """Errors of the internal force and moment, N and N m, below which a run counts as having followed them."""
@@ -45,8 +43,7 @@ def read_number(value: float) -> str:
 def telling_instant(result: RunResult) -> Instant:
     """Return the instant of the largest error of the internal force, and what it means, as one sentence.
 
-    If the force is followed, it is that of the internal moment. The time that the run has to settle is left
-    out, unless the run is shorter.
+    If the force is followed, it is that of the internal moment. The decay of the start's errors is left out.
 
     Args:
         result: the run.
@@ -57,8 +54,8 @@ def telling_instant(result: RunResult) -> Instant:
     data = result.data
     errors = [np.nan_to_num(data[f"internal_{part}_error"].values) for part in ("axial", "shear")]
     error = np.hypot(*errors).max(axis=1)
-    time, is_late = data["time"].values, _is_late(result)
-    worst = int(np.argmax(np.where(is_late, error, -1.0)))
+    time, decay = data["time"].values, _decay(result)
+    worst = int(np.argmax(np.where(time >= decay, error, -1.0)))
     moment, _, moment_text = _moment(result)
     arm, t = int(np.argmax(np.hypot(*errors)[worst])), float(time[worst])
     off_along, off_across = (abs(float(part[worst, arm])) for part in errors)
@@ -74,9 +71,9 @@ def telling_instant(result: RunResult) -> Instant:
     when, at = _when(result.scenario, t), _at(result.scenario, arm)
     if error[worst] < _SMALL_N:
         text = f"the internal force stays within {error[worst]:.2g} N of what is wanted"
-        start = SETTLING_S if time[is_late.argmax()] else 0.0
         t = float(time[moment]) if moment_text else t
-        return Instant(f"From {start:g} s on, {text}{moment_text}.", t)
+        return Instant(f"From {decay:.3g} s on, {text}{moment_text}.", t)
+    before = f" Not counted: the first {decay:.3g} s, in which errors of the start decay." * (decay > 0.0)
     if off_along >= off_across:
         verb = "pull the payload apart" if axial > 0.0 else "squeeze the payload"
         force = f"{verb} with {read_number(abs(axial))} N{at}"
@@ -87,7 +84,7 @@ def telling_instant(result: RunResult) -> Instant:
         finding = f"the arms load the payload across with {read_number(shear)} N{at}, where none is wanted"
     else:
         finding = f"the force of the arms across is off by {read_number(off_across)} N{at}"
-    return Instant(f"{when} {finding}; {_motion(result, worst)}{moment_text}.", t)
+    return Instant(f"{when} {finding}; {_motion(result, worst)}{moment_text}.{before}", t)
 
 
 def events_text(result: RunResult) -> str:
@@ -122,10 +119,9 @@ def _at(scenario: Scenario, arm: int) -> str:
     return f" at {arms[arm]}" if len(arms) > 2 else ""
 
 
-def _is_late(result: RunResult) -> Mask:
-    """Return a mask of the samples after the time to settle, or of all if the run is shorter."""
-    is_late = result.data["time"].values >= SETTLING_S
-    return is_late | (not is_late.any())
+def _decay(result: RunResult) -> float:
+    """Return the time in which the errors that the run starts with decay, s."""
+    return start_decay(result.arrays, result.windows, turns=result.scenario.cell.controls_turns)
 
 
 def _moment(result: RunResult) -> tuple[int, float, str]:
@@ -136,7 +132,7 @@ def _moment(result: RunResult) -> tuple[int, float, str]:
     is_wanted = result.scenario.cell.task_rows.has_moments
     wrench, desired = (result.data[f"{of}internal_wrench"].values[..., 3:] for of in ("", "desired_"))
     error = np.linalg.norm(np.nan_to_num(wrench - is_wanted * desired), axis=2).max(axis=1)
-    worst = int(np.argmax(np.where(_is_late(result), error, -1.0)))
+    worst = int(np.argmax(np.where(result.data["time"].values >= _decay(result), error, -1.0)))
     verb = "is off by up to" if is_wanted else ", which no arm controls, reaches"
     text = f"; the internal moment {verb} {read_number(error[worst])} N m".replace(" ,", ",")
     return worst, float(error[worst]), text if error[worst] > _SMALL_NM else ""

@@ -180,6 +180,25 @@ def test_the_band_is_of_the_distance_and_of_the_angle_and_not_of_single_axes():
     assert made([0.0, 1.0], payload_pose=turned).settling_time() == 1.0
 
 
+@pytest.mark.parametrize(
+    ("force", "heights", "events", "expected"),
+    [
+        ((0.0, 0.0, 3.0, 0.0, 0.0), (0.0,) * 5, (), 0.0),  # near at the start: all counts
+        ((10.0, 4.0, 0.5, 0.2, 0.4), (0.0,) * 5, (), 3.0),  # until it grows
+        ((10.0, 4.0, 0.5, 0.2, 0.4), (0.0,) * 5, (event(1.0),), 1.0),
+        ((10.0, 4.0, 3.0, 2.0, 5.0), (0.0,) * 5, (), 0.0),  # it never gets there
+        ((0.0, 0.0, 0.0, 0.0, 0.1), (0.1, 0.01, 0.006, 0.004, 0.0), (), 3.0),  # of the pose
+    ],
+)
+def test_the_decay_of_the_start_lasts_until_errors_are_small_and_grow(force, heights, events, expected):
+    error = np.zeros((5, 2))
+    error[:, 0] = force
+    pose = np.zeros((5, 6))
+    pose[:, 1] = heights
+    result = made(np.arange(5.0), events=events, internal_axial_error=error, pose_error=pose)
+    assert metrics.start_decay(result.arrays, result.windows, turns=True) == expected
+
+
 def test_settling_ends_at_the_first_event_and_resettling_starts_there():
     heights = [OUT, IN, OUT, IN, OUT, IN]
     result = made(TIMES, payload_pose=along_z(heights), events=(event(2.0),))
