@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
 from functools import partial
 from typing import Any
@@ -221,7 +222,7 @@ class TickLoop:
             scenario=self.scenario,
             ticks_done=self.ticks_done,
             controller=self.controller,
-            controller_state=self.controller_state,
+            controller_state=_copied(self.controller_state),
             motion=self.motion,
             squeeze=self.squeeze,
             missed=self.missed,
@@ -244,7 +245,7 @@ class TickLoop:
         require_type("state", state, RunState)
         state.require_of(self._start.scenario)
         self.scenario, self.ticks_done = state.scenario, state.ticks_done
-        self.controller, self.controller_state = state.controller, state.controller_state
+        self.controller, self.controller_state = state.controller, _copied(state.controller_state)
         self.motion, self.squeeze, self._replaced = state.motion, state.squeeze, state.replaced
         self._inputs, self._applied, self.missed = state.inputs, state.applied, state.missed
         self._schedule()
@@ -255,3 +256,11 @@ class TickLoop:
         self.recorder.restore(state.record, self.scenario)
 
     __setstate__ = restore
+
+
+def _copied(state: Any) -> Any:
+    """Return a copy of a law's state, as laws may change arrays in place; what cannot be copied, itself."""
+    try:
+        return copy.deepcopy(state)
+    except Exception:  # of a user's class, such as one that holds a file
+        return state

@@ -101,6 +101,33 @@ def test_a_restored_run_goes_on_with_the_same_bits(scenario, ticks):
     assert finished(simulation).identical(expected)
 
 
+class SumsInPlace(cp.CellController):
+    """A law that adds to the arrays of its state and returns them."""
+
+    def init(self, measurements, references):
+        return {"sums": [np.zeros_like(each.q) for each in measurements]}
+
+    def step(self, measurements, references, state):
+        for total, measured in zip(state["sums"], measurements, strict=True):
+            total += 0.1 * measured.v
+        return CellCommand([each.copy() for each in state["sums"]], state)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_arrays_that_a_law_changes_in_place_are_restored_each_time(name):
+    scenario = short(name, 0.2)
+    simulation = Simulation(scenario, SumsInPlace())
+    for _ in range(5):
+        simulation.tick()
+    state = simulation.state()
+    expected = finished(simulation)
+    for _ in range(2):
+        simulation.restore(state)
+        assert finished(simulation).identical(expected)
+    simulation.reset()
+    assert finished(simulation).identical(expected)
+
+
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_a_state_holds_the_record_of_its_own_branch(name):
     simulation = stepped(short(name, 0.2), 3)
