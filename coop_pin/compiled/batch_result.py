@@ -12,6 +12,7 @@ import numpy as np
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.samples import RunSamples
+from coop_pin.results.friction import drop_metrics
 from coop_pin.results.metrics import all_metrics
 from coop_pin.results.quantities import Samples
 from coop_pin.results.run_result import RunResult
@@ -97,6 +98,7 @@ class BatchResult:
         with np.errstate(all="ignore"):  # of runs that are not valid
             windows = Windows.of(first, float(data["time"][-1]))
             metrics = all_metrics(data, windows, turns=first.cell.controls_turns)
+            metrics |= drop_metrics(data, first)
             monitor = TrustMonitor(first.trust, (), lower, upper)
             trustworthy = ~monitor.exceeded(data, metrics["energy_balance_max_J"])
             trustworthy &= ~(metrics["joint_drift_rad"] > first.trust.joint_drift)

@@ -10,6 +10,7 @@ from coop_pin.base.arrays import Array, Mask
 from coop_pin.base.spatial import rotate_vector6, rotations
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.contact import Pad
+from coop_pin.description.scenario import Scenario
 from coop_pin.results.quantities import Arrays
 
 _WHOLE = 1.0 - 1e-9
@@ -95,12 +96,30 @@ def pad_wrench(data: Arrays, cell: Cell, name: str, pad: Pad) -> Array:
     return pad.in_plane(F, cell.grasps[name].matrix)
 
 
-def dropped_at(data: Arrays, cell: Cell) -> float:
-    """Return the time from which a payload that patches held touches nothing, s; NaN if it never does."""
-    if "patch_points" not in data or len(cell.patches) < len(cell.arms):
-        return float("nan")
-    falls = np.asarray(data["patch_points"]).sum(axis=-1) == 0.0
-    return float(np.asarray(data["time"])[falls.argmax()]) if falls.any() else float("nan")
+def dropped_at(data: Arrays, scenario: Scenario) -> Array:
+    """Return the time from which nothing holds the payload, s, shape (...); NaN if something always does.
+
+    No arm, patch, table or partner exerts a wrench on it then. Without weight it drops from patches only.
+
+    Args:
+        data: Arrays of a run, or of runs with the same times.
+        scenario: Scenario of the run.
+    """
+    cell = scenario.cell
+    holders = [np.any(np.asarray(data["interaction_wrench"]) != 0.0, axis=(-2, -1))]
+    if "patch_points" in data:
+        holders.append(np.asarray(data["patch_points"]).sum(axis=-1) > 0.0)
+    if "partner_wrench" in data:
+        holders.append(np.any(np.asarray(data["partner_wrench"]) != 0.0, axis=-1))
+    can_drop = (scenario.has_grasp_plan and any(cell.gravity)) or len(cell.patches) == len(cell.arms)
+    falls = ~np.logical_or.reduce(holders) & can_drop
+    return np.where(falls.any(axis=-1), np.asarray(data["time"])[falls.argmax(axis=-1)], np.nan)
+
+
+def drop_metrics(data: Arrays, scenario: Scenario) -> dict[str, Array]:
+    """Return when the payload drops, of cells whose payload can; see dropped_at."""
+    can_drop = scenario.cell.padded or scenario.has_grasp_plan
+    return {"dropped_at_s": dropped_at(data, scenario)} if can_drop else {}
 
 
 def _losses(data: Arrays, cell: Cell) -> list[tuple[int, str, str]]:
@@ -126,15 +145,15 @@ def _losses(data: Arrays, cell: Cell) -> list[tuple[int, str, str]]:
 
 
 def friction_metrics(data: Arrays, cell: Cell) -> dict[str, float]:
-    """Return the metrics of cells with patches or pads."""
+    """Return the metric of cells with patches or pads: the least squeeze beyond what friction needs."""
     least = float(np.fmin.reduce(friction_use(data, cell).reserve, axis=None, initial=np.inf))
-    least = least if np.isfinite(least) else float("nan")
-    return {"squeeze_reserve_min_N": least, "dropped_at_s": dropped_at(data, cell)}
+    return {"squeeze_reserve_min_N": least if np.isfinite(least) else float("nan")}
 
 
-def friction_text(data: Arrays, cell: Cell) -> str:
+def friction_text(data: Arrays, scenario: Scenario) -> str:
     """Return when and why the payload dropped or would have, as a part of a sentence; "" if it did not."""
-    use, time, drop = friction_use(data, cell), np.asarray(data["time"]), dropped_at(data, cell)
+    cell, time, drop = scenario.cell, np.asarray(data["time"]), float(dropped_at(data, scenario))
+    use = friction_use(data, cell)
     lost = list[str]()
     for k, verb, arm in _losses(data, cell):
         N = use.normal[k, use.arms.index(arm)]
@@ -143,7 +162,7 @@ def friction_text(data: Arrays, cell: Cell) -> str:
         lost.append(f"{of} {arm!r} {verb.format(f'{time[k]:.3g} s')}{only}")
     told = ", and ".join(filter(None, (", ".join(lost[:-1]), *lost[-1:])))
     if np.isfinite(drop):
-        return f"the payload drops at {drop:.3g} s: {told or 'no arm presses it'}"
+        return f"the payload drops at {drop:.3g} s: {told or 'no arm holds it'}"
     beyond = [
         f"{arm!r} from {time[(use.used[:, i] > 1.0).argmax()]:.3g} s on"
         for i, arm in enumerate(use.arms)

@@ -64,7 +64,7 @@ METRIC_TEXTS = {
     "closure_error_max_rad": ("closure error, largest angle", "rad", 1.0),
     "energy_balance_max_J": ("energy minus work, largest", "J", 1.0),
     "squeeze_reserve_min_N": ("normal force of a patch or pad beyond what friction needs, least", "N", 1.0),
-    "dropped_at_s": ("the payload drops from its patches at", "s", 1.0),
+    "dropped_at_s": ("nothing holds the payload from", "s", 1.0),
 }
 """Text of each metric, its unit as shown, and the scale from the SI value to that unit."""
 

@@ -18,6 +18,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.results import metrics
 from coop_pin.results.friction import (
     FrictionUse,
+    drop_metrics,
     dropped_at,
     friction_metrics,
     friction_text,
@@ -153,13 +154,17 @@ class RunResult:
         return not self.breaches()
 
     def verdict(self) -> str:
-        """Return "trustworthy", or the first breach in time with the number of the others, as one line."""
+        """Return "trustworthy", or the first breach in time with the number of the others, as one line.
+
+        A payload that drops is named first.
+        """
         first, *others = self.breaches() or (None,)
-        said = self.friction_text
-        if first is None:
-            return f"trustworthy; {said}" if said else "trustworthy"
         more = f"; {len(others)} more" if others else ""
-        return f"NOT TRUSTWORTHY: {first}{more}" + (f"; {said}" if said else "")
+        trust = "trustworthy" if first is None else f"NOT TRUSTWORTHY: {first}{more}"
+        text = self.friction_text
+        if math.isfinite(self.dropped_at):
+            return f"DROPPED: {text}; simulation {trust}"
+        return f"{trust}; {text}" if text else trust
 
     # ------------------------------------------------------------ friction
 
@@ -170,13 +175,12 @@ class RunResult:
     @property
     def friction_text(self) -> str:
         """When and why the payload slipped or dropped, or would by its pads; "" if it did not."""
-        cell = self.scenario.cell
-        return friction_text(self.arrays, cell) if cell.padded else ""
+        return friction_text(self.arrays, self.scenario)
 
     @property
     def dropped_at(self) -> float:
-        """Time at which the payload dropped from patches, s; NaN if it did not."""
-        return dropped_at(self.arrays, self.scenario.cell)
+        """Time from which nothing holds the payload, s; NaN if something always does."""
+        return float(dropped_at(self.arrays, self.scenario))
 
     # ------------------------------------------------------------ metrics
 
@@ -233,9 +237,10 @@ class RunResult:
 
         ``trustworthy`` is 1 or 0. ``window_start_s`` and ``window_end_s`` bound the steady window,
         ``after_event_window_start_s`` and ``after_event_window_end_s`` that of the same metrics after the
-        last event; a run that does not reach a window has NaN there. ``squeeze_reserve_min_N`` and
-        ``dropped_at_s`` are those of cells with patches or pads. Of a run that keeps every n-th tick they are
-        those of all ticks, as are breaches and limits; other windows are of the kept ones.
+        last event; a run that does not reach a window has NaN there. ``squeeze_reserve_min_N`` is
+        that of cells with patches or pads, ``dropped_at_s`` also of cells whose grasps open. Of a run that
+        keeps every n-th tick they are those of all ticks, as are breaches and limits; other windows are of
+        the kept ones.
         """
         return {"trustworthy": float(self.trustworthy)} | self._metrics()
 
@@ -245,6 +250,7 @@ class RunResult:
         cell = self.scenario.cell
         values = metrics.all_metrics(self.arrays, self.windows, turns=cell.controls_turns)
         values |= friction_metrics(self.arrays, cell) if cell.padded else {}
+        values |= drop_metrics(self.arrays, self.scenario)
         return {name: float(value) for name, value in values.items()}
 
     def summary(self) -> str:

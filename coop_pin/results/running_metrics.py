@@ -18,7 +18,7 @@ import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.description.scenario import Scenario
-from coop_pin.results.friction import friction_metrics
+from coop_pin.results.friction import drop_metrics, friction_metrics
 from coop_pin.results.limits import LimitKind, LimitViolation, limit_violations
 from coop_pin.results.metrics import STEADY_METRICS, all_metrics, joint_drift
 from coop_pin.results.quantities import Arrays, Samples, start_energy, unexplained_energy
@@ -114,6 +114,7 @@ class RunningMetrics:
         values = all_metrics(data, windows, turns=cell.controls_turns)
         if cell.padded:
             values |= friction_metrics(data, cell)
+        values |= drop_metrics(data, scenario)
         new = {name: float(value) for name, value in values.items()}
         if not self._values:
             self._start_energy, self._values = start_energy(data), new

@@ -203,6 +203,30 @@ def test_grasp_out_of_reach_does_not_happen_and_is_named(name):
     assert_allclose(data["load_share"].values[late], [[1.0, 0.0]] * late.sum(), atol=1e-12)
 
 
+@pytest.mark.parametrize("every", [1, 3])
+@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_payload_that_the_last_arm_lets_go_after_a_missed_grasp_is_dropped(name, engine, every):
+    """The plan counts on the grasp of the other arm; on any grasps, with weight."""
+    missed = cp.events.Regrasp(time=0.06, arm="right", duration=0.02, tolerance=1e-9)
+    last = cp.events.HandOver(time=0.09, arm="left", duration=0.01)
+    weight = {"cell.gravity": (0.0, -9.81, 0.0) if name == "planar" else (0.0, 0.0, -9.81)}
+    changes = weight | {"duration": 0.2, "clock.record_every": every}
+    held = cp.run(scenario_with(name, CYCLE[0], missed, **changes), engine=engine, warn=False)
+    assert math.isnan(held.dropped_at)
+    assert math.isnan(held.metrics()["dropped_at_s"])
+    result = cp.run(scenario_with(name, CYCLE[0], missed, last, **changes), engine=engine, warn=False)
+    data, tick = result.data, result.scenario.clock.period
+    assert result.metrics()["dropped_at_s"] == pytest.approx(0.1, abs=1.001 * tick)
+    assert result.dropped_at >= result.metrics()["dropped_at_s"]
+    assert result.verdict().startswith("DROPPED")
+    fallen = data.time.values > result.dropped_at
+    assert not data.interaction_wrench.values[fallen].any()
+    down, t = np.argmax(np.abs(weight["cell.gravity"])), data.time.values[fallen]
+    fall = np.polyfit(t, data.payload_position.values[fallen, down], 2)
+    assert fall[0] == pytest.approx(-9.81 / 2.0, rel=1e-3)
+
+
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_a_run_goes_on_from_any_state_with_the_same_bits(name):
     scenario = scenario_with(name, *CYCLE)
