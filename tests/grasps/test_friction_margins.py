@@ -219,13 +219,15 @@ def test_every_patch_that_opens_or_slides_is_named_with_its_time():
     time = np.linspace(0.0, 0.6, 7)
     F = np.zeros((7, 2, 6))
     F[..., 2] = 20.0
+    touches = np.stack((time < 0.35, time < 0.45), axis=1)
     data = {
         "time": time,
         "patch_wrench": F,
-        "patch_points": 9.0 * np.stack((time < 0.35, time < 0.45), axis=1),
+        "interaction_wrench": touches[..., None] * F,
+        "patch_points": 9.0 * touches,
         "patch_slip": 1e-3 * np.stack((time > 0.15, time > 0.25), axis=1),
     }
-    said = friction_text(data, palms().cell)
+    said = friction_text(data, palms())
     parts = (
         "at 0.5 s",
         "of 'left' slides from 0.2 s",
