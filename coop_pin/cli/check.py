@@ -85,7 +85,8 @@ def _feasible(scenario: Any, reach: Any, table_error: float) -> bool:
     if scenario.cell.tables and not scenario.cell.unclosed:
         lines.append("the payload may lie on a table: gains are not checked")
     _print_lines(lines)
-    return reach.ok and torques.ok and is_stable and not singular and (squeeze is None or squeeze.ok)
+    forces_are_ok = all(forces.ok for forces in (squeeze, pressed) if forces is not None)
+    return reach.ok and torques.ok and is_stable and not singular and forces_are_ok
 
 
 def _stable(simulation: Any, reach: Any, table_error: float) -> bool:

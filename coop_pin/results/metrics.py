@@ -131,8 +131,8 @@ def start_decay(data: Arrays, windows: Windows, *, turns: bool) -> float:
 
     Args:
         data: arrays of a run.
-        windows: its windows.
-        turns: as of in_band.
+        windows: windows of the run.
+        turns: whether the task rows control the orientation.
     """
     force, desired = (
         np.hypot(*(np.nan_to_num(data[f"{name}_{part}"]) for part in parts)).max(axis=-1)

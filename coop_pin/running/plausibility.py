@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from coop_pin.base.arrays import Array, require_type, typed
+from coop_pin.base.errors import ArgumentError
 from coop_pin.base.memory import free_memory
 from coop_pin.base.schema.base import Description
 from coop_pin.base.schema.parts import fields_of
@@ -23,6 +24,7 @@ from coop_pin.feasibility.statics import start_torques
 from coop_pin.feasibility.table_force import table_force
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.simulation.simulation import Simulation
+from coop_pin.stability.admittance_stability import admittance_stability
 from coop_pin.stability.grasp_stability import grasp_stability
 from coop_pin.stability.loop_stability import loop_stability
 from coop_pin.stability.sampled_stability import start_stability
@@ -46,7 +48,8 @@ def run_warnings(simulation: Simulation) -> Iterator[str]:
     """Yield what makes a run doubtful before it starts, one sentence each: what ``coop-pin check`` tells.
 
     A record that takes much memory, a squeeze that slips, drives too weak at the start, a path that leaves
-    the reach, motion that grows from tick to tick, friction in long plant steps; ``implausible_numbers`` has
+    the reach, motion that grows from tick to tick (of an admittance on servos, too), friction in long plant
+    steps; ``implausible_numbers`` has
     the rest. What cannot be computed here fails in the run, whose error has its time.
 
     Args:
@@ -68,6 +71,9 @@ def run_warnings(simulation: Simulation) -> Iterator[str]:
             stable.append(grasp_stability(simulation))
         elif gains_are_known(scenario):
             stable += [start_stability(simulation), loop_stability(simulation, reach)]
+        elif scenario.has_servos:
+            with contextlib.suppress(ArgumentError):  # of another law, or servos that it does not know
+                stable.append(admittance_stability(scenario))
         yield from (finding.summary().removeprefix("! ") for finding in stable if not finding.ok)
     simulation.restore(start)
 

@@ -180,3 +180,32 @@ def test_a_run_builds_one_simulation_which_its_warnings_leave_as_it_was(engine):
         sys.setprofile(None)
     assert calls[TickLoop.__init__.__code__] == 1
     assert result.data.identical(quiet.data)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"sensors.wrist.delay": 10, "controller.gains.admittance_damping": [200.0] * 3 + [4.0] * 3},
+        {"controller.gains.admittance_damping": [50.0] * 3 + [1.0] * 3},
+    ],
+)
+def test_an_admittance_that_grows_on_its_servos_is_named_by_run_and_check(changes, tmp_path, capsys):
+    """As it swings by hundreds of newtons within seconds."""
+    scenario = cp.Scenario.load("two-ur5-admittance", changes)
+    with pytest.warns(ScenarioWarning, match="admittance grows"):
+        result = cp.run(scenario.replace(duration=2.0))
+    desired = result.data.desired_internal_axial.values
+    assert np.abs(result.data.internal_axial.values - desired)[-100:].max() > 50.0
+    scenario.save(tmp_path / "unstable.toml")
+    assert main(["check", str(tmp_path / "unstable.toml")]) != 0
+    assert "admittance grows" in capsys.readouterr().out
+
+
+def test_a_table_that_is_pressed_too_hard_fails_the_check(tmp_path):
+    """By a sliding gain that is 1.1 times the proposed one; run warns of it, too."""
+    scenario = cp.Scenario.load("pick-carry-place")
+    gain = np.multiply(1.1, scenario.controller.gains.sliding_gain).tolist()
+    scenario = scenario.override({"controller.gains.sliding_gain": gain})
+    assert any("table" in text for text in run_warnings(Simulation(scenario, build_controller(scenario))))
+    scenario.save(tmp_path / "pressed.toml")
+    assert main(["check", str(tmp_path / "pressed.toml")]) != 0
