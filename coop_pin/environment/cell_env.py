@@ -9,7 +9,7 @@ import numpy as np
 from coop_pin.base.arrays import Array, require_type
 from coop_pin.base.errors import DivergedError, SingularJacobianError, needs_extra
 from coop_pin.description.scenario import Scenario
-from coop_pin.environment.task import ActedLaw, Observed, Task
+from coop_pin.environment.task import ActedLaw, EpisodeSeeds, Observed, Task
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 
@@ -52,7 +52,7 @@ class CellEnv(Env[Array, Array]):
         law = build_controller(scenario)
         drives = [len(slot.drive) for slot in Simulation(scenario, law).slots]
         self._law: ActedLaw = self.task.acted(scenario, law, drives)
-        self.simulation = Simulation(scenario, self._law)
+        self.simulation, self._seeds = Simulation(scenario, self._law), EpisodeSeeds(scenario.seed)
         actions, size = self.task.sizes(self._law)
         self.action_space = Box(-1.0, 1.0, (actions,), np.float64)
         self.observation_space = Box(-np.inf, np.inf, (size,), np.float64)
@@ -60,9 +60,19 @@ class CellEnv(Env[Array, Array]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Return to the start, do its first tick, and return the observation; see Env."""
-        super().reset(seed=seed)
-        self.simulation.reset(seed)
+        """Return to the start, do its first tick, and return the observation; see Env.
+
+        Args:
+            seed: Seed of this episode, and of the generator that draws those of the next ones; when None the
+                next one, at first that of the scenario.
+            options: Not used.
+
+        Raises:
+            CoopPinError: the seed is no whole number from 0 on.
+        """
+        episode = self._seeds.following(seed)
+        super().reset(seed=None if seed is None else episode)
+        self.simulation.reset(episode)
         self.simulation.tick()
         return self._outcome()[0], {}
 

@@ -19,6 +19,30 @@ from coop_pin.results.quantities import QUANTITIES, computed
 _FIELDS = {"torque": "torques", "velocity": "velocities", "position": "positions"}
 
 
+class EpisodeSeeds:
+    """Seeds of the episodes of a cell: a stated one, then those that its generator draws."""
+
+    def __init__(self, first: int) -> None:
+        """Begin with the seed of the first episode, unless another one is stated."""
+        self._first: int | None = first
+        self._generator = np.random.default_rng(first)
+
+    def following(self, stated: object = None) -> int:
+        """Return the seed of the next episode.
+
+        Args:
+            stated: Seed from which the generator starts anew; None for the next one.
+
+        Raises:
+            CoopPinError: it is no whole number from 0 on.
+        """
+        first, self._first = self._first, None
+        if stated is not None:
+            first = as_count("seed", stated)
+            self._generator = np.random.default_rng(first)
+        return int(self._generator.integers(2**62)) if first is None else first
+
+
 class ActedLaw(CellController):
     """A law with additions, or additions alone: then torques are added to those that hold the start.
 

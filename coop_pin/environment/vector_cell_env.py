@@ -15,7 +15,7 @@ from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.schedule import RunProgram
 from coop_pin.compiled.simulate import BatchSimulator
 from coop_pin.description.scenario import Scenario
-from coop_pin.environment.task import ActedLaw, Observed, Task
+from coop_pin.environment.task import ActedLaw, EpisodeSeeds, Observed, Task
 from coop_pin.tracing.kernel import Kernel
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.traced_array import traced
@@ -75,7 +75,9 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         ):
             raise TracingError(f"{reason}; take CellEnv")
         self._simulator, self._tick = BatchSimulator(), 0
-        prepared = self._prepared(None)
+        is_one = all(scenario is runs[0] for scenario in runs)
+        self._seeds = [EpisodeSeeds(scenario.seed + is_one * lane) for lane, scenario in enumerate(runs)]
+        prepared = self._prepared([scenario.seed for scenario in runs])
         self._compile(prepared)
         actions, size = self.task.sizes(self._law)
         self.single_action_space = Box(-1.0, 1.0, (actions,), np.float64)
@@ -92,16 +94,25 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         """Return all lanes to the start, do the first tick, and return the observations; see VectorEnv.
 
         Args:
-            seed: Seed of the first lane, the next ones have the next; or one for each; None for those of the
-                last reset.
+            seed: Seed of the first lane, the next ones have the next; or one for each. When None, the next
+                of each lane as of CellEnv, at first those of the scenarios; lanes of one scenario have the
+                next ones.
             options: Not used.
+
+        Raises:
+            CoopPinError: a seed is no whole number from 0 on, or there is not one for each lane.
         """
-        if seed is not None:
-            seeds = [seed + lane for lane in range(self.num_envs)] if isinstance(seed, int) else seed
-            if len(seeds) != self.num_envs:
-                raise ArgumentError(f"there are {len(seeds)} seeds for {self.num_envs} lanes; give one each")
-            if self._is_random:
-                self._begin(self._prepared(seeds))
+        seeds: Any = seed
+        stated: list[Any] = [None] * self.num_envs
+        if np.ndim(seeds) > 0:
+            stated = list(seeds)
+        elif seed is not None:
+            stated = [as_count("seed", seeds) + lane for lane in range(self.num_envs)]
+        if len(stated) != self.num_envs:
+            raise ArgumentError(f"there are {len(stated)} seeds for {self.num_envs} lanes; give one each")
+        episodes = [each.following(one) for each, one in zip(self._seeds, stated, strict=True)]
+        if self._is_random:
+            self._begin(self._prepared(episodes))
         self._block[:] = self._first
         self._is_over = np.zeros(self.num_envs, dtype=bool)
         self._act(np.zeros(self.action_space.shape or ()))
@@ -129,14 +140,13 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
 
     # ------------------------------------------------------------ lanes
 
-    def _prepared(self, seeds: Sequence[int | None] | None) -> Prepared:
-        """Return the runs with the law acted on, with other seeds if given."""
-        runs, made = list[Prepared](), dict[tuple[int, int | None], Prepared]()
-        for lane, scenario in enumerate(self.scenarios):
-            seed = None if seeds is None else seeds[lane]
+    def _prepared(self, seeds: Sequence[int]) -> Prepared:
+        """Return the runs with the law acted on, with other seeds."""
+        runs, made = list[Prepared](), dict[tuple[int, int], Prepared]()
+        for scenario, seed in zip(self.scenarios, seeds, strict=True):
             key = id(scenario), seed
             if key not in made:
-                made[key] = self._acted(scenario if seed is None else scenario.replace(seed=seed))
+                made[key] = self._acted(scenario.replace(seed=seed))
             runs.append(made[key])
         return Prepared.joined(runs)
 

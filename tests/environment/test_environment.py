@@ -202,6 +202,41 @@ def test_the_seed_alone_draws_the_numbers(name):
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
+def test_episodes_without_a_seed_go_on_with_the_generator_alike_in_a_cell_and_in_lanes(name):
+    """As trainers rely on: a seed once, then resets without one."""
+    scenario, task = with_noise(name), TASKS["torque"]
+
+    def episodes(env, *seeds):
+        return [observed(env, seed) for seed in seeds]
+
+    def observed(env, seed):
+        env.reset(seed=seed)
+        env.step(np.zeros(env.action_space.shape))
+        return env.step(np.zeros(env.action_space.shape))[0]
+
+    lanes = VectorCellEnv(scenario, task, num_envs=3)
+    drawn = episodes(lanes, 7, None, None)
+    assert len({part.tobytes() for episode in drawn for part in episode}) == 9
+    np.testing.assert_array_equal(episodes(lanes, 7, None, None), drawn)
+    np.testing.assert_array_equal(
+        episodes(VectorCellEnv(scenario, task, num_envs=3), np.int64(7), None, None), drawn
+    )
+    np.testing.assert_array_equal(episodes(lanes, np.array([7, 8, 9]), None, None), drawn)
+    for lane in range(3):
+        alone = episodes(CellEnv(scenario, task), 7 + lane, None, None)
+        np.testing.assert_allclose(alone, np.stack(drawn)[:, lane], rtol=0, atol=1e-9)
+    first, second = (episodes(CellEnv(scenario, task), None, None) for _ in range(2))
+    np.testing.assert_array_equal(first, second)
+    assert not np.array_equal(*first)
+    np.testing.assert_array_equal(first[0], episodes(CellEnv(scenario, task), scenario.seed)[0])
+    for wrong in (-1, 1.5, "one", [1, 2], [1, 2, "three"]):
+        with pytest.raises(CoopPinError):
+            lanes.reset(seed=wrong)
+        with pytest.raises(CoopPinError):
+            CellEnv(scenario, task).reset(seed=wrong)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
 def test_a_lane_that_diverges_ends_alone(name):
     task = Task("torque", scale=1e9, law=False, failure=7.0)
     lanes, env = VectorCellEnv(cell(name), task, num_envs=2), CellEnv(cell(name), task)
