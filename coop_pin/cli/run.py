@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from pathlib import Path
@@ -11,7 +12,7 @@ import tyro
 
 from coop_pin import viz
 from coop_pin.base.errors import CoopPinError, RunInterruptedError
-from coop_pin.cli.exit_codes import FAILED, INTERRUPTED, NOT_TRUSTWORTHY, OK
+from coop_pin.cli.exit_codes import DROPPED, FAILED, INTERRUPTED, NOT_TRUSTWORTHY, OK
 from coop_pin.cli.overrides import NO_FIELDS, ScenarioName, TypedFields, load_scenario
 from coop_pin.compiled.engines import Engine
 
@@ -35,6 +36,7 @@ def run(
     3 --controller.switching.kind tanh --events []. 'coop-pin fields NAME_OR_FILE' lists them.
 
     The exit code is 3 if the run is not trustworthy: it breached a threshold in the scenario's table 'trust'.
+    It is 4 if the payload dropped.
 
     Args:
         scenario: a name listed by 'coop-pin list', or a TOML file.
@@ -80,13 +82,15 @@ def run(
     folder.write(result, timing, replay=replay, figures=formats if figures else ())
     if report:
         viz.save_report(result, folder.path / folder.REPORT)
-    is_breached = bool(result.breaches())
+    is_breached, is_dropped = bool(result.breaches()), math.isfinite(result.dropped_at)
     if not quiet:
         written = f"written to {folder.path}, {timing.real_time_factor:.1f} times real time"
         print(result.summary(), *_details(result, verbose), written, sep="\n")
-    elif is_breached:
+    elif is_breached or is_dropped:
         _warn(result, verbose)
-    return NOT_TRUSTWORTHY if is_breached else OK
+    if is_breached:
+        return NOT_TRUSTWORTHY
+    return DROPPED if is_dropped else OK
 
 
 def _warn(result: Any, verbose: bool) -> None:

@@ -16,6 +16,7 @@ import coop_pin as cp
 from coop_pin.base.errors import FieldError
 from coop_pin.base.spatial import exp3
 from coop_pin.base.spatial.internal_wrench import virtual_linkage
+from coop_pin.cli import main
 from coop_pin.compiled import support
 from coop_pin.description.cell.grasp_plan import grasp_plan
 from coop_pin.model.visuals import CellVisuals
@@ -206,7 +207,7 @@ def test_grasp_out_of_reach_does_not_happen_and_is_named(name):
 @pytest.mark.parametrize("every", [1, 3])
 @pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_a_payload_that_the_last_arm_lets_go_after_a_missed_grasp_is_dropped(name, engine, every):
+def test_a_payload_that_the_last_arm_lets_go_after_a_missed_grasp_is_dropped(name, engine, every, tmp_path):
     """The plan counts on the grasp of the other arm; on any grasps, with weight."""
     missed = cp.events.Regrasp(time=0.06, arm="right", duration=0.02, tolerance=1e-9)
     last = cp.events.HandOver(time=0.09, arm="left", duration=0.01)
@@ -225,6 +226,9 @@ def test_a_payload_that_the_last_arm_lets_go_after_a_missed_grasp_is_dropped(nam
     down, t = np.argmax(np.abs(weight["cell.gravity"])), data.time.values[fallen]
     fall = np.polyfit(t, data.payload_position.values[fallen, down], 2)
     assert fall[0] == pytest.approx(-9.81 / 2.0, rel=1e-3)
+    result.scenario.save(tmp_path / "drop.toml")
+    words = ["run", str(tmp_path / "drop.toml"), "--quiet", "--no-replay", "--no-figures", "--engine", engine]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 4
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
