@@ -59,6 +59,7 @@ class RunBlock:
             v=(nv,),
             work=(works,),
             is_valid=(),
+            closure_errors=(m, 2),
             **observed(constants.cell),
             jacobians=(k_0 * N,),
             condition_bounds=(m,),

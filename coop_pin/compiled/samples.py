@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import InvalidStateError
-from coop_pin.base.spatial import internal_wrenches, log3
+from coop_pin.base.spatial import internal_wrenches
 from coop_pin.compiled.constants import Desired
+from coop_pin.compiled.plant.plant_code import observation_field, observed
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.prepared_plant import PreparedPlant
 from coop_pin.results.quantities import WORK, WORK_OF_GRASPS, Samples, condition_numbers, padded
@@ -149,7 +150,7 @@ class RunSamples(Mapping[str, Any]):
             raise InvalidStateError(f"the batch was released before {name!r} was read; read samples before")
         return self._records
 
-    def _field(self, name: str, entry: Any = ..., out: Array | None = None) -> Array:
+    def _field(self, name: str, entry: Any = ...) -> Array:
         """Return a copy of what was recorded of a field, (runs, samples, ...); raises as _recorded_of.
 
         It has one layout for any number of runs: numpy's functions choose their order of operations by it.
@@ -157,11 +158,9 @@ class RunSamples(Mapping[str, Any]):
         Args:
             name: Name of the field.
             entry: Index of a single entry in a sample; all of them when omitted.
-            out: Array that takes it; a new one when omitted.
         """
         blocks, shape = self._recorded_of(name, entry)
-        if out is None:
-            out = np.empty((sum(block.shape[2] for block in blocks), len(self._kept), *shape))
+        out = np.empty((sum(block.shape[2] for block in blocks), len(self._kept), *shape))
         first = 0
         for block in blocks:
             runs, size = out[first : first + block.shape[2]], max(1, _TURNED // block.shape[2])
@@ -206,6 +205,9 @@ class RunSamples(Mapping[str, Any]):
         """Return the load shares of the arms, shape (runs, m)."""
         return self.of_plants(lambda plant: plant.scenario.cell.shares)
 
+    def _load_shares(self) -> Array:
+        return np.repeat(self._shares()[:, None], len(self._kept), axis=1)
+
     def _jacobians(self) -> list[Array]:
         values, k_0 = self._field("jacobians"), self._rows.size
         ends = k_0 * np.cumsum([len(arm.drive) for arm in self._arms])
@@ -216,20 +218,20 @@ class RunSamples(Mapping[str, Any]):
         free = self._field("q")[..., sum(len(arm.drive) for arm in self._arms) :]
         return np.concatenate([*(arm.angles.configuration(q) for q, arm in pairs), free], axis=2)
 
-    def _pose(self) -> Array:
-        pose = np.zeros((len(self._prepared.plants), len(self._kept), 4, 4))
-        self._field("R_WP", out=pose[..., :3, :3])
-        self._field("p_WP", out=pose[..., :3, 3])
-        pose[..., 3, 3] = 1.0
-        return pose
-
     def _pose_entries(self) -> list[list[Array]]:
-        rows = [[self._numbers("R_WP", (i, j)) for j in range(3)] for i in range(3)]
-        return [[*row, self._numbers("p_WP", i)] for i, row in enumerate(rows)]
+        return [[self._numbers("payload_pose", (i, j)) for j in range(4)] for i in range(3)]
+
+    def _observed(self, name: str) -> Array:
+        """Return a field of an Observation."""
+        if not self._layout.slots(name).shape:
+            return self._numbers(name)
+        values = observation_field(name, self._field(name), self._plant.of_springs)
+        return np.where(self._plant.determined, values, np.nan) if name == "interaction_wrench" else values
 
     def _state(self) -> dict[str, Callable[[], Any]]:
         """Return what gives the quantities that are read neither from measurements nor from others."""
-        field, determined = self._field, self._plant.determined
+        field, cell = self._field, self._plant.constants.cell
+        works = (*WORK, *WORK_OF_GRASPS)[: cell.sizes[2]]
         return {
             "time": lambda: self._desired(lambda desired: desired.time),
             "desired_pose": lambda: self._desired(lambda desired: desired.target.X_WP_d),
@@ -241,32 +243,13 @@ class RunSamples(Mapping[str, Any]):
             "jacobian": self._jacobians,
             "configuration": self._configuration,
             "velocity": lambda: field("v"),
-            "payload_pose": self._pose,
             "pose_entries": self._pose_entries,
-            "payload_twist": lambda: field("V_WP"),
-            "tip_position": lambda: field("tips"),
-            "interaction_wrench": lambda: np.where(determined, field("wrenches"), np.nan),
             "internal_wrench": lambda: np.stack(
                 list(map(internal_wrenches, self["interaction_wrench"], self._shares()))
             ),
-            "external_wrench": lambda: field("payload_wrench"),
             "closure_distance": lambda: field("closure_errors")[..., 0],
             "closure_angle": lambda: field("closure_errors")[..., 1],
-            "kinetic_energy": lambda: self._numbers("kinetic"),
-            "potential_energy": lambda: self._numbers("potential"),
-            **{name: partial(self._numbers, "work", index) for index, name in enumerate(WORK)},
-            **(self._of_springs() if self._plant.constants.cell.compliant else {}),
-        }
-
-    def _of_springs(self) -> dict[str, Callable[[], Any]]:
-        """Return what gives the quantities of compliant grasps."""
-        field, of_arms = self._field, self._plant.of_springs
-        work = {name: partial(self._numbers, "work", len(WORK) + i) for i, name in enumerate(WORK_OF_GRASPS)}
-        return work | {
-            "grasp_wrench": lambda: of_arms(field("grasp_wrench")),
-            "grasp_deflection": lambda: of_arms(
-                np.concatenate((field("grasp_position"), log3(field("grasp_rotation"))), axis=-1)
-            ),
-            "elastic_energy": lambda: self._numbers("elastic"),
-            "load_share": lambda: np.repeat(self._shares()[:, None], len(self._kept), axis=1),
+            **{name: partial(self._observed, name) for name in observed(cell)},
+            **{name: partial(self._numbers, "work", index) for index, name in enumerate(works)},
+            **({"load_share": self._load_shares} if cell.compliant else {}),
         }

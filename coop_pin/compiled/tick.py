@@ -71,10 +71,10 @@ class TickCode:
         truth, view = self._truth(kernel, constants, signals)
         if constants.sensors.wrists:
             loads = constants.sensors.at_rest(weight.mass, weight.gravity)
-            R_WP = frames(constants.cell.arms[0], truth.angles[0]).R_WP
-            truth = truth._replace(wrenches=traced(loads), R_WP=traced(R_WP))
-            kernel.write("wrenches", loads)
-            kernel.write("R_WP", R_WP)
+            at_rest = frames(constants.cell.arms[0], truth.angles[0])
+            truth = truth._replace(wrenches=traced(loads), R_WP=traced(at_rest.R_WP))
+            kernel.write("interaction_wrench", loads)
+            kernel.write("payload_pose", np.concatenate((at_rest.R_WP, at_rest.p_WP[:, None]), axis=1))
         self._sensors = constants.sensors.start(truth, view, references)
         measurements, _ = constants.sensors.step(self._sensors, truth, view)
         holding = constants.cell.by_arm(kernel.read("holding"))
@@ -103,8 +103,8 @@ class TickCode:
             rates=v,
             signals=signals.drawn.sensors,
             applied=applied._replace(saturated=[masks(cut) for cut in applied.saturated]),
-            wrenches=kernel.read("wrenches"),
-            R_WP=kernel.read("R_WP"),
+            wrenches=kernel.read("interaction_wrench"),
+            R_WP=kernel.read("payload_pose")[:, :3],
         )
         return truth, partial(constants.view, q)
 
@@ -264,8 +264,8 @@ class TickCode:
         rates, weigh = observe.on_same_tape("rates"), observe.on_same_tape("weigh")
         rates.write("rates", motion.rates)
         if constants.sensors.needs_wrenches:
-            weigh.write("wrenches", motion.wrenches)
-            weigh.write("R_WP", motion.R_WP)
+            weigh.write("interaction_wrench", motion.observation.interaction_wrench)
+            weigh.write("payload_pose", motion.observation.payload_pose)
         instants = constants.changes[1:]
         events = [observe.on_same_tape(f"event_{index}") for index in range(len(instants))]
         for event, changed in zip(events, instants, strict=True):

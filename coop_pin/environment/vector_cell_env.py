@@ -194,15 +194,15 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         lanes.add(shares=(m,), observation=(self.task.sizes(self._law)[1],), reward=())
         kernel, _ = self._code.block.kernel("outcome")
         desired, pose = self._code.block.signals_at(kernel).desired, np.eye(4).astype(object)
-        pose[:3, :3], pose[:3, 3] = kernel.read("R_WP"), kernel.read("p_WP")
+        pose[:3] = kernel.read("payload_pose")
         samples = {
             "payload_pose": traced(pose),
             "desired_pose": desired.target.X_WP_d,
             "desired_squeeze": desired.squeeze,
-            "tip_position": kernel.read("tips"),
-            "interaction_wrench": np.where(determined, kernel.read("wrenches"), np.nan),
+            "tip_position": kernel.read("tip_position"),
+            "interaction_wrench": np.where(determined, kernel.read("interaction_wrench"), np.nan),
         }
-        twist_error = kernel.read("V_WP") - desired.target.V_WP_d
+        twist_error = kernel.read("payload_twist") - desired.target.V_WP_d
         joints = sum(
             len(slot.drive) for slot in self._plant.slots
         )  # a payload on compliant grasps has its own coordinates after them

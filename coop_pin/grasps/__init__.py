@@ -9,6 +9,7 @@ between frames: what a new kind of grasp that gives would be), ``rigid_grasps`` 
 - ``friction_cones``: least internal wrenches with which pads hold the payload.
 - At rest: ``equilibrium``, ``contact_equilibrium``.
 - Kinematics: ``cell_kinematics`` (payload, tips, grasps), ``grasp_frames`` (their motion).
+- ``observation``: the quantities that a plant computes at a state, for all engines.
 
 What a user writes of grasps is in ``description/cell``.
 

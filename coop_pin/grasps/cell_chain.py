@@ -18,56 +18,12 @@ from coop_pin.chain.trajectory import ChainState
 from coop_pin.grasps.cell_kinematics import CellKinematics
 from coop_pin.grasps.contact_patches import ContactState
 from coop_pin.grasps.friction_cones import Squeeze, friction_squeeze
+from coop_pin.grasps.observation import Observation, PayloadState, payload_quantities
 from coop_pin.grasps.spring_damper import SpringState
 
 _NO_WRENCH = np.zeros(6)
 _SINGULAR = 1e10
 _SUM_ALLOWED = 1e-6
-
-
-class Observation(NamedTuple):
-    """Quantities of a cell at states under given forces, by their names in a run's records.
-
-    Attributes:
-        payload_pose: X_WP, shape (..., 4, 4).
-        payload_twist: V_WP, shape (..., 6).
-        tip_position: positions of the tips in the world, m, shape (..., m, 3).
-        interaction_wrench: wrench on each arm by the payload, about P in world axes, N and N m, shape
-            (..., m, 6).
-        kinetic_energy: kinetic energy of arms and payload, J, shape (...).
-        potential_energy: potential energy of arms and payload, J, shape (...).
-        external_wrench: wrench on the payload besides gravity and grasps, about P in world axes, shape
-            (..., 6).
-        elastic_energy: energy in compliant grasps and contacts, J, shape (...); None without any.
-        grasp_deflection: deflection of each compliant grasp, m and rad, shape (..., m, 6), NaN for others;
-            None without any.
-        grasp_wrench: wrench of each on its arm about the tip in grasp axes, N and N m, likewise.
-        patch_wrench: wrench of each of p patches and tables on the arm or the payload about the origin of its
-            plane in axes of the plane, N and N m, shape (..., p, 6); None without any.
-        patch_points: number of points of each that touch, shape (..., p); likewise.
-        patch_slip: distance that each has slid, m, shape (..., p); likewise.
-        partner_wrench: wrench of the partner that took hold last on the payload, about P in world axes, N
-            and N m, shape (..., 6); None without one.
-        partner_deflection: deflection of its handle in axes of its point, m and rad, likewise.
-        partner_energy: energy in its spring, J, shape (...); likewise.
-    """
-
-    payload_pose: Array
-    payload_twist: Array
-    tip_position: Array
-    interaction_wrench: Array
-    kinetic_energy: Array
-    potential_energy: Array
-    external_wrench: Array
-    elastic_energy: Array | None = None
-    grasp_deflection: Array | None = None
-    grasp_wrench: Array | None = None
-    patch_wrench: Array | None = None
-    patch_points: Array | None = None
-    patch_slip: Array | None = None
-    partner_wrench: Array | None = None
-    partner_deflection: Array | None = None
-    partner_energy: Array | None = None
 
 
 class CellTorques(NamedTuple):
@@ -163,9 +119,9 @@ class CellChain(CellKinematics):
         states = (as_array(name, value, n, size) for name, value, size in arguments)
         parts = zip(*map(self._observed, *states), strict=True)
         values: list[Any] = [None if part[0] is None else np.array(part) for part in parts]
-        seen = Observation(*values)
-        require_finite("the interaction wrenches", seen.interaction_wrench)
-        return seen
+        observation = Observation(*values)
+        require_finite("the interaction wrenches", observation.interaction_wrench)
+        return observation
 
     def inverse_dynamics(
         self,
@@ -324,30 +280,34 @@ class CellChain(CellKinematics):
         chain = self.mechanism
         return linearised(chain.minimal_form, chain.solver, ChainState(q, v), tau, joints, output)
 
-    def _observed(self, q: Array, v: Array, tau: Array, push: Array) -> tuple[Any, ...]:
-        """Return the parts of an Observation at a state."""
+    def _observed(self, q: Array, v: Array, tau: Array, push: Array) -> Observation:
+        """Return the Observation at a state."""
         elements, frames = self._move(q, v, tau), self._frames
-        return (
-            frames.payload.homogeneous,
-            frames.payload_twist(),
-            frames.tip_positions(),
-            self._wrenches(self.mechanism.solver.forces(), push, *elements),
-            *frames.energies(),
-            push,
-            *self._of_elements(*elements),
+        payload = PayloadState(
+            frames.payload.homogeneous, frames.payload_twist(), push, self.model.surroundings
+        )
+        kinetic, potential = frames.energies()
+        energies: dict[str, Any] = {"kinetic_energy": kinetic, "potential_energy": potential}
+        return Observation(
+            **payload_quantities(payload),
+            **energies,
+            tip_position=frames.tip_positions(),
+            interaction_wrench=self._wrenches(self.mechanism.solver.forces(), push, *elements),
+            **self._of_elements(*elements),
         )
 
-    def _of_elements(self, grasps: SpringState | None, contacts: ContactState | None) -> tuple[Any, ...]:
-        """Return the last parts of an Observation."""
-        energy, parts = 0.0, list[Any]()
+    def _of_elements(self, grasps: SpringState | None, contacts: ContactState | None) -> dict[str, Any]:
+        """Return the quantities of compliant grasps and contacts by name; none without any."""
+        quantities: dict[str, Any] = {}
         if grasps is not None:
-            energy += self.springs.energy(grasps)
-            parts += map(self.springs.of_arms, (grasps.deflection, grasps.wrench))
+            quantities["elastic_energy"] = self.springs.energy(grasps)
+            quantities["grasp_deflection"] = self.springs.of_arms(grasps.deflection)
+            quantities["grasp_wrench"] = self.springs.of_arms(grasps.wrench)
         if contacts is not None:
-            energy += contacts.energy
-            parts += [None, None][len(parts) :]
-            parts += [contacts.wrench, contacts.touching, self.patches.state.slip]
-        return (energy, *parts) if parts else ()
+            quantities["elastic_energy"] = quantities.get("elastic_energy", 0.0) + contacts.energy
+            quantities["patch_wrench"], quantities["patch_points"] = contacts.wrench, contacts.touching
+            quantities["patch_slip"] = self.patches.state.slip
+        return quantities
 
     def _move(self, q: Array, v: Array, tau: Array) -> tuple[SpringState | None, ContactState | None]:
         """Move the frames under a generalised force; return compliant grasps and contacts, None without."""

@@ -69,6 +69,7 @@ class CellModel:
             if the payload is welded).
         payload_frame: index of frame P.
         payload_joint: index of the joint that carries the payload.
+        surroundings: payload and gravity as they are set.
         payload_inertia: inertia of the payload in its own frame.
         carrier_inertia: inertia that the payload's joint carries besides the payload.
     """
@@ -103,6 +104,7 @@ class CellModel:
 
     def surround(self, surroundings: Surroundings) -> None:
         """Set the payload's inertia and gravity in the model, which is changed in place."""
+        self.surroundings = surroundings
         self.payload_inertia = pin.Inertia(surroundings.mass, np.zeros(3), surroundings.inertia)
         self.model.inertias[self.payload_joint] = self.carrier_inertia + self._X_JP.act(self.payload_inertia)
         self.model.gravity.linear = surroundings.gravity

@@ -40,7 +40,7 @@ class Quantity(NamedTuple):
         unit: unit, or several where entries differ: of linear, then of angular ones.
         text: meaning; the variable's ``long_name``.
         source: computes it from the samples of quantities above it and of the joints, see Samples; None where
-            it is recorded at every tick.
+            it is recorded: by ``read``, the plant (Observation has a field of this name) or the recorder.
         read: reads it at a tick from the measurements and torques (``Applied``) of all arms, as a value for
             each arm, or a single one if it has no dimension "arm"; None if it is none of these.
         fill: value where nothing is recorded, for example beyond the joints of an arm.

@@ -18,7 +18,8 @@ from coop_pin.chain.closure_set import ClosureError
 from coop_pin.chain.integrators import INTEGRATORS
 from coop_pin.description.events import Surroundings
 from coop_pin.description.plant import PlantOptions
-from coop_pin.grasps.cell_chain import CellChain, Observation
+from coop_pin.grasps.cell_chain import CellChain
+from coop_pin.grasps.observation import Observation
 from coop_pin.grasps.partner import PartnerState, partner_state
 from coop_pin.results.quantities import WORK, WORK_OF_GRASPS
 from coop_pin.simulation.plant import PlantState
@@ -130,7 +131,7 @@ class PinocchioPlant:
         """Return the whole wrench on the payload besides gravity about P in world axes, shape (6,).
 
         It is read only if ``Surroundings.acts``. A force that depends on the state belongs into both and into
-        ``batch.cell_dynamics.cell_motion``.
+        ``compiled.plant.cell_dynamics.cell_motion``.
 
         Args:
             q: Configuration, shape (nq,).
@@ -158,11 +159,11 @@ class PinocchioPlant:
         if self._pushed:
             jacobians = map(self.chain.payload_jacobian, q)
             tau += np.array([J.T.dot(F) for J, F in zip(jacobians, wrenches, strict=True)])
-        seen = self.chain.observe(q, v, tau, wrenches)
+        observation = self.chain.observe(q, v, tau, wrenches)
         if not self.surroundings.partners:
-            return seen
+            return observation
         wrench, deflection, energy, *_ = zip(*(self.partners(*state)[-1] for state in states), strict=True)
-        return seen._replace(
+        return observation._replace(
             partner_wrench=np.array(wrench),
             partner_deflection=np.array(deflection),
             partner_energy=np.array(energy),

@@ -16,7 +16,8 @@ from coop_pin.base.errors import DivergedError
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.description.events import Surroundings
 from coop_pin.description.plant import PlantOptions
-from coop_pin.grasps.cell_chain import CellChain, Observation
+from coop_pin.grasps.cell_chain import CellChain
+from coop_pin.grasps.observation import Observation
 
 # A run beyond these has diverged: joint speed, rad/s; closure error, m or rad.
 SPEED_LIMIT = 1e3

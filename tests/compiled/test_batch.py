@@ -59,7 +59,8 @@ def test_the_dynamics_of_every_catalogue_cell_are_pinocchios(name):
     state = CellState(*(inputs(tape, model.nv) for _ in range(3)))
     cell = cell._replace(surroundings=cell.surroundings._replace(push=inputs(tape, 6)))
     motion = cell_motion(SharedFunctions(), cell, state)
-    outputs = [*motion.rates, *motion.wrenches.flat, motion.kinetic, motion.potential]
+    seen = motion.observation
+    outputs = [*motion.rates, *seen.interaction_wrench.flat, seen.kinetic_energy, seen.potential_energy]
     rows = cell.moving_rows(cell.by_arm(state.q))
     for _ in range(3):
         near = pin.integrate(model, q_start, 0.03 * rng.normal(size=model.nv))

@@ -31,6 +31,7 @@ from coop_pin.compiled.plant.serial_arm import (
     motion_cross,
 )
 from coop_pin.description.events import Surroundings
+from coop_pin.grasps.observation import Observation, PayloadState, payload_quantities
 from coop_pin.grasps.spring_damper import MovingFrame, SpringState, spring_state
 from coop_pin.results.quantities import WORK, WORK_OF_GRASPS
 from coop_pin.tracing.elementary import polynomial
@@ -50,34 +51,17 @@ class CellMotion(NamedTuple):
     Attributes:
         rates: accelerations of all joints and of a free payload, then powers in the order of WORK, whose last
             is done at instants only, and of WORK_OF_GRASPS, shape (nv + 4,) or (nv + 5,).
-        wrenches: F_i on each arm by the payload about P in world axes, shape (m, 6); of closures only the
-            moving rows are determined.
-        R_WP: orientation of the payload, shape (3, 3).
-        p_WP: position of P, shape (3,).
-        V_WP: twist of the payload about P, shape (6,).
-        payload_wrench: whole wrench on the payload about P in world axes, besides gravity, shape (6,).
-        tips: positions of the tips, shape (m, 3).
         closure_errors: distance and angle between tip and grasp, shape (m, 2).
-        kinetic: energy, J.
-        potential: energy, J.
         moment: first moment of arms and payload about the world's origin, kg m, shape (3,).
-        springs: states of the compliant grasps.
-        elastic: energy in the springs, J.
+        observation: quantities of the cell. Poses are without their last row, shape (3, 4); the deflections
+            of the n compliant grasps are poses of their tips, shape (n, 3, 4), their wrenches those of these
+            grasps alone, shape (n, 6). Of wrenches by closures only the moving rows are determined.
     """
 
     rates: Numbers
-    wrenches: Numbers
-    R_WP: Numbers
-    p_WP: Numbers
-    V_WP: Numbers
-    payload_wrench: Numbers
-    tips: Numbers
     closure_errors: Numbers
-    kinetic: Number
-    potential: Number
     moment: Numbers
-    springs: tuple[SpringState, ...]
-    elastic: Number
+    observation: Observation
 
 
 class CellState(NamedTuple):
@@ -163,20 +147,21 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
     sizes = np.zeros((len(terms), 2)).astype(object)
     for i, error in errors.items():
         sizes[i] = _size(error, tips[i])
+    energies: dict[str, Any] = {
+        "kinetic_energy": sum((arm.kinetic for arm in terms), 0.0),
+        "potential_energy": sum((-1.0 * (arm.moment @ plain(gravity)) for arm in terms), 0.0),
+    }
     motion = CellMotion(
         rates=np.concatenate((*accelerations, [powers[name] for name in works])),
-        wrenches=np.stack([_about(p, F[i]) for i in sorted(F)]),
-        R_WP=R,
-        p_WP=p,
-        V_WP=V_WP,
-        payload_wrench=F_P,
-        tips=tips,
         closure_errors=sizes,
-        kinetic=sum((arm.kinetic for arm in terms), 0.0),
-        potential=sum((-1.0 * (arm.moment @ plain(gravity)) for arm in terms), 0.0),
         moment=sum((arm.moment for arm in terms), np.zeros(3)),
-        springs=tuple(springs.values()),
-        elastic=_elastic_energy(cell, springs),
+        observation=Observation(
+            **payload_quantities(PayloadState(_pose_rows(R, p), V_WP, F_P, acting)),
+            **energies,
+            tip_position=tips,
+            interaction_wrench=np.stack([_about(p, F[i]) for i in sorted(F)]),
+            **(_spring_quantities(cell, springs) if springs else {}),
+        ),
     )
     return motion if cell.carrier is not None else _with_payload(motion, acting)
 
@@ -228,19 +213,32 @@ def _free_acceleration(acting: Surroundings, body: MovingFrame, W: Numbers, V_P:
     return join(linear, solve_transposed(L, D_inverse * solve_lower(L, moment)))
 
 
-def _elastic_energy(cell: CellNumbers, springs: Mapping[int, SpringState]) -> Number:
-    """Return the energy in all springs, J."""
+def _pose_rows(R: Numbers, p: Numbers) -> Any:
+    """Return the first three rows of a pose, shape (3, 4)."""
+    return traced(np.concatenate((R, p[:, None]), axis=1))
+
+
+def _spring_quantities(cell: CellNumbers, springs: Mapping[int, SpringState]) -> dict[str, Any]:
+    """Return the quantities of the compliant grasps by name, see CellMotion."""
     states = {i: (spring.position[None], spring.rotation[None]) for i, spring in springs.items()}
-    return sum((grasp.spring.energy(*states[i])[0] for i, grasp in cell.compliant.items()), 0.0)
+    return {
+        "elastic_energy": sum(
+            (grasp.spring.energy(*states[i])[0] for i, grasp in cell.compliant.items()), 0.0
+        ),
+        "grasp_deflection": [_pose_rows(spring.rotation, spring.position) for spring in springs.values()],
+        "grasp_wrench": [spring.wrench for spring in springs.values()],
+    }
 
 
 def _with_payload(motion: CellMotion, acting: Surroundings) -> CellMotion:
     """Return a motion with energies and first moment of the free payload."""
-    kinetic, potential = _payload_energies(acting, motion)
+    arms = motion.observation
+    kinetic, potential = _payload_energies(acting, arms)
     return motion._replace(
-        kinetic=motion.kinetic + kinetic,
-        potential=motion.potential + potential,
-        moment=motion.moment + acting.mass * motion.p_WP,
+        moment=motion.moment + acting.mass * arms.payload_pose[:, 3],
+        observation=arms._replace(
+            kinetic_energy=arms.kinetic_energy + kinetic, potential_energy=arms.potential_energy + potential
+        ),
     )
 
 
@@ -252,16 +250,17 @@ def energy_gain(before: Surroundings, after: Surroundings, motion: CellMotion) -
         after: Surroundings from now on.
         motion: Motion in those until now.
     """
-    arms = motion.moment - before.mass * motion.p_WP
-    gain = sum(_payload_energies(after, motion)) - sum(_payload_energies(before, motion))
-    return gain - arms @ plain(after.gravity - before.gravity)
+    arms = motion.moment - before.mass * motion.observation.payload_pose[:, 3]
+    now, then = (sum(_payload_energies(each, motion.observation)) for each in (before, after))
+    return then - now - arms @ plain(after.gravity - before.gravity)
 
 
-def _payload_energies(surroundings: Surroundings, motion: CellMotion) -> tuple[Number, Number]:
+def _payload_energies(surroundings: Surroundings, observation: Observation) -> tuple[Number, Number]:
     """Return kinetic and potential energy of the payload, J."""
-    v, w_P, mass = motion.V_WP[:3], motion.R_WP.T @ motion.V_WP[3:], surroundings.mass
-    kinetic = 0.5 * (mass * (v @ v) + w_P @ (surroundings.inertia @ w_P))
-    weight: Any = mass * (surroundings.gravity @ motion.p_WP)
+    X_WP, V_WP, mass = observation.payload_pose, observation.payload_twist, surroundings.mass
+    v, w_P = V_WP[:3], X_WP[:, :3].T @ V_WP[3:]
+    kinetic: Any = 0.5 * (mass * (v @ v) + w_P @ (surroundings.inertia @ w_P))
+    weight: Any = mass * (surroundings.gravity @ X_WP[:, 3])
     return kinetic, -weight
 
 

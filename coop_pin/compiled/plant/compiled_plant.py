@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -10,14 +10,14 @@ import numpy as np
 from coop_pin.base.arrays import Array, require_finite
 from coop_pin.base.disk_cache import DiskCache
 from coop_pin.base.errors import ArgumentError, TracingError
-from coop_pin.base.spatial import log3
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.compiled.kind import plant_reason
 from coop_pin.compiled.plant.cell_numbers import CellNumbers, GraspNumbers
-from coop_pin.compiled.plant.plant_code import STEPS_AT_ONCE, PlantCode, varying
+from coop_pin.compiled.plant.plant_code import STEPS_AT_ONCE, PlantCode, observation_field, varying
 from coop_pin.description.events import Surroundings
 from coop_pin.description.plant import PlantOptions
-from coop_pin.grasps.cell_chain import CellChain, Observation
+from coop_pin.grasps.cell_chain import CellChain
+from coop_pin.grasps.observation import Observation
 from coop_pin.results.quantities import WORK
 from coop_pin.simulation.plant import PlantState
 from coop_pin.tracing.llvm_machine import LlvmMachine
@@ -58,7 +58,7 @@ class CompiledPlant:
         self._block, self._lengths = np.zeros(code.lanes.size), np.zeros((STEPS_AT_ONCE, 1))
         self._call = self._machine.bound(self._block, self._lengths)
         self._at = code.lanes.views(self._block)
-        self._names, self._joints = code.observed, len(self._at["force"])
+        self._fields, self._joints = code.fields, len(self._at["force"])
         self._arms, self._is_vector = chain.model.arms, all(a.angles.is_vector for a in chain.model.arms)
         self.chain, self.time = chain, 0.0
         self._put(q, *np.zeros((2, chain.mechanism.model.nv)))
@@ -181,35 +181,16 @@ class CompiledPlant:
         for name, values in (("q", self._angles(q)), ("v", v), ("force", force[:, : self._joints])):
             blocks[:, self._slots(name).ravel()] = values
         self._machine.bound(blocks, self._lengths)(0, 1)
-        fields = {name: blocks[:, self._slots(name)] for name in self._names}
-        X_WP = np.tile(np.eye(4), (len(q), 1, 1))
-        X_WP[:, :3, :3], X_WP[:, :3, 3] = fields["R_WP"], fields["p_WP"]
-        return Observation(
-            payload_pose=X_WP,
-            payload_twist=fields["V_WP"],
-            tip_position=fields["tips"],
-            interaction_wrench=require_finite("the interaction wrenches", fields["wrenches"]),
-            kinetic_energy=fields["kinetic"],
-            potential_energy=fields["potential"],
-            external_wrench=fields["payload_wrench"],
-            **self._springs_observed(fields),
-        )
-
-    def _springs_observed(self, fields: Mapping[str, Array]) -> dict[str, Array]:
-        """Return the parts of an Observation of compliant grasps; none without any."""
-        if "elastic" not in fields:
-            return {}
-        deflection = np.concatenate((fields["grasp_position"], log3(fields["grasp_rotation"])), axis=-1)
         of_arms = self.chain.springs.of_arms
-        return {
-            "elastic_energy": fields["elastic"],
-            "grasp_deflection": of_arms(deflection),
-            "grasp_wrench": of_arms(fields["grasp_wrench"]),
-        }
+        observation = Observation(
+            **{name: observation_field(name, blocks[:, self._slots(name)], of_arms) for name in self._fields}
+        )
+        require_finite("the interaction wrenches", observation.interaction_wrench)
+        return observation
 
     def interaction_wrenches(self) -> Array:
         """Return the wrench on each arm by the payload, about P in world axes, shape (m, 6)."""
-        return self._observed()["wrenches"].copy()
+        return self._observed()["interaction_wrench"].copy()
 
     def payload_pose(self) -> Array:
         """Return X_WP, shape (4, 4)."""

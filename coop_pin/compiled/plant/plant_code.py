@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from coop_pin.base.arrays import Array
+from coop_pin.base.spatial import log3
 from coop_pin.chain.integrators import RK4
 from coop_pin.compiled.plant.cell_dynamics import CellMotion, CellState, cell_motion
 from coop_pin.compiled.plant.cell_numbers import CellNumbers
 from coop_pin.compiled.plant.serial_arm import Numbers
-from coop_pin.grasps.spring_damper import SpringState
+from coop_pin.grasps.observation import Observation
+from coop_pin.results.quantities import QUANTITIES
 from coop_pin.tracing.kernel import Kernel, Layout, Program
 from coop_pin.tracing.traced_array import traced
 from coop_pin.tracing.tree import SharedFunctions, leaves, rebuilt
@@ -23,37 +27,36 @@ STEPS_AT_ONCE = 64
 
 
 def observed(cell: CellNumbers) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of what an observation writes, by name."""
+    """Return the shapes of the fields of an Observation that a cell has, by name."""
     m, n = len(cell.arms), len(cell.compliant)
-    of_grasps = {
-        "grasp_wrench": (n, 6),
-        "grasp_position": (n, 3),
-        "grasp_rotation": (n, 3, 3),
-        "elastic": (),
-    }
-    return {
-        "R_WP": (3, 3),
-        "tips": (m, 3),
-        "wrenches": (m, 6),
-        "closure_errors": (m, 2),
-        "p_WP": (3,),
-        "V_WP": (6,),
-        "payload_wrench": (6,),
-        "kinetic": (),
-        "potential": (),
-        **(of_grasps if n else {}),
-    }
+    groups = ("", "grasps", "elements") if n else ("",)
+    fields = [each for each in QUANTITIES if each.name in Observation._fields and each.group in groups]
+    own = {"payload_pose": (3, 4), "grasp_deflection": (n, 3, 4), "grasp_wrench": (n, 6)}
+    return {each.name: own.get(each.name) or each.shape({"arm": m}) for each in fields}
 
 
 def write_observed(kernel: Kernel, cell: CellNumbers, motion: CellMotion) -> None:
-    """Write what is observed of a motion."""
-    values = motion._asdict()
-    values |= {
-        f"grasp_{field}": column
-        for field, column in zip(SpringState._fields, zip(*motion.springs, strict=True), strict=False)
-    }
+    """Write what is observed of a motion, and its closure errors."""
+    kernel.write("closure_errors", motion.closure_errors)
     for name in observed(cell):
-        kernel.write(name, values[name])
+        kernel.write(name, getattr(motion.observation, name))
+
+
+def observation_field(name: str, values: Array, of_arms: Callable[[Array], Array]) -> Array:
+    """Return a field of Observation from what was written, shape (..., entries of ``observed``).
+
+    Args:
+        name: Name of the field.
+        values: Numbers that were written.
+        of_arms: Function of GraspSprings.
+    """
+    if name == "payload_pose":
+        X_WP = np.zeros((*values.shape[:-2], 4, 4))
+        X_WP[..., :3, :], X_WP[..., 3, 3] = values, 1.0
+        return X_WP
+    if name == "grasp_deflection":
+        values = np.concatenate((values[..., 3], log3(values[..., :3])), axis=-1)
+    return of_arms(values) if name.startswith("grasp_") else values
 
 
 def write_step(kernel: Kernel, functions: SharedFunctions, cell: CellNumbers) -> None:
@@ -93,13 +96,13 @@ class PlantCode:
 
     Attributes:
         lanes: the slots.
-        observed: names of those that an observation writes.
+        fields: names of those of an Observation.
         program: observes first, and then makes steps, each of two instructions, by a row of the uniforms
             that has its length.
     """
 
     def __init__(self, cell: CellNumbers) -> None:
-        self._constants, functions, self.observed = cell, SharedFunctions(), list(observed(cell))
+        self._constants, functions, self.fields = cell, SharedFunctions(), observed(cell)
         nq, nv, works = cell.sizes
         self.lanes, self._uniforms = Layout(), Layout()
         self.lanes.add(
@@ -108,7 +111,8 @@ class PlantCode:
             work=(works,),
             force=(cell.joints,),
             rates=(nv + works,),
-            **observed(cell),
+            closure_errors=(len(cell.arms), 2),
+            **self.fields,
             **{name: (len(leaves(part)),) for name, part in varying(cell).items()},
         )
         self._uniforms.add(h=())
