@@ -31,8 +31,8 @@ def observed(cell: CellNumbers) -> dict[str, tuple[int, ...]]:
     m, n = len(cell.arms), len(cell.compliant)
     groups = ("", "grasps", "elements") if n else ("",)
     fields = [each for each in QUANTITIES if each.name in Observation._fields and each.group in groups]
-    own = {"payload_pose": (3, 4), "grasp_deflection": (n, 3, 4), "grasp_wrench": (n, 6)}
-    return {each.name: own.get(each.name) or each.shape({"arm": m}) for each in fields}
+    forms = {"payload_pose": (3, 4), "grasp_deflection": (n, 3, 4), "grasp_wrench": (n, 6)}
+    return {each.name: forms.get(each.name) or each.shape({"arm": m}) for each in fields}
 
 
 def write_observed(kernel: Kernel, cell: CellNumbers, motion: CellMotion) -> None:
