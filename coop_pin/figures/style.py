@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any, TypeAlias
 
 import matplotlib as mpl
@@ -51,12 +51,17 @@ Grid: TypeAlias = NDArray[Any]
 """Axes in rows and columns."""
 
 
+def styled() -> AbstractContextManager[None]:
+    """Return a context manager in which matplotlib draws in the style of this package."""
+    return mpl.rc_context(STYLE)
+
+
 @contextmanager
 def plain_figure(
     width: float, height: float, rows: int = 1, columns: int = 1, **options: Any
 ) -> Iterator[tuple[Figure, Any]]:
     """Yield an empty figure of a size in inches, and the axes in it; options as of ``Figure.subplots``."""
-    with mpl.rc_context(STYLE):
+    with styled():
         figure = Figure(figsize=(width, height), layout="constrained")
         yield figure, figure.subplots(rows, columns, **options)
 
@@ -78,7 +83,7 @@ def run_figure(
         panel: width and height of a panel, inches.
     """
     scenario = result.scenario
-    with mpl.rc_context(STYLE):
+    with styled():
         windows = [one for one in (result.windows.steady, result.windows.after_event) if not one.is_empty]
         shaded = ("blue shade: the windows of the metrics",) if windows else ()
         caption = "; ".join((*((scenario.caption,) if scenario.caption else ()), *shaded))
