@@ -201,6 +201,7 @@ def test_an_admittance_that_grows_on_its_servos_is_named_by_run_and_check(change
     assert "admittance grows" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_table_that_is_pressed_too_hard_fails_the_check(tmp_path):
     """By a sliding gain that is 1.1 times the proposed one; run warns of it, too."""
     scenario = cp.Scenario.load("pick-carry-place")

@@ -148,7 +148,10 @@ def test_the_live_page_draws_the_cell_follows_the_run_and_has_it_after_a_reload(
         page.wait_for_function("document.getElementById('status').textContent.startsWith('no connection')")
 
 
-@pytest.mark.parametrize("name", [*SCENARIOS, "three-ur5-plate"])
+@pytest.mark.parametrize(
+    "name",
+    ["planar", *(pytest.param(name, marks=pytest.mark.slow) for name in ("spatial", "three-ur5-plate"))],
+)
 def test_arrows_and_struts_show_squeezes_and_pulls(name):
     scenario = cp.Scenario.load(name) if name == "three-ur5-plate" else SCENARIOS[name]()
     view, snapshot = open_view(scenario), initial_scene(scenario).snapshot
@@ -311,7 +314,9 @@ def test_the_replay_opens_paused_plays_seeks_zooms_and_switches_layers_with_the_
         assert above[2] > 10 * abs(above[0]) + 10 * abs(above[1])
 
 
-@pytest.mark.parametrize(("name", "end"), [("three-driven-ur5", 3.0), ("baxter-box", 0.5)])
+@pytest.mark.parametrize(
+    ("name", "end"), [("three-driven-ur5", 3.0), pytest.param("baxter-box", 0.5, marks=pytest.mark.slow)]
+)
 def test_names_of_arms_go_with_their_bases_and_do_not_overlap(name, end, tmp_path):
     result = cp.run(name, {"duration": end}, warn=False)
     save_replay(result, tmp_path / "replay.html")
