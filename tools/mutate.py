@@ -1,7 +1,7 @@
 """Mutation run: small changes of the code, one at a time, that the tests must notice.
 
     python tools/mutate.py                            every mutant of the packages in TESTS
-    python tools/mutate.py results chain/closure.py   those of a package or of a file
+    python tools/mutate.py results chain/dynamics.py  those of a package or of a file
     python tools/mutate.py --sample 40 --seed 1       some of them
     python tools/mutate.py --planted --verbose        the faults of planted_faults.toml, and who notices them
 

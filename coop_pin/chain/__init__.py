@@ -1,13 +1,13 @@
 """Chain: any mechanism from URDF with loop closures: constrained dynamics, projection, integration.
 
 Open first: ``closed_chain`` (the class: assembly, motion, energy; ``closed_kinematics`` its kinematics),
-``forward_dynamics`` (accelerations and closure wrenches), ``integrators`` (Runge-Kutta methods as tableaus).
+``dynamics`` (accelerations, closure wrenches, torques of a motion), ``integrators`` (Runge-Kutta methods).
 
-- ``closure`` and ``closure_set``: error, Jacobian and drift of one closure, and of all.
+- ``closure_set``: error, Jacobian and drift of one closure, and of all.
 - Solvers of J a + gamma = 0: ``kkt_solver`` (truncated SVD), ``proximal_solver`` (Pinocchio's).
 - ``projection`` onto the closures; ``trajectory`` (a motion, step by step).
 - ``minimal_coordinates``: independent joints, reduced mass matrix and bias.
-- ``linearisation`` about a state; ``inverse_dynamics``: torques of a motion.
+- ``linearisation`` about a state.
 - ``free_flyer``: pose of a free body and its increments.
 
 It knows no cell, arm or payload; what holds a payload is in ``grasps``.
@@ -21,7 +21,7 @@ from coop_pin import lazy_names
 __all__, __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        "ChainDynamics": "chain.forward_dynamics",
+        "ChainDynamics": "chain.dynamics",
         "ChainState": "chain.trajectory",
         "ClosureError": "chain.closure_set",
         "Energy": "chain.trajectory",

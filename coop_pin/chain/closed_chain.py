@@ -14,8 +14,14 @@ from numpy.typing import ArrayLike
 from coop_pin.base.arrays import Array, Mask, require_type
 from coop_pin.base.errors import ArgumentError
 from coop_pin.chain.closed_kinematics import CLOSED, STEP_ALLOWED, ClosedKinematics
-from coop_pin.chain.forward_dynamics import ChainDynamics, checked_dynamics
-from coop_pin.chain.inverse_dynamics import InverseDynamics, over_states, require_closing, torque_of_motion
+from coop_pin.chain.dynamics import (
+    ChainDynamics,
+    InverseDynamics,
+    checked_dynamics,
+    over_states,
+    require_closing,
+    torque_of_motion,
+)
 from coop_pin.chain.kkt_solver import KKTSolver
 from coop_pin.chain.linearisation import Linearisation, equilibrium, linearised
 from coop_pin.chain.minimal_coordinates import ReducedDynamics

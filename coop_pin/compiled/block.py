@@ -12,7 +12,7 @@ from coop_pin.compiled.preparation import Prepared
 from coop_pin.control import ArmReference
 from coop_pin.results.quantities import shape_of
 from coop_pin.simulation.devices.drives import Applied
-from coop_pin.simulation.references import arm_references
+from coop_pin.simulation.tick import arm_references
 from coop_pin.tracing.kernel import Kernel, Layout
 from coop_pin.tracing.tree import leaves, rebuilt
 

@@ -13,7 +13,6 @@ imports ``base`` alone, neither Pinocchio nor a model.
 """
 
 from coop_pin.control.bounds import CellTiming, anchor_gain_bound, force_gain_bound
-from coop_pin.control.calibration import ZeroedController
 from coop_pin.control.consensus import consensus_bound
 from coop_pin.control.controller import (
     ArmCommand,
@@ -32,13 +31,13 @@ from coop_pin.control.force_paths.exchanged_wrench import ExchangedWrench, Messa
 from coop_pin.control.force_paths.force_path import LateForcePath, LowPassForcePath, NoForcePath
 from coop_pin.control.force_paths.learned_load import LearnedForcePath, LearnedLoad
 from coop_pin.control.law import DecentralisedLaw, Law
+from coop_pin.control.law_wrapper import ZeroedController
 from coop_pin.control.laws.admittance import (
     Admittance,
     AdmittanceController,
     AdmittanceGains,
     FollowingController,
 )
-from coop_pin.control.laws.agreed_integral import AgreedIntegral
 from coop_pin.control.laws.bounded_anchor import AnchorState, BoundedAnchor
 from coop_pin.control.laws.feed_forward import FeedForward, FeedForwardController
 from coop_pin.control.laws.leader_follower import (
@@ -46,7 +45,13 @@ from coop_pin.control.laws.leader_follower import (
     LeaderFollowerController,
     LeaderFollowerGains,
 )
-from coop_pin.control.laws.mean_pose import ConsensusPose, MeanPose, MeanPoseByMessages, MeanPoseController
+from coop_pin.control.laws.mean_pose import (
+    AgreedIntegral,
+    ConsensusPose,
+    MeanPose,
+    MeanPoseByMessages,
+    MeanPoseController,
+)
 from coop_pin.control.laws.payload_space import PayloadSpace
 from coop_pin.control.laws.payload_space_controller import (
     PayloadSpaceController,

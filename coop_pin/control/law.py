@@ -22,10 +22,10 @@ from coop_pin.control.bounds import (
     force_gain_problems,
     sampled_loop,
 )
-from coop_pin.control.calibration import ZeroedController
 from coop_pin.control.controller import ArmController, CellController, DecentralisedController
 from coop_pin.control.force_paths.force_path import INSIST, NoForcePath
 from coop_pin.control.gains import Gains
+from coop_pin.control.law_wrapper import ZeroedController
 from coop_pin.control.measurement import ControlledArm
 from coop_pin.control.steady_state import NearRest, SteadyDirection
 

@@ -3,7 +3,7 @@
 Open first: ``cell_chain`` (closed chain of a cell, interaction wrenches), ``force_elements`` (wrenches
 between frames: what a new kind of grasp that gives would be), ``rigid_grasps`` (closures that come and go).
 
-- Springs: ``grasp_springs`` (compliant grasps), ``partner`` (a hand at a handle), ``spring_damper`` (law).
+- Springs: ``grasp_springs`` (compliant grasps), ``spring_damper`` (law, also of a partner's hand).
 - Friction: ``contact_points`` (friction force of a point that sticks or slides), ``contact_patches`` (palms
   and tables made of such points).
 - ``friction_cones``: least internal wrenches with which pads hold the payload.

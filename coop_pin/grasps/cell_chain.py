@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from coop_pin.base.arrays import Array, as_array, require_finite, shaped
 from coop_pin.base.errors import ArgumentError
-from coop_pin.chain.inverse_dynamics import Count, over_states
+from coop_pin.chain.dynamics import Count, over_states
 from coop_pin.chain.linearisation import Linearisation, linearised
 from coop_pin.chain.trajectory import ChainState
 from coop_pin.grasps.cell_kinematics import CellKinematics

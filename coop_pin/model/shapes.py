@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError, UrdfWarning
-from coop_pin.description.cell.mesh import read_mesh
 from coop_pin.description.cell.payload import Payload
+from coop_pin.description.urdf.meshes import read_mesh
 
 
 class Box(NamedTuple):

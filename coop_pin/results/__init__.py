@@ -4,7 +4,7 @@ Open first: ``quantities`` (every recorded quantity: name, dimensions, unit, sou
 error, settling time, internal force, energy balance), ``run_result`` (the class ``cp.RunResult``).
 
 - ``window``: times over which metrics are taken. ``running_metrics``: metrics of ticks that are not kept.
-- ``trust`` (breaches of a run's bounds), ``limits`` (of joints and drives), ``friction`` (margins of grasps).
+- ``trust`` (breaches of a run's bounds and of limits), ``friction`` (margins of grasps).
 - ``snapshot``: one tick, for observers. ``dataset`` and ``netcdf``: arrays and file.
 
 Imports ``base`` and ``description``.
@@ -17,7 +17,7 @@ __all__, __getattr__, __dir__ = lazy_names(
     {
         "Breach": "results.trust",
         "InternalForceMetrics": "results.metrics",
-        "LimitViolation": "results.limits",
+        "LimitViolation": "results.trust",
         "Observer": "results.snapshot",
         "Snapshot": "results.snapshot",
         "ThrottledObserver": "results.snapshot",

@@ -24,7 +24,6 @@ from coop_pin.results.friction import (
     friction_text,
     friction_use,
 )
-from coop_pin.results.limits import LimitViolation, limit_violations
 from coop_pin.results.metrics import (
     NO_STEADY_METRICS,
     STEADY_METRICS,
@@ -33,7 +32,15 @@ from coop_pin.results.metrics import (
 )
 from coop_pin.results.quantities import Arrays, Samples, quantities
 from coop_pin.results.running_metrics import EveryTick
-from coop_pin.results.trust import Breach, TrustMonitor, drift_breaches, in_time, joint_names
+from coop_pin.results.trust import (
+    Breach,
+    LimitViolation,
+    TrustMonitor,
+    drift_breaches,
+    in_time,
+    joint_names,
+    limit_violations,
+)
 from coop_pin.results.window import SETTLING_S, Window, Windows, checked_window
 
 if TYPE_CHECKING:  # slow to load

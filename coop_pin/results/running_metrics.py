@@ -19,10 +19,18 @@ import numpy as np
 from coop_pin.base.arrays import Array
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.friction import drop_metrics, friction_metrics
-from coop_pin.results.limits import LimitKind, LimitViolation, limit_violations
 from coop_pin.results.metrics import STEADY_METRICS, all_metrics, joint_drift
 from coop_pin.results.quantities import Arrays, Samples, start_energy, unexplained_energy
-from coop_pin.results.trust import Breach, TrustMonitor, drift_breaches, in_time, joint_names
+from coop_pin.results.trust import (
+    Breach,
+    LimitKind,
+    LimitViolation,
+    TrustMonitor,
+    drift_breaches,
+    in_time,
+    joint_names,
+    limit_violations,
+)
 from coop_pin.results.window import RUN_END, SETTLING_S, Window, Windows, samples_of
 
 _SETTLING = ("settling_time_s", "resettling_time_s")

@@ -5,10 +5,9 @@ asks of a simulator of the cell; ``pinocchio_plant`` is one, a second simulator 
 ``devices`` (sensors, drives, servos, network).
 
 - ``loop`` (runs the stages), ``simulation`` (changes of a run that goes on), ``simulate`` (a whole run).
-- ``tick``: signals and inputs of a tick, for every engine. ``references``: desired motion of each arm.
+- ``tick``: signals, inputs and references of a tick, for every engine.
 - ``build_controller``: the law that a scenario names.
 - ``recorder`` (what is kept of each tick), ``run_state`` (state from which a run goes on).
-- ``realtime``: pacing by the clock on the wall.
 
 Public names are in ``cp``; metrics of what is recorded are in ``results``.
 

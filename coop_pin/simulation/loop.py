@@ -22,9 +22,8 @@ from coop_pin.simulation.devices.sensing import Sensing
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.plant import PlantMaker, require_closed
 from coop_pin.simulation.recorder import Recorder
-from coop_pin.simulation.references import References, Wanted
 from coop_pin.simulation.run_state import RunState
-from coop_pin.simulation.tick import SignalSource, TickInputs, TickSignals
+from coop_pin.simulation.tick import CellReference, References, SignalSource, TickInputs, TickSignals
 from coop_pin.simulation.timeline import Timeline
 
 _OPEN_START = 1e-6
@@ -180,7 +179,7 @@ class TickLoop:
 
     def _measure(self, time: float) -> TickInputs:
         """Return what a controller gets at a time, without messages."""
-        references, target, squeeze, plan = self._wanted(time)
+        references, target, squeeze, plan = self._desired(time)
         if plan is not None:
             self.sensing.follow(plan)
         plant, signals = self.plant, next(self._signals)
@@ -192,7 +191,7 @@ class TickLoop:
             measured[index] = measured[index]._replace(time=clock.reading(time))
         return TickInputs(measured, references, target, squeeze, signals)
 
-    def _wanted(self, time: float) -> Wanted:
+    def _desired(self, time: float) -> CellReference:
         """Return what the cell is to do at a time."""
         return self._references.at(time, self.motion, self.squeeze, self.missed)
 

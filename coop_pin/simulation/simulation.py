@@ -200,7 +200,7 @@ class Simulation(TickLoop):
         """
         time = as_number("time", time)
         with np.errstate(over="ignore", invalid="ignore"):
-            references, target, *_ = self._wanted(time)
+            references, target, *_ = self._desired(time)
         if not all(np.isfinite(part).all() for part in target):
             raise OutOfRangeError("time", time, "a time at which the motion is finite")
         return references

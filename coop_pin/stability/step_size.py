@@ -16,7 +16,7 @@ from coop_pin.description.events import Partner
 from coop_pin.description.scenario import Scenario
 from coop_pin.feasibility.reachability import Reachability
 from coop_pin.grasps.cell_chain import CellChain
-from coop_pin.grasps.partner import partner_matrices
+from coop_pin.grasps.spring_damper import partner_matrices
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.plant import PlantMaker

@@ -13,7 +13,7 @@ from cells import SCENARIOS, planar_scenario
 import coop_pin as cp
 from coop_pin.base.errors import CoopPinError, FieldError, FileReadError, UrdfError
 from coop_pin.base.user_files import parse_toml, read_user_file
-from coop_pin.description.cell.mesh import read_mesh
+from coop_pin.description.urdf.meshes import read_mesh
 from coop_pin.reference.csv_motion import CsvMotion
 from coop_pin.sweeps.plan import SweepPlan
 

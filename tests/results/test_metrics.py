@@ -18,8 +18,8 @@ from coop_pin.base.spatial.internal_wrench import (
 from coop_pin.description.events import PayloadChange
 from coop_pin.results import metrics
 from coop_pin.results.dataset import LIMITS, dataset
-from coop_pin.results.limits import LimitViolation
 from coop_pin.results.quantities import allocate, quantities
+from coop_pin.results.trust import LimitViolation
 from coop_pin.results.window import Window, checked_window, samples_of
 
 SCENARIO = SCENARIOS["planar"]()

@@ -8,7 +8,7 @@ from close import assert_close
 
 import coop_pin as cp
 from coop_pin.simulation.build_controller import build_controller
-from coop_pin.simulation.realtime import RealtimePacer
+from coop_pin.simulation.simulate import RealtimePacer
 
 
 class Wall:

@@ -35,7 +35,7 @@ from coop_pin.description.cell.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.urdf import find_urdf
 from coop_pin.figures import palette
-from coop_pin.grasps.partner import partner_state
+from coop_pin.grasps.spring_damper import partner_state
 from coop_pin.model import geometry, visuals
 from coop_pin.model.pinocchio_model import load_unreduced_arm
 from coop_pin.model.shapes import Mesh, half_extents

@@ -1,8 +1,8 @@
 """Constrained dynamics of a cell as scalar code: its arms, the payload, closures and compliant grasps.
 
 The payload is welded to the first arm with a rigid grasp, or free where no grasp is rigid. The constraint is
-that of coop_pin.chain.closure: e = -log6(X_i^-1 X_0) of the payload frames that arm i and the arm with the
-payload hold, here in world axes about the world's origin, which takes it to V_i - V_0 = e'.
+that of chain.closure_set: e = -log6(X_i^-1 X_0) of the payload frames that arm i and the arm with the payload
+hold, here in world axes about the world's origin, which takes it to V_i - V_0 = e'.
 """
 
 from __future__ import annotations

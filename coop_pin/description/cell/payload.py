@@ -15,8 +15,8 @@ from coop_pin.base.arrays import Array, as_positive
 from coop_pin.base.errors import FieldError, UrdfError
 from coop_pin.base.schema.base import Description, Positive, Vector3, Vector6
 from coop_pin.base.schema.pose import Pose
-from coop_pin.description.cell.mesh import closed_mesh
 from coop_pin.description.urdf import find_urdf, load_checked
+from coop_pin.description.urdf.meshes import closed_mesh
 from coop_pin.description.urdf.report import listed
 from coop_pin.description.urdf.robot import links_of
 

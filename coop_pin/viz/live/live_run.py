@@ -15,7 +15,7 @@ from coop_pin.reference.squeeze import ConstantSqueeze
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Observer
 from coop_pin.simulation.build_controller import build_controller
-from coop_pin.simulation.realtime import RealtimePacer
+from coop_pin.simulation.simulate import RealtimePacer
 from coop_pin.simulation.simulation import Simulation
 
 _JOIN_S = 5.0
