@@ -54,18 +54,15 @@ def as_array(name: str, value: ArrayLike, *shape: int | str) -> Array:
         raise OutOfRangeError(name, math.inf, "a finite number") from None
     except (ValueError, TypeError):
         raise ShapeError(name, np.shape(np.array(value, dtype=object)), shape) from None
-    if array.shape != shape and not _sizes_match(array.shape, shape):
+    if array.shape != shape and (
+        array.ndim != len(shape)
+        or any(isinstance(size, int) and size != have for have, size in zip(array.shape, shape, strict=True))
+    ):
         raise ShapeError(name, array.shape, shape)
     if not math.isfinite(np.vdot(array, array)) and not (finite := np.isfinite(array)).all():
         index = tuple(int(i) for i in np.argwhere(~finite)[0])
         raise OutOfRangeError(name, float(array[index]), "a finite number", index)
     return array
-
-
-def _sizes_match(sizes: tuple[int, ...], expected: tuple[int | str, ...]) -> bool:
-    """Return whether sizes are those expected, of which a string stands for any."""
-    matches = (isinstance(want, str) or have == want for have, want in zip(sizes, expected, strict=False))
-    return len(sizes) == len(expected) and all(matches)
 
 
 def as_positive(name: str, value: ArrayLike) -> float:

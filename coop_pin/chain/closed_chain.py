@@ -13,19 +13,17 @@ from numpy.typing import ArrayLike
 
 from coop_pin.base.arrays import Array, Mask, require_type
 from coop_pin.base.errors import ArgumentError
-from coop_pin.chain.closed_kinematics import CLOSED, STEP_ALLOWED, ClosedKinematics
+from coop_pin.chain.closed_kinematics import CLOSED, ClosedKinematics
 from coop_pin.chain.dynamics import (
     ChainDynamics,
     InverseDynamics,
     checked_dynamics,
     over_states,
-    require_closing,
     torque_of_motion,
 )
 from coop_pin.chain.kkt_solver import KKTSolver
 from coop_pin.chain.linearisation import Linearisation, equilibrium, linearised
 from coop_pin.chain.minimal_coordinates import ReducedDynamics
-from coop_pin.chain.projection import Projected
 from coop_pin.chain.proximal_solver import DynamicsDerivatives, ProximalSolver, require_full_rows
 from coop_pin.chain.trajectory import ChainState, Propagator, TorqueLaw, Trajectory, time_grid
 from coop_pin.description.cell.closure import Closure
@@ -202,10 +200,9 @@ class ClosedChain(ClosedKinematics):
     ) -> InverseDynamics:
         """Return the torques at one state."""
         state = self.closures.state(q, v)
-        require_closing(state, a)
         force = np.array(pin.rnea(self.model, self._data, q, v, a))
         rank = self._projection.svd(q, state).rank
-        return torque_of_motion(state, force, wrenches, applied, motors, rank)
+        return torque_of_motion(state, a, force, wrenches, applied, motors, rank)
 
     def derivatives(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> DynamicsDerivatives:
         """Return the derivatives of accelerations and closure wrenches by q, v and tau.
@@ -315,12 +312,9 @@ class ClosedChain(ClosedKinematics):
         if self.formulation == "auto":
             solver = KKTSolver(self.model, self.closures, self.stabilisation)
         require_type("project", project, bool, np.bool_)
-        propagator = Propagator(self.model, solver, torque, self._after_step if project else None)
+        propagator = Propagator(self.model, solver, torque, self._projection if project else None)
         self.require_closed(start.q, _START_ALLOWED)
         if not project:
             return propagator.run(start, None, time)
         *closed, rank = self._projection.state(*start, CLOSED)
         return propagator.run(ChainState(*closed), rank, time)
-
-    def _after_step(self, q: Array, v: Array, rank: int | None) -> Projected:
-        return self._projection.state(q, v, STEP_ALLOWED, rank)

@@ -8,19 +8,17 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from coop_pin.base.arrays import Array, as_array, as_number
+from coop_pin.base.arrays import Array, as_array, as_number, require_type
 from coop_pin.chain.closure_set import ClosureError, ClosureSet
 from coop_pin.chain.minimal_coordinates import MinimalCoordinates, MinimalForm
-from coop_pin.chain.projection import Projection
+from coop_pin.chain.projection import STEP_ALLOWED, Projection
 from coop_pin.chain.trajectory import ChainState, Energy
 from coop_pin.description.cell.closure import Closure
-from coop_pin.model.mechanism_model import configuration_at, velocity_at
+from coop_pin.model.mechanism_model import velocity_at
 from coop_pin.model.pinocchio_model import frame_id
 
 CLOSED = 1e-9
 """Closure error after a projection of a configuration, m and rad."""
-STEP_ALLOWED = 1e-6
-"""Closure error after a projected integration step, m and rad."""
 
 
 class ClosedKinematics:
@@ -46,7 +44,8 @@ class ClosedKinematics:
             NameNotFoundError: a joint does not exist.
             ArgumentError: a joint has more than one degree of freedom.
         """
-        return configuration_at(self.model, angles)
+        require_type("angles", angles, Mapping)
+        return pin.integrate(self.model, pin.neutral(self.model), velocity_at(self.model, angles))
 
     def velocity(self, rates: Mapping[str, float]) -> Array:
         """Return v with named joints at given rates (rad/s, m/s) and the others at rest, shape (nv,).

@@ -143,7 +143,12 @@ class ClosureFrame:
         Raises:
             NameNotFoundError: the frame does not exist.
         """
-        self.named = _frame_id(model, name)
+        try:
+            self.named = frame_id(model, name)
+        except NameNotFoundError:
+            if name != "world":  # the universe, if no link has that name
+                raise
+            self.named = _UNIVERSE
         frame = model.frames[self.named]
         self.joint = int(frame.parentJoint)
         self.X_JC = frame.placement if X_FC is None else frame.placement * pin.SE3(np.asarray(X_FC))
@@ -167,20 +172,6 @@ class ClosureFrame:
         A = A.dot(self._to_frame)
         jacobian += A.dot(jacobian_matrix(pin.getJointJacobian(model, data, self.joint, pin.LOCAL)))
         drift += A.dot(data.a[self.joint].vector)
-
-
-def _frame_id(model: pin.Model, name: str) -> int:
-    """Return the index of a frame; "world" is the universe if no link has that name.
-
-    Raises:
-        NameNotFoundError: no frame has that name.
-    """
-    try:
-        return frame_id(model, name)
-    except NameNotFoundError:
-        if name == "world":
-            return _UNIVERSE
-        raise
 
 
 class ClosureState(NamedTuple):

@@ -75,20 +75,6 @@ def residual_allowed(a: Array) -> float:
     return _ALLOWED * (1.0 + float(np.abs(a).max(initial=0.0)))
 
 
-def require_closing(state: ClosureState, a: Array) -> None:
-    """Raise an error if an acceleration opens the closures.
-
-    Raises:
-        ArgumentError: J a + gamma is not zero.
-    """
-    opening, allowed = float(np.abs(state.jacobian @ a + state.drift).max(initial=0.0)), residual_allowed(a)
-    if not opening <= allowed:
-        raise ArgumentError(
-            f"a opens the closures: J a + gamma is {opening:.3g} m/s^2 or rad/s^2 (allowed"
-            f" {allowed:.3g}); take one that forward_dynamics returns"
-        )
-
-
 def multipliers_of(state: ClosureState, wrenches: Array) -> Array:
     """Return the multipliers lambda of stated closure wrenches, shape (r,).
 
@@ -121,7 +107,8 @@ def least_torque(state: ClosureState, force: Array, motors: Mask) -> tuple[Array
     unpowered = force[~motors]
     multipliers = _least_squares(passive, unpowered)
     _require_small(passive @ multipliers - unpowered, unpowered, "the motors cannot cause this motion")
-    free = _null_space(passive)
+    values, rows = np.linalg.svd(passive, full_matrices=True)[1:]
+    free = np.asarray(rows[int(np.count_nonzero(values > _RANK * values[:1])) :].T)  # of their null space
     driven = JT[motors] @ free
     driven[np.abs(driven) < _RANK * np.abs(JT).max(initial=0.0)] = 0.0  # rounding, which would be divided by
     multipliers = multipliers + free @ _least_squares(driven, force[motors] - JT[motors] @ multipliers)
@@ -129,18 +116,34 @@ def least_torque(state: ClosureState, force: Array, motors: Mask) -> tuple[Array
 
 
 def torque_of_motion(
-    state: ClosureState, force: Array, wrenches: Array | None, applied: Array | None, motors: Mask, rank: int
+    state: ClosureState,
+    a: Array,
+    force: Array,
+    wrenches: Array | None,
+    applied: Array | None,
+    motors: Mask,
+    rank: int,
 ) -> InverseDynamics:
-    """Return the torques at one state; arguments as of multipliers_of and least_torque, and these.
+    """Return the torques at one state.
 
     Args:
         state: closures of the state.
+        a: acceleration, shape (nv,).
         force: M a + h, shape (nv,).
         wrenches: stated closure wrenches, shape (closures, 6); None for those of least torque.
         applied: generalised force of everything but motors and closures, shape (nv,); None is zero.
         motors: mask of the entries of tau with a motor, shape (nv,).
         rank: number of independent closure rows.
+
+    Raises:
+        ArgumentError: the acceleration opens the closures, or as of multipliers_of and least_torque.
     """
+    opening, allowed = float(np.abs(state.jacobian @ a + state.drift).max(initial=0.0)), residual_allowed(a)
+    if not opening <= allowed:
+        raise ArgumentError(
+            f"a opens the closures: J a + gamma is {opening:.3g} m/s^2 or rad/s^2 (allowed"
+            f" {allowed:.3g}); take one that forward_dynamics returns"
+        )
     force = force - (0.0 if applied is None else applied)
     if wrenches is None:
         tau, multipliers = least_torque(state, force, motors)
@@ -153,13 +156,6 @@ def torque_of_motion(
 def _least_squares(A: Array, b: Array) -> Array:
     """Return the x of least norm among those of least |A x - b|, shape (n,)."""
     return np.asarray(np.linalg.lstsq(A, b, rcond=_RANK)[0], dtype=np.float64)
-
-
-def _null_space(A: Array) -> Array:
-    """Return an orthonormal basis of the null space of A, shape (n, d)."""
-    values, rows = np.linalg.svd(A, full_matrices=True)[1:]
-    rank = int(np.count_nonzero(values > _RANK * values[:1]))
-    return np.asarray(rows[rank:].T)
 
 
 def _require_small(remainder: Array, target: Array, reason: str) -> None:

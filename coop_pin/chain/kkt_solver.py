@@ -123,8 +123,9 @@ class KKTSolver:
         self._solution = state, svd.left.dot(b / svd.values)
         return svd.solve_LT(y + svd.right.dot(b))
 
+    @property
     def forces(self) -> list[pin.Force]:
-        """Return the closure wrenches of the last solution, as of ``wrenches``."""
+        """Closure wrenches of the last solution, as of ``wrenches``."""
         return [pin.Force(wrench) for wrench in self.wrenches()]
 
     def wrenches(self) -> Array:

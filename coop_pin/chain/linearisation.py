@@ -89,7 +89,11 @@ def linearised(
         a = solver.acceleration(near, velocity, tau)
         return np.concatenate((a[indices], output(near, velocity)))
 
-    jacobian = difference_matrix(response, 2 * d)
+    columns = [  # five-point central differences
+        sum(weight * response(point * _STEP * unit) for point, weight in _STENCIL) / _STEP
+        for unit in np.eye(2 * d)
+    ]
+    jacobian = np.array(columns).T
     N, mass_matrix = coordinates.null_space, form.dynamics(q, v, names).mass_matrix
     A = np.vstack((np.eye(d, 2 * d, d), jacobian[:d]))
     B = np.vstack((np.zeros((d, len(v))), np.linalg.solve(mass_matrix, N.T)))
@@ -125,17 +129,3 @@ def equilibrium(
         f"no equilibrium was found: {float(np.abs(a).max()):.3g} rad/s^2 or m/s^2 remain; start nearer, or"
         " compare tau with inverse_dynamics at rest"
     )
-
-
-def difference_matrix(function: Callable[[Array], Array], size: int) -> Array:
-    """Return the Jacobian of a function at zero by five-point central differences, shape (p, size).
-
-    Args:
-        function: f of a deviation, shape (size,), to values of shape (p,).
-        size: number of deviations.
-    """
-    columns = [
-        sum(weight * function(point * _STEP * unit) for point, weight in _STENCIL) / _STEP
-        for unit in np.eye(size)
-    ]
-    return np.array(columns).T

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import ArgumentError
 from coop_pin.chain.closure_set import ClosureSet
-from coop_pin.chain.kkt_solver import ConstraintSVD
 from coop_pin.chain.projection import Projection
 from coop_pin.model.mechanism_model import velocity_at
 
@@ -51,18 +50,6 @@ class ReducedDynamics(NamedTuple):
     bias: Array
 
 
-def velocity_basis(svd: ConstraintSVD) -> Array:
-    """Return Z with J Z = 0 and Z^T M Z = 1, shape (nv, d).
-
-    Args:
-        svd: decomposition of the constraint Jacobian, J L^-T = U s V^T. The last columns of a complete
-            orthonormal basis that begins with V span what is orthogonal to it, and L^-T takes them to
-            velocities.
-    """
-    Q = np.linalg.qr(svd.right, mode="complete")[0]
-    return np.asarray(scipy.linalg.solve_triangular(svd.factor, Q[:, svd.rank :], lower=True, trans=1))
-
-
 def best_conditioned(Z: Array, candidates: Indices) -> MinimalCoordinates | None:
     """Return independent velocities among candidates, by QR with pivoting; None if they are too few.
 
@@ -82,27 +69,6 @@ def best_conditioned(Z: Array, candidates: Indices) -> MinimalCoordinates | None
     N = np.linalg.solve(Z[indices].T, Z.T).T
     N[indices] = np.eye(degrees)
     return MinimalCoordinates(indices, N)
-
-
-def stated_coordinates(Z: Array, names: tuple[str, ...], indices: Indices) -> MinimalCoordinates:
-    """Return stated independent velocities.
-
-    Args:
-        Z: basis of the velocities, shape (nv, d).
-        names: names of their joints, for the message.
-        indices: their entries of v.
-
-    Raises:
-        ArgumentError: they are not as many as the degrees of freedom, or depend on each other.
-    """
-    coordinates = best_conditioned(Z, indices)
-    if coordinates is None or len(indices) != Z.shape[1]:
-        raise ArgumentError(
-            f"the joints {', '.join(names) or '(none)'} are not independent coordinates here: {len(indices)}"
-            f" are stated, the closed chain has {Z.shape[1]} degrees of freedom; leave joints out to have"
-            " them chosen"
-        )
-    return coordinates
 
 
 class MinimalForm:
@@ -134,9 +100,21 @@ class MinimalForm:
         Raises:
             ArgumentError: the stated joints do not determine the motion.
         """
-        Z = velocity_basis(self._projection.svd(q, self._closures.state(q, self._still)))
+        svd = self._projection.svd(q, self._closures.state(q, self._still))
+        # J L^-T = U s V^T: the last columns of an orthonormal basis that begins with V span what is
+        # orthogonal to it, and L^-T takes them to velocities: J Z = 0 and Z^T M Z = 1.
+        Q = np.linalg.qr(svd.right, mode="complete")[0]
+        Z = np.asarray(scipy.linalg.solve_triangular(svd.factor, Q[:, svd.rank :], lower=True, trans=1))
         if joints is not None:
-            return stated_coordinates(Z, tuple(joints), self.indices(joints))
+            indices = self.indices(joints)
+            stated = best_conditioned(Z, indices)
+            if stated is None or len(indices) != Z.shape[1]:
+                raise ArgumentError(
+                    f"the joints {', '.join(joints) or '(none)'} are not independent coordinates here:"
+                    f" {len(indices)} are stated, the closed chain has {Z.shape[1]} degrees of freedom; leave"
+                    " joints out to have them chosen"
+                )
+            return stated
         single = best_conditioned(Z, np.array([*self._names], dtype=np.intp))
         return single or best_conditioned(Z, np.arange(len(Z))) or MinimalCoordinates(np.arange(0), Z)
 

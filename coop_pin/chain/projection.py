@@ -25,6 +25,10 @@ _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-14, 1e8
 _DESCENT_STEPS = 200
 
 
+STEP_ALLOWED = 1e-6
+"""Closure error after a projected integration step, m and rad."""
+
+
 class Projected(NamedTuple):
     """State projected onto the closures.
 

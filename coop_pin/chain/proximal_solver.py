@@ -63,7 +63,7 @@ class ProximalSolver:
             [constraint.createData() for constraint in self._constraints]
         )
         # Live references, because iterating over Pinocchio's vector takes longer than a solution.
-        self._forces: list[pin.Force] = [data.contact_force for data in self._constraint_data]
+        self.forces: list[pin.Force] = [data.contact_force for data in self._constraint_data]
         self._settings = pin.ProximalSettings(_ACCURACY, _MU, _STEPS)
         pin.initConstraintDynamics(model, self._data, self._constraints, self._constraint_data)
 
@@ -84,13 +84,9 @@ class ProximalSolver:
             self._model, self._data, q, v, tau, self._constraints, self._constraint_data, self._settings
         )
 
-    def forces(self) -> list[pin.Force]:
-        """Return the closure wrenches of the last solution until the next, as of ``wrenches``."""
-        return self._forces
-
     def wrenches(self) -> Array:
         """Return the closure wrenches (see ChainDynamics) of the last solution, shape (closures, 6)."""
-        return np.array([force.vector for force in self._forces]).reshape(-1, 6)
+        return np.array([force.vector for force in self.forces]).reshape(-1, 6)
 
     def derivatives(self, q: Array, v: Array, tau: Array) -> DynamicsDerivatives:
         """Return derivatives at a state by Pinocchio's computeConstraintDynamicsDerivatives.

@@ -15,13 +15,12 @@ from coop_pin.base.errors import ArgumentError, IntegrationError, MassMatrixErro
 from coop_pin.base.memory import require_memory
 from coop_pin.chain.integrators import INTEGRATORS
 from coop_pin.chain.kkt_solver import KKTSolver
-from coop_pin.chain.projection import Projected
+from coop_pin.chain.projection import STEP_ALLOWED, Projection
 from coop_pin.chain.proximal_solver import ProximalSolver
 
 TorqueLaw = Callable[[float, Array, Array], ArrayLike]
 """(t, q, v) -> generalised force tau, N m and N, shape (nv,)."""
 
-Project = Callable[[Array, Array, int | None], Projected]
 
 _ROUNDING = 1e-9
 _NO_POWERS = np.zeros(0)
@@ -83,7 +82,7 @@ class Propagator:
         model: pin.Model,
         solver: ProximalSolver | KKTSolver,
         torque: TorqueLaw | None,
-        project: Project | None,
+        projection: Projection | None,
     ) -> None:
         """Prepare the integration.
 
@@ -91,14 +90,14 @@ class Propagator:
             model: the tree.
             solver: solver of the constrained dynamics.
             torque: the generalised force; zero when None.
-            project: (q, v, rank) -> state on the closures, called after every step; no projection when None.
+            projection: Projection onto the closures after every step; none when None.
 
         Raises:
             ArgumentError: torque is not callable.
         """
         if torque is not None and not callable(torque):
             raise ArgumentError(f"torque is {torque!r}; it must be a function of (t, q, v), or None")
-        self._solver, self._torque, self._project = solver, torque, project
+        self._solver, self._torque, self._projection = solver, torque, projection
         self._integrator = INTEGRATORS["rk4"](model)
         self._nv, self._zero = int(model.nv), np.zeros(model.nv)
         self._caller_errstate = np.geterr()  # torque is user code and runs under the caller's settings
@@ -140,7 +139,9 @@ class Propagator:
         moved = self._integrator.step(rate, t, q, v, h)
         if not np.isfinite(moved.v).all():
             raise FloatingPointError("the velocity is no longer finite")
-        return (moved.q, moved.v, rank) if self._project is None else self._project(moved.q, moved.v, rank)
+        if self._projection is None:
+            return moved.q, moved.v, rank
+        return self._projection.state(moved.q, moved.v, STEP_ALLOWED, rank)
 
     def _force(self, t: float, q: Array, v: Array) -> Array:
         if self._torque is None:

@@ -10,7 +10,7 @@ from coop_pin.compiled.plant.cell_numbers import CellNumbers
 from coop_pin.compiled.plant.plant_code import observed
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.control import ArmReference
-from coop_pin.results.quantities import shape_of
+from coop_pin.results.quantities import Quantity
 from coop_pin.simulation.devices.drives import Applied
 from coop_pin.simulation.tick import arm_references
 from coop_pin.tracing.kernel import Kernel, Layout
@@ -63,7 +63,7 @@ class RunBlock:
             **observed(constants.cell),
             jacobians=(k_0 * N,),
             condition_bounds=(m,),
-            **{each.name: shape_of(each, m, N, k_0) for each in table if each.read},
+            **{each.name: _tick_shape(each, m, N, k_0) for each in table if each.read},
         )
         self.recorded = lanes.size
         lanes.add(signals=(int(is_loaded.sum()),))
@@ -110,3 +110,16 @@ class RunBlock:
             if isinstance(clocked, Desired):
                 references[index] = arm_references(rows, clocked.target, clocked.squeeze)[index]
         return references
+
+
+def _tick_shape(quantity: Quantity, arms: int, drives: int, rows: int) -> tuple[int, ...]:
+    """Return the shape of what ``read`` reads at a tick, with the drives of all arms in one row.
+
+    Args:
+        quantity: Quantity that is read at ticks.
+        arms: Number of arms, m.
+        drives: Number of drives of all arms.
+        rows: Number of task rows, k_0.
+    """
+    per_arm = {"arm joint": (drives,), "arm axis": (arms, rows)}
+    return per_arm.get(quantity.dims) or quantity.shape({"arm": arms})

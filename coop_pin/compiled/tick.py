@@ -21,7 +21,7 @@ from coop_pin.compiled.plant.plant_code import write_observed, write_step
 from coop_pin.compiled.plant.serial_arm import Numbers, frames
 from coop_pin.control import ArmMeasurement, ArmReference, Message
 from coop_pin.description.events import Surroundings
-from coop_pin.results.quantities import WORK
+from coop_pin.results.energies import WORK
 from coop_pin.simulation.devices.actuation import TORQUE_LIMIT
 from coop_pin.simulation.devices.drives import Applied, DriveMotion, DriveState, Given
 from coop_pin.simulation.devices.network import NetworkSignals, heard

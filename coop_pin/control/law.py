@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
@@ -271,14 +271,10 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
         """Return gains of arms that are not there, that must be equal, or with which feedback is unstable."""
         if strangers := unknown_arms(self.arm_gains, cell.arms):
             return [problem.below("arm_gains") for problem in strangers]
-        return [*self._unequal(cell.arms), *self.feedback_problems(cell)]
-
-    def _unequal(self, arms: Sequence[str]) -> list[FieldError]:
-        """Return the gains that differ between arms although the theory needs one value for all."""
         problems: list[FieldError] = []
         for field, reason in self.equal_gains.items() if self.arm_gains else ():
-            values = {name: fields_of(self.gains_of(name))[field] for name in arms}
+            values = {name: fields_of(self.gains_of(name))[field] for name in cell.arms}
             if len(set(values.values())) > 1:
                 detail = f"differs between arms: {values}; {reason} for all arms"
                 problems.append(FieldError(f"{detail}. Make them equal, {INSIST}", f"arm_gains.*.{field}"))
-        return problems
+        return problems + self.feedback_problems(cell)

@@ -275,7 +275,13 @@ Event = Annotated[
 
 def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
     """Return what is wrong with the order of grasp events among the events of a run."""
-    problems, holding, since = partner_problems(events), dict.fromkeys(cell.arms, True), dict[str, float]()
+    detail = "is {:g} s, but the partner before it holds until {:g} s"
+    problems = [
+        FieldError(detail.format(after.time, before.end), f"{path}.time")
+        for (before, _), (after, path) in itertools.pairwise(_in_order(events, Partner))
+        if after.time < before.end
+    ]
+    holding, since = dict.fromkeys(cell.arms, True), dict[str, float]()
     laid = min((event.end for event in of_kind(events, PutDown)), default=math.inf)
     at_grasps = _in_order(events, GraspEvent)
     for (event, _), (other, path) in itertools.pairwise(at_grasps):
@@ -297,16 +303,6 @@ def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
             detail = f"is {event.arm!r}, the last arm that holds the payload"
             problems.append(FieldError(f"{detail}: one must hold it until it is put down", f"{path}.arm"))
     return problems
-
-
-def partner_problems(events: Sequence[Any]) -> list[FieldError]:
-    """Return which partners among the events of a run take hold before the one before has let go."""
-    detail = "is {:g} s, but the partner before it holds until {:g} s"
-    return [
-        FieldError(detail.format(after.time, before.end), f"{path}.time")
-        for (before, _), (after, path) in itertools.pairwise(_in_order(events, Partner))
-        if after.time < before.end
-    ]
 
 
 def _in_order(events: Sequence[Any], kind: type[AnyEvent]) -> list[tuple[AnyEvent, str]]:

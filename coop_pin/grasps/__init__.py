@@ -1,7 +1,8 @@
 """Grasps: what holds the payload of a cell, as closures or as force elements, and the cell's closed chain.
 
-Open first: ``cell_chain`` (closed chain of a cell, interaction wrenches), ``force_elements`` (wrenches
-between frames: what a new kind of grasp that gives would be), ``rigid_grasps`` (closures that come and go).
+Open first: ``cell_chain`` (closed chain of a cell; ``cell_dynamics`` has its interaction wrenches),
+``force_elements`` (wrenches between frames: what a new kind of grasp that gives would be), ``rigid_grasps``
+(closures that come and go).
 
 - Springs: ``grasp_springs`` (compliant grasps), ``spring_damper`` (law, also of a partner's hand).
 - Friction: ``contact_points`` (friction force of a point that sticks or slides), ``contact_patches`` (palms

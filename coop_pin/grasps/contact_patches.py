@@ -44,7 +44,6 @@ class ContactState(NamedTuple):
     Attributes:
         wrench: wrench on body A of each about the plane's origin in its axes, N and N m, shape (p, 6).
         on_bodies: the same about the world's origin in world axes, shape (p, 6).
-        poses: pose of body A in the plane of each, shape (p, 4, 4).
         touching: number of points that bear a force, shape (p,).
         energy: energy in springs and bristles, J.
         power: power that neither moves bodies nor is stored, W: negative where the contacts dissipate.
@@ -52,7 +51,6 @@ class ContactState(NamedTuple):
 
     wrench: Array
     on_bodies: Array
-    poses: Array
     touching: Array
     energy: float
     power: float
@@ -62,7 +60,6 @@ class _Now(NamedTuple):
     """Contacts at the state of the joints.
 
     Attributes:
-        poses: pose of body A in the plane of each.
         x: points in their planes, m, shape (n, 3).
         F: forces on them, N, shape (n, 3).
         wrenches: wrench on body A of each about the plane's origin in its axes.
@@ -70,7 +67,6 @@ class _Now(NamedTuple):
         power: Power of ContactState, W.
     """
 
-    poses: list[Any]
     x: Array
     F: Array
     wrenches: Array
@@ -171,7 +167,6 @@ class ContactPatches:
         return ContactState(
             now.wrenches,
             np.array([wrench.vector for wrench in now.on_bodies]),
-            np.array([X.homogeneous for X in now.poses]),
             np.add.reduceat(now.F[:, 2] > 0.0, self._starts, dtype=float),
             self.points.energy(now.x, self.state.roots, self.state.within),
             now.power,
@@ -261,7 +256,7 @@ class ContactPatches:
         on_bodies = [
             B.pose.act(pin.Force(wrench)) for wrench, (_, B) in zip(wrenches, self.sides, strict=True)
         ]
-        return _Now(poses, x, F, wrenches, on_bodies, float((F * v_x).sum()) + stored)
+        return _Now(x, F, wrenches, on_bodies, float((F * v_x).sum()) + stored)
 
     def positions(self, q: Array) -> Array:
         """Return the points in their planes, m, shape (n, 3)."""

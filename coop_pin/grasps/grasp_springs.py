@@ -26,9 +26,6 @@ from coop_pin.model.pinocchio_model import frame_id, symmetric
 from coop_pin.tracing.kernel import Kernel, Layout, Program
 from coop_pin.tracing.llvm_machine import LlvmMachine, can_compile
 
-_OF_JOINTS = "X_WJ", "V_J", "F_J", "dissipated"
-"""Fields of the code that every rate reads or writes."""
-
 
 class _Slots(NamedTuple):
     """Slots of a block that code reads and writes by numpy, as of a kernel.
@@ -145,13 +142,11 @@ class GraspSprings:
             self._at = lanes.views(block)
             by_numpy: list[Callable[[], object]] = [partial(_write_wrenches, _Slots(self._at), pairs)]
             (self._call,) = machine.single(block, np.zeros((1, 0))) if machine else by_numpy
-            self._rows = [self._at[name].reshape(-1).data for name in _OF_JOINTS]
+            self._rows = [self._at[name].reshape(-1).data for name in ("X_WJ", "V_J", "F_J", "dissipated")]
         stiffness = np.array([grasp.stiffness for grasp in grasps.values()]).reshape(-1, 6)
         damping = [np.zeros(6) if g.damping is None else np.array(g.damping) for g in grasps.values()]
-        self.springs, self.holds = (
-            SpringDamper.of(stiffness, np.array(damping).reshape(-1, 6)),
-            np.ones(len(grasps), dtype=bool),
-        )
+        self.springs = SpringDamper.of(stiffness, np.array(damping).reshape(-1, 6))
+        self.holds = np.ones(len(grasps), dtype=bool)
         self._load()
 
     def __len__(self) -> int:
@@ -238,7 +233,7 @@ class GraspSprings:
 
     def release(self, number: int) -> None:
         """Open a grasp."""
-        self.restore(GraspsHeld(changed(self.holds, number, False), self.held().poses))
+        self.restore(GraspsHeld(changed(self.holds, number, False), self._poses))
 
     def grasp(self, number: int, q: Array | None = None) -> None:
         """Close a grasp at its nominal pose, or as found at a configuration."""

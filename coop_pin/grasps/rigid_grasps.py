@@ -94,13 +94,14 @@ class RigidGrasps:
 
     def release(self, number: int) -> None:
         """Open a grasp."""
-        self._hold(changed(self.holds, number, False), self.poses)
+        grasps = GraspsHeld(changed(self.holds, number, False), self.poses)
+        self.restore(self.held()._replace(grasps=grasps))
 
     def grasp(self, number: int, q: Array | None = None) -> None:
         """Close a grasp where its tip is found at a configuration, or at its nominal pose."""
         pose = self._nominal[number] if q is None else self._tip_pose(number, q).homogeneous
-        poses = changed(self.poses, number, pose)
-        self._hold(changed(self.holds, number, True), poses)
+        grasps = GraspsHeld(changed(self.holds, number, True), changed(self.poses, number, pose))
+        self.restore(self.held()._replace(grasps=grasps))
 
     def brake(self, arm: int, q: Array) -> None:
         """Hold the joints of an arm at a configuration from now on."""
@@ -129,9 +130,6 @@ class RigidGrasps:
             about_P = shift_wrench(in_world, X_WE.translation - p_WP)
             determinate &= np.abs(about_P).max(axis=0, initial=0.0) < _INDETERMINATE
         return determinate
-
-    def _hold(self, holds: Mask, poses: Array) -> None:
-        self.restore(ClosuresHeld(GraspsHeld(holds, poses), self.brakes))
 
     def _tip_pose(self, number: int, q: Array) -> pin.SE3:
         """Return X_PE of an arm at a configuration."""

@@ -46,14 +46,6 @@ class SpringDamper(NamedTuple):
         S = (R * self.turning[:, None, :]).reshape(-1, 9)
         return np.concatenate((-self.stiffness[:, :3] * p, S[:, _UPPER] - S[:, _LOWER]), axis=1)
 
-    def dissipative(self, V: Array) -> Array:
-        """Return the wrenches of the dampers, likewise.
-
-        Args:
-            V: Twist of E in G about E's origin in axes of G, m/s and rad/s, shape (n, 6).
-        """
-        return -self.damping * V
-
     def energy(self, p: Array, R: Array) -> Array:
         """Return the energies in the springs, J, shape (n,); arguments as of ``elastic``."""
         turned = self.turning * (1.0 - R.reshape(-1, 9)[:, ::4])
@@ -124,7 +116,7 @@ def spring_state(spring: SpringDamper, E: MovingFrame, G: MovingFrame) -> Spring
     R_GW = G.R_WF.T
     p, R, drift = R_GW @ (E.p_WF - G.p_WF), R_GW @ E.R_WF, E.V - G.V
     V = np.concatenate((R_GW @ (drift[:3] + np.cross(drift[3:], E.p_WF)), R_GW @ drift[3:]))
-    damped = spring.dissipative(V[None])[0]
+    damped = -spring.damping[0] * V
     F = spring.elastic(p[None], R[None])[0] + damped
     f = G.R_WF @ F[:3]
     on_body = np.concatenate((f, G.R_WF @ F[3:] + np.cross(E.p_WF, f)))

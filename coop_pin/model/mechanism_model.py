@@ -62,21 +62,6 @@ def mechanism_model(
     return model, read_loops(text)
 
 
-def configuration_at(model: pin.Model, angles: Mapping[str, float]) -> Array:
-    """Return the configuration with named joints at given positions and the others neutral, shape (nq,).
-
-    Args:
-        model: the tree.
-        angles: joint positions by joint name, rad, or m for a prismatic joint.
-
-    Raises:
-        NameNotFoundError: a joint does not exist.
-        ArgumentError: a joint has more than one degree of freedom.
-    """
-    require_type("angles", angles, Mapping)
-    return pin.integrate(model, pin.neutral(model), velocity_at(model, angles))
-
-
 def velocity_at(model: pin.Model, rates: Mapping[str, float]) -> Array:
     """Return the velocity with named joints at given rates and the others at rest, shape (nv,).
 

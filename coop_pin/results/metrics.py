@@ -22,7 +22,8 @@ from coop_pin.base.spatial.internal_wrench import (
     virtual_linkage_internal_wrenches,
 )
 from coop_pin.description.cell.payload import Payload
-from coop_pin.results.quantities import Arrays, start_energy, unexplained_energy
+from coop_pin.results.energies import start_energy, unexplained_energy
+from coop_pin.results.quantities import Arrays
 from coop_pin.results.window import SETTLING_S, Window, Windows, samples_of
 
 if TYPE_CHECKING:  # slow to load
@@ -86,7 +87,7 @@ def all_metrics(data: Arrays, windows: Windows, *, turns: bool) -> dict[str, Any
         "closure_error_max_m": distance,
         "closure_error_max_rad": angle,
         "energy_balance_max_J": np.abs(energy_balance(data)).max(axis=-1),
-        "torque_peak_Nm": torque_peak(data),
+        "torque_peak_Nm": np.fmax.reduce(np.abs(np.asarray(data["torque"])), axis=(-3, -2, -1)),
         "joint_drift_rad": np.fmax.reduce(joint_drift(data, windows), axis=(-2, -1)),
         "window_start_s": windows.steady.start,
         "window_end_s": windows.steady.end,
@@ -241,11 +242,6 @@ def closure_error_max(data: Arrays) -> tuple[Array, Array]:
     """Return the largest distance (m) and angle (rad) between a tip and its grasp."""
     distance, angle = (np.asarray(data[f"closure_{part}"]) for part in ("distance", "angle"))
     return np.fmax.reduce(distance, axis=(-2, -1)), np.fmax.reduce(angle, axis=(-2, -1))
-
-
-def torque_peak(data: Arrays) -> Array:
-    """Return the largest drive torque, N m."""
-    return np.asarray(np.fmax.reduce(np.abs(np.asarray(data["torque"])), axis=(-3, -2, -1)))
 
 
 def joint_drift(data: Arrays, windows: Windows) -> Array:

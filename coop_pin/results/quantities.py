@@ -63,10 +63,6 @@ class Quantity(NamedTuple):
         return tuple({**_FIXED_SIZES, **sizes}[dim] for dim in self.dims.split())
 
 
-def _quaternions(poses: Array) -> Array:
-    return quaternions(poses[..., :3, :3])
-
-
 def _pose_errors(X: Array, X_d: Array) -> Array:
     """Return ``[p - p_d, log(R R_d^T)]`` of poses, shape (..., 6)."""
     rotation = log3(X[..., :3, :3] @ np.swapaxes(X_d[..., :3, :3], -1, -2))
@@ -150,12 +146,12 @@ QUANTITIES = (
     Quantity("velocity", "v", "rad/s or m/s", "velocity of the Pinocchio tree"),
     Quantity("payload_position", "position", "m", "position of P", lambda s: s["payload_pose"][..., :3, 3]),
     Quantity("payload_quaternion", "quaternion", "1", "orientation of P",
-             lambda s: _quaternions(s["payload_pose"])),
+             lambda s: quaternions(s["payload_pose"][..., :3, :3])),
     Quantity("payload_twist", "axis", "m/s, rad/s", "V_WP"),
     Quantity("desired_position", "position", "m", "desired position of P",
              lambda s: s["desired_pose"][..., :3, 3]),
     Quantity("desired_quaternion", "quaternion", "1", "desired orientation of P",
-             lambda s: _quaternions(s["desired_pose"])),
+             lambda s: quaternions(s["desired_pose"][..., :3, :3])),
     Quantity("desired_twist", "axis", "m/s, rad/s", "V_WP_d"),
     Quantity("pose_error", "axis", "m, rad", "actual minus desired pose",
              lambda s: _pose_errors(s["payload_pose"], s["desired_pose"])),
@@ -241,36 +237,6 @@ QUANTITIES = (
 )
 # fmt: on
 
-WORK = ("work_actuation", "work_friction", "work_external", "work_payload_change")
-"""Work done since the start: by the three forces besides gravity; last by changes of payload and gravity."""
-WORK_OF_GRASPS = ("work_grasps",)
-"""Work after that of WORK, in cells with compliant grasps, patches or tables."""
-
-
-def energies(data: Arrays) -> tuple[Array, list[Array]]:
-    """Return the energy of a cell, J, and all work done on it, J, that its run records."""
-    energy = np.asarray(data["kinetic_energy"]) + np.asarray(data["potential_energy"])
-    works = [np.asarray(data[name]) for name in (*WORK, *WORK_OF_GRASPS) if name in data]
-    return energy + np.asarray(data["elastic_energy"]) if "elastic_energy" in data else energy, works
-
-
-def start_energy(data: Arrays) -> Array:
-    """Return the energy before the first sample, and before an event there, J, shape (..., 1)."""
-    energy, works = energies(data)
-    return energy[..., :1] - sum(work[..., :1] for work in works)
-
-
-def unexplained_energy(data: Arrays, start: Array) -> Array:
-    """Return the energy that is neither that of the start nor work done, J, shape (..., n).
-
-    Args:
-        data: arrays of a run, or of a part of it.
-        start: start_energy of the run, shape (..., 1).
-    """
-    energy, works = energies(data)
-    return energy - start - sum(works)
-
-
 _FIXED_SIZES = {"axis": 6, "position": 3, "quaternion": 4, "row": 4, "column": 4}
 
 GROUPS: dict[str, Callable[[Scenario], bool]] = {
@@ -333,19 +299,6 @@ def allocate(table: Sequence[Quantity], count: int, sizes: Mapping[str, int]) ->
         for quantity in table
         if quantity.source is None
     }
-
-
-def shape_of(quantity: Quantity, arms: int, drives: int, rows: int) -> tuple[int, ...]:
-    """Return the shape of what ``read`` reads at a tick, with the drives of all arms in one row.
-
-    Args:
-        quantity: Quantity that is read at ticks.
-        arms: Number of arms, m.
-        drives: Number of drives of all arms.
-        rows: Number of task rows, k_0.
-    """
-    per_arm = {"arm joint": (drives,), "arm axis": (arms, rows)}
-    return per_arm.get(quantity.dims) or quantity.shape({"arm": arms})
 
 
 def computed(

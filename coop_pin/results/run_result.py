@@ -15,12 +15,9 @@ from coop_pin.base.arrays import require_path, require_type
 from coop_pin.base.atomic_write import write_atomically
 from coop_pin.base.errors import FileReadError, ScenarioError
 from coop_pin.description.scenario import Scenario
-from coop_pin.results import metrics
 from coop_pin.results.friction import (
     FrictionUse,
-    drop_metrics,
     dropped_at,
-    friction_metrics,
     friction_text,
     friction_use,
 )
@@ -28,18 +25,15 @@ from coop_pin.results.metrics import (
     NO_STEADY_METRICS,
     STEADY_METRICS,
     InternalForceMetrics,
+    internal_wrench_definitions,
     metric_text,
+    steady_metrics,
 )
 from coop_pin.results.quantities import Arrays, Samples, quantities
-from coop_pin.results.running_metrics import EveryTick
+from coop_pin.results.running_metrics import EveryTick, RunningMetrics
 from coop_pin.results.trust import (
     Breach,
     LimitViolation,
-    TrustMonitor,
-    drift_breaches,
-    in_time,
-    joint_names,
-    limit_violations,
 )
 from coop_pin.results.window import SETTLING_S, Window, Windows, checked_window
 
@@ -114,8 +108,6 @@ class RunResult:
         """Attributes of ``data``, without labelling the arrays."""
         return self._attributes if isinstance(self._data, dict) else self._data.attrs
 
-    # ------------------------------------------------------------ windows
-
     @property
     def end(self) -> float:
         """Time of the last sample, s."""
@@ -136,24 +128,15 @@ class RunResult:
             return Window(0.0, self.windows.event.start)
         return self.windows.event if metric in _EVENT else Window(0.0, self.end)
 
-    # ------------------------------------------------------------ trust
-
     def breaches(self) -> tuple[Breach, ...]:
         """Return what exceeded the scenario's trust thresholds, in the order of the first times.
 
         The last one is the error that ended the run, if one did.
         """
-        breaches = self._breaches_of_samples() if self.every_tick is None else self.every_tick.breaches
+        breaches = self._of_all_ticks().breaches
         if self.ENDED_BY in self._texts:
             breaches += (Breach("error", "", "", self.end, self.end, self.scenario.duration),)
         return breaches
-
-    def _breaches_of_samples(self) -> tuple[Breach, ...]:
-        arrays = {str(name): np.asarray(values) for name, values in self.arrays.items()}
-        joints, limits = joint_names(arrays), (arrays["position_lower"], arrays["position_upper"])
-        breaches = TrustMonitor(self.scenario.trust, joints, *limits).breaches(arrays)
-        drift = metrics.joint_drift(self.arrays, self.windows)
-        return in_time((*breaches, *drift_breaches(drift, self.scenario.trust, joints, self.end)))
 
     @property
     def trustworthy(self) -> bool:
@@ -173,8 +156,6 @@ class RunResult:
             return f"DROPPED: {text}; simulation {trust}"
         return f"{trust}; {text}" if text else trust
 
-    # ------------------------------------------------------------ friction
-
     def friction_use(self) -> FrictionUse:
         """Return the friction that every patch or pad uses of what it bears, over time."""
         return friction_use(self.arrays, self.scenario.cell)
@@ -189,14 +170,12 @@ class RunResult:
         """Time from which nothing holds the payload, s; NaN if something always does."""
         return float(dropped_at(self.arrays, self.scenario))
 
-    # ------------------------------------------------------------ metrics
-
     def settling_time(self) -> float:
         """Return when the errors stay within 5 mm and 5 mrad until the first event, s; inf if they do not.
 
         On positional rows nothing controls the orientation, and the position alone counts.
         """
-        return self._metrics()["settling_time_s"]
+        return self._of_all_ticks().metrics["settling_time_s"]
 
     def position_rms(self, *, window: tuple[float, float] | None = None) -> float:
         """Return the rms of the position error over the steady window or another one, m.
@@ -224,20 +203,20 @@ class RunResult:
         ``virtual_linkage``, ``constraint_consistent``, ``symmetric``: see spatial.internal_wrench.
         """
         cell = self.scenario.cell
-        return metrics.internal_wrench_definitions(self.data, cell.shares, cell.payload)
+        return internal_wrench_definitions(self.data, cell.shares, cell.payload)
 
     def closure_error_max(self) -> tuple[float, float]:
         """Return the largest distance (m) and angle (rad) between a tip and its grasp over the whole run."""
-        values = self._metrics()
+        values = self._of_all_ticks().metrics
         return values["closure_error_max_m"], values["closure_error_max_rad"]
 
     def energy_balance_max(self) -> float:
         """Return the largest difference between energy and work over the whole run, J."""
-        return self._metrics()["energy_balance_max_J"]
+        return self._of_all_ticks().metrics["energy_balance_max_J"]
 
     def limit_violations(self) -> tuple[LimitViolation, ...]:
         """Return every joint or drive limit that was exceeded, with the worst value and the first time."""
-        return limit_violations(self.arrays) if self.every_tick is None else self.every_tick.limits
+        return self._of_all_ticks().limits
 
     def metrics(self) -> dict[str, float]:
         """Return all metrics by name; the names carry the units, ``window_of`` gives their windows.
@@ -249,16 +228,14 @@ class RunResult:
         keeps every n-th tick they are those of all ticks, as are breaches and limits; other windows are of
         the kept ones.
         """
-        return {"trustworthy": float(self.trustworthy)} | self._metrics()
+        return {"trustworthy": float(self.trustworthy), **self._of_all_ticks().metrics}
 
-    def _metrics(self) -> dict[str, float]:
+    def _of_all_ticks(self) -> EveryTick:
+        """Return metrics, breaches and exceeded limits; of a run that keeps every n-th tick, of all."""
         if self.every_tick is not None:
-            return dict(self.every_tick.metrics)
-        cell = self.scenario.cell
-        values = metrics.all_metrics(self.arrays, self.windows, turns=cell.controls_turns)
-        values |= friction_metrics(self.arrays, cell) if cell.padded else {}
-        values |= drop_metrics(self.arrays, self.scenario)
-        return {name: float(value) for name, value in values.items()}
+            return self.every_tick
+        arrays = {str(name): np.asarray(values) for name, values in self.arrays.items()}
+        return RunningMetrics(self.scenario, arrays).finished(arrays, self.scenario)
 
     def summary(self) -> str:
         """Return the verdict, every metric with its window, and the limits exceeded, one to a line."""
@@ -300,12 +277,10 @@ class RunResult:
 
     def _steady_metrics(self, interval: tuple[float, float] | None) -> dict[str, float]:
         if interval is None and self.every_tick is not None:
-            return {name: self.every_tick.metrics[name] for name in metrics.STEADY_METRICS}
+            return {name: self.every_tick.metrics[name] for name in STEADY_METRICS}
         window = self.windows.steady if interval is None else checked_window(interval, self.end)
-        values = metrics.steady_metrics(self.arrays, window)
+        values = steady_metrics(self.arrays, window)
         return {name: float(value) for name, value in values.items()}
-
-    # ------------------------------------------------------------ files
 
     def save(self, path: str | Path) -> None:
         """Write a netCDF file that holds the scenario too; if writing fails, an older file stays."""

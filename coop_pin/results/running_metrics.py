@@ -18,9 +18,10 @@ import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.description.scenario import Scenario
+from coop_pin.results.energies import start_energy, unexplained_energy
 from coop_pin.results.friction import drop_metrics, friction_metrics
 from coop_pin.results.metrics import STEADY_METRICS, all_metrics, joint_drift
-from coop_pin.results.quantities import Arrays, Samples, start_energy, unexplained_energy
+from coop_pin.results.quantities import Arrays, Samples
 from coop_pin.results.trust import (
     Breach,
     LimitKind,
@@ -119,10 +120,8 @@ class RunningMetrics:
     def _include(self, samples: Arrays, scenario: Scenario, windows: Windows) -> None:
         """Include a block; the windows are those of the run, as far as its end is known."""
         data, cell = ChainMap(dict(samples), self._labels), scenario.cell
-        values = all_metrics(data, windows, turns=cell.controls_turns)
-        if cell.padded:
-            values |= friction_metrics(data, cell)
-        values |= drop_metrics(data, scenario)
+        values = all_metrics(data, windows, turns=cell.controls_turns) | drop_metrics(data, scenario)
+        values |= friction_metrics(data, cell) if cell.padded else {}
         new = {name: float(value) for name, value in values.items()}
         if not self._values:
             self._start_energy, self._values = start_energy(data), new

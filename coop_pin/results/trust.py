@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.description.trust import TrustThresholds
+from coop_pin.results.energies import energies, start_energy, unexplained_energy
 from coop_pin.results.metrics import DRIFT_S
-from coop_pin.results.quantities import Arrays, energies, start_energy, unexplained_energy
+from coop_pin.results.quantities import Arrays
 
 Cause = Literal[
     "joint limit", "jacobian condition", "torque cut", "closure error", "energy", "joint drift", "error"
@@ -257,26 +258,23 @@ def limit_violations(data: Arrays) -> tuple[LimitViolation, ...]:
         for j, joint in enumerate(np.asarray(data["joint_name"])[a]):
             if not joint:
                 continue
-            for kind, values, lower, upper in _limited(data, a, j):
-                over = np.maximum(values - upper, lower - values)  # NaN, so never exceeded, without a limit
+            lower, upper, speed, torque = (
+                float(np.asarray(data[name])[a, j])
+                for name in ("position_lower", "position_upper", "velocity_limit", "torque_limit")
+            )
+            requested = "requested_torque" if "requested_torque" in data else "commanded_torque"
+            series: list[tuple[LimitKind, str, float, float]] = [
+                ("position", "joint_position", lower, upper),
+                ("velocity", "joint_velocity", -speed, speed),
+                ("torque", requested, -torque, torque),
+            ]
+            for kind, name, least, most in series:
+                values = np.asarray(data[name])[:, a, j]
+                over = np.maximum(values - most, least - values)  # NaN, so never exceeded, without a limit
                 beyond = np.flatnonzero(over > _SLACK)
                 if beyond.size:
                     worst = float(values[beyond[np.argmax(over[beyond])]])
-                    limit = upper if worst > upper else lower
+                    limit = most if worst > most else least
                     first = float(np.asarray(data["time"])[beyond[0]])
                     violations.append(LimitViolation(str(arm), str(joint), kind, worst, limit, first))
     return tuple(violations)
-
-
-def _limited(data: Arrays, a: int, j: int) -> list[tuple[LimitKind, Array, float, float]]:
-    """Return kind, values over time, lower and upper limit of one joint."""
-    lower, upper, speed, torque = (
-        float(np.asarray(data[name])[a, j])
-        for name in ("position_lower", "position_upper", "velocity_limit", "torque_limit")
-    )
-    asked = "requested_torque" if "requested_torque" in data else "commanded_torque"
-    return [
-        ("position", np.asarray(data["joint_position"])[:, a, j], lower, upper),
-        ("velocity", np.asarray(data["joint_velocity"])[:, a, j], -speed, speed),
-        ("torque", np.asarray(data[asked])[:, a, j], -torque, torque),
-    ]

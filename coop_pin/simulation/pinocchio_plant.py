@@ -21,7 +21,7 @@ from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.grasps.observation import Observation
 from coop_pin.grasps.spring_damper import PartnerState, partner_state
-from coop_pin.results.quantities import WORK, WORK_OF_GRASPS
+from coop_pin.results.energies import WORK, WORK_OF_GRASPS
 from coop_pin.simulation.plant import PlantState
 
 

@@ -17,16 +17,8 @@ from coop_pin.base.memory import free_memory
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import JointLimits
-from coop_pin.results.quantities import (
-    WORK,
-    WORK_OF_GRASPS,
-    Quantity,
-    Samples,
-    allocate,
-    bytes_per_sample,
-    computed,
-    quantities,
-)
+from coop_pin.results.energies import WORK, WORK_OF_GRASPS
+from coop_pin.results.quantities import Quantity, Samples, allocate, bytes_per_sample, computed, quantities
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.results.snapshot import Snapshot

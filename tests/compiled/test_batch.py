@@ -25,8 +25,8 @@ from coop_pin.compiled.prepared_plant import PreparedPlant
 from coop_pin.compiled.simulate import BatchSimulator
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.transmission import Transmission
+from coop_pin.results.energies import WORK
 from coop_pin.results.metrics import STEADY_METRICS
-from coop_pin.results.quantities import WORK
 from coop_pin.tracing.evaluation import evaluate
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.tape import Tape, operands

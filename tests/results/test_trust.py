@@ -13,8 +13,8 @@ from coop_pin.base.errors import ArgumentError, DivergedError, FieldError, OutOf
 from coop_pin.cli import main
 from coop_pin.description.trust import TrustThresholds
 from coop_pin.description.urdf import find_urdf
+from coop_pin.results.energies import WORK
 from coop_pin.results.metrics import STEADY_METRICS
-from coop_pin.results.quantities import WORK
 from coop_pin.results.trust import TrustMonitor
 
 GOALS = {  # straight paths that stretch an arm: through a singular pose

@@ -14,6 +14,7 @@ from scipy.linalg import block_diag, expm
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, FieldError, ShapeError
 from coop_pin.compiled.laws.support import support
+from coop_pin.results.energies import energies
 from coop_pin.simulation.build_controller import build_controller
 
 KINDS = ("velocity", "position")
@@ -109,7 +110,7 @@ def test_samples_within_a_tick_are_those_of_ticks_of_their_own(name, kind):
 @pytest.mark.parametrize(("name", "kind"), CASES)
 def test_the_energy_balance_includes_the_servo(name, kind):
     data = cp.run(servo_cell(name, kind, {**LIMITED, "rate_hz": 1000.0}), engine="pinocchio").data
-    energy, works = cp.results.quantities.energies(data)
+    energy, works = energies(data)
     gained, done = energy - energy[0], sum(works) - sum(works)[0]
     assert np.abs(done).max() > 1e-4
     assert_allclose(gained, done, rtol=0, atol=1e-7 * np.abs(data.kinetic_energy.values).max() + 1e-9)

@@ -33,7 +33,7 @@ from coop_pin.compiled.plant.serial_arm import (
 from coop_pin.description.events import Surroundings
 from coop_pin.grasps.observation import Observation, PayloadState, payload_quantities
 from coop_pin.grasps.spring_damper import MovingFrame, SpringState, spring_state
-from coop_pin.results.quantities import WORK, WORK_OF_GRASPS
+from coop_pin.results.energies import WORK, WORK_OF_GRASPS
 from coop_pin.tracing.elementary import polynomial
 from coop_pin.tracing.kernel import Kernel
 from coop_pin.tracing.tape import Number

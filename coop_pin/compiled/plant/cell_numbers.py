@@ -20,7 +20,7 @@ from coop_pin.description.events import Surroundings
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.grasps.spring_damper import SpringDamper
 from coop_pin.model.transmission import Friction, friction
-from coop_pin.results.quantities import WORK, WORK_OF_GRASPS
+from coop_pin.results.energies import WORK, WORK_OF_GRASPS
 from coop_pin.tracing.tape import Number, Traced
 from coop_pin.tracing.traced_array import parts, traced
 

@@ -18,7 +18,7 @@ from coop_pin.description.events import Surroundings
 from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.grasps.observation import Observation
-from coop_pin.results.quantities import WORK
+from coop_pin.results.energies import WORK
 from coop_pin.simulation.plant import PlantState
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.tree import leaves, structure

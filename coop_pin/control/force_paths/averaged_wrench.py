@@ -129,8 +129,27 @@ class ConsensusForcePath(PlainForcePath):
         Raises:
             FieldError: means or feedback on them grow, or the graph is not connected both ways.
         """
-        _require_decay(self, scenario)
-        return AveragedWrench(law, arm, self, len(scenario.cell.arms))
+        names, network = list(scenario.cell.arms), scenario.network
+        eigenvalues, delay = graph_eigenvalues(network.edges_at(0.0, names), names), network.slowest_of(names)
+        late = f"over this graph with messages {delay} ticks late"
+        if (radius := estimator_radius(eigenvalues, self, delay)) >= 1.0:
+            detail = f"grows by {radius:.4g} a tick {late}; lower its gains"
+            raise FieldError(detail, "controller.force_path")
+        loop = scenario.controller.loop(scenario.timing)
+        radius = averaged_loop_radius(
+            eigenvalues,
+            self,
+            delay,
+            anchor_gain=loop.anchor_gain,
+            force_gain=loop.force_gain,
+            wrist_delay=loop.delay,
+        )
+        if radius >= 1.0 and not scenario.beyond_bound:
+            detail = (
+                f"is {loop.anchor_gain:g}, but the anchored integral on means grows by {radius:.4g} a tick"
+            )
+            raise FieldError(f"{detail} {late}; lower it, {INSIST}", "controller.gains.anchor_gain")
+        return AveragedWrench(law, arm, self, len(names))
 
 
 def estimator_radius(eigenvalues: Array, path: ConsensusForcePath, delay: int = 0) -> float:
@@ -181,29 +200,3 @@ def averaged_loop_radius(
         z = np.roots(np.polyadd(np.polymul(loop, modes), fed_back))
         sizes.append(float(np.abs(z[np.abs(z - 1.0) > _AT_REST]).max(initial=0.0)))
     return max(sizes)
-
-
-def _require_decay(path: ConsensusForcePath, scenario: Any) -> None:
-    """Refuse gains with which the means of a scenario's arms, or its law's feedback on them, grow.
-
-    Raises:
-        FieldError: they do, or the graph is not connected both ways.
-    """
-    names, network = list(scenario.cell.arms), scenario.network
-    eigenvalues, delay = graph_eigenvalues(network.edges_at(0.0, names), names), network.slowest_of(names)
-    late = f"over this graph with messages {delay} ticks late"
-    if (radius := estimator_radius(eigenvalues, path, delay)) >= 1.0:
-        detail = f"grows by {radius:.4g} a tick {late}; lower its gains"
-        raise FieldError(detail, "controller.force_path")
-    loop = scenario.controller.loop(scenario.timing)
-    radius = averaged_loop_radius(
-        eigenvalues,
-        path,
-        delay,
-        anchor_gain=loop.anchor_gain,
-        force_gain=loop.force_gain,
-        wrist_delay=loop.delay,
-    )
-    if radius >= 1.0 and not scenario.beyond_bound:
-        detail = f"is {loop.anchor_gain:g}, but the anchored integral on means grows by {radius:.4g} a tick"
-        raise FieldError(f"{detail} {late}; lower it, {INSIST}", "controller.gains.anchor_gain")

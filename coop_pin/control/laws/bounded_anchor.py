@@ -149,22 +149,18 @@ class BoundedAnchor(NamedTuple):
             return a, AnchorState(y, C_B, C_E, state.measured_for)
         turned = self.axes.rows.turn(pose, C_E)
         if not stands:
-            step = self._to_goal(y, (C_B + turned) / 2.0, h)
+            way = y * _part(2.0 * self._norm(y) / self.free - 1.0) - (C_B + turned) / 2.0
+            step = way * np.minimum(1.0, h * self.first / np.maximum(self._norm(way), _TINY))
             C_B, C_E, turned = C_B + step, C_E + self.axes.rows.turn(pose.T, step), turned + step
         beyond = fresh * self._beyond(y, C_B, turned)
         return a - self.axes.product(self.gain, pose, beyond), AnchorState(
             y - beyond, C_B, C_E, state.measured_for
         )
 
-    def _to_goal(self, y: Array, C: Array, h: float) -> Array:
-        """Return the step of the centre, m and rad, shape (k_0,)."""
-        way = y * _part(2.0 * self._norm(y) / self.free - 1.0) - C
-        return way * np.minimum(1.0, h * self.first / np.maximum(self._norm(way), _TINY))
-
     def _beyond(self, y: Array, C_B: Array, turned: Array) -> Array:
         """Return the part of y beyond the bound, with R C_E, m and rad, shape (k_0,)."""
         C, b = (C_B + turned) / 2.0, self.free + self._norm(C_B - turned) / 2.0
-        off = y - C * _part(self._sum(y * C) / np.maximum(self._sum(C * C), _TINY))
+        off = y - C * _part(self.same_kind.dot(y * C) / np.maximum(self.same_kind.dot(C * C), _TINY))
         return off * (1.0 - b / np.maximum(self._norm(off), b))
 
     def centre(self, state: AnchorState, pose: Array) -> Array:
@@ -222,13 +218,9 @@ class BoundedAnchor(NamedTuple):
             low, high = (middle, high) if middle <= centre(middle) + b_0 else (low, middle)
         return low
 
-    def _sum(self, values: Array) -> Array:
-        """Return for each row the sum over the rows of its kind, shape (k_0,)."""
-        return self.same_kind.dot(values)
-
     def _norm(self, values: Array) -> Array:
         """Return for each row the norm of the rows of its kind, shape (k_0,)."""
-        return self._sum(values * values) ** 0.5
+        return self.same_kind.dot(values * values) ** 0.5
 
 
 def _part(values: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
@@ -209,7 +209,11 @@ class MeanPose(PayloadSpace):
         if network is None:
             return MeanPoseController(DecentralisedController(laws))
         if self.averaging == "consensus":
-            return self._by_consensus(network, laws)
+            gain = self.consensus_gain
+            require_consensus(network, list(laws), gain, "controller.consensus_gain")
+            return DecentralisedController(
+                {name: ConsensusPose(law, name, gain) for name, law in laws.items()}
+            )
         names, edges = list(laws), network.edges_at(0.0, list(laws))
         pairs = [(one, other) for one in names for other in names if one != other]
         if missing := [f"{other} does not hear {one}" for one, other in pairs if (one, other) not in edges]:
@@ -219,12 +223,6 @@ class MeanPose(PayloadSpace):
         return DecentralisedController(
             {name: MeanPoseByMessages(law, name, skips) for name, law in laws.items()}
         )
-
-    def _by_consensus(self, network: Any, laws: Mapping[str, ArmController]) -> CellController:
-        """Return the controllers of arms that hear their neighbours only; see build."""
-        gain = self.consensus_gain
-        require_consensus(network, list(laws), gain, "controller.consensus_gain")
-        return DecentralisedController({name: ConsensusPose(law, name, gain) for name, law in laws.items()})
 
     def steady_directions(self, rows: TaskRows, loop: SampledLoop, period: float) -> list[SteadyDirection]:
         """Return those of the payload-space law, on which all agree; a leak to the mean takes no load."""

@@ -140,7 +140,9 @@ class _EdgeTiming:
         """Return whether a newer message arrives at each tick, and the age of the newest."""
         channel, count = self._channel, len(ticks)
         arriving = np.concatenate((self._arriving, np.full(count, -np.inf)))
-        is_sent = (ticks % self._every == 0.0) & self._is_there(ticks)
+        is_sent = (ticks % self._every == 0.0) & np.any(
+            [(first <= ticks) & (ticks < end) for first, end in self._spans], axis=0
+        )
         if channel.loss:
             is_sent &= self._loss.random(count) >= channel.loss
         delays = np.full(count, channel.delay)
@@ -151,10 +153,6 @@ class _EdgeTiming:
         newest = np.maximum.accumulate(np.concatenate(([self._newest], arriving[:count])))
         self._arriving, self._newest = arriving[count:], newest[-1]
         return (newest[1:] > newest[:-1]).astype(np.float64), ticks - newest[1:]
-
-    def _is_there(self, ticks: Array) -> Any:
-        """Return whether the graph has the edge at each tick."""
-        return np.any([(first <= ticks) & (ticks < end) for first, end in self._spans], axis=0)
 
 
 def _spans(scenario: Scenario, edge: Edge) -> list[tuple[float, float]]:

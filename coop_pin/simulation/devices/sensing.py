@@ -116,7 +116,6 @@ class Sensing:
             path = f"{sensors_path(scenario, slot.name)}.holding_torque_error"
             self.holding_factors.append(1.0 + per_joint(error, k, path))
         self.sensors = cell_sensors(scenario, slots)
-        self._needs_wrenches = self.sensors.needs_wrenches
         self._holds, self._slips = np.ones(len(slots), dtype=bool), SlipSensors.of(scenario)
         self._patched = [index for index, slot in enumerate(slots) if slot.name in scenario.cell.patches]
         self._payload = scenario.cell.surroundings
@@ -154,7 +153,7 @@ class Sensing:
     ) -> list[ArmMeasurement]:
         """Return the measurements of a later tick, after the torques of the tick before."""
         q = plant.q
-        wrenches = plant.interaction_wrenches() if self._needs_wrenches else _NONE
+        wrenches = plant.interaction_wrenches() if self.sensors.needs_wrenches else _NONE
         R_WP = plant.payload_pose()[:3, :3] if self.sensors.wrists else _NONE
         assert self.state is not None  # start() came first
         truth = self._truth(time, q, plant.v, signals, applied, wrenches, R_WP)

@@ -1,0 +1,163 @@
+"""Forward dynamics of a cell: accelerations, energies, interaction wrenches, and what is observed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from coop_pin.base.arrays import Array, as_array, require_finite, shaped
+from coop_pin.grasps.cell_kinematics import CellKinematics
+from coop_pin.grasps.contact_patches import ContactState
+from coop_pin.grasps.observation import Observation, PayloadState, payload_quantities
+from coop_pin.grasps.spring_damper import SpringState
+
+_NO_WRENCH = np.zeros(6)
+
+
+class CellDynamics(CellKinematics):
+    """Forward dynamics of a cell: its closed chain, springs and contacts under given forces."""
+
+    @cached_property
+    def _free_data(self) -> pin.Data:
+        return self.model.model.createData()
+
+    def acceleration(self, q: Array, v: Array, tau: Array) -> tuple[Array, float]:
+        """Return a, shape (nv,), and the power that the force elements dissipate, W.
+
+        Without closures the inertia of arms and payload is block-diagonal, and no constraint is solved.
+
+        Args:
+            q: configuration, shape (nq,).
+            v: velocity, shape (nv,).
+            tau: generalised force of everything but grasps and force elements, shape (nv,).
+        """
+        elements, closed = self.elements, self.rigid.mechanism
+        if not elements.elements:
+            return closed.solver.acceleration(q, v, tau), 0.0
+        power = elements.act(q, v)
+        if closed.closures.closures:
+            return closed.solver.acceleration(q, v, tau + elements.force(q)), power
+        return pin.aba(closed.model, self._free_data, q, v, tau, elements.wrenches), power
+
+    def energy(self, q: Array, v: Array) -> float:
+        """Return the energy of bodies, springs and contacts, J."""
+        total, springs = self.mechanism.energy(q, v).total, self.springs
+        if len(self.patches):
+            total += self.patches.at(q, v).energy
+        return total + springs.energy(springs.at(q, v)) if springs.arms else total
+
+    def interaction_wrenches(
+        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, push: ArrayLike = _NO_WRENCH
+    ) -> Array:
+        """Return the wrench on each arm by the payload, about P in world axes: F_ce of eq. (6), shape (m, 6).
+
+        Args:
+            q: configuration.
+            v: velocity.
+            tau: generalised force of everything but the grasps, including J_WP^T push, shape (nv,).
+            push: wrench on the payload about P in world axes, N and N m, shape (6,).
+        """
+        q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
+        return self.unchecked_wrenches(q, v, tau, as_array("push", push, 6))
+
+    def unchecked_wrenches(self, q: Array, v: Array, tau: Array, push: Array) -> Array:
+        """Return the interaction wrenches of arguments that are valid arrays, as those of a plant at a tick.
+
+        Raises:
+            OutOfRangeError: a wrench is not finite.
+        """
+        elements = self._move(q, v, tau)
+        wrenches = self._wrenches(self.mechanism.solver.forces, push, *elements)
+        return require_finite("the interaction wrenches", wrenches)
+
+    def observe(self, q: Array, v: Array, tau: Array, push: Array) -> Observation:
+        """Return poses, wrenches and energy at n states.
+
+        Args:
+            q: configurations, shape (n, nq).
+            v: velocities, shape (n, nv).
+            tau: generalised forces, as of interaction_wrenches, shape (n, nv).
+            push: wrenches on the payload, likewise, shape (n, 6).
+
+        Raises:
+            ShapeError: a shape differs.
+            OutOfRangeError: a wrench is not finite.
+        """
+        nq, nv = self.mechanism.model.nq, self.mechanism.model.nv
+        n = len(shaped("q", q, nq))
+        arguments = (("q", q, nq), ("v", v, nv), ("tau", tau, nv), ("push", push, 6))
+        states = (as_array(name, value, n, size) for name, value, size in arguments)
+        parts = zip(*map(self._observed, *states), strict=True)
+        values: list[Any] = [None if part[0] is None else np.array(part) for part in parts]
+        observation = Observation(*values)
+        require_finite("the interaction wrenches", observation.interaction_wrench)
+        return observation
+
+    def _observed(self, q: Array, v: Array, tau: Array, push: Array) -> Observation:
+        """Return the Observation at a state."""
+        elements, frames = self._move(q, v, tau), self._frames
+        payload = PayloadState(
+            frames.payload.homogeneous, frames.payload_twist(), push, self.model.surroundings
+        )
+        kinetic, potential = frames.energies()
+        energies: dict[str, Any] = {"kinetic_energy": kinetic, "potential_energy": potential}
+        return Observation(
+            **payload_quantities(payload),
+            **energies,
+            tip_position=frames.tip_positions(),
+            interaction_wrench=self._wrenches(self.mechanism.solver.forces, push, *elements),
+            **self._of_elements(*elements),
+        )
+
+    def _of_elements(self, grasps: SpringState | None, contacts: ContactState | None) -> dict[str, Any]:
+        """Return the quantities of compliant grasps and contacts by name; none without any."""
+        quantities: dict[str, Any] = {}
+        if grasps is not None:
+            quantities["elastic_energy"] = self.springs.energy(grasps)
+            quantities["grasp_deflection"] = self.springs.of_arms(grasps.deflection)
+            quantities["grasp_wrench"] = self.springs.of_arms(grasps.wrench)
+        if contacts is not None:
+            quantities["elastic_energy"] = quantities.get("elastic_energy", 0.0) + contacts.energy
+            quantities["patch_wrench"], quantities["patch_points"] = contacts.wrench, contacts.touching
+            quantities["patch_slip"] = self.patches.state.slip
+        return quantities
+
+    def _move(self, q: Array, v: Array, tau: Array) -> tuple[SpringState | None, ContactState | None]:
+        """Move the frames under a generalised force; return compliant grasps and contacts, None without."""
+        a = self.acceleration(q, v, tau)[0]
+        grasps = self.springs.seen() if self.springs.arms else None
+        contacts = self.patches.seen() if len(self.patches) else None
+        self._frames.move(q, v, a)
+        return grasps, contacts
+
+    def _wrenches(
+        self,
+        of_closures: Sequence[pin.Force],
+        push: Array,
+        grasps: SpringState | None = None,
+        contacts: ContactState | None = None,
+    ) -> Array:
+        """Return the interaction wrenches, about P in world axes, of those of closures and elements."""
+        X_WP, tips, welded = self._frames.payload, self._frames.tips, self._frames.welded
+        in_payload = np.zeros((len(tips), 6))
+        for index, F_E in zip(self.rigid.closed, of_closures, strict=False):
+            in_payload[index] = X_WP.actInv(tips[index]).act(F_E).vector
+        if grasps is not None:
+            in_payload[self.springs.arms] = [X_WP.actInv(pin.Force(F)).vector for F in grasps.on_body]
+        by_tables = _NO_WRENCH
+        if contacts is not None:
+            about_P = np.array([X_WP.actInv(pin.Force(F)).vector for F in contacts.on_bodies])
+            arms_touch = len(self.patches.arms)
+            in_payload[self.patches.arms] = about_P[:arms_touch]
+            by_tables = about_P[arms_touch:].sum(axis=0)
+        for index in welded:
+            in_payload[index] = by_tables - self._frames.payload_balance() - np.add.reduce(in_payload)
+        wrenches: Array = in_payload.reshape(-1, 3).dot(X_WP.rotation.T).reshape(-1, 6)
+        for index in welded:
+            wrenches[index] += push
+        return wrenches

@@ -1,0 +1,37 @@
+"""Energy balance of a run: its energy, the work done on it, and what neither explains."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from coop_pin.base.arrays import Array
+from coop_pin.results.quantities import Arrays
+
+WORK = ("work_actuation", "work_friction", "work_external", "work_payload_change")
+"""Work done since the start: by the three forces besides gravity; last by changes of payload and gravity."""
+WORK_OF_GRASPS = ("work_grasps",)
+"""Work after that of WORK, in cells with compliant grasps, patches or tables."""
+
+
+def energies(data: Arrays) -> tuple[Array, list[Array]]:
+    """Return the energy of a cell, J, and all work done on it, J, that its run records."""
+    energy = np.asarray(data["kinetic_energy"]) + np.asarray(data["potential_energy"])
+    works = [np.asarray(data[name]) for name in (*WORK, *WORK_OF_GRASPS) if name in data]
+    return energy + np.asarray(data["elastic_energy"]) if "elastic_energy" in data else energy, works
+
+
+def start_energy(data: Arrays) -> Array:
+    """Return the energy before the first sample, and before an event there, J, shape (..., 1)."""
+    energy, works = energies(data)
+    return energy[..., :1] - sum(work[..., :1] for work in works)
+
+
+def unexplained_energy(data: Arrays, start: Array) -> Array:
+    """Return the energy that is neither that of the start nor work done, J, shape (..., n).
+
+    Args:
+        data: arrays of a run, or of a part of it.
+        start: start_energy of the run, shape (..., 1).
+    """
+    energy, works = energies(data)
+    return energy - start - sum(works)
