@@ -11,7 +11,7 @@ from coop_pin.base.errors import FileWriteError
 
 
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
-    """Write a file under a temporary name beside it, sync it, and rename it.
+    """Write a file under a temporary name in its folder, sync it, and rename it.
 
     When writing fails (a full disk, an interrupt), the old file stays as it was and the temporary one is
     removed.

@@ -186,7 +186,7 @@ def needs_extra(package: str, extra: str, purpose: str) -> Iterator[None]:
 
 
 class MissingPinocchioError(CoopPinError, ImportError):
-    """Pinocchio is missing, broken or unsupported; ``reason`` says what was found instead."""
+    """Pinocchio is missing, broken or unsupported; ``reason`` says which."""
 
     def __init__(self, reason: str) -> None:
         self.reason = reason

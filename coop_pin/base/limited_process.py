@@ -52,17 +52,17 @@ def ask(
 
 def answer(function: Callable[..., bytes]) -> None:
     """Call a function as ``ask`` orders; its result is the standard output."""
-    asked = json.load(sys.stdin)
+    request = json.load(sys.stdin)
     with contextlib.suppress(ImportError):  # on Windows the patience is the only limit
         import resource
 
-        resource.setrlimit(resource.RLIMIT_CPU, (asked["cpu_s"], asked["cpu_s"]))
+        resource.setrlimit(resource.RLIMIT_CPU, (request["cpu_s"], request["cpu_s"]))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         if sys.platform != "darwin":  # which refuses it
-            resource.setrlimit(resource.RLIMIT_AS, (asked["memory"], asked["memory"]))
+            resource.setrlimit(resource.RLIMIT_AS, (request["memory"], request["memory"]))
     code = 0
     try:
-        result = function(**asked["order"])
+        result = function(**request["order"])
     except Exception as error:  # whatever the library raises
         code, result = REFUSED, (str(error) or type(error).__name__).encode(errors="replace")
     sys.stdout.buffer.write(result)

@@ -43,7 +43,7 @@ class LoseArm(PayloadEvent):
         return actuators.replace(**{field: self.time}) if arm == self.arm else actuators
 
     @property
-    def told(self) -> str:
+    def outcome(self) -> str:
         """The arm, and what is left of it."""
         return f"{self.arm} fails at {self.time:g} s ({self.form})"
 

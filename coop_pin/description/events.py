@@ -51,7 +51,7 @@ class Surroundings(NamedTuple):
 
     @property
     def acts(self) -> bool:
-        """Whether a wrench besides gravity may act on the payload; plants skip it otherwise."""
+        """Whether a wrench other than gravity may act on the payload; plants skip it otherwise."""
         return bool(self.push.any() or self.partners)
 
 
@@ -68,7 +68,7 @@ class PayloadEvent(Description):
     is_foreseen: ClassVar[bool] = False
     """Whether it is of the scenario from the start on, and cannot be added to a run that goes on."""
     requires: ClassVar[str] = ""
-    """What it needs of a plant besides torques, payload, push and gravity; empty for nothing."""
+    """What it needs of a plant beyond torques, payload, push and gravity; empty for nothing."""
 
     kind: str
     time: NotNegative
@@ -89,8 +89,8 @@ class PayloadEvent(Description):
         return self.time
 
     @property
-    def told(self) -> str:
-        """Part of the sentence on what happened to arms and grasps; empty for other events."""
+    def outcome(self) -> str:
+        """Clause on what happens to arms and grasps; empty for other events."""
         return ""
 
     def is_named(self, remark: str) -> bool:
@@ -287,7 +287,7 @@ class Partner(LastingEvent):
         return surroundings._replace(partners=holds)
 
     @property
-    def told(self) -> str:
+    def outcome(self) -> str:
         """Time of the hold."""
         return f"a partner holds the payload from {self.time:g} to {self.end:g} s"
 

@@ -84,7 +84,7 @@ class Release(GraspEvent):
     title = "release"
 
     @property
-    def told(self) -> str:
+    def outcome(self) -> str:
         """The arm, and when it lets go."""
         over = "hands over and " * (self.instant > self.time)
         return f"{self.arm} {over}lets go at {self.instant:g} s"
@@ -176,7 +176,7 @@ class Regrasp(GraspEvent):
         return quintic(time, self.time, self.duration).value
 
     @property
-    def told(self) -> str:
+    def outcome(self) -> str:
         """The arm, and when it takes hold."""
         return f"{self.arm} takes hold at {self.time:g} s"
 
@@ -242,7 +242,7 @@ class PutDown(LastingEvent):
     title = "put down"
 
     @property
-    def told(self) -> str:
+    def outcome(self) -> str:
         """When the table takes the load."""
         return f"a table bears the load from {self.end:g} s on"
 

@@ -158,8 +158,8 @@ class Scenario(ScenarioParts):
         if not self.events and base.events:
             yield "no events"
         elif self.events != base.events:
-            told = [f"{event.text(self.surroundings_at(0.0))} at {event.time:g} s" for event in self.events]
-            yield f"events: {', '.join(told)}"
+            texts = [f"{event.text(self.surroundings_at(0.0))} at {event.time:g} s" for event in self.events]
+            yield f"events: {', '.join(texts)}"
         fields, others = fields_of(self), fields_of(base)
         for name in [name for name in fields if name not in ("name", "summary", "events")]:
             yield from differences(fields[name], others[name], (*path, name))

@@ -130,8 +130,8 @@ class CellDynamics(CellKinematics):
     def _move(self, q: Array, v: Array, tau: Array) -> tuple[SpringState | None, ContactState | None]:
         """Move the frames under a generalised force; return compliant grasps and contacts, None without."""
         a = self.acceleration(q, v, tau)[0]
-        grasps = self.springs.seen() if self.springs.arms else None
-        contacts = self.patches.seen() if len(self.patches) else None
+        grasps = self.springs.present() if self.springs.arms else None
+        contacts = self.patches.present() if len(self.patches) else None
         self._frames.move(q, v, a)
         return grasps, contacts
 

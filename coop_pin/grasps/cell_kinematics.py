@@ -109,7 +109,7 @@ class CellKinematics:
         grasps.release(number)
 
     def grasp(self, arm: int, q: Array, is_nominal: bool = False) -> None:
-        """Close the grasp of an arm where its tip is found at a configuration, or at the nominal pose."""
+        """Close the grasp of an arm where its tip is at a configuration, or at the nominal pose."""
         grasps, number = self._grasp_of(arm)
         grasps.grasp(number, None if is_nominal else q)
 

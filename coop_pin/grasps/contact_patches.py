@@ -15,7 +15,7 @@ from coop_pin.base.arrays import Array, Mask
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.contact import DryContact, corners
 from coop_pin.grasps.contact_points import ContactPoints
-from coop_pin.grasps.force_elements import ForceElements, as_seen
+from coop_pin.grasps.force_elements import ForceElements, own_loads
 from coop_pin.grasps.grasp_springs import changed
 from coop_pin.model.cell_model import CellModel
 from coop_pin.model.pinocchio_model import frame_id, symmetric
@@ -159,9 +159,9 @@ class ContactPatches:
     def at(self, q: Array, v: Array) -> ContactState:
         """Return the contacts at a state."""
         self.bodies.move(q, v)
-        return self.seen()
+        return self.present()
 
-    def seen(self) -> ContactState:
+    def present(self) -> ContactState:
         """Return the contacts at the state of the joints."""
         now = self._now()
         return ContactState(
@@ -205,9 +205,9 @@ class ContactPatches:
             q: Configuration.
             loads: Wrenches of the arms with other grasps, about P in world axes, shape (m, 6).
         """
-        return as_seen(loads, self.arms, self.seen_poses(q), self.at(q, self._rest).on_bodies)
+        return own_loads(loads, self.arms, self.payload_poses(q), self.at(q, self._rest).on_bodies)
 
-    def seen_poses(self, q: Array) -> list[pin.SE3]:
+    def payload_poses(self, q: Array) -> list[pin.SE3]:
         """Return X_WP as each arm with a patch sees it by its own kinematics at a configuration."""
         self.bodies.move(q, self._rest)
         grasps = self.cell.patches.values()

@@ -1,4 +1,4 @@
-"""Force elements of a cell: wrenches between frames that act on its tree besides torques and closures."""
+"""Force elements of a cell: wrenches between frames that act on its tree with torques and closures."""
 
 from __future__ import annotations
 
@@ -99,8 +99,8 @@ class ForceElements:
         return -pin.rnea(self.model, self._solution, q, rest, rest, self.wrenches)
 
 
-def as_seen(loads: Array, arms: Sequence[int], poses: Sequence[Any], on_bodies: Array) -> Array:
-    """Return loads of all arms, with those of some about P as these arms see it, shape (m, 6).
+def own_loads(loads: Array, arms: Sequence[int], poses: Sequence[Any], on_bodies: Array) -> Array:
+    """Return loads of all arms, those of some about P by these arms' own kinematics, shape (m, 6).
 
     Args:
         loads: Wrenches on the arms about P in world axes, shape (m, 6).

@@ -19,7 +19,7 @@ from coop_pin.base.disk_cache import DiskCache
 from coop_pin.base.spatial import weight_wrench
 from coop_pin.description.cell.cell import Cell
 from coop_pin.grasps.equilibrium import MOST_STEPS, SETTLED, at_rest, reached
-from coop_pin.grasps.force_elements import ForceElements, as_seen
+from coop_pin.grasps.force_elements import ForceElements, own_loads
 from coop_pin.grasps.spring_damper import MovingFrame, SpringDamper, SpringState, spring_state
 from coop_pin.model.cell_model import CellModel
 from coop_pin.model.pinocchio_model import frame_id, symmetric
@@ -169,7 +169,7 @@ class GraspSprings:
         table[..., self.arms, :] = values
         return table
 
-    def seen(self) -> SpringState:
+    def present(self) -> SpringState:
         """Return the grasps at the state at which they acted last."""
         return SpringState(*(self._at[name].copy() for name in SpringState._fields))
 
@@ -177,7 +177,7 @@ class GraspSprings:
         """Return the grasps at a state."""
         self._bodies.move(q, v)
         self.act()
-        return self.seen()
+        return self.present()
 
     def energy(self, state: SpringState) -> float:
         """Return the energy in all springs at a state, J."""
@@ -236,7 +236,7 @@ class GraspSprings:
         self.restore(GraspsHeld(changed(self.holds, number, False), self._poses))
 
     def grasp(self, number: int, q: Array | None = None) -> None:
-        """Close a grasp at its nominal pose, or as found at a configuration."""
+        """Close a grasp at its nominal pose, or at that of its tip at a configuration."""
         pose = list(self._grasps.values())[number].matrix
         if q is not None:
             state = self.at(q, self._rest)
@@ -280,7 +280,7 @@ class GraspSprings:
             pin.forwardKinematics(model, data, q)
         return q if tree.closed_by_tree or len(self) < len(tree.arms) else self._balanced(q, weight)
 
-    def seen_poses(self, q: Array) -> list[pin.SE3]:
+    def payload_poses(self, q: Array) -> list[pin.SE3]:
         """Return X_WP as each arm sees it by its own kinematics at a configuration."""
         self._bodies.move(q, self._rest)
         grasps = self._grasps.values()
@@ -298,7 +298,7 @@ class GraspSprings:
             q: Configuration.
             loads: Wrenches of the arms with rigid grasps, about P in world axes, shape (m, 6).
         """
-        return as_seen(loads, self.arms, self.seen_poses(q), self.at(q, self._rest).on_body)
+        return own_loads(loads, self.arms, self.payload_poses(q), self.at(q, self._rest).on_body)
 
     def _balanced(self, q: Array, weight: Array) -> Array:
         """Return q with the payload moved until springs and weight balance."""

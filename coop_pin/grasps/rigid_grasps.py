@@ -38,7 +38,7 @@ class ClosuresHeld(NamedTuple):
 class RigidGrasps:
     """Rigid grasps that are closures of the tree, brakes, and the mechanism with those that hold.
 
-    A grasp that closes holds the tip where it is found, and a brake its joint. The velocities then meet by an
+    A grasp that closes holds the tip where it is, and a brake its joint. The velocities then meet by an
     impulse L at all closures, which do no work while they hold:
 
         M (v+ - v) = J^T L,    J v+ = 0
@@ -98,7 +98,7 @@ class RigidGrasps:
         self.restore(self.held()._replace(grasps=grasps))
 
     def grasp(self, number: int, q: Array | None = None) -> None:
-        """Close a grasp where its tip is found at a configuration, or at its nominal pose."""
+        """Close a grasp where its tip is at a configuration, or at its nominal pose."""
         pose = self._nominal[number] if q is None else self._tip_pose(number, q).homogeneous
         grasps = GraspsHeld(changed(self.holds, number, True), changed(self.poses, number, pose))
         self.restore(self.held()._replace(grasps=grasps))

@@ -18,9 +18,9 @@ from coop_pin.model.ik_solver import IKSolver
 _NEIGHBOURS = 12
 """Initial guesses around the posture, which lead to the branch nearest to it."""
 _SEEDS = 16
-"""Initial guesses over the joint ranges when only the nearest branch is asked for."""
+"""Initial guesses over the joint ranges for the nearest branch alone."""
 _BRANCH_SEEDS = 96
-"""Initial guesses when all branches are asked for: an arm with six joints has up to 16."""
+"""Initial guesses for all branches: an arm with six joints has up to 16."""
 _FAMILIES = 4
 """Solutions of a redundant arm, the nearest after ``_FIRST_STEPS``, that go on for ``_ALL_STEPS``."""
 _FIRST_STEPS = 5
@@ -53,7 +53,7 @@ def solve_ik(arm: ArmModel, X_WP: ArrayLike, *, posture: ArrayLike | None = None
 
 
 def ik_branches(arm: ArmModel, X_WP: ArrayLike, *, posture: ArrayLike | None = None) -> list[Array]:
-    """Return all branches found within the joint limits, the nearest to a posture first, each shape (nq,).
+    """Return all branches within the joint limits, the nearest to a posture first, each shape (nq,).
 
     Two branches differ by more than whole turns; each is wrapped to be nearest to the posture. The branches
     of a redundant arm are families: each is represented by its configuration nearest to the posture. The
@@ -116,7 +116,7 @@ def _answer(question: _Question, seeds: int, families: int | None) -> list[Array
 
 
 def _solutions(solver: IKSolver, target: pin.SE3, starts: list[Array], near: Array) -> Iterator[Array]:
-    """Yield the solutions within the limits found from the starts, wrapped near the posture."""
+    """Yield the solutions within the limits from the starts, wrapped near the posture."""
     for start in starts:
         solution = solver.solve(target, start)
         if solution.is_closed:

@@ -117,10 +117,10 @@ class TorqueQpController(CellController):
         bias: Array,
     ) -> tuple[Array, list[Array], list[ComputedTorqueState]]:
         """Return a_d, F_d of each arm, shape (k_0,) each, and the next states."""
-        seen, reference, gains = measurements[0], references[0], self._law.gains
-        xtilde = self._rows.pose_error(seen.payload_pose, reference.pose)
+        first, reference, gains = measurements[0], references[0], self._law.gains
+        xtilde = self._rows.pose_error(first.payload_pose, reference.pose)
         a_d = reference.acceleration - gains.position_gain * xtilde
-        a_d = a_d - gains.velocity_gain * (seen.payload_twist - reference.twist)
+        a_d = a_d - gains.velocity_gain * (first.payload_twist - reference.twist)
         wrenches, arms = [], []
         for share, m, desired, last in zip(self._shares, measurements, references, state, strict=True):
             f_r, force = self._force.step(m, desired, last.force)

@@ -45,7 +45,7 @@ MONITORED = {
         ),
         Quantity("sigma_min", "arm", "1", "smallest singular value of J"),
         Quantity("condition", "arm", "1", "condition number of J"),
-        Quantity("poses_apart", "", "m", "largest distance of payloads as seen"),
+        Quantity("poses_apart", "", "m", "largest distance of payloads by the arms' kinematics"),
     ),
     "payload-space": (
         Quantity("s", "arm row", "m/s, rad/s", "sliding surface s_i"),

@@ -100,8 +100,8 @@ class _MonitoredCell:
         self.Z_hold = np.where(is_fresh, Z, self.Z_hold - cut if self.Z_hold.size else Z)
         a = self._arm_wrenches(now, w)
         ftilde, right = self._internal(F) - f_r, self._internal(a + slid + Z + fed_back) - f_r
-        asked = is_fresh * self._each("anchor_gain") * error
-        bounded = self._bounded(now, asked, is_fresh[:, 0], is_stale[:, 0])
+        unbounded = is_fresh * self._each("anchor_gain") * error
+        bounded = self._bounded(now, unbounded, is_fresh[:, 0], is_stale[:, 0])
         anchor = bounded + cut
         phi = np.array([law.switching(s_i) for law, s_i in zip(self.laws, s, strict=True)])
         integral = self.c * np.array(
@@ -133,7 +133,7 @@ class _MonitoredCell:
             "anchor": anchor,
             "anchor_sum": np.linalg.norm(anchor.sum(axis=0)),
             "anchor_acts": is_fresh[:, 0],
-            "anchor_is_bounded": (bounded != asked).any(axis=1),
+            "anchor_is_bounded": (bounded != unbounded).any(axis=1),
             "anchor_held": held,
             "anchor_centre": centre,
             "memory_rate": rate,
@@ -147,14 +147,14 @@ class _MonitoredCell:
             ),
         }
 
-    def _bounded(self, now: RecordedTick, asked: Array, is_fresh: Mask, is_stale: Mask) -> Array:
+    def _bounded(self, now: RecordedTick, unbounded: Array, is_fresh: Mask, is_stale: Mask) -> Array:
         """Return what the anchors take out of the integrals where they ask for this, shape (m, k_0) each."""
-        taken = np.array(asked)
+        taken = np.array(unbounded)
         for i, (law, arm) in enumerate(zip(self.laws, now.arms, strict=True)):
             if law.integral.bound is not None:
                 follows = float(not (is_stale[i] or arm.measured.saturated.any()))
                 correction, self.anchors[i] = law.integral.bound.step(
-                    self.anchors[i], -asked[i], float(is_fresh[i]), follows, arm.measured.payload_pose
+                    self.anchors[i], -unbounded[i], float(is_fresh[i]), follows, arm.measured.payload_pose
                 )
                 taken[i] = -correction
         return taken

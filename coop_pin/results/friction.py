@@ -160,13 +160,13 @@ def friction_text(data: Arrays, scenario: Scenario) -> str:
         pressed = f", pressed by {N:.3g} N, which bear {cell.patches[arm].mu * N:.3g} N of friction"
         of, only = ("that of", "") if lost else ("the patch of", pressed if N > 0.0 else "")
         lost.append(f"{of} {arm!r} {verb.format(f'{time[k]:.3g} s')}{only}")
-    told = ", and ".join(filter(None, (", ".join(lost[:-1]), *lost[-1:])))
+    outcome = ", and ".join(filter(None, (", ".join(lost[:-1]), *lost[-1:])))
     if np.isfinite(drop):
-        return f"the payload drops at {drop:.3g} s: {told or 'no arm holds it'}"
+        return f"the payload drops at {drop:.3g} s: {outcome or 'no arm holds it'}"
     beyond = [
         f"{arm!r} from {time[(use.used[:, i] > 1.0).argmax()]:.3g} s on"
         for i, arm in enumerate(use.arms)
         if arm in cell.pads and (use.used[:, i] > 1.0).any()
     ]
     would = f"by friction alone the payload would slip from {' and '.join(beyond)}" if beyond else ""
-    return "; ".join(part for part in (told, would) if part)
+    return "; ".join(part for part in (outcome, would) if part)

@@ -67,7 +67,7 @@ class RunResult:
         data: xr.Dataset | Samples,
         attributes: Mapping[str, str] | None = None,
     ) -> None:
-        """Hold a Dataset, or arrays as ``labelled`` takes them, which are labelled when asked for.
+        """Hold a Dataset, or arrays as ``labelled`` takes them, which are labelled on access.
 
         Args:
             scenario: Scenario that was run.

@@ -140,7 +140,7 @@ class TrustMonitor:
             samples: quantities by name, n samples that follow those of the last call.
         """
         return in_time(
-            [breach for series in self._series(samples) for breach in self._found(series, samples)]
+            [breach for series in self._series(samples) for breach in self._breaches_of(series, samples)]
         )
 
     def exceeded(self, samples: Mapping[str, NDArray[Any]], unexplained: Array) -> Mask:
@@ -154,7 +154,7 @@ class TrustMonitor:
         series = self._series(samples, bool(energies_too.any()))
         return np.any([each.beyond.reshape(*runs, -1).any(axis=-1) for each in series], axis=0)
 
-    def _found(self, series: _Series, samples: Mapping[str, NDArray[Any]]) -> Iterator[Breach]:
+    def _breaches_of(self, series: _Series, samples: Mapping[str, NDArray[Any]]) -> Iterator[Breach]:
         """Yield the breaches of a series of one run."""
         for column in np.argwhere(series.beyond.any(axis=0)).tolist():
             entry: Any = (slice(None), *column)

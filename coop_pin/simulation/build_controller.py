@@ -33,7 +33,7 @@ def build_controller(scenario: Scenario) -> CellController:
 
 
 def controlled_arm(scenario: Scenario, model: ArmModel) -> ControlledArm:
-    """Return what a law may know of an arm besides measurements."""
+    """Return the numbers of an arm that a law may know, apart from measurements."""
     cell, name = scenario.cell, model.name
     posture = model.drive @ model.posture(cell.arms[name].posture) if model.nq == model.nv else None
     return ControlledArm(

@@ -128,7 +128,7 @@ class PinocchioPlant:
         self._forces[0], self.work = state.force, state.work.copy()
 
     def payload_wrench(self, q: Array, v: Array, time: float) -> Array:
-        """Return the whole wrench on the payload besides gravity about P in world axes, shape (6,).
+        """Return the whole wrench on the payload, without gravity, about P in world axes, shape (6,).
 
         It is read only if ``Surroundings.acts``. A force that depends on the state belongs into both and into
         ``compiled.plant.cell_dynamics.cell_motion``.

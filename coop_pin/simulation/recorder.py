@@ -31,7 +31,7 @@ from coop_pin.simulation.timeline import Timeline
 _BLOCK = 1024
 """Samples that are observed together, and ticks of a thinned run that are held together, at most."""
 _FREE_PART = 0.8
-"""Part of the free memory that a run which does not fit is told to take."""
+"""Part of the free memory that a run should take, in the advice to one that does not fit."""
 _WATCHED = ("joint_position", "jacobian_condition")
 """Computed quantities that a TrustMonitor reads."""
 

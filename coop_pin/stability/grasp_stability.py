@@ -106,7 +106,7 @@ def grasp_stability(simulation: Simulation) -> GraspStability:
     gaps = [chain.gap(arm, q) for arm in patches.arms]
     distances = [*np.linalg.norm(deflection[:, :3], axis=1), *(gap.distance for gap in gaps)]
     angles = [*np.linalg.norm(deflection[:, 3:], axis=1), *(gap.angle for gap in gaps)]
-    positions = np.array([X.translation for part in (springs, patches) for X in part.seen_poses(q)])
+    positions = np.array([X.translation for part in (springs, patches) for X in part.payload_poses(q)])
     soft = [min(grasp.stiffness[:3]) for grasp in cell.compliant.values()]
     soft += [min(grasp.stiffness, grasp.shear_stiffness) for grasp in cell.patches.values()]
     return GraspStability(

@@ -92,9 +92,9 @@ def events_text(result: RunResult) -> str:
     remarks = result.data.attrs.get(RunResult.REMARKS, "").splitlines()
     missed = [remark for remark in remarks if MISSED in remark]
     texts = [
-        f"{event.told}{_holders(result.scenario, event, missed)}"
+        f"{event.outcome}{_holders(result.scenario, event, missed)}"
         for event in sorted(result.scenario.events, key=lambda event: event.time)
-        if event.told and event.time <= result.end
+        if event.outcome and event.time <= result.end
         if not any(event.is_named(remark) for remark in missed)
     ]
     sentences = [*["; ".join(texts)][: len(texts)], *missed]

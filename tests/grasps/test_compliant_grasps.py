@@ -60,7 +60,7 @@ def test_generalised_force_is_the_gradient_of_the_energy_and_the_damper_takes_po
     assert power == 0.0
     springs.damp(q)
     power, force = chain.elements.act(q, v), chain.elements.force(q)
-    damped = springs.seen()
+    damped = springs.present()
     assert_allclose(power, (force - still) @ v, rtol=1e-10)
     assert power < 0.0
     B = springs.jacobians(q)

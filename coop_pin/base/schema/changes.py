@@ -11,7 +11,7 @@ _CONTAINERS = ("cell", "arms", "controller", "gains")
 """Fields that only hold others: they are left out of the words of a field."""
 
 _LONGEST = 60
-"""Most characters of a value; a longer one is only said to have changed."""
+"""Most characters of a value; a longer one counts as changed, without its value."""
 
 
 def differences(new: Any, base: Any, path: tuple[str, ...] = ()) -> Iterator[str]:

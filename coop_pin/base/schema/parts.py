@@ -15,7 +15,7 @@ Tree = dict[str, Any]
 """Parts by name, of an object or of an object within it."""
 Model = TypeVar("Model", bound=BaseModel)
 _OF_PYDANTIC = ("__pydantic_fields_set__", "__pydantic_extra__", "__pydantic_private__")
-"""What an object has besides its fields."""
+"""Attributes of an object that are no fields."""
 
 
 def fields_of(description: BaseModel) -> dict[str, Any]:
@@ -84,7 +84,7 @@ class Pattern(NamedTuple):
 
 
 class Filled(Sequence[Any]):
-    """Configuration values of one pattern; each is made when it is asked for.
+    """Configuration values of one pattern; each is made on access.
 
     Attributes:
         pattern: pattern of the values.

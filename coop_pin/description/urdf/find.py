@@ -137,13 +137,13 @@ def find_urdf(
     file, robots = os.path.join(cwd, name), robot_files()  # noqa: PTH118
     path = file if os.path.isfile(file) else robots.get(name)  # noqa: PTH113 - Path takes ten times as long
     if path is None:
-        raise UrdfError(_not_found(name, cwd / name, sorted(robots)))
+        raise UrdfError(_unknown_text(name, cwd / name, sorted(robots)))
     resolved = os.path.realpath(path) if path is file else path
-    return _found(resolved, tuple(package_dirs), tuple(sorted(xacro_args.items())), cwd)
+    return _located(resolved, tuple(package_dirs), tuple(sorted(xacro_args.items())), cwd)
 
 
 @functools.lru_cache(maxsize=256)
-def _found(
+def _located(
     file: str | Path, package_dirs: tuple[str, ...], xacro_args: tuple[tuple[str, str], ...], cwd: Path
 ) -> UrdfFile:
     """Return the file at a path; folders are relative to the working directory."""
@@ -161,7 +161,7 @@ def _found(
     return UrdfFile(path, tuple(folders), origin, xacro_args)
 
 
-def _not_found(name: str, file: Path, robots: Sequence[str]) -> str:
+def _unknown_text(name: str, file: Path, robots: Sequence[str]) -> str:
     """Return the message for a path or name without a URDF."""
     is_name = len(Path(name).parts) <= 1
     if is_name and Path(name).suffix not in _SUFFIXES:

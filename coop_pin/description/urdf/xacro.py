@@ -46,15 +46,15 @@ def expanded(path: Path, package_dirs: Sequence[Path], arguments: Mapping[str, s
         "arguments": dict(arguments),
         "largest": largest,
     }
-    code, said = limited_process.ask(
+    code, output = limited_process.ask(
         Path(__file__), order, cpu_s=_CPU_S, memory=_MEMORY, patience_s=_PATIENCE_S
     )
     if code == 0:
-        return said
+        return output
     reason = f"it takes more than {_CPU_S} s or {_MEMORY / 1e9:.2g} GB; look for a macro that calls itself"
     if code == limited_process.REFUSED:
         advice = "check its arguments (xacro_args) and packages (package_dirs)"
-        reason = f"{said.decode(errors='replace')}; {advice}"
+        reason = f"{output.decode(errors='replace')}; {advice}"
     raise UrdfError(f"{path} cannot be expanded: {reason}")
 
 
@@ -89,7 +89,7 @@ def _expand(
 
 
 def _confine(xacrodoc: Any, allowed: list[Path], largest: int) -> None:
-    """Let xacro open only files below some folders and found packages, and see an empty environment."""
+    """Let xacro open only files below some folders and of its packages, and see an empty environment."""
     xacro, substitutions = xacrodoc.xacro, xacrodoc.substitution_args
     find = substitutions._eval_find
 

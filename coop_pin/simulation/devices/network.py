@@ -84,11 +84,11 @@ class CellNetwork(NamedTuple):
             np.concatenate((message[None], earlier[:-1]))
             for message, earlier in zip(messages, state.sent, strict=True)
         )
-        said, heard = dict(zip(self.arms, sent, strict=True)), list[Array]()
+        by_sender, heard = dict(zip(self.arms, sent, strict=True)), list[Array]()
         received: dict[str, dict[str, Message]] = {name: {} for name in self.arms}
         for index, (sender, receiver) in enumerate(self.edges):
             numbers, age = state.heard[index], signals.age[index]
-            for possible, message in zip(self.ages, said[sender], strict=True):
+            for possible, message in zip(self.ages, by_sender[sender], strict=True):
                 is_this = (signals.arrived[index] > 0.5) & (age == possible)
                 numbers = where(is_this, _rounded(message, self.resolution[index]), numbers)
             heard.append(numbers)
@@ -235,7 +235,7 @@ def heard(
     if not any(map(len, messages)):
         return list(measurements)
     pairs = zip(measurements, exchange(messages), strict=True)
-    return [seen._replace(messages=received) for seen, received in pairs]
+    return [measured._replace(messages=received) for measured, received in pairs]
 
 
 class Exchange:
@@ -255,9 +255,9 @@ class Exchange:
         """Return what each arm hears of messages that arrive at once and exactly; None without a network."""
         if (network := self.network) is None:
             return [None] * len(messages)
-        said = dict(zip(network.arms, messages, strict=True))
+        by_sender = dict(zip(network.arms, messages, strict=True))
         return [
-            {one: Message(said[one], 0.0) for one, other in network.edges if other == name}
+            {one: Message(by_sender[one], 0.0) for one, other in network.edges if other == name}
             for name in network.arms
         ]
 
@@ -273,8 +273,8 @@ class Exchange:
         sizes, edges = dict(zip(arms, map(len, messages), strict=True)), network.edges_at(0.0, arms)
         every = [self._scenario.clock.ticks_between(network.channel(edge).rate_hz) for edge in edges]
         counts = [sizes[sender] / ticks for (sender, _), ticks in zip(edges, every, strict=True)]
-        said = sum(size > 0 for size in counts)
-        return Traffic(sum(counts), sum(1.0 / ticks for ticks in every) if said else 0.0)
+        is_sent = any(counts)
+        return Traffic(sum(counts), sum(1.0 / ticks for ticks in every) if is_sent else 0.0)
 
     def step(
         self, messages: Sequence[Array], signals: NetworkSignals | tuple[()]
@@ -290,11 +290,11 @@ class Exchange:
         """
         assert self.network is not None
         assert isinstance(signals, NetworkSignals)
-        said = [np.asarray(message, dtype=np.float64) for message in messages]
-        for index, (name, message) in enumerate(zip(self.network.arms, said, strict=True)):
+        sent = [np.asarray(message, dtype=np.float64) for message in messages]
+        for index, (name, message) in enumerate(zip(self.network.arms, sent, strict=True)):
             expected = message.shape[:1] if self.state is None else self.state.sent[index].shape[1:]
             if message.ndim != 1 or message.shape != expected:
                 raise ShapeError(f"message of arm {name!r}", message.shape, expected or (1,))
-        state = self.network.start(said) if self.state is None else self.state
-        received, self.state = self.network.step(state, said, signals)
+        state = self.network.start(sent) if self.state is None else self.state
+        received, self.state = self.network.step(state, sent, signals)
         return received
