@@ -167,5 +167,4 @@ def time_grid(duration: float, step: float, bytes_per_time: int) -> Array:
     steps = duration / step * (1.0 - _ROUNDING)
     needed = (steps + 1.0) * (8 + bytes_per_time)
     require_memory(f"{steps:.3g} steps", needed, "lengthen step or shorten duration")
-    whole = int(np.ceil(steps))
-    return np.append(step * np.arange(whole), duration)
+    return np.append(step * np.arange(int(np.ceil(steps))), duration)

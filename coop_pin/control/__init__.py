@@ -73,7 +73,7 @@ from coop_pin.control.laws.sliding_mode import (
 )
 from coop_pin.control.laws.sliding_surface import Saturation, Sign, Switching, Tanh
 from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm, Message
-from coop_pin.control.posture import Posture, PostureGains
+from coop_pin.control.terms import Posture, PostureGains
 
 __all__ = [
     "Admittance",

@@ -283,8 +283,7 @@ class Partner(LastingEvent):
 
     def apply(self, surroundings: Surroundings, time: float) -> Surroundings:
         """Return the surroundings, with the partner while it holds."""
-        holds = surroundings.partners + (self,) * (time < self.end)
-        return surroundings._replace(partners=holds)
+        return surroundings._replace(partners=surroundings.partners + (self,) * (time < self.end))
 
     @property
     def outcome(self) -> str:

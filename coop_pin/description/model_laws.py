@@ -73,8 +73,7 @@ class CentralisedLaw(ParametricLaw[G], Generic[G]):
     def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
         """Return the controller; see Law."""
         seats = list(arms)
-        gains = self.gains.sized(seats[0].rows.size, 0)
-        return _made(self, gains, scenario, seats)
+        return _made(self, self.gains.sized(seats[0].rows.size, 0), scenario, seats)
 
 
 class ComputedTorqueGains(AnchoredGains):

@@ -33,7 +33,10 @@ _MOST_CHANGES = 6
 
 
 class Scenario(ScenarioParts):
-    """Everything that determines a run; its fields are those of ScenarioParts."""
+    """Everything that determines a run.
+
+    The fields are those of ScenarioParts; here are their checks, and files.
+    """
 
     # Each validator needs only the fields that it reads, so that a mistake in one hides none in another.
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from coop_pin.base.arrays import Array, typed
 from coop_pin.base.spatial import spatial_inertia
-from coop_pin.control.posture import PostureGains
+from coop_pin.control.terms import PostureGains
 from coop_pin.description.scenario import Scenario
 from coop_pin.feasibility.reachability import Reachability
 from coop_pin.feasibility.task_inertia import HeldArm

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from coop_pin.base.arrays import Array, typed
 from coop_pin.base.spatial import spatial_inertia, weight_wrench
-from coop_pin.control.posture import PostureGains
+from coop_pin.control.terms import PostureGains
 from coop_pin.description.cell.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.feasibility.path_following import time_at_rest

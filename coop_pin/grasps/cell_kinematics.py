@@ -213,8 +213,7 @@ class CellKinematics:
         """
         frames, X_WP, allowed = self._at(self._q(q)), as_pose("X_WP", X_WP), as_number("allowed", allowed)
         for arm, X_WE in zip(self.model.arms, frames.tips, strict=True):
-            X_EG = X_WE.actInv(pin.SE3(X_WP @ self.cell.grasps[arm.name].matrix))
-            gap = ClosureError.of(X_EG)
+            gap = ClosureError.of(X_WE.actInv(pin.SE3(X_WP @ self.cell.grasps[arm.name].matrix)))
             if not max(gap) <= allowed:
                 raise OpenClosureError(f"grasp of arm {arm.name}", gap.distance, gap.angle, allowed)
 

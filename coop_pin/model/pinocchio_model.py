@@ -116,8 +116,7 @@ def jacobian_matrix(J: Array) -> Array:
 
 def symmetric(upper: Array) -> Array:
     """Return the full symmetric matrix from its upper triangle, which is all that pin.crba fills."""
-    triangle = np.triu(upper)
-    return triangle + np.triu(upper, 1).T
+    return np.triu(upper) + np.triu(upper, 1).T
 
 
 def momentum_rate(inertia: pin.Inertia, V: pin.Motion, A: pin.Motion) -> Array:

@@ -78,8 +78,7 @@ class ArmDynamics:
 
     def joints(self, measurement: ArmMeasurement) -> tuple[Array, Array]:
         """Return configuration and joint velocities, shapes (nq,) and (k,)."""
-        angles = self.from_drive @ measurement.q
-        return self._arm.configuration(angles), self.from_drive @ measurement.v
+        return self._arm.configuration(self.from_drive @ measurement.q), self.from_drive @ measurement.v
 
     def terms(self, measurement: ArmMeasurement) -> ArmTerms:
         """Return the dynamics of the arm: CRBA, RNEA, friction, and the derivative of its Jacobian."""

@@ -154,8 +154,7 @@ def _stopping_coefficients(times: Array, points: Array) -> Array:
 
 def _check_length(times: Array, coefficients: Array, quaternions: Array) -> None:
     """Refuse a spline whose quaternion nearly vanishes between two knots."""
-    fractions = np.linspace(0.0, 1.0, 17)
-    powers = (np.diff(times)[:, None] * fractions)[..., None] ** np.arange(6)
+    powers = (np.diff(times)[:, None] * np.linspace(0.0, 1.0, 17))[..., None] ** np.arange(6)
     shortest = np.linalg.norm(powers @ coefficients[..., 3:], axis=-1).min(axis=-1)
     segment = int(shortest.argmin())
     if shortest[segment] < _SMALLEST_LENGTH:

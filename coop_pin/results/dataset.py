@@ -133,5 +133,4 @@ def _index(values: NDArray[Any]) -> pd.Index[Any]:
 def _coordinates(labels: Mapping[str, NDArray[Any]]) -> xr.Coordinates:
     """Return the coordinates of dimensions with labels, without dask as well."""
     indexes = {dim: PandasIndex(_index(values), dim, values.dtype) for dim, values in labels.items()}
-    variables = {dim: index.create_variables()[dim] for dim, index in indexes.items()}
-    return xr.Coordinates(variables, indexes)
+    return xr.Coordinates({dim: index.create_variables()[dim] for dim, index in indexes.items()}, indexes)

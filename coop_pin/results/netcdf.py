@@ -56,8 +56,7 @@ def written_netcdf(data: xr.Dataset) -> io.BytesIO:
                 values = values.astype(object)
             kind = h5py.string_dtype() if values.dtype == object else values.dtype
             options = {"fillvalue": variable.attrs.get("_FillValue"), "track_order": True}
-            new = file.create_dataset(name, data=values, dtype=kind, **options)
-            new.attrs.update(variable.attrs)
+            file.create_dataset(name, data=values, dtype=kind, **options).attrs.update(variable.attrs)
         for number, (name, size) in enumerate(data.sizes.items()):
             scale = file[name] if name in file else file.create_dataset(name, (size,), ">f4")
             scale.make_scale(name if name in variables else f"{_NO_VARIABLE}{size:10}")
@@ -104,8 +103,7 @@ def read_dataset(path: Path) -> tuple[xr.Dataset, str]:
     try:
         with xr.open_dataset(io.BytesIO(content), engine="h5netcdf") as file:
             # Results are not compressed: only a foreign file unpacks to more than it has.
-            size = file.nbytes
-            data = file.load() if size <= 4 * len(content) + _SLACK_BYTES else xr.Dataset()
+            data = file.load() if file.nbytes <= 4 * len(content) + _SLACK_BYTES else xr.Dataset()
     # The errors of xarray, h5netcdf and h5py have no common base class.
     except Exception as error:
         raise FileReadError(

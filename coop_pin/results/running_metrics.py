@@ -146,7 +146,11 @@ class RunningMetrics:
             is_worse = abs(limit.worst - limit.limit) > abs(earliest.worst - earliest.limit)
             worst = limit if is_worse else earliest
             self._limits[limit[:3]] = worst._replace(first_time=earliest.first_time)
-        self._keep_end(data)
+        ending = {name: np.asarray(data[name]) for name in _AT_THE_END}  # for the drift of the joints
+        if self._end:
+            ending = {name: np.concatenate((self._end[name], values)) for name, values in ending.items()}
+        late = ending["time"] >= ending["time"][-1] - SETTLING_S - _ROUNDING
+        self._end = {name: values[late] for name, values in ending.items()}
 
     def _mean(self, prefix: str, name: str, window: Window, count: int, new: Mapping[str, float]) -> float:
         """Return a mean or rms value of all blocks over a window, of which the newest has ``count`` samples.
@@ -161,14 +165,6 @@ class RunningMetrics:
             n, mean = n + count, both ** (1.0 / power) if n else value
             self._means[key] = n, mean
         return mean
-
-    def _keep_end(self, data: Arrays) -> None:
-        """Keep the last seconds of what the drift of the joints is taken of."""
-        new = {name: np.asarray(data[name]) for name in _AT_THE_END}
-        if self._end:
-            new = {name: np.concatenate((self._end[name], values)) for name, values in new.items()}
-        late = new["time"] >= new["time"][-1] - SETTLING_S - _ROUNDING
-        self._end = {name: values[late] for name, values in new.items()}
 
 
 def _settled(before: float, new: float, data: Arrays, window: Window) -> float:

@@ -117,8 +117,7 @@ class PinocchioPlant:
     def state(self) -> PlantState:
         """Return the state."""
         work, force = self.work.copy(), self.force.copy()
-        held = self.chain.held()
-        return PlantState(self.q, self.v, work, self.surroundings, force, self.time, held)
+        return PlantState(self.q, self.v, work, self.surroundings, force, self.time, self.chain.held())
 
     def restore(self, state: PlantState) -> None:
         """Return to a state, or to one with other q, v, work, force or surroundings."""

@@ -11,8 +11,7 @@ from coop_pin.control import ControlledArm
 from coop_pin.control.gains import gain_vector
 from coop_pin.control.laws.leader_follower import LeaderFollower, LeaderFollowerState
 from coop_pin.control.laws.prescribed_performance import PrescribedPerformance
-from coop_pin.control.posture import spare_torque
-from coop_pin.control.terms import InternalForceIntegral, is_new
+from coop_pin.control.terms import InternalForceIntegral, is_new, spare_torque
 
 ROWS = ["planar", "full"]
 PERIOD, SHARES = 0.02, (0.3, 0.7)

@@ -88,8 +88,7 @@ class LearnedLoad(LawWrapper):
         apart = disagreement(self.arm.name, received["belief"])
         z = memory.correction + self.path.consensus_gain * apart
         load = x[0] / x[1] * self._wrench_of_a_kilogram(reference.acceleration)
-        inner = less_load(measurement, reference, self.arm, load)
-        return inner, LearnedState(memory.belief + news, z, V)
+        return less_load(measurement, reference, self.arm, load), LearnedState(memory.belief + news, z, V)
 
     def remarks(self, pose: Array, state: WrappedState) -> list[str]:
         """Return the mass that is believed, and the remarks of the law."""

@@ -16,8 +16,8 @@ from coop_pin.control.controller import ArmCommand, ArmController
 from coop_pin.control.gains import Gains, PositiveRow, RowGain
 from coop_pin.control.law import DecentralisedLaw, LawController
 from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
-from coop_pin.control.posture import spare_torque
 from coop_pin.control.steady_state import NearRest
+from coop_pin.control.terms import spare_torque
 
 
 class LeaderFollowerState(NamedTuple):

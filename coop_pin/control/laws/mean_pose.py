@@ -86,8 +86,7 @@ class MeanPoseByMessages(LawWrapper):
     ) -> tuple[ArmMeasurement, Any]:
         """Return the measurement with the mean of the views; its own before any arrived."""
         views = received["view"]
-        oldest = views[self.name].age if self.skips else ANY_AGE
-        mean = mean_received(views, sent["view"], oldest)
+        mean = mean_received(views, sent["view"], views[self.name].age if self.skips else ANY_AGE)
         return _placed(measurement, mean, reference.pose), memory
 
 

@@ -28,9 +28,8 @@ from coop_pin.control.laws.payload_space_controller import (
 )
 from coop_pin.control.laws.sliding_surface import Saturation, SurfaceLaw, Switching
 from coop_pin.control.measurement import ControlledArm
-from coop_pin.control.posture import PostureGains
 from coop_pin.control.steady_state import SteadyDirection
-from coop_pin.control.terms import GainAxes
+from coop_pin.control.terms import GainAxes, PostureGains
 
 
 def _bias(value: Any) -> Any:

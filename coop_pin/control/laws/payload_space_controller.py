@@ -20,8 +20,7 @@ from coop_pin.control.laws.anchored_integral import AnchoredIntegral, IntegralSt
 from coop_pin.control.laws.bounded_anchor import AnchorState
 from coop_pin.control.laws.sliding_surface import SurfaceGains, Switching
 from coop_pin.control.measurement import ArmMeasurement, ArmReference
-from coop_pin.control.posture import Posture, null_space_part
-from coop_pin.control.terms import GainAxes, right_inverse
+from coop_pin.control.terms import GainAxes, Posture, null_space_part, right_inverse
 
 
 class PayloadSpaceStart(NamedTuple):

@@ -17,8 +17,8 @@ from coop_pin.control.controller import ArmCommand, ArmController
 from coop_pin.control.gains import Gains, PositiveRow
 from coop_pin.control.law import DecentralisedLaw, LawController
 from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
-from coop_pin.control.posture import spare_torque
 from coop_pin.control.steady_state import NearRest, SteadyDirection
+from coop_pin.control.terms import spare_torque
 
 _SMALL_PART = 1e-3
 """Part of a funnel in which its gain counts as constant."""

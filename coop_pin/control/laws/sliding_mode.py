@@ -20,8 +20,7 @@ from coop_pin.control.gains import PositiveGain, gain_matrix
 from coop_pin.control.law import LawController
 from coop_pin.control.laws.sliding_surface import SurfaceGains, SurfaceLaw, Switching
 from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
-from coop_pin.control.posture import Posture, PostureGains
-from coop_pin.control.terms import force_term, jacobian_inverse, right_inverse
+from coop_pin.control.terms import Posture, PostureGains, force_term, jacobian_inverse, right_inverse
 
 
 class SlidingModeState(NamedTuple):

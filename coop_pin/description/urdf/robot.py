@@ -117,8 +117,7 @@ class Robot:
         for link in (tip, *others):
             if link not in self._tree.links:
                 raise NameNotFoundError("link", link, self._tree.links, "the URDF")
-        shared = {joint for other in others for joint in self.movers(other)}
-        moving = {*self.movers(tip)} - shared
+        moving = {*self.movers(tip)} - {joint for other in others for joint in self.movers(other)}
         idle = [edge for edge in self._edges if edge.name in self.joints and edge.name not in moving]
         return {edge.name: _nearest_to_zero(edge) for edge in idle if edge.name not in self.mimics}
 

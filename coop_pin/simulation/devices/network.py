@@ -273,8 +273,7 @@ class Exchange:
         sizes, edges = dict(zip(arms, map(len, messages), strict=True)), network.edges_at(0.0, arms)
         every = [self._scenario.clock.ticks_between(network.channel(edge).rate_hz) for edge in edges]
         counts = [sizes[sender] / ticks for (sender, _), ticks in zip(edges, every, strict=True)]
-        is_sent = any(counts)
-        return Traffic(sum(counts), sum(1.0 / ticks for ticks in every) if is_sent else 0.0)
+        return Traffic(sum(counts), sum(1.0 / ticks for ticks in every) if any(counts) else 0.0)
 
     def step(
         self, messages: Sequence[Array], signals: NetworkSignals | tuple[()]
