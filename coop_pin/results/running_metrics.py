@@ -120,8 +120,9 @@ class RunningMetrics:
     def _include(self, samples: Arrays, scenario: Scenario, windows: Windows) -> None:
         """Include a block; the windows are those of the run, as far as its end is known."""
         data, cell = ChainMap(dict(samples), self._labels), scenario.cell
-        values = all_metrics(data, windows, turns=cell.controls_turns) | drop_metrics(data, scenario)
+        values = all_metrics(data, windows, turns=cell.controls_turns)
         values |= friction_metrics(data, cell) if cell.padded else {}
+        values |= drop_metrics(data, scenario)
         new = {name: float(value) for name, value in values.items()}
         if not self._values:
             self._start_energy, self._values = start_energy(data), new
