@@ -15,10 +15,11 @@ from coop_pin.control import (
     SlidingMode,
     SlidingModeGains,
 )
+from coop_pin.description.catalogue import scenario_names
 from coop_pin.description.cell.arm import Arm, JointFriction
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.payload import Payload
-from coop_pin.description.scenario import Scenario, scenario_names
+from coop_pin.description.scenario import Scenario
 from coop_pin.reference.motions import HoldMotion
 
 SPATIAL_START = Pose(xyz=(0.45, 0.05, 0.4), rpy=(0.3, -0.2, 0.5))

@@ -23,3 +23,9 @@ def scenario_file(name: str) -> Path:
 def scenario_tables() -> list[dict[str, Any]]:
     """Return the tables of all scenarios in the catalogue, as their files have them."""
     return [read_toml(scenario_file(name), kind="a scenario") for name in scenario_names()]
+
+
+def name_by_summary(text: str) -> str | None:
+    """Return the name of the scenario with whose summary a text begins, or None."""
+    tables = zip(scenario_names(), scenario_tables(), strict=True)
+    return next((name for name, table in tables if text.startswith(table["summary"])), None)

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, TypeVar
 
 import numpy as np
@@ -293,3 +293,20 @@ class Partner(LastingEvent):
     def text(self, surroundings: Surroundings) -> str:
         """Return stiffness and duration."""
         return f"{self.title} with {max(self.stiffness[:3]):g} N/m at the handle for {self.duration:g} s"
+
+
+def surroundings_at(surroundings: Surroundings, events: Iterable[PayloadEvent], time: float) -> Surroundings:
+    """Return the surroundings that events leave from a time on, s."""
+    for event in sorted(events, key=lambda event: event.time):
+        if event.time <= time:
+            surroundings = event.apply(surroundings, time)
+    return surroundings
+
+
+def event_differences(
+    events: Sequence[PayloadEvent], base: Sequence[PayloadEvent], surroundings: Surroundings
+) -> Iterator[str]:
+    """Yield events with their times as text if they differ from those of a base; surroundings at t = 0."""
+    if events != base:
+        texts = [f"{event.text(surroundings)} at {event.time:g} s" for event in events]
+        yield f"events: {', '.join(texts)}" if texts else "no events"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
@@ -145,6 +145,10 @@ class Network(Channel):
                 stated = {name: part for name, part in fields_of(link).items() if part is not None}
                 values |= {name: stated[name] for name in values.keys() & stated.keys()}
         return Channel(**values)
+
+    def clocks_by_number(self, arms: Iterable[str]) -> dict[int, ArmClock]:
+        """Return the clocks that are not exact, by the arm's number."""
+        return {index: self.clocks[name] for index, name in enumerate(arms) if name in self.clocks}
 
     def slowest_of(self, arms: Sequence[str]) -> int:
         """Return the largest age of a message that is not lost, ticks without those between messages."""

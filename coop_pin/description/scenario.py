@@ -10,40 +10,35 @@ from typing import Any, Self
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.base.arrays import Array, require_path, require_type
-from coop_pin.base.errors import FieldError, NameNotFoundError, one_or_all
-from coop_pin.base.schema.base import (
-    Description,
-    Name,
-    Positive,
-    Text,
-    Vector,
-    check_arm_names,
-    unknown_arms,
-)
-from coop_pin.base.schema.changes import differences
-from coop_pin.base.schema.parts import fields_of, overridden
+from coop_pin.base.errors import one_or_all
+from coop_pin.base.schema.base import Description, Name, Positive, Text, Vector, check_arm_names
+from coop_pin.base.schema.changes import changed_caption, differences
+from coop_pin.base.schema.parts import fields_of
 from coop_pin.base.schema.pose import Pose
-from coop_pin.base.user_files import parse_toml, read_toml
 from coop_pin.control import CellTiming
 from coop_pin.control.bounds import SampledWrist
 from coop_pin.control.laws.feed_forward import FeedForward
+from coop_pin.description import scenario_checks
 from coop_pin.description.actuators import Actuators
-from coop_pin.description.catalogue import scenario_file, scenario_names, scenario_tables
+from coop_pin.description.catalogue import name_by_summary
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.grasp_plan import GraspPlan, grasp_plan
 from coop_pin.description.controller import Controller
-from coop_pin.description.events import Partner, Surroundings, of_kind
-from coop_pin.description.grasp_events import Event, GraspEvent, PutDown, sequence_problems
+from coop_pin.description.events import Partner, Surroundings, event_differences, of_kind, surroundings_at
+from coop_pin.description.grasp_events import Event, GraspEvent, PutDown
 from coop_pin.description.network import ArmClock, Network
 from coop_pin.description.plant import Clock, PlantOptions
-from coop_pin.description.scenario_file import anchor_files, commented_toml, resolved_toml
+from coop_pin.description.scenario_file import (
+    commented_toml,
+    drafted,
+    resolved_toml,
+    scenario_table,
+    text_table,
+)
 from coop_pin.description.sensors import Sensors, WristSensor
 from coop_pin.description.trust import TrustThresholds
 from coop_pin.reference.motions import Motion
 from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze
-
-_MOST_CHANGES = 6
-"""Most changes that a caption tells."""
 
 
 class Scenario(Description):
@@ -105,9 +100,7 @@ class Scenario(Description):
 
     @field_validator("start_angles")
     @classmethod
-    def _angles_for_every_arm(
-        cls, angles: dict[str, tuple[float, ...]], earlier: ValidationInfo
-    ) -> dict[str, tuple[float, ...]]:
+    def _angles_for_every_arm(cls, angles: dict[str, Any], earlier: ValidationInfo) -> dict[str, Any]:
         if angles and "cell" in earlier.data:
             check_arm_names(angles, earlier.data["cell"].arms)
         return angles
@@ -115,10 +108,8 @@ class Scenario(Description):
     @field_validator("controller")
     @classmethod
     def _suits_the_cell(cls, controller: Controller, earlier: ValidationInfo) -> Controller:
-        if "cell" in earlier.data and not earlier.data.get("beyond_bound"):
-            cell = earlier.data["cell"]
-            if problems := controller.problems(CellTiming(list(cell.arms), cell.task_rows.size)):
-                raise one_or_all(problems, "the controller")
+        if problems := scenario_checks.controller_problems(controller, earlier.data):
+            raise one_or_all(problems, "the controller")
         return controller
 
     @field_validator("squeeze")
@@ -136,16 +127,8 @@ class Scenario(Description):
     @field_validator("events", "actuators", "arm_actuators", "sensors", "arm_sensors", "network")
     @classmethod
     def _fits_the_run(cls, value: Any, earlier: ValidationInfo) -> Any:
-        name, problems, parts = str(earlier.field_name), list[FieldError](), _parts(value)
-        run = {field: earlier.data[field] for field in _OF_THE_RUN if field in earlier.data}
-        if isinstance(value, dict) and "cell" in run:
-            problems += unknown_arms(value, run["cell"].arms)
-        for path, part in parts.items():
-            problems += [problem.below(path) for problem in part.timing_problems(run)]
-        if name == "events" and "cell" in run and not problems:
-            problems += sequence_problems(run["cell"], value)
-        if problems:
-            raise one_or_all(problems, f"the {name}")
+        if problems := scenario_checks.part_problems(str(earlier.field_name), value, earlier.data):
+            raise one_or_all(problems, f"the {earlier.field_name}")
         return value
 
     def actuators_of(self, arm: str) -> Actuators:
@@ -165,67 +148,30 @@ class Scenario(Description):
         return any(self.actuators_of(arm).servo is not None for arm in self.cell.arms)
 
     @model_validator(mode="after")
-    def _law_commands_what_arms_take(self) -> Self:
+    def _parts_fit_each_other(self) -> Self:
         for arm in self.cell.arms if self.controller.command_kind else ():
             if problem := self.actuators_of(arm).command_problem(self.controller.command_kind):
                 raise problem.below(self.actuators_path(arm))
-        return self
-
-    @model_validator(mode="after")
-    def _each_arm_fails_once(self) -> Self:
         for index, event in enumerate(self.events):
             if problem := event.problem(self.model_copy(update={"events": self.events[:index]})):
                 raise problem.below(f"events.{index}")
-        return self
-
-    @model_validator(mode="after")
-    def _plant_fits_the_grasps(self) -> Self:
-        if self.cell.has_force_elements and self.plant.integrator != "rk4":
-            detail = f"is {self.plant.integrator!r}; compliant grasps, patches and tables need 'rk4', whose"
-            detail += " stable step is known"
-            raise FieldError(detail, "plant.integrator")
-        rigid = [event.arm for event in self.grasp_events if event.arm not in self.cell.unclosed]
-        if rigid and self.plant.payload != "free":
-            detail = f"is {self.plant.payload!r}; the rigid grasp of {rigid[0]!r} opens or closes, and the"
-            raise FieldError(f"{detail} payload must be 'free' for it: a weld does not open", "plant.payload")
-        return self
-
-    @model_validator(mode="after")
-    def _force_path_fits_the_run(self) -> Self:
-        path = self.controller.force_path
-        for late in self.clock.late(path.delay, self.duration, "controller.force_path.delay"):
-            raise late
-        if path.measures and not path.by_sensors and (missing := self._missing_messages()):
-            raise FieldError(f"is {path.kind!r}, but {missing}", "controller.force_path.kind")
+        scenario_checks.check_plant(self.cell, self.plant, self.grasp_events)
+        path, wrists = self.controller.force_path, self._wrist_sensors
+        scenario_checks.check_force_path(path, self.clock, self.duration, wrists, self.network)
         is_checked = (self.wrists or self.actuator_lag) and not self.beyond_bound
         if is_checked and (problems := self.controller.problems(self.timing)):
             raise one_or_all([problem.below("controller") for problem in problems], "the controller")
         return self
 
-    def _missing_messages(self) -> str:
-        """Return what is missing for internal wrenches by messages, or ""."""
-        arms = list(self.cell.arms)
-        if self.network is None:
-            return "the scenario has no network; give it one"
-        if without := [arm for arm in arms if self.sensors_of(arm).wrist is None]:
-            return f"the arms {without} have no wrist sensor; give every arm one: sensors.wrist"
-        edges = self.network.edges_at(0.0, arms)
-        if self.controller.force_path.hears_all and len(edges) < len(arms) * (len(arms) - 1):
-            return "some arms do not hear all others; network.graph must be 'all'"
-        return ""
+    @property
+    def _wrist_sensors(self) -> dict[str, WristSensor | None]:
+        return {arm: self.sensors_of(arm).wrist for arm in self.cell.arms}
 
     @property
     def wrists(self) -> list[SampledWrist]:
         """Delay and sampling of the wrist sensors that the arms have, in ticks, with that of messages."""
-        sensors = [wrist for arm in self.cell.arms if (wrist := self.sensors_of(arm).wrist) is not None]
-        path, network, late, every = self.controller.force_path, self.network, 0, 1
-        if path.hears_all and network is not None:
-            late = network.slowest_of(list(self.cell.arms))
-            every = self.clock.ticks_between(network.rate_hz)
-        return [
-            SampledWrist(wrist.delay + late, max(every, self.clock.ticks_between(wrist.rate_hz)))
-            for wrist in sensors
-        ]
+        network = self.network if self.controller.force_path.hears_all else None
+        return scenario_checks.sampled_wrists(self._wrist_sensors, self.clock, network)
 
     @property
     def oldest_wrench(self) -> int:
@@ -251,24 +197,17 @@ class Scenario(Description):
     @property
     def with_ideal_sensors(self) -> Self:
         """The scenario with sensors without errors, for analyses; gains may be beyond bounds."""
-        path = self.controller.force_path
-        by_messages = path.measures and not path.by_sensors
-        sensors = Sensors(wrist=WristSensor() if by_messages else None)
-        return self.replace(sensors=sensors, arm_sensors={}, beyond_bound=True)
+        wrist = WristSensor() if scenario_checks.needs_messages(self.controller.force_path) else None
+        return self.replace(sensors=Sensors(wrist=wrist), arm_sensors={}, beyond_bound=True)
 
     @property
     def clocks(self) -> dict[int, ArmClock]:
         """Clocks that are not exact, by the arm's number."""
-        clocks = {} if self.network is None else self.network.clocks
-        return {index: clocks[name] for index, name in enumerate(self.cell.arms) if name in clocks}
+        return {} if self.network is None else self.network.clocks_by_number(self.cell.arms)
 
     def surroundings_at(self, time: float) -> Surroundings:
         """Return the payload, and what acts on it from outside, from a time on, s."""
-        surroundings = self.cell.surroundings
-        for event in sorted(self.events, key=lambda event: event.time):
-            if event.time <= time:
-                surroundings = event.apply(surroundings, time)
-        return surroundings
+        return surroundings_at(self.cell.surroundings, self.events, time)
 
     @property
     def grasp_events(self) -> tuple[GraspEvent, ...]:
@@ -299,35 +238,17 @@ class Scenario(Description):
         """f_d at t = 0 in payload axes in the order of the arms, shape (m, 6)."""
         return self.squeeze.at(0.0, self.cell.grasps)
 
-    def override(self, changes: Mapping[str, Any]) -> Self:
-        """Return a copy with fields changed by dotted path; see Description.
-
-        Raises:
-            ScenarioError: a path does not exist, or the copy has mistakes.
-        """
-        require_type("changes", changes, Mapping)
-        return type(self)(**overridden(self, changes))
-
     @property
     def caption(self) -> str:
         """The summary; of a scenario of the catalogue that was changed, what was changed, in its place."""
         base = _original(self.summary)
         if base is None or not (changed := list(differences(self, base))):
             return self.summary
-        texts = (
-            *changed[:_MOST_CHANGES],
-            *[f"{len(changed) - _MOST_CHANGES} more"][: len(changed) > _MOST_CHANGES],
-        )
-        addition = self.summary.removeprefix(base.summary).removeprefix("; ")
-        return "; ".join((*[addition][: bool(addition)], f"changed: {'; '.join(texts)}"))
+        return changed_caption(self.summary, base.summary, changed)
 
     def differences(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
         """Yield what makes the run another one than that of a base."""
-        if not self.events and base.events:
-            yield "no events"
-        elif self.events != base.events:
-            texts = [f"{event.text(self.surroundings_at(0.0))} at {event.time:g} s" for event in self.events]
-            yield f"events: {', '.join(texts)}"
+        yield from event_differences(self.events, base.events, self.surroundings_at(0.0))
         fields, others = fields_of(self), fields_of(base)
         for name in [name for name in fields if name not in ("name", "summary", "events")]:
             yield from differences(fields[name], others[name], (*path, name))
@@ -339,8 +260,7 @@ class Scenario(Description):
         """Return a scenario of the catalogue or of a TOML file.
 
         Args:
-            name_or_path: name in the catalogue ("adept-paper") or path of a file. Paths of URDF, mesh and CSV
-                files in it are relative to its folder.
+            name_or_path: name in the catalogue ("adept-paper") or path of a file, with paths from its folder.
             overrides: fields to change, by dotted path.
             draft: whether gains may be missing, see ``draft``.
 
@@ -350,12 +270,7 @@ class Scenario(Description):
             ScenarioError: the scenario has mistakes; all are reported at once.
         """
         require_path("name_or_path", name_or_path)
-        in_catalogue = str(name_or_path) in scenario_names()
-        path = scenario_file(str(name_or_path)) if in_catalogue else Path(name_or_path)
-        if not path.is_file():
-            raise _missing(path)
-        data = read_toml(path, kind="a scenario")
-        anchor_files(data, path.parent)
+        data = scenario_table(name_or_path)
         scenario = cls.draft(**data) if draft else cls(**data)
         return scenario if overrides is None else scenario.override(overrides)
 
@@ -363,8 +278,7 @@ class Scenario(Description):
     def draft(cls, **fields: Any) -> Self:
         """Return a scenario whose gains may be missing: ``cp.suggest`` proposes some.
 
-        A controller without gains, or none, becomes the payload-space law with all gains 1 and the stated
-        force path.
+        Without gains, the controller becomes the payload-space law with gains of 1 and the stated force path.
 
         Args:
             fields: fields of the scenario; tables, as in a TOML file, or values.
@@ -372,12 +286,7 @@ class Scenario(Description):
         Raises:
             ScenarioError: another field has mistakes.
         """
-        stated = fields.get("controller", {})
-        if isinstance(stated, Mapping) and "gains" not in stated and stated.get("kind") != "user":
-            kept = {name: stated[name] for name in ("force_path", "zero_at_grasp") if name in stated}
-            gains = dict.fromkeys(("pose_gain", "sliding_gain", "sign_gain", "transient_rate"), 1.0)
-            fields["controller"] = {"kind": "payload-space", "gains": gains, **kept}
-        return cls(**fields)
+        return cls(**drafted(fields))
 
     @classmethod
     def from_toml(cls, text: str) -> Self:
@@ -388,14 +297,13 @@ class Scenario(Description):
             ScenarioError: the scenario has mistakes.
         """
         require_type("text", text, str)
-        return cls(**parse_toml(text.encode("utf-8", "surrogatepass"), "the text", kind="a scenario"))
+        return cls(**text_table(text))
 
     def to_toml(self, *, commented: bool = False) -> str:
         """Return the scenario as TOML: every field with its value.
 
         Args:
-            commented: leave out fields at their defaults, and write the meaning of each table and field
-                beside it.
+            commented: leave out fields at their defaults, and comment each table and field with its meaning.
         """
         require_type("commented", commented, bool)
         return commented_toml(self) if commented else resolved_toml(self)
@@ -406,31 +314,7 @@ class Scenario(Description):
         Path(path).write_text(self.to_toml(commented=commented), encoding="utf-8")
 
 
-_OF_THE_RUN = ("duration", "cell", "clock")
-"""Fields against which others are checked."""
-
-
-def _parts(value: Any) -> dict[str, Any]:
-    """Return the values of a field by their path within it."""
-    if value is None:
-        return {}
-    if isinstance(value, tuple):
-        return {str(index): part for index, part in enumerate(value)}
-    return value if isinstance(value, dict) else {"": value}
-
-
-def _missing(path: Path) -> NameNotFoundError:
-    """Return the error for a name or path without a scenario; TOML files in its folder are suggested."""
-    folder = path if path.is_dir() else path.parent
-    files = sorted(map(str, folder.glob("*.toml"))) if path.is_dir() or path.suffix == ".toml" else []
-    return NameNotFoundError(
-        "scenario", str(path), [*files, *scenario_names()], "the catalogue or the file system"
-    )
-
-
 @functools.lru_cache(maxsize=64)
 def _original(summary: str) -> Scenario | None:
     """Return the scenario of the catalogue with whose summary a summary begins."""
-    tables = zip(scenario_names(), scenario_tables(), strict=True)
-    names = (name for name, table in tables if summary.startswith(table["summary"]))
-    return next(map(Scenario.load, names), None)
+    return Scenario.load(name) if (name := name_by_summary(summary)) else None

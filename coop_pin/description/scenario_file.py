@@ -4,23 +4,70 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import tomli_w
 from pydantic import BaseModel
 
+from coop_pin.base.errors import NameNotFoundError
 from coop_pin.base.schema.changes import stated
 from coop_pin.base.schema.meanings import kinds, meanings
 from coop_pin.base.schema.parts import fields_of
 from coop_pin.base.schema.pose import POSE_MEANINGS, Pose
+from coop_pin.base.user_files import parse_toml, read_toml
+from coop_pin.description.catalogue import scenario_file, scenario_names
 from coop_pin.description.cell.payload import Payload
 
 # tomli_w writes one number per line. No string can match: it writes those on one line.
 _NUMBERS_IN_LINES = re.compile(r"\[\n((?: *[-+.\w]+,\n)+) *\]")
 _HEADER, _ENTRY = re.compile(r"\[+([^\]]+)\]+$"), re.compile(r"(\w+) = ")
 _OF_BOX = "The inertia follows from mass and edges."
+
+
+def scenario_table(name_or_path: str | Path) -> dict[str, Any]:
+    """Return the table of a scenario of the catalogue or of a TOML file, its paths absolute.
+
+    Raises:
+        NameNotFoundError: there is no such name or file.
+        FileReadError: the file is not TOML.
+    """
+    in_catalogue = str(name_or_path) in scenario_names()
+    path = scenario_file(str(name_or_path)) if in_catalogue else Path(name_or_path)
+    if not path.is_file():
+        raise _missing(path)
+    data = read_toml(path, kind="a scenario")
+    anchor_files(data, path.parent)
+    return data
+
+
+def text_table(text: str) -> dict[str, Any]:
+    """Return the table of a scenario's text.
+
+    Raises:
+        FileReadError: the text is not TOML.
+    """
+    return parse_toml(text.encode("utf-8", "surrogatepass"), "the text", kind="a scenario")
+
+
+def _missing(path: Path) -> NameNotFoundError:
+    """Return the error for a name or path without a scenario; TOML files in its folder are suggested."""
+    folder = path if path.is_dir() else path.parent
+    files = sorted(map(str, folder.glob("*.toml"))) if path.is_dir() or path.suffix == ".toml" else []
+    return NameNotFoundError(
+        "scenario", str(path), [*files, *scenario_names()], "the catalogue or the file system"
+    )
+
+
+def drafted(fields: dict[str, Any]) -> dict[str, Any]:
+    """Fields of a scenario, with gains of 1 where the controller has none; see Scenario.draft."""
+    stated = fields.get("controller", {})
+    if not isinstance(stated, Mapping) or "gains" in stated or stated.get("kind") == "user":
+        return fields
+    kept = {name: stated[name] for name in ("force_path", "zero_at_grasp") if name in stated}
+    gains = dict.fromkeys(("pose_gain", "sliding_gain", "sign_gain", "transient_rate"), 1.0)
+    return fields | {"controller": {"kind": "payload-space", "gains": gains, **kept}}
 
 
 def anchor_files(data: dict[str, Any], folder: Path) -> None:

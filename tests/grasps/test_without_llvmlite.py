@@ -11,7 +11,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.description.scenario import scenario_names
+from coop_pin.description.catalogue import scenario_names
 from coop_pin.tracing.llvm_machine import can_compile
 
 TICKS = 12

@@ -24,7 +24,7 @@ from tornado.websocket import websocket_connect
 
 import coop_pin as cp
 from coop_pin.base.errors import OutOfRangeError, PortTakenError, RunInterruptedError, ViewWarning
-from coop_pin.description.scenario import scenario_names
+from coop_pin.description.catalogue import scenario_names
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.viz import LiveView
 from coop_pin.viz.live.live_server import LiveServer

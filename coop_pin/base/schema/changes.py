@@ -10,6 +10,8 @@ from pydantic import BaseModel
 _CONTAINERS = ("cell", "arms", "controller", "gains")
 """Fields that only hold others: they are left out of the words of a field."""
 
+_MOST_CHANGES = 6
+"""Most changes that a caption tells."""
 _LONGEST = 60
 """Most characters of a value; a longer one counts as changed, without its value."""
 
@@ -38,6 +40,16 @@ def table_differences(new: dict[str, Any], base: dict[str, Any], path: tuple[str
     """Yield the differences of all entries of two tables; arguments as of ``differences``."""
     for name in dict.fromkeys((*base, *new)):
         yield from differences(new.get(name), base.get(name), (*path, name))
+
+
+def changed_caption(summary: str, base: str, changed: list[str]) -> str:
+    """Return a summary with what was changed, in place of the summary of the base that it begins with."""
+    texts = (
+        *changed[:_MOST_CHANGES],
+        *[f"{len(changed) - _MOST_CHANGES} more"][: len(changed) > _MOST_CHANGES],
+    )
+    addition = summary.removeprefix(base).removeprefix("; ")
+    return "; ".join((*[addition][: bool(addition)], f"changed: {'; '.join(texts)}"))
 
 
 def _change(new: str, base: str) -> str:
