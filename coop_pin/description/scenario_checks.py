@@ -38,7 +38,7 @@ def part_problems(name: str, value: Any, earlier: Mapping[str, Any]) -> list[Fie
 
     Args:
         name: name of the field.
-        value: its value: a part, a table of parts by arm, several in a tuple, or None.
+        value: part of it, a table of parts by arm, several parts in a tuple, or None.
         earlier: fields that are validated; what has mistakes is not there, and nothing is checked by it.
     """
     run = {field: earlier[field] for field in _OF_THE_RUN if field in earlier}
