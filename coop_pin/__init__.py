@@ -48,6 +48,7 @@ _PUBLIC = {
     "SweepResult": "sweeps.result",
     "Table": "description.cell.contact",
     "UserController": "description.controller",
+    "check": "running.check",
     "compare": "comparison.benchmark",
     "new_cell": "design.new_cell",
     "open_view": "viz.live.live_view",
@@ -87,6 +88,10 @@ _NAMESPACES: dict[str, tuple[str, dict[str, str]]] = {
         },
     ),
     "export": ("The law of one arm as C99.", {"compiled.laws.c_export": "CLaw export_c"}),
+    "findings": (
+        "What ``cp.check`` knows of a scenario: findings with their severity and remedy.",
+        {"running.finding": "Finding Findings"},
+    ),
     "gym": (
         "Environments of Gymnasium (extra ``gym``): a cell for agents, alone or as lanes of compiled code.",
         {

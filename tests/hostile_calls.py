@@ -43,7 +43,8 @@ from numpy_machine import NumpyMachine
 
 import coop_pin as cp
 from coop_pin import cli
-from coop_pin.running.plausibility import implausible_numbers, run_warnings
+from coop_pin.running.check import quick_findings
+from coop_pin.running.plausibility import implausible_numbers
 
 SOUND = {"result", "refused", "not callable so"}
 LIMIT_S, LIMIT_BYTES = 30.0, 6 << 30
@@ -371,7 +372,8 @@ class Calls:
         yield cp.export.export_c, lambda: {**alone(), "arm": "left", "folder": self.folder / "c", "ticks": 2}
         yield cp.proof.anchor_bounded_time, result
         yield implausible_numbers, alone
-        yield run_warnings, simulation
+        yield quick_findings, simulation
+        yield cp.check, lambda: {**alone(), "poses": 3}
         yield cp.feasibility.loads_without_an_arm, along
         posture = lambda: {**along(), "posture": cp.laws.PostureGains()}  # noqa: E731
         yield cp.feasibility.internal_moment, posture

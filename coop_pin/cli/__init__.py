@@ -10,7 +10,7 @@ Open first: ``parsing`` (all commands), ``run`` (``coop-pin run``; its folder is
 What is slow to load is imported in the command that needs it.
 
 Imports ``base``, ``comparison``, ``compiled``, ``description``, ``design``, ``feasibility``, ``figures``,
-``results``, ``running``, ``simulation``, ``stability``, ``sweeps`` and ``viz``.
+``results``, ``running``, ``stability``, ``sweeps`` and ``viz``.
 """
 
 from __future__ import annotations

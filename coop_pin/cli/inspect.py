@@ -138,7 +138,7 @@ def suggest(
 
     draft = load_scenario(scenario, fields, draft=True)
     suggested = suggestion.suggest(draft, poses=poses, table_error=table_error)
-    print_wrapped(suggested.summary())
+    print_wrapped(suggested.summary(), suggested.findings().of("error", "warning").summary(), sep="\n")
     if out is not None:
         suggested.scenario.save(out)
 

@@ -38,6 +38,8 @@ from coop_pin.feasibility.reachability import Reachability, reachability
 from coop_pin.feasibility.statics import statics_along
 from coop_pin.feasibility.table_force import TABLE_ERROR, table_force
 from coop_pin.feasibility.task_inertia import with_spare_motion
+from coop_pin.running.check import check
+from coop_pin.running.finding import Findings
 from coop_pin.running.plausibility import implausible_numbers
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
@@ -73,6 +75,10 @@ class Suggestion:
     proposal: GainProposal
     limits: tuple[str, ...]
     changes: tuple[str, ...] = ()
+
+    def findings(self) -> Findings:
+        """Return what ``cp.check`` knows of the proposed scenario."""
+        return check(self.scenario)
 
     def summary(self) -> str:
         """Return the changes, the values and what limits each, as text."""
@@ -137,7 +143,7 @@ def suggest(
         law = scenario.controller.replace(force_path=force_path_of(scenario), zero_at_grasp=True)
         scenario, pressed = with_enough_squeeze(scenario.replace(controller=law))
     for number in implausible_numbers(scenario):
-        warnings.warn(number, ScenarioWarning, stacklevel=2)
+        warnings.warn(str(number), ScenarioWarning, stacklevel=2)
     require_rank(scenario.cell)
     scenario, turned = with_best_postures(scenario, poses)
     cell_reach = reachability(scenario, poses=poses)
@@ -199,7 +205,7 @@ def _held(
         is_held = tried < stiffness  # on positional rows the drives hold no stiffer one
         stiffness = max(_SOFTEST, 2.0 * tried)
         if is_held or stiffness > _STIFFEST or not (loop.ok or loop.mode.is_spare):
-            detail = loop.summary().removeprefix("! ")
+            detail = loop.summary()
             if loop.ok:
                 limit = f"the {tried:g} N m/rad that the drives hold" if is_held else f"{_STIFFEST:g} N m/rad"
                 detail = f"no spring up to {limit} keeps the spare joints on their path"
@@ -218,9 +224,7 @@ def _stable_on_springs(proposal: GainProposal, scenario: Scenario) -> tuple[Gain
         if stability.ok:
             break
         if proposal.law is None or g < _LEAST_ANCHOR:
-            raise InfeasibleMotionError(
-                "stability", stability.summary().partition("\n")[0].removeprefix("! ")
-            )
+            raise InfeasibleMotionError("stability", stability.summary().partition("\n")[0])
         proposal = proposal.with_anchor_gain(g / 2.0)
         scenario = _with_gains(scenario, proposal)
     return proposal, scenario

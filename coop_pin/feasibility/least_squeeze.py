@@ -62,7 +62,7 @@ class LeastSqueeze(NamedTuple):
             f"least squeeze for {why} {self.force:.3g} N, at arm {self.arm!r} at {self.time:.3g} s;"
             f" stated are {self.stated:.3g} N"
         )
-        return text if self.ok else f"! {text}: the payload would slip; squeeze more, or move slower"
+        return text if self.ok else f"{text}: the payload would slip; squeeze more, or move slower"
 
 
 def least_squeeze(scenario: Scenario, *, poses: int = _POSES) -> LeastSqueeze | None:

@@ -60,7 +60,7 @@ class TableForce(NamedTuple):
             f" impact of up to {self.impact:.3g} N"
         )
         remedy = "more than 4/3 of it: come down more slowly, or lower K, gamma and k_I"
-        return text if self.ok else f"! {text}; {remedy}"
+        return text if self.ok else f"{text}; {remedy}"
 
 
 def table_force(

@@ -16,7 +16,8 @@ from coop_pin.compiled.engines import Engine, engine_named
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Observer
-from coop_pin.running.plausibility import implausible_numbers, run_warnings
+from coop_pin.running.check import quick_findings
+from coop_pin.running.plausibility import implausible_numbers
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulate import Progress, run_to_end
 from coop_pin.simulation.simulation import Simulation
@@ -40,7 +41,8 @@ def run(
 ) -> RunResult:
     """Return the result of a scenario with the controller that it names.
 
-    What ``coop-pin check`` finds wrong with it comes before the run, each as a ScenarioWarning.
+    Errors and warnings of ``quick_findings`` come before the run, each as a ScenarioWarning;
+    ``cp.check`` lists more, with remedies.
 
     Args:
         scenario: a Scenario, a name in the catalogue, or the path of a TOML file.
@@ -69,8 +71,8 @@ def run(
     if overrides is not None:
         scenario = with_changes(scenario, overrides)
     controller = build_controller(scenario)
-    for number in implausible_numbers(scenario) if warn else ():
-        warnings.warn(number, ScenarioWarning, stacklevel=2)
+    for finding in implausible_numbers(scenario) if warn else ():  # also where it cannot start
+        warnings.warn(str(finding), ScenarioWarning, stacklevel=2)
     is_live = view is not None or stop_at_breach or realtime_rate not in (None, math.inf)
     choice = choose_engine(scenario, engine_named(engine, "engine"), is_live=is_live)
     if engine != "pinocchio":  # else nothing was chosen
@@ -78,8 +80,8 @@ def run(
     is_lane = choice.way == "lanes"  # which is prepared from the numbers of a Pinocchio tree
     plant = plant_of("pinocchio" if is_lane else choice.engine)
     simulation = Simulation(scenario, controller, plant=plant)
-    for warning in run_warnings(simulation) if warn else ():
-        warnings.warn(warning, ScenarioWarning, stacklevel=2)
+    for finding in quick_findings(simulation).of("error", "warning") if warn else ():
+        warnings.warn(str(finding), ScenarioWarning, stacklevel=2)
     if is_lane:
         if (result := _run_as_lane(simulation, progress)) is not None:
             return result

@@ -86,7 +86,7 @@ class ClosedLoop(NamedTuple):
         )
         counted = {name: self.structural.count(name) for name in self.structural}
         held = ", ".join(f"{count} {name}" for name, count in counted.items())
-        return ("" if self.ok else "! ") + text + (f"; nothing controls {held} (z = 1)" if held else "")
+        return text + (f"; nothing controls {held} (z = 1)" if held else "")
 
 
 @typed

@@ -73,7 +73,7 @@ class GraspStability(NamedTuple):
             f" each arm sees its own tip, and P up to {1e3 * self.bias:.3g} mm from the mean of all:"
             " a kinematic bias, which zero_at_grasp removes"
         )
-        return f"{'' if self.ok else '! '}{modes}: {verdict}\n{bound}\n{start}"
+        return f"{modes}: {verdict}\n{bound}\n{start}"
 
 
 @typed

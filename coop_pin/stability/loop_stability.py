@@ -78,10 +78,10 @@ class LoopStability(NamedTuple):
             spring = f"Raise {self.remedy}" if self.remedy else "Its law has no spring for them"
             spring = spring if self.mode.is_spare else "Raise controller.gains.pose_gain"
             growth = f"grows by e in {self.period / np.log(self.radius):.3g} s"
-            return f"! {finding}: the {self.mode.name} {growth}: nothing holds it against gravity. {spring}"
+            return f"{finding}: the {self.mode.name} {growth}: nothing holds it against gravity. {spring}"
         allowed = f"stable with {bound}" if self.largest_lag else "unstable without any lag, too"
         lower = f"Lower {self.remedy.rpartition('.')[0]}" if self.mode.is_spare else "Lower the gains"
-        return f"! {finding}: the {self.mode.name} is unstable ({allowed}). {lower} or raise clock.rate_hz"
+        return f"{finding}: the {self.mode.name} is unstable ({allowed}). {lower} or raise clock.rate_hz"
 
 
 @typed

@@ -61,7 +61,7 @@ class SampledStability(NamedTuple):
         rate = f" above {self.rate_hz * self.value / self.limit:.4g} Hz" if np.isfinite(self.value) else ""
         subject = f"joint {joints} is" if len(self.joints) == 1 else f"joints {joints} are"
         return (
-            f"! T*lambda = {self.value:.3g} exceeds {limit}: {hold}, {subject} unstable."
+            f"T*lambda = {self.value:.3g} exceeds {limit}: {hold}, {subject} unstable."
             f" Raise clock.rate_hz{rate}, or lower the gains (posture damping included)"
         )
 

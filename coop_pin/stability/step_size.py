@@ -179,7 +179,7 @@ class StepStability(NamedTuple):
         steps = math.ceil(self.steps_per_tick * self.value / self.limit)
         remedy = "lower the friction" if self.cause == "friction" else "use a softer or less damped element"
         return (
-            f"! {text} exceeds the stability limit {self.limit:.3g} of the plant's steps."
+            f"{text} exceeds the stability limit {self.limit:.3g} of the plant's steps."
             f" Raise clock.steps_per_tick from {self.steps_per_tick} to {steps}, or {remedy}"
         )
 

@@ -113,8 +113,12 @@ def documented(tree):
 
 
 def local_names(tree):
-    """Names of arguments and of variables that a module assigns."""
+    """Names of arguments and of variables that a module assigns; fields of classes are none."""
+    classes = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    fields = {part.target for node in classes for part in node.body if isinstance(part, ast.AnnAssign)}
     for node in ast.walk(tree):
+        if node in fields:
+            continue
         if isinstance(node, ast.arg):
             yield node.arg
         elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):

@@ -403,7 +403,7 @@ def test_what_a_cell_cannot_do_is_named_before_a_run(six):
     assert refused(six.override({"cell.payload.mass": 200.0})) == "torque"
 
 
-def test_suggest_and_check_say_the_proposal(six, suggestion, tmp_path, capsys):
+def test_the_command_prints_and_writes_a_proposal_that_passes_its_check(six, suggestion, tmp_path, capsys):
     """From a file without gains: none are needed."""
     fields = tomllib.loads(six.to_toml())
     del fields["controller"]["gains"]
@@ -412,10 +412,10 @@ def test_suggest_and_check_say_the_proposal(six, suggestion, tmp_path, capsys):
         cp.Scenario.load(tmp_path / "six.toml")
     words = ["suggest", str(tmp_path / "six.toml"), "--poses", "21", "--out", str(tmp_path / "new.toml")]
     assert main(words) == 0
-    assert unwrapped(capsys.readouterr().out) == unwrapped(suggestion.summary())
+    assert unwrapped(capsys.readouterr().out).startswith(unwrapped(suggestion.summary()))
     assert cp.Scenario.load(tmp_path / "new.toml") == suggestion.scenario
     assert main(["check", str(tmp_path / "new.toml"), "--poses", "21"]) == 0
-    assert unwrapped(suggestion.proposal.summary()) in unwrapped(capsys.readouterr().out)
+    assert "0 errors" in capsys.readouterr().out
     carry("so100", [SO100] * 2).save(tmp_path / "so100.toml")
     assert main(["suggest", str(tmp_path / "so100.toml")]) == 1
     assert "rank" in capsys.readouterr().err

@@ -15,7 +15,7 @@ from coop_pin.compiled import support
 from coop_pin.design import Suggestion
 from coop_pin.feasibility import least_squeeze
 from coop_pin.results.metrics import energy_balance
-from coop_pin.running.plausibility import run_warnings
+from coop_pin.running.check import quick_findings
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.devices.sensing import SlipSensors
 from coop_pin.simulation.devices.signals import SensorSignals
@@ -205,10 +205,8 @@ def test_a_squeeze_that_is_too_small_drops_the_payload_and_the_arms_stay(name):
     assert f"drops at {result.dropped_at:.3g} s" in result.verdict()
     assert all(f"of {arm!r} slides from" in result.verdict() for arm in scenario.cell.arms)
     assert f"drops at {result.dropped_at:.3g} s" in telling_instant(result).text
-    assert any(
-        "least squeeze" in warning
-        for warning in run_warnings(Simulation(scenario, build_controller(scenario)))
-    )
+    findings = quick_findings(Simulation(scenario, build_controller(scenario)))
+    assert any(finding.kind == "friction" for finding in findings.of("error"))
     assert float(data.patch_points[-1].sum()) == 0.0
     assert float(data.patch_slip[-1].max()) < 0.05
     assert np.nanmax(np.abs(data.joint_velocity.values)) < 1.0

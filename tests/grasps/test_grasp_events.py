@@ -482,13 +482,13 @@ def test_a_law_that_does_not_read_the_plan_is_told(kind):
     gains = {"damping_gain": 20.0, "pose_gain": 2.0, "sign_gain": 0.1, "transient_rate": 5.0}
     law = {"mean-pose": SOFT_GAINS, "sliding-mode-redundant": gains}
     scenario = scenario_with("spatial", *CYCLE)
-    assert not any("plan of the grasps" in text for text in implausible_numbers(scenario))
+    assert not any(finding.kind == "grasp plan" for finding in implausible_numbers(scenario))
     other = scenario.override(
         {"controller": {"kind": kind, "gains": law.get(kind, {})}, "beyond_bound": True}
     )
-    (told,) = [text for text in implausible_numbers(other) if f"{kind!r} does not read the plan" in text]
-    assert ("diverges" in told) == (kind == "mean-pose")
-    assert not any("plan" in text for text in implausible_numbers(other.replace(events=())))
+    (finding,) = [finding for finding in implausible_numbers(other) if finding.kind == "grasp plan"]
+    assert ("diverges" in finding.sentence) == (kind == "mean-pose")
+    assert not any(finding.kind == "grasp plan" for finding in implausible_numbers(other.replace(events=())))
 
 
 def test_the_page_tells_what_happened_and_shows_a_free_arm():

@@ -19,7 +19,8 @@ from coop_pin.description.cell.grasp_plan import grasp_plan
 from coop_pin.feasibility import least_squeeze, table_force
 from coop_pin.reference.pose_reference import check_consistency
 from coop_pin.results.metrics import energy_balance
-from coop_pin.running.plausibility import implausible_numbers, run_warnings
+from coop_pin.running.check import quick_findings
+from coop_pin.running.plausibility import implausible_numbers
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 
@@ -131,9 +132,10 @@ def test_after_a_put_down_the_table_bears_the_weight_and_nothing_winds_up(turn):
 
 def test_laws_that_do_not_hand_the_load_to_a_table_are_named():
     scenario = put_down((0.0, 0.0, 0.0))
-    assert not any("put-down" in warning for warning in implausible_numbers(scenario))
+    assert not any(finding.kind == "grasp plan" for finding in implausible_numbers(scenario))
     for law in ({"controller.anchor_bias": (2e-3, 1e-2)}, {"controller.force_path": {"kind": "none"}}):
-        assert any("put-down" in warning for warning in implausible_numbers(scenario.override(law)))
+        changed = implausible_numbers(scenario.override(law))
+        assert any("put-down" in finding.sentence for finding in changed)
 
 
 def bar_on_a_bench(**changes) -> cp.Scenario:
@@ -198,10 +200,8 @@ def test_suggested_gains_spare_a_table_that_is_too_high(name, seen):
     assert figures["pressed"] < seen
     assert figures["carried"] < 2.2e-3
     assert_allclose(figures["placed"], 1.0, rtol=0.1)
-    assert not any(
-        "table" in warning
-        for warning in run_warnings(Simulation(found.scenario, build_controller(found.scenario)))
-    )
+    findings = quick_findings(Simulation(found.scenario, build_controller(found.scenario)))
+    assert not any(finding.kind == "table force" for finding in findings.of("error"))
 
 
 @pytest.mark.slow

@@ -154,7 +154,6 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "figures",
             "results",
             "running",
-            "simulation",
             "stability",
             "sweeps",
             "viz",

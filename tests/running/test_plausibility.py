@@ -12,15 +12,24 @@ import coop_pin as cp
 from coop_pin.base.errors import ScenarioWarning
 from coop_pin.base.spatial import make_pose
 from coop_pin.cli import main
-from coop_pin.running.plausibility import implausible_numbers, run_warnings
+from coop_pin.running.check import quick_findings
+from coop_pin.running.plausibility import implausible_numbers
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.loop import TickLoop
 from coop_pin.simulation.simulation import Simulation
 
 
+def quick(scenario):
+    findings = quick_findings(Simulation(scenario, build_controller(scenario)))
+    return [*map(str, findings.of("error", "warning"))]
+
+
+def implausible(scenario):
+    return tuple(map(str, implausible_numbers(scenario)))
+
+
 def warnings_of(scenario):
-    simulation = Simulation(scenario, build_controller(scenario))
-    return [*implausible_numbers(scenario), *run_warnings(simulation)]
+    return [*implausible(scenario), *quick(scenario)]
 
 
 DEGREES = (0.0, 0.0, 0.0, 57.0, 0.0, -30.0, 0.0)
@@ -45,7 +54,7 @@ def cell_of(kind):
 
 @pytest.mark.parametrize("kind", SOUND)
 def test_a_sound_scenario_has_no_implausible_number(kind):
-    assert implausible_numbers(cell_of(kind)) == ()
+    assert implausible(cell_of(kind)) == ()
 
 
 @pytest.mark.parametrize("kind", SOUND)
@@ -61,31 +70,31 @@ def test_a_sound_scenario_has_no_implausible_number(kind):
 def test_a_pose_in_another_unit_is_told_with_its_field(kind, field, value, parts):
     """Those told besides follow from it: a tip far from the payload, a start far from the motion's."""
     path = field if field.startswith("cell") else "motion.pose.rpy"
-    (said,) = (line for line in implausible_numbers(cell_of(kind).override({field: value})) if path in line)
+    (said,) = (line for line in implausible(cell_of(kind).override({field: value})) if path in line)
     assert all(part in said for part in parts)
 
 
 @pytest.mark.parametrize("kind", SOUND)
 def test_a_payload_beyond_ten_metres_is_told(kind):
     large = cell_of(kind).override({"cell.payload.size": [400.0, 300.0, 300.0]})
-    (said,) = implausible_numbers(large)
+    (said,) = implausible(large)
     assert "cell.payload.size" in said
     assert "mm" in said
-    assert implausible_numbers(cell_of(kind).override({"cell.payload.size": [9.0, 0.3, 0.3]})) == ()
+    assert implausible(cell_of(kind).override({"cell.payload.size": [9.0, 0.3, 0.3]})) == ()
 
 
 def test_a_posture_beyond_the_limits_is_told_with_its_joint():
     pandas = cell_of("spatial")
-    (said,) = implausible_numbers(pandas.override({"cell.arms.left.posture": DEGREES}))
+    (said,) = implausible(pandas.override({"cell.arms.left.posture": DEGREES}))
     assert all(part in said for part in ("cell.arms.left.posture", "panda_joint4", "57", "degrees"))
     beyond = (-0.406, -0.537, 0.32, 0.1, 0.164, 1.739, 1.415)  # in rad: no guess of a unit
-    (said,) = implausible_numbers(pandas.override({"cell.arms.left.posture": beyond}))
+    (said,) = implausible(pandas.override({"cell.arms.left.posture": beyond}))
     assert "panda_joint4" in said
     assert "degrees" not in said
     planar = cell_of("planar")
     within = dict.fromkeys(planar.cell.arms, (0.5, 0.5, 0.5))
     arms = {name: planar.cell.arms[name].replace(posture=angles) for name, angles in within.items()}
-    assert implausible_numbers(planar.replace(cell=planar.cell.replace(arms=arms))) == ()
+    assert implausible(planar.replace(cell=planar.cell.replace(arms=arms))) == ()
 
 
 @pytest.mark.parametrize("kind", SOUND)
@@ -95,7 +104,7 @@ def test_a_start_away_from_that_of_a_motion_from_rest_is_told(kind):
     at = scenario.start.matrix
     for shift, turn, told in ((0.05, 0.0, "50 mm"), (0.0, 0.1, "0.1 rad"), (0.01, 0.01, "")):
         goal = cp.Pose.from_matrix(at @ make_pose((shift, 0.0, 0.0), (0.0, 0.0, turn)))
-        found = implausible_numbers(scenario.replace(motion=cp.motions.HoldMotion(pose=goal), events=()))
+        found = implausible(scenario.replace(motion=cp.motions.HoldMotion(pose=goal), events=()))
         assert len(found) == bool(told)
         assert all(told in said for said in found)
 
@@ -118,7 +127,7 @@ def test_a_tip_outside_the_payload_is_told_by_how_much(kind):
         grasps = {name: cp.Pose(xyz=tuple(shape.matrix[:3, 3])) for name in cell.grasps}
         grasps["left"] = cp.Pose(xyz=tuple(tip))
         moved = scenario.replace(cell=cell.replace(payload=payload, grasps=grasps), squeeze={})
-        found = [line for line in implausible_numbers(moved) if "'left'" in line]
+        found = [line for line in implausible(moved) if "'left'" in line]
         assert len(found) == bool(told)
         assert all(told in said for said in found)
 
@@ -126,24 +135,24 @@ def test_a_tip_outside_the_payload_is_told_by_how_much(kind):
 @pytest.mark.parametrize("kind", SOUND)
 def test_no_squeeze_is_told_of_several_arms(kind):
     scenario = cell_of(kind)
-    (said,) = implausible_numbers(scenario.replace(squeeze={}))
+    (said,) = implausible(scenario.replace(squeeze={}))
     assert "squeeze" in said
     one, *_ = scenario.cell.arms
     alone = {"arms": {one: scenario.cell.arms[one]}, "grasps": {one: scenario.cell.grasps[one]}}
     single = scenario.replace(cell=scenario.cell.replace(**alone, load_shares=None), squeeze={})
-    assert implausible_numbers(single) == ()
+    assert implausible(single) == ()
 
 
 def test_run_check_and_suggest_tell_alike(tmp_path, capsys):
     wrong = cp.Scenario.load("panda-ur5-bar", SHORT | {"squeeze": {}})
-    (said,) = implausible_numbers(wrong)
+    (finding,) = implausible_numbers(wrong)
     wrong.save(tmp_path / "wrong.toml")
     main(["check", str(tmp_path / "wrong.toml"), "--poses", "3"])
-    assert said in unwrapped(capsys.readouterr().out)
+    assert finding.sentence in unwrapped(capsys.readouterr().out)
     for told in (cp.run, functools.partial(cp.suggest, poses=5)):
         with pytest.warns(ScenarioWarning) as caught:
             told(wrong)
-        assert said in [str(warning.message) for warning in caught]
+        assert str(finding) in [str(warning.message) for warning in caught]
 
 
 def test_a_path_that_leaves_the_reach_is_told_before_the_run():
@@ -207,6 +216,6 @@ def test_a_table_that_is_pressed_too_hard_fails_the_check(tmp_path):
     scenario = cp.Scenario.load("pick-carry-place")
     gain = np.multiply(1.1, scenario.controller.gains.sliding_gain).tolist()
     scenario = scenario.override({"controller.gains.sliding_gain": gain})
-    assert any("table" in text for text in run_warnings(Simulation(scenario, build_controller(scenario))))
+    assert any("table" in text for text in quick(scenario))
     scenario.save(tmp_path / "pressed.toml")
     assert main(["check", str(tmp_path / "pressed.toml")]) != 0

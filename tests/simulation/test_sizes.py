@@ -18,7 +18,7 @@ from coop_pin.description.events import PayloadChange
 from coop_pin.description.plant import Clock
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.run_result import RunResult
-from coop_pin.running.plausibility import large_record, run_warnings
+from coop_pin.running.check import quick_findings
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulate import simulate
 from coop_pin.simulation.simulation import Simulation
@@ -167,10 +167,15 @@ def test_a_thinned_run_holds_samples_of_the_whole_one_and_its_last(cell, every):
 @pytest.mark.parametrize(("name", "hours"), [("adept-paper", 10.0), ("two-pandas-box", 1.0)])
 def test_a_record_that_is_large_is_told_with_what_makes_it_small(name, hours):
     scenario = Scenario.load(name, {"duration": 3600.0 * hours})
-    every = int(large_record(Simulation(scenario)).split("clock.record_every ")[1].split()[0])
-    assert every > 1
-    assert large_record(Simulation(scenario.override({"clock.record_every": every}))) == ""
-    assert any("GB" in text for text in run_warnings(Simulation(scenario, build_controller(scenario))))
+    (finding,) = _large(scenario)
+    assert finding.remedy["clock.record_every"] > 1
+    assert finding.value > finding.limit
+    assert not _large(scenario.override(finding.remedy))
+
+
+def _large(scenario):
+    findings = quick_findings(Simulation(scenario, build_controller(scenario)))
+    return [finding for finding in findings.of("warning") if finding.kind == "record size"]
 
 
 def test_a_record_that_does_not_fit_names_what_fits(leave_free):

@@ -1,0 +1,143 @@
+"""Findings of ``cp.check``: severities, remedies that work, and the part of them that a run lists."""
+
+import json
+
+import numpy as np
+import pytest
+from test_plausibility import DEGREES, SOUND, cell_of
+
+import coop_pin as cp
+from coop_pin.cli import main
+from coop_pin.running.check import quick_findings
+from coop_pin.running.finding import LEFT_TO_CHECK
+from coop_pin.running.plausibility import implausible_numbers
+from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
+
+POSES = 21
+SLOW = {"planar": 20.0, "spatial": 150.0}
+"""Control rates at which the sampled loop is unstable, Hz."""
+
+
+def doubtful(kind, trouble):
+    """A sound cell with one fault, and the kind and severity of its finding."""
+    scenario = cell_of(kind)
+    friction = {name: {"viscous": 5e3} for name in scenario.cell.arms}
+    changes, expected, severity = {
+        "rate": ({"clock.rate_hz": SLOW[kind]}, "sampled damping", "error"),
+        "steps": (
+            {f"cell.arms.{name}.friction": value for name, value in friction.items()},
+            "plant steps",
+            "error",
+        ),
+        "mm": ({"cell.payload.size": [400.0, 300.0, 300.0]}, "unit", "warning"),
+        "degrees": ({"cell.arms.right.base.rpy": [0.0, 0.0, 180.0]}, "unit", "warning"),
+        "squeeze": ({"squeeze": {}}, "squeeze", "warning"),
+        "record": ({"duration": {"planar": 36000.0, "spatial": 3600.0}[kind]}, "record size", "warning"),
+    }[trouble]
+    return scenario.override(changes), expected, severity
+
+
+def spatial_cases():
+    pandas = cell_of("spatial")
+    yield pandas.override({"controller.posture.stiffness": 3.0}), "loop stability", "error"
+    yield pandas.override({"cell.payload.mass": 60.0}), "static torque", "error"
+    yield pandas.override({"cell.arms.left.posture": DEGREES}), "posture", "warning"
+    palms = cp.Scenario.load("two-pandas-palms")
+    yield palms.replace(squeeze=palms.squeeze.scaled(0.3)), "friction", "error"
+    damping = {"controller.gains.admittance_damping": [50.0] * 3 + [1.0] * 3}
+    yield cp.Scenario.load("two-ur5-admittance", damping), "admittance stability", "error"
+
+
+def quick(scenario):
+    findings = quick_findings(Simulation(scenario, build_controller(scenario)))
+    return [*implausible_numbers(scenario), *findings]
+
+
+def assert_a_remedy_works(scenario, kind, severity):
+    findings = cp.check(scenario, poses=POSES)
+    finding = next(finding for finding in findings if finding.kind == kind)
+    assert finding.severity == severity
+    assert finding.remedy
+    cured = cp.check(scenario.override(finding.remedy), poses=POSES)
+    assert kind not in {finding.kind for finding in cured.of("error", "warning")}
+    assert {finding.kind for finding in cured.of("error")} <= {
+        finding.kind for finding in findings.of("error")
+    }
+    known = {(finding.kind, finding.severity) for finding in findings}
+    doubts = {(entry.kind, entry.severity) for entry in quick(scenario) if entry.severity != "note"}
+    assert doubts <= known
+    assert (kind, severity) in doubts
+
+
+@pytest.mark.parametrize("kind", SOUND)
+@pytest.mark.parametrize("trouble", ["rate", "steps", "mm", "degrees", "squeeze", "record"])
+def test_a_remedy_cures_its_finding_and_brings_no_other_error(kind, trouble):
+    """Field and value of each are executed; a run lists the same findings."""
+    assert_a_remedy_works(*doubtful(kind, trouble))
+
+
+@pytest.mark.parametrize("case", range(5))
+def test_a_remedy_of_spare_joints_loads_friction_and_servos_works(case):
+    assert_a_remedy_works(*[*spatial_cases()][case])
+
+
+@pytest.mark.parametrize("kind", SOUND)
+def test_a_sound_cell_has_margins_only(kind):
+    findings = cp.check(cell_of(kind), poses=POSES)
+    assert findings.ok
+    assert {finding.severity for finding in findings} == {"note"}
+    assert {"reach", "static torque", "plant steps", "closed loop"} <= {finding.kind for finding in findings}
+    assert findings.left == ()
+
+
+def test_findings_come_by_severity_and_as_json(tmp_path, capsys):
+    scenario = cell_of("spatial").override({"cell.payload.mass": 60.0, "squeeze": {}})
+    scenario.save(tmp_path / "heavy.toml")
+    assert main(["check", str(tmp_path / "heavy.toml"), "--poses", "5", "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    ranks = [("error", "warning", "note").index(entry["severity"]) for entry in document["findings"]]
+    assert ranks == sorted(ranks)
+    assert not document["ok"]
+    torque = next(entry for entry in document["findings"] if entry["kind"] == "static torque")
+    assert torque["place"] == "right/panda_joint6"
+    assert torque["value"] > torque["limit"] == 12.0
+    assert torque["remedy"]["cell.payload.mass"] < 60.0
+
+
+def test_a_law_that_only_differences_know_is_named_before_it_loses_the_payload():
+    """An admittance in which one arm leads: 81 mm off within six seconds."""
+    scenario = cp.Scenario.load("two-ur5-admittance", {"controller.follows": "leader"})
+    simulation = Simulation(scenario, build_controller(scenario))
+    start = simulation.state()
+    findings = quick_findings(simulation)
+    (loop,) = findings.of("error")
+    assert loop.kind == "closed loop"
+    assert loop.value > 1.0
+    assert "closed loop" not in findings.left
+    assert set(findings.left) == {*LEFT_TO_CHECK} - {"closed loop"}
+    np.testing.assert_array_equal(simulation.plant.q, start.plant.q)
+    with pytest.warns(cp.errors.ScenarioWarning, match="grows"):
+        cp.run(scenario.replace(duration=0.05))
+
+
+def test_an_arm_that_the_plan_loses_is_an_error_where_the_others_cannot_carry():
+    pandas = cell_of("spatial")
+    planned = pandas.replace(events=(cp.events.LoseArm(arm="left", time=1.0),))
+    for scenario, severity in ((pandas, "note"), (planned, "error")):
+        lost = [finding for finding in cp.check(scenario, poses=POSES) if finding.kind == "lost arm"]
+        assert {finding.severity for finding in lost if finding.place == "left"} == {severity}
+        assert {finding.severity for finding in lost if finding.place == "right"} == {"note"}
+
+
+def test_what_is_suggested_passes_its_check():
+    suggestion = cp.suggest(cell_of("spatial"), poses=11)
+    assert len(suggestion.findings().of("error", "warning")) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", cp.scenario_names())
+def test_the_catalogue_has_no_errors(name):
+    findings = cp.check(name)
+    assert findings.ok
+    assert {finding.kind for finding in findings.of("warning")} <= {"grasp frame"}
