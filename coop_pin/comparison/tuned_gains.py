@@ -124,8 +124,7 @@ def _searches(scenario: Scenario, controllers: Sequence[str], duration: float | 
     trials = {name: standard[name].changes | {"seed": TUNED_SEED} for name in tuned_trials(base)}
     for name, law in controllers_for(scenario, controllers, tuned=False).items():
         if ranges := {f"controller.{path}": span for path, span in tuned_ranges(name).items()}:
-            folder = Path(scenario.name, name)
-            yield _Search(name, base.override({"controller": law}), ranges, trials, folder)
+            yield _Search(name, base.override({"controller": law}), ranges, trials, Path(scenario.name, name))
 
 
 def tuned_trials(base: Scenario) -> list[str]:

@@ -125,8 +125,7 @@ class CellChain(CellDynamics):
         Args:
             v: velocities, shape (..., nv).
         """
-        velocities = shaped("v", v, self.mechanism.model.nv)
-        return np.apply_along_axis(self.transmission.friction, -1, velocities)
+        return np.apply_along_axis(self.transmission.friction, -1, shaped("v", v, self.mechanism.model.nv))
 
     def friction_squeeze(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, push: ArrayLike = _NO_WRENCH

@@ -152,8 +152,7 @@ def proof_terms(arm: ProofArm, tick: RecordedTick, x: ArmTick) -> ProofTerms:
         arm.dynamics_at(x.q, x.v, tick.surroundings),
     )
     sigma_rate = arm.law.switching(law.s - law.s_d)
-    torque = arm.model.drive.T @ x.tau + x.friction
-    acceleration = arm.model.forward_dynamics(x.q, x.v, torque, x.F)
+    acceleration = arm.model.forward_dynamics(x.q, x.v, arm.model.drive.T @ x.tau + x.friction, x.F)
 
     def ahead(dt: float) -> tuple[LawTerms, DynamicsTerms]:
         q = pin.integrate(arm.model.model, x.q, dt * x.v + dt**2 / 2 * acceleration)

@@ -61,8 +61,7 @@ def support(scenario: Scenario) -> str | None:
     if reason := plant_reason(scenario.plant, scenario.cell, scenario.events):
         return reason
     try:
-        run = Simulation(scenario, build_controller(scenario))
-        require_traceable(scenario, run_constants(scenario, run))
+        require_traceable(scenario, run_constants(scenario, Simulation(scenario, build_controller(scenario))))
     except TracingError as error:
         return str(error)
     return None
@@ -88,8 +87,7 @@ def require_traceable(scenario: Scenario, constants: RunConstants) -> None:
         ticks = shaken_ticks(scenario)
         controller, rows = build_controller(scenario), scenario.cell.task_rows
         trace = partial(traced_call, constants.arms, rows, ticks[0], True)
-        code = trace_law(controller, trace)
-        require_agreement(*code, ticks)
+        require_agreement(*trace_law(controller, trace), ticks)
     except TracingError as error:
         raise TracingError(f"its controller {law.user_code[0]!r} cannot be traced: it {error}") from None
     structure(constants.controller)
