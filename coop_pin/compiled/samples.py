@@ -219,9 +219,6 @@ class RunSamples(Mapping[str, Any]):
         free = self._field("q")[..., sum(len(arm.drive) for arm in self._arms) :]
         return np.concatenate([*(arm.angles.configuration(q) for q, arm in pairs), free], axis=2)
 
-    def _pose_entries(self) -> list[list[Array]]:
-        return [[self._numbers("payload_pose", (i, j)) for j in range(4)] for i in range(3)]
-
     def _observed(self, name: str) -> Array:
         """Return a field of an Observation."""
         if not self._layout.slots(name).shape:
@@ -244,7 +241,9 @@ class RunSamples(Mapping[str, Any]):
             "jacobian": self._jacobians,
             "configuration": self._configuration,
             "velocity": lambda: field("v"),
-            "pose_entries": self._pose_entries,
+            "pose_entries": lambda: [
+                [self._numbers("payload_pose", (i, j)) for j in range(4)] for i in range(3)
+            ],
             "internal_wrench": lambda: np.stack(
                 list(map(internal_wrenches, self["interaction_wrench"], self._shares()))
             ),

@@ -83,10 +83,10 @@ class CellEnv(Env[Array, Array]):
             InvalidStateError: the episode is over.
         """
         run, action = self.simulation, np.asarray(action)
-        law = self._law.with_additions(*self.task.additions(action, self._law))
+        additions, law = self.task.additions(action, self._law), self._law.law
         if self.task.gains:
-            law.law = build_controller(self.task.retuned(run.scenario, action))
-        run.controller = law
+            law = build_controller(self.task.retuned(run.scenario, action))
+        run.controller = ActedLaw(*additions, law, self._law.kind)
         try:
             for _ in range(min(self.task.ticks, run.timeline.ticks + 1 - run.ticks_done) or 1):
                 run.tick()

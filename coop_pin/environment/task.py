@@ -63,10 +63,6 @@ class ActedLaw(CellController):
         """What it commands to every arm."""
         return self.kind
 
-    def with_additions(self, squeeze: Array, commands: Sequence[Array]) -> ActedLaw:
-        """Return the law with other additions; its state goes on."""
-        return ActedLaw(squeeze, commands, self.law, self.kind)
-
     def init(self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]) -> Any:
         """Return the law's state; without a law the commands that hold the start."""
         if self.law is not None:

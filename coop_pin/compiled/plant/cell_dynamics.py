@@ -159,7 +159,7 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
             **payload_quantities(PayloadState(_pose_rows(R, p), V_WP, F_P, acting)),
             **energies,
             tip_position=tips,
-            interaction_wrench=np.stack([_about(p, F[i]) for i in sorted(F)]),
+            interaction_wrench=np.stack([join(F[i][:3], F[i][3:] - cross(p, F[i][:3])) for i in sorted(F)]),
             **(_spring_quantities(cell, springs) if springs else {}),
         ),
     )
@@ -306,11 +306,6 @@ def _closure_forces(
     forces = np.zeros((len(others), 6)).astype(object)
     forces[:, rows] = f.reshape(-1, k)
     return dict(zip(errors, forces, strict=True))
-
-
-def _about(p: Numbers, force: Numbers) -> Numbers:
-    """Return a force about the world's origin as a wrench about p, shape (6,)."""
-    return join(force[:3], force[3:] - cross(p, force[:3]))
 
 
 def _size(error: Numbers, tip: Numbers) -> list[Any]:
