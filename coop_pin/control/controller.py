@@ -111,39 +111,15 @@ def require_command(time: float, step: Callable[..., Any], command: Any, kind: t
         raise CommandError(time, step, problem, f"write: return cp.{kind.__name__}({torques}, state)")
 
 
-class ArmController(Traceable, ABC):
-    """Controller of one arm from its own measurements: the decentralised laws. Immutable.
-
-    Attributes:
-        needs: quantities that it uses with kinematics: "model", "regressor", "own wrench", "internal
-            wrench" (made of every wrist's wrench), "wrenches of all arms", "learned mass", "poses of all
-            arms", "states of all arms", "role", "holding torque" and "start pose", both once.
-    """
+class _AnyController(Traceable, ABC):
+    """What controllers of one arm and of all arms answer alike."""
 
     needs: ClassVar[tuple[str, ...]] = ()
-
-    @abstractmethod
-    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> Any:
-        """Return the state at the first tick."""
-
-    @abstractmethod
-    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> ArmCommand:
-        """Return the command until the next tick, and the state for it."""
 
     @property
     def command_kind(self) -> str:
         """What it commands: "torque", "velocity" or "position"; a class attribute replaces it."""
         return "torque"
-
-    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
-        """Return the message of this arm to the others, sent before any arm steps, shape (w,); empty here.
-
-        Args:
-            measurement: Measurement of the tick, without messages.
-            reference: Reference of the tick.
-            state: State that ``step`` returned; None once more before ``init``, which has messages, too.
-        """
-        return np.zeros(0)
 
     def remarks(self, pose: Array, state: Any) -> list[str]:
         """Return remarks on a run by a state of the law, for people to read; none by default.
@@ -155,19 +131,40 @@ class ArmController(Traceable, ABC):
         return []
 
 
-class CellController(Traceable, ABC):
+class ArmController(_AnyController):
+    """Controller of one arm from its own measurements: the decentralised laws. Immutable.
+
+    Attributes:
+        needs: quantities that it uses with kinematics: "model", "regressor", "own wrench", "internal
+            wrench" (made of every wrist's wrench), "wrenches of all arms", "learned mass", "poses of all
+            arms", "states of all arms", "role", "holding torque" and "start pose", both once.
+    """
+
+    @abstractmethod
+    def init(self, measurement: ArmMeasurement, reference: ArmReference) -> Any:
+        """Return the state at the first tick."""
+
+    @abstractmethod
+    def step(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> ArmCommand:
+        """Return the command until the next tick, and the state for it."""
+
+    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
+        """Return the message of this arm to the others, sent before any arm steps, shape (w,); empty here.
+
+        Args:
+            measurement: Measurement of the tick, without messages.
+            reference: Reference of the tick.
+            state: State that ``step`` returned; None once more before ``init``, which has messages, too.
+        """
+        return np.zeros(0)
+
+
+class CellController(_AnyController):
     """Controller of all arms from all measurements: the centralised laws.
 
     Attributes:
         needs: quantities, as of an ArmController.
     """
-
-    needs: ClassVar[tuple[str, ...]] = ()
-
-    @property
-    def command_kind(self) -> str:
-        """What it commands to every arm, as of an ArmController."""
-        return "torque"
 
     def commands_of(self, arm: str) -> str:
         """Return what it commands to an arm: "torque", "velocity" or "position"."""
@@ -191,10 +188,6 @@ class CellController(Traceable, ABC):
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
     ) -> list[Array]:
         """Return the message of each arm to the others; none of a law that has all measurements."""
-        return []
-
-    def remarks(self, pose: Array, state: Any) -> list[str]:
-        """Return remarks on a run by a state of the law, as an ArmController; none by default."""
         return []
 
 
