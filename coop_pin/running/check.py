@@ -23,7 +23,6 @@ from coop_pin.feasibility.statics import (
     StaticTorques,
     force_reserve,
     loads_without_an_arm,
-    start_torques,
     statics_along,
 )
 from coop_pin.feasibility.table_force import TABLE_ERROR, table_force
@@ -106,9 +105,8 @@ def quick_findings(simulation: Simulation) -> Findings:
     with contextlib.suppress(Exception):  # of a user's motion: the run raises it again
         entries += _forces(scenario, TABLE_ERROR)
     with contextlib.suppress(Exception):
-        entries += _torques(scenario, start_torques(simulation))
         path = reachability(scenario, poses=_PATH_POSES)
-        entries += _reach(path)
+        entries += [*_torques(scenario, statics_along(scenario, path)), *_reach(path)]
         reach = reachability(scenario, poses=_LOOP_POSES) if path.ok else None
         entries.extend(_stability(simulation, reach, along=False))
     simulation.restore(start)

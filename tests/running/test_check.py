@@ -141,3 +141,12 @@ def test_the_catalogue_has_no_errors(name):
     findings = cp.check(name)
     assert findings.ok
     assert {finding.kind for finding in findings.of("warning")} <= {"grasp frame"}
+
+
+def test_a_drive_that_the_motion_overloads_later_is_named_by_a_run():
+    """At the start every drive of this Baxter holds; two seconds later a wrist is at its limit."""
+    scenario = cp.Scenario.load("baxter-box", {"cell.payload.mass": 4.73, "events": [], "duration": 6.0})
+    (torque, *_) = [finding for finding in quick(scenario) if finding.severity == "error"]
+    assert (torque.kind, torque.place) == ("static torque", "right/right_w0")
+    assert torque.value > torque.limit
+    assert cp.check(scenario.override(torque.remedy), poses=POSES).ok
