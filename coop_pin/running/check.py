@@ -137,10 +137,13 @@ def _examined(
     yield from _forces(scenario, table_error)
     if reach.ok and (singular := closure_problem(scenario)):
         yield Finding("closure rank", "cell.grasps", "error", singular)
-    if simulation is not None:
-        yield from _stability(simulation, reach if reach.ok else None)
-        if reach.ok and gains_are_known(scenario):
+    if simulation is not None and reach.ok:
+        yield from _stability(simulation, reach)
+        if gains_are_known(scenario):
             yield from _closed_loop(scenario)
+    elif simulation is not None:
+        with contextlib.suppress(CoopPinError):  # of a singular start, which the reach has named
+            yield from _stability(simulation, None)
 
 
 def _simulation(scenario: Scenario, reach: Reachability) -> Simulation | None:

@@ -150,3 +150,16 @@ def test_a_drive_that_the_motion_overloads_later_is_named_by_a_run():
     assert (torque.kind, torque.place) == ("static torque", "right/right_w0")
     assert torque.value > torque.limit
     assert cp.check(scenario.override(torque.remedy), poses=POSES).ok
+
+
+@pytest.mark.parametrize("kind", SOUND)
+def test_a_start_out_of_reach_is_a_finding_not_an_exception(kind):
+    """A payload five metres away: what can be known is listed, and what cannot is named."""
+    scenario = cell_of(kind)
+    x, y, z = scenario.start.xyz
+    start = scenario.start.replace(xyz=(x, y + 5.0, z))
+    far = scenario.replace(start=start, motion=cp.motions.HoldMotion(pose=start), events=())
+    findings = cp.check(far, poses=5)
+    assert {finding.kind for finding in findings.of("error")} == {"reach"}
+    assert {finding.place for finding in findings.of("error")} == {*far.cell.arms}
+    assert findings.left == LEFT_TO_CHECK
