@@ -214,7 +214,8 @@ def _damping(text: str, printed: str, K: tuple[float, ...]) -> list[float] | flo
 
 def t_lambda(scenario: Scenario) -> float:
     """Return T lambda of a scenario's law without noise, the largest of nine poses along the motion."""
-    return _t_lambda(scenario.with_ideal_sensors.replace(events=(), seed=0).model_dump_json())
+    ideal = scenario.with_ideal_sensors.replace(events=(), seed=0)
+    return _t_lambda(ideal.model_dump_json())
 
 
 @functools.lru_cache(maxsize=64)

@@ -100,7 +100,8 @@ class Comparison:
     @property
     def table(self) -> pd.DataFrame:
         """One row for each scenario, controller and trial that was run."""
-        return self.data.to_dataframe().dropna(subset=["runs"]).astype(dict.fromkeys(_COUNTS, int))
+        frame = self.data.to_dataframe().dropna(subset=["runs"])
+        return frame.astype(dict.fromkeys(_COUNTS, int))
 
     def write_csv(self, path: str | Path) -> None:
         """Write the table; the same runs give the same bytes."""
@@ -216,7 +217,8 @@ class Comparison:
 
 def bootstrap_interval(samples: Array, statistic: Any, seed: int) -> tuple[Array, Array]:
     """Return the 95 % bootstrap interval of a statistic over the first axis; resamples are seeded."""
-    drawn = np.random.default_rng(seed).integers(len(samples), size=(_RESAMPLES, len(samples)))
+    rng = np.random.default_rng(seed)
+    drawn = rng.integers(len(samples), size=(_RESAMPLES, len(samples)))
     spread = statistic(samples[drawn], axis=1)
     # By order, not by interpolation: failed runs are infinite.
     low, high = np.quantile(spread, (0.025, 0.975), axis=0, method="nearest")

@@ -124,7 +124,8 @@ def _searches(scenario: Scenario, controllers: Sequence[str], duration: float | 
     trials = {name: standard[name].changes | {"seed": TUNED_SEED} for name in tuned_trials(base)}
     for name, law in controllers_for(scenario, controllers, tuned=False).items():
         if ranges := {f"controller.{path}": span for path, span in tuned_ranges(name).items()}:
-            yield _Search(name, base.override({"controller": law}), ranges, trials, Path(scenario.name, name))
+            folder = Path(scenario.name, name)
+            yield _Search(name, base.override({"controller": law}), ranges, trials, folder)
 
 
 def tuned_trials(base: Scenario) -> list[str]:

@@ -81,7 +81,8 @@ def choose_engines(
         ticks[kind] += 0.0 if isinstance(scenario, ScenarioError) else count * _ticks(scenario)
     for kind, scenario in zip(kinds, scenarios, strict=True):
         if kind not in choices:
-            choices[kind] = _choice(scenario, ticks[kind] if engine == "auto" else None, traces_user_code)
+            weighed = ticks[kind] if engine == "auto" else None
+            choices[kind] = _choice(scenario, weighed, traces_user_code)
     return [choices[kind] for kind in kinds]
 
 

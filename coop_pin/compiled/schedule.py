@@ -62,7 +62,8 @@ class RunProgram:
 
     def order(self, run: Prepared, *, is_recorded: bool = True) -> Schedule:
         """Return the order of the kernels of a run, from its first tick on; with or without its record."""
-        return Schedule(run.plants[0], self.block, self._names, is_recorded=is_recorded).later(run.signals[0])
+        schedule = Schedule(run.plants[0], self.block, self._names, is_recorded=is_recorded)
+        return schedule.later(run.signals[0])
 
     def begin(self, prepared: Prepared) -> tuple[Array, Array]:
         """Return the initial block, shape (slots, runs), and the loads, shape (ticks + 1, loaded, runs)."""

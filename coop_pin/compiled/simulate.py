@@ -222,7 +222,8 @@ class BatchSimulator:
 
 def require_sample_memory(machine: Machine, runs: int) -> None:
     """Refuse samples that do not fit; raises NotEnoughMemoryError."""
-    require_memory(f"samples of {runs} runs", _COPIES * 8 * machine.record_size(runs), "give fewer at once")
+    size = _COPIES * 8 * machine.record_size(runs)
+    require_memory(f"samples of {runs} runs", size, "give fewer at once")
 
 
 @typed

@@ -227,4 +227,5 @@ def _payload(payload: str | Payload, mass: float, size: ArrayLike | None) -> Pay
         return payload
     if payload not in _EDGES:
         raise FieldError(f"is {payload!r}; {suggestion(str(payload), list(_EDGES))}", "payload")
-    return Payload.box(mass, _EDGES[payload] if size is None else as_array("size", size, 3).tolist())
+    edges = _EDGES[payload] if size is None else as_array("size", size, 3).tolist()
+    return Payload.box(mass, edges)

@@ -102,6 +102,7 @@ class CellEnv(Env[Array, Array]):
         last, plant = run.recorder.sample(), run.plant
         q = np.concatenate([arm.angles.of(plant.q[None, arm.q_slice])[0] for arm in run.slots])
         v = np.concatenate([plant.v[arm.v_slice] for arm in run.slots])
-        observed = Observed(q[None], v[None], last, last["payload_twist"] - last["desired_twist"])
+        error = last["payload_twist"] - last["desired_twist"]
+        observed = Observed(q[None], v[None], last, error)
         observation, reward = self.task.outcome(observed, run.scenario.cell.shares)
         return observation[0], float(reward[0])

@@ -181,7 +181,8 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
             program._replace(kernels=[*program.kernels, kernel], instructions=instructions),
             cache=DiskCache(),
         )
-        self._additions = self._code.program.lanes.slots("constants")[np.cumsum(differs)[added] - 1]
+        inputs = self._code.program.lanes.slots("constants")
+        self._additions = inputs[np.cumsum(differs)[added] - 1]
 
     def _outcome_kernel(self, determined: Mask) -> Kernel:
         """Return code of observations and rewards after a tick, as a function of what the tick has left.

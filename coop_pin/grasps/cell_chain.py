@@ -125,7 +125,8 @@ class CellChain(CellDynamics):
         Args:
             v: velocities, shape (..., nv).
         """
-        return np.apply_along_axis(self.transmission.friction, -1, shaped("v", v, self.mechanism.model.nv))
+        velocities = shaped("v", v, self.mechanism.model.nv)
+        return np.apply_along_axis(self.transmission.friction, -1, velocities)
 
     def friction_squeeze(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, push: ArrayLike = _NO_WRENCH

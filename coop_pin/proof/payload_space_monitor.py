@@ -262,7 +262,8 @@ class _MonitoredCell:
             x = Zbar + dt * Zbar_rate - d
             return float(s @ inertia @ s + x @ to_rate @ x) / 2.0
 
-        damping = -float(sbar @ self.laws[0].gains.sliding_gain @ sbar)
+        K = self.laws[0].gains.sliding_gain
+        damping = -float(sbar @ K @ sbar)
         memory = float((Zbar - d) @ (to_rate @ Zbar_rate - sbar))
         rate = (V(s_1, A_1, _STEP) - V(s_0, A_0, -_STEP)) / (2.0 * _STEP)
         return {

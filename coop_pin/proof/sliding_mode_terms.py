@@ -152,7 +152,8 @@ def proof_terms(arm: ProofArm, tick: RecordedTick, x: ArmTick) -> ProofTerms:
         arm.dynamics_at(x.q, x.v, tick.surroundings),
     )
     sigma_rate = arm.law.switching(law.s - law.s_d)
-    acceleration = arm.model.forward_dynamics(x.q, x.v, arm.model.drive.T @ x.tau + x.friction, x.F)
+    torque = arm.model.drive.T @ x.tau + x.friction
+    acceleration = arm.model.forward_dynamics(x.q, x.v, torque, x.F)
 
     def ahead(dt: float) -> tuple[LawTerms, DynamicsTerms]:
         q = pin.integrate(arm.model.model, x.q, dt * x.v + dt**2 / 2 * acceleration)

@@ -154,7 +154,8 @@ def run_key(
     """
     if code is None:
         code = tuple((name, code_digests(name)) for name in code_of(scenario, metrics))
-    return _hash(_content(scenario, metrics, code, digest, engine) | {"scenario": scenario.model_dump_json()})
+    content = _content(scenario, metrics, code, digest, engine)
+    return _hash(content | {"scenario": scenario.model_dump_json()})
 
 
 def _content(
@@ -173,7 +174,8 @@ def _content(
 
 def unresolved_key(base: Scenario, changes: Mapping[str, Any]) -> str:
     """Return the key of a run whose changed scenario has mistakes: of the base scenario and the changes."""
-    return _hash({"coop_pin": __version__, "base": base.model_dump_json()} | {"changes": dict(changes)})
+    content = {"coop_pin": __version__, "base": base.model_dump_json()}
+    return _hash(content | {"changes": dict(changes)})
 
 
 def _hash(content: Mapping[str, Any]) -> str:
@@ -264,4 +266,5 @@ def keyed_points(plan: SweepPlan, runs: Iterable[int] | None = None) -> Iterator
             yield KeyedPoint(point, unresolved_key(plan.base[point.base], point.changes), scenario)
             continue
         code = code_for(scenario)
-        yield KeyedPoint(point, run_key(scenario, metrics, code, digest, engine=engine), scenario, code)
+        key = run_key(scenario, metrics, code, digest, engine=engine)
+        yield KeyedPoint(point, key, scenario, code)

@@ -100,7 +100,8 @@ class LlvmEmitter(Emitter):
                 return self._spread(f"%v{index}", slot)
             return self._load(f"%v{index}", "%block", slot)
 
-        self._define(f"@{kernel.name}(ptr %block, ptr %uniforms)", kernel.tape, kernel.writes, "%block", read)
+        head = f"@{kernel.name}(ptr %block, ptr %uniforms)"
+        self._define(head, kernel.tape, kernel.writes, "%block", read)
 
     def operand(self, operand: Operand) -> str:
         """Return an operand as it is written in an expression."""

@@ -38,7 +38,8 @@ def of_objects(controller: CellController) -> Contents:
 
 def of_classes(targets: Iterable[str]) -> Contents:
     """Return attributes of the classes of laws, "module:Class", and what their functions use of modules."""
-    return {name: content for part in map(_of_class, targets) for name, content in part.items()}
+    parts = map(_of_class, targets)
+    return {name: content for part in parts for name, content in part.items()}
 
 
 def _of_class(target: str) -> Contents:

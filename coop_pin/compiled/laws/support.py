@@ -61,7 +61,8 @@ def support(scenario: Scenario) -> str | None:
     if reason := plant_reason(scenario.plant, scenario.cell, scenario.events):
         return reason
     try:
-        require_traceable(scenario, run_constants(scenario, Simulation(scenario, build_controller(scenario))))
+        run = Simulation(scenario, build_controller(scenario))
+        require_traceable(scenario, run_constants(scenario, run))
     except TracingError as error:
         return str(error)
     return None
@@ -87,7 +88,8 @@ def require_traceable(scenario: Scenario, constants: RunConstants) -> None:
         ticks = shaken_ticks(scenario)
         controller, rows = build_controller(scenario), scenario.cell.task_rows
         trace = partial(traced_call, constants.arms, rows, ticks[0], True)
-        require_agreement(*trace_law(controller, trace), ticks)
+        code = trace_law(controller, trace)
+        require_agreement(*code, ticks)
     except TracingError as error:
         raise TracingError(f"its controller {law.user_code[0]!r} cannot be traced: it {error}") from None
     structure(constants.controller)

@@ -227,7 +227,8 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
 
         goes_on, leak = self.integral.rates(integral, measurement)
         rate = goes_on * c * self.axes.product(K, X_WP, gains.sign_gain.dot(self.switching(s)))
-        integral, anchor = self.integral.following((integral, anchor), arm.period * (rate - leak), X_WP)
+        change = arm.period * (rate - leak)
+        integral, anchor = self.integral.following((integral, anchor), change, X_WP)
         holds = state.holds if self.guard is None else grip
         return ArmCommand(tau, PayloadSpaceState(integral, start, tau, anchor, holds))
 
@@ -249,7 +250,8 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
 
     def _squeeze(self, measurement: ArmMeasurement, reference: ArmReference, f_d: Array) -> Array:
         """Return R f_d, shape (k_0,), with R as desired for pressed arms, else as measured."""
-        return self.arm.rows.turn(reference.pose if self.arm.pressed else measurement.payload_pose, f_d)
+        pose = reference.pose if self.arm.pressed else measurement.payload_pose
+        return self.arm.rows.turn(pose, f_d)
 
     def _measured_wrench(self, measurement: ArmMeasurement, f_r: Array, share: float) -> tuple[Array, float]:
         """Return fhat, shape (k_0,), and its age in ticks; f_r of age inf if nothing is measured."""
