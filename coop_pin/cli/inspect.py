@@ -138,7 +138,8 @@ def suggest(
 
     draft = load_scenario(scenario, fields, draft=True)
     suggested = suggestion.suggest(draft, poses=poses, table_error=table_error)
-    print_wrapped(suggested.summary(), suggested.findings().of("error", "warning").summary(), sep="\n")
+    findings = suggested.findings(table_error=table_error).of("error", "warning")
+    print_wrapped(suggested.summary(), findings.summary(), sep="\n")
     if out is not None:
         suggested.scenario.save(out)
 

@@ -76,9 +76,9 @@ class Suggestion:
     limits: tuple[str, ...]
     changes: tuple[str, ...] = ()
 
-    def findings(self) -> Findings:
-        """Return what ``cp.check`` knows of the proposed scenario."""
-        return check(self.scenario)
+    def findings(self, *, table_error: float = TABLE_ERROR) -> Findings:
+        """Return what ``cp.check`` knows of the proposed scenario; table_error as of ``suggest``, m."""
+        return check(self.scenario, table_error=table_error)
 
     def summary(self) -> str:
         """Return the changes, the values and what limits each, as text."""

@@ -110,8 +110,8 @@ class Findings:
         counts = ", ".join(f"{count[name]} {name}{'' if count[name] == 1 else 's'}" for name in counted)
         lines = [f"{self.scenario}: {counts}"]
         for before, finding in zip((None, *self), self, strict=False):
-            is_told = before is not None and before.remedy == finding.remedy
-            text = finding.sentence if is_told else str(finding)
+            is_same = before is not None and before.remedy == finding.remedy
+            text = finding.sentence if is_same else str(finding)
             lines.append(("  " if finding.severity == "note" else "! ") + text.replace("\n", "\n    "))
         if self.left:
             lines.append(f"not looked at: {', '.join(self.left)}")

@@ -124,7 +124,7 @@ def eigenvalues(scenario: Scenario, *, time: float = 0.0) -> ClosedLoop:
         age += network.oldest_of(arms, smooth.clock)
         cycles += [smooth.clock.ticks_between(network.channel(edge).rate_hz) for edge in network.edges(arms)]
     N, before = int(np.lcm.reduce(cycles or [1])), int(np.ceil(time / period - NEUTRAL)) + age + 2
-    smooth = smooth.replace(duration=(before + N + 1) * period)
+    smooth = smooth.replace(duration=max(smooth.duration, (before + N + 1) * period))
     simulation = Simulation(smooth, build_controller(smooth))
     for _ in range(before):
         simulation.tick()
@@ -158,7 +158,8 @@ def _require_smooth(scenario: Scenario) -> None:
 
 
 def _smooth(scenario: Scenario) -> Scenario:
-    """Return a scenario without events, quantisation and losses, with any gains allowed."""
+    """Return a scenario without events, failures, quantisation and losses, with any gains allowed."""
+    sound = {"missed_ticks": 0.0, "torque_lost_at": None, "commands_lost_at": None}
 
     def continuous(sensors: Sensors) -> Sensors:
         return sensors.replace(encoder=sensors.encoder.replace(resolution=0.0))
@@ -169,10 +170,8 @@ def _smooth(scenario: Scenario) -> Scenario:
         network=None if scenario.network is None else scenario.network.exact,
         sensors=continuous(scenario.sensors),
         arm_sensors={name: continuous(sensors) for name, sensors in scenario.arm_sensors.items()},
-        actuators=scenario.actuators.replace(missed_ticks=0.0),
-        arm_actuators={
-            name: drives.replace(missed_ticks=0.0) for name, drives in scenario.arm_actuators.items()
-        },
+        actuators=scenario.actuators.replace(**sound),
+        arm_actuators={name: drives.replace(**sound) for name, drives in scenario.arm_actuators.items()},
     )
 
 

@@ -123,8 +123,13 @@ def test_a_law_that_only_differences_know_is_named_before_it_loses_the_payload()
 
 def test_an_arm_that_the_plan_loses_is_an_error_where_the_others_cannot_carry():
     pandas = cell_of("spatial")
-    planned = pandas.replace(events=(cp.events.LoseArm(arm="left", time=1.0),))
-    for scenario, severity in ((pandas, "note"), (planned, "error")):
+    limp, braked = (
+        pandas.replace(events=(cp.events.LoseArm(arm="left", time=1.0, form=form),))
+        for form in ("limp", "braked")
+    )
+    drives = pandas.actuators.replace(torque_lost_at=1.0)
+    by_drives = pandas.replace(arm_actuators={"left": drives})
+    for scenario, severity in ((pandas, "note"), (limp, "error"), (by_drives, "error"), (braked, "note")):
         lost = [finding for finding in cp.check(scenario, poses=POSES) if finding.kind == "lost arm"]
         assert {finding.severity for finding in lost if finding.place == "left"} == {severity}
         assert {finding.severity for finding in lost if finding.place == "right"} == {"note"}
@@ -149,7 +154,9 @@ def test_a_drive_that_the_motion_overloads_later_is_named_by_a_run():
     (torque, *_) = [finding for finding in quick(scenario) if finding.severity == "error"]
     assert (torque.kind, torque.place) == ("static torque", "right/right_w0")
     assert torque.value > torque.limit
-    assert cp.check(scenario.override(torque.remedy), poses=POSES).ok
+    checked = cp.check(scenario, poses=POSES).of("error")
+    (remedy,) = {tuple(finding.remedy.items()) for finding in checked if finding.kind == torque.kind}
+    assert cp.check(scenario.override(dict(remedy)), poses=POSES).ok
 
 
 @pytest.mark.parametrize("kind", SOUND)

@@ -257,3 +257,13 @@ def test_the_figure_shows_every_eigenvalue_the_own_ones_and_the_bounds():
     assert len(plane.collections[0].get_offsets()) == sum(len(loop.z) for loop in locus.loops)
     assert len(plane.lines[1].get_xdata()) == len(locus.loops[0].z)
     assert locus.bounds[0] in [line.get_xdata()[0] for line in radius.lines]
+
+
+@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
+def test_failures_of_arms_are_left_out(name):
+    """A loss of torque or commands later in the run: the loop of the sound arms, to the bit."""
+    scenario = cp.Scenario.load(name, {"events": []})
+    arm, *_ = scenario.cell.arms
+    sound = cp.stability.eigenvalues(scenario)
+    lost = scenario.replace(arm_actuators={arm: scenario.actuators.replace(torque_lost_at=1.0)})
+    np.testing.assert_array_equal(cp.stability.eigenvalues(lost).z, sound.z)
