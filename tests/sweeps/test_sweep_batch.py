@@ -91,6 +91,13 @@ def test_runs_that_cannot_start_or_be_traced_are_single_and_the_others_are_not(t
     assert [run.kind for run in runs] == ["", ""]
 
 
+@pytest.fixture
+def warned_anew():
+    """Warnings that are given once in a process, as if no test before had met them."""
+    batch_job._warn_once.cache_clear()
+
+
+@pytest.mark.usefixtures("warned_anew")
 def test_a_law_that_cannot_be_traced_is_not_traced_again_for_the_next_batch(tmp_path, caplog):
     steps = tmp_path / "steps"
     steps.touch()
@@ -103,10 +110,10 @@ def test_a_law_that_cannot_be_traced_is_not_traced_again_for_the_next_batch(tmp_
     assert steps.read_text() == traced != ""
 
 
+@pytest.mark.usefixtures("warned_anew")
 @pytest.mark.parametrize(("function", "way"), [("prepare", "plant"), ("run_prepared", "pinocchio")])
 def test_why_a_batch_breaks_is_told_once_for_all_its_runs(function, way, monkeypatch, caplog):
     monkeypatch.setattr(batch_job._simulator, function, lambda *_: 1 / 0)
-    batch_job._warn_once.cache_clear()
     jobs = [Job("key", scenario, way="lanes") for scenario in map(plan().scenario, range(3))]
     with caplog.at_level(logging.WARNING, "coop_pin.sweeps"):
         assert batch_job.run_batch(jobs) == [way] * 3
