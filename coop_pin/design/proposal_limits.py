@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from coop_pin.control import PayloadSpace
 from coop_pin.description.scenario import Scenario
 from coop_pin.design.tuning_rule import GainProposal, force_path_of
 from coop_pin.feasibility.least_squeeze import least_squeeze
@@ -27,9 +28,10 @@ def friction_limits(scenario: Scenario) -> Iterator[str]:
     yield f"guards: an arm gives up its squeeze at {1e3 * law.slip_guard:.3g} mm of slip{normal}"
 
 
-def gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
+def gain_limits(scenario: Scenario, proposal: GainProposal, suggested: Scenario) -> Iterator[str]:
     """Yield what limits rate and gains."""
-    stated, T = scenario.clock.rate_hz, 1.0 / proposal.rate_hz
+    stated, T, law = scenario.clock.rate_hz, 1.0 / proposal.rate_hz, suggested.controller
+    assert isinstance(law, PayloadSpace)
     kept = "as stated" if proposal.rate_hz == stated else f"raised from {stated:g} Hz"
     yield f"rate: {kept}; the error to expect while moving grows with T^3, the internal force with T"
     if proposal.law is None:
@@ -41,14 +43,7 @@ def gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
             f" the motion{', or by the table' * bool(scenario.put_downs)}; it is 2 where a soft grasp lets"
             " the arm go unstable"
         )
-        bias = proposal.law.anchor_bias
-        yield (
-            "anchor_bias: none, by the put-down: a bounded anchor would keep the load that the table gets"
-            if bias == "none"
-            else f"anchor_bias: {1e3 * bias[0]:.3g} mm and {1e3 * bias[1]:.3g} mrad, by the usual bias and"
-            " the deflection of the grasps under load and squeeze; the layer is twice as wide"
-        )
-        if proposal.law.knows_deflection:
+        if law.knows_deflection:
             yield "knows_deflection: the arms give up no squeeze to what it deflects"
         parts = "0.4", "a tenth to a fortieth"
     yield (
@@ -64,6 +59,13 @@ def gain_limits(scenario: Scenario, proposal: GainProposal) -> Iterator[str]:
     else:
         kind, g = force_path_of(scenario).kind, proposal.gains.anchor_gain
         yield f"force path: {kind}; g {g:.3g}, unstable from {proposal.anchor_bound:.3g} on"
+        bias = law.anchor_bias
+        yield (
+            "anchor_bias: none, by the put-down: a bounded anchor would keep the load that the table gets"
+            if bias == "none"
+            else f"anchor_bias: {1e3 * bias[0]:.3g} mm and {1e3 * bias[1]:.3g} mrad, by the usual bias,"
+            " deflections and what the measured wrenches move along the motion"
+        )
 
 
 def null_space_limits(proposal: GainProposal, loop: LoopStability) -> Iterator[str]:

@@ -15,6 +15,7 @@ import numpy as np
 from coop_pin.base.arrays import as_count, require_type
 from coop_pin.base.errors import ArgumentError, InfeasibleMotionError, ScenarioWarning
 from coop_pin.control.laws.payload_space import SLIP_GUARD, PayloadSpace
+from coop_pin.control.laws.payload_space_controller import PayloadSpaceGains
 from coop_pin.description.scenario import Scenario
 from coop_pin.design.own_inertia import own_inertia_proposal
 from coop_pin.design.posture_gains import rounded_down
@@ -43,6 +44,7 @@ from coop_pin.running.finding import Findings
 from coop_pin.running.plausibility import implausible_numbers
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
+from coop_pin.stability.forecast import Forecast, forecast
 from coop_pin.stability.grasp_stability import grasp_stability
 from coop_pin.stability.loop_stability import LoopStability, loop_stability
 from coop_pin.stability.sampled_stability import start_stability
@@ -56,8 +58,12 @@ _STEP_PART = 0.9
 """Part of the stability limit of the plant's steps that friction may take at the poses that are looked at."""
 _LEAST_ANCHOR = 0.01
 """Anchor gain below which it is not lowered further for the stability on springs."""
+_ANCHOR_PART = 0.8
+"""Part of the anchor's bound that the motion may take."""
 _AWAY = 0.3
 """Largest angle of a spare motion away from the path of the inverse kinematics, rad."""
+
+_NO_FORECAST = Forecast()
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +74,15 @@ class Suggestion:
         scenario: ready to run.
         proposal: the numbers of the law.
         limits: one sentence for each value: what limits it.
-        changes: differences from what is stated: squeeze, grasps; one sentence each.
+        changes: differences from what is stated: law, squeeze, grasps; one sentence each.
+        forecast: errors to expect of a run.
     """
 
     scenario: Scenario
     proposal: GainProposal
     limits: tuple[str, ...]
     changes: tuple[str, ...] = ()
+    forecast: Forecast = _NO_FORECAST
 
     def findings(self, *, table_error: float = TABLE_ERROR) -> Findings:
         """Return what ``cp.check`` knows of the proposed scenario; table_error as of ``suggest``, m."""
@@ -86,6 +94,7 @@ class Suggestion:
             (
                 *(f"! {sentence}" for sentence in self.changes),
                 f"{self.scenario.name}: {self.proposal.summary()}",
+                f"  {self.forecast.summary()}",
                 *(f"  {sentence}" for sentence in self.limits),
             )
         )
@@ -106,15 +115,17 @@ def suggest(
     is raised until the sampled loop brings them to rest along the motion. The scenario's own gains are not
     used; collisions are not considered. Implausible numbers of the scenario are told as ScenarioWarnings.
 
-    Compliant grasps ask for gains of each arm's own task inertia, matrices that turn with the payload:
-    ``T lambda_max(Lambda_i^-1 c_i K_i) = 0.5``, k_I = 0.4 lambda_min, gamma up to 0.1 lambda_min, and an
-    ``anchor_bias`` that has the deflection in it. The sampled loop of springs, arms and law must be stable.
+    The bound of the anchor, ``anchor_bias``, has what the measured wrenches move along the motion in it.
 
-    Patches ask for the same, and for the split of the virtual linkage, ``zero_at_grasp``, guards, and a
-    squeeze of at least 1.5 times ``least_squeeze``: stated ones are raised, and without one the tips press
-    along the lines between them. A put-down leaves the anchor without a bound, and lowers
-    the gains until a table that is ``table_error`` higher than planned is pressed with at most 4/3 of the
-    payload's weight.
+    Compliant grasps ask for gains of each arm's own task inertia, matrices that turn with the payload:
+    ``T lambda_max(Lambda_i^-1 c_i K_i) = 0.5``, k_I = 0.4 lambda_min, gamma up to 0.1 lambda_min, and
+    ``zero_at_grasp``, with which the deflection is no bias. The sampled loop of springs, arms and law must be
+    stable.
+
+    Patches ask for the same, and for the split of the virtual linkage, guards, and a squeeze of at least 1.5
+    times ``least_squeeze``: stated ones are raised, and without one the tips press along the lines between
+    them. A put-down leaves the anchor without a bound, and lowers the gains until a table that is
+    ``table_error`` higher than planned is pressed with at most 4/3 of the payload's weight.
 
     Args:
         scenario: cell, motion and squeeze, or a name or file of them, in which gains may be missing; its
@@ -139,9 +150,9 @@ def suggest(
             "suggest is for cells whose grasps are all patches, or that have none and no tables;"
             f" {names} hold or bear by friction beside others"
         )
+    changes, scenario = _with_law(scenario)
     if cell.patches:
-        law = scenario.controller.replace(force_path=force_path_of(scenario), zero_at_grasp=True)
-        scenario, pressed = with_enough_squeeze(scenario.replace(controller=law))
+        scenario, pressed = with_enough_squeeze(scenario)
     for number in implausible_numbers(scenario):
         warnings.warn(str(number), ScenarioWarning, stacklevel=2)
     require_rank(scenario.cell)
@@ -158,6 +169,7 @@ def suggest(
             )
     propose = partial(own_inertia_proposal, table_error=table_error) if cell.unclosed else gain_proposal
     proposal, suggested, loop = _held(scenario, cell_reach, propose)
+    suggested, errors = _anchored_enough(suggested, cell_reach)
     simulation = Simulation(suggested, build_controller(suggested))
     steps = step_stability(simulation, cell_reach)
     count = math.ceil(steps.steps_per_tick * steps.value / (_STEP_PART * steps.limit))
@@ -166,7 +178,7 @@ def suggest(
     pressed_table = table_force(suggested, table_error=table_error, lag=proposal.tracking)
     cut = f"squeeze CUT to {part:.2f} of what is stated: all that the drives hold beside weight and load"
     lines = (
-        *gain_limits(scenario, proposal),
+        *gain_limits(scenario, proposal, suggested),
         *friction_limits(suggested),
         *([] if pressed_table is None else [pressed_table.summary()]),
         *null_space_limits(proposal, loop),
@@ -175,8 +187,42 @@ def suggest(
         "squeeze: as stated" if part == 1.0 else f"squeeze: {part:.2f} of what is stated, by the drives",
         f"plant: {suggested.clock.steps_per_tick} steps in a tick; {start_stability(simulation).summary()}",
     )
-    changes = (*pressed, *([cut] if part < 1.0 else []), *turned)
-    return Suggestion(suggested, proposal, lines, changes)
+    changes = (*changes, *pressed, *([cut] if part < 1.0 else []), *turned)
+    return Suggestion(suggested, proposal, lines, changes, errors)
+
+
+def _with_law(scenario: Scenario) -> tuple[tuple[str, ...], Scenario]:
+    """Return a sentence if the law is another one, and the scenario with the one that is proposed."""
+    stated, gives = scenario.controller, bool(scenario.cell.unclosed)
+    ones = PayloadSpaceGains(pose_gain=1.0, sliding_gain=1.0, sign_gain=1.0, transient_rate=1.0)
+    is_zeroed = stated.near_rest.is_zeroed or gives
+    law = PayloadSpace(gains=ones, force_path=force_path_of(scenario), zero_at_grasp=is_zeroed)
+    changed = f"law CHANGED from {stated.kind!r} to {law.kind!r}, the only one of which gains are proposed"
+    return (changed,) * (stated.kind != law.kind), scenario.replace(controller=law)
+
+
+def _anchored_enough(scenario: Scenario, cell_reach: Reachability) -> tuple[Scenario, Forecast]:
+    """Return the scenario with an anchor's bound that has what the motion asks of it, and the forecast."""
+    law: Any = scenario.controller
+    errors, width = forecast(scenario, cell_reach), law.switching.width
+    needed, twice = np.divide(errors.anchor, _ANCHOR_PART), 2.0 * float(np.max(law.gains.pose_gain))
+    if law.anchor_bias == "none" or not np.greater(needed, np.minimum(law.anchor_bias, width / twice)).any():
+        return scenario, errors
+    b_0 = np.add(PayloadSpace.model_fields["anchor_bias"].default, needed)
+    wider = max(width, twice * float(b_0.max())) / width
+
+    def widened(gains: PayloadSpaceGains) -> PayloadSpaceGains:
+        return gains.replace(sign_gain=gains.sign_gain * wider)
+
+    law = law.replace(
+        anchor_bias=tuple(b_0.round(6).tolist()),
+        anchor_bias_answered=tuple(np.maximum(b_0, law.anchor_bias_answered).round(6).tolist()),
+        switching=law.switching.replace(width=width * wider),
+        gains=widened(law.gains),
+        arm_gains={name: widened(gains) for name, gains in law.arm_gains.items()},
+    )
+    scenario = scenario.replace(controller=law)
+    return scenario, forecast(scenario, cell_reach)
 
 
 def _held(

@@ -55,10 +55,10 @@ class GainProposal(NamedTuple):
         damping: smallest damping ratio of a sampled mode between the two.
         integral_rate: k_I, 1/s.
         anchor_bound: g at which the anchor would be unstable; None if no wrench is measured.
-        tracking: error to expect while moving, m.
-        internal_force: error of the internal force to expect while moving, N; None if none is measured.
-        internal_moment: error of the internal moment to expect while moving, N m; None if it is controlled
-            and no wrench is measured.
+        tracking: error while moving on rigid grasps of slow motions, m, by which rate and gamma are chosen.
+        internal_force: error of the internal force while moving, N, likewise; None if none is measured.
+        internal_moment: error of the internal moment while moving, N m; None if it is controlled and no
+            wrench is measured.
         law: law with gains for each arm, of grasps that give; None for one with ``gains`` for all.
     """
 
@@ -88,13 +88,11 @@ class GainProposal(NamedTuple):
         K = ", ".join(f"{entry:g}" for entry in np.ravel(g.sliding_gain))
         K = f"[{K}]" if self.law is None else "of each arm's own inertia"
         anchor = "leaky" if self.anchor_bound is None else f"anchor_gain {g.anchor_gain:.3g}"
-        force = "" if self.internal_force is None else f", {self.internal_force:.2g} N"
-        force += "" if self.internal_moment is None else f", {self.internal_moment:.2g} N m"
         return (
             f"proposal: {self.rate_hz:g} Hz, payload-space, sliding_gain {K}, pose_gain {g.pose_gain:g},"
             f" sign_gain {g.sign_gain:g} (k_I {self.integral_rate:.3g} /s), {anchor}: T*lambda"
             f" {self.t_lambda_max:.2g}, smallest lambda {self.lambda_min:.3g} /s, damping ratio"
-            f" {self.damping:.2f}; to expect while moving {1e3 * self.tracking:.2g} mm{force}"
+            f" {self.damping:.2f}"
         )
 
 

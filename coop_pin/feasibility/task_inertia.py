@@ -239,16 +239,17 @@ class HeldArm:
 
     def missing(self, t: Array, q: Array) -> Array:
         """Return M qdd + h + friction - what the torques hold besides the law's wrench, N m, shape (n, k)."""
-        v = self._speeds(t, q)
+        v = self.speeds(t, q)
         return self.without_payload(t, q) - np.array([self.other_torques(*s) for s in zip(q, v, strict=True)])
 
     def without_payload(self, t: Array, q: Array) -> Array:
         """Return M qdd + h + friction along a path of configurations, N m, shape (n, k)."""
-        v = self._speeds(t, q)
+        v = self.speeds(t, q)
         states = zip(q, v, np.gradient(v, t, axis=0), strict=True)
         return np.array([self.model.inverse_dynamics(*state) for state in states]) - self.friction.force(v)
 
-    def _speeds(self, t: Array, q: Array) -> Array:
+    def speeds(self, t: Array, q: Array) -> Array:
+        """Return the velocities along a path of configurations, shape (n, nv)."""
         return np.gradient(self._unwound(q), t, axis=0)
 
     def _unwound(self, q: Array) -> Array:

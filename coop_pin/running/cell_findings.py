@@ -23,6 +23,7 @@ from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.admittance_stability import admittance_stability
 from coop_pin.stability.closed_loop import eigenvalues
+from coop_pin.stability.forecast import forecast
 from coop_pin.stability.grasp_stability import grasp_stability
 from coop_pin.stability.loop_stability import loop_stability
 from coop_pin.stability.sampled_stability import motion_stability, start_stability
@@ -187,7 +188,7 @@ def lost_arm_findings(scenario: Scenario, reach: Reachability) -> Iterator[Findi
 def steady_findings(
     simulation: Simulation, reach: Reachability, bias: float, bias_turn: float, load: float
 ) -> Iterator[Finding]:
-    """Yield what the law measures, and what a bias and an unknown load leave."""
+    """Yield what the law measures, what a bias and an unknown load leave, and the errors to expect."""
     scenario = simulation.scenario
     law: Any = scenario.controller
     if not scenario.cell.controls_turns and "holding torque" in law.needs:
@@ -195,6 +196,7 @@ def steady_findings(
         yield Finding("internal moment", moment.arm, "note", moment.summary(), moment.moment)
     errors, slot = steady_errors(scenario, bias=bias, load=load), "controller"
     yield Finding("steady error", slot, "note", errors.summary())
+    yield Finding("steady error", slot, "note", forecast(scenario, reach).summary())
     if scenario.network is not None:
         traffic = simulation.traffic().summary(scenario.clock.rate_hz)
         yield Finding("steady error", "network", "note", traffic)

@@ -1,7 +1,8 @@
 """Stability: whether a law holds at its control rate: sampled loops, eigenvalues, steps, errors at rest.
 
 Open first: ``sampled_stability`` (T lambda of the damping under zero-order hold), ``closed_loop``
-(eigenvalues of the loop with plant, sensors and drives, root locus), ``steady_errors`` (under a bias).
+(eigenvalues of the loop with plant, sensors and drives, root locus), ``steady_errors`` (under a bias),
+``forecast`` (errors while moving and at rest, by ``motion_loop``).
 
 - ``loop_stability`` (all gains along the motion), ``grasp_stability`` (grasps that give),
   ``admittance_stability`` (servos); ``sampled_motion`` is the loop that they share.
@@ -16,6 +17,7 @@ import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio 
 from coop_pin import lazy_names
 from coop_pin.stability.admittance_stability import AdmittanceStability, admittance_stability
 from coop_pin.stability.closed_loop import ClosedLoop, RootLocus, eigenvalues, root_locus
+from coop_pin.stability.forecast import Errors, Forecast, forecast
 from coop_pin.stability.grasp_stability import GraspStability, grasp_stability
 from coop_pin.stability.loop_stability import LoopStability, loop_stability
 from coop_pin.stability.modes import Mode
@@ -32,6 +34,8 @@ from coop_pin.stability.step_size import StepSize, StepStability, fewest_steps, 
 __all__ = [
     "AdmittanceStability",
     "ClosedLoop",
+    "Errors",
+    "Forecast",
     "GraspStability",
     "LoopStability",
     "Mode",
@@ -45,6 +49,7 @@ __all__ = [
     "anchor_biases",
     "eigenvalues",
     "fewest_steps",
+    "forecast",
     "grasp_stability",
     "loop_stability",
     "motion_stability",

@@ -167,12 +167,17 @@ def _tick_matrix(scenario: Scenario, arms: _Arms, factor: float) -> Array:
         return V, x, np.concatenate(((arms.inertia @ a - u)[None], F[:-1])), f_m, V_a, d, z
 
     arm = (m, rows)
-    return _matrix_of(tick, [(rows,), (rows,), (late + 1, *arm), arm, arm, arm, arm])
+    return matrix_of(tick, [(rows,), (rows,), (late + 1, *arm), arm, arm, arm, arm])
 
 
-def _matrix_of(function: Callable[..., tuple[Array, ...]], shapes: list[tuple[int, ...]]) -> Array:
-    """Return the matrix of a linear function of arrays, whose last axis it leaves alone."""
+def matrix_of(function: Callable[..., tuple[Array, ...]], shapes: list[tuple[int, ...]]) -> Array:
+    """Return the matrix of a linear function of arrays, whose last axis it leaves alone.
+
+    Args:
+        function: Function that returns new values of all arrays, or of the first ones.
+        shapes: Shapes of the arrays without the last axis.
+    """
     sizes = [int(np.prod(shape)) for shape in shapes]
     unit = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])
     values = function(*(part.reshape(*shape, -1) for part, shape in zip(unit, shapes, strict=True)))
-    return np.concatenate([value.reshape(size, -1) for value, size in zip(values, sizes, strict=True)])
+    return np.concatenate([value.reshape(size, -1) for value, size in zip(values, sizes, strict=False)])

@@ -164,7 +164,7 @@ def test_it_says_what_limits_each_value(suggestion):
     assert suggestion.changes == ()
     subjects = [line.split(":")[0] for line in suggestion.limits]
     arms = [f"posture of {arm}" for arm in suggestion.scenario.cell.arms]
-    assert subjects == ["rate", "K", "k_I", "force path", *arms, "squeeze", "plant"]
+    assert subjects == ["rate", "K", "k_I", "force path", "anchor_bias", *arms, "squeeze", "plant"]
 
 
 @pytest.mark.slow
