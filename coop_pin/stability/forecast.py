@@ -14,6 +14,8 @@ from coop_pin.feasibility.least_squeeze import least_squeeze
 from coop_pin.feasibility.reachability import Reachability
 from coop_pin.stability.motion_loop import MotionLoop
 
+_LARGEST = 1e6
+"""State beyond which a loop counts as growing."""
 _ON_START = 1e-3
 """Error of the start above which its decay is most of the errors, m and rad."""
 
@@ -96,6 +98,8 @@ def forecast(scenario: Scenario, cell_reach: Reachability) -> Forecast:
     scenario = scenario.replace(events=(), duration=until)
     loop = MotionLoop(scenario, cell_reach)
     states = loop.run()
+    if not np.abs(states[-1]).max() < _LARGEST:
+        return Forecast(uncovered="its loop grows from tick to tick")
     law: Any = scenario.controller
     errors, moves = loop.errors(states), loop.moves
     biases = loop.norms(loop.explained(states)).max(axis=(0, 1))

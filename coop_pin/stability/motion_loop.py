@@ -157,7 +157,7 @@ class MotionLoop:
         return each.T.reshape(-1, *values.shape[1:])
 
     def run(self) -> Array:
-        """Return the states at all ticks, shape (ticks, states)."""
+        """Return the states at all ticks, shape (ticks, states); not finite in the end if they grow."""
         poses = np.unique(np.searchsorted(self.times, np.linspace(0.0, self.end or self.times[-1], _POSES)))
         size, times = len(self.first), self.times[poses]
         A, B = np.split(np.array([self._tick_matrix(pose) for pose in poses]), [size], axis=2)
@@ -171,9 +171,10 @@ class MotionLoop:
             at = after == j
             ends = [self.inputs[at] @ B[k].T for k in (j - 1, j)]
             driven.append(ends[0] + part[at, None] * (ends[1] - ends[0]))
-        for k, u in enumerate(np.concatenate(driven)[:-1]):
-            still, more = steps[after[k] - 1] @ x
-            states[k + 1] = x = still + part[k] * more + u
+        with np.errstate(over="ignore", invalid="ignore"):  # of a loop that grows
+            for k, u in enumerate(np.concatenate(driven)[:-1]):
+                still, more = steps[after[k] - 1] @ x
+                states[k + 1] = x = still + part[k] * more + u
         return states
 
     def _tick_matrix(self, pose: int) -> Array:
