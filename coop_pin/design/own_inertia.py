@@ -89,6 +89,7 @@ def own_inertia_proposal(
     *,
     least_stiffness: float = 0.0,
     table_error: float = TABLE_ERROR,
+    tips_give: bool = False,
 ) -> GainProposal:
     """Return gains with which every arm alone is stable, so that no grasp is too soft for the damping.
 
@@ -109,9 +110,10 @@ def own_inertia_proposal(
         cell_reach: Reachability of the scenario, in which every arm holds the start.
         least_stiffness: Stiffness of the posture's spring, N m/rad.
         table_error: Height by which a table may be higher than planned, m.
+        tips_give: Whether the damping of spare joints must hold with tips that the grasps leave free.
     """
     at_rate, part = partial(_at_rate, scenario, own_inertia(scenario, cell_reach)), 1.0
-    proposal, wrenches = accurate_proposal(scenario, cell_reach, least_stiffness, at_rate)
+    proposal, wrenches = accurate_proposal(scenario, cell_reach, least_stiffness, at_rate, tips_give)
     while (use := _table_use(scenario, proposal, table_error)) > _AIM:
         part *= min(_LESS, (_AIM / use) ** (1.0 / 3.0))
         proposal = at_rate(proposal.rate_hz, proposal.posture, wrenches, part)

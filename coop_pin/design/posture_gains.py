@@ -29,11 +29,12 @@ def slowest_lag(scenario: Scenario) -> float:
 
 
 def posture_gains(
-    scenario: Scenario, cell_reach: Reachability, T: float, least_stiffness: float
+    scenario: Scenario, cell_reach: Reachability, T: float, least_stiffness: float, tips_give: bool = False
 ) -> PostureGains:
     """Return null-space gains, at most the usual ones but for a spring that has to be stiffer.
 
-    The damping keeps T lambda below 0.9 with the payload held, and the spring is lowered with it. On full
+    The damping keeps T lambda below 0.9 with the payload held, or with free tips that ``tips_give``: their
+    light wrists then join the spare motion. The spring is lowered with it. On full
     rows the spring takes no more torque at rest than gravity asks for, however stiff it is; on positional
     ones the closures hold the spare joints against it, so that it is lowered to what the drives can hold.
     """
@@ -45,8 +46,9 @@ def posture_gains(
             continue
         for q in reach.q[:: max(1, len(reach.q) // 20)]:
             U = np.linalg.svd(arm.null_space(q))[0][:, : arm.nv - arm.rows.size]
-            spare = arm.from_drive @ U  # joint rates with the payload held
-            decay = max(decay, 1.0 / float(np.linalg.eigvalsh(spare.T @ arm.mass_matrix(q) @ spare)[0]))
+            M = arm.from_drive.T @ arm.mass_matrix(q) @ arm.from_drive
+            inertia = np.linalg.inv(U.T @ np.linalg.solve(M, U)) if tips_give else U.T @ M @ U
+            decay = max(decay, 1.0 / float(np.linalg.eigvalsh(inertia)[0]))
     stiffness, damping = float(np.max(usual.stiffness)), float(np.max(usual.damping))
     if decay > 0.0:
         damping = min(damping, rounded_down(T_LAMBDA / ((T + 2.0 * slowest_lag(scenario)) * decay)))

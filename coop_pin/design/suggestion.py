@@ -167,8 +167,15 @@ def suggest(
             raise InfeasibleMotionError(
                 "torque", f"{least.summary().removeprefix('! ')}; the drives hold no more"
             )
-    propose = partial(own_inertia_proposal, table_error=table_error) if cell.unclosed else gain_proposal
-    proposal, suggested, loop = _held(scenario, cell_reach, propose)
+    propose: Callable[..., GainProposal] = gain_proposal
+    if cell.unclosed:
+        propose = partial(own_inertia_proposal, table_error=table_error)
+    try:
+        proposal, suggested, loop = _held(scenario, cell_reach, propose)
+    except InfeasibleMotionError as error:
+        if not cell.unclosed or error.cause != "stability":
+            raise
+        proposal, suggested, loop = _held(scenario, cell_reach, partial(propose, tips_give=True))
     suggested, errors = _anchored_enough(suggested, cell_reach)
     simulation = Simulation(suggested, build_controller(suggested))
     steps = step_stability(simulation, cell_reach)
@@ -250,7 +257,7 @@ def _held(
         tried = float(np.max(proposal.posture.stiffness))
         is_held = tried < stiffness  # on positional rows the drives hold no stiffer one
         stiffness = max(_SOFTEST, 2.0 * tried)
-        if is_held or stiffness > _STIFFEST or not (loop.ok or loop.mode.is_spare):
+        if is_held or stiffness > _STIFFEST or not (loop.ok or loop.spare):
             detail = loop.summary()
             if loop.ok:
                 limit = f"the {tried:g} N m/rad that the drives hold" if is_held else f"{_STIFFEST:g} N m/rad"

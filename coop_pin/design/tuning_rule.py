@@ -243,6 +243,7 @@ def accurate_proposal(
     cell_reach: Reachability,
     least_stiffness: float,
     at_rate: Callable[[float, PostureGains, MotionWrenches], GainProposal],
+    tips_give: bool = False,
 ) -> tuple[GainProposal, MotionWrenches]:
     """Return the proposal at the first control rate at which it is accurate, and what the motion asks of it.
 
@@ -253,7 +254,7 @@ def accurate_proposal(
     fastest = stated if timed else max(stated, _FASTEST_HZ)
     wrenches = cache(partial(motion_wrenches, scenario, cell_reach))
     for count in range(1, int(fastest / stated) + 1):
-        posture = posture_gains(scenario, cell_reach, 1.0 / (stated * count), least_stiffness)
+        posture = posture_gains(scenario, cell_reach, 1.0 / (stated * count), least_stiffness, tips_give)
         proposal = at_rate(stated * count, posture, wrenches(posture))
         if proposal.tracking <= _TRACKING and (proposal.internal_force or 0.0) <= _FORCE:
             break

@@ -14,7 +14,9 @@ import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, DivergedError, FieldError
 from coop_pin.description.cell.grasp import STIFFNESSES
 from coop_pin.design import deflection_bias, own_inertia
+from coop_pin.design.posture_gains import posture_gains
 from coop_pin.feasibility import reachability
+from coop_pin.model import CellArm
 from coop_pin.proof import theorem_monitor
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
@@ -395,3 +397,22 @@ def test_what_a_squeeze_at_5_kN_per_m_is_with_proposed_gains(name, expected):
     assert_allclose(forces[2], forces[0], rtol=0.01)
     kept = kept_squeeze(proposed)[0, : len(rows)]
     assert_allclose(np.linalg.norm(kept), forces[1], rtol=0.01)
+
+
+@pytest.mark.parametrize("tips_give", [False, True])
+def test_damping_of_spare_joints_holds_with_tips_held_or_free(tips_give):
+    """T lambda_max = 0.9 of a null-space damper; light wrists join in where a patch leaves the tip free."""
+    scenario, T = cp.Scenario.load("two-pandas-palms"), 0.05
+    found = reachability(scenario, poses=5)
+    damping = float(np.max(posture_gains(scenario, found, T, 0.0, tips_give).damping))
+    largest = 0.0
+    for path in found.arms:
+        arm = CellArm(scenario.cell, path.arm)
+        for q in path.q:
+            N, M, J = arm.null_space(q), arm.mass_matrix(q), arm.task_jacobian(q)
+            moves = np.linalg.inv(M)
+            if not tips_give:  # the tip is held by the payload
+                back = np.linalg.solve(M, J.T)
+                moves = moves - back @ np.linalg.solve(J @ back, back.T)
+            largest = max(largest, float(np.linalg.eigvals(T * moves @ N * damping).real.max()))
+    assert_allclose(largest, 0.9, rtol=0.01)
