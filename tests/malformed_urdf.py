@@ -259,7 +259,7 @@ TREES: dict[str, Malformed] = {
         more=f'<link name="d"/><link name="e"/>{_joint("three", "d", "e")}\n{_joint("four", "e", "d")}',
     ),
     "its own parent": _bad("cycle", "joint 'three'", more=f'<link name="d"/>{_joint("three", "d", "d")}'),
-    "chain of 20000 fixed links": Malformed(chain(20_000), "depth", "joint 'j1000'", 21_003),
+    "chain of 5000 fixed links": Malformed(chain(5_000), "depth", "joint 'j1000'", 6_003),
     "chain of 1001 moved links": Malformed(
         chain(1001, "revolute"), "depth", "joint 'j1000'", 2004, besides=frozenset({"massless_body"})
     ),

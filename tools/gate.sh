@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The gate: format, lint, types, tests. Sets itself up; stops at the first failure.
+# The gate: format, lint, types, tests, notebooks and pages. Sets itself up; stops at the first failure.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 source tools/setup.sh
@@ -21,4 +21,5 @@ stage "format" ruff format --check .
 stage "lint" ruff check .
 stage "types" mypy
 stage "tests" pytest -n auto --dist worksteal -q
+stage "notebooks, examples, pages" pytest -n auto --dist worksteal -q -m gate
 echo "== gate passed"

@@ -61,12 +61,14 @@ def test_the_two_closed_forms_agree():
         assert_allclose(four_bar.closed_form(loops, time), four_bar_tip(loops, time), rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("duration", [4.0, pytest.param(10.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("duration", [1.5, pytest.param(10.0, marks=pytest.mark.slow)])
 def test_two_loops_follow_the_closed_form_to_a_nanometre_at_a_millisecond(duration):
     assert four_bar_error(2, 1e-3, duration) < 1e-9
 
 
-@pytest.mark.parametrize("step", [pytest.param(2e-3, marks=pytest.mark.slow), 5e-3, 1e-2])
+@pytest.mark.parametrize(
+    "step", [*(pytest.param(step, marks=pytest.mark.slow) for step in (2e-3, 5e-3)), 1e-2]
+)
 def test_two_loops_follow_the_closed_form_through_their_singular_poses(step):
     assert four_bar_error(2, step, 10.0) < 1e-5
 
@@ -150,7 +152,7 @@ def test_a_sarrus_linkage_has_one_redundant_row_keeps_its_energy_and_moves_its_p
     stiffness = 60.0
     assert chain.closures.rows == 5
     assert chain.forward_dynamics(*start, np.zeros(5)).rank == 4
-    motion = chain.integrate(*start, duration=4.0, step=1e-3, torque=lambda _t, q, _v: stiffness * (rest - q))
+    motion = chain.integrate(*start, duration=2.0, step=1e-3, torque=lambda _t, q, _v: stiffness * (rest - q))
     energy = energies(chain, motion) + 0.5 * stiffness * ((motion.q - rest) ** 2).sum(axis=1)
     assert_allclose(energy, energy[0], rtol=0, atol=1e-9)
     plates = np.array([chain.frame_pose(q, "plate") for q in motion.q[::20]])
@@ -180,7 +182,7 @@ def test_a_bennett_linkage_turns_however_it_is_closed(rows, count, rank):
 def test_a_bennett_linkage_moves_the_same_with_point_and_with_axis_rows():
     chain, start = bennett("axis")
     other, _ = bennett("point")
-    motions = [each.integrate(*start, duration=2.0, step=2e-3) for each in (chain, other)]
+    motions = [each.integrate(*start, duration=1.0, step=2e-3) for each in (chain, other)]
     assert_allclose(motions[0].q, motions[1].q, rtol=0, atol=1e-7)
     assert_allclose(motions[0].v, motions[1].v, rtol=0, atol=1e-6)
 
@@ -200,12 +202,12 @@ def four_bars_and_start():
 )
 def test_constraint_dynamics_and_the_kkt_agree_along_the_motion(mechanism):
     chain, start = mechanism()
-    motion = chain.integrate(*start, duration=2.0, step=2e-3)
+    motion = chain.integrate(*start, duration=2.0, step=4e-3)
     proximal = cp.ClosedChain(chain.model, chain.closures.closures, formulation="proximal")
     kkt = cp.ClosedChain(chain.model, chain.closures.closures, formulation="kkt")
     tau = 0.3 * np.arange(chain.model.nv)
     compared = 0
-    for q, v in zip(motion.q[::7], motion.v[::7], strict=True):
+    for q, v in zip(motion.q[::4], motion.v[::4], strict=True):
         two = kkt.forward_dynamics(q, v, tau)
         if two.rank < chain.forward_dynamics(*start, tau).rank or np.abs(np.sin(q[0])) < 1e-2:
             continue

@@ -39,7 +39,7 @@ def alone(scenario):
     """The torques of a single run, None if it fails."""
     adversaries.reset()
     try:
-        return cp.run(scenario).data["torque"].values
+        return cp.run(scenario, warn=False).data["torque"].values
     except cp.CoopPinError:
         return None
 

@@ -145,7 +145,7 @@ def test_whole_runs_and_their_metrics_are_those_of_coop_pin_run(name):
     scenarios = runs(name, DURATIONS[name.startswith("adept")], count=3)
     batch = simulate_batch(scenarios)
     assert batch.is_valid.all()
-    found, wanted = batch.result(1), cp.run(scenarios[1])
+    found, wanted = batch.result(1), cp.run(scenarios[1], warn=False)
     require_same_samples(found.data, wanted.data)
     numbers = {key: value for key, value in wanted.metrics().items() if np.isfinite(value)}
     assert len(numbers) > 5
@@ -186,11 +186,11 @@ def test_the_metrics_of_a_batch_have_the_bits_of_those_of_each_run():
 def test_a_batch_of_one_run_has_its_metrics_its_last_tick_and_the_trust_of_its_condition_number():
     """Seven ticks of which every fourth is recorded; limits between the condition number and its bound."""
     base = cp.Scenario.load("adept-paper", {"duration": 7 * 0.0125, "events": [], "clock.record_every": 4})
-    largest = float(cp.run(base).data["jacobian_condition"].max())
+    largest = float(cp.run(base, warn=False).data["jacobian_condition"].max())
     simulator = BatchSimulator()
     for limit, is_trusted in ((1.0 + 1e-3, True), (1.1, True), (1.0 - 1e-3, False)):
         scenario = base.override({"trust.jacobian_condition": limit * largest})
-        batch, single = simulator.run([scenario]), cp.run(scenario)
+        batch, single = simulator.run([scenario]), cp.run(scenario, warn=False)
         assert batch.samples["time"].shape == (1, 3)
         require_same_samples(batch.result(0).data, single.data)
         (metrics,) = batch.metrics()
@@ -210,7 +210,7 @@ def test_a_run_that_diverges_is_not_valid():
 def test_an_event_at_the_last_tick_is_that_of_a_single_run():
     event = {"kind": "payload-change", "time": 0.1, "mass": 4.0}
     scenario = cp.Scenario.load("adept-paper", {"duration": 0.1, "events": [event]})
-    batch, single = simulate_batch([scenario]), cp.run(scenario)
+    batch, single = simulate_batch([scenario]), cp.run(scenario, warn=False)
     require_same_samples(batch.result(0).data, single.data)
     assert abs(float(single.data["work_payload_change"][-1])) > 1e-3
 
@@ -474,9 +474,9 @@ def test_runs_that_differ_in_motion_start_friction_and_squeeze_are_one_batch():
     batch = simulate_batch(scenarios)
     assert batch.is_valid.tolist() == [True, True, False]
     with pytest.raises(cp.CoopPinError):
-        cp.run(scenarios[2])
+        cp.run(scenarios[2], warn=False)
     for index in (0, 1):
-        wanted = cp.run(scenarios[index]).data
+        wanted = cp.run(scenarios[index], warn=False).data
         for name in ("configuration", "torque", "internal_wrench", "seen_pose_error"):
             assert_allclose(batch.result(index).data[name], wanted[name], rtol=0, atol=1e-9)
     assert not np.allclose(batch.samples["torque"][0], batch.samples["torque"][1])

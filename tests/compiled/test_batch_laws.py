@@ -171,7 +171,7 @@ def test_whole_runs_of_laws_in_classes_are_those_of_coop_pin_run(cell, changes, 
     batch = simulate_batch(scenarios)
     assert batch.is_valid.all()
     for index, scenario in enumerate(scenarios):
-        require_same_samples(batch.result(index).data, cp.run(scenario).data)
+        require_same_samples(batch.result(index).data, cp.run(scenario, warn=False).data)
     assert not np.allclose(batch.samples["torque"][0], batch.samples["torque"][1])
 
 
@@ -184,7 +184,7 @@ def test_laws_with_one_plant_that_differ_in_more_than_numbers_have_their_own_cod
         changes = {"controller.switching": switching, "controller.gains.sign_gain": 1.0}
         scenario = scenario_with(cell, changes).replace(duration=0.03)
         batch = simulator.run([scenario])
-        require_same_samples(batch.result(0).data, cp.run(scenario).data)
+        require_same_samples(batch.result(0).data, cp.run(scenario, warn=False).data)
         torques.append(batch.samples["torque"])
     assert not np.allclose(*torques, rtol=1e-9, atol=0.0)
 
@@ -253,7 +253,7 @@ def test_a_users_controller_runs_in_a_batch_if_it_can_be_traced(target, cell):
     assert support(scenarios[0]) is None
     batch = simulate_batch(scenarios)
     for index, scenario in enumerate(scenarios):
-        require_same_samples(batch.result(index).data, cp.run(scenario).data)
+        require_same_samples(batch.result(index).data, cp.run(scenario, warn=False).data)
 
 
 REASONS = {
@@ -288,6 +288,6 @@ def test_a_sweep_runs_such_controllers_singly_and_tells_why_once(tmp_path, caplo
     assert [REASONS[mode] in caplog.text for mode in ("branch", "hidden")] == [True, True]
     assert len(caplog.records) == 2
     torques = table["torque_peak_Nm"].to_numpy()
-    single = cp.run(plan.scenario(0)).metrics()["torque_peak_Nm"]
+    single = cp.run(plan.scenario(0), warn=False).metrics()["torque_peak_Nm"]
     assert_allclose(torques[0], single, rtol=1e-9)
     assert len(set(torques.round(9))) == 6

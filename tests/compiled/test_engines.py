@@ -139,7 +139,7 @@ def test_a_view_sees_every_tick_and_an_interrupted_run_is_kept():
             raise KeyboardInterrupt
 
     with pytest.raises(errors.RunInterruptedError) as caught:
-        cp.run(scenario, engine="compiled", view=watch, realtime_rate=np.inf)
+        cp.run(scenario, engine="compiled", view=watch, realtime_rate=np.inf, warn=False)
     kept = caught.value.result
     assert kept.data.sizes["time"] == 12
     assert kept.engine == "compiled"
@@ -215,7 +215,7 @@ def test_what_only_pinocchio_has_is_refused_before_the_run(change, tmp_path):
 def test_unknown_engines_are_refused_and_former_ones_named_as_they_are_called():
     for name, present in (("compield", "compiled"), *FORMER.items()):
         for call in (
-            lambda name=name: cp.run("adept-paper", engine=name),
+            lambda name=name: cp.run("adept-paper", engine=name, warn=False),
             lambda name=name: cp.Execution(engine=name),
             lambda name=name: cp.SweepPlan(base="adept-paper", engine=name),
         ):

@@ -56,7 +56,7 @@ def largest(values):
 
 @pytest.fixture(scope="module")
 def papers_experiment():
-    return cp.run("adept-anchored")
+    return cp.run("adept-anchored", warn=False)
 
 
 def test_the_papers_experiment_keeps_its_internal_force(papers_experiment):
@@ -83,7 +83,7 @@ def test_both_experiments_differ_by_the_controller_alone():
 def test_a_kinematic_bias_leaves_a_constant_internal_force(name):
     """f = c_i k_I K gamma (b_i - bbar) / beta, and nothing grows; unequal shares in the spatial cell."""
     bias = [1e-3, 0.0 if name == "planar" else 0.5e-3, 0.0]
-    result = cp.run(at_rest(name, 12.0 if name == "planar" else 5.0, biased(bias)))
+    result = cp.run(at_rest(name, 12.0 if name == "planar" else 5.0, biased(bias)), warn=False)
     gamma, stiffness, beta = rates(result.scenario)
     shares = np.prod(result.scenario.cell.shares)
     expected = shares * stiffness * gamma * world_bias(result, bias) / beta
@@ -107,6 +107,7 @@ def held_with_a_bias(name, duration, changes=None):
             f"cell.arms.{first}.calibration_error.tip.xyz": [4e-4, 3e-4, 0.0],
         }
         | (changes or {}),
+        warn=False,
     )
     gamma, stiffness, _ = rates(result.scenario)
     shares = np.array(scenario.cell.shares)
@@ -140,7 +141,7 @@ def test_a_lost_sensor_loads_every_arm_by_its_own_part(name):
 @pytest.mark.parametrize("rate", [80.0, 160.0])
 @pytest.mark.parametrize("bias", [1e-4, 1e-3])
 def test_bias_force_at_two_biases_and_two_rates(bias, rate):
-    result = cp.run(at_rest("planar", 30.0, biased([bias, 0.0, 0.0]) | {"clock.rate_hz": rate}))
+    result = cp.run(at_rest("planar", 30.0, biased([bias, 0.0, 0.0]) | {"clock.rate_hz": rate}), warn=False)
     gamma, stiffness, beta = rates(result.scenario)
     expected = 0.25 * stiffness * gamma * bias / beta
     assert_allclose(np.linalg.norm(force_error(result)[-1]), expected, rtol=0.02)
@@ -156,6 +157,7 @@ def test_the_internal_force_stays_for_an_hour(bias):
         scenario,
         biased([bias, 0.0, 0.0])
         | {"events": [], "duration": 3600.0, "clock.steps_per_tick": 1, "clock.record_every": 800},
+        warn=False,
     )
     gamma, stiffness, beta = rates(scenario)
     late = result.data.time.values >= 600.0
@@ -168,7 +170,9 @@ def test_the_internal_force_stays_for_an_hour(bias):
 
 @pytest.mark.slow
 def test_two_pandas_hold_a_biased_box_for_a_minute():
-    result = cp.run("two-pandas-box", {"duration": 60.0, "clock.record_every": 10} | biased([1e-3, 0.0, 0.0]))
+    result = cp.run(
+        "two-pandas-box", {"duration": 60.0, "clock.record_every": 10} | biased([1e-3, 0.0, 0.0]), warn=False
+    )
     force, error = force_error(result), result.data.pose_error.values[:, :3]
     late = result.data.time.values >= 4.0
     print(f"{largest(force[late]):.3f} N at most from 4 s on, {1e3 * largest(error):.3f} mm")
@@ -188,7 +192,7 @@ def grows(name, gain, *, pole=0.0, delay=0, every=1, lag=0.0):
     changes = {"beyond_bound": True, "controller.gains.anchor_gain": gain, "controller.force_path": path}
     changes["actuators.lag"] = lag * scenario.clock.period
     try:
-        result = cp.run(scenario, changes | {"sensors.wrist": wrist})
+        result = cp.run(scenario, changes | {"sensors.wrist": wrist}, warn=False)
     except DivergedError:
         return True
     error = np.linalg.norm(force_error(result), axis=1)
@@ -254,7 +258,7 @@ def test_noise_of_the_wrists_is_filtered_by_the_anchor(name, duration, gain):
     """rms f = sigma sqrt(g / (2 - g)), sigma^2 = (1 - c)^2 + (m - 1) c^2 of the noise of one wrist, 1 N."""
     changes = {"controller.gains.anchor_gain": gain, "sensors.wrist": {"noise": {"force": 1.0}}}
     scenario = at_rest(name, duration, changes)
-    result, m = cp.run(scenario), len(scenario.cell.arms)
+    result, m = cp.run(scenario, warn=False), len(scenario.cell.arms)
     rows = 2 if name == "planar" else 3
     error = np.array([force_error(result, arm)[1600:, :rows] for arm in range(m if m > 2 else 1)])
     c = scenario.cell.shares[0]
@@ -265,7 +269,7 @@ def test_noise_of_the_wrists_is_filtered_by_the_anchor(name, duration, gain):
 def test_a_lost_sensor_adds_what_the_leak_leaves():
     """c_i gamma K (k_I / lambda) |b_i - bbar| more than anchored; in 5 / beta after its return as before."""
     scenario = at_rest("planar", 14.0, biased([1e-3, 0.0, 0.0]) | {"sensors.wrist": {"lost": [[8.0, 12.0]]}})
-    result = cp.run(scenario)
+    result = cp.run(scenario, warn=False)
     gamma, stiffness, beta = rates(scenario)
     error, time = np.linalg.norm(force_error(result), axis=1), result.data.time.values
     anchored = 0.25 * stiffness * gamma * 1e-3 / beta
@@ -283,7 +287,7 @@ def test_two_pandas_carry_on_without_their_sensor(start, end):
     """Lost in mid-motion and at rest, at a bias of 1 mm."""
     lost = {"sensors.wrist": {"lost": [[start, end]]}}
     scenario = Scenario.load("two-pandas-box", biased([1e-3, 0.0, 0.0]) | lost)
-    result = cp.run(scenario)
+    result = cp.run(scenario, warn=False)
     gamma, stiffness, beta = rates(scenario)
     error, time = np.linalg.norm(force_error(result), axis=1), result.data.time.values
     assert not result.data.saturated.values.any()
@@ -314,7 +318,7 @@ def test_a_turned_base_moves_the_payload_under_a_squeeze(name):
     turned = {"cell.arms.left.calibration_error.base.rpy": [0.0, 0.0, 1e-3]}
     scenario = at_rest(name, 12.0 if name == "planar" else 5.0, turned)
     loose = {"squeeze": dict.fromkeys(scenario.cell.arms, (0.0,) * 6)}
-    squeezed, free = (cp.run(scenario, changes) for changes in ({}, loose))
+    squeezed, free = (cp.run(scenario, changes, warn=False) for changes in ({}, loose))
     gamma, stiffness, beta = rates(scenario)
     f_d = squeezed.data.desired_internal_wrench.values[-1, 0, :3]
     sum_f_d = np.cross([0.0, 0.0, 1e-3], f_d)
@@ -332,7 +336,7 @@ def test_sag_times_internal_force_is_what_the_product_bound_says(leak):
     """P2: c_1 c_2 b D, whatever the leak; D = 100 N, b = 0.1 mm. Load along the bias."""
     load = {"kind": "wrench-pulse", "time": 0.0, "duration": 20.0, "wrench": [100.0, 0, 0, 0, 0, 0]}
     changes = NOTHING_MEASURED | {"events": [load], "controller.gains.leak": leak}
-    result = cp.run(at_rest("planar", 20.0, changes | biased([1e-4, 0.0, 0.0])))
+    result = cp.run(at_rest("planar", 20.0, changes | biased([1e-4, 0.0, 0.0])), warn=False)
     force, sag = force_error(result)[-2], result.data.pose_error.values[-2, :3]
     assert_allclose(np.linalg.norm(force) * np.linalg.norm(sag), 2.49e-3, atol=0.7e-5)
     from_the_mean_view = sag + 0.5 * world_bias(result, [1e-4, 0.0, 0.0])
@@ -357,7 +361,7 @@ def test_own_wrist_wrenches_sag_by_the_error_of_the_weight(known, gain, bias):
     # The bias along gravity in world axes, so that the true sag is the measured one less c_1 b.
     scenario = at_rest("planar", 40.0, changes)
     turned = (scenario.start.matrix[:3, :3] @ scenario.cell.grasps["left"].matrix[:3, :3]).T @ [bias, 0, 0]
-    result = cp.run(scenario, biased(turned.tolist()))
+    result = cp.run(scenario, biased(turned.tolist()), warn=False)
     gamma, stiffness, beta = rates(scenario)
     force, sag = (np.linalg.norm(v[-1]) for v in (force_error(result), result.data.pose_error.values[:, :3]))
     unknown = 20.0 - known
@@ -389,7 +393,7 @@ def test_sag_and_internal_force_in_space(name, law):
     }[law]
     first = next(iter(at_rest(name, 8.0).cell.arms))
     bias_of = {f"cell.arms.{first}.calibration_error.tip.xyz": bias}
-    result = cp.run(at_rest(name, 8.0, NOTHING_MEASURED | changes | bias_of))
+    result = cp.run(at_rest(name, 8.0, NOTHING_MEASURED | changes | bias_of), warn=False)
     (gamma, stiffness, beta), c = rates(result.scenario), result.scenario.cell.shares[0]
     b, gains = world_bias(result, bias), result.scenario.controller.gains
     if law == "leaky":
@@ -408,7 +412,8 @@ def test_zero_at_grasp_makes_a_bias_of_the_tip_vanish():
     run = {"events": [], "duration": 6.0, "clock.steps_per_tick": 2} | NOTHING_MEASURED
     biases = [[0.0, 0.0, 0.0], [1e-3, 0.5e-3, 0.0]]
     exact, zeroed = (
-        cp.run("adept-anchored", run | biased(bias) | {"controller.zero_at_grasp": True}) for bias in biases
+        cp.run("adept-anchored", run | biased(bias) | {"controller.zero_at_grasp": True}, warn=False)
+        for bias in biases
     )
     assert_allclose(force_error(zeroed), force_error(exact), atol=1e-6)
     assert_allclose(zeroed.data.pose_error, exact.data.pose_error, atol=1e-9)
@@ -420,7 +425,7 @@ def test_zero_at_grasp_in_space(name):
     bias = {"xyz": [1e-3, -0.5e-3, 0.3e-3], "rpy": [2e-3, 0.0, -1e-3]}
     arm = next(iter(Scenario.load(name).cell.arms))
     changes = {"controller.zero_at_grasp": True, "duration": 3.0}
-    exact = cp.run(name, changes)
-    zeroed = cp.run(name, changes | {f"cell.arms.{arm}.calibration_error.tip": bias})
+    exact = cp.run(name, changes, warn=False)
+    zeroed = cp.run(name, changes | {f"cell.arms.{arm}.calibration_error.tip": bias}, warn=False)
     assert_allclose(zeroed.data.internal_wrench, exact.data.internal_wrench, atol=1e-4)
     assert_allclose(zeroed.data.pose_error, exact.data.pose_error, atol=1e-7)

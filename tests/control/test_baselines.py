@@ -41,7 +41,7 @@ def test_pd_in_payload_space_sags_by_the_load_over_its_stiffness_and_pi_takes_it
     left = {}
     for law in (payload_space, proportional_integral):
         scenario = still(name, law(name), rate=125.0, duration=2.5, **CARRIED, **PUSH)
-        left[law] = cp.run(scenario).data.pose_error.values[-1, 0]
+        left[law] = cp.run(scenario, warn=False).data.pose_error.values[-1, 0]
     sag = LOAD / (GAMMA * SLIDING[name][0])
     assert_allclose(left[payload_space], sag, rtol=0.03)
     assert abs(left[proportional_integral]) < 0.05 * sag
@@ -137,7 +137,7 @@ def test_errors_stay_in_their_funnels_under_a_push_whatever_the_payload(name):
             "events": [{"kind": "wrench-pulse", "time": 1.0, "duration": 0.2, "wrench": [30, 20, 0, 0, 0, 0]}]
         },
     )
-    result = cp.run(scenario)
+    result = cp.run(scenario, warn=False)
     rho = 0.04 * np.exp(-2.0 * result.data.time.values) + 0.01
     used = np.abs(result.data.pose_error.values) / rho[:, None]
     assert used[0].max() > 0.79
@@ -162,7 +162,7 @@ def test_followers_reach_their_wrench_whatever_their_kinematics_are_off_by(name)
     }
     leader_follower = stated("leader-follower", **options)
     bias = {f"cell.arms.{follower}.calibration_error.tip.xyz": [1e-3, 0.0, 0.0], "sensors.wrist": {}}
-    result = cp.run(still(name, leader_follower, duration=2.0, **CARRIED, **bias))
+    result = cp.run(still(name, leader_follower, duration=2.0, **CARRIED, **bias), warn=False)
     assert np.abs(force_error(result)).max() > 0.01
     assert np.abs(force_error(result)[-1]).max() < 1e-3
     assert np.abs(result.data.pose_error.values[-1]).max() < 1e-4

@@ -159,28 +159,31 @@ CASES = [
     ("unequal", False, 1, 0.5),
 ]
 """Shares, whether K is full, ticks from one sample to the next, K_f."""
+BEYOND = (0.95, 1.1, 1.25, 1.5)
+"""Half the distance of two biases as a part of the bound; at the first nothing ramps."""
 
 
 @pytest.mark.parametrize(
-    ("shares", "is_full", "every", "force_gain"),
+    ("shares", "is_full", "every", "force_gain", "parts"),
     [
-        *CASES,
+        *((*case, BEYOND[::2]) for case in CASES),
         *(
-            pytest.param(*case, marks=pytest.mark.slow)
+            pytest.param(*case, BEYOND, marks=pytest.mark.slow)
             for case in itertools.product(("equal", "unequal"), (False, True), (1, 5), (0.0, 0.5))
-            if case not in CASES
         ),
     ],
 )
 @pytest.mark.parametrize("name", DAMPING)
-def test_beyond_the_bound_the_force_ramps_at_the_rate_of_the_excess(name, shares, is_full, every, force_gain):
-    """c_1 c_2 k_I K gamma (|b_1 - b_2| - 2 b) / (1 + K_f) along b_1 - b_2 at three biases; none at 1.9 b.
+def test_beyond_the_bound_the_force_ramps_at_the_rate_of_the_excess(
+    name, shares, is_full, every, force_gain, parts
+):
+    """c_1 c_2 k_I K gamma (|b_1 - b_2| - 2 b) / (1 + K_f) along b_1 - b_2; none at 1.9 b.
 
     A slow sensor keeps the part (1 - (1 - k_I T)^n) / (n k_I T) of b.
     """
     shares, K = SHARES[shares], damping(name, is_full)
     b = 1e-3 * (1.0 - (1.0 - K_I * T) ** every) / (every * K_I * T)
-    for part in (0.95, 1.1, 1.25, 1.5):
+    for part in parts:
         biases = [bias_along(name, 2.0 * part * b), np.zeros(len(K))]
         cell = LinearCell(name, shares, biases, K=K, every=every, force_gain=force_gain, **fixed(1e-3, 1e-2))
         _, f = cell.run(800 if every == 1 else int(1300 * (1.0 + force_gain)))
@@ -285,7 +288,9 @@ def turned(degrees):
     return lambda t: np.radians(degrees) * float(np.clip((t - 2.0) / 2.0, 0.0, 1.0))
 
 
-@pytest.mark.parametrize(("base", "tip"), [(0.0, 7e-3), (7e-3, 0.0), (4e-3, 3e-3)])
+@pytest.mark.parametrize(
+    ("base", "tip"), [(0.0, 7e-3), pytest.param(7e-3, 0.0, marks=pytest.mark.slow), (4e-3, 3e-3)]
+)
 @pytest.mark.parametrize("name", DAMPING)
 def test_a_bias_of_a_tip_turns_the_bound_with_the_payload(name, base, tip):
     """3.5 mm from the mean, turned by 70 degrees: 4 mm of change, and as without a bound for b_0 = 1 mm."""
@@ -369,7 +374,7 @@ def test_with_a_dead_arm_the_payload_stays_within_the_bound(name):
     ends = {}
     for bias in ((1e-3, 2e-3), (3e-3, 6e-3), "none"):
         cell = LinearCell(name, SHARES["unequal"], np.zeros((2, k)), anchor_bias=bias)
-        x, f = cell.run(1000, dead_from=4.0, load=load)
+        x, f = cell.run(800, dead_from=4.0, load=load)
         ends[bias] = [np.linalg.norm(part) for part in (x[-1, : k // 2 + k % 2], x[-1, k // 2 + k % 2 :])]
         assert np.linalg.norm(f[-1, 0]) > 10.0  # nothing that the survivor does changes it
     assert_allclose(ends[(1e-3, 2e-3)], (1e-3, 2e-3), rtol=0.02)
@@ -385,7 +390,7 @@ def test_a_dead_arm_needs_the_layer_beyond_the_bias_that_showed(name):
     for off in (12e-3, 14e-3):
         biases = [2.0 * off * along, 0.0 * along]
         cell = LinearCell(name, SHARES["equal"], biases, anchor_bias=BIAS, switching=narrow)
-        x, _ = cell.run(2400, dead_from=6.0, load=60.0 * along)
+        x, _ = cell.run(1600, dead_from=6.0, load=60.0 * along)
         ends[off] = x[-1, 0] + 2.0 * off  # as the survivor sees it
     assert_allclose(ends[12e-3], 14e-3, rtol=0.02)
     assert ends[14e-3] > 50e-3
@@ -502,7 +507,7 @@ def anchored(name, duration, changes=None):
 def test_the_law_is_that_without_a_bound_while_none_acts(name):
     bias = {"cell.arms.left.calibration_error.tip.xyz": [1e-3, 0.0, 0.0], "clock.steps_per_tick": 1}
     scenario = anchored(name, 1.0 if name == "planar" else 0.3, bias)
-    bounded, without = cp.run(scenario), cp.run(scenario, NONE)
+    bounded, without = cp.run(scenario, warn=False), cp.run(scenario, NONE, warn=False)
     assert_array_equal(bounded.data.torque, without.data.torque)
 
 
@@ -532,7 +537,7 @@ def test_drives_report_the_part_of_the_command_that_acted(name):
 def test_a_batch_is_the_single_run():
     changes = {"arm_actuators.right.torque_lost_at": 0.5, "clock.steps_per_tick": 1}
     scenario = anchored("planar", 1.0, changes)
-    require_same_samples(BatchSimulator().run([scenario]).result(0).data, cp.run(scenario).data)
+    require_same_samples(BatchSimulator().run([scenario]).result(0).data, cp.run(scenario, warn=False).data)
 
 
 @pytest.mark.slow
@@ -540,7 +545,7 @@ def test_a_large_bias_ramps_where_the_bar_turns():
     """|b_i - bbar| of 12 and 17 mm, b_max 20 mm: 6 N that stay, and 5.8 N/s."""
     for tip, end, ramp in ((24e-3, 6.0, 0.0), (34e-3, 59.1, 5.8)):
         off = {"events": [], "duration": 8.0, "cell.arms.left.calibration_error.tip.xyz": [tip, 0.0, 0.0]}
-        data = cp.run("adept-anchored", off | {"clock.steps_per_tick": 1}).data
+        data = cp.run("adept-anchored", off | {"clock.steps_per_tick": 1}, warn=False).data
         error = (data.internal_wrench - data.desired_internal_wrench).isel(arm=0).values[:, :2]
         before, last = (np.linalg.norm(error[index]) for index in (-162, -2))
         assert_allclose((last, (last - before) / 2.0), (end, ramp), atol=0.1)
@@ -711,7 +716,7 @@ def attacked(base, seed):
 @pytest.mark.parametrize(
     ("name", "seeds"),
     [
-        *(("adept-anchored", (0, 3, 6)), ("three-ur5-far", (0, 3, 6, 9))),
+        *(("adept-anchored", (0, 3, 6)), ("three-ur5-far", (0, 3))),
         *(pytest.param(name, range(72), marks=pytest.mark.slow) for name in CELLS),
     ],
 )
@@ -875,7 +880,7 @@ def test_the_hold_of_integrals_while_drives_are_cut(monkeypatch, law, cell, part
     if part is None:
         changes = standard_trials(base)["torque of an arm lost"].changes
     else:
-        largest = np.abs(cp.run(base).data.torque.values).max(axis=0)
+        largest = np.abs(cp.run(base, warn=False).data.torque.values).max(axis=0)
         limits = part * np.maximum(largest, 0.2)
         changes = {
             f"cell.arms.{arm}.calibration_error.tip.xyz": [bias, 0.0, 0.0] for arm in [*base.cell.arms][:1]
@@ -888,7 +893,7 @@ def test_the_hold_of_integrals_while_drives_are_cut(monkeypatch, law, cell, part
         if not is_held:
             for kind in (PayloadSpaceController, SlidingModeController):
                 monkeypatch.setattr(kind, "step", blind_to_cuts(kind.step))
-        found = measures(cp.run(base.override(changes)))
+        found = measures(cp.run(base.override(changes), warn=False))
         force = np.hypot(found["axial_rms_N"], found["shear_rms_N"])
         assert_allclose((found["tracking_rms_mm"], force), expected, rtol=0.01)
 

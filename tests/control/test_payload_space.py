@@ -446,8 +446,8 @@ REPAIR = {"controller": {"kind": "payload-space", "gains": GAINS}}
 
 def test_repair_keeps_the_papers_internal_force_small():
     """At the same alpha: less internal-force error than the printed law, tracking below 0.5 mm, settled."""
-    printed = cp.run("adept-paper")
-    repaired = cp.run("adept-paper", REPAIR)
+    printed = cp.run("adept-paper", warn=False)
+    repaired = cp.run("adept-paper", REPAIR, warn=False)
     assert repaired.internal_force().force_rms_error < 0.6 * printed.internal_force().force_rms_error
     assert repaired.position_rms() < 0.5e-3
     assert repaired.settling_time() < 2.5
@@ -463,7 +463,7 @@ def test_repair_carries_gravity():
         "sign_gain": 0.5,
         "transient_rate": 5,
     }
-    result = cp.run(scenario, {"controller": {"kind": "payload-space", "gains": gains}})
+    result = cp.run(scenario, {"controller": {"kind": "payload-space", "gains": gains}}, warn=False)
     assert result.position_rms() < 0.5e-3
     assert max(result.closure_error_max()) < 1e-8
     assert result.energy_balance_max() < 1e-5
@@ -474,7 +474,9 @@ def biased_run(name, controller, bias):
     scenario = SCENARIOS[name]().replace(events=(), duration=10.0)
     still = {"motion": {"kind": "hold", "pose": scenario.start.model_dump()}}
     return cp.run(
-        scenario, {"controller": controller, "cell.arms.left.calibration_error.tip.xyz": bias, **still}
+        scenario,
+        {"controller": controller, "cell.arms.left.calibration_error.tip.xyz": bias, **still},
+        warn=False,
     )
 
 

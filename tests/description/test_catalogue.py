@@ -21,6 +21,8 @@ QUIET = {"events": [], "duration": 10.0}
 CHANGES = {name: {} if name in CATALOGUE_CELLS else QUIET for name in cp.scenario_names()}
 QUICK_PLANTS = ["adept-paper", "adept-anchored", "five-joint-pair", "two-pandas-box", "human-partner"]
 """Cells that run on every plant in the default tier, too: in a plane, in space, on positional rows, held."""
+QUICK_CELLS = ["adept-anchored", "two-pandas-box"]
+"""Cells that do their work in the default tier, too: in a plane and in space."""
 LARGE_CELLS = ["baxter-box", "four-ur5-plate", "three-driven-ur5"]  # tested in test_robots
 for other in [
     "adept-paper",
@@ -38,10 +40,7 @@ for other in [
 
 @pytest.fixture(
     scope="module",
-    params=[
-        pytest.param(name, marks=[pytest.mark.slow] * (name in ("panda-ur5-bar", "three-ur5-plate")))
-        for name in CHANGES
-    ],
+    params=[pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK_CELLS)) for name in CHANGES],
 )
 def result(request):
     return cp.run(request.param, CHANGES[request.param])
@@ -198,7 +197,8 @@ def moments_at_the_wrists(changes, squeeze):
     """About the tips, by the payload, of two Pandas at rest once the squeeze acts, N m, shape (2, 3)."""
     quick = {"duration": 0.4, "clock.steps_per_tick": 1, "controller.gains.transient_rate": 20.0}
     scenario = cp.Scenario.load("two-pandas-box", {**changes, **quick})
-    result = cp.run(scenario, {"motion": {"kind": "hold", "pose": scenario.start.model_dump()}, **squeeze})
+    motion = {"kind": "hold", "pose": scenario.start.model_dump()}
+    result = cp.run(scenario, {"motion": motion, **squeeze}, warn=False)
     R_WP = Rotation.from_quat(result.data.payload_quaternion.values[-1]).as_matrix()
     tips = np.array([R_WP @ grasp.xyz for grasp in scenario.cell.grasps.values()])
     return shift_wrench(result.data.interaction_wrench.values[-1], -tips)[:, 3:]
@@ -259,8 +259,9 @@ def beyond_allowed_by_plant(name, duration, plants):
     scenario = cp.Scenario.load(name)
     events = tuple(event for event in scenario.events if event.end < duration)
     scenario = scenario.replace(duration=duration, events=events)
-    expected = cp.run(scenario).data
-    return {plant: beyond_allowed(cp.run(scenario, PLANTS[plant]).data, expected) for plant in plants}
+    expected = cp.run(scenario, warn=False).data
+    found = {plant: cp.run(scenario, PLANTS[plant], warn=False).data for plant in plants}
+    return {plant: beyond_allowed(data, expected) for plant, data in found.items()}
 
 
 @pytest.mark.parametrize(
@@ -283,7 +284,7 @@ def test_every_plant_gives_the_same_run_over_20_s(name):
 
 RUN = """
 import sys, coop_pin as cp
-cp.run(sys.argv[1], {"duration": 0.2}).save(sys.argv[2])
+cp.run(sys.argv[1], {"duration": 0.2}, warn=False).save(sys.argv[2])
 """
 
 
@@ -293,5 +294,5 @@ def test_another_openblas_kernel_gives_the_same_run_but_for_rounding(kernel, tmp
     file = tmp_path / "result.nc"
     environment = os.environ | {"OPENBLAS_CORETYPE": kernel}
     subprocess.run([sys.executable, "-c", RUN, "two-pandas-box", str(file)], env=environment, check=True)
-    here = cp.run("two-pandas-box", {"duration": 0.2}).data
+    here = cp.run("two-pandas-box", {"duration": 0.2}, warn=False).data
     assert beyond_allowed(cp.RunResult.load(file).data, here) == {}

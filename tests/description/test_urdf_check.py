@@ -284,7 +284,7 @@ def test_a_report_of_a_hostile_file_stays_short():
 
 
 @given(st.binary() | st.text())
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 def test_any_bytes_and_any_text_end_in_a_report(data):
     assert check_urdf(data).errors()
 
@@ -338,13 +338,16 @@ def test_the_arms_of_example_robot_data_have_no_structural_findings_and_load(nam
     assert pin.buildModelFromXML(text).njoints > 5
 
 
-def test_pinocchio_builds_every_example_that_passes_and_few_do_not():
+@pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.slow)])
+def test_pinocchio_builds_every_example_that_passes_and_few_do_not(every):
+    stubs = {"ur3", "alex_psyonic_hands"}
     files = sorted(example_folder().glob("*/*/*.urdf"))
+    files = [path for at, path in enumerate(files) if at % every == 0 or path.stem in stubs]
     passed = [path for path in files if not check_file(find_urdf(path)).errors()]
     for path in passed:
         pin.buildModelFromXML(path.read_text(encoding="utf-8"))
     # ur3.urdf is an empty stub, alex_psyonic_hands.urdf mimics joints that it does not have.
-    assert {path.stem for path in files} - {path.stem for path in passed} == {"ur3", "alex_psyonic_hands"}
+    assert {path.stem for path in files} - {path.stem for path in passed} == stubs
 
 
 # ---------------------------------------------------------------- loading

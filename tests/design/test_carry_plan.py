@@ -316,7 +316,7 @@ def test_proofs_and_exports_refuse_a_feed_forward(tmp_path):
     with pytest.raises(ArgumentError, match="feed-forward"):
         cp.export.export_c(scenario, "left", tmp_path)
     with pytest.raises(ArgumentError, match="feed-forward"):
-        cp.proof.theorem_monitor(cp.run(scenario))
+        cp.proof.theorem_monitor(cp.run(scenario, warn=False))
 
 
 def test_arms_that_cannot_turn_the_payload_are_refused_with_the_angle():
@@ -349,12 +349,15 @@ def test_no_torques_added_leave_the_bits_and_added_ones_act_at_their_times():
     nothing = cp.laws.FeedForward(
         times=(0.05, 0.1), torques={"right": np.zeros((2, 3)), "left": np.zeros((2, 3))}
     )
-    plain, same = cp.run(scenario).data, cp.run(scenario.replace(feed_forward=nothing)).data
+    plain, same = (
+        cp.run(scenario, warn=False).data,
+        cp.run(scenario.replace(feed_forward=nothing), warn=False).data,
+    )
     assert np.array_equal(plain.torque, same.torque)
     more = cp.laws.FeedForward(
         times=(0.05, 0.1), torques={"left": [[0.0] * 3, [1.0, 0.0, 0.0]], "right": np.zeros((2, 3))}
     )
-    added = cp.run(scenario.replace(feed_forward=more)).data
+    added = cp.run(scenario.replace(feed_forward=more), warn=False).data
     time = np.asarray(plain.time)
     before = time < 0.0501
     assert np.array_equal(plain.torque.values[before], added.torque.values[before])
@@ -392,7 +395,7 @@ def test_feed_forward_for_other_arms_or_drives_is_refused():
         scenario.replace(feed_forward=cp.laws.FeedForward(times=(0.0,), torques={"left": ((0.0,) * 3,)}))
     table = {"left": ((0.0,) * 3,), "right": ((0.0,) * 2,)}
     with pytest.raises(FieldError, match="right"):
-        cp.run(scenario.replace(feed_forward=cp.laws.FeedForward(times=(0.0,), torques=table)))
+        cp.run(scenario.replace(feed_forward=cp.laws.FeedForward(times=(0.0,), torques=table)), warn=False)
 
 
 @pytest.mark.parametrize(
@@ -423,7 +426,7 @@ def test_a_timed_line_with_two_entries_is_the_quintic():
 
 def played(name, plan):
     scenario = CARRIES[name]()[0]
-    return cp.run(plan.played_by(scenario)).data
+    return cp.run(plan.played_by(scenario), warn=False).data
 
 
 def errors_of(data, since):
@@ -459,10 +462,12 @@ def test_a_played_plan_keeps_limits_squeeze_and_closure(name, planned):
 def test_laws_without_a_model_play_a_plan_and_correct_what_it_does_not_know(change, planned):
     if change == "law (23)":
         law = cp.Scenario.load("adept-paper").controller
-        data = cp.run(planned("across").played_by(adept()[0].replace(controller=law))).data
+        data = cp.run(planned("across").played_by(adept()[0].replace(controller=law)), warn=False).data
     else:
         scenario = planned("pandas").played_by(pandas()[0])
-        data = cp.run(scenario.replace(events=(cp.events.PayloadChange(time=0.02, mass=3.6),))).data
+        data = cp.run(
+            scenario.replace(events=(cp.events.PayloadChange(time=0.02, mass=3.6),)), warn=False
+        ).data
     errors = errors_of(data, 1.0)
     print(change, errors)
     assert errors["internal force"] < (1.5 if change == "law (23)" else 1.0)

@@ -94,7 +94,7 @@ def errors_of(result, start=0.0):
 
 
 def run_errors(scenario, start=0.0):
-    result = cp.run(scenario)
+    result = cp.run(scenario, warn=False)
     assert result.trustworthy, result.verdict()
     return errors_of(result, start)
 
@@ -378,7 +378,7 @@ def test_on_positional_rows_the_payload_turns_as_the_closed_chain_lets_it():
 def test_a_run_on_positional_rows_turns_as_expected():
     """Within the little that the springs of the posture do in the null space."""
     five = short(carry("five", [UR5_OF_FIVE] * 2, by=(0.0, 0.03, 0.05), rows="positional"))
-    result = cp.run(cp.suggest(five).scenario)
+    result = cp.run(cp.suggest(five).scenario, warn=False)
     assert result.trustworthy
     found = cp.feasibility.reachability(five)
     expected = CellArm(five.cell, "arm0").payload_pose(found.arms[0].q[-1])[:3, :3]

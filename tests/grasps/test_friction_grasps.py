@@ -65,7 +65,7 @@ def least(scenario: cp.Scenario) -> float:
 @pytest.mark.parametrize("name", CELLS)
 def test_a_view_shows_the_friction_that_the_result_has(name):
     scenario, seen = CELLS[name](duration=0.05), []
-    used = cp.run(scenario, view=seen.append, realtime_rate=np.inf).friction_use().used
+    used = cp.run(scenario, view=seen.append, realtime_rate=np.inf, warn=False).friction_use().used
     scene, samples = LiveScene(initial_scene(scenario)), snapshot_samples(seen[-1], scenario.cell)
     assert len(scene.frame(seen[-1])) == len(scene.frame(seen[0]))
     shown = [curve.values(samples) for curve in scene.curves if curve.plot == "friction"]
@@ -93,7 +93,7 @@ def test_a_run_starts_at_rest_with_the_squeeze_on_and_the_load_as_tip_forces(nam
 @pytest.mark.parametrize("name", CELLS)
 def test_the_first_torque_holds_the_cell(name):
     scenario = CELLS[name](duration=0.01)
-    data = cp.run(scenario).data
+    data = cp.run(scenario, warn=False).data
     still = 1e-5 * np.abs(data.torque.values[0]).max()
     assert np.nanmax(np.abs(data.joint_velocity.values)) < 1e-3
     assert_allclose(data.torque.values[1], data.torque.values[0], atol=max(still, 1e-2))
@@ -111,7 +111,7 @@ def test_loads_of_the_linkage_are_what_its_split_leaves():
 def test_a_crate_is_carried_by_friction_alone():
     line = {"kind": "line", "start_time": 0.05, "duration": 0.4, "start": {"xyz": (0.0, 0.0, 0.5)}}
     line["goal"] = {"xyz": (0.002, 0.004, 0.504), "rpy": (0.0, 0.0, 0.006)}
-    result = cp.run(palms(duration=0.5, motion=line))
+    result = cp.run(palms(duration=0.5, motion=line), warn=False)
     data = result.data
     assert np.linalg.norm(data.pose_error.values[:, :3], axis=1).max() < 2e-3
     assert float(data.patch_slip.max()) < 1e-9
@@ -137,7 +137,7 @@ def test_patches_slip_at_the_least_squeeze(name, mu):
     force = least(scenario)
     ramp = {"kind": "ramp", "start": squeeze(1.02 * force), "goal": squeeze(0.98 * force), "start_time": 0.05}
     ramp["duration"] = 0.04 * force / 3.5  # at most 6.6 N/s
-    result = cp.run(scenario.override({"squeeze": ramp, "duration": ramp["duration"] + 0.1}))
+    result = cp.run(scenario.override({"squeeze": ramp, "duration": ramp["duration"] + 0.1}), warn=False)
     data = result.data
     F = data.patch_wrench.values
     N, f = F[..., 2].mean(axis=1), np.linalg.norm(F[..., :2], axis=-1).mean(axis=1)
@@ -195,7 +195,7 @@ def test_patches_slip_where_the_margin_is_zero_whatever_twists_or_tilts_them(nam
 def test_a_squeeze_that_is_too_small_drops_the_payload_and_the_arms_stay(name):
     scenario = CELLS[name](duration=0.4, **{"trust.energy_share": 1e-2})
     scenario = scenario.override({"squeeze": squeeze(0.7 * least(scenario))})
-    result = cp.run(scenario)
+    result = cp.run(scenario, warn=False)
     data = result.data
     fallen = (data.payload_position.values[-1] - data.payload_position.values[0]) @ scenario.cell.gravity
     assert fallen / 9.81 > 0.3
@@ -288,7 +288,7 @@ def on_table(top: float, start: float, goal: float, **changes) -> cp.Scenario:
 @pytest.mark.parametrize("mass", [2.0, 3.0])
 def test_an_unknown_weight_is_picked_up_from_a_table(mass):
     box = {"kind": "box", "mass": mass, "size": (0.4, 0.3, 0.2)}
-    result = cp.run(on_table(0.4, 0.5, 0.55, **{"cell.payload": box, "duration": 2.5}))
+    result = cp.run(on_table(0.4, 0.5, 0.55, **{"cell.payload": box, "duration": 2.5}), warn=False)
     data = result.data
     table = data.patch_wrench.sel(patch="bench", axis="z").values
     assert_allclose(table[0], mass * 9.81, rtol=1e-6)  # it lies, and the arms only squeeze
@@ -303,7 +303,7 @@ def test_an_unknown_weight_is_picked_up_from_a_table(mass):
 
 @pytest.mark.slow
 def test_a_table_that_is_higher_than_planned_is_pressed_by_the_integral():
-    data = cp.run(on_table(0.402, 0.53, 0.5, duration=2.1)).data
+    data = cp.run(on_table(0.402, 0.53, 0.5, duration=2.1), warn=False).data
     force = data.patch_wrench.sel(patch="bench", axis="z").values
     late = data.time.values > 1.6
     rate = np.polyfit(data.time.values[late], force[late], 1)[0]
@@ -421,7 +421,7 @@ def test_suggest_states_squeeze_split_and_guards_for_patches(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CELLS)
 def test_a_suggested_law_carries_by_friction(name):
-    result = cp.run(suggested(name).scenario)
+    result = cp.run(suggested(name).scenario, warn=False)
     assert result.trustworthy
     assert not result.friction_text
     assert np.linalg.norm(result.data.pose_error.values[:, :3], axis=1).max() < 5e-5

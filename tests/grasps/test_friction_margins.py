@@ -109,13 +109,13 @@ def test_five_points_slide_where_a_rectangle_does_within_six_percent(size):
 
 def test_pads_of_rigid_grasps_use_what_patches_use():
     scenario = palms(**{"duration": 0.02, "controller.gains.transient_rate": 20.0})
-    patches = cp.run(scenario).friction_use()
+    patches = cp.run(scenario, warn=False).friction_use()
     pads = {
         name: {"mu": grasp.mu, "radius": grasp.radius, "press": grasp.press}
         for name, grasp in scenario.cell.patches.items()
     }
     cell = scenario.cell.rigid.replace(pads=pads)
-    rigid = cp.run(scenario.replace(cell=cell, duration=0.35))
+    rigid = cp.run(scenario.replace(cell=cell, duration=0.35), warn=False)
     use = rigid.friction_use()
     assert use.arms == patches.arms == ("left", "right")
     assert_allclose(use.normal[-1], 60.0, rtol=1e-2)  # the squeeze has come on

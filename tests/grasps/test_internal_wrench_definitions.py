@@ -209,7 +209,7 @@ def test_struts_of_coplanar_and_collinear_tips_have_the_tensions_of_least_norm(t
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_the_strut_of_a_run_has_the_forces_of_its_definition_along_the_line(name):
     """The cells are planar, and spatial with grasp frames turned away from the world."""
-    data = (result := cp.run(SCENARIOS[name]().replace(events=(), duration=0.2))).data
+    data = (result := cp.run(SCENARIOS[name]().replace(events=(), duration=0.2), warn=False)).data
     r = data["tip_position"].values - data["payload_position"].values[:, None]
     struts, _ = virtual_linkage(*determinate_grasp(data["interaction_wrench"].values, r))
     f = result.internal_wrench_definitions()["virtual_linkage"].values[:, 0, :3]
@@ -263,7 +263,7 @@ def test_the_constraint_consistent_load_accelerates_the_virtual_bodies_as_one_ri
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_a_result_has_every_definition_of_its_internal_wrench(name):
     scenario = SCENARIOS[name]().replace(events=(), duration=0.1)
-    result = cp.run(scenario)
+    result = cp.run(scenario, warn=False)
     found, F = result.internal_wrench_definitions(), result.data["interaction_wrench"]
     np.testing.assert_allclose(found["load_shares"], result.data["internal_wrench"], atol=1e-12)
     determined = np.isfinite(F.values)

@@ -120,7 +120,7 @@ def put_down(turn: tuple[float, float, float], **changes) -> cp.Scenario:
 )
 def test_after_a_put_down_the_table_bears_the_weight_and_nothing_winds_up(turn):
     """The error of the pose stays, 2 mm; without the event its integral presses on."""
-    data = cp.run(put_down(turn)).data
+    data = cp.run(put_down(turn), warn=False).data
     table, late = data.patch_wrench.sel(patch="bench", axis="z").values, data.time.values > 0.4
     assert_allclose(table[late], WEIGHT, atol=3.0)  # it still swings
     assert table.max() < 40.0
@@ -206,7 +206,7 @@ def test_suggested_gains_spare_a_table_that_is_too_high(name, seen):
 
 @pytest.mark.slow
 def test_without_a_put_down_the_table_is_pressed_more_and_more():
-    data = cp.run(put_down((0.0, 0.0, 0.0), events=())).data
+    data = cp.run(put_down((0.0, 0.0, 0.0), events=()), warn=False).data
     table = data.patch_wrench.sel(patch="bench", axis="z").values
     assert np.polyfit(data.time.values[-300:], table[-300:], 1)[0] > 5.0
 

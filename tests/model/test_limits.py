@@ -206,7 +206,7 @@ def test_saturation_is_applied_recorded_and_told_at_the_next_tick():
 
 
 def test_the_papers_torques_pass_untouched():
-    result = cp.run("adept-paper", {"duration": 0.5, "events": []})
+    result = cp.run("adept-paper", {"duration": 0.5, "events": []}, warn=False)
     assert_allclose(result.data.torque.values, result.data.commanded_torque.values, rtol=0, atol=0)
     assert not result.data.saturated.values.any()
     assert np.isnan(result.data.torque_limit.values).all()
@@ -274,7 +274,7 @@ def test_joints_that_an_arm_does_not_have_are_empty():
 def test_joint_positions_are_joint_angles_whatever_the_drives():
     """The paper's second motor turns an absolute angle; limits are those of the joints."""
     scenario = planar_scenario().replace(duration=0.05, events=())
-    data = cp.run(scenario).data
+    data = cp.run(scenario, warn=False).data
     for index, name in enumerate(scenario.cell.arms):
         arm = ArmModel(scenario.cell.arms[name], scenario.cell.grasps[name].matrix)
         pose = arm.payload_pose(data.joint_position.values[-1, index])

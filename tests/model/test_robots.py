@@ -65,6 +65,7 @@ def test_the_platform_follows_its_arm():
             "duration": 1.5,
             "motion.goal": {"xyz": [0.1, 0.0, 0.78]},
         },
+        warn=False,
     )
     assert result.trustworthy, result.verdict()
     q = result.data.configuration.values
@@ -156,7 +157,7 @@ def test_a_new_cell_of_a_two_armed_robot_has_one_base_and_runs():
     left, right = new.scenario.cell.arms.values()
     assert (left.tip, right.tip) == ("left_gripper", "right_gripper")
     assert left.base == right.base
-    result = cp.run(new.scenario, {"duration": 1.0})
+    result = cp.run(new.scenario, {"duration": 1.0}, warn=False)
     assert result.trustworthy, result.verdict()
 
 
@@ -176,7 +177,7 @@ LIMITS = {"baxter-box": (0.1e-3, 0.1), "four-ur5-plate": (0.1e-3, 0.1), "three-d
 @pytest.mark.parametrize("name", LIMITS)
 def test_the_cells_keep_payload_and_internal_force(name):
     """The largest errors, not rms, from 1 s on; three bases carry the plate 3 m."""
-    result = cp.run(name)
+    result = cp.run(name, warn=False)
     assert result.verdict() == "trustworthy"
     late = result.data.time.values >= 1.0
     position = np.linalg.norm(result.data.pose_error.values[late, :3], axis=1).max()

@@ -31,7 +31,8 @@ def test_computed_torque_with_the_exact_model_decays_at_the_chosen_poles(name):
     worst = []
     for rate in (125.0, 250.0):
         result = cp.run(
-            still(name, computed_torque(position_gain=25.0, velocity_gain=10.0), step=STEP, rate=rate)
+            still(name, computed_torque(position_gain=25.0, velocity_gain=10.0), step=STEP, rate=rate),
+            warn=False,
         )
         t = result.data.time.values
         worst.append(np.abs(x_error(result) + STEP * (1.0 + 5.0 * t) * np.exp(-5.0 * t)).max())
@@ -46,7 +47,7 @@ def test_the_internal_force_integral_takes_out_what_a_wrong_model_leaves(name):
     left = {}
     for gain in (0.0, 0.2):
         controller = computed_torque(model=wrong, anchor_gain=gain, position_gain=100.0, velocity_gain=20.0)
-        result = cp.run(still(name, controller, step=STEP, duration=1.0))
+        result = cp.run(still(name, controller, step=STEP, duration=1.0), warn=False)
         left[gain] = np.abs(force_error(result)[-125:]).max()
         assert np.abs(x_error(result)[-125:]).max() > 1e-4
     assert left[0.2] < 0.2 * left[0.0]
@@ -54,13 +55,13 @@ def test_the_internal_force_integral_takes_out_what_a_wrong_model_leaves(name):
 
 def test_gains_and_factors_that_a_law_does_not_have_are_refused_with_their_path():
     with pytest.raises(FieldError) as refused:
-        cp.run("adept-paper", computed_torque(gain=1.0))
+        cp.run("adept-paper", computed_torque(gain=1.0), warn=False)
     assert refused.value.path == "controller.gains.gain"
     with pytest.raises(FieldError) as refused:
-        cp.run("adept-paper", computed_torque(position_gain=[1.0, 2.0]))
+        cp.run("adept-paper", computed_torque(position_gain=[1.0, 2.0]), warn=False)
     assert refused.value.path == "controller.gains.position_gain"
     with pytest.raises(ScenarioError):
-        cp.run("adept-paper", computed_torque(model={"mas": 2.0}))
+        cp.run("adept-paper", computed_torque(model={"mas": 2.0}), warn=False)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -77,7 +78,7 @@ def test_the_payload_answers_a_push_like_the_stated_mass_spring_and_damper(name)
     )
     event = {"kind": "wrench-pulse", "time": 0.0, "duration": 1.0, "wrench": [push, 0, 0, 0, 0, 0]}
     result = cp.run(
-        still(name, controller, duration=1.0, rate=500.0, events=[event], **{"sensors.wrist": {}})
+        still(name, controller, duration=1.0, rate=500.0, events=[event], **{"sensors.wrist": {}}), warn=False
     )
     t = result.data.time.values
     p, r = np.roots([M_d, D, K])
@@ -191,7 +192,7 @@ def test_adaptation_lowers_its_lyapunov_function_and_the_error(name):
     assert np.diff(V).max() < 2e-4 * V[0]
     assert V[-1] < V[0]
     frozen = {"controller.gains.adaptation": 0.0, "controller.gains.payload_adaptation": 0.0}
-    without = cp.run(scenario, frozen)
+    without = cp.run(scenario, frozen, warn=False)
     last = np.linalg.norm(result.data.pose_error.values[-100:], axis=1).max()
     assert last < 0.5 * np.linalg.norm(without.data.pose_error.values[-100:], axis=1).max()
 
@@ -203,7 +204,10 @@ def torque_qp(**options):
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_the_torque_qp_without_active_constraints_is_computed_torque(name):
-    both = [cp.run(still(name, law(), step=STEP, duration=0.2)) for law in (computed_torque, torque_qp)]
+    both = [
+        cp.run(still(name, law(), step=STEP, duration=0.2), warn=False)
+        for law in (computed_torque, torque_qp)
+    ]
     torques = [result.data.commanded_torque.values for result in both]
     assert_allclose(torques[1], torques[0], atol=1e-5 * np.nanmax(np.abs(torques[0])))
 
@@ -212,12 +216,12 @@ def test_the_torque_qp_without_active_constraints_is_computed_torque(name):
 def test_the_torque_qp_keeps_torque_limits_and_friction_cones(name):
     """Bouyarmane et al. (2019): constraints hold in every tick, and the motion still arrives."""
     scenario = still(name, torque_qp(friction_coefficient=0.5, anchor_gain=0.0), step=STEP, duration=0.8)
-    peak = np.nanmax(np.abs(cp.run(scenario).data.commanded_torque.values), axis=0)
+    peak = np.nanmax(np.abs(cp.run(scenario, warn=False).data.commanded_torque.values), axis=0)
     limits = {}
     for index, arm in enumerate(scenario.cell.arms):
         joints = CellArm(scenario.cell, arm).nv
         limits[f"cell.arms.{arm}.torque_limits"] = (0.95 * peak[index][:joints] + 0.1).tolist()
-    result = cp.run(scenario, limits)
+    result = cp.run(scenario, limits, warn=False)
     beyond = np.abs(result.data.commanded_torque.values) - result.data.torque_limit.values
     assert np.nanmax(beyond) < 1e-6
     assert (np.abs(beyond) < 1e-6).any()
@@ -247,6 +251,8 @@ def test_the_disturbance_estimate_takes_out_a_constant_push(name):
     left = {}
     for rate in (0.0, 100.0):
         controller = stated("adaptive", **options, disturbance_rate=rate)
-        left[rate] = np.abs(x_error(cp.run(still(name, controller, duration=2.0, events=[event])))[-1])
+        left[rate] = np.abs(
+            x_error(cp.run(still(name, controller, duration=2.0, events=[event]), warn=False))[-1]
+        )
     assert left[0.0] > 1e-3
     assert left[100.0] < 0.05 * left[0.0]

@@ -18,7 +18,7 @@ def moving(name, alpha):
     changes["controller.force_path.kind"] = "late"
     if name == "spatial":
         changes["motion"] = {"kind": "hold", "pose": {"xyz": [0.45, 0.07, 0.42], "rpy": [0.3, -0.1, 0.5]}}
-    return cp.run(scenario, changes)
+    return cp.run(scenario, changes, warn=False)
 
 
 @pytest.fixture(scope="module", params=SCENARIOS)
@@ -61,7 +61,9 @@ def test_the_monitor_marks_where_the_proof_breaks():
     """With the sign integral Vdot_3 is positive most of the time, without it never after the transient."""
     marked = {}
     for alpha in (0.0, 0.2):
-        result = cp.run("adept-paper", {"controller.gains.sign_gain": alpha, "duration": 4.0, "events": ()})
+        result = cp.run(
+            "adept-paper", {"controller.gains.sign_gain": alpha, "duration": 4.0, "events": ()}, warn=False
+        )
         monitor = theorem_monitor(result)
         marked[alpha] = float(monitor["V_rate_3_is_positive"].sel(time=slice(3.5, None)).mean())
     assert marked[0.0] == 0.0
@@ -95,7 +97,7 @@ MEASURED = {
 
 def anchored(name, changes, duration=0.12):
     scenario = SCENARIOS[name]().replace(controller=ANCHORED[name], duration=duration, events=())
-    return cp.run(scenario, changes | (AWAY if name == "spatial" else {}))
+    return cp.run(scenario, changes | (AWAY if name == "spatial" else {}), warn=False)
 
 
 def largest(values):
@@ -136,7 +138,7 @@ def test_a_dead_arm_brings_the_other_anchor_to_its_bound(name):
             zip(("controller.anchor_bias", "controller.anchor_bias_answered"), bounds, strict=True)
         )
         changes[f"arm_actuators.{last}.torque_lost_at"] = lost_at
-        times.append(anchor_bounded_time(cp.run(scenario, changes))["anchor_bounded_s"])
+        times.append(anchor_bounded_time(cp.run(scenario, changes, warn=False))["anchor_bounded_s"])
     assert 0.0 < times[0] <= 0.1 + 1e-9
     assert times[1] == 0.0
 
@@ -180,7 +182,7 @@ def test_the_derivation_holds_for_three_and_for_unequal_arms(cell, measured):
     scenario = MORE_ARMS[cell]().override(MEASURED.get(measured, {}))
     first, *others = scenario.cell.arms
     arms = {arm: {} for arm in others} | {first: {"tip": {"xyz": [1e-3, 0.0, 0.0]}}}
-    result = cp.run(scenario, {f"cell.arms.{arm}.calibration_error": arms[arm] for arm in arms})
+    result = cp.run(scenario, {f"cell.arms.{arm}.calibration_error": arms[arm] for arm in arms}, warn=False)
     monitor = theorem_monitor(result)
     assert result.trustworthy
     assert largest(monitor["balance_2"]) < 1e-6
@@ -195,7 +197,7 @@ def test_the_printed_laws_identities_close_for_three_arms(cell):
     if cell == "spatial":
         law = spatial_scenario().controller
         scenario = cp.Scenario.load("three-ur5-plate", {"duration": 0.04}).replace(controller=law)
-    monitor = theorem_monitor(cp.run(scenario))
+    monitor = theorem_monitor(cp.run(scenario, warn=False))
     assert largest(monitor["V_rate_defect"]) < 1e-6 * largest(monitor["V_rate"])
     assert largest(monitor["balance_25"]) < 1e-6 * largest(monitor["u_prime"])
     assert largest(monitor["residual_21"]) < 1e-12
@@ -222,14 +224,22 @@ def test_the_figure_of_the_payload_space_law_has_its_four_panels():
 
 def test_other_laws_and_thinned_runs_are_refused():
     with pytest.raises(ArgumentError):
-        theorem_monitor(cp.run("adept-anchored", {"duration": 0.1, "actuators.lag": 0.01, "events": ()}))
+        theorem_monitor(
+            cp.run("adept-anchored", {"duration": 0.1, "actuators.lag": 0.01, "events": ()}, warn=False)
+        )
     with pytest.raises(ArgumentError):
         theorem_monitor(
-            cp.run("adept-anchored", {"duration": 0.1, "controller.zero_at_grasp": True, "events": ()})
+            cp.run(
+                "adept-anchored",
+                {"duration": 0.1, "controller.zero_at_grasp": True, "events": ()},
+                warn=False,
+            )
         )
     gains = cp.Scenario.load("adept-paper").controller.gains
     redundant = {"controller": cp.laws.RedundantSlidingMode(gains=gains), "duration": 0.1, "events": ()}
     with pytest.raises(ArgumentError):
-        theorem_monitor(cp.run("adept-paper", redundant))
+        theorem_monitor(cp.run("adept-paper", redundant, warn=False))
     with pytest.raises(ArgumentError):
-        theorem_monitor(cp.run("adept-paper", {"duration": 0.1, "clock.record_every": 2, "events": ()}))
+        theorem_monitor(
+            cp.run("adept-paper", {"duration": 0.1, "clock.record_every": 2, "events": ()}, warn=False)
+        )

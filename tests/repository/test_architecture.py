@@ -609,7 +609,7 @@ def replaced_by(call: ast.Call) -> list[ast.expr]:
     """
     for at, function in enumerate((call.func, *call.args[:1])):
         if isinstance(function, ast.Attribute) and (
-            function.attr in SETTERS or ast.unparse(function) == "mock.patch"
+            function.attr in SETTERS or (function.attr == "patch" and ast.unparse(function) == "mock.patch")
         ):
             return call.args[at : at + 2]
     return []

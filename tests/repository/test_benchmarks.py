@@ -27,6 +27,7 @@ def test_the_tick_benchmark_prints_its_ratios(benchmark_module, capsys):
     assert "whole run: 4 ticks" in printed
 
 
+@pytest.mark.gate
 def test_the_live_benchmark_prints_cost_and_rate(benchmark_module, capsys, monkeypatch):
     live = benchmark_module("bench_live")
     monkeypatch.setattr(live, "in_browser", lambda _: None)  # the browser has tests of its own
@@ -159,6 +160,7 @@ def test_the_arms_benchmark_starts_both_engines_alike(benchmark_module, capsys):
     assert "2 arms: coop_pin" in capsys.readouterr().out
 
 
+@pytest.mark.gate
 def test_the_benchmark_of_the_command_prints_time_of_run_and_tick(benchmark_module, capsys, monkeypatch):
     bench, known = benchmark_module("bench_run"), {}
 

@@ -16,6 +16,8 @@ FOLDER = Path(__file__).parents[2] / "examples"
 EXAMPLES = sorted(FOLDER.glob("*.py"))
 LONG = {"compare_laws", "four_bar", "motions", "one_draw", "sweep_force_gain"}
 """Examples of many or long runs: two thirds of the time of all. What they call runs in tests of its own."""
+QUICK = {"ik_branches", "internal_force_split"}
+"""Examples that run in the default tier, too."""
 README = (FOLDER.parent / "README.md").read_text(encoding="utf-8")
 
 
@@ -49,15 +51,20 @@ def run_all(folder, examples):
     subprocess.run([sys.executable, "-c", ALL, str(folder), *map(str, examples)], check=True)
 
 
+def tier(path):
+    """What marks an example, which is also the folder of those that run one after the other."""
+    return "slow" if path.stem in LONG else "quick" if path.stem in QUICK else "gate"
+
+
+MARKS = {"slow": [pytest.mark.slow], "gate": [pytest.mark.gate], "quick": []}
+
+
 @pytest.mark.parametrize(
-    "path",
-    [pytest.param(path, marks=[pytest.mark.slow] * (path.stem in LONG), id=path.stem) for path in EXAMPLES],
+    "path", [pytest.param(path, marks=MARKS[tier(path)], id=path.stem) for path in EXAMPLES]
 )
 def test_an_example_runs_and_shows_what_it_promises(path, tmp_path_factory):
-    is_long = path.stem in LONG
-    examples = [other for other in EXAMPLES if (other.stem in LONG) == is_long]
-    build = functools.partial(run_all, examples=examples)
-    folder = built_once(tmp_path_factory, "long examples" if is_long else "examples", build)
+    build = functools.partial(run_all, examples=[other for other in EXAMPLES if tier(other) == tier(path)])
+    folder = built_once(tmp_path_factory, f"{tier(path)} examples", build)
     code, out, err = ((folder / f"{path.stem}.{kind}").read_text() for kind in ("code", "stdout", "stderr"))
     assert code == "0", err
     assert err == ""

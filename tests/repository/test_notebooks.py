@@ -86,7 +86,14 @@ def in_short(path):
     return notebook
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+QUICK = "02_closing_the_chain"
+"""The notebook that runs in the default tier, too."""
+
+
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, marks=[pytest.mark.gate] * (path.stem != QUICK), id=path.stem) for path in NOTEBOOKS],
+)
 def test_a_notebook_runs_in_its_short_mode_and_shows_its_replay(path, tmp_path, kernel):
     assert_it_runs_and_shows_its_replay(in_short(path), tmp_path, kernel)
 

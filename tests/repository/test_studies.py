@@ -89,7 +89,10 @@ def test_every_point_of_every_plan_is_a_scenario(draw):
                 assert plan.scenario(number).events == ()
 
 
-@pytest.mark.parametrize("name", COUNTS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.gate] * (name != "force_gain")) for name in COUNTS],
+)
 def test_the_command_runs_says_and_draws_a_study(draw, tiny, tmp_path, monkeypatch, capsys, name):
     results = tiny(name)
     assert all(result.counts()["missing"] == 0 for result in results.values())
@@ -163,6 +166,7 @@ def test_every_trial_of_the_front_changes_the_scenario_of_every_law(front, tmp_p
                 assert (plain.override(trial.changes) == plain) == (name == "nominal")
 
 
+@pytest.mark.gate
 def test_the_front_is_drawn_from_its_tables(front, tmp_path):
     names = ("study-front", "study-front-adept", "study-front-panda")
     assert {path.name for path in front.front_figures.draw(front.DATA, tmp_path)} == {
@@ -220,6 +224,7 @@ def test_the_growth_at_the_last_stable_gain_is_said_where_there_are_two(draw, tm
     )
 
 
+@pytest.mark.gate
 def test_the_bias_tables_hold_every_line_of_the_figure_and_every_run_with_sgn(draw, tiny):
     results = tiny("bias")
     by_law, by_rate = (results[part].values(ERROR) for part in ("law", "sign"))
@@ -237,6 +242,7 @@ def test_the_bias_tables_hold_every_line_of_the_figure_and_every_run_with_sgn(dr
     assert_allclose([line.get_ydata() for line in curves], by_law.values.reshape(-1, 2))
 
 
+@pytest.mark.gate
 def test_the_payload_numbers_are_means_and_spreads_over_the_masses(draw, tiny):
     results = tiny("payload")
     said = draw.STUDIES["payload"].numbers(results)
@@ -251,6 +257,7 @@ def test_the_payload_numbers_are_means_and_spreads_over_the_masses(draw, tiny):
     assert_allclose(mesh.compressed(), results["without_sign"].values(ERROR).values.T.ravel())
 
 
+@pytest.mark.gate
 def test_the_internal_force_study_shows_what_single_runs_say(draw, tiny):
     results = tiny("internal_force")
     over_alpha, over_force_gain, over_time = draw.STUDIES["internal_force"].figure(results).axes
@@ -261,7 +268,7 @@ def test_the_internal_force_study_shows_what_single_runs_say(draw, tiny):
     for line, rate, steps in zip(over_alpha.lines, (80.0, 400.0), (5, 1), strict=True):
         for alpha, shown in zip(line.get_xdata(), line.get_ydata(), strict=True):
             changes = quiet | {ALPHA: alpha, "clock.rate_hz": rate, "clock.steps_per_tick": steps}
-            error = cp.run("adept-paper", changes).internal_force().force_rms_error
+            error = cp.run("adept-paper", changes, warn=False).internal_force().force_rms_error
             assert_allclose(shown, error, rtol=1e-12)
             assert f"alpha {alpha:<5g} at {rate:>6.0f} Hz: {error:8.3f} N" in said
     proportional, runs = over_force_gain.lines
@@ -272,7 +279,7 @@ def test_the_internal_force_study_shows_what_single_runs_say(draw, tiny):
     assert "0.1 mm" in over_time.get_title(loc="left")
     bias = {"cell.arms.left.calibration_error.tip.xyz": [1e-4, 0.0, 0.0]}
     for line, alpha in zip(over_time.lines, (0.0, 0.2), strict=True):
-        direct = cp.run("adept-paper", quiet | bias | {ALPHA: alpha})
+        direct = cp.run("adept-paper", quiet | bias | {ALPHA: alpha}, warn=False)
         time = direct.data.time.values
         assert_allclose(line.get_xdata(), time)
         steady = line.get_ydata()[time >= direct.windows.steady.start]

@@ -68,7 +68,11 @@ def test_the_gate_installs_and_checks_everything_in_this_order(workshop):
     install, *stages = asked
     assert install.startswith("pip install ")
     assert "-e .[test,docs,bench] -c constraints.txt" in install
-    assert stages == ["ruff format --check .", "ruff check .", "mypy", "pytest -n auto --dist worksteal -q"]
+    tests = "pytest -n auto --dist worksteal -q"
+    assert stages == [
+        *("ruff format --check .", "ruff check .", "mypy"),
+        *(tests, f"{tests} -m gate"),
+    ]
     assert done.stdout.endswith("== gate passed\n")
 
 
@@ -102,6 +106,7 @@ def test_the_site_is_built_with_warnings_as_errors(workshop):
     assert use(workshop, "docs.sh", fails="sphinx")[1].returncode != 0
 
 
+@pytest.mark.gate
 def test_the_papers_experiment_is_written_where_the_user_stands(workshop, tmp_path):
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
@@ -165,6 +170,7 @@ def test_a_test_that_does_not_exist_is_not_measured_as_nothing(measure):
         measure.measure({"test_of_nothing"})
 
 
+@pytest.mark.gate
 def test_what_the_page_says_is_what_is_found(measure):
     """The quick ones of its rows, measured again: the same order of magnitude."""
     names = {

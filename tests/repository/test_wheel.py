@@ -182,6 +182,7 @@ def test_no_file_names_a_folder_of_the_machine_it_was_built_on(sdist, wheel):
         assert not [place for place in places if re.search(rb"(?<![\w.])" + re.escape(place), data)], name
 
 
+@pytest.mark.gate
 def test_the_tests_can_be_collected_from_the_sdist(sdist, tmp_path):
     """Files that tests read as they are loaded are there, and the package beside them is what they test."""
     options = [
@@ -214,6 +215,7 @@ print(json.dumps([[*map(str, places)], sys.path, importlib.util.find_spec("test_
 """
 
 
+@pytest.mark.gate
 def test_the_installed_package_works_without_the_repository(installed, tmp_path):
     """A newcomer's first commands in an empty folder; package, pages and robots come from the wheel."""
 

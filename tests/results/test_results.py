@@ -31,7 +31,7 @@ STATIC = {
 
 @pytest.fixture(scope="module", params=SCENARIOS)
 def result(request):
-    return cp.run(SCENARIOS[request.param]().replace(duration=0.5, events=()))
+    return cp.run(SCENARIOS[request.param]().replace(duration=0.5, events=()), warn=False)
 
 
 def test_the_dataset_has_the_variables_of_the_table(result):
@@ -260,7 +260,7 @@ def test_continuous_joints_are_counted_from_the_posture_on():
     wound = scenario.cell.replace(
         arms={k: arm.replace(posture=tuple(np.array(arm.posture) + turned[k])) for k, arm in arms.items()}
     )
-    first, second = cp.run(scenario).data, cp.run(scenario.replace(cell=wound)).data
+    first, second = cp.run(scenario, warn=False).data, cp.run(scenario.replace(cell=wound), warn=False).data
     for index, turns in enumerate(turned.values()):
         assert_close(
             second.joint_position[:, index] - first.joint_position[:, index],

@@ -35,7 +35,7 @@ def along_a_line(name, goal, duration):
 
 @pytest.fixture(scope="module", params=SCENARIOS)
 def singular(request):
-    return cp.run(along_a_line(request.param, GOALS[request.param], 2.5))
+    return cp.run(along_a_line(request.param, GOALS[request.param], 2.5), warn=False)
 
 
 def causes(result):
@@ -47,7 +47,7 @@ def causes(result):
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_a_sound_run_is_trustworthy(name):
-    result = cp.run(SCENARIOS[name]().replace(duration=0.5, events=()))
+    result = cp.run(SCENARIOS[name]().replace(duration=0.5, events=()), warn=False)
     assert result.breaches() == ()
     assert result.trustworthy
     assert result.verdict() == "trustworthy"
@@ -109,7 +109,7 @@ def stopped(name, folder):
 def test_an_arm_through_its_joint_stop_is_marked(name, tmp_path):
     """The plant has no stops: the arm goes on as if nothing were there, and the tracking looks good."""
     _, joint, side, stop, _ = STOPS[name]
-    result = cp.run(stopped(name, tmp_path))
+    result = cp.run(stopped(name, tmp_path), warn=False)
     (breach,) = result.breaches()
     positions = result.data.joint_position.sel(arm="left").values
     positions = positions[:, list(result.data.joint_name.sel(arm="left").values).index(joint)]
@@ -125,7 +125,7 @@ def test_an_arm_through_its_joint_stop_is_marked(name, tmp_path):
 def test_a_torque_cut_breaches_when_it_lasts_without_a_break():
     """Cuts of 0.1 s are borne by default, longer ones are not; the time is the start of the cut."""
     weak = {"duration": 0.5, "events": [], "cell.arms.left.torque_limits": 3.0}
-    result = cp.run("adept-paper", weak)
+    result = cp.run("adept-paper", weak, warn=False)
     saturated = result.data.saturated.sel(arm="left").values
     found = [breach for breach in result.breaches() if breach.cause == "torque cut"]
     expected = []
@@ -149,7 +149,7 @@ def test_a_torque_cut_lasts_as_long_where_few_samples_are_kept():
     weak = {"duration": 0.8, "events": [], "cell.arms.left.torque_limits": 1.0}
     cut = {}
     for every in (1, 7):
-        breaches = cp.run("adept-paper", weak | {"clock.record_every": every}).breaches()
+        breaches = cp.run("adept-paper", weak | {"clock.record_every": every}, warn=False).breaches()
         cut[every] = {b.joint: (b.time, b.value) for b in breaches if b.cause == "torque cut"}
     assert cut[7]
     for joint, found in cut[7].items():
@@ -160,7 +160,7 @@ def test_a_torque_cut_lasts_as_long_where_few_samples_are_kept():
 def test_a_diverged_run_says_so_last_and_still_does_after_loading(tmp_path):
     late = {"controller.force_path": {"kind": "late"}, "controller.gains.force_gain": 1.5}
     with pytest.raises(DivergedError) as caught:
-        cp.run("adept-paper", late | {"beyond_bound": True, "events": []})
+        cp.run("adept-paper", late | {"beyond_bound": True, "events": []}, warn=False)
     result = caught.value.result
     assert result.breaches()[-1] == ("error", "", "", result.end, result.end, 20.0)
     result.save(tmp_path / "result.nc")
@@ -199,7 +199,7 @@ def test_samples_one_by_one_have_the_breaches_of_the_whole(singular):
 
 
 def test_a_run_can_end_at_its_first_breach(singular):
-    ended = cp.run(singular.scenario, stop_at_breach=True)
+    ended = cp.run(singular.scenario, stop_at_breach=True, warn=False)
     first = singular.breaches()[0]
     assert ended.end == first.time < singular.end
     assert [breach[:4] for breach in ended.breaches()] == [first[:4]]
@@ -209,7 +209,7 @@ def test_a_run_can_end_at_its_first_breach(singular):
 
 
 def test_a_sound_run_does_not_end_early():
-    assert cp.run("adept-paper", {"duration": 0.5, "events": []}, stop_at_breach=True).end == 0.5
+    assert cp.run("adept-paper", {"duration": 0.5, "events": []}, stop_at_breach=True, warn=False).end == 0.5
 
 
 # ---------------------------------------------------------------- thresholds
@@ -218,7 +218,7 @@ def test_a_sound_run_does_not_end_early():
 def test_thresholds_are_fields_of_the_scenario():
     scenario = spatial_scenario().override({"trust.closure_error": 1e-20})
     assert cp.Scenario.from_toml(scenario.to_toml()).trust == TrustThresholds(closure_error=1e-20)
-    assert causes(cp.run(scenario.replace(duration=0.02))) == {"closure error"}
+    assert causes(cp.run(scenario.replace(duration=0.02), warn=False)) == {"closure error"}
     for wrong in ({"closure_error": 0.0}, {"torque_cut": -1.0}, {"jacobian_condition": 0.5}):
         with pytest.raises(FieldError):
             TrustThresholds(**wrong)
@@ -231,7 +231,7 @@ def test_thresholds_are_fields_of_the_scenario():
 def pushed():
     """Six seconds with an event that ends at 1.1 s."""
     push = {"kind": "wrench-pulse", "time": 1.0, "duration": 0.1, "wrench": (50.0, 0.0, 0.0, 0.0, 0.0, 0.0)}
-    return cp.run("adept-paper", {"duration": 6.0, "events": [push]})
+    return cp.run("adept-paper", {"duration": 6.0, "events": [push]}, warn=False)
 
 
 def test_metrics_after_the_last_event_have_their_own_window(pushed):
@@ -271,7 +271,7 @@ def test_a_run_that_does_not_reach_the_steady_window_has_no_steady_metrics(name,
     """Nor does one that ends as the window begins."""
     if (name, duration) == ("spatial", 4.0):
         pytest.skip("slow and no different")
-    result = cp.run(SCENARIOS[name]().replace(duration=duration, events=()))
+    result = cp.run(SCENARIOS[name]().replace(duration=duration, events=()), warn=False)
     metrics = result.metrics()
     assert all(np.isnan(metrics[metric]) for metric in STEADY_METRICS)
     assert all(np.isnan(metrics[f"after_event_{metric}"]) for metric in STEADY_METRICS)

@@ -106,7 +106,7 @@ def turning(name: str, gravity: np.ndarray = TURNED) -> cp.Scenario:
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_runs_of_all_engines_agree_and_keep_their_energy(name):
     scenarios = [turning(name), turning(name, -0.5 * TURNED)]
-    ours = [cp.run(scenario) for scenario in scenarios]
+    ours = [cp.run(scenario, warn=False) for scenario in scenarios]
     traced, batch = run_on("compiled", scenarios[0]), simulate_batch(scenarios)
     require_same_samples(traced.data, ours[0].data)
     for index, result in enumerate(ours):
@@ -138,7 +138,7 @@ def test_the_identities_of_a_monitor_close_in_turned_gravity(name, law):
     """Eq. (25) of the sliding mode, eq. (2) of the payload-space law."""
     late = {"controller.gains.force_gain": 0.5, "controller.force_path.kind": "late"}
     changes = late if law == "sliding-mode" else {"controller": ANCHORED[name]}
-    result = cp.run(turning(name), changes)
+    result = cp.run(turning(name), changes, warn=False)
     residual = theorem_monitor(result)["balance_25" if law == "sliding-mode" else "balance_2"]
     error = result.data["internal_wrench"] - result.data["desired_internal_wrench"]
     assert float(residual.max()) < 1e-6 * float(np.abs(error).max())

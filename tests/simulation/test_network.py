@@ -276,7 +276,7 @@ def worst_force(law, network, duration):
     moved = {"network": network, "duration": duration, "clock.record_every": 40}
     base = cp.Scenario.load("adept-anchored").override({"controller": law, "events": []} | moved)
     first = next(iter(base.cell.arms))
-    result = cp.run(base.override({BIASED.format(first): [1e-3, 0.0, 0.0]}), engine="compiled")
+    result = cp.run(base.override({BIASED.format(first): [1e-3, 0.0, 0.0]}), engine="compiled", warn=False)
     error = np.abs(result.data.internal_axial_error)
     return float(error.sel(time=slice(0.9 * duration, None)).max())
 
@@ -321,7 +321,7 @@ def spatial_force_errors(network, actuators=None, **law):
     motion = cp.motions.LineMotion(start=base.start, goal=base.start.replace(xyz=xyz, rpy=rpy), duration=4.0)
     changes = {"duration": 600.0, "clock.record_every": 500, "motion": motion}
     law = {f"controller.{field}": value for field, value in law.items()}
-    data = cp.run(base.override(changes | law | (actuators or {})), engine="compiled").data
+    data = cp.run(base.override(changes | law | (actuators or {})), engine="compiled", warn=False).data
     error = data.internal_wrench.values - data.desired_internal_wrench.values
     return np.abs(error[:, 0, :3]).max(axis=1)
 

@@ -53,7 +53,7 @@ def test_the_servo_is_its_equations(name, kind):
     """A replica written from the page, fed with the recorded motion; one sample a tick."""
     clock = {"clock.rate_hz": 1000.0, "clock.steps_per_tick": 1, "duration": 0.1}
     scenario = servo_cell(name, kind, LIMITED, **clock, **{"actuators.gravity_compensation": {}})
-    data, h, limit = cp.run(scenario, engine="pinocchio").data, 1e-3, LIMITED["speed_limit"]
+    data, h, limit = cp.run(scenario, engine="pinocchio", warn=False).data, 1e-3, LIMITED["speed_limit"]
     for arm, (inertia, slot) in enumerate(
         zip(inertias(scenario), cp.Simulation(scenario).slots, strict=True)
     ):
@@ -109,7 +109,7 @@ def test_samples_within_a_tick_are_those_of_ticks_of_their_own(name, kind):
 
 @pytest.mark.parametrize(("name", "kind"), CASES)
 def test_the_energy_balance_includes_the_servo(name, kind):
-    data = cp.run(servo_cell(name, kind, {**LIMITED, "rate_hz": 1000.0}), engine="pinocchio").data
+    data = cp.run(servo_cell(name, kind, {**LIMITED, "rate_hz": 1000.0}), engine="pinocchio", warn=False).data
     energy, works = energies(data)
     gained, done = energy - energy[0], sum(works) - sum(works)[0]
     assert np.abs(done).max() > 1e-4
@@ -139,7 +139,7 @@ def test_batches_have_the_servos_of_single_runs(name, kind):
     batch = cp.compiled.simulate_batch(scenarios)
     assert batch.is_valid.all()
     for index, scenario in enumerate(scenarios):
-        require_same_samples(batch.result(index).data, cp.run(scenario, engine="pinocchio").data)
+        require_same_samples(batch.result(index).data, cp.run(scenario, engine="pinocchio", warn=False).data)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -155,7 +155,7 @@ def test_an_event_some_nanoseconds_beside_a_tick_is_no_sample_of_a_servo(name):
             changes = {"duration": 0.04, "events": [event], "actuators.servo.rate_hz": rate_hz}
             scenario = servo_cell(name, "velocity", LIMITED).override(changes)
             batch = cp.compiled.simulate_batch([scenario])
-            require_same_samples(batch.result(0).data, cp.run(scenario, engine="pinocchio").data)
+            require_same_samples(batch.result(0).data, cp.run(scenario, engine="pinocchio", warn=False).data)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -185,10 +185,13 @@ def test_a_watchdog_brakes_an_arm_without_commands(name):
     scenario = servo_cell(
         name, "velocity", servo, **{"actuators": {"servo": {"command": "velocity", **servo}, **lost}}
     )
-    speeds = np.nanmax(np.abs(cp.run(scenario, engine="pinocchio").data.drive_velocity.values), axis=(1, 2))
+    speeds = np.nanmax(
+        np.abs(cp.run(scenario, engine="pinocchio", warn=False).data.drive_velocity.values), axis=(1, 2)
+    )
     without = {"actuators.servo.watchdog": None}
     on = np.nanmax(
-        np.abs(cp.run(scenario.override(without), engine="pinocchio").data.drive_velocity.values), axis=(1, 2)
+        np.abs(cp.run(scenario.override(without), engine="pinocchio", warn=False).data.drive_velocity.values),
+        axis=(1, 2),
     )
     assert on[-1] > 0.5 * on[24]
     assert speeds[-1] < 0.02 * on[-1]
@@ -286,7 +289,10 @@ def test_without_error_the_motion_tends_to_the_prescribed_one_as_the_bandwidth_r
             **{"clock.steps_per_tick": n, "duration": 0.2, "squeeze": {}},
             motion=cp.motions.LineMotion(start=start, goal=goal, duration=0.4),
         )
-        data, rows = cp.run(scenario, engine="compiled" if n > 100 else "pinocchio").data, [0, 1, 5]
+        data, rows = (
+            cp.run(scenario, engine="compiled" if n > 100 else "pinocchio", warn=False).data,
+            [0, 1, 5],
+        )
         error, V_d = (data[key].values[-1][rows] for key in ("pose_error", "desired_twist"))
         assert_allclose(error, -V_d / bandwidth, rtol=0.01)
         errors.append(np.abs(error).max())
@@ -334,7 +340,9 @@ def test_a_stiff_pair_pulls_with_the_stiffness_of_its_servos(name, grasps):
     bandwidths = {"velocity_bandwidth": 300.0, "position_bandwidth": 60.0}
     true = servo_cell(name, "position", bandwidths, **changes)
     off, rows = true.override({BIAS: [1e-3, 0.0, 0.0]}), true.cell.task_rows
-    forces = [rows.select(cp.run(one).data.interaction_wrench.values[-1, 1]) for one in (true, off)]
+    forces = [
+        rows.select(cp.run(one, warn=False).data.interaction_wrench.values[-1, 1]) for one in (true, off)
+    ]
     b = view_error(off) - view_error(true)
     expected = series_stiffness(true, 300.0 * 60.0) @ b
     linear = slice(0, 2) if name == "planar" else slice(0, 3)
@@ -352,7 +360,7 @@ def test_servos_that_integrate_pull_apart_without_end(name, kind):
     changes = {"squeeze": {}, "motion": cp.motions.HoldMotion(pose=base.start), "duration": 1.0, **arms}
     servo = {"velocity_bandwidth": 200.0, "integral_rate": 5.0, "position_bandwidth": 40.0}
     scenario = servo_cell(name, kind, servo, **changes, **{BIAS: [5e-4, 0.0, 0.0]})
-    data, rows = cp.run(scenario).data, scenario.cell.task_rows
+    data, rows = cp.run(scenario, warn=False).data, scenario.cell.task_rows
     f = rows.select(data.internal_wrench.values[:, 1].T).T
     rate = 5.0 * (scenario.controller.gains.pose_gain if kind == "velocity" else 40.0)
     expected = series_stiffness(scenario, 200.0 * rate) @ view_error(scenario)
@@ -396,7 +404,7 @@ def force_error(data):
 
 def test_two_ur5_with_wrist_sensors_carry_5_kg():
     """0.37 N at most from 1 s on under 0.5 mm of bias: while moving and after."""
-    error = force_error(cp.run(pair_of_ur5(True, 5e-4), engine="compiled").data)
+    error = force_error(cp.run(pair_of_ur5(True, 5e-4), engine="compiled", warn=False).data)
     assert_allclose(error[500:].max(), 0.373, atol=0.02)
     assert error[-500:].mean() < 0.15
 
@@ -405,7 +413,8 @@ def test_two_ur5_with_wrist_sensors_carry_5_kg():
 def test_two_ur5_without_wrist_sensors_pull_apart():
     """0.5 mm of bias: 22.6 N after 6 s, growing by 3.7 N/s; 5.5 N without bias."""
     blind = {
-        bias: force_error(cp.run(pair_of_ur5(False, bias), engine="compiled").data) for bias in (0.0, 5e-4)
+        bias: force_error(cp.run(pair_of_ur5(False, bias), engine="compiled", warn=False).data)
+        for bias in (0.0, 5e-4)
     }
     assert_allclose([blind[0.0][-1], blind[5e-4][-1]], [5.5, 22.6], rtol=0.02)
     b = view_error(pair_of_ur5(False, 5e-4))
@@ -425,7 +434,7 @@ def test_a_follower_of_the_leader_s_pose_pulls_with_its_whole_stiffness(name):
     true = servo_cell(name, "position", servo, controller=law, **changes)
     off, rows = true.override({BIAS: [2e-5, 0.0, 0.0]}), true.cell.task_rows
     ends = [
-        rows.select(cp.run(one, engine="compiled").data.interaction_wrench.values[-1, 1])
+        rows.select(cp.run(one, engine="compiled", warn=False).data.interaction_wrench.values[-1, 1])
         for one in (true, off)
     ]
     slot, inertia = cp.Simulation(true).slots[1], inertias(true)[1]
@@ -453,7 +462,7 @@ def yielding_pair(name, damping, **changes):
 
 def internal_forces(scenario):
     """Internal wrench of the second arm in task rows at each tick."""
-    data = cp.run(scenario).data
+    data = cp.run(scenario, warn=False).data
     return scenario.cell.task_rows.select(data.internal_wrench.values[:, 1].T).T
 
 
@@ -474,7 +483,7 @@ def changes_of_force(scenario, part):
     damping = np.array(scenario.controller.gains.admittance_damping)
     damping = part * cp.stability.admittance_stability(scenario).least * damping
     run = scenario.override({"controller.gains.admittance_damping": damping.tolist()})
-    f = run.cell.task_rows.select(cp.run(run).data.internal_wrench.values[:, 1].T)
+    f = run.cell.task_rows.select(cp.run(run, warn=False).data.internal_wrench.values[:, 1].T)
     early, *_, late = np.array_split(np.abs(np.diff(f)), 5, axis=1)
     return early.max(), late.max()
 
@@ -532,7 +541,7 @@ def test_exact_feed_forward_takes_the_inertia_off_the_servo(name):
     errors = []
     for exact in (False, True):
         scenario = servo_cell(name, "position", servo | {"exact_feedforward": exact}, **changes)
-        data = cp.run(scenario).data
+        data = cp.run(scenario, warn=False).data
         errors.append(np.abs(data.pose_error.values[20:]).max(axis=0))
     assert errors[1].max() < 0.3 * errors[0].max()
 
@@ -571,7 +580,7 @@ def three_arms(name):
 
 def wrenches(scenario):
     """Interaction wrenches of all arms in task rows at each tick, shape (ticks, m, k_0)."""
-    data = cp.run(scenario).data
+    data = cp.run(scenario, warn=False).data
     return data.interaction_wrench.values[..., list(scenario.cell.task_rows.indices)]
 
 
@@ -672,28 +681,28 @@ def test_arms_of_one_cell_take_different_commands(name):
     law = {"controller": cp.UserController(target=f"{__name__}:Mixed")}
     clock = {"clock.rate_hz": 200.0, "clock.steps_per_tick": 4}
     scenario = SCENARIOS[name]().override({"events": [], **clock, **law, **changes})
-    single = cp.run(scenario, engine="pinocchio").data
+    single = cp.run(scenario, engine="pinocchio", warn=False).data
     require_same_samples(cp.compiled.simulate_batch([scenario]).result(0).data, single)
     commands = single.servo_command.values
     assert np.isnan(commands[:, 0]).all()
     assert np.nanmax(np.abs(commands[:, 1] - commands[0, 1])) > 0.005
     assert np.nanmax(np.abs(single.drive_velocity.values)) > 0.01
     with pytest.raises(FieldError, match="'torque'"):
-        cp.run(scenario.override({f"arm_actuators.{second}.servo": None}))
+        cp.run(scenario.override({f"arm_actuators.{second}.servo": None}), warn=False)
 
 
 @pytest.mark.slow
 def test_two_ur5_that_take_velocities_stand_in_the_catalogue():
     """Under 0.5 mm: 0.30 N while moving with wrists; without 19.6 N/s from the start pose on, as by B_s."""
     scenario = cp.Scenario.load("two-ur5-admittance")
-    data = cp.run(scenario, engine="compiled").data
+    data = cp.run(scenario, engine="compiled", warn=False).data
     error, time = force_error(data), data.time.values
     assert error[(time > 1.0) & (time < 5.0)].max() < 0.35
     assert error[time > 7.0].mean() < 0.1
     assert np.linalg.norm(data.pose_error.values[-1, :3]) < 3e-4  # half of the bias
     blind = {"controller.force_path.kind": "none", "sensors.wrist": None, "duration": 0.9}
     blind = scenario.override({**blind, "motion": cp.motions.HoldMotion(pose=scenario.start)})
-    f = cp.run(blind).data.internal_wrench.values[:, 1, :3]
+    f = cp.run(blind, warn=False).data.internal_wrench.values[:, 1, :3]
     stiffness = 100.0 * scenario.actuators.servo.integral_rate
     expected = series_stiffness(blind, stiffness) @ (5.0 * view_error(blind))
     assert_allclose((f[-1] - f[200]) / ((len(f) - 201) * 0.002), expected[:3], atol=0.02 * 19.6)

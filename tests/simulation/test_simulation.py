@@ -27,7 +27,7 @@ from coop_pin.simulation.timeline import Timeline
 
 @pytest.fixture(scope="module")
 def paper():
-    return cp.run("adept-paper")
+    return cp.run("adept-paper", warn=False)
 
 
 def test_paper_experiment_is_a_good_run(paper):
@@ -66,7 +66,7 @@ def test_one_simulated_hour():
 
     scenario = cp.Scenario.load("adept-paper", {"duration": 3600.0, "clock.record_every": 100})
     strict = scenario.override({"trust.closure_error": 1e-9})
-    result = cp.run(strict, progress=watch, stop_at_breach=True)
+    result = cp.run(strict, progress=watch, stop_at_breach=True, warn=False)
     assert result.verdict() == "trustworthy"
     assert result.end == 3600.0
     late = result.data.time.values > 20.0
@@ -94,7 +94,7 @@ def test_one_simulated_hour():
 @pytest.mark.parametrize("cell", SCENARIOS)
 def test_two_runs_give_the_same_bits(cell):
     scenario = SCENARIOS[cell]().replace(duration=0.5, events=())
-    first, second = cp.run(scenario).data, cp.run(scenario).data
+    first, second = cp.run(scenario, warn=False).data, cp.run(scenario, warn=False).data
     for name in first:
         np.testing.assert_array_equal(first[name].values, second[name].values, err_msg=name)
 
@@ -151,6 +151,7 @@ def test_energy_equals_power_in(cell, payload, integrator):
     result = cp.run(
         scenario.replace(events=events, duration=0.5),
         {"plant.payload": payload, "plant.integrator": integrator},
+        warn=False,
     )
     assert result.energy_balance_max() < (1e-6 if integrator == "rk4" else 0.1)
     assert abs(float(result.data.work_external[-1])) > 1e-3
@@ -163,8 +164,8 @@ def test_energy_equals_power_in(cell, payload, integrator):
 def test_welded_and_free_payload_run_the_same(cell, formulation):
     scenario = SCENARIOS[cell]().replace(duration=0.3, events=())
     scenario = scenario.override({"controller.gains.sign_gain": 0.0, "clock.steps_per_tick": 8})
-    welded = cp.run(scenario)
-    free = cp.run(scenario, {"plant.payload": "free", "plant.formulation": formulation})
+    welded = cp.run(scenario, warn=False)
+    free = cp.run(scenario, {"plant.payload": "free", "plant.formulation": formulation}, warn=False)
     assert_close(free.data.payload_position, welded.data.payload_position, atol=1e-9)
     difference = (free.data.internal_wrench - welded.data.internal_wrench).values
     assert_close(np.nan_to_num(difference), 0.0, atol=1e-5)
@@ -172,7 +173,7 @@ def test_welded_and_free_payload_run_the_same(cell, formulation):
 
 @pytest.mark.parametrize("cell", SCENARIOS)
 def test_projection_at_every_step_keeps_the_closures_at_rounding(cell):
-    result = cp.run(SCENARIOS[cell]().replace(duration=0.2, events=()), {"plant.project": "step"})
+    result = cp.run(SCENARIOS[cell]().replace(duration=0.2, events=()), {"plant.project": "step"}, warn=False)
     assert max(result.closure_error_max()) < 5e-12
 
 
@@ -201,9 +202,9 @@ def test_push_between_ticks_has_its_exact_impulse():
     }
     works = [
         float(
-            cp.run("adept-paper", push | {"duration": 0.2, "clock.steps_per_tick": steps}).data.work_external[
-                -1
-            ]
+            cp.run(
+                "adept-paper", push | {"duration": 0.2, "clock.steps_per_tick": steps}, warn=False
+            ).data.work_external[-1]
         )
         for steps in (3, 24)
     ]
@@ -359,10 +360,14 @@ def test_open_start_is_refused_with_its_gap_and_closes_when_asked(cell, payload)
     )
     apart = scenario.replace(start_angles=open_start(scenario, 0.1))
     with pytest.raises(OpenClosureError, match="right") as caught:
-        cp.run(apart)
+        cp.run(apart, warn=False)
     assert caught.value.distance == pytest.approx(0.1, abs=1e-9)
-    closed = cp.run(apart.replace(project_start=True))
+    closed = cp.run(apart.replace(project_start=True), warn=False)
     assert max(closed.closure_error_max()) < 1e-8
     assert np.linalg.norm(closed.data.payload_position.values[0] - scenario.start.xyz) < 0.11
-    held = cp.run(scenario.replace(start_angles=open_start(scenario, 0.0)))
-    assert_close(held.data.payload_position.values, cp.run(scenario).data.payload_position.values, atol=1e-9)
+    held = cp.run(scenario.replace(start_angles=open_start(scenario, 0.0)), warn=False)
+    assert_close(
+        held.data.payload_position.values,
+        cp.run(scenario, warn=False).data.payload_position.values,
+        atol=1e-9,
+    )

@@ -71,7 +71,7 @@ def test_signs_events_and_the_way_the_payload_is_held_do_not_change_it():
 def last_speed(scenario):
     """The largest joint speed of the last half second, rad/s; infinite for a run that breaks off."""
     try:
-        result = cp.run(scenario)
+        result = cp.run(scenario, warn=False)
     except CoopPinError:
         return np.inf
     return float(np.abs(result.data.velocity.values[result.data.time.values > 1.0]).max())
@@ -267,9 +267,9 @@ def test_a_run_takes_the_steps_that_it_asks_for_and_fails_with_fewer(integrator)
     enough, few = (scenario.override({"clock.steps_per_tick": n}) for n in (steps, steps - 1))
     assert steps_of(enough).ok
     assert not steps_of(few).ok
-    assert cp.run(enough).end == pytest.approx(enough.duration)
+    assert cp.run(enough, warn=False).end == pytest.approx(enough.duration)
     with pytest.raises(DivergedError):
-        cp.run(few)
+        cp.run(few, warn=False)
 
 
 @pytest.mark.parametrize(("cell", "by"), [("planar", (-0.05, -0.08, 0.0)), ("spatial", (0.05, 0.08, 0.0))])
@@ -352,7 +352,7 @@ def test_the_largest_lag_is_sharp_on_the_plant(cell, factor):
     found = loop_of(scenario)
     assert found.ok == (factor < 1.0)
     assert_allclose(found.lag, lag)
-    result = cp.run(scenario)
+    result = cp.run(scenario, warn=False)
     error, time = np.linalg.norm(result.data.pose_error.values, axis=1), result.data.time.values / duration
     early, late = (error[(time >= at) & (time < at + 0.2)].max() for at in (0.4, 0.8))
     assert (late < early) == (factor < 1.0)
@@ -385,7 +385,7 @@ def test_the_fastest_growth_and_the_least_damping_are_those_of_a_run(cell, chang
     simulation = Simulation(scenario, build_controller(scenario))
     motion = sampled_motion(simulation, simulation.plant.q, 0.0)
     modes = motion.modes(simulation, scenario.actuators.lag)
-    data = cp.run(scenario).data
+    data = cp.run(scenario, warn=False).data
     error = data.pose_error.values[data.time.values > 0.2]
     error = error[:, np.abs(error).max(axis=0) > 1e-9]
     z = identified(error / np.abs(error).max(axis=0))
@@ -471,7 +471,9 @@ def test_the_elbow_drifts_as_fast_as_its_mode_says(stiffness):
     scenario = pandas_with(stiffness, **still)
     frictionless = {f"cell.arms.{arm}.friction": "none" for arm in scenario.cell.arms}
     scenario = scenario.override(frictionless)
-    speed = np.linalg.norm(np.nan_to_num(cp.run(scenario).data.joint_velocity.values), axis=(1, 2))
+    speed = np.linalg.norm(
+        np.nan_to_num(cp.run(scenario, warn=False).data.joint_velocity.values), axis=(1, 2)
+    )
     growth = np.log(speed[-1] / speed[-1001]) / 2.0
     assert_allclose(growth, -loop_of(scenario).spare_rate, rtol=0.2)
 

@@ -35,7 +35,7 @@ def moving(cell, changes=()):
 
 def positions(scenario, steps, changes=()):
     """Position of the payload and closure errors at the ticks, of a run with some steps in a tick."""
-    data = cp.run(scenario, {"clock.steps_per_tick": steps} | dict(changes)).data
+    data = cp.run(scenario, {"clock.steps_per_tick": steps} | dict(changes), warn=False).data
     return data.payload_position.values, data.closure_distance.values
 
 

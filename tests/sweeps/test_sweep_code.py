@@ -339,6 +339,6 @@ def test_failures_name_file_and_line_of_the_users_code_in_any_process(place, mon
 
     monkeypatch.chdir(place / "here")
     with pytest.raises(UserCodeError) as caught:
-        cp.run("adept-paper", SHORT | cases["law"]["library"])
+        cp.run("adept-paper", SHORT | cases["law"]["library"], warn=False)
     assert (caught.value.file, caught.value.line) == ("failing.py", lines[0])
     assert str(place) not in str(caught.value)

@@ -76,7 +76,7 @@ def test_tables_are_written_while_the_folder_is_locked(monkeypatch, tmp_path):
 def test_metrics_are_those_of_single_runs(tmp_path):
     result = small(tmp_path)
     for gain, found in zip((0.0, 0.1, 0.2), result.values("torque_peak_Nm").values, strict=True):
-        assert found == cp.run("adept-paper", SHORT | {GAIN: gain}).metrics()["torque_peak_Nm"]
+        assert found == cp.run("adept-paper", SHORT | {GAIN: gain}, warn=False).metrics()["torque_peak_Nm"]
     assert result.counts() == {"ok": 3, "failed": 0, "missing": 0}
     assert_array_equal(result.data[GAIN], [0.0, 0.1, 0.2])
 
@@ -270,7 +270,7 @@ def test_code_that_workers_cannot_import_is_refused_before_anything_runs(tmp_pat
 def test_kept_runs_are_read_and_others_computed_with_the_same_numbers(tmp_path):
     result = small(tmp_path, keep=[1])
     assert len(list((tmp_path / "results").rglob("*.nc"))) == 1
-    fresh = cp.run("adept-paper", SHORT | {GAIN: 0.2}).data
+    fresh = cp.run("adept-paper", SHORT | {GAIN: 0.2}, warn=False).data
     assert result.open(2).data.equals(fresh)
     kept = [result.store.read_result(key) is not None for key in result.table.key]
     assert kept == [False, True, False]

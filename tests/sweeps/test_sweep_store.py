@@ -209,7 +209,7 @@ def test_two_writers_at_once_after_the_lock_was_removed_by_hand_lose_nothing(sto
 
 
 def test_a_kept_result_must_be_whole(store):
-    result = cp.run("adept-paper", {"duration": 0.05, "events": []})
+    result = cp.run("adept-paper", {"duration": 0.05, "events": []}, warn=False)
     content = bytes(to_netcdf(result.data, result.scenario.to_toml()))
     store.append([Outcome(RECORD, content)])
     assert store.read_result(KEY).data.identical(result.data)

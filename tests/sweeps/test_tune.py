@@ -72,7 +72,7 @@ def test_the_result_is_the_best_of_its_history_and_within_its_ranges(search):
     tried = found.history.data[GAIN].values
     assert ((tried >= 0.5) & (tried <= 6.0)).all()
     assert len(np.unique(tried)) == 10
-    direct = cp.run(SHORT.override({GAIN: found.best.parameters[GAIN]})).metrics()[PEAK]
+    direct = cp.run(SHORT.override({GAIN: found.best.parameters[GAIN]}), warn=False).metrics()[PEAK]
     assert_allclose(found.best.metrics[PEAK], direct, rtol=0, atol=0)
 
 
@@ -164,7 +164,9 @@ def test_a_search_over_cases_finds_what_is_best_on_average(tmp_path):
     assert peaks.sizes["case"] == 2
     assert found.value == peaks.values.mean(axis=0).min()
     gain = {GAIN: found.tuned[GAIN]}
-    direct = [cp.run(SHORT.override(gain | changes)).metrics()[PEAK] for changes in cases.values()]
+    direct = [
+        cp.run(SHORT.override(gain | changes), warn=False).metrics()[PEAK] for changes in cases.values()
+    ]
     assert found.best.metrics[PEAK] == direct[0] != direct[1]
     assert found.value == np.mean(direct)
     assert found.summary().count(f"{found.value:.6g}") == 1

@@ -242,7 +242,7 @@ def test_saturated_links_change_their_colour_and_get_it_back():
 
 def test_the_replay_opens_paused_plays_seeks_zooms_and_switches_layers_with_the_network_off(tmp_path):
     limits = {f"cell.arms.{arm}.torque_limits": 90.0 for arm in ("left", "right")}
-    result = cp.run(planar_scenario().replace(duration=2.0, events=()).override(limits))
+    result = cp.run(planar_scenario().replace(duration=2.0, events=()).override(limits), warn=False)
     save_replay(result, tmp_path / "replay.html")
     time, scales = result.data["time"].values, recorded_scales(result.scenario.cell, result.data)
     start = telling_instant(result).time
@@ -383,7 +383,7 @@ CONTRASTS = """() => {
 
 def test_the_replay_obeys_the_keyboard_and_speaks_to_screen_readers(tmp_path):
     limits = {f"cell.arms.{arm}.torque_limits": 90.0 for arm in ("left", "right")}
-    result = cp.run(planar_scenario().replace(duration=1.0, events=()).override(limits))
+    result = cp.run(planar_scenario().replace(duration=1.0, events=()).override(limits), warn=False)
     save_replay(result, tmp_path / "replay.html")
     with offline_page(tmp_path / "replay.html") as page:
         page.wait_for_function("window.coopPin !== undefined")
@@ -422,7 +422,7 @@ def test_the_replay_obeys_the_keyboard_and_speaks_to_screen_readers(tmp_path):
 
 
 def test_without_webgl_plots_and_tiles_work_and_the_page_says_so(tmp_path):
-    result = cp.run(spatial_scenario().replace(duration=0.3))
+    result = cp.run(spatial_scenario().replace(duration=0.3), warn=False)
     save_replay(result, tmp_path / "replay.html")
     with browser_page(offline=True) as page:
         page.add_init_script("""const real = HTMLCanvasElement.prototype.getContext;
@@ -455,7 +455,7 @@ INSIDE = """() => {
 def test_the_pages_of_the_catalogue_are_light_and_have_all_arrows_in_view_at_the_worst_moments(
     name, tmp_path
 ):
-    save_replay(cp.run(name), tmp_path / "replay.html")
+    save_replay(cp.run(name, warn=False), tmp_path / "replay.html")
     assert (tmp_path / "replay.html").stat().st_size < 4e6
     with offline_page(tmp_path / "replay.html") as page:
         page.wait_for_function("window.coopPin !== undefined")
@@ -475,7 +475,7 @@ AXIAL = "pane => pane.plots.value(pane.runs[0], 1)"
 def test_runs_side_by_side_follow_one_clock_and_one_camera_and_fit_a_phone(tmp_path):
     """What the panes tell is of the runs: with the same motion, the forces differ."""
     scenario = spatial_scenario().replace(duration=0.5)
-    runs = [cp.run(scenario), cp.run(scenario.override({"cell.payload.mass": 5.0}))]
+    runs = [cp.run(scenario, warn=False), cp.run(scenario.override({"cell.payload.mass": 5.0}), warn=False)]
     save_replay(runs[0], tmp_path / "both.html", runs[1], names=["light", "heavy"])
     with offline_page(tmp_path / "both.html", 420, 900) as page:
         page.wait_for_function("window.coopPin !== undefined")
@@ -513,7 +513,7 @@ def assert_not_blank_anywhere(image: bytes) -> None:
 
 
 def test_the_report_plays_fits_narrow_windows_and_prints_with_the_network_off(tmp_path):
-    result = cp.run(planar_scenario().replace(duration=2.0, events=()))
+    result = cp.run(planar_scenario().replace(duration=2.0, events=()), warn=False)
     save_report(result, tmp_path / "report.html")
     with offline_page(tmp_path / "report.html") as page:
         assert (
@@ -540,7 +540,7 @@ def test_the_report_plays_fits_narrow_windows_and_prints_with_the_network_off(tm
 
 @pytest.mark.slow
 def test_a_report_with_events_has_at_most_four_sheets_of_a4(tmp_path):
-    save_report(cp.run("adept-anchored"), tmp_path / "report.html")  # every metric applies to it
+    save_report(cp.run("adept-anchored", warn=False), tmp_path / "report.html")  # every metric applies to it
     with offline_page(tmp_path / "report.html") as page:
         page.locator("#motion iframe").scroll_into_view_if_needed()
         page.frame_locator("#motion iframe").locator("#pane canvas").wait_for()

@@ -31,7 +31,7 @@ WIDTH, HEIGHT, RATE = 480, 320, 4.0
 
 @pytest.fixture(scope="module")
 def result():
-    return cp.run(planar_scenario().replace(duration=1.0, events=()))
+    return cp.run(planar_scenario().replace(duration=1.0, events=()), warn=False)
 
 
 @pytest.fixture

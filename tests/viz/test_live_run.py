@@ -56,7 +56,7 @@ def eventually(condition) -> bool:
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_ticks_by_hand_are_a_run(name):
     scenario = SCENARIOS[name]().replace(duration=0.3, events=())
-    assert to_the_end(advanced(scenario, 5)).data.identical(cp.run(scenario).data)
+    assert to_the_end(advanced(scenario, 5)).data.identical(cp.run(scenario, warn=False).data)
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,7 @@ def test_an_event_added_on_the_way_acts_as_if_it_had_been_planned(event):
     by_hand = advanced(scenario, 20)
     assert by_hand.time == 0.25
     by_hand.add_event(event)
-    result, planned = to_the_end(by_hand), cp.run(scenario.replace(events=(event,)))
+    result, planned = to_the_end(by_hand), cp.run(scenario.replace(events=(event,)), warn=False)
     assert result.data.identical(planned.data)
     assert result.scenario == planned.scenario
 
@@ -82,7 +82,7 @@ def test_events_must_lie_ahead_and_within_the_run():
         simulation.add_event(cp.events.PayloadChange(time=0.2, mass=5.0))
     with pytest.raises(CoopPinError, match=r"ends at t = 1\.1 s"):
         simulation.add_event(cp.events.WrenchPulse(time=1.0, duration=0.1, wrench=(1.0, 0, 0, 0, 0, 0)))
-    assert to_the_end(simulation).data.identical(cp.run(quiet_paper()).data)
+    assert to_the_end(simulation).data.identical(cp.run(quiet_paper(), warn=False).data)
 
 
 def test_another_gain_acts_at_the_next_tick_and_not_before():
@@ -90,7 +90,7 @@ def test_another_gain_acts_at_the_next_tick_and_not_before():
     changed = scenario.override({"controller.gains.damping_gain": (30.0, 30.0, 5.0)})
     simulation = advanced(scenario, 20)
     simulation.replace_controller(build_controller(changed))
-    result, alone = to_the_end(simulation), cp.run(scenario)
+    result, alone = to_the_end(simulation), cp.run(scenario, warn=False)
     torque, before = result.data["torque"].values, alone.data["torque"].values
     assert_allclose(torque[:20], before[:20], rtol=0, atol=0)
     assert np.abs(torque[20] - before[20]).max() > 1e-3
@@ -102,7 +102,10 @@ def test_a_controller_replaced_by_its_equal_changes_nothing():
     simulation = advanced(scenario, 20)
     simulation.replace_controller(build_controller(scenario))
     assert_allclose(
-        to_the_end(simulation).data["torque"].values, cp.run(scenario).data["torque"].values, rtol=0, atol=0
+        to_the_end(simulation).data["torque"].values,
+        cp.run(scenario, warn=False).data["torque"].values,
+        rtol=0,
+        atol=0,
     )
 
 
@@ -137,7 +140,7 @@ def test_a_live_run_starts_pauses_goes_on_and_is_the_run():
     assert run.time == paused
     run.start()
     assert eventually(lambda: run.is_finished and not run.is_running)
-    assert run.result().data.identical(cp.run(quiet_paper(0.5)).data)
+    assert run.result().data.identical(cp.run(quiet_paper(0.5), warn=False).data)
     run.start()  # nothing is left to run
     assert not run.is_running
 

@@ -166,7 +166,7 @@ class ShowsLastOnly:
 
 def test_the_last_snapshot_of_a_run_is_always_shown(scenario):
     view = ShowsLastOnly()
-    result = cp.run(scenario, view=view, realtime_rate=math.inf)
+    result = cp.run(scenario, view=view, realtime_rate=math.inf, warn=False)
     assert view.shown == [result.end]
 
 
@@ -242,7 +242,7 @@ def test_a_view_opens_for_a_cell_a_scenario_and_a_result(planar):
         spatial_cell().replace(payload_pose=SPATIAL_START),
         planar.cell,
         planar,
-        cp.run(spatial_scenario().replace(duration=0.5, events=())),
+        cp.run(spatial_scenario().replace(duration=0.5, events=()), warn=False),
         "adept-paper",
     ):
         view = open_view(what)
@@ -364,7 +364,7 @@ def test_a_viewer_killed_during_a_run_causes_one_warning(planar):
     assert killed == [True]
     assert len(caught) == 1
     assert not view.is_alive
-    assert result.data.identical(cp.run(planar).data)
+    assert result.data.identical(cp.run(planar, warn=False).data)
 
 
 def test_a_viewer_that_hangs_drops_frames_and_nothing_else(planar):
@@ -400,7 +400,7 @@ def test_a_run_goes_on_with_a_warning_if_no_process_can_be_started(planar, monke
     monkeypatch.setattr(subprocess, "Popen", refuse)
     with pytest.warns(ViewWarning, match="no more processes"):
         view = open_view(planar)
-    assert cp.run(planar, view=view, realtime_rate=math.inf).end == planar.duration
+    assert cp.run(planar, view=view, realtime_rate=math.inf, warn=False).end == planar.duration
     assert view.url == ""
 
 
@@ -421,7 +421,7 @@ def test_rates_must_be_positive(planar):
         open_view(planar, frames_per_second=0.0)
     assert (caught.value.name, caught.value.value) == ("frames_per_second", 0.0)
     with pytest.raises(OutOfRangeError) as caught:
-        cp.run(planar, realtime_rate=-1.0)
+        cp.run(planar, realtime_rate=-1.0, warn=False)
     assert (caught.value.name, caught.value.value) == ("realtime_rate", -1.0)
 
 
@@ -525,6 +525,6 @@ def test_simulated_time_never_runs_ahead_of_wall_time(planar):
         start.append(time.monotonic())
         ahead.append(snapshot.time / 2.0 - (time.monotonic() - start[0]))
 
-    cp.run(planar, view=watch, realtime_rate=2.0)
+    cp.run(planar, view=watch, realtime_rate=2.0, warn=False)
     assert max(ahead) < 0.02
     assert time.monotonic() - start[0] > 0.24

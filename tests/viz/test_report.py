@@ -59,7 +59,7 @@ class Page(HTMLParser):
 
 @functools.cache
 def result(name):
-    return cp.run(SCENARIOS[name]().replace(**SHORT))
+    return cp.run(SCENARIOS[name]().replace(**SHORT), warn=False)
 
 
 @functools.cache
@@ -122,7 +122,8 @@ def test_words_of_a_scenario_stay_words():
     nasty = cp.run(
         SCENARIOS["planar"]().replace(
             name="<b>&", summary="<script>alert(1)</script>", duration=0.05, events=()
-        )
+        ),
+        warn=False,
     )
     text = report_html(nasty)
     assert "<script>alert" not in text
@@ -131,7 +132,7 @@ def test_words_of_a_scenario_stay_words():
 
 
 def test_limits_that_were_exceeded_are_listed():
-    weak = cp.run("adept-paper", SHORT | {"cell.arms.left.torque_limits": 3.0})
+    weak = cp.run("adept-paper", SHORT | {"cell.arms.left.torque_limits": 3.0}, warn=False)
     assert weak.limit_violations()
     text = "".join(Page(report_html(weak)).text)
     for beyond in weak.limit_violations():
@@ -151,7 +152,7 @@ def test_a_run_that_broke_off_is_told_as_such():
         "events": [],
     }
     with pytest.raises(DivergedError) as caught:
-        cp.run("adept-paper", late)
+        cp.run("adept-paper", late, warn=False)
     result = caught.value.result
     assert f"t = {result.end:g} s of {result.scenario.duration:g} s" in report_html(result)
 
