@@ -125,6 +125,7 @@ def test_what_cannot_be_a_cell_is_refused_by_name(case):
         assert {"unknown": "xarm7", "two arms in a robot": "left_gripper"}[case] in str(caught.value)
 
 
+@pytest.mark.gate
 def test_bases_are_refused_from_the_reach_on_and_a_payload_from_the_mass_that_is_named():
     """Both numbers are checked: just within them the cell is made, and the distance is kept."""
     options = {"payload": "bar", "size": (0.24, 0.03, 0.03)}

@@ -27,7 +27,9 @@ def checked(number, seed=1):
     return suggestion
 
 
-@pytest.mark.parametrize("number", [pytest.param(1, marks=pytest.mark.slow), 8])
+@pytest.mark.parametrize(
+    "number", [pytest.param(1, marks=pytest.mark.slow), pytest.param(8, marks=pytest.mark.gate)]
+)
 def test_a_proposal_for_a_random_cell_passes_check(number):
     """Cells with redundant arms, one in which the robots carry their own weight and one in which not."""
     suggestion = checked(number)

@@ -13,6 +13,7 @@ from coop_pin.base.errors import ArgumentError
 from coop_pin.grasps import CellChain
 from coop_pin.results.friction import friction_use
 
+QUICK = ["planar", "spatial", "three-ur5-plate"]
 MU, RADIUS = 0.6, 0.04
 CELLS = ["planar", "spatial", "planar-three", "kinova-pair", "three-ur5-plate", "three-ur5-far"]
 
@@ -100,7 +101,9 @@ def least_by_planes(plant, q, v, a):
     return found.fun + constant
 
 
-@pytest.mark.parametrize("name", CELLS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK)) for name in CELLS]
+)
 def test_no_squeeze_is_less(name):
     plant, q, still = plant_of(name)
     v = 0.3 * random_velocity(plant.mechanism, q, 4)

@@ -14,14 +14,14 @@ import coop_pin as cp
 from coop_pin.description.catalogue import scenario_names
 from coop_pin.tracing.llvm_machine import can_compile
 
-TICKS = 12
+TICKS = 6
 
 
 def samples(name: str) -> dict[str, np.ndarray]:
     """Floats of a short run whose payload's mass halves on the way."""
     scenario = cp.Scenario.load(name)
     period, mass = scenario.clock.period, 0.5 * scenario.cell.payload.mass
-    drop = {"kind": "payload-change", "time": 5.5 * period, "mass": mass}
+    drop = {"kind": "payload-change", "time": 2.5 * period, "mass": mass}
     short = scenario.override({"duration": TICKS * period, "events": [drop]})
     data = cp.run(short, engine="pinocchio", warn=False).data
     return {f"{name}/{key}": array.values for key, array in data.variables.items() if array.dtype.kind == "f"}

@@ -520,12 +520,12 @@ def test_check_sees_that_late_views_diverge(tmp_path, capsys):
     """Two ticks at 80 Hz: T lambda 0.811 of at most 0.618. A bias leaves no force that grows."""
     scenario = biased("two planar", network={"delay": 2}, controller=mean_pose())
     scenario.save(path := tmp_path / "late.toml")
-    assert main(["check", str(path)]) == 1
+    assert main(["check", str(path), "--poses", "5"]) == 1
     told = capsys.readouterr().out
     assert "0.618 of messages 2 ticks late" in told
     assert "s later" not in told
     scenario.override({"network.delay": 1}).save(path)
-    assert main(["check", str(path)]) == 0
+    assert main(["check", str(path), "--poses", "5"]) == 0
     assert "the stability limit 1 of messages 1 ticks late" in capsys.readouterr().out
 
 

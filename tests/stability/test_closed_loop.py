@@ -113,7 +113,9 @@ def frictionless(scenario):
     return scenario.replace(cell=scenario.cell.replace(arms=bare))
 
 
-@pytest.mark.parametrize(("name", "share"), [("planar", 0.75), ("spatial", 0.4)])
+@pytest.mark.parametrize(
+    ("name", "share"), [("planar", 0.75), pytest.param("spatial", 0.4, marks=pytest.mark.gate)]
+)
 def test_the_largest_lag_of_check_is_that_of_the_whole_loop_without_friction(name, share):
     scenario = frictionless(held(name, {"actuators.lag": 0.1 * share}, ANCHORED[name]))
     expected = loop_stability(cp.Simulation(scenario, build_controller(scenario))).largest_lag
@@ -169,7 +171,10 @@ def test_runs_begin_to_grow_where_the_eigenvalues_leave_the_unit_circle(name, bo
             assert_allclose(np.log(measured), np.log(loop.radius), rtol=0.1 if bound == "lag" else 0.6)
 
 
-@pytest.mark.parametrize("name", ["two-pandas-box", "five-joint-pair", "adept-anchored"])
+@pytest.mark.parametrize(
+    "name",
+    ["two-pandas-box", pytest.param("five-joint-pair", marks=pytest.mark.gate), "adept-anchored"],
+)
 def test_the_motion_is_that_of_sampled_motion_where_that_applies(name):
     scenario = frictionless(cp.Scenario.load(name))
     simulation = cp.Simulation(scenario, build_controller(scenario))
@@ -249,6 +254,7 @@ def test_the_command_draws_a_root_locus(tmp_path, capsys):
     assert "stable at 0.8 to 1.2" in capsys.readouterr().out
 
 
+@pytest.mark.gate
 def test_the_figure_shows_every_eigenvalue_the_own_ones_and_the_bounds():
     locus = cp.stability.root_locus(
         cp.Scenario.load("adept-anchored"), "controller.gains.sliding_gain", [1.0, 2.4, 2.7]

@@ -44,8 +44,15 @@ def no_runs(runs_here):
 
 
 @NO_RUNS
-@CELLS
-def test_a_path_out_of_reach_is_refused_with_arm_and_distance(cell, tmp_path):
+@pytest.mark.parametrize(
+    ("cell", "asked"),
+    [
+        *(("planar", slice(1)), ("spatial", slice(2, 3))),
+        pytest.param("planar", slice(1, None), marks=pytest.mark.gate),
+    ],
+)
+def test_a_path_out_of_reach_is_refused_with_arm_and_distance(cell, asked, tmp_path):
+    """By sweep, tune, compare and the search for gains."""
     base, gain = scenario(cell, AWAY), "controller.gains.sliding_gain"
     out = tmp_path / "out"
     calls = (
@@ -54,7 +61,7 @@ def test_a_path_out_of_reach_is_refused_with_arm_and_distance(cell, tmp_path):
         lambda: cp.compare(base, ["anchored"], NOMINAL, out=out, execution=HERE),
         lambda: tune_controllers(base, ["anchored"], out=out, execution=HERE),
     )
-    for call in calls if cell == "planar" else calls[2:3]:
+    for call in calls[asked]:
         error = refused(InfeasibleMotionError, call)
         assert error.cause == "reach"
         assert "left" in error.detail
@@ -99,7 +106,7 @@ def test_a_law_that_the_cell_cannot_have_is_refused_by_all(tmp_path):
         require_feasible([scenario(cell, {"controller": SLIDING})])
 
 
-@CELLS
+@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
 def test_runs_of_which_one_can_succeed_are_not_refused(cell):
     sound, lost = scenario(cell), scenario(cell, AWAY)
     require_feasible([lost, sound])
@@ -119,7 +126,7 @@ def test_a_cell_of_a_comparison_that_must_fail_is_a_row_where_others_can_succeed
 
 
 @NO_RUNS
-@pytest.mark.parametrize("command", ["compare", "tune"])
+@pytest.mark.parametrize("command", ["compare", pytest.param("tune", marks=pytest.mark.gate)])
 def test_the_commands_refuse_in_one_line(command, tmp_path, capsys):
     file, words = tmp_path / "away.toml", {"compare": ["--controllers", "payload-pd", "--trials", "nominal"]}
     scenario("planar", AWAY).save(file)

@@ -106,9 +106,15 @@ def test_equal_points_are_computed_once(tmp_path, computed):
 
 
 WAYS = [(0, "pinocchio"), (2, "pinocchio"), (0, "compiled"), (2, "compiled")]
+QUICK_WAYS = [
+    WAYS[0],
+    WAYS[3],
+    *(pytest.param(*way, marks=pytest.mark.gate) for way in (WAYS[1], WAYS[2])),
+]
+"""Ways of which two run in the default tier: each number of workers, each engine."""
 
 
-@pytest.mark.parametrize(("workers", "chosen"), WAYS)
+@pytest.mark.parametrize(("workers", "chosen"), QUICK_WAYS)
 def test_an_equal_point_that_is_kept_has_its_full_result(tmp_path, workers, chosen):
     plan = SweepPlan(
         base="adept-paper", changes=SHORT, axes={GAIN: [0.1, 0.1, 0.2]}, engine=chosen, keep=(1,)
@@ -128,7 +134,7 @@ def test_a_session_that_ends_draws_no_points_any_more(tmp_path):
     assert list(jobs) == []
 
 
-@pytest.mark.parametrize(("workers", "chosen"), WAYS)
+@pytest.mark.parametrize(("workers", "chosen"), QUICK_WAYS)
 def test_equal_points_are_counted_like_others(tmp_path, workers, chosen):
     plan = SweepPlan(base="adept-paper", changes=SHORT, axes={DAMPING: [1e5, 40.0, 40.0, 1e5]}, engine=chosen)
     with open_session(tmp_path, Execution(workers=workers, quiet=True), len(plan)) as session:

@@ -15,6 +15,7 @@ def drill(monkeypatch):
     return drill
 
 
+@pytest.mark.gate
 def test_a_short_drill_loses_nothing(drill, tmp_path):
     assert drill.run_drill(tmp_path, 1, runs=16, seed=1, kinds=("kill",)) == {"kill": 1}
 

@@ -124,7 +124,8 @@ KINDS = {
 @pytest.mark.parametrize(
     "modes",
     [
-        ("hang", "exit", "memory", "none"),
+        ("exit", "none"),
+        pytest.param(("hang", "exit", "memory", "none"), marks=pytest.mark.gate),
         pytest.param(tuple(KINDS) * 2, marks=pytest.mark.slow),
     ],
 )
@@ -178,6 +179,7 @@ def test_workers_that_are_stopped_or_killed_at_any_time_and_a_host_that_is_kille
     assert psutil.wait_procs(processes, timeout=10)[1] == []
 
 
+@pytest.mark.gate
 def test_the_runs_of_a_batch_whose_worker_dies_are_tried_again_each_alone():
     """A run that costs three workers has failed; the others of its batch have not."""
     modes = {"a": "none", "b": "crash", "c": "none"}
@@ -192,6 +194,7 @@ def test_the_runs_of_a_batch_whose_worker_dies_are_tried_again_each_alone():
     assert found[1].message == str(WorkerDiedError(3, -11))
 
 
+@pytest.mark.gate
 def test_a_thread_that_turns_to_another_sweep_closes_its_own_worker_only():
     """As in a dask worker that serves two sweeps at once."""
     before = {worker.pid for worker in workers_of()}

@@ -317,6 +317,7 @@ def test_the_replay_opens_paused_plays_seeks_zooms_and_switches_layers_with_the_
 @pytest.mark.parametrize(
     ("name", "end"), [("three-driven-ur5", 3.0), pytest.param("baxter-box", 0.5, marks=pytest.mark.slow)]
 )
+@pytest.mark.gate
 def test_names_of_arms_go_with_their_bases_and_do_not_overlap(name, end, tmp_path):
     result = cp.run(name, {"duration": end}, warn=False)
     save_replay(result, tmp_path / "replay.html")
@@ -342,6 +343,7 @@ def test_names_of_arms_go_with_their_bases_and_do_not_overlap(name, end, tmp_pat
             assert all(a + w <= x or x + width <= a or abs(b - y) >= 16.0 for a, b, w, _ in others)
 
 
+@pytest.mark.gate
 def test_a_name_stands_above_a_base_that_the_payload_hides_and_numbers_of_met_struts_are_short(tmp_path):
     result = cp.run("four-ur5-plate", {"duration": 2.5}, warn=False)
     save_replay(result, tmp_path / "replay.html")
@@ -381,6 +383,7 @@ CONTRASTS = """() => {
 """Every visible text of the page, and its contrast against what is behind it, by WCAG 2.1."""
 
 
+@pytest.mark.gate
 def test_the_replay_obeys_the_keyboard_and_speaks_to_screen_readers(tmp_path):
     limits = {f"cell.arms.{arm}.torque_limits": 90.0 for arm in ("left", "right")}
     result = cp.run(planar_scenario().replace(duration=1.0, events=()).override(limits), warn=False)
@@ -472,6 +475,7 @@ def test_the_pages_of_the_catalogue_are_light_and_have_all_arrows_in_view_at_the
 AXIAL = "pane => pane.plots.value(pane.runs[0], 1)"
 
 
+@pytest.mark.gate
 def test_runs_side_by_side_follow_one_clock_and_one_camera_and_fit_a_phone(tmp_path):
     """What the panes tell is of the runs: with the same motion, the forces differ."""
     scenario = spatial_scenario().replace(duration=0.5)
@@ -512,6 +516,7 @@ def assert_not_blank_anywhere(image: bytes) -> None:
     assert len(np.unique(pixels, axis=0)) > 500
 
 
+@pytest.mark.gate
 def test_the_report_plays_fits_narrow_windows_and_prints_with_the_network_off(tmp_path):
     result = cp.run(planar_scenario().replace(duration=2.0, events=()), warn=False)
     save_report(result, tmp_path / "report.html")

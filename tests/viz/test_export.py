@@ -80,6 +80,7 @@ def marked(mark: str) -> list[str]:
 
 
 @pytest.mark.usefixtures("browser", "leaves_no_process")
+@pytest.mark.gate
 def test_a_video_shows_the_run_at_the_times_of_its_frames(result, ffmpeg, tmp_path):
     save_video(result, tmp_path / "run.mp4", frames_per_second=RATE, width=WIDTH, height=HEIGHT)
     frames, stream = frames_of(ffmpeg, tmp_path / "run.mp4")
@@ -97,6 +98,7 @@ def test_a_video_shows_the_run_at_the_times_of_its_frames(result, ffmpeg, tmp_pa
 
 
 @pytest.mark.usefixtures("browser")
+@pytest.mark.gate
 def test_runs_side_by_side_are_one_sheet_of_pdf_with_text_as_text(result, tmp_path):
     save_image(result, tmp_path / "both.pdf", result, names=["one", "other"], width=800, height=500)
     content = (tmp_path / "both.pdf").read_bytes()
