@@ -21,5 +21,5 @@ stage "format" ruff format --check .
 stage "lint" ruff check .
 stage "types" mypy
 stage "tests" pytest -n auto --dist worksteal -q
-stage "notebooks, examples, pages" pytest -n auto --dist worksteal -q -m gate
+stage "notebooks, examples, pages" pytest -n auto --dist worksteal -q -m "gate and not slow"
 echo "== gate passed"

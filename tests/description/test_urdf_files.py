@@ -115,7 +115,16 @@ def test_bundled_robots_are_found_in_the_layout_of_a_wheel(tmp_path):
     assert run.stdout.splitlines() == [str(folder), str(folder / "adept_3dof.urdf")]
 
 
-@pytest.mark.parametrize("name", ["panda", "ur3", "ur5", "ur10", "kinova", "xarm7", "z1", "baxter", "so100"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("panda", "ur5", "so100"),
+        *(
+            pytest.param(name, marks=pytest.mark.gate)
+            for name in ("ur3", "ur10", "kinova", "xarm7", "z1", "baxter")
+        ),
+    ],
+)
 def test_all_meshes_of_the_example_arms_are_found(name):
     file = find_urdf(name)
     model = pin.buildModelFromUrdf(str(file.path))

@@ -127,7 +127,7 @@ def test_a_crate_is_carried_by_friction_alone():
     ("name", "mu"),
     [
         ("planar", 0.5),
-        ("planar", 0.8),
+        pytest.param("planar", 0.8, marks=pytest.mark.gate),
         pytest.param("spatial", 0.5, marks=pytest.mark.slow),
         ("spatial", 0.8),
     ],
@@ -244,6 +244,7 @@ def test_the_normal_force_of_its_own_wrist_tells_an_arm_of_a_loss(name):
     ],
     ids=["normal force", "noisy slip"],
 )
+@pytest.mark.gate
 def test_guards_keep_arms_slow_after_a_loss_whose_anchor_has_no_bound(guard, speed):
     """13.7 rad/s without any."""
     scenario = palms(duration=0.4, **{"controller.anchor_bias": "none"} | guard)
@@ -346,6 +347,7 @@ def stability(scenario: cp.Scenario):
 @pytest.mark.parametrize(
     ("name", "edge"), [("planar", 1.2227), pytest.param("spatial", 1.5609, marks=pytest.mark.slow)]
 )
+@pytest.mark.gate
 def test_gains_on_patches_are_unstable_where_the_check_says_so(name, edge):
     """The edge of K by the linear loop; runs from rest decay below it, and grow above it as it says."""
     scenario = CELLS[name](duration=0.4)

@@ -18,7 +18,7 @@ from coop_pin.description.events import PayloadChange
 from coop_pin.description.plant import Clock
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.run_result import RunResult
-from coop_pin.running.check import quick_findings
+from coop_pin.running.cell_findings import record_findings
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulate import simulate
 from coop_pin.simulation.simulation import Simulation
@@ -174,8 +174,8 @@ def test_a_record_that_is_large_is_told_with_what_makes_it_small(name, hours):
 
 
 def _large(scenario):
-    findings = quick_findings(Simulation(scenario, build_controller(scenario)))
-    return [finding for finding in findings.of("warning") if finding.kind == "record size"]
+    findings = record_findings(Simulation(scenario, build_controller(scenario)))
+    return [finding for finding in findings if (finding.severity, finding.kind) == ("warning", "record size")]
 
 
 def test_a_record_that_does_not_fit_names_what_fits(leave_free):
