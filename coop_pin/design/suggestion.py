@@ -26,7 +26,8 @@ from coop_pin.design.proposal_limits import (
     null_space_limits,
     posture_limit,
 )
-from coop_pin.design.tuning_rule import GainProposal, force_path_of, gain_proposal
+from coop_pin.design.stable_gains import LAWS, with_stable_gains
+from coop_pin.design.tuning_rule import GainProposal, anchored_enough, force_path_of, gain_proposal
 from coop_pin.feasibility.least_squeeze import least_squeeze, with_enough_squeeze
 from coop_pin.feasibility.motion_feasibility import (
     posture_margins,
@@ -58,8 +59,6 @@ _STEP_PART = 0.9
 """Part of the stability limit of the plant's steps that friction may take at the poses that are looked at."""
 _LEAST_ANCHOR = 0.01
 """Anchor gain below which it is not lowered further for the stability on springs."""
-_ANCHOR_PART = 0.8
-"""Part of the anchor's bound that the motion may take."""
 _AWAY = 0.3
 """Largest angle of a spare motion away from the path of the inverse kinematics, rad."""
 
@@ -72,14 +71,14 @@ class Suggestion:
 
     Attributes:
         scenario: ready to run.
-        proposal: the numbers of the law.
+        proposal: the numbers of the payload-space law; None of a law that is kept.
         limits: one sentence for each value: what limits it.
         changes: differences from what is stated: law, squeeze, grasps; one sentence each.
         forecast: errors to expect of a run.
     """
 
     scenario: Scenario
-    proposal: GainProposal
+    proposal: GainProposal | None
     limits: tuple[str, ...]
     changes: tuple[str, ...] = ()
     forecast: Forecast = _NO_FORECAST
@@ -90,10 +89,12 @@ class Suggestion:
 
     def summary(self) -> str:
         """Return the changes, the values and what limits each, as text."""
+        law: Any = self.scenario.controller
+        numbers = self.proposal.summary() if self.proposal else f"proposal: {law.kind}, {law.gains!r}"
         return "\n".join(
             (
                 *(f"! {sentence}" for sentence in self.changes),
-                f"{self.scenario.name}: {self.proposal.summary()}",
+                f"{self.scenario.name}: {numbers}",
                 f"  {self.forecast.summary()}",
                 *(f"  {sentence}" for sentence in self.limits),
             )
@@ -104,6 +105,9 @@ def suggest(
     scenario: Scenario | str | Path, *, poses: int = 101, table_error: float = TABLE_ERROR
 ) -> Suggestion:
     """Return a proposal for the payload-space law: what limits each value, and a scenario that runs with it.
+
+    Admittance and object impedance are kept on rigid grasps and springs where gains are found that hold;
+    any other law is replaced, which the first of the ``changes`` says.
 
     The tuning rule along the whole motion is T lambda_max(A^-1 K) <= 1, k_I T <= 1/4, k_I <= lambda_min / 2,
     gamma <= lambda_min / 4, and a damping ratio of at least 0.58 of every sampled mode.
@@ -150,7 +154,8 @@ def suggest(
             "suggest is for cells whose grasps are all patches, or that have none and no tables;"
             f" {names} hold or bear by friction beside others"
         )
-    changes, scenario = _with_law(scenario)
+    keeps_law = scenario.controller.kind in LAWS and not cell.patches
+    changes, scenario = ((), scenario) if keeps_law else _with_law(scenario)
     if cell.patches:
         scenario, pressed = with_enough_squeeze(scenario)
     for number in implausible_numbers(scenario):
@@ -167,6 +172,16 @@ def suggest(
             raise InfeasibleMotionError(
                 "torque", f"{least.summary().removeprefix('! ')}; the drives hold no more"
             )
+    cut = f"squeeze CUT to {part:.2f} of what is stated: all that the drives hold beside weight and load"
+    pressed = (*pressed, *([cut] if part < 1.0 else []), *turned)
+    margins = [posture_limit(arm) for arm in posture_margins(scenario, cell_reach, statics)]
+    if keeps_law:
+        if (held := with_stable_gains(scenario)) is not None:
+            return Suggestion(held, None, (*margins,), pressed, forecast(held, cell_reach))
+        if scenario.has_servos:
+            detail = f"no gains of the law {scenario.controller.kind!r} were found with which it is stable"
+            raise InfeasibleMotionError("stability", detail)
+        changes, scenario = _with_law(scenario)
     propose: Callable[..., GainProposal] = gain_proposal
     if cell.unclosed:
         propose = partial(own_inertia_proposal, table_error=table_error)
@@ -176,26 +191,24 @@ def suggest(
         if not cell.unclosed or error.cause != "stability":
             raise
         proposal, suggested, loop = _held(scenario, cell_reach, partial(propose, tips_give=True))
-    suggested, errors = _anchored_enough(suggested, cell_reach)
+    suggested, errors = anchored_enough(suggested, cell_reach)
     simulation = Simulation(suggested, build_controller(suggested))
     steps = step_stability(simulation, cell_reach)
     count = math.ceil(steps.steps_per_tick * steps.value / (_STEP_PART * steps.limit))
     if count > steps.steps_per_tick:
         suggested = suggested.override({"clock.steps_per_tick": count})
     pressed_table = table_force(suggested, table_error=table_error, lag=proposal.tracking)
-    cut = f"squeeze CUT to {part:.2f} of what is stated: all that the drives hold beside weight and load"
     lines = (
         *gain_limits(scenario, proposal, suggested),
         *friction_limits(suggested),
         *([] if pressed_table is None else [pressed_table.summary()]),
         *null_space_limits(proposal, loop),
         *moment_limits(scenario, proposal),
-        *(posture_limit(arm) for arm in posture_margins(scenario, cell_reach, statics)),
+        *margins,
         "squeeze: as stated" if part == 1.0 else f"squeeze: {part:.2f} of what is stated, by the drives",
         f"plant: {suggested.clock.steps_per_tick} steps in a tick; {start_stability(simulation).summary()}",
     )
-    changes = (*changes, *pressed, *([cut] if part < 1.0 else []), *turned)
-    return Suggestion(suggested, proposal, lines, changes, errors)
+    return Suggestion(suggested, proposal, lines, (*changes, *pressed), errors)
 
 
 def _with_law(scenario: Scenario) -> tuple[tuple[str, ...], Scenario]:
@@ -204,32 +217,8 @@ def _with_law(scenario: Scenario) -> tuple[tuple[str, ...], Scenario]:
     ones = PayloadSpaceGains(pose_gain=1.0, sliding_gain=1.0, sign_gain=1.0, transient_rate=1.0)
     is_zeroed = stated.near_rest.is_zeroed or gives
     law = PayloadSpace(gains=ones, force_path=force_path_of(scenario), zero_at_grasp=is_zeroed)
-    changed = f"law CHANGED from {stated.kind!r} to {law.kind!r}, the only one of which gains are proposed"
+    changed = f"law CHANGED from {stated.kind!r} to {law.kind!r}: no gains of it are proposed, or none hold"
     return (changed,) * (stated.kind != law.kind), scenario.replace(controller=law)
-
-
-def _anchored_enough(scenario: Scenario, cell_reach: Reachability) -> tuple[Scenario, Forecast]:
-    """Return the scenario with an anchor's bound that has what the motion asks of it, and the forecast."""
-    law: Any = scenario.controller
-    errors, width = forecast(scenario, cell_reach), law.switching.width
-    needed, twice = np.divide(errors.anchor, _ANCHOR_PART), 2.0 * float(np.max(law.gains.pose_gain))
-    if law.anchor_bias == "none" or not np.greater(needed, np.minimum(law.anchor_bias, width / twice)).any():
-        return scenario, errors
-    b_0 = np.add(PayloadSpace.model_fields["anchor_bias"].default, needed)
-    wider = max(width, twice * float(b_0.max())) / width
-
-    def widened(gains: PayloadSpaceGains) -> PayloadSpaceGains:
-        return gains.replace(sign_gain=gains.sign_gain * wider)
-
-    law = law.replace(
-        anchor_bias=tuple(b_0.round(6).tolist()),
-        anchor_bias_answered=tuple(np.maximum(b_0, law.anchor_bias_answered).round(6).tolist()),
-        switching=law.switching.replace(width=width * wider),
-        gains=widened(law.gains),
-        arm_gains={name: widened(gains) for name, gains in law.arm_gains.items()},
-    )
-    scenario = scenario.replace(controller=law)
-    return scenario, forecast(scenario, cell_reach)
 
 
 def _held(

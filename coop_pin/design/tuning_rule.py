@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from coop_pin.design.posture_gains import ROUND_OFF, T_LAMBDA, posture_gains, ro
 from coop_pin.feasibility.internal_moment import internal_moment
 from coop_pin.feasibility.reachability import Reachability
 from coop_pin.feasibility.task_inertia import MotionWrenches, motion_wrenches, task_inertia
+from coop_pin.stability.forecast import Forecast, forecast
 from coop_pin.stability.modes import damping_ratio
 from coop_pin.stability.sampled_motion import tick_matrix
 
@@ -41,6 +42,9 @@ _ON_START = 1e-3
 """Distance and angle of a reference from the start that do not count, m and rad."""
 _TRACKING, _FORCE = 2e-4, 0.2
 """Expected error, m, and internal force, N, while moving, for which the rate is raised."""
+
+_ANCHOR_PART = 0.8
+"""Part of the anchor's bound that the motion may take."""
 
 
 class GainProposal(NamedTuple):
@@ -270,3 +274,27 @@ def force_path_of(scenario: Scenario) -> ForcePath:
     if not path.measures and len(scenario.wrists) == len(scenario.cell.arms):
         path = LateForcePath()
     return path.replace(split="virtual-linkage") if scenario.cell.patches and path.by_sensors else path
+
+
+def anchored_enough(scenario: Scenario, cell_reach: Reachability) -> tuple[Scenario, Forecast]:
+    """Return the scenario with an anchor's bound that has what the motion asks of it, and the forecast."""
+    law: Any = scenario.controller
+    errors, width = forecast(scenario, cell_reach), law.switching.width
+    needed, twice = np.divide(errors.anchor, _ANCHOR_PART), 2.0 * float(np.max(law.gains.pose_gain))
+    if law.anchor_bias == "none" or not np.greater(needed, np.minimum(law.anchor_bias, width / twice)).any():
+        return scenario, errors
+    b_0 = np.add(PayloadSpace.model_fields["anchor_bias"].default, needed)
+    wider = max(width, twice * float(b_0.max())) / width
+
+    def widened(gains: PayloadSpaceGains) -> PayloadSpaceGains:
+        return gains.replace(sign_gain=gains.sign_gain * wider)
+
+    law = law.replace(
+        anchor_bias=tuple(b_0.round(6).tolist()),
+        anchor_bias_answered=tuple(np.maximum(b_0, law.anchor_bias_answered).round(6).tolist()),
+        switching=law.switching.replace(width=width * wider),
+        gains=widened(law.gains),
+        arm_gains={name: widened(gains) for name, gains in law.arm_gains.items()},
+    )
+    scenario = scenario.replace(controller=law)
+    return scenario, forecast(scenario, cell_reach)

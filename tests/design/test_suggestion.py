@@ -458,3 +458,34 @@ def test_ten_new_cells_carry_two_kilograms_with_no_number_set_by_hand_or_are_tol
     # Two xArm7 keep 0.57 mm and 0.74 N, one of them with a UR10 1.08 mm: their light wrists set T lambda, the
     # damping ratio gamma and k_I.
     assert [name for name, is_kept in carried.items() if not is_kept] == ["xarm7", "mixed"]
+
+
+def test_a_law_that_has_a_proposal_is_kept_and_another_is_a_headline():
+    """An admittance that grows gets gains that hold; the printed law is replaced, which is told first."""
+    weak = {"controller.gains.admittance_damping": (50.0, 50.0, 50.0, 1.0, 1.0, 1.0)}
+    admittance = cp.suggest(cp.Scenario.load("two-ur5-admittance", weak), poses=11)
+    assert admittance.proposal is None
+    assert admittance.scenario.controller.kind == "admittance"
+    assert not admittance.findings().of("error")
+    assert "payload-space" in admittance.forecast.uncovered
+    scenario = admittance.scenario.override({"duration": 2.5})
+    assert errors_of(cp.run(scenario, warn=False), 1.0)[0] < 2e-3
+    printed = cp.suggest(cp.Scenario.load("adept-paper", {"events": ()}), poses=5)
+    assert printed.changes[0].startswith("law CHANGED from 'sliding-mode'")
+
+
+@pytest.mark.slow
+def test_object_impedance_is_kept_on_rigid_grasps_and_replaced_on_soft_ones():
+    scenario = cp.Scenario.load("two-pandas-box", {"events": ()})
+    law = cp.laws.ObjectImpedance(force_path=scenario.controller.force_path)
+    rigid = scenario.replace(controller=law)
+    grasps = {
+        name: cp.CompliantGrasp(xyz=grasp.xyz, rpy=grasp.rpy, stiffness="firm")
+        for name, grasp in scenario.cell.grasps.items()
+    }
+    kept, replaced = (cp.suggest(each, poses=11) for each in (rigid, rigid.override({"cell.grasps": grasps})))
+    assert kept.scenario.controller.kind == "object-impedance"
+    assert not kept.findings().of("error")
+    assert errors_of(cp.run(kept.scenario, warn=False), 1.0)[0] < 2e-3
+    assert replaced.changes[0].startswith("law CHANGED")
+    assert replaced.scenario.controller.kind == "payload-space"
