@@ -349,6 +349,7 @@ def test_closures_that_are_redundant_everywhere_or_nowhere_are_no_problem(name):
     assert closure_problem(cp.Scenario.load(name)) == ""
 
 
+@pytest.mark.gate
 def test_closures_that_lose_rank_at_the_start_are_told_and_refused(tmp_path, capsys):
     level = short(carry("level", [LEVEL] * 2, by=(0.0, 0.0, 0.1), rows="positional"))
     assert cp.feasibility.reachability(level, poses=5).ok

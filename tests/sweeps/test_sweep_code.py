@@ -177,7 +177,9 @@ print(repr(result.values("torque_peak_Nm").item()))
 """
 
 
-@pytest.mark.parametrize("workers", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "workers", [pytest.param(0, marks=pytest.mark.gate), pytest.param(1, marks=pytest.mark.slow)]
+)
 def test_whoever_edits_a_controller_and_resumes_gets_the_new_one_and_keeps_the_old(place, workers):
     write(place, {"own_law.py": LAW.format(gains="own_gains")})
     code = SWEEP.replace("WORKERS", str(workers))
