@@ -59,5 +59,5 @@ if __name__ == "__main__":
     for motion, payload in zip(motions(out), payloads(out), strict=True):
         result = cp.run("adept-paper", {**changes, "motion": motion, "cell.payload": payload})
         force = np.linalg.norm(result.data["internal_wrench"].sel(arm="left", axis=["x", "y"]).values[-1])
-        mass, error = result.scenario.cell.payload.mass, result.position_rms() * 1e3
+        mass, error = result.scenario.cell.payload.mass, 1e3 * result.position_rms(window=(4.0, 8.0))
         print(f"{motion.kind:10} {payload['kind']:9} {mass:8.2f} {error:23.3f} {force:22.2f}")

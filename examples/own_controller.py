@@ -33,7 +33,6 @@ if __name__ == "__main__":
     print("rms errors of position and internal force")
     for name, controller in (("printed law", {}), ("spring and damper", {"controller": mine})):
         result = cp.run("adept-paper", controller)
-        force = result.internal_force()
-        print(
-            f"{name:18} position {result.position_rms() * 1e3:6.3f} mm, force {force.axial_rms_error:6.3f} N"
-        )
+        force = result.internal_force(window=(4.0, 10.0))
+        distance = 1e3 * result.position_rms(window=(4.0, 10.0))
+        print(f"{name:18} position {distance:6.3f} mm, force {force.axial_rms_error:6.3f} N")

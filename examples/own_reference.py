@@ -32,7 +32,7 @@ if __name__ == "__main__":
         "events": [],
     }
     result = cp.run("adept-paper", changes)
-    print(f"position error {result.position_rms() * 1e3:.3f} mm rms")
+    print(f"position error {1e3 * result.position_rms(window=(4.0, 8.0)):.3f} mm rms")
     for time in (2.0, 4.0, 6.0, 8.0):
         f = result.data["internal_wrench"].sel(arm="left", axis=["x", "y"]).sel(time=time, method="nearest")
         print(f"t = {time:g} s: pressed with {np.linalg.norm(f):5.2f} N, desired {5.0 + 2.0 * time:5.2f} N")

@@ -4,7 +4,7 @@ import sys
 
 import coop_pin as cp
 
-print(cp.run("adept-paper", {"duration": 5.0, "events": []}).internal_force())
+print(cp.run("adept-paper", {"duration": 5.0, "events": []}).internal_force(window=(4.0, 5.0)))
 
 GAIN, RATE = "controller.gains.force_gain", "clock.rate_hz"
 late = {"duration": 5.0, "events": [], "beyond_bound": True, "controller.force_path.kind": "late"}
@@ -14,5 +14,5 @@ result = cp.sweep(
 )
 
 print(result.data["failure"].to_pandas())
-print(result.values("internal_axial_rms_error_N").to_pandas())
+print(result.values("moving_internal_axial_rms_error_N").to_pandas())
 print(result.stability_boundary(GAIN).to_dataframe())

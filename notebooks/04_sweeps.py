@@ -56,7 +56,7 @@ print(line.summary())
 
 # %%
 figure, axes = plt.subplots(1, 2, figsize=(9, 2.8), layout="constrained")
-for panel, metric in zip(axes, ("position_rms_m", "internal_shear_rms_N"), strict=True):
+for panel, metric in zip(axes, ("moving_position_rms_m", "moving_internal_shear_rms_N"), strict=True):
     line.values(metric).plot(ax=panel, marker="o")
     panel.set(title="", ylim=(0, None))
 

@@ -71,8 +71,8 @@ Path("my_law.py").write_text(law)
 
 # %% [markdown]
 # ## The comparison
-# Every run is stored in the folder: the same call repeats none. `*` marks cells whose runs are not all
-# trustworthy.
+# Every run is stored in the folder: the same call repeats none. `*` marks cells with a
+# simulation that is not sound, `†` those with a task that is not kept.
 
 # %%
 sys.path.append(".")  # my_law.py is in this folder

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 import coop_pin as cp
 from coop_pin.figures import sweep_figure
 
-ERROR = "internal_axial_rms_error_N"
+ERROR = "settled_axial_rms_error_N"
 BIAS = "cell.arms.left.calibration_error.tip.xyz"
 RATE = "clock.rate_hz"
 

@@ -11,7 +11,7 @@ import coop_pin as cp
 from coop_pin.figures import sweep_figure
 from coop_pin.laws import force_gain_bound
 
-ERROR = "internal_axial_rms_error_N"
+ERROR = "settled_axial_rms_error_N"
 GAIN = "controller.gains.force_gain"
 
 

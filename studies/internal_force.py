@@ -20,7 +20,7 @@ BIAS = "cell.arms.left.calibration_error.tip.xyz"
 
 def force_error(result: cp.SweepResult) -> xr.DataArray:
     """Return the rms of the internal-force error of each run, axial and shear together, N."""
-    axial, shear = (result.values(f"internal_{part}_N") for part in ("axial_rms_error", "shear_rms"))
+    axial, shear = (result.values(f"settled_{part}_N") for part in ("axial_rms_error", "shear_rms"))
     return xr.apply_ufunc(np.hypot, axial, shear)
 
 
@@ -85,7 +85,7 @@ def numbers(results: Mapping[str, cp.SweepResult]) -> str:
         for alpha in error[ALPHA].values
         for rate in error[RATE].values
     ]
-    slow = results["sign_gain"].values("position_rms_m").sel({RATE: 80.0})
+    slow = results["sign_gain"].values("settled_position_rms_m").sel({RATE: 80.0})
     for alpha, rms in zip(slow[ALPHA].values, slow.values, strict=True):
         lines.append(f"alpha {alpha:<5g} at     80 Hz: position error {rms * 1e3:8.4f} mm rms")
     error = force_error(results["force_gain"])

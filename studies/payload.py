@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 import coop_pin as cp
 from coop_pin.figures import sweep_figure
 
-ERROR = "internal_axial_rms_error_N"
+ERROR = "settled_axial_rms_error_N"
 MASS, FRICTION = "cell.payload.mass", "cell.arms.left.friction.coulomb"
 
 

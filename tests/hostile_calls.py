@@ -320,11 +320,11 @@ class Calls:
             yield function, along
         for function in (cp.feasibility.closure_problem, cp.compiled.support, cp.comparison.standard_trials):
             yield function, alone
-        metrics = {"metric_a": "position_rms_m", "metric_b": "torque_peak_Nm"}
+        metrics = {"metric_a": "moving_position_rms_m", "metric_b": "torque_peak_Nm"}
         yield cp.figures.pareto_figure, lambda: {"result": self.SweepResult, **metrics}
         yield (
             cp.figures.sweep_figure,
-            lambda: {"result": self.SweepResult, "metric": "position_rms_m", "over": None},
+            lambda: {"result": self.SweepResult, "metric": "moving_position_rms_m", "over": None},
         )
         yield (
             cp.figures.comparison_figure,
@@ -455,7 +455,7 @@ class Calls:
         angles = {name: np.zeros(k) for name in self.scenario.cell.arms}
         state, at = {"q": start.q, "v": start.v}, {"q": q, "v": v, "tau": v, "push": np.zeros(6)}
         arm_state = {"q": np.full(k, 0.5), "v": np.zeros(k)}
-        joint, metric = chain.model.names[1], "position_rms_m"
+        joint, metric = chain.model.names[1], "moving_position_rms_m"
         controller = cp.laws.build_controller(self.scenario)
         frame = str(chain.model.frames[3].name)
         ranges = {"duration": (0.02, 0.04)}

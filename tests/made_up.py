@@ -26,5 +26,6 @@ def made_up(scenarios, controllers, trials, largest):
     cells["gains"] = np.where(cells["controller"].str.len() > 30, "untuned", "tuned")
     cells["information"] = cells["controller"].map(lambda name: "model" if name[-1] == "x" else "blind")
     cells = cells.assign(runs=1, finished=1 - fails, dropped=0, merged=0, failure="")
-    cells["trustworthy"] = cells["finished"] * (rng.random(len(cells)) < 0.8)
+    for verdict in ("sound", "kept"):
+        cells[verdict] = cells["finished"] * (rng.random(len(cells)) < 0.8)
     return Comparison.of_cells(cells.set_index(list(CELL)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 import time
 from pathlib import Path
@@ -12,7 +11,7 @@ import tyro
 
 from coop_pin import viz
 from coop_pin.base.errors import CoopPinError, RunInterruptedError
-from coop_pin.cli.exit_codes import DROPPED, FAILED, INTERRUPTED, NOT_TRUSTWORTHY, OK
+from coop_pin.cli.exit_codes import INTERRUPTED, NOT_KEPT, NOT_SOUND, OK
 from coop_pin.cli.overrides import NO_FIELDS, ScenarioName, TypedFields, load_scenario
 from coop_pin.compiled.engines import Engine
 
@@ -35,14 +34,14 @@ def run(
     Every field of the scenario can be changed: --controller.gains.sign-gain 0.5 --cell.arms.left.posture 1 2
     3 --controller.switching.kind tanh --events []. 'coop-pin fields NAME_OR_FILE' lists them.
 
-    The exit code is 3 if the run is not trustworthy: it breached a threshold in the scenario's table 'trust'.
-    It is 4 if the payload dropped.
+    The exit code is 3 if the simulation is not sound, by the thresholds in the scenario's table 'trust'. It
+    is 4 if the task is not kept: off the limits in the table 'task', dropped, or ended by an error.
 
     Args:
         scenario: a name listed by 'coop-pin list', or a TOML file.
         out: output folder; out/ and the scenario's name when omitted.
         quiet: no progress bar and no table.
-        verbose: list every breach of the trust thresholds.
+        verbose: list every breach of thresholds and limits.
         stop_at_breach: end the run at its first breach of the trust thresholds.
         engine: engine of the run; auto takes the fastest.
         replay: write replay.html, the motion in 3-D.
@@ -76,21 +75,25 @@ def run(
         folder.write(result, Timing.since(start, result), replay=False, figures=())
         print(f"coop-pin: {error} in {folder.path / folder.RESULT}", file=sys.stderr)
         _warn(result, verbose)
-        return INTERRUPTED if isinstance(error, RunInterruptedError) else FAILED
+        return INTERRUPTED if isinstance(error, RunInterruptedError) else _exit_code(result)
     timing = Timing.since(start, result)
     formats: tuple[Literal["png", "svg"], ...] = ("png", "svg") if svg else ("png",)
     folder.write(result, timing, replay=replay, figures=formats if figures else ())
     if report:
         viz.save_report(result, folder.path / folder.REPORT)
-    is_breached, is_dropped = bool(result.breaches()), math.isfinite(result.dropped_at)
+    code = _exit_code(result)
     if not quiet:
         written = f"written to {folder.path}, {timing.real_time_factor:.1f} times real time"
         print(result.summary(), *_details(result, verbose), written, sep="\n")
-    elif is_breached or is_dropped:
+    elif code != OK:
         _warn(result, verbose)
-    if is_breached:
-        return NOT_TRUSTWORTHY
-    return DROPPED if is_dropped else OK
+    return code
+
+
+def _exit_code(result: Any) -> int:
+    if not result.simulation_sound:
+        return NOT_SOUND
+    return OK if result.task.kept else NOT_KEPT
 
 
 def _warn(result: Any, verbose: bool) -> None:
@@ -99,7 +102,7 @@ def _warn(result: Any, verbose: bool) -> None:
 
 def _details(result: Any, verbose: bool) -> list[str]:
     """Return every breach as a line where details are wanted, otherwise the option that lists several."""
-    breaches = result.breaches()
+    breaches = [*result.breaches(), *result.task.deviations]
     if verbose:
         return [f"  {breach}" for breach in breaches]
-    return [f"  --verbose lists all {len(breaches)} breaches"] if len(breaches) > 1 else []
+    return [f"  --verbose lists all {len(breaches)} reasons"] if len(breaches) > 1 else []

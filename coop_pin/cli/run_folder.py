@@ -57,8 +57,8 @@ class RunFolder:
     ) -> None:
         """Write a run, finished or not; what an earlier run left in the folder is replaced or removed.
 
-        metrics.json starts with the verdict, its reasons and, if an error ended the run, the error's class. A
-        run that did not reach the window of a metric has null there.
+        metrics.json starts with the verdicts, their reasons and, if an error ended the run, the error's
+        class. A run that did not reach the window of a metric has null there.
         """
         text = result.scenario.to_toml()
         write_atomically(self.path / self.SCENARIO, lambda part: part.write_text(text, encoding="utf-8"))
@@ -103,9 +103,11 @@ class RunFolder:
 
 
 def _metrics(result: RunResult) -> dict[str, Any]:
-    """Return verdict, reasons and metrics for JSON, which has no infinity and no not-a-number: null."""
-    reasons = [str(breach) for breach in result.breaches()]
-    verdict: dict[str, Any] = {"trustworthy": not reasons, "reasons": reasons}
+    """Return verdicts, reasons and metrics for JSON, which has no infinity and no not-a-number: null."""
+    task = result.task
+    reasons = [str(breach) for breach in (*result.breaches(), *task.deviations)]
+    verdict: dict[str, Any] = {"simulation_sound": result.simulation_sound, "task": task.state}
+    verdict["reasons"] = reasons
     if result.ENDED_BY in result.data.attrs:
         verdict[result.ENDED_BY] = result.data.attrs[result.ENDED_BY]
     numbers = {name: value if math.isfinite(value) else None for name, value in result.metrics().items()}

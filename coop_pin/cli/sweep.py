@@ -72,7 +72,7 @@ def sweep_show(
     count: Annotated[int, tyro.conf.arg(metavar="N")] = 5,
     failures: bool = False,
     figure: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    metric: Annotated[str, tyro.conf.arg(metavar="METRIC")] = "internal_axial_rms_error_N",
+    metric: Annotated[str, tyro.conf.arg(metavar="METRIC")] = "internal_force_error_max_N",
     over: Annotated[str | None, tyro.conf.arg(metavar="FIELD")] = None,
     against: Annotated[str | None, tyro.conf.arg(metavar="METRIC")] = None,
     table: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
@@ -110,7 +110,8 @@ def sweep_show(
     if best is not None:
         print(f"smallest {best}:")
         for run in result.best(best, count):
-            print(f"  {run.metrics[best]:<12.5g} run {run.number}: {_text(run.parameters)}")
+            verdict = f" ({text})" if (text := run.verdict()) else ""
+            print(f"  {run.metrics[best]:<12.5g} run {run.number}: {_text(run.parameters)}{verdict}")
     if failures:
         print("failed:")
         for failure in result.failures:
@@ -164,13 +165,13 @@ def tune(
     resumes an interrupted search. For example, two gains that keep the internal force small among those that
     settle in time:
 
-    coop-pin tune adept-paper --minimize internal_axial_rms_error_N --subject-to 'settling_time_s<2.5'
+    coop-pin tune adept-paper --minimize moving_internal_axial_rms_error_N --subject-to 'settling_time_s<2.5'
     --vary controller.gains.sign_gain 0 1 --vary controller.gains.pose_gain 1 5
 
     Args:
         scenario: a name listed by 'coop-pin list', or a TOML file.
-        minimize: metric, for example position_rms_m or torque_peak_Nm; metrics.json of any run has their
-            names.
+        minimize: metric, for example moving_position_rms_m or torque_peak_Nm; metrics.json of any run has
+            their names.
         vary: field with its lowest and highest value; once for each field. 'coop-pin fields SCENARIO' lists
             fields.
         subject_to: constraint on the best run, METRIC<NUMBER or METRIC>NUMBER in quotes; once for each

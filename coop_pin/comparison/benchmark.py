@@ -20,6 +20,7 @@ from coop_pin.comparison.trials import Trial, benchmark_scenario, changes_of, st
 from coop_pin.compiled.engine_choice import EngineChoice, choose_engines
 from coop_pin.compiled.engines import Engine
 from coop_pin.description.scenario import Scenario
+from coop_pin.results.metrics import SIMULATION_SOUND, TASK_KEPT
 from coop_pin.sweeps.engine import sweep_plan
 from coop_pin.sweeps.feasibility import require_feasible_groups, require_reach
 from coop_pin.sweeps.plan import SweepPlan
@@ -250,12 +251,16 @@ def _cells(part: _Part, result: SweepResult) -> pd.DataFrame:
     shape, table = (len(part.cells), -1), result.table
     finished = (table["status"] == "ok").to_numpy().reshape(shape)
     none = pd.Series(np.nan, table.index)  # where every run failed
-    trusted = table.get("trustworthy", none).to_numpy(dtype=float).reshape(shape) == 1.0
+    sound, kept = (
+        finished & (table.get(name, none).to_numpy(dtype=float).reshape(shape) == 1.0)
+        for name in (SIMULATION_SOUND, TASK_KEPT)
+    )
     values: dict[str, Any] = {
         **pd.DataFrame([part.labels[controller] for controller, _ in part.cells]).to_dict("list"),
         "runs": finished.shape[1],
         "finished": finished.sum(axis=1),
-        "trustworthy": (finished & trusted).sum(axis=1),
+        "sound": sound.sum(axis=1),
+        "kept": kept.sum(axis=1),
         DROPPED: (table.get(DROPPED, none).to_numpy(dtype=float).reshape(shape) == 1.0).sum(axis=1),
         "merged": (table["merged"].to_numpy() == 1.0).reshape(shape).sum(axis=1),
     }

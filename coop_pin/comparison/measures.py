@@ -21,7 +21,7 @@ MEASURES = {
     "effort_rms_Nm": "effort: drive torques, rms (N m)",
     "chatter_rms_Nm": "chatter: changes of torque, rms (N m)",
 }
-"""Measures and their texts; with settling_time_s and trustworthy of every run they make the table."""
+"""Measures and their texts; with settling_time_s and the verdicts of every run they make the table."""
 DROPPED = "dropped"
 """Whether patches lost the payload, beside the measures of a run: 1 or 0."""
 

@@ -23,7 +23,7 @@ COLUMNS = MEASURES | {"settling_time_s": "settling time (s)"}
 CELL = ("scenario", "controller", "trial")
 """What names a cell of the table."""
 _RESAMPLES = 1000
-_COUNTS = ("runs", "finished", "trustworthy", DROPPED, "merged")
+_COUNTS = ("runs", "finished", "sound", "kept", DROPPED, "merged")
 _TEXTS = (*CELL, "information", "gains", "failure")
 _BYTES = 1 << 28
 """Largest table that is read."""
@@ -34,11 +34,11 @@ class Comparison:
 
     Attributes:
         data: table with ``<measure>`` of each measure, the median over the seeds, with ``<measure>_low`` and
-            ``<measure>_high``, the bootstrap interval of the median at 95 %; ``runs``, ``finished`` and
-            ``trustworthy`` count, ``dropped`` those that lost a payload held by friction, ``merged`` those
-            taken over from other folders; ``information`` is what the law has besides its own arm's joints,
-            ``gains`` is "tuned", "untuned" or "given", ``failure``
-            the first failed run's error; dimensions scenario, controller, trial. A failed run has the measure
+            ``<measure>_high``, the bootstrap interval of the median at 95 %; numbers of ``runs``, of those
+            ``finished``, of ``sound`` simulations, of tasks ``kept``, ``dropped`` those that lost a payload
+            held by friction, ``merged`` those taken over from other folders; ``information`` is what the law
+            has besides its own arm's joints, ``gains`` is "tuned", "untuned" or "given", ``failure`` the
+            first failed run's error; dimensions scenario, controller, trial. A failed run has the measure
             inf, a cell that was not run nan.
         folder: folder of the runs; None if there is only the table.
     """
@@ -112,7 +112,7 @@ class Comparison:
         """Write the table as one page that is explored: a heat map with filters, which loads nothing."""
         require_path("path", path)
         table = self.table.reset_index()
-        table["doubted"] = table["trustworthy"] < table["runs"]
+        table["unsound"], table["unkept"] = table["sound"] < table["runs"], table["kept"] < table["runs"]
         command = "coop-pin compare {scenario} --controllers {controller} --trials {trial}"
         if self.folder is not None:
             command = f'coop-pin compare --out "{self.folder.as_posix()}" --replay {{cells}}'
@@ -155,7 +155,8 @@ class Comparison:
     def summary(self) -> str:
         """Return for each scenario tracking in mm and internal force in N, controllers by trials, as text.
 
-        A star marks cells whose runs are not all trustworthy, # cells with merged runs; failures are listed.
+        A star marks cells with a simulation that is not sound, a dagger those with a task that is not kept, #
+        cells with merged runs; failures are listed.
         "dropped" stands where half of the runs or more lost the payload.
         """
         force = (self.data["axial_rms_N"] ** 2 + self.data["shear_rms_N"] ** 2) ** 0.5
@@ -231,7 +232,8 @@ def _cell_text(data: xr.Dataset, force: xr.DataArray, controller: Any, trial: An
         return "-"
     if not np.isfinite(cell["tracking_rms_mm"]):
         return "failed"
-    mark = ("" if cell["trustworthy"] == cell["runs"] else " *") + (" #" if cell["merged"] > 0 else "")
+    marks = {" *": cell["sound"] < cell["runs"], " †": cell["kept"] < cell["runs"], " #": cell["merged"] > 0}
+    mark = "".join(text for text, applies in marks.items() if applies)
     if 2.0 * cell[DROPPED] >= cell["finished"]:
         return f"dropped{mark}"
     newtons = float(force.sel(controller=controller, trial=trial))

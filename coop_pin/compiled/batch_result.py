@@ -13,12 +13,12 @@ from coop_pin.base.arrays import Array, Mask
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.samples import RunSamples
 from coop_pin.results.friction import drop_metrics
-from coop_pin.results.metrics import all_metrics
+from coop_pin.results.metrics import SIMULATION_SOUND, TASK_KEPT, all_metrics
 from coop_pin.results.quantities import Samples
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.running_metrics import RunningMetrics
+from coop_pin.results.task import TaskMonitor
 from coop_pin.results.trust import TrustMonitor
-from coop_pin.results.window import Windows
 from coop_pin.tracing.kernel import Layout
 
 
@@ -51,7 +51,7 @@ class BatchResult:
             give_back: Function that gives the memory of the records back.
         """
         self.scenarios, self.is_valid = prepared.scenarios, is_valid
-        self._plants, self._trust, self._give_back = prepared.plants, prepared.trust, give_back
+        self._plants, self._thresholds, self._give_back = prepared.plants, prepared.thresholds, give_back
         self._every = every = self.scenarios[0].clock.record_every
         self.every_tick = RunSamples(prepared, layout, records)
         self.samples = self.every_tick if every == 1 else RunSamples(prepared, layout, records, every)
@@ -82,13 +82,13 @@ class BatchResult:
         extremes = self.every_tick.extremes(self.scenarios[0].trust.jacobian_condition)
         parts = (self._metrics(part, runs, extremes) for runs, part in self.every_tick.parts())
         metrics = list(itertools.chain.from_iterable(parts))
-        for index, trust in enumerate(self._trust):
-            if trust != self._trust[0]:
-                metrics[index]["trustworthy"] = float(self.result(index).trustworthy)
+        for index, thresholds in enumerate(self._thresholds):
+            if thresholds != self._thresholds[0]:
+                metrics[index] = self.result(index).metrics()
         return metrics
 
     def _metrics(self, part: RunSamples, runs: slice, extremes: Samples) -> list[dict[str, float]]:
-        """Return the metrics of some of the runs, with the trust thresholds of the first of all."""
+        """Return the metrics of some of the runs, with the thresholds of the first of all."""
         first, sides = self.scenarios[0], ("position_lower", "position_upper")
         limits = part.of_plants(lambda plant: np.stack([plant.labels[side] for side in sides]))
         lower, upper = np.moveaxis(limits, 1, 0)
@@ -96,14 +96,16 @@ class BatchResult:
         known |= {"time": part["time"][0], "arm": self._plants[runs.start].labels["arm"]}
         data = ChainMap(known, cast(Any, part))
         with np.errstate(all="ignore"):  # of runs that are not valid
-            windows = Windows.of(first, float(data["time"][-1]))
-            metrics = all_metrics(data, windows, turns=first.cell.controls_turns)
+            task = TaskMonitor(())
+            is_off = task.exceeded(data, first)
+            metrics = all_metrics(data, first, float(data["time"][-1]), task.after_decay)
             metrics |= drop_metrics(data, first)
             monitor = TrustMonitor(first.trust, (), lower, upper)
-            trustworthy = ~monitor.exceeded(data, metrics["energy_balance_max_J"])
-            trustworthy &= ~(metrics["joint_drift_rad"] > first.trust.joint_drift)
-        columns = {"trustworthy": trustworthy} | metrics
-        table = np.empty((len(columns), len(trustworthy)))
+            is_sound = ~monitor.exceeded(data, metrics["energy_balance_max_J"])
+            is_off |= metrics["joint_drift_rad"] > first.task.joint_drift
+            is_off |= np.isfinite(metrics.get("dropped_at_s", np.nan))
+        columns = {SIMULATION_SOUND: is_sound, TASK_KEPT: ~is_off} | task.largest | metrics
+        table = np.empty((len(columns), len(is_sound)))
         for row, values in zip(table, columns.values(), strict=True):
             row[:] = values
         return [dict(zip(columns, row, strict=True)) for row in table.T.tolist()]

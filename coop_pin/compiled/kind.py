@@ -19,7 +19,7 @@ _COVERED = "sensors", "arm_sensors", "actuators", "arm_actuators", "events"
 """Fields of which code provides what any of its runs needs; see Cover."""
 _NUMBERS_ALONE = {"friction", "clock", "duration", *_COVERED}
 """Fields that runs of one code need not share; ``Kind.of_scenario`` adds what they must."""
-_NOT_OF_THE_PLANT = {"controller", "beyond_bound", "seed", "name", "summary", "trust"}
+_NOT_OF_THE_PLANT = {"controller", "beyond_bound", "seed", "name", "summary", "trust", "task"}
 """Fields of a scenario that do not make the plant; of the controller, its force path does."""
 _OF_THE_PLANT = {*Scenario.model_fields} - _NOT_OF_THE_PLANT
 plant_fields = attrgetter("controller.force_path", *sorted(_OF_THE_PLANT))
@@ -100,7 +100,7 @@ class Kind(NamedTuple):
     @classmethod
     def of_scenario(cls, scenario: Scenario) -> Self:
         """Return the kind as far as a scenario shows it, before its run is prepared, without times."""
-        fields = scenario.model_dump(exclude={"name", "summary", "seed", "trust", "controller"})
+        fields = scenario.model_dump(exclude={"name", "summary", "seed", "trust", "task", "controller"})
         sensors = map(scenario.sensors_of, scenario.cell.arms)
         actuators = map(scenario.actuators_of, scenario.cell.arms)
         common = (

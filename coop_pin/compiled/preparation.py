@@ -16,7 +16,7 @@ from coop_pin.compiled.kind import Kind, surroundings_of
 from coop_pin.compiled.prepared_plant import PreparedPlant
 from coop_pin.control import CellController
 from coop_pin.description.scenario import Scenario
-from coop_pin.description.trust import TrustThresholds
+from coop_pin.description.thresholds import TaskLimits, TrustThresholds
 
 
 class Prepared(NamedTuple):
@@ -29,7 +29,7 @@ class Prepared(NamedTuple):
         controller: function that returns the controller of the first run.
         values: leaves of the constants, the controller's last, shape (runs, leaves).
         kind: kind of the runs.
-        trust: trust thresholds of each.
+        thresholds: trust thresholds and task limits of each.
     """
 
     scenarios: Sequence[Scenario]
@@ -38,7 +38,7 @@ class Prepared(NamedTuple):
     controller: Callable[[], CellController]
     values: Array
     kind: Kind
-    trust: Sequence[TrustThresholds]
+    thresholds: Sequence[tuple[TrustThresholds, TaskLimits]]
 
     @property
     def constants(self) -> RunConstants:
@@ -53,7 +53,7 @@ class Prepared(NamedTuple):
             return scenarios[0].controller.build(scenarios[0], plants[0].arms)
 
         controller = build if runs.start else self.controller
-        values = (self.signals[runs], controller, self.values[runs], self.kind, self.trust[runs])
+        values = (self.signals[runs], controller, self.values[runs], self.kind, self.thresholds[runs])
         return Prepared(scenarios, plants, *values)
 
     def loaded(self, first: Prepared) -> Mask:
@@ -88,8 +88,8 @@ class Prepared(NamedTuple):
             CoopPinError: the run cannot start.
         """
         controller, values, kind = plant.with_controller(scenario)
-        signals, trust = [plant.signals(scenario)], [scenario.trust]
-        return cls([scenario], [plant], signals, lambda: controller, values[None], kind, trust)
+        signals, thresholds = [plant.signals(scenario)], [(scenario.trust, scenario.task)]
+        return cls([scenario], [plant], signals, lambda: controller, values[None], kind, thresholds)
 
     def alike(self, scenarios: Filled) -> Prepared | None:
         """Return runs that begin with this one and differ from it in numbers of the law.
@@ -109,7 +109,7 @@ class Prepared(NamedTuple):
             plants=[plant] * count,
             signals=[*self.signals] * count,
             values=np.concatenate((np.broadcast_to(plant.values, (count, plant.values.size)), law), axis=1),
-            trust=[*self.trust] * count,
+            thresholds=[*self.thresholds] * count,
         )
 
     @classmethod
@@ -126,10 +126,10 @@ class Prepared(NamedTuple):
             if run.kind != first.kind:
                 raise TracingError(f"scenarios[{index}] differs from the first in more than numbers")
         values = np.concatenate([run.values for run in runs])
-        scenarios, plants, signals, trust = (
+        scenarios, plants, signals, thresholds = (
             [*itertools.chain.from_iterable(parts)]
             for parts in zip(
-                *((run.scenarios, run.plants, run.signals, run.trust) for run in runs), strict=True
+                *((run.scenarios, run.plants, run.signals, run.thresholds) for run in runs), strict=True
             )
         )
-        return cls(scenarios, plants, signals, first.controller, values, first.kind, trust)
+        return cls(scenarios, plants, signals, first.controller, values, first.kind, thresholds)

@@ -18,7 +18,7 @@ from coop_pin.base.schema.pose import Pose
 from coop_pin.control import CellTiming
 from coop_pin.control.bounds import SampledWrist
 from coop_pin.control.laws.feed_forward import FeedForward
-from coop_pin.description import scenario_checks
+from coop_pin.description import scenario_checks, scenario_file
 from coop_pin.description.actuators import Actuators
 from coop_pin.description.catalogue import name_by_summary
 from coop_pin.description.cell.cell import Cell
@@ -28,15 +28,8 @@ from coop_pin.description.events import Partner, Surroundings, event_differences
 from coop_pin.description.grasp_events import Event, GraspEvent, PutDown
 from coop_pin.description.network import ArmClock, Network
 from coop_pin.description.plant import Clock, PlantOptions
-from coop_pin.description.scenario_file import (
-    commented_toml,
-    drafted,
-    resolved_toml,
-    scenario_table,
-    text_table,
-)
 from coop_pin.description.sensors import Sensors, WristSensor
-from coop_pin.description.trust import TrustThresholds
+from coop_pin.description.thresholds import TaskLimits, TrustThresholds
 from coop_pin.reference.motions import Motion
 from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze
 
@@ -65,7 +58,8 @@ class Scenario(Description):
         plant: formulation and integration of the plant.
         actuators: actuators of every arm: what its drives make of their commands.
         arm_actuators: actuators of single arms, in place of ``actuators``.
-        trust: thresholds beyond which the run is not trustworthy.
+        trust: thresholds beyond which the simulation is not sound.
+        task: limits within which the run keeps its task.
         sensors: sensors of every arm.
         arm_sensors: sensors of single arms, in place of ``sensors``.
         seed: seed of the random sources; every source draws from a generator of its own.
@@ -90,6 +84,7 @@ class Scenario(Description):
     actuators: Actuators = Actuators()
     arm_actuators: dict[str, Actuators] = Field(default_factory=dict)
     trust: TrustThresholds = TrustThresholds()
+    task: TaskLimits = TaskLimits()
     sensors: Sensors = Sensors()
     arm_sensors: dict[str, Sensors] = Field(default_factory=dict)
     seed: int = Field(default=0, ge=0, lt=2**63)
@@ -270,7 +265,7 @@ class Scenario(Description):
             ScenarioError: the scenario has mistakes; all are reported at once.
         """
         require_path("name_or_path", name_or_path)
-        data = scenario_table(name_or_path)
+        data = scenario_file.scenario_table(name_or_path)
         scenario = cls.draft(**data) if draft else cls(**data)
         return scenario if overrides is None else scenario.override(overrides)
 
@@ -286,7 +281,7 @@ class Scenario(Description):
         Raises:
             ScenarioError: another field has mistakes.
         """
-        return cls(**drafted(fields))
+        return cls(**scenario_file.drafted(fields))
 
     @classmethod
     def from_toml(cls, text: str) -> Self:
@@ -297,7 +292,7 @@ class Scenario(Description):
             ScenarioError: the scenario has mistakes.
         """
         require_type("text", text, str)
-        return cls(**text_table(text))
+        return cls(**scenario_file.text_table(text))
 
     def to_toml(self, *, commented: bool = False) -> str:
         """Return the scenario as TOML: every field with its value.
@@ -306,7 +301,7 @@ class Scenario(Description):
             commented: leave out fields at their defaults, and comment each table and field with its meaning.
         """
         require_type("commented", commented, bool)
-        return commented_toml(self) if commented else resolved_toml(self)
+        return scenario_file.commented_toml(self) if commented else scenario_file.resolved_toml(self)
 
     def save(self, path: str | Path, *, commented: bool = False) -> None:
         """Write the scenario to a TOML file, as ``to_toml`` returns it."""

@@ -91,7 +91,7 @@ def require_feasible(scenario: Scenario, cell_reach: Reachability, statics: Stat
         if reach.start_error is not None or reach.unreachable is not None:
             raise InfeasibleMotionError("reach", detail)
         if float(reach.condition.max()) > allowed:
-            worst = f"condition number {float(reach.condition.max()):.3g} (trustworthy up to {allowed:g})"
+            worst = f"condition number {float(reach.condition.max()):.3g} (allowed {allowed:g})"
             raise InfeasibleMotionError("singularity", f"arm {reach.arm!r} passes a pose of {worst}")
         if not reach.ok:
             raise InfeasibleMotionError("limits", detail)

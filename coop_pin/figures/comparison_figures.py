@@ -43,8 +43,9 @@ def comparison_figure(comparison: Comparison, scenario: str) -> Figure:
     """Return tracking against internal force, ranks in both, and a map of their values, of one scenario.
 
     Controllers stand in the order of their ranks in tracking, which are over all scenarios and trials. A
-    controller that failed in half of the trials has no mark in the front; a cell of the maps whose runs are
-    not all trustworthy has a star. Trials that the scenario does not have are left out.
+    controller that failed in half of the trials has no mark in the front. In the maps, a cell with a
+    simulation that is not sound has a star, one with a task that is not kept a dagger. Trials that the
+    scenario does not have are left out.
 
     Args:
         comparison: the table.
@@ -76,7 +77,8 @@ def comparison_figure(comparison: Comparison, scenario: str) -> Figure:
         for panel, name in zip(maps, _TITLES, strict=True):
             _draw_map(panel, table, name)
         lower.supxlabel(
-            "darker: larger; *: not all runs are trustworthy; failed: half of the runs or more",
+            "darker: larger; *: not all simulations are sound; \u2020: not all tasks are kept;"
+            " failed: half of the runs or more",
             fontsize=7.5,
             color=palette.CAPTION,
         )
@@ -125,8 +127,8 @@ def _draw_ranks(panel: Axes, comparison: Comparison) -> None:
 
 def _draw_map(panel: Axes, table: xr.Dataset, name: str) -> None:
     """Draw a map of controllers by trials."""
-    shown, runs, trusted = (
-        table[part].transpose("controller", "trial").values for part in (name, "runs", "trustworthy")
+    shown, runs, sound, kept = (
+        table[part].transpose("controller", "trial").values for part in (name, "runs", "sound", "kept")
     )
     shades = np.ma.masked_where(~(np.isfinite(shown) & (shown > 0.0)), shown)
     most = float(shades.max()) if shades.count() else 1.0
@@ -136,7 +138,8 @@ def _draw_map(panel: Axes, table: xr.Dataset, name: str) -> None:
     panel.pcolormesh(shades, norm=norm, cmap=colours, edgecolors="white", linewidth=0.5)
     for (row, column), value in np.ndenumerate(shown):
         text = "" if np.isnan(runs[row, column]) else _written(value) if np.isfinite(value) else "failed"
-        star = "*" if np.isfinite(value) and trusted[row, column] < runs[row, column] else ""
+        doubts = (("*", sound), ("\u2020", kept)) if np.isfinite(value) else ()
+        star = "".join(mark for mark, count in doubts if count[row, column] < runs[row, column])
         colour = "white" if math.sqrt(least * most) < value < np.inf else "black"  # dark and light cells
         panel.text(column + 0.5, row + 0.5, text + star, ha="center", va="center", fontsize=6.5, color=colour)
     trials = [as_written(trial) for trial in table["trial"].values]

@@ -45,7 +45,7 @@ _CAPTION_CHARACTER = 0.057
 """Width of a character of a caption, rather too large than too small, inches."""
 
 _WINDOW: dict[str, Any] = {"alpha": 0.06, "linewidth": 0.0, "zorder": 0.3}
-"""Shade of the windows that the metrics are taken over."""
+"""Shade of the times at which the reference moves."""
 
 Grid: TypeAlias = NDArray[Any]
 """Axes in rows and columns."""
@@ -72,8 +72,8 @@ def run_figure(
 ) -> Iterator[tuple[Figure, Grid]]:
     """Yield an empty figure of a run and its axes, shape (rows, columns), which share the time axis.
 
-    At the end, the events and the windows of the metrics are marked in every panel, and the time axes are
-    labelled.
+    At the end, the events and the times at which the reference moves are marked in every panel, and the time
+    axes are labelled.
 
     Args:
         rows: number of rows of panels.
@@ -84,8 +84,8 @@ def run_figure(
     """
     scenario = result.scenario
     with styled():
-        windows = [one for one in (result.windows.steady, result.windows.after_event) if not one.is_empty]
-        shaded = ("blue shade: the windows of the metrics",) if windows else ()
+        windows = result.windows_of("moving")
+        shaded = ("blue shade: the reference moves",) if windows else ()
         caption = "; ".join((*((scenario.caption,) if scenario.caption else ()), *shaded))
         lines = textwrap.wrap(caption, int(panel[0] * columns / _CAPTION_CHARACTER))
         height = panel[1] * rows + 0.6 + CAPTION_LINE * max(len(lines) - 1, 0)

@@ -26,7 +26,7 @@ from coop_pin.figures.style import (
     scale_to_metric,
     spans_large_ratio,
 )
-from coop_pin.results.metrics import METRIC_TEXTS
+from coop_pin.results.metrics import METRIC_TEXTS, SIMULATION_SOUND, TASK_KEPT
 from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.table import FAILED
 
@@ -35,19 +35,18 @@ def metric_table(result: SweepResult, metric: str) -> xr.Dataset:
     """Return the values of a metric over the dimensions of a sweep.
 
     Its variables are ``value``, NaN for runs that failed, are missing, or have no finite value, ``failed``,
-    and ``untrusted`` for finished runs that are not trustworthy.
+    and of the others ``unsound`` where the simulation is not sound, ``unkept`` where the task is not kept.
 
     Raises:
         NameNotFoundError: no run has the metric.
     """
     values, failed = result.values(metric), result.data["status"] == FAILED
     values = values.where(np.isfinite(values))
-    untrusted = xr.zeros_like(failed)
-    if "trustworthy" in result.metric_names:
-        untrusted = (result.values("trustworthy") == 0.0) & ~failed
-    return xr.Dataset(
-        {"value": values, "failed": failed, "untrusted": untrusted}, attrs={"metric": metric_label(metric)}
-    )
+    marks = {
+        mark: (result.values(name) == 0.0) & ~failed if name in result.metric_names else xr.zeros_like(failed)
+        for mark, name in (("unsound", SIMULATION_SOUND), ("unkept", TASK_KEPT))
+    }
+    return xr.Dataset({"value": values, "failed": failed} | marks, attrs={"metric": metric_label(metric)})
 
 
 _UNITS = {"Nm": "N m", "N": "N", "m": "m", "rad": "rad", "s": "s", "J": "J", "hz": "Hz", "mass": "kg"}
@@ -71,14 +70,12 @@ def field_label(field: str) -> str:
 
 
 _MARKERS = "osDv^P"
-_DOUBTED: Any = {
-    "linestyle": "",
-    "marker": "o",
-    "markersize": 9.0,
-    "fillstyle": "none",
-    "color": palette.LIMIT,
+_MARK: Any = {"linestyle": "", "fillstyle": "none", "color": palette.LIMIT}
+_DOUBTS: dict[str, Any] = {
+    "unsound": _MARK | {"marker": "o", "markersize": 9.0, "label": "simulation not sound"},
+    "unkept": _MARK | {"marker": "s", "markersize": 11.0, "label": "task not kept"},
 }
-"""Ring around a run that is not trustworthy."""
+"""Ring or square around a run, by its mark."""
 _MOST_MAPS, _MAPS_IN_A_ROW = 12, 4
 _HATCHED: Any = {"facecolor": "#f3f4f6", "edgecolor": palette.EVENT, "hatch": "////", "linewidth": 0.0}
 
@@ -86,7 +83,7 @@ _HATCHED: Any = {"facecolor": "#f3f4f6", "edgecolor": palette.EVENT, "hatch": "/
 def lines_figure(table: xr.Dataset, field: str) -> Figure:
     """Return a line over a field for each combination of the other dimensions.
 
-    Failed runs have crosses at the top, those that are not trustworthy a ring.
+    Failed runs have crosses at the top, those that are not sound a ring, those that lost their task a square.
 
     Args:
         table: the metric.
@@ -113,16 +110,18 @@ def lines_figure(table: xr.Dataset, field: str) -> Figure:
             crosses = x[line["failed"].values]
             at_top: dict[str, Any] = {"transform": panel.get_xaxis_transform(), "clip_on": False}
             panel.plot(crosses, np.full(crosses.size, 0.97), "x", color=colour, **at_top)
-            doubted = line["value"].where(line["untrusted"]).values
-            panel.plot(x[line["untrusted"].values], doubted[line["untrusted"].values], **_DOUBTED)
+            for mark, style in _DOUBTS.items():
+                is_marked = line[mark].values
+                panel.plot(x[is_marked], line["value"].values[is_marked], **style | {"label": None})
         scale_to_field(panel, "x", x)
         scale_to_metric(panel, "y", table["value"].values)
         panel.set_xlabel(as_written(field_label(field)))
         label(panel, "", as_written(table.attrs["metric"]))
         if table["failed"].any():
             panel.plot([], [], "x", color=palette.EVENT, label="failed")
-        if table["untrusted"].any():
-            panel.plot([], [], label="not trustworthy", **_DOUBTED)
+        for mark, style in _DOUBTS.items():
+            if table[mark].any():
+                panel.plot([], [], **style)
         if panel.get_legend_handles_labels()[0]:
             panel.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     return figure
@@ -136,7 +135,8 @@ def _written(field: str, value: Any) -> str:
 def map_figure(table: xr.Dataset) -> Figure:
     """Return a map over two dimensions, or one for each value of a third, the shortest of three.
 
-    Failed runs are hatched and their boundary is drawn; runs that are not trustworthy have a ring. All maps
+    Failed runs are hatched and their boundary is drawn; runs that are not sound have a ring, those whose task
+    is not kept a square. All maps
     have one scale of colours.
 
     Args:
@@ -170,8 +170,7 @@ def map_figure(table: xr.Dataset) -> Figure:
             panel.label_outer()
         figure.colorbar(mesh, ax=list(grid.flat), label=as_written(table.attrs["metric"]))
         handles: list[Any] = [Patch(label="failed", **_HATCHED)] if table["failed"].any() else []
-        if table["untrusted"].any():
-            handles.append(Line2D([], [], label="not trustworthy", **_DOUBTED))
+        handles += [Line2D([], [], **style) for mark, style in _DOUBTS.items() if table[mark].any()]
         if handles:
             figure.legend(handles=handles, loc="outside upper left", ncols=2)
     return figure
@@ -194,8 +193,9 @@ def _draw_map(panel: Axes, table: xr.Dataset, norm: Normalize) -> QuadMesh:
         panel.set(**{f"{axis}lim": (edges[0], edges[-1])})
     panel.set_xlabel(as_written(field_label(across)))
     label(panel, "", as_written(field_label(up)))
-    rows, columns = np.nonzero(table["untrusted"].values)
-    panel.plot(table[across].values[columns], table[up].values[rows], **_DOUBTED)
+    for mark, style in _DOUBTS.items():
+        rows, columns = np.nonzero(table[mark].values)
+        panel.plot(table[across].values[columns], table[up].values[rows], **style)
     return mesh
 
 

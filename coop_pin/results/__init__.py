@@ -15,13 +15,15 @@ from coop_pin import lazy_names
 __all__, __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        "Breach": "results.trust",
+        "Breach": "results.breaches",
         "InternalForceMetrics": "results.metrics",
-        "LimitViolation": "results.trust",
+        "LimitViolation": "results.breaches",
         "Observer": "results.snapshot",
         "Snapshot": "results.snapshot",
         "ThrottledObserver": "results.snapshot",
-        "TrustThresholds": "description.trust",
+        "TaskLimits": "description.thresholds",
+        "TaskVerdict": "results.task",
+        "TrustThresholds": "description.thresholds",
         "Window": "results.window",
     },
 )

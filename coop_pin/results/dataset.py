@@ -13,6 +13,16 @@ from xarray.indexes import PandasIndex
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import ArgumentError, suggestion
+from coop_pin.base.spatial import internal_wrenches
+from coop_pin.base.spatial.internal_wrench import (
+    constraint_consistent_internal_wrenches,
+    determinate_grasp,
+    minimum_norm_internal_wrenches,
+    nonsqueezing_internal_wrenches,
+    symmetric_internal_wrenches,
+    virtual_linkage_internal_wrenches,
+)
+from coop_pin.description.cell.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.quantities import Samples, computed, quantities
 
@@ -134,3 +144,35 @@ def _coordinates(labels: Mapping[str, NDArray[Any]]) -> xr.Coordinates:
     """Return the coordinates of dimensions with labels, without dask as well."""
     indexes = {dim: PandasIndex(_index(values), dim, values.dtype) for dim, values in labels.items()}
     return xr.Coordinates({dim: index.create_variables()[dim] for dim, index in indexes.items()}, indexes)
+
+
+def internal_wrench_definitions(data: xr.Dataset, load_shares: Array, payload: Payload) -> xr.Dataset:
+    """Return the internal wrench by every definition of the literature, about P in world axes.
+
+    Rows that rigid bodies do not determine count as zero, and the tips then lie in the plane of the others.
+    The virtual bodies of the constraint-consistent definition share the payload's mass, and the third of the
+    trace of its inertia, by the load shares.
+
+    Args:
+        data: data of a run.
+        load_shares: c_i, shape (m,).
+        payload: payload, for the virtual bodies.
+    """
+    r = data["tip_position"].values - data["payload_position"].values[:, None]
+    is_determined = data["wrench_is_determined"].values
+    F, r = determinate_grasp(data["interaction_wrench"].values, r)
+    inertia = float(np.trace(payload.inertia_matrix)) / 3.0
+    definitions = {
+        "load_shares": internal_wrenches(F, load_shares),
+        "minimum_norm": minimum_norm_internal_wrenches(F, r),
+        "nonsqueezing": nonsqueezing_internal_wrenches(F, r),
+        "virtual_linkage": virtual_linkage_internal_wrenches(F, r),
+        "constraint_consistent": constraint_consistent_internal_wrenches(
+            F, r, load_shares * payload.mass, load_shares * inertia
+        ),
+    }
+    if F.shape[1] == 2:
+        definitions["symmetric"] = symmetric_internal_wrenches(F)
+    dims = data["interaction_wrench"].dims
+    labelled = {name: (dims, np.where(is_determined, value, np.nan)) for name, value in definitions.items()}
+    return type(data)(labelled, {dim: data[dim] for dim in dims}, {"units": "N, N m"})

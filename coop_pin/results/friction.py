@@ -122,6 +122,30 @@ def drop_metrics(data: Arrays, scenario: Scenario) -> dict[str, Array]:
     return {"dropped_at_s": dropped_at(data, scenario)} if can_drop else {}
 
 
+def bearing_slip(data: Arrays, cell: Cell, before: Array | float = 0.0) -> Array:
+    """Return the distance that the patch of each arm slides while it bears its load share, m, shape (n, m).
+
+    Args:
+        data: Arrays of a run, or of a part of it, at which it starts from zero.
+        cell: Cell of the run.
+        before: Slip of each patch, and table, before the part, m.
+    """
+    slip, arms = np.asarray(data["patch_slip"]), list(cell.arms)
+    steps = np.maximum(np.diff(slip, axis=0, prepend=np.broadcast_to(before, slip[:1].shape)), 0.0)
+    slid = np.zeros((len(slip), len(arms)))
+    slid[:, [arms.index(name) for name in cell.patches]] = steps[:, : len(cell.patches)]
+    return np.cumsum(np.where(_bearing(data, cell), slid, 0.0), axis=0)
+
+
+def pad_friction(data: Arrays, cell: Cell) -> Array:
+    """Return the part of its friction that the pad of each arm needs, shape (n, m); 0 where none bears."""
+    use, arms = friction_use(data, cell), list(cell.arms)
+    used = np.zeros((len(use.used), len(arms)))
+    for name in cell.pads:
+        used[:, arms.index(name)] = np.nan_to_num(use.used[:, use.arms.index(name)], posinf=np.inf)
+    return used
+
+
 def _losses(data: Arrays, cell: Cell) -> list[tuple[int, str, str]]:
     """Return sample, verb and arm of patches that slid or opened while they bore their load share, in order.
 
@@ -129,17 +153,12 @@ def _losses(data: Arrays, cell: Cell) -> list[tuple[int, str, str]]:
     """
     if "patch_points" not in data:
         return []
-    bearing, losses, points = (
-        _bearing(data, cell),
-        list[tuple[int, str, str]](),
-        np.asarray(data["patch_points"]),
-    )
+    bearing, slips = _bearing(data, cell), bearing_slip(data, cell)
+    losses, points = list[tuple[int, str, str]](), np.asarray(data["patch_points"])
     for number, arm in enumerate(cell.patches):
-        bears = bearing[:, list(cell.arms).index(arm)]
-        steps = np.diff(np.asarray(data["patch_slip"])[:, number], prepend=0.0)
-        slid = np.cumsum(np.where(bears, np.maximum(steps, 0.0), 0.0)) > _SLID
-        opened = bears & (points[:, number] == 0.0) & points.any(axis=1)
-        marks = {"slides from {} on": slid, "opens at {}": opened}
+        index = list(cell.arms).index(arm)
+        opened = bearing[:, index] & (points[:, number] == 0.0) & points.any(axis=1)
+        marks = {"slides from {} on": slips[:, index] > _SLID, "opens at {}": opened}
         losses += [(int(mask.argmax()), verb, arm) for verb, mask in marks.items() if mask.any()]
     return sorted(losses)
 

@@ -3,44 +3,41 @@
 from __future__ import annotations
 
 import functools
-import math
-import textwrap
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from coop_pin.base.arrays import require_path, require_type
+from coop_pin.base.arrays import Mask, require_path, require_type
 from coop_pin.base.atomic_write import write_atomically
 from coop_pin.base.errors import FileReadError, ScenarioError
+from coop_pin.description.events import MISSED
 from coop_pin.description.scenario import Scenario
-from coop_pin.results.friction import (
-    FrictionUse,
-    dropped_at,
-    friction_text,
-    friction_use,
-)
+from coop_pin.results.breaches import Breach, LimitViolation
+from coop_pin.results.friction import FrictionUse, dropped_at, friction_text, friction_use
 from coop_pin.results.metrics import (
-    NO_STEADY_METRICS,
-    STEADY_METRICS,
+    SIMULATION_SOUND,
+    TASK_KEPT,
     InternalForceMetrics,
-    internal_wrench_definitions,
-    metric_text,
-    steady_metrics,
+    metric_lines,
+    phase_metrics,
 )
 from coop_pin.results.quantities import Arrays, Samples, quantities
 from coop_pin.results.running_metrics import EveryTick, RunningMetrics
-from coop_pin.results.trust import (
-    Breach,
-    LimitViolation,
-)
-from coop_pin.results.window import SETTLING_S, Window, Windows, checked_window
+from coop_pin.results.task import TaskVerdict, monitored, task_verdict
+from coop_pin.results.window import EventWindows, Window, checked_window, phases, samples_of, spans
 
 if TYPE_CHECKING:  # slow to load
     import xarray as xr
 
 _EVENT = ("resettling_time_s", "event_peak_position_error_m")
+_FORMER = {
+    "trustworthy": "simulation_sound and task.kept",
+    "windows": "phases",
+    "window_of": "windows_of(metric)",
+}
+"""Attributes of earlier versions, and what replaces them."""
 
 
 class RunResult:
@@ -113,48 +110,55 @@ class RunResult:
         """Time of the last sample, s."""
         return float(np.asarray(self.arrays["time"])[-1])
 
-    @property
-    def windows(self) -> Windows:
-        """Windows of the metrics."""
-        return Windows.of(self.scenario, self.end)
+    @functools.cached_property
+    def phases(self) -> dict[str, Mask]:
+        """Masks of the kept samples in each phase of metrics such as ``moving_position_rms_m``.
 
-    def window_of(self, metric: str) -> Window:
-        """Return the window that an entry of ``metrics`` is taken over."""
-        if metric.startswith("after_event_"):
-            return self.windows.after_event
-        if metric in STEADY_METRICS:
-            return self.windows.steady
+        "moving" and "rest", as the reference does, are without the decay of what the run starts with and
+        without events that last; "after_event" is from the end of the last event and its recovery on.
+        """
+        after_decay = monitored(self.arrays, self.scenario).after_decay
+        return phases(self.arrays, self.scenario, after_decay)
+
+    def windows_of(self, metric: str) -> tuple[Window, ...]:
+        """Return the windows that an entry of ``metrics`` is taken over."""
+        events = EventWindows.of(self.scenario, self.end)
+        for phase, mask in self.phases.items():
+            if metric.startswith(phase):
+                return spans(np.asarray(self.arrays["time"]), mask)
         if metric == "settling_time_s":
-            return Window(0.0, self.windows.event.start)
-        return self.windows.event if metric in _EVENT else Window(0.0, self.end)
+            return (events.before,)
+        return (events.after or Window(0.0, self.end) if metric in _EVENT else Window(0.0, self.end),)
 
     def breaches(self) -> tuple[Breach, ...]:
-        """Return what exceeded the scenario's trust thresholds, in the order of the first times.
-
-        The last one is the error that ended the run, if one did.
-        """
-        breaches = self._of_all_ticks().breaches
-        if self.ENDED_BY in self._texts:
-            breaches += (Breach("error", "", "", self.end, self.end, self.scenario.duration),)
-        return breaches
+        """Return what exceeded the scenario's trust thresholds, in the order of the first times."""
+        return self._of_all_ticks.breaches
 
     @property
-    def trustworthy(self) -> bool:
-        """Whether the run kept within its scenario's trust thresholds."""
+    def simulation_sound(self) -> bool:
+        """Whether the simulation kept within the scenario's trust thresholds: its numbers can be believed."""
         return not self.breaches()
 
-    def verdict(self) -> str:
-        """Return "trustworthy", or the first breach in time with the number of the others, as one line.
+    @property
+    def task(self) -> TaskVerdict:
+        """Verdict on the task, by the scenario's task limits: kept, off, dropped or lost."""
+        known, remarks = self._of_all_ticks, self._texts.get(self.REMARKS, "").splitlines()
+        deviations = known.deviations
+        if self.ENDED_BY in self._texts:
+            deviations += (Breach("error", "", "", self.end, self.end, self.scenario.duration),)
+        missed = [remark for remark in remarks if MISSED in remark]
+        recovery = self.scenario.task.recovery if self.scenario.events else 0.0
+        return task_verdict(deviations, known.metrics, recovery, self.friction_text, missed)
 
-        A payload that drops is named first.
-        """
+    def verdict(self) -> str:
+        """Return the verdicts on simulation and task as one line; what must not be believed comes first."""
         first, *others = self.breaches() or (None,)
-        more = f"; {len(others)} more" if others else ""
-        trust = "trustworthy" if first is None else f"NOT TRUSTWORTHY: {first}{more}"
+        more, task = f"; {len(others)} more" if others else "", self.task
         text = self.friction_text
-        if math.isfinite(self.dropped_at):
-            return f"DROPPED: {text}; simulation {trust}"
-        return f"{trust}; {text}" if text else trust
+        done = f"{task.text}; {text}" if text and task.state != "dropped" else task.text
+        if first is None:
+            return f"{done}; simulation sound"
+        return f"SIMULATION NOT SOUND: {first}{more}; {done}"
 
     def friction_use(self) -> FrictionUse:
         """Return the friction that every patch or pad uses of what it bears, over time."""
@@ -164,6 +168,17 @@ class RunResult:
     def friction_text(self) -> str:
         """When and why the payload slipped or dropped, or would by its pads; "" if it did not."""
         return friction_text(self.arrays, self.scenario)
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """Name what replaces a former attribute.
+
+            Raises:
+                AttributeError: there is no such attribute.
+            """
+            advice = f"; ask {_FORMER[name]}" if name in _FORMER else ""
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}{advice}")
 
     @property
     def dropped_at(self) -> float:
@@ -175,26 +190,33 @@ class RunResult:
 
         On positional rows nothing controls the orientation, and the position alone counts.
         """
-        return self._of_all_ticks().metrics["settling_time_s"]
+        return self._of_all_ticks.metrics["settling_time_s"]
 
     def position_rms(self, *, window: tuple[float, float] | None = None) -> float:
-        """Return the rms of the position error over the steady window or another one, m.
+        """Return the rms of the position error, m.
 
         Args:
-            window: start and end, s; NaN over a steady window that the run does not reach.
+            window: start and end, s; all that is moving or at rest when omitted, see ``phases``.
 
         Raises:
             OutOfRangeError: the window is empty or not within the run.
         """
-        return self._steady_metrics(window)["position_rms_m"]
+        return self._over(window)["position_rms_m"]
 
     def orientation_rms(self, *, window: tuple[float, float] | None = None) -> float:
         """Return the rms of the orientation error, rad; window as of position_rms."""
-        return self._steady_metrics(window)["orientation_rms_rad"]
+        return self._over(window)["orientation_rms_rad"]
 
     def internal_force(self, *, window: tuple[float, float] | None = None) -> InternalForceMetrics:
         """Return the metrics of the internal wrench; window as of position_rms."""
-        return InternalForceMetrics(*list(self._steady_metrics(window).values())[2:])
+        return InternalForceMetrics(*list(self._over(window).values())[2:])
+
+    def _over(self, window: tuple[float, float] | None) -> dict[str, float]:
+        if window is None:
+            mask = self.phases["moving"] | self.phases["rest"]
+        else:
+            mask = samples_of(self.arrays, checked_window(window, self.end))
+        return {name: float(value) for name, value in phase_metrics(self.arrays, [mask])[0].items()}
 
     def internal_wrench_definitions(self) -> xr.Dataset:
         """Return the internal wrench of every arm at every sample by each definition of the literature.
@@ -202,85 +224,58 @@ class RunResult:
         Variables ``load_shares`` (the paper's, eqs. (7)-(12)), ``minimum_norm``, ``nonsqueezing``,
         ``virtual_linkage``, ``constraint_consistent``, ``symmetric``: see spatial.internal_wrench.
         """
+        from coop_pin.results.dataset import internal_wrench_definitions  # slow to load
+
         cell = self.scenario.cell
         return internal_wrench_definitions(self.data, cell.shares, cell.payload)
 
     def closure_error_max(self) -> tuple[float, float]:
         """Return the largest distance (m) and angle (rad) between a tip and its grasp over the whole run."""
-        values = self._of_all_ticks().metrics
+        values = self._of_all_ticks.metrics
         return values["closure_error_max_m"], values["closure_error_max_rad"]
 
     def energy_balance_max(self) -> float:
         """Return the largest difference between energy and work over the whole run, J."""
-        return self._of_all_ticks().metrics["energy_balance_max_J"]
+        return self._of_all_ticks.metrics["energy_balance_max_J"]
 
     def limit_violations(self) -> tuple[LimitViolation, ...]:
         """Return every joint or drive limit that was exceeded, with the worst value and the first time."""
-        return self._of_all_ticks().limits
+        return self._of_all_ticks.limits
 
     def metrics(self) -> dict[str, float]:
-        """Return all metrics by name; the names carry the units, ``window_of`` gives their windows.
+        """Return all metrics by name; the names carry the units, ``windows_of`` gives their windows.
 
-        ``trustworthy`` is 1 or 0. ``window_start_s`` and ``window_end_s`` bound the steady window,
-        ``after_event_window_start_s`` and ``after_event_window_end_s`` that of the same metrics after the
-        last event; a run that does not reach a window has NaN there. ``squeeze_reserve_min_N`` is
-        that of cells with patches or pads, ``dropped_at_s`` also of cells whose grasps open. Of a run that
-        keeps every n-th tick they are those of all ticks, as are breaches and limits; other windows are of
-        the kept ones.
+        ``simulation_sound`` and ``task_kept`` are 1 or 0. The largest errors are those of the whole run but
+        the decay of what it starts with, see TaskMonitor. Names that begin with moving, rest or after_event
+        are of these ``phases``; NaN where a run has no such phase. ``squeeze_reserve_min_N`` is that of cells
+        with patches or pads, ``dropped_at_s`` also of cells whose grasps open. Of a run that keeps every n-th
+        tick they are those of all ticks, as are breaches and limits; other windows are of the kept ones.
         """
-        return {"trustworthy": float(self.trustworthy), **self._of_all_ticks().metrics}
+        verdicts = {SIMULATION_SOUND: float(self.simulation_sound), TASK_KEPT: float(self.task.kept)}
+        return {**verdicts, **self._of_all_ticks.metrics}
 
+    @functools.cached_property
     def _of_all_ticks(self) -> EveryTick:
-        """Return metrics, breaches and exceeded limits; of a run that keeps every n-th tick, of all."""
+        """Metrics, breaches and exceeded limits; of a run that keeps every n-th tick, of all."""
         if self.every_tick is not None:
             return self.every_tick
         arrays = {str(name): np.asarray(values) for name, values in self.arrays.items()}
         return RunningMetrics(self.scenario, arrays).finished(arrays, self.scenario)
 
     def summary(self) -> str:
-        """Return the verdict, every metric with its window, and the limits exceeded, one to a line."""
+        """Return the verdicts, every metric with its windows, and the limits exceeded, one to a line."""
         scenario, end = self.scenario, self.end
         ended = f"; ended before its {scenario.duration:g} s" if end < scenario.duration - 1e-9 else ""
         engine = f"; engine {self.engine}" if self.ENGINE in self.data.attrs else ""
         every = f"; 1 of {scenario.clock.record_every} ticks kept, numbers of all" if self.every_tick else ""
         span = f"  {end:g} s at {scenario.clock.rate_hz:g} Hz{ended}{engine}{every}"
+        missing = [phase for phase, mask in self.phases.items() if not mask.any()]
+        if not scenario.events:
+            missing.remove("after_event")
         lines = [f"{scenario.name}: {self.verdict()}", span]
-        values = self.metrics()
-        absent = [name for name, value in values.items() if math.isnan(value)]
-        for name, value in values.items():
-            if name in absent:
-                continue
-            window = "" if "window" in name else f"  {self.window_of(name)}"
-            lines.append(f"  {name:<42} {metric_text(value):<14}{window}".rstrip())
-        if absent:
-            lines.append(
-                textwrap.fill(f"  does not apply: {', '.join(absent)}", 99, subsequent_indent="    ")
-            )
-        if self.windows.steady.is_empty:
-            lines.append(f"  no steady metrics: {NO_STEADY_METRICS}")
-        elif math.isinf(self.settling_time()):
-            lines.append(f"  {self._unsettled()}")
-        if scenario.events and self.windows.after_event.is_empty:
-            wait = f"{SETTLING_S:g} s after its last event"
-            lines.append(f"  no steady metrics after the events: the run ends less than {wait}")
+        lines += metric_lines(self.metrics(), self.windows_of, missing)
         lines += [f"  {remark}" for remark in self.data.attrs.get(self.REMARKS, "").splitlines()]
         return "\n".join(lines + [f"  limit exceeded: {violation}" for violation in self.limit_violations()])
-
-    def _unsettled(self) -> str:
-        """Return the errors at the end of a run that did not settle, and what to try."""
-        last = np.asarray(self.arrays["pose_error"])[-1]
-        advice = "the gains are too low for the load, or unstable at this rate ('coop-pin check' tests that)"
-        if any(violation.kind == "torque" for violation in self.limit_violations()):
-            advice = "drives saturate: lower load, squeeze or gains, or feed the force back (force_gain)"
-        turn = f" and {np.linalg.norm(last[3:]):.3g} rad" if self.scenario.cell.controls_turns else ""
-        return f"did not settle: errors of {np.linalg.norm(last[:3]):.3g} m{turn} at the end; {advice}"
-
-    def _steady_metrics(self, interval: tuple[float, float] | None) -> dict[str, float]:
-        if interval is None and self.every_tick is not None:
-            return {name: self.every_tick.metrics[name] for name in STEADY_METRICS}
-        window = self.windows.steady if interval is None else checked_window(interval, self.end)
-        values = steady_metrics(self.arrays, window)
-        return {name: float(value) for name, value in values.items()}
 
     def save(self, path: str | Path) -> None:
         """Write a netCDF file that holds the scenario too; if writing fails, an older file stays."""

@@ -18,21 +18,23 @@ import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.description.scenario import Scenario
-from coop_pin.results.energies import start_energy, unexplained_energy
-from coop_pin.results.friction import drop_metrics, friction_metrics
-from coop_pin.results.metrics import STEADY_METRICS, all_metrics, joint_drift
-from coop_pin.results.quantities import Arrays, Samples
-from coop_pin.results.trust import (
+from coop_pin.results.breaches import (
     Breach,
     LimitKind,
     LimitViolation,
-    TrustMonitor,
     drift_breaches,
     in_time,
     joint_names,
     limit_violations,
+    merged,
 )
-from coop_pin.results.window import RUN_END, SETTLING_S, Window, Windows, samples_of
+from coop_pin.results.energies import start_energy, unexplained_energy
+from coop_pin.results.friction import drop_metrics, friction_metrics
+from coop_pin.results.metrics import PHASE_METRICS, all_metrics, joint_drift
+from coop_pin.results.quantities import Arrays, Samples
+from coop_pin.results.task import TaskMonitor
+from coop_pin.results.trust import TrustMonitor
+from coop_pin.results.window import RUN_END, SETTLING_S, EventWindows, Window, phases, samples_of
 
 _SETTLING = ("settling_time_s", "resettling_time_s")
 _LARGEST = (
@@ -46,7 +48,7 @@ _LEAST = ("squeeze_reserve_min_N", "dropped_at_s")
 _ROUNDING = 1e-9
 """Rounding of times, s."""
 _MEAN = "internal_axial_mean_N"
-"""The one of STEADY_METRICS that is a mean; the others are rms values."""
+"""The one of PHASE_METRICS that is a mean; the others are rms values."""
 _AT_THE_END = ("time", "joint_position", "joint_velocity", "desired_twist", "payload_twist")
 """Quantities of whose last seconds the drift of the joints is taken."""
 
@@ -55,13 +57,15 @@ class EveryTick(NamedTuple):
     """What is known of all ticks of a run that keeps some of them.
 
     Attributes:
-        metrics: metrics by name, without ``trustworthy``.
-        breaches: breaches of the trust thresholds, in time, without the error that ended the run.
+        metrics: metrics by name, without the verdicts.
+        breaches: breaches of the trust thresholds, in time.
+        deviations: errors beyond the task limits, in time, without the error that ended the run.
         limits: limits that were exceeded.
     """
 
     metrics: Mapping[str, float]
     breaches: tuple[Breach, ...]
+    deviations: tuple[Breach, ...]
     limits: tuple[LimitViolation, ...]
 
     def to_text(self) -> str:
@@ -71,9 +75,12 @@ class EveryTick(NamedTuple):
     @classmethod
     def of_text(cls, text: str) -> Self:
         """Return what ``to_text`` wrote."""
-        values, breaches, limits = json.loads(text).values()
+        values, breaches, deviations, limits = json.loads(text).values()
         return cls(
-            values, tuple(Breach(*each) for each in breaches), tuple(LimitViolation(*each) for each in limits)
+            values,
+            tuple(Breach(*each) for each in breaches),
+            tuple(Breach(*each) for each in deviations),
+            tuple(LimitViolation(*each) for each in limits),
         )
 
 
@@ -90,7 +97,8 @@ class RunningMetrics:
         self._labels, self._joints = labels, joint_names(labels)
         limits = labels["position_lower"], labels["position_upper"]
         self._monitor = TrustMonitor(scenario.trust, self._joints, *limits)
-        self._breaches, self._limits = dict[Hashable, Breach](), dict[Hashable, LimitViolation]()
+        self._task, self._deviations = TaskMonitor(self._joints), tuple[Breach, ...]()
+        self._breaches, self._limits = tuple[Breach, ...](), dict[Hashable, LimitViolation]()
         self._values, self._means = dict[str, float](), dict[Hashable, tuple[int, float]]()
         self._end = dict[str, Array]()
         self._start_energy: Array  # before the first sample
@@ -102,46 +110,48 @@ class RunningMetrics:
             samples: quantities of successive ticks, by name.
             scenario: scenario with the events added so far.
         """
-        self._include(ChainMap({RUN_END: math.inf}, dict(samples)), scenario, Windows.of(scenario, math.inf))
+        self._include(ChainMap({RUN_END: math.inf}, dict(samples)), scenario, math.inf)
 
     def finished(self, samples: Arrays, scenario: Scenario) -> EveryTick:
         """Return what is known if a block is the last; arguments as of add, which may follow nevertheless."""
         whole, end = copy.deepcopy(self), float(np.asarray(samples["time"])[-1])
-        windows = Windows.of(scenario, end)
-        whole._include(samples, scenario, windows)
-        drift = joint_drift(whole._end, windows)
+        whole._include(samples, scenario, end)
+        drift = joint_drift(whole._end, EventWindows.of(scenario, end))
         values = whole._values | {"joint_drift_rad": float(np.fmax.reduce(drift, axis=(-2, -1)))}
-        breaches = *whole._breaches.values(), *drift_breaches(drift, scenario.trust, whole._joints, end)
+        drifts = drift_breaches(drift, scenario.task, whole._joints, end)
         joints = [(arm, joint) for arm, names in whole._joints for joint in names]
         order = [(*joint, kind) for joint in joints for kind in get_args(LimitKind)]
         limits = sorted(whole._limits.values(), key=lambda limit: order.index(limit[:3]))
-        return EveryTick(values, in_time(breaches), tuple(limits))
+        deviations = in_time((*whole._deviations, *drifts))
+        return EveryTick(values, whole._breaches, deviations, tuple(limits))
 
-    def _include(self, samples: Arrays, scenario: Scenario, windows: Windows) -> None:
-        """Include a block; the windows are those of the run, as far as its end is known."""
-        data, cell = ChainMap(dict(samples), self._labels), scenario.cell
-        values = all_metrics(data, windows, turns=cell.controls_turns)
+    def _include(self, samples: Arrays, scenario: Scenario, end: float) -> None:
+        """Include a block; the end is that of the run, as far as it is known."""
+        data, cell, events = (
+            ChainMap(dict(samples), self._labels),
+            scenario.cell,
+            EventWindows.of(scenario, end),
+        )
+        self._deviations = self._task.deviations(data, scenario, self._deviations)
+        counted = self._task.after_decay
+        values = self._task.largest | all_metrics(data, scenario, end, counted)
         values |= friction_metrics(data, cell) if cell.padded else {}
         values |= drop_metrics(data, scenario)
         new = {name: float(value) for name, value in values.items()}
         if not self._values:
             self._start_energy, self._values = start_energy(data), new
         new["energy_balance_max_J"] = float(np.abs(unexplained_energy(data, self._start_energy)).max())
-        for prefix, window in (("", windows.steady), ("after_event_", windows.after_event)):
-            count = 0 if window.is_empty else int(samples_of(data, window).sum())
-            new |= {
-                f"{prefix}{name}": self._mean(prefix, name, window, count, new) for name in STEADY_METRICS
-            }
-        spans = Window(0.0, windows.event.start), windows.event
-        for name, span in zip(_SETTLING, spans, strict=True):
-            new[name] = _settled(self._values[name], new[name], data, span)
+        for phase, mask in phases(data, scenario, counted).items():
+            start = events.last_end if phase == "after_event" else float(self._task.has_decayed)
+            count = int(mask.sum())
+            new |= {f"{phase}_{name}": self._mean(phase, name, start, count, new) for name in PHASE_METRICS}
+        for name, span in zip(_SETTLING, (events.before, events.after), strict=True):
+            if span is not None:
+                new[name] = _settled(self._values[name], new[name], data, span)
         for names, extreme in ((_LARGEST, np.fmax), (_LEAST, np.fmin)):
             new |= {name: float(extreme(self._values[name], new[name])) for name in names if name in new}
         self._values = new
-        for breach in self._monitor.breaches(data):
-            first = self._breaches.get(breach[:3], breach)
-            is_worse = not abs(breach.value - breach.allowed) <= abs(first.value - first.allowed)
-            self._breaches[breach[:3]] = (breach if is_worse else first)._replace(time=first.time)
+        self._breaches = merged(self._breaches, self._monitor.breaches(data))
         for limit in limit_violations(data):
             earliest = self._limits.get(limit[:3], limit)
             is_worse = abs(limit.worst - limit.limit) > abs(earliest.worst - earliest.limit)
@@ -153,12 +163,13 @@ class RunningMetrics:
         late = ending["time"] >= ending["time"][-1] - SETTLING_S - _ROUNDING
         self._end = {name: values[late] for name, values in ending.items()}
 
-    def _mean(self, prefix: str, name: str, window: Window, count: int, new: Mapping[str, float]) -> float:
-        """Return a mean or rms value of all blocks over a window, of which the newest has ``count`` samples.
+    def _mean(self, phase: str, name: str, start: float, count: int, new: Mapping[str, float]) -> float:
+        """Return a mean or rms value of all blocks over a phase, of which the newest has ``count`` samples.
 
-        An event that is added moves the start of the window after the last one: what was before is left out.
+        An event that is added, and the end of the start's decay, move the start of the phase: what was before
+        is left out.
         """
-        key, value = (prefix, name, window.start), new[f"{prefix}{name}"]
+        key, value = (phase, name, start), new[f"{phase}_{name}"]
         n, mean = self._means.get(key, (0, math.nan))
         if count:
             power = 1 if name == _MEAN else 2

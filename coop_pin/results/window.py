@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, Self
 
 import numpy as np
 
-from coop_pin.base.arrays import Mask
+from coop_pin.base.arrays import Array, Mask
 from coop_pin.base.errors import ArgumentError, OutOfRangeError
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.quantities import Arrays
 
 SETTLING_S = 4.0
-"""Time that a run has to settle after its start and after its last event before it is called steady, s."""
+"""Time that a run has to settle after its start and after its last event before joints may drift, s."""
 RUN_END = "run_end"
 """Name of the time at which a run ends, s, in arrays of a part of it that is not the last."""
+PHASES = {
+    "moving": "while the reference moves",
+    "rest": "while the reference rests",
+    "after_event": "after the last event",
+}
+"""Phases of a run, see ``phases``, and their texts."""
 _SLACK = 1e-9
 """Differences of times below it are rounding, s."""
 
@@ -71,26 +78,59 @@ def samples_of(data: Arrays, window: Window) -> Mask:
     )
 
 
-class Windows(NamedTuple):
-    """Windows of the metrics of a run.
+def spans(time: Array, mask: Mask) -> tuple[Window, ...]:
+    """Return the windows of the samples of a mask, each from its first to its last one, shapes (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False]))))
+    return tuple(Window(float(time[i]), float(time[j - 1])) for i, j in edges.reshape(-1, 2).tolist())
+
+
+class EventWindows(NamedTuple):
+    """Windows of a run before and from its first event on.
 
     Attributes:
-        steady: window of means and rms values, from 4 s to the first event.
-        event: window from the first event on.
-        after_event: window from 4 s after the last event ended; empty without events.
-        has_events: whether there are events; they end at the end of the run otherwise.
+        before: window from the start to the first event, or to the end of a run without events.
+        after: window from the first event on; None without events.
+        last_end: end of the last event, s; 0 without events.
     """
 
-    steady: Window
-    event: Window
-    after_event: Window
-    has_events: bool
+    before: Window
+    after: Window | None
+    last_end: float
 
     @classmethod
     def of(cls, scenario: Scenario, end: float) -> Self:
         """Return the windows of a run of a scenario that ended at a time, s."""
-        events = scenario.events
-        first = min((event.time for event in events), default=end)
-        last = max((event.end for event in events), default=end)
-        steady, after = Window(SETTLING_S, min(first, end)), Window(last + SETTLING_S, end)
-        return cls(steady, Window(first, end), after, bool(events))
+        if not scenario.events:
+            return cls(Window(0.0, end), None, 0.0)
+        first = min(event.time for event in scenario.events)
+        after = Window(first, end) if first < end else None
+        return cls(Window(0.0, min(first, end)), after, max(event.end for event in scenario.events))
+
+
+def phases(data: Arrays, scenario: Scenario, counted: Mask) -> dict[str, Mask]:
+    """Return the samples of each of PHASES, shape (..., n).
+
+    The reference moves where its twist is not zero. Moving and at rest are without the decay of what the run
+    starts with, and without events that last and the recovery that the task limits allow after events.
+    "after_event" is from the end of that of the last event on.
+
+    Args:
+        data: arrays of a run.
+        scenario: scenario of the run.
+        counted: mask of the samples after the decay, shape (..., n).
+    """
+    time, moves = np.asarray(data["time"]), np.asarray(data["desired_twist"]).any(axis=-1)
+    calm = counted & ~recovering(time, scenario)
+    for event in scenario.events:
+        calm &= ~((time > event.time - _SLACK) & (time < event.end - _SLACK))
+    last = max((event.end for event in scenario.events), default=math.inf) + scenario.task.recovery
+    after = np.broadcast_to(time > last - _SLACK, calm.shape)
+    return {"moving": calm & moves, "rest": calm & ~moves, "after_event": after}
+
+
+def recovering(time: Array, scenario: Scenario) -> Mask:
+    """Return which samples are from an event to its recovery, where the task limits allow any, shape (n,)."""
+    allowed, mask = scenario.task.recovery, np.zeros(len(time), dtype=bool)
+    for event in scenario.events if allowed > 0.0 else ():
+        mask |= (time > event.time - _SLACK) & (time < event.end + allowed + _SLACK)
+    return mask

@@ -17,12 +17,13 @@ from coop_pin.base.memory import free_memory
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import JointLimits
+from coop_pin.results.breaches import Breach
 from coop_pin.results.energies import WORK, WORK_OF_GRASPS
 from coop_pin.results.quantities import Quantity, Samples, allocate, bytes_per_sample, computed, quantities
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.running_metrics import RunningMetrics
 from coop_pin.results.snapshot import Snapshot
-from coop_pin.results.trust import Breach, TrustMonitor
+from coop_pin.results.trust import TrustMonitor
 from coop_pin.simulation.devices.drives import Applied
 from coop_pin.simulation.plant import Plant
 from coop_pin.simulation.tick import TickInputs

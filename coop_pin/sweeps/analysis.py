@@ -19,6 +19,7 @@ from coop_pin.base.errors import (
     NameNotFoundError,
     OutOfRangeError,
 )
+from coop_pin.results.metrics import SIMULATION_SOUND, TASK_KEPT
 from coop_pin.sweeps.plan import COLUMNS, SweepPlan
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.table import FAILED, MISSING, OK, TIMES, Columns, PointResult, read_runs
@@ -179,8 +180,8 @@ class SweepTable:
         Args:
             field: a dimension with numbers, searched from its smallest value.
             by: the dimensions to keep, all when omitted; along the others all runs must be stable.
-            stable: mask of the stable runs, for example ``result.values("position_rms_m") < 0.01``; the
-                finished ones when omitted.
+            stable: mask of the stable runs, for example ``result.values("position_error_max_m") < 0.01``;
+                those that finished, are sound and keep their task when omitted.
 
         Returns:
             ``last_stable``, NaN if the smallest value is unstable, and ``first_unstable``, NaN if none is.
@@ -195,7 +196,10 @@ class SweepTable:
         numeric = [str(dim) for dim in self.data.dims if self.data[dim].dtype.kind in "iuf"]
         if self._coordinate(field).name not in numeric:
             raise NameNotFoundError("dimension with numbers", field, numeric, "the sweep")
-        stable = self.data["status"] == OK if stable is None else stable
+        if stable is None:
+            stable = self.data["status"] == OK
+            for verdict in {SIMULATION_SOUND, TASK_KEPT} & {*self.metric_names}:
+                stable = stable & (self.data[verdict] == 1.0)
         dims = stable.dims if by is None else (field, *([by] if isinstance(by, str) else by))
         good = stable.all([dim for dim in stable.dims if dim not in dims]).sortby(field).cumprod(field) > 0
         values = good[field].astype(float)

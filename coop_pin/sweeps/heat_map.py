@@ -55,8 +55,9 @@ def write_heat_map(
 
     Args:
         table: one row for each cell: names, measures (no value: not finite) with ``<measure>_low`` and
-            ``<measure>_high`` if there are intervals, ``doubted``, whether not all runs are trustworthy, and
-            ``failure``, the error of a run, or an empty text.
+            ``<measure>_high`` if there are intervals, ``unsound`` and ``unkept``, whether some
+            simulation is not sound and some task not kept, and ``failure``, the error of a run, or an empty
+            text.
         path: the page.
         title: heading.
         names: columns that name a cell; the last one has the columns of the map.
@@ -74,7 +75,8 @@ def write_heat_map(
         "rivals": list(rivals),
         "filters": {name: _coded(table[name]) for name in filters},
         "notes": {name: _coded(table[name]) for name in (*notes, "failure")},
-        "doubted": table["doubted"].astype(int).tolist(),
+        "unsound": table["unsound"].astype(int).tolist(),
+        "unkept": table["unkept"].astype(int).tolist(),
         "measures": [{"text": text, **_numbers(table, name)} for name, text in measures.items()],
         "command": command,
         "replay": replay,

@@ -159,7 +159,9 @@ class TuneResult(NamedTuple):
     def summary(self) -> str:
         """Return the metrics of the objective and the tuned fields of the best run as text."""
         failed = self.history.counts()["failed"]
+        verdict = self.best.verdict()
         lines = [f"best of {len(self.history.plan)} runs ({failed} failed): run {self.best.number}"]
+        lines += [f"  {verdict}"] * bool(verdict)
         bounded = {bound.metric: self.best.metrics[bound.metric] for bound in self.objective.bounds}
         metrics = {self.objective.minimize: self.value} | bounded | self.tuned
         return "\n".join(lines + [f"  {name} = {x:.6g}" for name, x in metrics.items()])

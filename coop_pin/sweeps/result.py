@@ -13,6 +13,7 @@ import numpy as np
 
 from coop_pin.base.arrays import require_path, require_type
 from coop_pin.base.errors import FieldError, OutOfRangeError
+from coop_pin.results.metrics import SIMULATION_SOUND, TASK_KEPT
 from coop_pin.results.netcdf import written_netcdf
 from coop_pin.results.run_result import RunResult
 from coop_pin.running.run_scenario import run
@@ -78,9 +79,9 @@ class SweepResult(SweepTable):
             raise FieldError("has one run only; a map needs a field that varies", "the sweep")
         command = f'coop-pin sweep-show "{self.store.folder.as_posix()}" --page "{path}" --replay {{number}}'
         names = sorted(self.metric_names, key=lambda name: name != metric)
-        runs = self.table.reset_index().assign(doubted=False)
-        if "trustworthy" in names:
-            runs["doubted"] = (runs["status"] == OK) & (runs["trustworthy"] == 0.0)
+        runs = self.table.reset_index()
+        for mark, verdict in (("unsound", SIMULATION_SOUND), ("unkept", TASK_KEPT)):
+            runs[mark] = (runs["status"] == OK) & (runs.get(verdict, 1.0) == 0.0)
         runs["failure"] = runs["failure"].where(
             runs["failure"] == "", runs["failure"] + ": " + runs["message"]
         )

@@ -14,7 +14,7 @@ import pandas as pd
 import xarray as xr
 
 from coop_pin.base.errors import FieldError
-from coop_pin.results.metrics import NO_STEADY_METRICS
+from coop_pin.results.metrics import SIMULATION_SOUND, TASK_KEPT, verdict_text
 from coop_pin.sweeps.dimensions import label
 from coop_pin.sweeps.plan import COLUMNS, SweepPlan
 from coop_pin.sweeps.run_key import keyed_points
@@ -47,6 +47,10 @@ class PointResult(NamedTuple):
     metrics: dict[str, float]
     kind: str = ""
     message: str = ""
+
+    def verdict(self) -> str:
+        """Return the verdicts on task and simulation as text; "" where a run has none."""
+        return f"failed: {self.kind}" if self.kind else verdict_text(self.metrics)
 
 
 class Columns:
@@ -111,7 +115,7 @@ def read_runs(
     """Return all runs of a plan, read from the store in one pass, with the plan's dimensions.
 
     Variables: COLUMNS, and every metric of the finished runs in alphabetical order, not a number where a run
-    failed or is missing, but the ``trustworthy`` of a failed one is 0. Runs whose lines are damaged count as
+    failed or is missing, but the verdicts of a failed one are 0. Runs whose lines are damaged count as
     missing.
 
     Args:
@@ -130,8 +134,8 @@ def read_runs(
     require_own_names(plan, columns.metrics)
     conditions = [texts["failure"] == None, texts["failure"] != ""]  # noqa: E711  of each entry
     status = np.array([OK, MISSING, FAILED], dtype=object)[np.select(conditions, [1, 2], 0)]
-    if "trustworthy" in numbers:
-        numbers["trustworthy"][status == FAILED] = 0.0
+    for name in {SIMULATION_SOUND, TASK_KEPT} & {*numbers}:
+        numbers[name][status == FAILED] = 0.0
     for values in texts.values():
         values[status == MISSING] = ""
     rows = np.array([columns.places.get(key, -1) for key in keys])
@@ -169,11 +173,13 @@ def describe(table: pd.DataFrame, metrics: list[str]) -> list[str]:
         reason = f"{len(runs)} {kind}; run {runs.index[0]}: {runs['message'].iloc[0]}"
         lines.append("  " + reason.replace("\n", "\n    "))
     ok = table.loc[table["status"] == OK, metrics]
-    checks = ok.reindex(columns=["trustworthy", "settling_time_s", "window_start_s", "window_end_s"])
+    checks = ok.reindex(columns=[SIMULATION_SOUND, TASK_KEPT, "dropped_at_s", "settling_time_s"])
+    dropped = np.isfinite(checks["dropped_at_s"])
     doubts = {
-        "NOT TRUSTWORTHY: trustworthy = 0; open(number).verdict() says why": checks["trustworthy"] == 0.0,
+        "SIMULATION NOT SOUND: open(number).verdict() says why": checks[SIMULATION_SOUND] == 0.0,
+        "task DROPPED: nothing holds the payload from dropped_at_s on": dropped,
+        "task OFF or lost: open(number).verdict() says by how much": (checks[TASK_KEPT] == 0.0) & ~dropped,
         "never settled: settling_time_s is infinite": checks["settling_time_s"] == np.inf,
-        f"without steady metrics: {NO_STEADY_METRICS}": checks["window_end_s"] <= checks["window_start_s"],
     }
     lines += [f"  {runs.sum()} {text}" for text, runs in doubts.items() if runs.any()]
     empty = ok.isna().sum()

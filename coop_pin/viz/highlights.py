@@ -10,8 +10,11 @@ import numpy as np
 
 from coop_pin.description.events import MISSED
 from coop_pin.description.scenario import Scenario
-from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M, start_decay
+from coop_pin.results.breaches import Cause
+from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M
 from coop_pin.results.run_result import RunResult
+from coop_pin.results.task import LARGEST, monitored
+from coop_pin.results.window import PHASES
 
 _SMALL_N, _SMALL_NM = 1.0, 0.1
 """Errors of the internal force and moment, N and N m, below which a run counts as having followed them."""
@@ -54,7 +57,7 @@ def telling_instant(result: RunResult) -> Instant:
     data = result.data
     errors = [np.nan_to_num(data[f"internal_{part}_error"].values) for part in ("axial", "shear")]
     error = np.hypot(*errors).max(axis=1)
-    time, decay = data["time"].values, _decay(result)
+    time, decay = data["time"].values, _decay(result, "internal force")
     worst = int(np.argmax(np.where(time >= decay, error, -1.0)))
     moment, _, moment_text = _moment(result)
     arm, t = int(np.argmax(np.hypot(*errors)[worst])), float(time[worst])
@@ -119,9 +122,9 @@ def _at(scenario: Scenario, arm: int) -> str:
     return f" at {arms[arm]}" if len(arms) > 2 else ""
 
 
-def _decay(result: RunResult) -> float:
-    """Return the time in which the errors that the run starts with decay, s."""
-    return start_decay(result.arrays, result.windows, turns=result.scenario.cell.controls_turns)
+def _decay(result: RunResult, cause: Cause) -> float:
+    """Return the time in which an error that the run starts with decays, s."""
+    return float(monitored(result.arrays, result.scenario).counted_from[LARGEST[cause]])
 
 
 def _moment(result: RunResult) -> tuple[int, float, str]:
@@ -132,17 +135,24 @@ def _moment(result: RunResult) -> tuple[int, float, str]:
     is_wanted = result.scenario.cell.task_rows.has_moments
     wrench, desired = (result.data[f"{of}internal_wrench"].values[..., 3:] for of in ("", "desired_"))
     error = np.linalg.norm(np.nan_to_num(wrench - is_wanted * desired), axis=2).max(axis=1)
-    worst = int(np.argmax(np.where(result.data["time"].values >= _decay(result), error, -1.0)))
+    decay = _decay(result, "internal moment")
+    worst = int(np.argmax(np.where(result.data["time"].values >= decay, error, -1.0)))
     verb = "is off by up to" if is_wanted else ", which no arm controls, reaches"
     text = f"; the internal moment {verb} {read_number(error[worst])} N m".replace(" ,", ",")
     return worst, float(error[worst]), text if error[worst] > _SMALL_NM else ""
 
 
-def trust_text(result: RunResult) -> str:
-    """Return the verdict on a run as one line, with what was judged and the thresholds."""
-    if not result.trustworthy:
-        return result.verdict()
-    friction = f"; {result.friction_text}" if result.friction_text else ""
+def verdict_lines(result: RunResult) -> list[tuple[str, bool]]:
+    """Return the verdicts on task and simulation as lines, each with whether it is good."""
+    task, is_sound = result.task, result.simulation_sound
+    if not is_sound:
+        return [(result.verdict(), False)]
+    friction = f"; {result.friction_text}" if result.friction_text and task.state != "dropped" else ""
+    return [(f"{task.text}{friction}", task.kept), (_soundness(result), True)]
+
+
+def _soundness(result: RunResult) -> str:
+    """Return what of a sound simulation was judged, with the thresholds."""
     allowed, data = result.scenario.trust, result.data
     limits = {"joints within their stops": "position_upper", "torque limits kept": "torque_limit"}
     kept = [text for text, name in limits.items() if np.isfinite(data[name].values).any()]
@@ -151,7 +161,7 @@ def trust_text(result: RunResult) -> str:
         f"energy to {result.energy_balance_max():.1g} J ({allowed.energy_share:g} of the work)",
         f"condition number {data['jacobian_condition'].values.max():.2g} ({allowed.jacobian_condition:g})",
     )
-    return f"simulation sound: {', '.join((*numbers, *kept))}{friction}"
+    return f"simulation sound: {', '.join((*numbers, *kept))}"
 
 
 def instants(result: RunResult) -> list[Instant]:
@@ -196,7 +206,7 @@ def instants(result: RunResult) -> list[Instant]:
 
 
 def spans(result: RunResult) -> list[dict[str, Any]]:
-    """Return the events and the windows of the metrics, for the page: kind, start, end (s) and text."""
+    """Return the events and the times of motion, for the page: kind, start, end (s) and text."""
     scenario = result.scenario
     events = [
         {
@@ -211,12 +221,8 @@ def spans(result: RunResult) -> list[dict[str, Any]]:
     if math.isfinite(result.dropped_at):
         events.append({"kind": "event", "start": result.dropped_at, "end": result.end, "text": "dropped"})
     windows = [
-        {"kind": "window", "start": window.start, "end": window.end, "text": text}
-        for window, text in (
-            (result.windows.steady, "judged: steady"),
-            (result.windows.after_event, "judged: after event"),
-        )
-        if not window.is_empty
+        {"kind": "window", "start": window.start, "end": window.end, "text": PHASES["moving"]}
+        for window in result.windows_of("moving")
     ]
     return [*windows, *events]
 

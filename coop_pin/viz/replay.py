@@ -15,11 +15,12 @@ from coop_pin.base.arrays import Array, typed
 from coop_pin.base.errors import FieldError
 from coop_pin.figures import palette
 from coop_pin.model.visuals import CellVisuals
+from coop_pin.results.breaches import in_time
 from coop_pin.results.run_result import RunResult
 from coop_pin.viz.cell_scene import cell_scene
 from coop_pin.viz.curves import Curve, cell_curves, curve_rows, thinned_rows
 from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, frame_samples, run_samples
-from coop_pin.viz.highlights import events_text, instants, spans, telling_instant, trust_text
+from coop_pin.viz.highlights import events_text, instants, spans, telling_instant, verdict_lines
 from coop_pin.viz.page import (
     DATA,
     SCRIPTS,
@@ -145,7 +146,10 @@ def _replay(result: RunResult, times: Iterable[float], scales: ArrowScales) -> t
         "duration": result.end,
         "start": start,
         "spans": spans(result),
-        "breaches": [{"time": breach.time, "text": str(breach)} for breach in result.breaches()],
+        "breaches": [
+            {"time": breach.time, "text": str(breach)}
+            for breach in in_time([*result.breaches(), *result.task.deviations])
+        ],
         "instants": [chip._asdict() for chip in chips],
         "pushes": bool(result.data["external_wrench"].values.any()),
     }
@@ -162,14 +166,17 @@ def _replay(result: RunResult, times: Iterable[float], scales: ArrowScales) -> t
 
 def _verdict(result: RunResult) -> str:
     """Return sentence and verdict of a run, as HTML; the sentence leads to its instant."""
-    kind, instant = "verdict" if result.trustworthy else "verdict broken", telling_instant(result)
+    instant = telling_instant(result)
+    lines = "\n".join(
+        f'<p class="verdict{"" if is_good else " broken"}">{html.escape(text)}</p>'
+        for text, is_good in verdict_lines(result)
+    )
     happened = events_text(result)
     return (
         f'<p class="happened">{html.escape(happened)}</p>\n'
         * bool(happened)
         + f'<button class="told" data-time="{instant.time:g}"><small>largest error of the internal force '
-        f"(click to go there)</small>{html.escape(instant.text)}</button>\n"
-        f'<p class="{kind}">{html.escape(trust_text(result))}</p>'
+        f"(click to go there)</small>{html.escape(instant.text)}</button>\n{lines}"
     )
 
 

@@ -29,7 +29,7 @@ from coop_pin.figures.run_figures import (
 )
 from coop_pin.results.metrics import METRIC_TEXTS, metric_text
 from coop_pin.results.run_result import RunResult
-from coop_pin.viz.highlights import events_text, telling_instant, trust_text
+from coop_pin.viz.highlights import events_text, telling_instant, verdict_lines
 from coop_pin.viz.page import save_page, web_file
 from coop_pin.viz.replay import replay_html
 
@@ -58,7 +58,7 @@ _NUMERICAL = ("closure_error_max_m", "closure_error_max_rad", "energy_balance_ma
 def metrics_table(result: RunResult) -> list[MetricRow]:
     """Return the metrics of a result as rows of a table: of the control first, then of the computation.
 
-    The verdict, the ends of the windows and metrics that do not apply to the run are not among them.
+    The verdicts and metrics that do not apply to the run are not among them.
     """
     values = {name: value for name, value in result.metrics().items() if not math.isnan(value)}
     return [
@@ -68,7 +68,7 @@ def metrics_table(result: RunResult) -> list[MetricRow]:
             f"{values[name] * scale:.3g} {unit}"
             if math.isfinite(values[name])
             else metric_text(values[name]),
-            str(result.window_of(name)),
+            ", ".join(map(str, result.windows_of(name))),
         )
         for name, (text, unit, scale) in METRIC_TEXTS.items()
         if name in values
@@ -184,9 +184,13 @@ def save_report(result: RunResult, path: str | Path) -> None:
 
 
 def _verdict(result: RunResult) -> str:
-    kind, text = "verdict" if result.trustworthy else "warning", html.escape(trust_text(result))
-    reasons = "".join(f"<li>{html.escape(str(breach))}</li>" for breach in result.breaches())
-    return f'<p class="{kind}">{text}</p>' + (f'<ol class="breaches">{reasons}</ol>' if reasons else "")
+    lines = "".join(
+        f'<p class="{"verdict" if is_good else "warning"}">{html.escape(text)}</p>'
+        for text, is_good in verdict_lines(result)
+    )
+    breaches = (*result.breaches(), *result.task.deviations)
+    reasons = "".join(f"<li>{html.escape(str(breach))}</li>" for breach in breaches)
+    return lines + (f'<ol class="breaches">{reasons}</ol>' if reasons else "")
 
 
 def _tiles(result: RunResult) -> str:

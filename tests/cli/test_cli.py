@@ -26,34 +26,32 @@ from coop_pin.cli.run_folder import RunFolder, Timing
 from coop_pin.sweeps.session import open_session
 
 NUMBERS = ["--no-replay", "--no-figures"]
-SHORT = ["--duration", "0.5", "--events", "[]"]
+SHORT = ["--duration", "0.5", "--events", "[]", "--task.position", "1", "--task.orientation", "1"]
+SHORT += ["--task.force", "100", "--task.moment", "10"]
 TIMING = Timing(1.0, 1.0, 1.0)
-METRICS = [
-    "trustworthy",
-    "settling_time_s",
-    "resettling_time_s",
-    "event_peak_position_error_m",
+PHASE_METRICS = [
     "position_rms_m",
     "orientation_rms_rad",
     "internal_axial_mean_N",
     "internal_axial_rms_error_N",
     "internal_shear_rms_N",
     "internal_moment_rms_error_Nm",
+]
+METRICS = [
+    "task_kept",
+    "position_error_max_m",
+    "orientation_error_max_rad",
+    "internal_force_error_max_N",
+    "internal_moment_error_max_Nm",
+    "settling_time_s",
+    "resettling_time_s",
+    "event_peak_position_error_m",
+    *(f"{phase}_{name}" for phase in ("moving", "rest", "after_event") for name in PHASE_METRICS),
     "closure_error_max_m",
     "closure_error_max_rad",
     "energy_balance_max_J",
     "torque_peak_Nm",
     "joint_drift_rad",
-    "window_start_s",
-    "window_end_s",
-    "after_event_position_rms_m",
-    "after_event_orientation_rms_rad",
-    "after_event_internal_axial_mean_N",
-    "after_event_internal_axial_rms_error_N",
-    "after_event_internal_shear_rms_N",
-    "after_event_internal_moment_rms_error_Nm",
-    "after_event_window_start_s",
-    "after_event_window_end_s",
 ]
 PICTURES = [
     "replay.html",
@@ -91,8 +89,8 @@ def test_run_leaves_the_whole_folder(paper_folder):
 
 def test_metrics_are_flat_and_those_of_the_result(paper_folder):
     metrics = json.loads((paper_folder / "metrics.json").read_text(), parse_constant=pytest.fail)
-    assert list(metrics) == ["trustworthy", "reasons", *METRICS[1:]]
-    assert metrics.pop("reasons") == []
+    assert list(metrics) == ["simulation_sound", "task", "reasons", *METRICS]
+    assert (metrics.pop("reasons"), metrics.pop("task")) == ([], "kept")
     expected = cp.run("adept-paper").metrics()
     assert metrics == {name: None if value != value else value for name, value in expected.items()}
 
@@ -123,15 +121,15 @@ def test_a_table_is_printed_and_no_progress_bar_outside_a_terminal(tmp_path, cap
 
 
 def test_what_is_no_number_is_told_in_words(tmp_path, capsys):
-    """Half a second settles nothing, has no steady window and no event."""
+    """Half a second settles nothing, never rests and has no event."""
     assert main(["run", "adept-paper", "--out", str(tmp_path), *NUMBERS, *SHORT]) == 0
     out = re.sub(r",\n +", ", ", capsys.readouterr().out)
     lines = dict(line.split(maxsplit=1) for line in out.splitlines() if line.startswith("  "))
     assert lines["settling_time_s"].startswith("never")
-    assert not {"resettling_time_s", "position_rms_m"} & {*lines}
+    assert not {"resettling_time_s", "rest_position_rms_m"} & {*lines}
     absent = lines["does"].removeprefix("not apply: ")
-    assert {"resettling_time_s", "position_rms_m"} <= {*absent.split(", ")}
-    assert "no steady metrics" in out
+    assert {"resettling_time_s", "rest_position_rms_m"} <= {*absent.split(", ")}
+    assert "it never rests" in out
 
 
 def test_a_warning_is_told_without_the_source_line_that_gave_it():
@@ -158,7 +156,7 @@ def test_the_table_tells_limits_that_were_exceeded(tmp_path, capsys):
                 "3",
             ]
         )
-        == 3
+        == 4
     )
     assert "torque of left" in capsys.readouterr().out
 
@@ -172,7 +170,7 @@ def test_numbers_that_json_does_not_know_become_null(tmp_path):
     assert main(["run", "adept-paper", "--out", str(tmp_path), "--quiet", *NUMBERS, *SHORT]) == 0
     metrics = json.loads((tmp_path / "metrics.json").read_text(), parse_constant=pytest.fail)
     assert metrics["settling_time_s"] is None  # never settles in half a second
-    assert metrics["position_rms_m"] is None  # the window is empty
+    assert metrics["rest_position_rms_m"] is None  # it never rests
 
 
 def test_the_default_folder_carries_the_scenarios_name(tmp_path, monkeypatch):
@@ -386,7 +384,7 @@ def test_a_folder_that_cannot_be_made_is_told_before_the_run(tmp_path, capsys):
 def test_a_diverging_run_fails_with_its_time_and_leaves_its_result(tmp_path, capsys):
     (tmp_path / "replay.html").write_text("old")
     words = ["--controller.force-path.kind", "late", "--controller.gains.force-gain", "1.1", "--beyond-bound"]
-    assert main(["run", "adept-paper", "--out", str(tmp_path), *words]) == 1
+    assert main(["run", "adept-paper", "--out", str(tmp_path), *words]) in (3, 4)
     err = capsys.readouterr().err
     result = cp.RunResult.load(tmp_path / "result.nc")
     assert f"diverged at t = {result.end:g} s" in err
@@ -394,9 +392,9 @@ def test_a_diverging_run_fails_with_its_time_and_leaves_its_result(tmp_path, cap
     assert 0.0 < result.end < 20.0
     assert files(tmp_path) == sorted(NUMBER_FILES)
     metrics = json.loads((tmp_path / "metrics.json").read_text(), parse_constant=pytest.fail)
-    assert list(metrics) == ["trustworthy", "reasons", "ended_by", *METRICS[1:]]
-    assert metrics["trustworthy"] is False
-    assert metrics["reasons"] == [str(breach) for breach in result.breaches()]
+    assert list(metrics) == ["simulation_sound", "task", "reasons", "ended_by", *METRICS]
+    assert (metrics["simulation_sound"], metrics["task"]) == (result.simulation_sound, "lost")
+    assert metrics["reasons"] == [str(breach) for breach in (*result.breaches(), *result.task.deviations)]
     assert metrics["ended_by"] == "DivergedError"
     assert metrics["closure_error_max_m"] == result.closure_error_max()[0]
 
@@ -426,7 +424,8 @@ def test_ctrl_c_leaves_the_result_and_ends_with_130(tmp_path):
     assert "Traceback" not in done.stderr
     assert cp.RunResult.load(tmp_path / "kept" / "result.nc").end == pytest.approx(0.1)
     metrics = json.loads((tmp_path / "kept" / "metrics.json").read_text())
-    assert metrics["position_rms_m"] is None  # it did not reach the window
+    assert metrics["rest_position_rms_m"] is None  # it never rested
+    assert metrics["task"] == "off"
 
 
 @pytest.fixture
@@ -540,7 +539,7 @@ def test_a_controller_is_built_once(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     words = ["--controller.kind", "user", "--controller.target", "counting_builds:Law", "--duration", "0.1"]
-    assert main(["run", "adept-paper", "--quiet", "--events", "[]", *NUMBERS, *words]) in (0, 3)
+    assert main(["run", "adept-paper", "--quiet", "--events", "[]", *NUMBERS, *words]) in (0, 4)
     assert (tmp_path / "built.txt").read_text() == "left right "
 
 

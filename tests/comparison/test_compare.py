@@ -77,14 +77,15 @@ def table(scenarios, folder):
     return run(scenarios, folder)
 
 
-def test_every_cell_says_how_many_runs_how_many_trustworthy_and_its_interval(table):
+def test_every_cell_says_how_many_runs_how_many_sound_and_kept_and_its_interval(table):
     data = table.data
     assert dict(data.sizes) == {"scenario": 2, "controller": 3, "trial": 4}
     assert data.trial.values.tolist() == list(TRIALS)
     random = np.array([name == "noise" for name in TRIALS])
     assert_allclose(data.runs.values, np.broadcast_to(np.where(random, 2, 1), data.runs.shape))
     assert (data.finished <= data.runs).all()
-    assert (data.trustworthy <= data.finished).all()
+    assert (data.sound <= data.finished).all()
+    assert (data.kept <= data.finished).all()
     low, middle, high = (data[f"tracking_rms_mm{end}"] for end in ("_low", "", "_high"))
     assert ((low <= middle) & (middle <= high)).all()
     assert (high > low).sel(trial="noise").any()
@@ -285,7 +286,7 @@ def test_ranks_are_those_of_the_table_and_lie_in_their_intervals(table):
 def test_the_page_and_the_figures_show_every_cell_and_load_nothing(table, folder):
     page = (folder / "comparison.html").read_text()
     cells = page_data(page)
-    assert len(cells["doubted"]) == table.table.shape[0]
+    assert len(cells["unsound"]) == table.table.shape[0]
     for measure, name in zip(cells["measures"], COLUMNS, strict=True):
         values = table.table[name].to_numpy()
         assert_allclose(np.array(measure["values"], float), np.where(np.isinf(values), np.nan, values), 1e-4)
@@ -302,7 +303,7 @@ def test_the_page_and_the_figures_show_every_cell_and_load_nothing(table, folder
     values = (
         table.data.tracking_rms_mm.sel(scenario="planar", controller=order).transpose(..., "trial").values
     )
-    shown = [float(text.get_text().rstrip("*")) for text in tracking.texts]
+    shown = [float(text.get_text().rstrip("*†")) for text in tracking.texts]
     assert_allclose(shown, values.ravel(), rtol=0.06)
     with pytest.raises(FieldError):
         comparison_figure(table, "nowhere")
@@ -467,7 +468,7 @@ def test_the_template_of_the_page_runs_in_a_cell_of_any_kind(name, tmp_path, mon
     monkeypatch.syspath_prepend(str(tmp_path))
     quick = {"duration": 0.2, "execution": cp.Execution(workers=0, quiet=True)}
     found = cp.compare(name, {"mine": "template_law:Law"}, ["nominal"], out=tmp_path, **quick)
-    assert found.data.trustworthy.item() == 1
+    assert found.data.sound.item() == 1
     assert found.table["gains"].item() == "given"
 
 

@@ -118,7 +118,9 @@ def table_of(**columns):
         cells[name] = columns.get(name, [1.0, 2.0, 3.0])
     texts = {"information": "blind", "gains": ["tuned", "tuned", "untuned"], "failure": columns["failure"]}
     return Comparison.of_cells(
-        cells.assign(runs=4, finished=[4, 4, 1], trustworthy=[4, 3, 1], dropped=0, merged=0, **texts)
+        cells.assign(
+            runs=4, finished=[4, 4, 1], sound=[4, 3, 1], kept=[4, 4, 0], dropped=0, merged=0, **texts
+        )
     )
 
 

@@ -26,7 +26,7 @@ from coop_pin.compiled.simulate import BatchSimulator
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.transmission import Transmission
 from coop_pin.results.energies import WORK
-from coop_pin.results.metrics import STEADY_METRICS
+from coop_pin.results.metrics import PHASE_METRICS
 from coop_pin.tracing.evaluation import evaluate
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.tape import Tape, operands
@@ -171,16 +171,17 @@ def test_the_metrics_of_a_batch_have_the_bits_of_those_of_each_run():
         base,
         *(base.override({"trust.jacobian_condition": f * largest}) for f in (1.0 - 1e-6, 1.0 + 1e-6)),
         base.override({"controller.gains.damping_gain": 1e5}),
-        base.override({"controller.gains.pose_gain": 6.0, "trust.energy_floor": 1e-3}),
+        base.override({"controller.gains.pose_gain": 6.0, "trust.energy_floor": 1e-3, "task.force": 90.0}),
     ]
     batch = simulate_batch(scenarios)
     assert batch.is_valid.tolist() == [True, True, True, False, True]
     found = batch.metrics()
     for index in np.flatnonzero(batch.is_valid):
         assert repr(found[index]) == repr(batch.result(index).metrics())
-    assert [run["trustworthy"] for run in found] == [1.0, 0.0, 1.0, 0.0, 1.0]
-    assert np.isfinite([found[4][f"after_event_{name}"] for name in STEADY_METRICS]).all()
-    assert found[4]["position_rms_m"] != found[0]["position_rms_m"]
+    assert [run["simulation_sound"] for run in found] == [1.0, 0.0, 1.0, 0.0, 1.0]
+    assert [run["task_kept"] for run in found] == [0.0, 0.0, 0.0, 0.0, 1.0]
+    assert np.isfinite([found[4][f"after_event_{name}"] for name in PHASE_METRICS]).all()
+    assert found[4]["moving_position_rms_m"] != found[0]["moving_position_rms_m"]
 
 
 def test_a_batch_of_one_run_has_its_metrics_its_last_tick_and_the_trust_of_its_condition_number():
@@ -194,7 +195,7 @@ def test_a_batch_of_one_run_has_its_metrics_its_last_tick_and_the_trust_of_its_c
         assert batch.samples["time"].shape == (1, 3)
         require_same_samples(batch.result(0).data, single.data)
         (metrics,) = batch.metrics()
-        assert metrics["trustworthy"] == is_trusted == single.trustworthy
+        assert metrics["simulation_sound"] == is_trusted == single.simulation_sound
         expected = {name: value for name, value in single.metrics().items() if np.isfinite(value)}
         assert {name: metrics[name] for name in expected} == pytest.approx(expected, rel=1e-9, abs=1e-9)
     bounds = batch.samples.extremes(np.inf)["jacobian_condition"].max()

@@ -157,7 +157,7 @@ import coop_pin as cp
 changes = {"duration": 3600.0, "clock.record_every": 10}
 result = cp.run("two-pandas-box", changes, engine="auto", warn=False)
 result.save(sys.argv[1])
-print(result.engine, len(result.data.time), result.trustworthy)
+print(result.engine, len(result.data.time), result.simulation_sound)
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 cp.viz.save_replay(result, sys.argv[2])
 """
@@ -343,7 +343,7 @@ def test_a_sweep_of_a_law_that_cannot_be_compiled_runs_on_compiled_plants(tmp_pa
         engine: cp.sweep("adept-paper", axes, out=tmp_path / engine, engine=engine, **plan).table
         for engine in ("compiled", "pinocchio")
     }
-    columns = ["position_rms_m", "closure_error_max_m"]
+    columns = ["moving_position_rms_m", "closure_error_max_m"]
     np.testing.assert_allclose(tables["compiled"][columns], tables["pinocchio"][columns], rtol=0, atol=1e-9)
     for engine in tables:
         assert {record.engine for record in SweepStore(tmp_path / engine).records()} == {engine}

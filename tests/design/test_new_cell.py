@@ -40,7 +40,7 @@ def test_a_new_cell_runs_as_written_and_reads_back_from_its_file(made, tmp_path)
     again = cp.Scenario.load(tmp_path / "new.toml")
     assert again == scenario == cp.Scenario.from_toml(scenario.to_toml())
     result = cp.run(again, {"duration": 2.0}, warn=False)
-    assert result.trustworthy, (name, result.verdict())
+    assert (result.simulation_sound, result.task.state) == (True, "kept"), (name, result.verdict())
     assert np.abs(result.data.pose_error.values[:, :3]).max() < 1e-3
 
 

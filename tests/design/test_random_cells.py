@@ -1,4 +1,4 @@
-"""Proposals for random cells: check passes, runs are trustworthy, spare joints come to rest for 30 s."""
+"""Proposals for random cells: check passes, runs are sound and kept, spare joints come to rest for 30 s."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,10 @@ def test_forty_random_cells_run_as_proposed_or_are_refused_before_a_run(seed):
             refused.append((number, error.cause))
             continue
         result = cp.compiled.simulate_batch([scenario]).result(0)
-        assert result.trustworthy, (scenario.name, result.verdict())
+        assert (result.simulation_sound, result.task.state) == (True, "kept"), (
+            scenario.name,
+            result.verdict(),
+        )
         assert result.metrics()["joint_drift_rad"] < 1e-3, scenario.name
         error = np.linalg.norm(result.data.pose_error.values[:, :3], axis=1).max()
         moving = result.data.time.values > 0.5  # before, the squeeze comes in

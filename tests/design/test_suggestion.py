@@ -95,7 +95,7 @@ def errors_of(result, start=0.0):
 
 def run_errors(scenario, start=0.0):
     result = cp.run(scenario, warn=False)
-    assert result.trustworthy, result.verdict()
+    assert (result.simulation_sound, result.task.state) == (True, "kept"), result.verdict()
     return errors_of(result, start)
 
 
@@ -381,7 +381,7 @@ def test_a_run_on_positional_rows_turns_as_expected():
     """Within the little that the springs of the posture do in the null space."""
     five = short(carry("five", [UR5_OF_FIVE] * 2, by=(0.0, 0.03, 0.05), rows="positional"))
     result = cp.run(cp.suggest(five).scenario, warn=False)
-    assert result.trustworthy
+    assert (result.simulation_sound, result.task.state) == (True, "kept"), result.verdict()
     found = cp.feasibility.reachability(five)
     expected = CellArm(five.cell, "arm0").payload_pose(found.arms[0].q[-1])[:3, :3]
     turned = Rotation.from_quat(result.data.payload_quaternion.values[-1])

@@ -297,7 +297,7 @@ def test_a_motion_that_raises_is_left_to_the_run(tmp_path, capsys):
 @pytest.mark.parametrize("command", ["check", "show", "view", "tune"])
 def test_commands_take_the_fields_of_run_and_refuse_unknown_ones(command, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    own = ["--minimize", "position_rms_m", "--vary", "controller.gains.sign-gain", "0", "1"]
+    own = ["--minimize", "moving_position_rms_m", "--vary", "controller.gains.sign-gain", "0", "1"]
     words = [command, "adept-paper", *(own if command == "tune" else [])]
     assert main([*words, "--controller.gains.sing-gain", "1"]) == 2
     assert "'sign_gain'" in capsys.readouterr().err
@@ -316,7 +316,7 @@ def test_tune_refuses_a_field_with_a_range_and_a_value(capsys):
         "tune",
         "adept-paper",
         "--minimize",
-        "position_rms_m",
+        "moving_position_rms_m",
         "--vary",
         gain,
         "0",

@@ -76,8 +76,7 @@ def test_planar_tracking_shows_x_y_psi_and_all_parts_of_the_internal_wrench(plan
 
 def test_the_drawn_axial_force_has_the_mean_and_the_rms_error_of_the_metrics(planar: RunResult) -> None:
     actual, desired = data_lines(tracking_figure(planar).axes[4])
-    time, window = planar.data["time"].values, planar.windows.steady
-    inside = (time >= window.start) & (time < window.end - 1e-9)
+    inside = planar.phases["moving"]
     metrics = planar.internal_force()  # of both arms: their internal forces and axial directions are opposite
     assert_allclose(actual[inside].mean(), metrics.axial_mean, rtol=1e-9)
     assert_allclose(np.sqrt(np.mean((actual - desired)[inside] ** 2)), metrics.axial_rms_error, rtol=1e-9)
@@ -232,7 +231,7 @@ def test_events_and_windows_are_marked_in_every_panel(figure_of, planar: RunResu
         assert marks == [10.0, 10.0]  # the change of mass and the push
         *windows, pulse = panel.patches
         assert_allclose((pulse.get_x(), pulse.get_width()), (10.0, 0.2))
-        known = (planar.windows.steady, planar.windows.after_event)
+        known = planar.windows_of("moving_position_rms_m")
         spans = [(window.get_x(), window.get_x() + window.get_width()) for window in windows]
         assert_allclose(spans, [(window.start, window.end) for window in known])
 

@@ -120,7 +120,7 @@ def test_a_crate_is_carried_by_friction_alone():
     assert result.friction_use().used.max() < 0.5
     exchanged = float(np.abs(np.diff(data.work_actuation.values)).sum())
     assert np.abs(energy_balance(data)).max() < 1e-3 * exchanged
-    assert result.verdict() == "trustworthy"
+    assert (result.simulation_sound, result.task.state) == (True, "kept"), result.verdict()
 
 
 @pytest.mark.parametrize(
@@ -199,7 +199,7 @@ def test_a_squeeze_that_is_too_small_drops_the_payload_and_the_arms_stay(name):
     data = result.data
     fallen = (data.payload_position.values[-1] - data.payload_position.values[0]) @ scenario.cell.gravity
     assert fallen / 9.81 > 0.3
-    assert result.trustworthy
+    assert (result.simulation_sound, result.task.state) == (True, "kept"), result.verdict()
     assert 0.05 < result.dropped_at < 0.2
     assert result.metrics()["dropped_at_s"] == result.dropped_at
     assert f"drops at {result.dropped_at:.3g} s" in result.verdict()
@@ -299,7 +299,7 @@ def test_an_unknown_weight_is_picked_up_from_a_table(mass):
     assert error.max() < 1e-2  # the integral takes the weight over
     assert error[-1] < 2e-3
     assert float(data.patch_slip.sel(patch=["left", "right"]).max()) < 1e-5
-    assert result.trustworthy
+    assert (result.simulation_sound, result.task.state) == (True, "kept"), result.verdict()
 
 
 @pytest.mark.slow
@@ -424,7 +424,7 @@ def test_suggest_states_squeeze_split_and_guards_for_patches(name):
 @pytest.mark.parametrize("name", CELLS)
 def test_a_suggested_law_carries_by_friction(name):
     result = cp.run(suggested(name).scenario, warn=False)
-    assert result.trustworthy
+    assert (result.simulation_sound, result.task.state) == (True, "kept"), result.verdict()
     assert not result.friction_text
     assert np.linalg.norm(result.data.pose_error.values[:, :3], axis=1).max() < 5e-5
     assert result.friction_use().used.max() < 0.75

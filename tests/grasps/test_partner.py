@@ -196,7 +196,7 @@ def test_the_scenario_with_a_person_carries_on():
     force = np.linalg.norm(data["partner_wrench"].values[:, :3], axis=1)
     internal = np.linalg.norm(data["internal_axial_error"].values[1000:], axis=1)
     print(f"\n{distance.max():.3f} mm, {np.nanmax(force):.2f} N, internal {internal.max():.3f} N")
-    assert result.trustworthy
+    assert (result.simulation_sound, result.task.state) == (True, "kept"), result.verdict()
     assert distance.max() < 0.9
     assert 10.0 < np.nanmax(force) < 15.0
     assert internal.max() < 1.2

@@ -232,7 +232,7 @@ def outcome(scenario: cp.Scenario, table: str = "place") -> dict[str, float]:
         "placed": float(data.patch_wrench.sel(patch=table, axis="z")[-1])
         / (scenario.cell.payload.mass * 9.81),
         "sound": float(
-            result.trustworthy and not result.friction_text and not result.data.attrs.get("remarks")
+            result.simulation_sound and not result.friction_text and not result.data.attrs.get("remarks")
         ),
         "dropped": float(not np.isnan(result.dropped_at)),
     }

@@ -199,18 +199,18 @@ def held_and_regulated(out, _folder):
 
 def both_arms_of_one_robot(out, folder):  # noqa: ARG001
     assert "left: left_gripper, 10 joints" in out
-    assert "trustworthy; internal force -10.0" in out
+    assert "simulation sound; internal force -10.0" in out
 
 
 def platforms_that_follow(out, folder):  # noqa: ARG001
     moved = [float(way) for way in re.findall(r"\d\.\d\d", out)]
-    assert out.startswith("trustworthy")
+    assert out.startswith("task kept")
     assert len(moved) == 3
     assert all(abs(way - 0.3) < 0.1 for way in moved)
 
 
 def forces_that_cancel(out, folder):  # noqa: ARG001
-    assert out.startswith("trustworthy")
+    assert out.startswith("task kept")
     assert float(out.split()[-2]) < 1e-9
 
 

@@ -1,7 +1,6 @@
 """Commands, Python code and numbers of the README are right."""
 
 import functools
-import math
 import re
 import shlex
 import subprocess
@@ -95,7 +94,8 @@ def draws_images(words):
 
 def assert_works(words, capsys):
     short = [*words[1:], *(SHORT if words[1] == "run" else [])]
-    assert main(short) == 0, (words, capsys.readouterr().err)
+    codes = (0, 4) if words[1] == "run" else (0,)  # a start of 0.2 s has not decayed
+    assert main(short) in codes, (words, capsys.readouterr().err)
 
 
 def test_the_help_of_every_command_named_in_the_readme_is_there(capsys):
@@ -166,22 +166,20 @@ def rounded(value, shown):
 
 def test_the_numbers_of_the_papers_experiment_are_those_of_a_run():
     """In the README and on the verification page, digit by digit."""
-    found = coop_pin.run("adept-paper").metrics()
+    result = coop_pin.run("adept-paper")
+    found, window = result.metrics(), (4.0, 10.0)
+    force = result.internal_force(window=window)
     values = {
         ("settling time", "from the start"): (found["settling_time_s"], "s"),
         ("peak position error", "from the push"): (found["event_peak_position_error_m"] * 1e3, "mm"),
         ("settling time after the push", "from the push"): (found["resettling_time_s"], "s"),
-        ("position error, rms", "4 to 10 s"): (found["position_rms_m"] * 1e3, "mm"),
-        ("internal force along the bar, mean", "4 to 10 s"): (found["internal_axial_mean_N"], "N"),
-        ("its error, rms", "4 to 10 s"): (
-            math.hypot(found["internal_axial_rms_error_N"], found["internal_shear_rms_N"]),
-            "N",
-        ),
+        ("position error, rms", "4 to 10 s"): (result.position_rms(window=window) * 1e3, "mm"),
+        ("internal force along the bar, mean", "4 to 10 s"): (force.axial_mean, "N"),
+        ("its error, rms", "4 to 10 s"): (force.force_rms_error, "N"),
         ("torque, peak", "whole run"): (found["torque_peak_Nm"], "N m"),
         ("closure error", "whole run"): (found["closure_error_max_m"], "m"),
         ("energy minus work", "whole run"): (found["energy_balance_max_J"], "J"),
     }
-    assert (found["window_start_s"], found["window_end_s"]) == (4.0, 10.0)
     rows = re.findall(r"^\| ([^|]+) \| ([^|]+) \| (-?[\d.e-]+) ([^|]+) \|$", README, re.MULTILINE)
     assert len(rows) == len(values)
     for (label, window, shown, unit), ((start, when), (value, unit_there)) in zip(

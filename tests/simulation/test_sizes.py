@@ -208,18 +208,18 @@ def test_metrics_verdict_and_limits_of_a_thinned_run_are_those_of_all_ticks(
     scenario = limited(cell, duration)
     whole, thinned = finished(scenario), finished(scenario.override({"clock.record_every": every}))
     thinned.save(tmp_path / "result.nc")
-    assert whole.breaches()
+    assert whole.breaches() or whole.task.deviations
     assert whole.limit_violations()
     for result in (thinned, RunResult.load(tmp_path / "result.nc")):
         assert list(result.metrics()) == list(whole.metrics())
         assert result.metrics() == pytest.approx(whole.metrics(), rel=1e-13, nan_ok=True)
         assert result.verdict() == whole.verdict()
-        for found, expected in zip(result.breaches(), whole.breaches(), strict=True):
+        everything = ((*run.breaches(), *run.task.deviations) for run in (result, whole))
+        for found, expected in zip(*everything, strict=True):
             assert found[:3] == expected[:3]
             assert found[3:] == pytest.approx(expected[3:], rel=1e-12)
         assert result.limit_violations() == whole.limit_violations()
-        assert result.internal_force() == pytest.approx(whole.internal_force(), rel=1e-13, nan_ok=True)
-        assert (result.end, result.windows) == (whole.end, whole.windows)
+        assert result.end == whole.end
     assert len(thinned.data["time"]) < len(whole.data["time"]) / 3
 
 

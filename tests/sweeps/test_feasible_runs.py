@@ -57,7 +57,7 @@ def test_a_path_out_of_reach_is_refused_with_arm_and_distance(cell, asked, tmp_p
     out = tmp_path / "out"
     calls = (
         lambda: cp.sweep(base, {gain: [1.0, 2.0]}, out=out, execution=HERE),
-        lambda: cp.tune(base, {gain: (1.0, 2.0)}, minimize="position_rms_m", out=out, execution=HERE),
+        lambda: cp.tune(base, {gain: (1.0, 2.0)}, minimize="moving_position_rms_m", out=out, execution=HERE),
         lambda: cp.compare(base, ["anchored"], NOMINAL, out=out, execution=HERE),
         lambda: tune_controllers(base, ["anchored"], out=out, execution=HERE),
     )
@@ -80,7 +80,12 @@ def test_a_trial_and_a_case_that_no_scenario_can_have_are_refused_by_name(cell, 
         tune = refused(
             FieldError,
             lambda t=trials: cp.tune(
-                base, {gain: (1.0, 2.0)}, minimize="position_rms_m", cases=t, out=tmp_path, execution=HERE
+                base,
+                {gain: (1.0, 2.0)},
+                minimize="moving_position_rms_m",
+                cases=t,
+                out=tmp_path,
+                execution=HERE,
             ),
         )
         assert (compare.path, tune.path) == (f"{cell}: trials.bad", "cases.bad")
@@ -99,7 +104,9 @@ def test_a_law_that_the_cell_cannot_have_is_refused_by_all(tmp_path):
     base, mass = redundant.override({"controller": SLIDING}), "cell.payload.mass"
     for call in (
         lambda: cp.sweep(base, {mass: [1.0, 2.0]}, out=tmp_path, execution=HERE),
-        lambda: cp.tune(base, {mass: (1.0, 2.0)}, minimize="position_rms_m", out=tmp_path, execution=HERE),
+        lambda: cp.tune(
+            base, {mass: (1.0, 2.0)}, minimize="moving_position_rms_m", out=tmp_path, execution=HERE
+        ),
     ):
         assert refused(FieldError, call).path == "controller.kind"
     for cell in SCENARIOS:
@@ -130,7 +137,7 @@ def test_a_cell_of_a_comparison_that_must_fail_is_a_row_where_others_can_succeed
 def test_the_commands_refuse_in_one_line(command, tmp_path, capsys):
     file, words = tmp_path / "away.toml", {"compare": ["--controllers", "payload-pd", "--trials", "nominal"]}
     scenario("planar", AWAY).save(file)
-    words["tune"] = ["--minimize", "position_rms_m", "--vary", "cell.payload.mass", "1", "2"]
+    words["tune"] = ["--minimize", "moving_position_rms_m", "--vary", "cell.payload.mass", "1", "2"]
     assert main([command, str(file), *words[command], "--out", str(tmp_path / "out"), "--workers", "0"]) == 1
     assert "left" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

@@ -138,13 +138,13 @@ def test_replays_are_linked_a_phone_scrolls_in_the_map_alone_and_names_stay(tabl
 def test_a_sweep_of_three_fields_is_explored_by_the_numbers_of_its_runs(page, tmp_path):
     axes = {MASS: [2.0, 5.0], GAIN: [0.0, 0.2], RATE: [50.0, 100.0, 200.0]}
     plan = SweepPlan(base="adept-paper", axes=axes)
-    metrics = lambda p: {"f": -p[MASS] * p[RATE], "trustworthy": float(p[MASS] < 3.0)}  # noqa: E731
+    metrics = lambda p: {"f": -p[MASS] * p[RATE], "simulation_sound": float(p[MASS] < 3.0)}  # noqa: E731
     result = filled(tmp_path / "sweep", plan, metrics, lambda p: p[GAIN] * p[RATE] > 30.0)
     result.write_html(tmp_path / "map.html", "f")
     page.goto((tmp_path / "map.html").as_uri())
     rows = [["0", "-100", "-200", "-400"], ["0.2", "-100", "-200", "failed"]]
     rows += [["0", "-250", "-500", "-1000"], ["0.2", "-250", "-500", "failed"]]
     assert page.evaluate(SHOWN) == rows
-    assert page.locator("#map td.doubted").count() == 5
+    assert page.locator("#map td.unsound").count() == 5
     page.locator("#map td[data-row]").nth(7).click()
     assert page.evaluate(COMMAND).endswith("--replay 7")

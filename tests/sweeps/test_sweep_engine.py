@@ -205,9 +205,11 @@ def test_failures_are_recorded_with_reason_and_parameters_and_the_rest_goes_on(t
     assert [f.number for f in result.failures] == [0, 1, 3]
     assert result.counts() == {"ok": 1, "failed": 3, "missing": 0}
     assert np.isfinite(result.data["failed_at_s"].values[0])
-    assert_array_equal(result.data["trustworthy"], np.array([0.0, 0.0, 1.0, 0.0]).reshape(result.plan.shape))
+    assert_array_equal(
+        result.data["simulation_sound"], np.array([0.0, 0.0, 1.0, 0.0]).reshape(result.plan.shape)
+    )
     with (tmp_path / "table.csv").open() as file:
-        assert [line["trustworthy"] for line in csv.DictReader(file)] == ["0.0", "0.0", "1.0", "0.0"]
+        assert [line["simulation_sound"] for line in csv.DictReader(file)] == ["0.0", "0.0", "1.0", "0.0"]
 
 
 def test_values_that_a_scenario_refuses_are_failures_and_are_not_tried(tmp_path, computed):

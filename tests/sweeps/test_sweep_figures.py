@@ -15,7 +15,7 @@ from coop_pin.sweeps.plan import SweepPlan
 
 GAIN, RATE, MASS = "controller.gains.sign_gain", "clock.rate_hz", "cell.payload.mass"
 GAINS, RATES = [0.0, 0.2, 0.4, 0.6], [50.0, 100.0, 200.0, 400.0]
-METRIC = "internal_axial_rms_error_N"
+METRIC = "moving_internal_axial_rms_error_N"
 
 
 @pytest.fixture
@@ -93,15 +93,21 @@ def test_cases_are_lines_of_their_own_with_their_names(tmp_path):
 
 
 @pytest.mark.parametrize("axes", [{GAIN: GAINS}, {GAIN: GAINS, RATE: RATES}])
-def test_runs_that_are_not_trustworthy_have_rings_and_a_line_in_the_legend(tmp_path, axes):
-    trusted = lambda p: {METRIC: 1.0 + p[GAIN], "trustworthy": float(p[GAIN] < 0.3)}  # noqa: E731
+def test_runs_that_are_not_sound_or_not_kept_have_marks_and_lines_in_the_legend(tmp_path, axes):
+    trusted = lambda p: {  # noqa: E731
+        METRIC: 1.0 + p[GAIN],
+        "simulation_sound": float(p[GAIN] < 0.3),
+        "task_kept": float(p[GAIN] > 0.0),
+    }
     figure = sweep_figure(line(tmp_path, axes, trusted, lambda p: p[GAIN] == 0.6), METRIC)
     panel = figure.axes[0]
-    (rings,) = (drawn for drawn in panel.lines if drawn.get_fillstyle() == "none" and len(drawn.get_xdata()))
-    assert set(rings.get_xdata()) == {0.4}  # 0.6 failed
+    rings, squares = (
+        drawn for drawn in panel.lines if drawn.get_fillstyle() == "none" and len(drawn.get_xdata())
+    )
+    assert (set(rings.get_xdata()), set(squares.get_xdata())) == ({0.4}, {0.0})  # 0.6 failed
     (legend,) = figure.legends or [panel.get_legend()]
     texts = [text.get_text() for text in legend.get_texts()]
-    assert texts == ["failed", "not trustworthy"]
+    assert texts == ["failed", "simulation not sound", "task not kept"]
 
 
 def test_three_fields_make_a_map_for_each_value_of_the_shortest_on_one_scale(tmp_path):

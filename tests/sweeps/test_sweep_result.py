@@ -190,22 +190,23 @@ def test_a_summary_quotes_the_first_run_of_each_kind_of_failure_and_keeps_its_li
     ]
 
 
-def test_the_summary_counts_runs_that_are_not_trustworthy_never_settle_or_have_no_steady_metrics(tmp_path):
+def test_the_summary_counts_runs_that_are_not_sound_lose_their_task_or_never_settle(tmp_path):
     plan = SweepPlan(base="adept-paper", axes={GAIN: [0.0, 0.2, 0.4]})
     metrics = lambda p: {  # noqa: E731
-        "trustworthy": float(p[GAIN] < 0.3),
+        "simulation_sound": float(p[GAIN] < 0.3),
+        "task_kept": 0.0,
+        "dropped_at_s": np.nan if p[GAIN] < 0.3 else 1.0,
         "settling_time_s": np.inf if p[GAIN] < 0.3 else 1.0,
-        "position_rms_m": np.nan,
+        "moving_position_rms_m": np.nan,
         "torque_peak_Nm": np.nan if p[GAIN] == 0.2 else 2.0,
-        "window_start_s": 4.0,
-        "window_end_s": 5.0 if p[GAIN] > 0.1 else 3.0,
     }
     found = filled(tmp_path, plan, metrics)
-    assert_array_equal(found.values("trustworthy"), [1.0, 1.0, 0.0])
+    assert_array_equal(found.values("simulation_sound"), [1.0, 1.0, 0.0])
     text = found.summary()
-    assert "1 NOT TRUSTWORTHY" in text
+    assert "1 SIMULATION NOT SOUND" in text
+    assert "1 task DROPPED" in text
+    assert "2 task OFF" in text
     assert "2 never settled" in text
-    assert "1 without steady metrics" in text
     assert "metrics without a value in any finished run: 1\n" in text
     assert "torque_peak_Nm (1)\n" in text
     assert "position_rms_m" not in text

@@ -40,7 +40,7 @@ from coop_pin.sweeps.store import SweepStore
 
 GAIN, SIGN = "controller.gains.pose_gain", "controller.gains.sign_gain"
 SHORT = cp.Scenario.load("adept-paper", {"duration": 0.5, "events": []})
-PEAK, RMS = "torque_peak_Nm", "internal_shear_rms_N"
+PEAK, RMS = "torque_peak_Nm", "moving_internal_shear_rms_N"
 RANGES = {GAIN: (0.5, 6.0)}
 OPTIONS = {
     "minimize": PEAK,

@@ -525,7 +525,7 @@ def test_the_report_plays_fits_narrow_windows_and_prints_with_the_network_off(tm
             shown_widths(page, "main img") == [pytest.approx(832, abs=1)] * 5
         )  # the drawing of the motion is for paper
         applying = [name for name, value in result.metrics().items() if not np.isnan(value)]
-        rows = len([name for name in applying if "window" not in name and name != "trustworthy"])
+        rows = len([name for name in applying if name not in ("simulation_sound", "task_kept")])
         assert page.locator("#metrics tbody tr").count() == rows
         assert page.locator("#scenario tbody tr").count() > 5
         assert_plays(page.locator("#motion iframe"))

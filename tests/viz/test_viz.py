@@ -54,7 +54,7 @@ from coop_pin.viz.cell_scene import (
 )
 from coop_pin.viz.curves import thinned_rows
 from coop_pin.viz.frames import frame_samples
-from coop_pin.viz.highlights import instants, read_number, telling_instant, trust_text
+from coop_pin.viz.highlights import instants, read_number, telling_instant, verdict_lines
 from coop_pin.viz.live.live_view import LiveScene, initial_scene
 from coop_pin.viz.page import page_scripts
 from coop_pin.viz.replay import run_names, shared_caption
@@ -151,9 +151,8 @@ def test_events_and_windows_are_on_the_clock_of_the_run(planar: Replay) -> None:
     assert (push["start"], push["end"]) == (10.0, 10.2)
     assert "(200, 100, 0) N" in push["text"]
     windows = [(span["start"], span["end"]) for span in planar.data["spans"] if span["kind"] == "window"]
-    assert windows == [(4.0, 10.0), (pytest.approx(14.2), 20.0)]
-    names = [span["text"] for span in planar.data["spans"] if span["kind"] == "window"]
-    assert len(set(names)) == 2
+    assert windows == [pytest.approx((2.25, 9.9875)), pytest.approx((12.2125, 20.0))]
+    assert windows == [*planar.result.windows_of("moving")]
 
 
 # ---------------------------------------------------------------- highlights
@@ -317,9 +316,11 @@ def test_a_force_that_the_motion_hides_is_called_so(spatial: Replay) -> None:
 def test_breaches_of_trust_are_marked_at_their_first_times() -> None:
     weak = run("adept-paper", {"duration": 0.5, "events": (), "cell.arms.left.torque_limits": 3.0})
     page = Replay(weak)
-    assert weak.breaches()
-    assert [mark["time"] for mark in page.data["breaches"]] == [breach.time for breach in weak.breaches()]
-    assert html.escape(weak.verdict()) in page.page
+    deviations = weak.task.deviations
+    assert deviations
+    assert not weak.breaches()
+    assert [mark["time"] for mark in page.data["breaches"]] == [breach.time for breach in deviations]
+    assert html.escape(weak.task.text) in page.page
     codes = page.block("warnings")
     saturated = weak.data["saturated"].values.astype(bool)[page.samples()]
     assert codes.shape[1] == 8
@@ -328,7 +329,8 @@ def test_breaches_of_trust_are_marked_at_their_first_times() -> None:
 
 def test_the_verdict_has_the_numbers_that_were_judged(planar: Replay, spatial: Replay) -> None:
     for result in (planar.result, spatial.result):
-        allowed, text = result.scenario.trust, trust_text(result)
+        allowed, (_, (text, is_good)) = result.scenario.trust, verdict_lines(result)
+        assert is_good
         condition = result.data["jacobian_condition"].values.max()
         for number in (
             f"{max(result.closure_error_max()):.1g} m (allowed {allowed.closure_error:g})",
@@ -339,9 +341,9 @@ def test_the_verdict_has_the_numbers_that_were_judged(planar: Replay, spatial: R
     data = planar.result.data.copy()
     for limit in (np.nan, 90.0):
         data["torque_limit"] = xr.full_like(data["torque_limit"], limit)
-        told = trust_text(RunResult(planar.result.scenario, data))
+        _, (told, _) = verdict_lines(RunResult(planar.result.scenario, data))
         assert ("torque limits" in told) == np.isfinite(limit)
-    assert html.escape(trust_text(planar.result)) in planar.page
+    assert all(html.escape(text) in planar.page for text, _ in verdict_lines(planar.result))
 
 
 # ---------------------------------------------------------------- curves
