@@ -90,7 +90,7 @@ _NAMESPACES: dict[str, tuple[str, dict[str, str]]] = {
     "export": ("The law of one arm as C99.", {"compiled.laws.c_export": "CLaw export_c"}),
     "findings": (
         "What ``cp.check`` knows of a scenario: findings with their severity and remedy.",
-        {"running.finding": "Finding Findings"},
+        {"results.finding": "Finding Findings"},
     ),
     "gym": (
         "Environments of Gymnasium (extra ``gym``): a cell for agents, alone or as lanes of compiled code.",

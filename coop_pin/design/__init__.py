@@ -11,7 +11,7 @@ least time).
 Public names of carries are in ``cp.carry``; ``suggest`` and ``new_cell`` are in ``cp``.
 
 Imports ``base``, ``control``, ``description``, ``feasibility``, ``grasps``, ``model``, ``reference``,
-``running``, ``simulation`` and ``stability``.
+``results``, ``running``, ``simulation`` and ``stability``.
 """
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing

@@ -40,8 +40,8 @@ from coop_pin.feasibility.reachability import Reachability, reachability
 from coop_pin.feasibility.statics import statics_along
 from coop_pin.feasibility.table_force import TABLE_ERROR, table_force
 from coop_pin.feasibility.task_inertia import with_spare_motion
+from coop_pin.results.finding import Findings
 from coop_pin.running.check import check
-from coop_pin.running.finding import Findings
 from coop_pin.running.plausibility import implausible_numbers
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation

@@ -14,8 +14,11 @@ import numpy as np
 import xarray as xr
 from xarray.conventions import cf_encoder, encode_dataset_coordinates
 
-from coop_pin.base.errors import FileReadError
+from coop_pin.base.errors import FileReadError, ScenarioError
 from coop_pin.base.user_files import read_user_file
+from coop_pin.description.scenario import Scenario
+from coop_pin.results.dataset import with_names
+from coop_pin.results.quantities import quantities
 
 _MAX_BYTES = 2**32
 """Size limit of a result; one hour of two arms at 80 Hz has 0.4 GB."""
@@ -120,3 +123,25 @@ def read_dataset(path: Path) -> tuple[xr.Dataset, str]:
         )
     del data.attrs["coop_pin_scenario"]
     return data, text
+
+
+def read_run(path: Path) -> tuple[Scenario, xr.Dataset]:
+    """Return the scenario and the data of a run's file.
+
+    Raises:
+        FileReadError: the file is missing, damaged or not a result of this version of coop_pin.
+    """
+    if not path.is_file():
+        hint = "; it is a folder: give the path of the result.nc in it" if path.is_dir() else ""
+        raise FileReadError(f"there is no result file at {path}{hint}")
+    data, text = read_dataset(path)
+    try:
+        scenario = Scenario.from_toml(text)
+    except (ScenarioError, FileReadError) as error:
+        unreadable = f"{path} holds a scenario that this version of coop_pin cannot read ({error})"
+        command = f"coop-pin run {path.with_name('scenario.toml')} --out {path.parent}"
+        raise FileReadError(f"{unreadable}; mend it and repeat it: {command}") from None
+    if missing := [q.name for q in quantities(scenario) if q.stored and q.name not in data]:
+        advice = "it was written by another version of coop_pin: run its scenario again"
+        raise FileReadError(f"{path} lacks {', '.join(missing)}; {advice}")
+    return scenario, with_names(data)

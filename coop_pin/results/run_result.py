@@ -11,10 +11,10 @@ import numpy as np
 
 from coop_pin.base.arrays import Mask, require_path, require_type
 from coop_pin.base.atomic_write import write_atomically
-from coop_pin.base.errors import FileReadError, ScenarioError
 from coop_pin.description.events import MISSED
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.breaches import Breach, LimitViolation
+from coop_pin.results.finding import Findings
 from coop_pin.results.friction import FrictionUse, dropped_at, friction_text, friction_use
 from coop_pin.results.metrics import (
     SIMULATION_SOUND,
@@ -23,7 +23,7 @@ from coop_pin.results.metrics import (
     metric_lines,
     phase_metrics,
 )
-from coop_pin.results.quantities import Arrays, Samples, quantities
+from coop_pin.results.quantities import Arrays, Samples
 from coop_pin.results.running_metrics import EveryTick, RunningMetrics
 from coop_pin.results.task import TaskVerdict, monitored, task_verdict
 from coop_pin.results.window import EventWindows, Window, checked_window, phases, samples_of, spans
@@ -55,6 +55,8 @@ class RunResult:
     """Attribute of ``data``: what computed the motion, unless it was Pinocchio."""
     EVERY_TICK = "every_tick"
     """Attribute of ``data`` of runs that keep every n-th tick: what is known of all ticks, as JSON."""
+    FINDINGS = "findings"
+    """Attribute of ``data``: errors and warnings that the run began with, as JSON, if any."""
     REMARKS = "remarks"
     """Attribute of ``data``: what the law's last state says of the run, a sentence a line, if anything."""
 
@@ -104,6 +106,22 @@ class RunResult:
     def _texts(self) -> Mapping[str, str]:
         """Attributes of ``data``, without labelling the arrays."""
         return self._attributes if isinstance(self._data, dict) else self._data.attrs
+
+    @property
+    def findings(self) -> Findings:
+        """Errors and warnings that were known before the run; none of one that did not look."""
+        text = self._texts.get(self.FINDINGS)
+        return Findings(self.scenario.name, ()) if text is None else Findings.from_json(text)
+
+    def note(self, findings: Findings) -> None:
+        """Keep the errors and warnings among the findings of the run.
+
+        Args:
+            findings: what is known of the scenario.
+        """
+        if len(doubts := findings.of("error", "warning")):
+            texts = self._attributes if isinstance(self._data, dict) else self._data.attrs
+            texts[self.FINDINGS] = doubts.to_json()
 
     @property
     def end(self) -> float:
@@ -292,22 +310,7 @@ class RunResult:
         Raises:
             FileReadError: the file is missing, damaged or not a result of this version of coop_pin.
         """
-        from coop_pin.results.dataset import with_names  # slow to load
-        from coop_pin.results.netcdf import read_dataset
+        from coop_pin.results.netcdf import read_run  # slow to load
 
         require_path("path", path)
-        path = Path(path)
-        if not path.is_file():
-            hint = "; it is a folder: give the path of the result.nc in it" if path.is_dir() else ""
-            raise FileReadError(f"there is no result file at {path}{hint}")
-        data, text = read_dataset(path)
-        try:
-            scenario = Scenario.from_toml(text)
-        except (ScenarioError, FileReadError) as error:
-            unreadable = f"{path} holds a scenario that this version of coop_pin cannot read ({error})"
-            command = f"coop-pin run {path.with_name('scenario.toml')} --out {path.parent}"
-            raise FileReadError(f"{unreadable}; mend it and repeat it: {command}") from None
-        if missing := [q.name for q in quantities(scenario) if q.stored and q.name not in data]:
-            advice = "it was written by another version of coop_pin: run its scenario again"
-            raise FileReadError(f"{path} lacks {', '.join(missing)}; {advice}")
-        return cls(scenario, with_names(data))
+        return cls(*read_run(Path(path)))

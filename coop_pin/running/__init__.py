@@ -1,8 +1,8 @@
 """Running: ``cp.check`` and ``cp.run`` of one scenario: findings, engine, result.
 
 Open first: ``run_scenario`` (``cp.run``), ``check`` (``cp.check``: all findings of a scenario, and the quick
-ones of a run), ``finding`` (their values). ``cell_findings`` has each subject, ``plausibility`` numbers in a
-likely wrong unit, and ``engine_choice`` of ``compiled`` which engine runs.
+ones of a run; their class is in ``results.finding``). ``cell_findings`` has each subject, ``plausibility``
+numbers in a likely wrong unit, and ``engine_choice`` of ``compiled`` which engine runs.
 
 Imports ``base``, ``compiled``, ``description``, ``feasibility``, ``model``, ``results``,
 ``simulation`` and ``stability``.

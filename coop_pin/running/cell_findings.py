@@ -17,7 +17,7 @@ from coop_pin.feasibility.motion_feasibility import closure_problem
 from coop_pin.feasibility.reachability import Reachability
 from coop_pin.feasibility.statics import StaticTorques, force_reserve, loads_without_an_arm, statics_along
 from coop_pin.feasibility.table_force import table_force
-from coop_pin.running.finding import Finding, Kind
+from coop_pin.results.finding import Finding, Kind
 from coop_pin.running.plausibility import implausible_numbers
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation

@@ -19,6 +19,7 @@ from coop_pin.feasibility.motion_feasibility import part_held, squeeze_part
 from coop_pin.feasibility.reachability import reachability
 from coop_pin.feasibility.statics import StaticTorques, statics_along
 from coop_pin.feasibility.table_force import TABLE_ERROR
+from coop_pin.results.finding import LEFT_TO_CHECK, Finding, Findings, Kind, sorted_findings
 from coop_pin.running.cell_findings import (
     force_findings,
     gains_are_known,
@@ -31,7 +32,8 @@ from coop_pin.running.cell_findings import (
     task_findings,
     torque_findings,
 )
-from coop_pin.running.finding import LEFT_TO_CHECK, Finding, Findings, Kind, sorted_findings
+from coop_pin.running.plausibility import implausible_numbers
+from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.admittance_stability import admittance_stability
 
@@ -107,6 +109,20 @@ def quick_findings(simulation: Simulation) -> Findings:
     simulation.restore(start)
     left = tuple(kind for kind in LEFT_TO_CHECK if kind not in {finding.kind for finding in entries})
     return Findings(scenario.name, sorted_findings(entries), left)
+
+
+@typed
+def run_findings(scenario: Scenario) -> Findings:
+    """Return the findings that ``cp.run`` warns of, and its notes: implausible numbers and quick findings.
+
+    Args:
+        scenario: the scenario.
+
+    Raises:
+        CoopPinError: an arm, the motion or the law cannot be built.
+    """
+    quick = quick_findings(Simulation(scenario, build_controller(scenario)))
+    return Findings(scenario.name, sorted_findings([*implausible_numbers(scenario), *quick]), quick.left)
 
 
 def _with_remedies(

@@ -16,7 +16,7 @@ from coop_pin.base.spatial import inverse_pose, pose_error
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.joint_limits import JointLimits
-from coop_pin.running.finding import Finding, Kind
+from coop_pin.results.finding import Finding, Kind
 
 _WHOLE_TURN = 2.0 * np.pi
 _LARGEST_M = 10.0

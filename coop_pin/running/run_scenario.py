@@ -10,10 +10,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from coop_pin.base.errors import ScenarioWarning, TracingError
+from coop_pin.base.errors import CoopPinError, RunInterruptedError, ScenarioWarning, TracingError
 from coop_pin.compiled.engine_choice import choose_engine, plant_of, saved_by_auto
 from coop_pin.compiled.engines import Engine, engine_named
 from coop_pin.description.scenario import Scenario
+from coop_pin.results.finding import Findings, sorted_findings
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Observer
 from coop_pin.running.check import quick_findings
@@ -41,8 +42,8 @@ def run(
 ) -> RunResult:
     """Return the result of a scenario with the controller that it names.
 
-    Errors and warnings of ``quick_findings`` come before the run, each as a ScenarioWarning;
-    ``cp.check`` lists more, with remedies.
+    Errors and warnings of ``quick_findings`` come before the run, each as a ScenarioWarning, and stay with
+    the result as ``findings``; ``cp.check`` lists more, with remedies.
 
     Args:
         scenario: a Scenario, a name in the catalogue, or the path of a TOML file.
@@ -71,7 +72,8 @@ def run(
     if overrides is not None:
         scenario = with_changes(scenario, overrides)
     controller = build_controller(scenario)
-    for finding in implausible_numbers(scenario) if warn else ():  # also where it cannot start
+    findings = [*implausible_numbers(scenario)] if warn else []  # also where it cannot start
+    for finding in findings:
         warnings.warn(str(finding), ScenarioWarning, stacklevel=2)
     is_live = view is not None or stop_at_breach or realtime_rate not in (None, math.inf)
     choice = choose_engine(scenario, engine_named(engine, "engine"), is_live=is_live)
@@ -82,14 +84,27 @@ def run(
     simulation = Simulation(scenario, controller, plant=plant)
     for finding in quick_findings(simulation).of("error", "warning") if warn else ():
         warnings.warn(str(finding), ScenarioWarning, stacklevel=2)
+        findings.append(finding)
+    noted = Findings(scenario.name, sorted_findings(findings))
     if is_lane:
         if (result := _run_as_lane(simulation, progress)) is not None:
+            result.note(noted)
             return result
         simulation = Simulation(scenario, controller, plant=plant_of(choice.engine))
     started = time.perf_counter()
-    result = run_to_end(
-        simulation, progress=progress, view=view, realtime_rate=realtime_rate, stop_at_breach=stop_at_breach
-    )
+    try:
+        result = run_to_end(
+            simulation,
+            progress=progress,
+            view=view,
+            realtime_rate=realtime_rate,
+            stop_at_breach=stop_at_breach,
+        )
+    except (CoopPinError, RunInterruptedError) as error:
+        if error.result is not None:
+            error.result.note(noted)
+        raise
+    result.note(noted)
     if choice.engine == "pinocchio" and warn and not is_live:
         saved = saved_by_auto(scenario, time.perf_counter() - started)
         if saved > _WORTH_A_HINT:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import cast
 
 from coop_pin.base.errors import (
+    CoopPinError,
     FieldError,
     FileReadError,
     ScenarioError,
@@ -24,6 +25,7 @@ from coop_pin.base.errors import (
 from coop_pin.compiled.engine_choice import choose_engines
 from coop_pin.compiled.engines import Way
 from coop_pin.description.scenario import Scenario
+from coop_pin.running.check import run_findings
 from coop_pin.stability.step_size import STEPS_FIELD
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.progress_bar import ProgressBar
@@ -52,6 +54,7 @@ class Session:
 
     def __init__(self, store: SweepStore, execution: Execution) -> None:
         self.store, self._execution, self._processes = store, execution, execution.processes
+        self._has_looked = False
         self.stack, self._is_over = contextlib.ExitStack(), threading.Event()
         self.stack.callback(self._is_over.set)
 
@@ -80,6 +83,7 @@ class Session:
         under_way, refused = set[str](), list[Outcome]()
         jobs = self._jobs(plan, retry_failed, under_way, refused)
         for first in jobs:  # a finished sweep does not wait for workers
+            self._log_findings(plan)
             with contextlib.closing(self._outcomes(itertools.chain([first], jobs))) as batches:
                 for batch in batches:
                     self._store(plan, batch)
@@ -90,6 +94,17 @@ class Session:
         self._store(plan, refused)
         if self._is_foreign and self._way == "lanes":
             self._check_batches(plan)
+
+    def _log_findings(self, plan: SweepPlan) -> None:
+        """Log errors and warnings that are known of the first point; user's code is not run here."""
+        scenario = plan.resolved(plan[0])
+        if self._has_looked or self._execution.quiet or not isinstance(scenario, Scenario):
+            return
+        self._has_looked = True
+        if not (scenario.controller.user_code or "function" in (scenario.motion.kind, scenario.squeeze.kind)):
+            with contextlib.suppress(CoopPinError):  # of which its run tells
+                for finding in run_findings(scenario).of("error", "warning"):
+                    _LOG.warning("run 0 of the sweep: %s", finding)
 
     def _store(self, plan: SweepPlan, outcomes: Sequence[Outcome]) -> None:
         """Store outcomes of the plan's runs; a name that another column has is refused before."""

@@ -10,8 +10,8 @@ forces), ``replay`` (a recorded run as one HTML file).
 
 Names are loaded on first use: meshcat takes its time.
 
-Imports ``base``, ``description``, ``figures``, ``grasps``, ``model``, ``reference``, ``results`` and
-``simulation``.
+Imports ``base``, ``description``, ``figures``, ``grasps``, ``model``, ``reference``, ``results``,
+``running`` and ``simulation``.
 """
 
 from coop_pin import lazy_names

@@ -169,7 +169,10 @@ def _verdict(result: RunResult) -> str:
     instant = telling_instant(result)
     lines = "\n".join(
         f'<p class="verdict{"" if is_good else " broken"}">{html.escape(text)}</p>'
-        for text, is_good in verdict_lines(result)
+        for text, is_good in [
+            *verdict_lines(result),
+            *((f"known before the run: {finding}", False) for finding in result.findings),
+        ]
     )
     happened = events_text(result)
     return (

@@ -190,7 +190,11 @@ def _verdict(result: RunResult) -> str:
     )
     breaches = (*result.breaches(), *result.task.deviations)
     reasons = "".join(f"<li>{html.escape(str(breach))}</li>" for breach in breaches)
-    return lines + (f'<ol class="breaches">{reasons}</ol>' if reasons else "")
+    known = "".join(
+        f'<p class="warning">known before the run, {finding.severity}: {html.escape(str(finding))}</p>'
+        for finding in result.findings
+    )
+    return lines + (f'<ol class="breaches">{reasons}</ol>' if reasons else "") + known
 
 
 def _tiles(result: RunResult) -> str:

@@ -90,6 +90,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "grasps",
             "model",
             "reference",
+            "results",
             "running",
             "simulation",
             "stability",
@@ -133,7 +134,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     ),
     "figures": ({"comparison", "description", "results", "stability", "sweeps"}, {"matplotlib", "xarray"}),
     "viz": (
-        {"description", "figures", "grasps", "model", "reference", "results", "simulation"},
+        {"description", "figures", "grasps", "model", "reference", "results", "running", "simulation"},
         {
             "fast_simplification",
             "imageio_ffmpeg",

@@ -8,8 +8,8 @@ from test_plausibility import DEGREES, SOUND, cell_of
 
 import coop_pin as cp
 from coop_pin.cli import main
+from coop_pin.results.finding import LEFT_TO_CHECK
 from coop_pin.running.check import quick_findings
-from coop_pin.running.finding import LEFT_TO_CHECK
 from coop_pin.running.plausibility import implausible_numbers
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation

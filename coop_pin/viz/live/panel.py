@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import html
 import math
@@ -11,7 +12,9 @@ from typing import Any, NamedTuple
 
 from coop_pin.base.errors import CoopPinError, needs_extra
 from coop_pin.description.scenario import Scenario
+from coop_pin.results.finding import Findings
 from coop_pin.results.run_result import RunResult
+from coop_pin.running.check import run_findings
 from coop_pin.viz.live.live_run import LiveRun, squeeze_force
 from coop_pin.viz.live.live_view import open_view
 from coop_pin.viz.page import page_frame
@@ -55,6 +58,13 @@ class Slider(NamedTuple):
         if self.low > 0.0:
             return math.log10(self.low), math.log10(self.high)
         return self.low, self.high
+
+
+def _doubts(scenario: Scenario) -> Findings | tuple[()]:
+    """Return the errors and warnings known before a run; none of a cell of which the run itself will tell."""
+    with contextlib.suppress(CoopPinError):
+        return run_findings(scenario).of("error", "warning")
+    return ()
 
 
 def gain_sliders(scenario: Scenario) -> tuple[Slider, ...]:
@@ -120,7 +130,9 @@ class Panel:
         }
         frame = self._kit.HTML(self.view.frame_html(height=_HEIGHT), layout={"width": "100%"})
         self._status = self._kit.HTML()
-        self.widget = self._kit.VBox([frame, self._controls(scenario), self._status])
+        known = "".join(f"<p>{html.escape(str(finding))}</p>" for finding in _doubts(scenario))
+        doubts = self._kit.HTML(f'<div style="color: {_RED}">{known}</div>')
+        self.widget = self._kit.VBox([frame, self._controls(scenario), self._status, doubts])
         self._show_state()
 
     def result(self) -> RunResult:

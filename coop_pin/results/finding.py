@@ -7,7 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, Self, get_args
 
 Severity = Literal["error", "warning", "note"]
 """Error: the task will be lost, or the simulation is wrong. Warning: a likely mistake. Note: a margin."""
@@ -116,6 +116,16 @@ class Findings:
         if self.left:
             lines.append(f"not looked at: {', '.join(self.left)}")
         return "\n  ".join(lines)
+
+    @classmethod
+    def from_json(cls, text: str) -> Self:
+        """Return the findings of a text as ``to_json`` writes it."""
+        table = json.loads(text)
+        entries = tuple(
+            Finding(**entry | {name: math.nan for name in ("value", "limit") if entry[name] is None})
+            for entry in table["findings"]
+        )
+        return cls(table["scenario"], entries, tuple(table["left"]))
 
     def to_json(self) -> str:
         """Return the findings as JSON; numbers that are NaN or infinite are null."""
