@@ -54,6 +54,11 @@ class CsvMotion(PoseReference):
         except (OutOfRangeError, AmbiguousTurnError) as error:
             raise FileReadError(str(error), self.path, lines[error.index[0]]) from error
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last time of the table, s; raises as ``at``."""
+        return float(self._spline.knots[0]), float(self._spline.knots[-1])
+
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s.
 

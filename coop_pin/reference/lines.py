@@ -91,6 +91,11 @@ class LineMotion(_Line):
     duration: Positive
     start_time: float = 0.0
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """Times of start and goal, s."""
+        return self.start_time, self.start_time + self.duration
+
     def scaling(self, time: float) -> TimeScaling:
         """Return s and its two derivatives at a time in s."""
         return quintic(time, self.start_time, self.duration)
@@ -122,6 +127,11 @@ class TimedLineMotion(_Line):
         if (ends := (self.fractions[0], self.fractions[-1])) != (0.0, 1.0):
             raise FieldError(f"goes from {ends[0]:g} to {ends[1]:g}; it must go from 0 to 1", "fractions")
         return self
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last time of the table, s."""
+        return self.times[0], self.times[-1]
 
     @cached_property
     def _coefficients(self) -> Array:

@@ -141,6 +141,11 @@ class CircleMotion(PoseReference):
         outward, _ = _radial_and_tangential(self.start_angle, spokes)
         return rotation_from_rpy(self.pose.rpy), np.array(self.pose.xyz) - outward, spokes
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """Time of the start, s, and inf."""
+        return self.start_time, math.inf
+
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s."""
         R, centre, spokes = self._circle
@@ -184,6 +189,11 @@ class TurnMotion(PoseReference):
         c = p_0 if self.centre is None else np.array(self.centre)
         return e, terms, c, self.pose.matrix[:3, :3].T @ (p_0 - c)
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """Times between which it turns, s."""
+        return self.start_time, self.start_time + self.duration
+
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s."""
         e, terms, c, offset = self._start
@@ -220,6 +230,11 @@ class SwingMotion(PoseReference):
     @cached_property
     def _start(self) -> tuple[Array, Array, Array]:
         return _about_axis(self.axis, self.pose)
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Time of the start, s, and inf."""
+        return self.start_time, math.inf
 
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s."""

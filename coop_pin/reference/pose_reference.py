@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple
@@ -56,6 +57,11 @@ class PoseReference(Description):
     @abstractmethod
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s."""
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Times between which it may move, s; a motion that never ends has inf."""
+        return 0.0, math.inf
 
 
 _NO_VECTOR: Array = frozen(np.zeros(3))

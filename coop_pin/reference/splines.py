@@ -210,6 +210,11 @@ class WaypointsMotion(PoseReference):
         times = np.array([point.time for point in self.points])
         return PoseSpline.through(times, poses[:, :3, 3], quaternions(poses[:, :3, :3]), self.stops)
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """Times of the first and of the last point, s."""
+        return self.points[0].time, self.points[-1].time
+
     def at(self, time: float) -> PoseTarget:
         """Return the target at a time in s."""
         return self._spline.at(time)

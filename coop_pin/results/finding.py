@@ -15,6 +15,7 @@ Kind = Literal[
     "unit",
     "posture",
     "start",
+    "motion",
     "grasp frame",
     "squeeze",
     "grasp plan",

@@ -23,6 +23,8 @@ _LARGEST_M = 10.0
 """Positions and sizes beyond it are likely millimetres, m."""
 _OFF_START = 0.02
 """Distance and angle between the start and the motion's start that count, m and rad."""
+_EPOCH_S = 1e7
+"""Times beyond it are likely stamps of a clock, s: a third of a year."""
 _OUTSIDE_M = 0.01
 """Distance of a tip from the payload's shape that counts: pads and flanges have some, m."""
 _COMPLIANT = {"kind": "compliant", "stiffness": "firm"}
@@ -32,8 +34,8 @@ def implausible_numbers(scenario: Scenario) -> tuple[Finding, ...]:
     """Return numbers of a scenario that are likely mistakes, each with the likely unit.
 
     Angles that look like degrees, positions and sizes beyond 10 m, postures beyond joint limits, a start away
-    from the motion's start, grasps outside the payload's shape, no squeeze, and a law that does not read the
-    plan of the grasps.
+    from the motion's start, a motion that is not within the run, grasps outside the payload's shape, no
+    squeeze, and a law that does not read the plan of the grasps.
 
     Args:
         scenario: scenario that would be run.
@@ -44,6 +46,7 @@ def implausible_numbers(scenario: Scenario) -> tuple[Finding, ...]:
             *_units(scenario, ""),
             *_postures(scenario),
             *_start(scenario),
+            *_motion(scenario),
             *_grasps(scenario),
             *_squeeze(scenario),
             *_plan(scenario),
@@ -161,6 +164,23 @@ def _start(scenario: Scenario) -> Iterator[Finding]:
                 " the reference jumps at the first tick. Make start and motion agree",
                 {"start.xyz": list(begin.xyz), "start.rpy": list(begin.rpy)},
             )
+
+
+def _motion(scenario: Scenario) -> Iterator[Finding]:
+    """Yield a motion that has not begun, or is not over, by the end of the run, with the likely unit."""
+    with contextlib.suppress(Exception):  # a table may be missing: the run tells it
+        begin, end = scenario.motion.span
+        if begin < scenario.duration and (end <= scenario.duration or end == np.inf):
+            return
+        state = f"begins at {begin:.6g} s" if begin >= scenario.duration else f"ends at {end:.6g} s"
+        sentence = f"the motion {state}, after the end of the run at {scenario.duration:g} s"
+        is_stamped = begin > _EPOCH_S or end - begin > _EPOCH_S
+        if is_stamped:
+            unit = "ns" if end - begin > _EPOCH_S or begin > _EPOCH_S**2 else "s since 1970"
+            sentence += f". Are its times in {unit}? Write them in s from the start of the run"
+        remedy = {} if is_stamped else {"duration": float(end)}
+        finding = _warning("motion", "motion", sentence, remedy)
+        yield finding if begin >= scenario.duration or is_stamped else finding._replace(severity="note")
 
 
 def _grasps(scenario: Scenario) -> Iterator[Finding]:

@@ -14,7 +14,7 @@ from coop_pin.base.errors import CoopPinError, RunInterruptedError, ScenarioWarn
 from coop_pin.compiled.engine_choice import choose_engine, plant_of, saved_by_auto
 from coop_pin.compiled.engines import Engine, engine_named
 from coop_pin.description.scenario import Scenario
-from coop_pin.results.finding import Findings, sorted_findings
+from coop_pin.results.finding import Finding, Findings, sorted_findings
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Observer
 from coop_pin.running.check import quick_findings
@@ -72,9 +72,11 @@ def run(
     if overrides is not None:
         scenario = with_changes(scenario, overrides)
     controller = build_controller(scenario)
-    findings = [*implausible_numbers(scenario)] if warn else []  # also where it cannot start
-    for finding in findings:
-        warnings.warn(str(finding), ScenarioWarning, stacklevel=2)
+    findings = list[Finding]()
+    for finding in implausible_numbers(scenario) if warn else ():  # also where it cannot start
+        if finding.severity != "note":
+            warnings.warn(str(finding), ScenarioWarning, stacklevel=2)
+            findings.append(finding)
     is_live = view is not None or stop_at_breach or realtime_rate not in (None, math.inf)
     choice = choose_engine(scenario, engine_named(engine, "engine"), is_live=is_live)
     if engine != "pinocchio":  # else nothing was chosen

@@ -145,7 +145,7 @@ def test_no_squeeze_is_told_of_several_arms(kind):
 
 def test_run_check_and_suggest_tell_alike(tmp_path, capsys):
     wrong = cp.Scenario.load("panda-ur5-bar", SHORT | {"squeeze": {}})
-    (finding,) = implausible_numbers(wrong)
+    (finding,) = (finding for finding in implausible_numbers(wrong) if finding.kind == "squeeze")
     wrong.save(tmp_path / "wrong.toml")
     main(["check", str(tmp_path / "wrong.toml"), "--poses", "3"])
     assert finding.sentence in unwrapped(capsys.readouterr().out)
@@ -166,7 +166,7 @@ def test_a_path_that_leaves_the_reach_is_told_before_the_run():
 
 def test_a_run_tells_the_elbow_that_its_spring_does_not_hold_as_check_does(tmp_path, capsys):
     soft = cp.Scenario.load("two-pandas-box", SHORT | {"controller.posture.stiffness": 3.0})
-    (said,) = warnings_of(soft)
+    (said,) = (said for said in warnings_of(soft) if "the motion" not in said)
     for part in ("elbow", "left", "controller.posture.stiffness"):
         assert part in said
     soft.save(tmp_path / "soft.toml")
@@ -219,3 +219,43 @@ def test_a_table_that_is_pressed_too_hard_fails_the_check(tmp_path):
     assert any("table" in text for text in quick(scenario))
     scenario.save(tmp_path / "pressed.toml")
     assert main(["check", str(tmp_path / "pressed.toml")]) != 0
+
+
+@pytest.mark.parametrize(
+    ("span", "words", "remedy"),
+    [
+        ((0.0, 2.0), "", {}),
+        ((0.0, 3.0), "ends at 3 s", {"duration": 3.0}),
+        ((5.0, 6.0), "begins at 5 s", {"duration": 6.0}),
+        ((0.0, 2e9), "in ns?", {}),
+        ((1.7e9, 1.7e9 + 2.0), "since 1970?", {}),
+        ((1.7e18, 1.7e18 + 2e9), "in ns?", {}),
+    ],
+)
+@pytest.mark.parametrize("form", ["line", "csv"])
+@pytest.mark.parametrize("cell", SOUND)
+def test_a_motion_that_is_not_within_the_run_is_named_with_the_likely_unit(
+    cell, form, span, words, remedy, tmp_path
+):
+    scenario = cell_of(cell)
+    pose = scenario.start
+    motion = {
+        "kind": "line",
+        "start": pose,
+        "goal": pose,
+        "start_time": span[0],
+        "duration": span[1] - span[0],
+    }
+    if form == "csv":
+        rows = (",".join(map(repr, (time, *pose.xyz, *pose.rpy))) for time in span)
+        (tmp_path / "table.csv").write_text("\n".join(("time,x,y,z,roll,pitch,yaw", *rows)) + "\n")
+        motion = {"kind": "csv", "path": str(tmp_path / "table.csv")}
+    scenario = scenario.replace(duration=2.0, events=()).override({"motion": motion})
+    found = [finding for finding in implausible_numbers(scenario) if finding.kind == "motion"]
+    assert len(found) == bool(words)
+    for finding in found:
+        assert words in finding.sentence
+        assert finding.remedy == remedy
+        if remedy:
+            cured = implausible_numbers(scenario.override(remedy))
+            assert "motion" not in {other.kind for other in cured}
