@@ -340,9 +340,9 @@ def test_the_verdict_has_the_numbers_that_were_judged(planar: Replay, spatial: R
             assert number in text
     data = planar.result.data.copy()
     for limit in (np.nan, 90.0):
-        data["torque_limit"] = xr.full_like(data["torque_limit"], limit)
+        data["position_upper"] = xr.full_like(data["position_upper"], limit)
         _, (told, _) = verdict_lines(RunResult(planar.result.scenario, data))
-        assert ("torque limits" in told) == np.isfinite(limit)
+        assert ("joints within" in told) == np.isfinite(limit)
     assert all(html.escape(text) in planar.page for text, _ in verdict_lines(planar.result))
 
 
