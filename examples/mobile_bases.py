@@ -11,7 +11,13 @@ import coop_pin as cp
 goal = {"xyz": [0.3, 0.0, 0.78], "rpy": [0.0, 0.0, 0.0]}
 scenario = cp.Scenario.load(
     "three-driven-ur5",
-    {"motion.goal": goal, "motion.duration": 2.0, "motion.start_time": 0.2, "duration": 3.0},
+    {
+        "motion.goal": goal,
+        "motion.duration": 2.0,
+        "motion.start_time": 0.2,
+        "duration": 3.0,
+        "task.moment": 2.0,  # N m: platforms and arms accelerate one another
+    },
 )
 result = cp.run(scenario)
 q = result.data.configuration.values

@@ -239,7 +239,7 @@ def _trials(scenario: Scenario, trials: Sequence[str] | Mapping[str, Any] | None
             name: trial if isinstance(trial, Trial) else Trial(dict(trial)) for name, trial in trials.items()
         }
     require_type("trials", trials, list, tuple)
-    known = {*standard, "friction x0", "friction x3"}
+    known = {*standard, "friction x0", "friction x3", "held by palms"}
     for name in trials:
         if name not in known:
             raise NameNotFoundError("trial", name, standard, "the standard trials")

