@@ -16,7 +16,8 @@ scenario = cp.Scenario.load(
         "motion.duration": 2.0,
         "motion.start_time": 0.2,
         "duration": 3.0,
-        "task.moment": 2.0,  # N m: platforms and arms accelerate one another
+        "task.force": 2.5,  # N: platforms and arms accelerate one another
+        "task.moment": 2.0,  # N m
     },
 )
 result = cp.run(scenario)
