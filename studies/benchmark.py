@@ -44,14 +44,14 @@ def text(found: Comparison, duration: float | None) -> str:
     sizes = found.data.sizes
     names = ("runs", "finished", "sound", "kept")
     runs, finished, sound, kept = (int(found.table[name].sum()) for name in names)
+    verdicts = f", {sound} sound, {kept} keep their task" * bool(found.table["kept"].notna().all())
     length = "of the scenario's own length" if duration is None else f"of {duration:g} s"
     cells = ", ".join(f"`{name}`" for name in found.data["scenario"].values)
     others = ", ".join(f"`{name}`" for name in BENCHMARK if name not in found.data["scenario"].values)
     tuned, names = (list(map(str, found.data[name].values)) for name in ("scenario", "controller"))
     return (
         f"{sizes['controller']} controllers, {sizes['trial']} trials, {cells}: {runs} runs {length},"
-        f" {finished} finished, {sound} sound, {kept} keep their task. Not tuned yet, and so not run:"
-        f" {others or 'none'}."
+        f" {finished} finished{verdicts}. Not tuned yet, and so not run: {others or 'none'}."
         "\n\nMean rank of each controller over all cells and trials, 1 is the best, with an interval from"
         " 95 % of resamplings of the places (cell and trial), which are chosen by hand:\n\n"
         f"{ranks(found)}\n\n"
@@ -113,10 +113,10 @@ def rounded(value: float) -> str:
 
 
 def ranks(found: Comparison) -> str:
-    """Return mean ranks by tracking and by both internal forces, and the share of sound runs."""
+    """Return mean ranks by tracking and by both internal forces, and the share of finished runs."""
     by_force = Comparison(found.data.assign(axial_rms_N=force(found))).ranks("axial_rms_N")
     by_tracking = found.ranks("tracking_rms_mm")
-    runs = found.table.groupby("controller")[["runs", "sound"]].sum()
+    runs = found.table.groupby("controller")[["runs", "finished"]].sum()
     classes = {row["controller"]: row["information"] for _, row in found.table.reset_index().iterrows()}
     rows = [
         (
@@ -124,11 +124,11 @@ def ranks(found: Comparison) -> str:
             classes[str(name)],
             interval(row),
             interval(by_force.loc[name]),
-            "{sound} of {runs}".format(**runs.loc[name]),
+            "{finished} of {runs}".format(**runs.loc[name]),
         )
         for name, row in by_tracking.iterrows()
     ]
-    return markdown(("controller", "measures", "by tracking", "by internal force", "sound runs"), rows)
+    return markdown(("controller", "measures", "by tracking", "by internal force", "finished runs"), rows)
 
 
 def interval(row: Any) -> str:

@@ -23,7 +23,9 @@ COLUMNS = MEASURES | {"settling_time_s": "settling time (s)"}
 CELL = ("scenario", "controller", "trial")
 """What names a cell of the table."""
 _RESAMPLES = 1000
-_COUNTS = ("runs", "finished", "sound", "kept", DROPPED, "merged")
+_VERDICTS = ("sound", "kept")
+"""Numbers of good verdicts; NaN in a table of runs that had none."""
+_COUNTS = ("runs", "finished", DROPPED, "merged")
 _TEXTS = (*CELL, "information", "gains", "failure")
 _BYTES = 1 << 28
 """Largest table that is read."""
@@ -65,7 +67,8 @@ class Comparison:
         content = read_user_file(file, limit=_BYTES, kind="the table of a comparison")
         try:
             cells = pd.read_csv(io.BytesIO(content), keep_default_na=False, dtype=dict.fromkeys(_TEXTS, str))
-            cells = cells.astype(dict.fromkeys((*_COUNTS, *COLUMNS), float))
+            cells = cells.assign(**{name: np.nan for name in _VERDICTS if name not in cells})
+            cells = cells.astype(dict.fromkeys((*_COUNTS, *_VERDICTS, *COLUMNS), float))
             return cls.of_cells(cells.set_index(list(CELL)), folder)
         except (KeyError, ValueError) as error:
             reason = f"is not a table of this version ({error}); repeat it with coop-pin compare"
@@ -124,7 +127,7 @@ class Comparison:
             rivals=["controller"],
             measures=COLUMNS,
             filters=["information", *(["merged"] if table["merged"].any() else [])],
-            notes=("gains", *_COUNTS),
+            notes=("gains", *_COUNTS, *_VERDICTS),
             command=command,
         )
 
