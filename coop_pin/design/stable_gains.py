@@ -8,8 +8,8 @@ import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.description.scenario import Scenario
+from coop_pin.results.finding import Kind
 from coop_pin.running.check import check
-from coop_pin.running.finding import Kind
 
 _LEVER = 0.02
 """Gain of a rotation for one of a position, m^2."""

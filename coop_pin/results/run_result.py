@@ -117,7 +117,7 @@ class RunResult:
         """Keep the errors and warnings among the findings of the run.
 
         Args:
-            findings: what is known of the scenario.
+            findings: findings of the scenario.
         """
         if len(doubts := findings.of("error", "warning")):
             texts = self._attributes if isinstance(self._data, dict) else self._data.attrs

@@ -339,6 +339,7 @@ def deviations(position, force, *, blocks=1, events=(), saturated=(0,) * 7, peri
         "internal_axial_error": np.outer(force, np.eye(m)[0]),
         "internal_shear_error": np.zeros((7, m)),
         "internal_moment_error": np.zeros((7, m)),
+        "internal_wrench": np.zeros((7, m, 6)),
         "desired_internal_wrench": np.full((7, m, 6), (20.0, 0.0, 0.0, 0.0, 0.0, 0.0)),
         "saturated": np.multiply.outer(saturated, np.eye(m, k)[:, :] * np.eye(m)[0][:, None]) > 0,
     }

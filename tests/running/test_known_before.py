@@ -19,7 +19,8 @@ def weak(kind):
 
 
 def short(kind):
-    return cell_of(kind).replace(duration=0.1, events=())
+    cell = cell_of(kind)
+    return cell.replace(duration=0.1, events=(), motion=cp.motions.HoldMotion(pose=cell.start))
 
 
 @pytest.mark.parametrize("engine", ["pinocchio", "compiled"])

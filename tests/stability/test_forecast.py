@@ -34,7 +34,7 @@ def seen(scenario):
 def misses(told, scenario):
     """What is off by more than a factor of two, moving and at rest; a run keeps 2 mm, and 1 N or 10 %."""
     errors, result = seen(scenario)
-    assert result.trustworthy, (scenario.name, result.verdict())
+    assert result.simulation_sound, (scenario.name, result.verdict())
     squeeze = np.linalg.norm(scenario.squeeze_wrenches[:, :3], axis=1).max()
     assert errors["position"][0] < 2e-3, (scenario.name, errors)
     assert errors["force"][0] < max(1.0, squeeze / 10.0), (scenario.name, errors)
