@@ -128,7 +128,8 @@ class SweepTable:
         """
         require_type("metric", metric, str)
         if metric not in self.metric_names:
-            raise NameNotFoundError("metric", metric, self.metric_names, "the sweep")
+            known = [SIMULATION_SOUND, TASK_KEPT] if metric == "trustworthy" else self.metric_names
+            raise NameNotFoundError("metric", metric, known, "the sweep")
         return self.data[metric]
 
     def _finite(self, *metrics: str) -> pd.DataFrame:

@@ -62,7 +62,8 @@ def is_lost(scenario):
     except cp.CoopPinError:
         return True
     end = np.linalg.norm(result.data.pose_error.values[-1, :3])
-    return bool(result.breaches()) or end > OFF
+    cut = any(deviation.cause == "torque cut" for deviation in result.task.deviations)
+    return bool(result.breaches()) or cut or end > OFF
 
 
 def silent_losses(seed, count):
