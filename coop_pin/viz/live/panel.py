@@ -132,7 +132,7 @@ class Panel:
         self._status = self._kit.HTML()
         known = "".join(f"<p>{html.escape(str(finding))}</p>" for finding in _doubts(scenario))
         doubts = self._kit.HTML(f'<div style="color: {_RED}">{known}</div>')
-        self.widget = self._kit.VBox([frame, self._controls(scenario), self._status, doubts])
+        self.widget = self._kit.VBox([frame, doubts, self._controls(scenario), self._status])
         self._show_state()
 
     def result(self) -> RunResult:
