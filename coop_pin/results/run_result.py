@@ -214,7 +214,8 @@ class RunResult:
         """Return the rms of the position error, m.
 
         Args:
-            window: start and end, s; all that is moving or at rest when omitted, see ``phases``.
+            window: start and end, s. When omitted, all that is moving or at rest, see ``phases``; of a run
+                without such a time, all after the decay of its start.
 
         Raises:
             OutOfRangeError: the window is empty or not within the run.
@@ -232,6 +233,7 @@ class RunResult:
     def _over(self, window: tuple[float, float] | None) -> dict[str, float]:
         if window is None:
             mask = self.phases["moving"] | self.phases["rest"]
+            mask = mask if mask.any() else monitored(self.arrays, self.scenario).after_decay
         else:
             mask = samples_of(self.arrays, checked_window(window, self.end))
         return {name: float(value) for name, value in phase_metrics(self.arrays, [mask])[0].items()}

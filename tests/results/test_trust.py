@@ -323,6 +323,8 @@ def test_the_largest_errors_are_the_maxima_of_the_data_and_their_limits_make_the
             late = data.time.values >= time - 1e-9
             assert all(metrics[key] >= values[late].max() for key, values in errors.items())
         assert whole.task.state == ("kept" if not whole.task.deviations else "off")
+        patient = cp.RunResult(scenario.override({"task.recovery": 9.0}), whole.data)
+        assert np.isfinite([patient.position_rms(), *patient.internal_force()]).all()
         thinned = cp.run(scenario.override({"clock.record_every": every}), warn=False)
         assert thinned.task == whole.task
         assert_allclose([*thinned.metrics().values()], [*metrics.values()], rtol=1e-9, atol=1e-12)
