@@ -40,10 +40,11 @@ class TrustThresholds(Description):
         """Refuse fields that are task limits; files of earlier versions have them at their defaults."""
         if not isinstance(fields, dict):
             return fields
-        for name, default in (("torque_cut", 0.1), ("joint_drift", 0.01)):
+        moved = {name: TaskLimits.model_fields[name].default for name in ("torque_cut", "joint_drift")}
+        for name, default in moved.items():
             if fields.get(name, default) != default:
                 raise FieldError(f"is a limit of the task: write it as task.{name}", name)
-        return {name: value for name, value in fields.items() if name not in ("torque_cut", "joint_drift")}
+        return {name: value for name, value in fields.items() if name not in moved}
 
 
 class TaskLimits(Description):
@@ -51,8 +52,8 @@ class TaskLimits(Description):
 
     The errors that a run starts with may decay first: they count from the time at which all of them are
     within their limits, at the latest from the first event. Of force and moment, the larger one of limit and
-    share counts. The defaults suit an assembly with chamfers, and a payload that a tenth of its squeeze
-    neither drops nor marks; the noise of common wrist sensors is near the limits of force and moment.
+    share counts. Reasons for the defaults: an assembly with chamfers takes 2 mm and 10 mrad; a squeeze that
+    is a tenth off still holds a payload and does not mark it; wrist sensors have noise of 1 N and 0.1 N m.
 
     Attributes:
         position: largest distance of the payload from its desired position, m.

@@ -3,8 +3,9 @@
 Open first: ``quantities`` (every recorded quantity: name, dimensions, unit, source), ``metrics`` (tracking
 error, settling time, internal force, energy balance), ``run_result`` (the class ``cp.RunResult``).
 
-- ``window``: times over which metrics are taken. ``running_metrics``: metrics of ticks that are not kept.
-- ``trust`` (breaches of a run's bounds and of limits), ``friction`` (margins of grasps).
+- ``window``: times and phases over which metrics are taken. ``running_metrics``: those of ticks not kept.
+- ``trust`` (is the simulation sound), ``task`` (is the task kept), ``breaches`` (what exceeded a threshold).
+- ``finding``: what is known before a run. ``friction``: margins of grasps.
 - ``snapshot``: one tick, for observers. ``dataset`` and ``netcdf``: arrays and file.
 
 Imports ``base`` and ``description``.

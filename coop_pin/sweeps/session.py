@@ -97,10 +97,11 @@ class Session:
 
     def _log_findings(self, plan: SweepPlan) -> None:
         """Log errors and warnings that are known of the first point; user's code is not run here."""
-        scenario = plan.resolved(plan[0])
-        if self._has_looked or self._execution.quiet or not isinstance(scenario, Scenario):
+        if self._has_looked or self._execution.quiet:
             return
-        self._has_looked = True
+        self._has_looked, scenario = True, plan.resolved(plan[0])
+        if not isinstance(scenario, Scenario):
+            return
         if not (scenario.controller.user_code or "function" in (scenario.motion.kind, scenario.squeeze.kind)):
             with contextlib.suppress(CoopPinError):  # of which its run tells
                 for finding in run_findings(scenario).of("error", "warning"):
