@@ -9,6 +9,7 @@ from pydantic import Field
 
 from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import Description, NotNegative, Positive, unknown_arms
+from coop_pin.base.schema.delay import Delay
 from coop_pin.base.schema.parts import fields_of
 from coop_pin.description.plant import Clock
 
@@ -23,8 +24,8 @@ class Channel(Description):
     """Way of a message: ``resolution * round(message / resolution)``, ``delay`` ticks later, or lost.
 
     Attributes:
-        delay: ticks from a message to its arrival; 0 arrives before any arm steps, in a round of its own, 1
-            is sent with the command.
+        delay: ticks from a message to its arrival, or a time such as "5 ms", rounded up to ticks; 0 arrives
+            before any arm steps, in a round of its own, 1 is sent with the command.
         jitter: largest further delay of a message, ticks; each from 0 to it is as likely. A message that
             a newer one overtakes is not heard.
         loss: probability that a message is lost.
@@ -32,7 +33,7 @@ class Channel(Description):
         resolution: step of every number of a message, in its own unit; 0 rounds nothing.
     """
 
-    delay: Ticks = 0
+    delay: Delay = 0
     jitter: Ticks = 0
     loss: Probability = 0.0
     rate_hz: Positive | None = None
@@ -63,7 +64,7 @@ class EdgeChannel(Description):
 
     sender: str
     receiver: str
-    delay: Ticks | None = None
+    delay: Delay | None = None
     jitter: Ticks | None = None
     loss: Probability | None = None
     rate_hz: Positive | None = None

@@ -13,6 +13,7 @@ from coop_pin.base.arrays import Array, require_path, require_type
 from coop_pin.base.errors import one_or_all
 from coop_pin.base.schema.base import Description, Name, Positive, Text, Vector, check_arm_names
 from coop_pin.base.schema.changes import changed_caption, differences
+from coop_pin.base.schema.delay import in_ticks
 from coop_pin.base.schema.parts import fields_of
 from coop_pin.base.schema.pose import Pose
 from coop_pin.control import CellTiming
@@ -122,6 +123,7 @@ class Scenario(Description):
     @field_validator("events", "actuators", "arm_actuators", "sensors", "arm_sensors", "network")
     @classmethod
     def _fits_the_run(cls, value: Any, earlier: ValidationInfo) -> Any:
+        value = in_ticks(value, earlier.data["clock"].rate_hz) if "clock" in earlier.data else value
         if problems := scenario_checks.part_problems(str(earlier.field_name), value, earlier.data):
             raise one_or_all(problems, f"the {earlier.field_name}")
         return value
@@ -144,6 +146,7 @@ class Scenario(Description):
 
     @model_validator(mode="after")
     def _parts_fit_each_other(self) -> Self:
+        vars(self)["controller"] = in_ticks(self.controller, self.clock.rate_hz)
         for arm in self.cell.arms if self.controller.command_kind else ():
             if problem := self.actuators_of(arm).command_problem(self.controller.command_kind):
                 raise problem.below(self.actuators_path(arm))

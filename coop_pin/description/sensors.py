@@ -20,6 +20,7 @@ from coop_pin.base.schema.base import (
     Positive,
     not_negative,
 )
+from coop_pin.base.schema.delay import Delay
 
 
 class Encoder(Description):
@@ -121,7 +122,7 @@ class WristSensor(Description):
         noise: standard deviation of each sample, Gaussian and white.
         offset: constant.
         drift: growth of the offset, N/s and N m/s.
-        delay: ticks from a sample until the controller has it.
+        delay: ticks from a sample until the controller has it, or a time such as "5 ms", rounded up to ticks.
         rate_hz: rate of the samples, Hz: the control rate, which is the default, divided by a whole number.
             The last sample is held in between.
         lost: intervals of time without samples, [start, end), s.
@@ -131,7 +132,7 @@ class WristSensor(Description):
     noise: WrenchParts = WrenchParts()
     offset: WrenchParts = WrenchParts()
     drift: WrenchParts = WrenchParts()
-    delay: int = Field(default=0, ge=0)
+    delay: Delay = 0
     rate_hz: Positive | None = None
     lost: tuple[Interval, ...] = ()
     stuck_at: NotNegative | None = None
@@ -163,11 +164,11 @@ class SlipSensor(Description):
 
     Attributes:
         noise: standard deviation at each tick, m, Gaussian and white.
-        delay: ticks until the controllers have it.
+        delay: ticks until the controllers have it, or a time.
     """
 
     noise: NotNegative = 0.0
-    delay: int = Field(default=0, ge=0)
+    delay: Delay = 0
 
 
 class Sensors(Description):

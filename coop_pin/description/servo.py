@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field
 
 from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import Description, Magnitude, NumberOrVector, Positive, by_name, positive
+from coop_pin.base.schema.delay import Delay
 
 KINDS = ("velocity", "position")
 """What a robot with a servo takes."""
@@ -53,7 +54,7 @@ class Servo(Description):
         exact_feedforward: whether the robot adds the torques of its own inertia, but for gravity.
         speed_limit: largest size of w and w_r, rad/s; none when omitted.
         acceleration_limit: a, rad/s^2; none when omitted.
-        delay: ticks by which commands arrive late.
+        delay: ticks by which commands arrive late, or a time such as "5 ms", rounded up to ticks.
         watchdog: time without a command after which a velocity servo brakes to rest, s; never when omitted. A
             position servo stands at the last command anyway.
     """
@@ -67,7 +68,7 @@ class Servo(Description):
     exact_feedforward: bool = False
     speed_limit: Limit | None = None
     acceleration_limit: Limit | None = None
-    delay: int = Field(default=0, ge=0, le=1000)
+    delay: Delay = Field(default=0, le=1000)
     watchdog: Positive | None = None
 
     def per_tick(self, rate_hz: float) -> int:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
 from coop_pin.base.schema.base import Description
+from coop_pin.base.schema.delay import Delay
 from coop_pin.control.controller import ArmController
 from coop_pin.control.measurement import ControlledArm
 
@@ -61,14 +62,12 @@ class NoForcePath(PlainForcePath):
     kind: Literal["none"] = "none"
 
 
-_Delay = Annotated[int, Field(ge=0)]
-
-
 class LateForcePath(ForcePathTraits, Description):
     """Internal wrench of one tick before: f_m[k] = f(t_k^-), f_m[0] = f_d.
 
     Attributes:
-        delay: D, ticks of transport: f_m[k] = f(t_{k-D}^-), and f_d until the first sample is there.
+        delay: D, ticks of transport, or a time such as "5 ms", rounded up to ticks:
+            f_m[k] = f(t_{k-D}^-), and f_d until the first sample is there.
         split: Load in the measured wrenches: the "shares" about P, or in the "virtual-linkage" tip
             forces without moments, which patches can bear; then the payload's mass may be unknown.
     """
@@ -77,7 +76,7 @@ class LateForcePath(ForcePathTraits, Description):
     pole: ClassVar[float] = 0.0
 
     kind: Literal["late"] = "late"
-    delay: _Delay = 0
+    delay: Delay = 0
     split: Split = "shares"
 
 
@@ -88,7 +87,7 @@ class LowPassForcePath(ForcePathTraits, Description):
 
     Attributes:
         pole: p, in [0, 1).
-        delay: D, ticks of transport before the filter, which then takes f(t_{k-D}^-).
+        delay: D, ticks of transport, or a time, before the filter, which then takes f(t_{k-D}^-).
         split: Load in the measured wrenches, as of LateForcePath.
     """
 
@@ -96,5 +95,5 @@ class LowPassForcePath(ForcePathTraits, Description):
 
     kind: Literal["low-pass"] = "low-pass"
     pole: float = Field(default=0.9, ge=0.0, lt=1.0)
-    delay: _Delay = 0
+    delay: Delay = 0
     split: Split = "shares"
