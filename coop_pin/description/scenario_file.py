@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import tomli_w
 from pydantic import BaseModel
 
-from coop_pin.base.errors import NameNotFoundError
+from coop_pin.base.errors import NameNotFoundError, ScenarioWarning
 from coop_pin.base.schema.changes import stated
 from coop_pin.base.schema.meanings import kinds, meanings
 from coop_pin.base.schema.parts import fields_of
@@ -23,6 +24,8 @@ from coop_pin.description.cell.payload import Payload
 # tomli_w writes one number per line. No string can match: it writes those on one line.
 _NUMBERS_IN_LINES = re.compile(r"\[\n((?: *[-+.\w]+,\n)+) *\]")
 _HEADER, _ENTRY = re.compile(r"\[+([^\]]+)\]+$"), re.compile(r"(\w+) = ")
+_DRAFTED = "payload-space"
+"""Kind of a law whose gains are missing."""
 _OF_BOX = "The inertia follows from mass and edges."
 
 
@@ -65,9 +68,12 @@ def drafted(fields: dict[str, Any]) -> dict[str, Any]:
     stated = fields.get("controller", {})
     if not isinstance(stated, Mapping) or "gains" in stated or stated.get("kind") == "user":
         return fields
+    if stated.get("kind", _DRAFTED) != _DRAFTED:
+        text = f"the gains of {stated['kind']!r} are missing: the draft has the law {_DRAFTED!r} in its place"
+        warnings.warn(text, ScenarioWarning, stacklevel=4)
     kept = {name: stated[name] for name in ("force_path", "zero_at_grasp") if name in stated}
     gains = dict.fromkeys(("pose_gain", "sliding_gain", "sign_gain", "transient_rate"), 1.0)
-    return fields | {"controller": {"kind": "payload-space", "gains": gains, **kept}}
+    return fields | {"controller": {"kind": _DRAFTED, "gains": gains, **kept}}
 
 
 def anchor_files(data: dict[str, Any], folder: Path) -> None:

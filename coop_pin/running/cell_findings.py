@@ -7,6 +7,8 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from coop_pin.base.errors import ArgumentError, CoopPinError, DivergedError
 from coop_pin.base.memory import free_memory
 from coop_pin.description.arm_events import LoseArm
@@ -18,12 +20,13 @@ from coop_pin.feasibility.reachability import Reachability
 from coop_pin.feasibility.statics import StaticTorques, force_reserve, loads_without_an_arm, statics_along
 from coop_pin.feasibility.table_force import table_force
 from coop_pin.results.finding import Finding, Kind
+from coop_pin.results.metrics import norms6
 from coop_pin.running.plausibility import implausible_numbers
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.admittance_stability import admittance_stability
 from coop_pin.stability.closed_loop import eigenvalues
-from coop_pin.stability.forecast import forecast
+from coop_pin.stability.forecast import Errors, Forecast, forecast
 from coop_pin.stability.grasp_stability import grasp_stability
 from coop_pin.stability.loop_stability import loop_stability
 from coop_pin.stability.sampled_stability import motion_stability, start_stability
@@ -32,6 +35,26 @@ from coop_pin.stability.step_size import step_stability
 
 _LARGE_RECORD = 1e9
 """Memory of a record from which on it is a finding, bytes."""
+
+
+def _expected(scenario: Scenario, expected: Forecast) -> Finding:
+    """Return the errors to expect: a warning where one of them is beyond the limits of the task."""
+    limits, cell = scenario.task, scenario.cell
+    f_d, m_d = (norms.max() for norms in norms6(scenario.squeeze_wrenches))
+    allowed = Errors(
+        limits.position,
+        limits.orientation if cell.controls_turns else math.inf,
+        max(limits.force, limits.force_share * f_d),
+        math.inf if cell.patches else max(limits.moment, limits.moment_share * m_d),
+    )
+    largest = np.fmax(expected.moving, expected.at_rest)
+    worst = int(np.nanargmax([*(largest / allowed), 1.0]))
+    if worst == len(allowed):
+        return Finding("steady error", "controller", "note", expected.summary())
+    value, limit, unit = float(largest[worst]), allowed[worst], ("m", "rad", "N", "N m")[worst]
+    name = Errors._fields[worst]
+    sentence = f"{expected.summary()}; {name} {value:.2g} {unit}, and the task allows {limit:.2g} {unit}"
+    return Finding("steady error", "controller", "warning", sentence, value, limit)
 
 
 def gains_are_known(scenario: Scenario) -> bool:
@@ -196,7 +219,7 @@ def steady_findings(
         yield Finding("internal moment", moment.arm, "note", moment.summary(), moment.moment)
     errors, slot = steady_errors(scenario, bias=bias, load=load), "controller"
     yield Finding("steady error", slot, "note", errors.summary())
-    yield Finding("steady error", slot, "note", forecast(scenario, reach).summary())
+    yield _expected(scenario, forecast(scenario, reach))
     if scenario.network is not None:
         traffic = simulation.traffic().summary(scenario.clock.rate_hz)
         yield Finding("steady error", "network", "note", traffic)
