@@ -26,6 +26,7 @@ Kind = Literal[
     "static torque",
     "friction",
     "table force",
+    "take-hold",
     "plant steps",
     "sampled damping",
     "loop stability",

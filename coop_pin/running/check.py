@@ -39,8 +39,8 @@ from coop_pin.stability.admittance_stability import admittance_stability
 
 _PATH_POSES, _LOOP_POSES = 41, 3
 """Poses at which a run looks for reach, and for stability."""
-_ABOVE = 1.05
-"""Factor beyond a limit of a proposed value."""
+_ABOVE, _WIDER = 1.05, 1.5
+"""Factors beyond a limit of a proposed value, and beyond the gap at which a tip takes hold."""
 
 
 def check(
@@ -179,6 +179,11 @@ def _candidates(scenario: Scenario, finding: Finding, poses: int) -> Iterator[di
     elif finding.kind == "table force":
         gain = np.array(gains.sliding_gain)
         yield from ({"controller.gains.sliding_gain": (part * gain).tolist()} for part in (0.9, 0.75, 0.5))
+    elif finding.kind == "take-hold":
+        event = scenario.events[int(finding.place.split(".")[1])]
+        part = math.ceil(_WIDER * finding.value)
+        fields = ("tolerance", "angle_tolerance")
+        yield {finding.place.replace("tolerance", name): part * getattr(event, name) for name in fields}
     elif finding.kind == "admittance stability":
         factor = _ABOVE * admittance_stability(scenario).least
         damping = factor * np.array(gains.admittance_damping)

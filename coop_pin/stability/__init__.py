@@ -2,7 +2,7 @@
 
 Open first: ``sampled_stability`` (T lambda of the damping under zero-order hold), ``closed_loop``
 (eigenvalues of the loop with plant, sensors and drives, root locus), ``steady_errors`` (under a bias),
-``forecast`` (errors while moving and at rest, by ``motion_loop``).
+``forecast`` (errors while moving and at rest, by ``motion_loop``), ``regrasp`` (gap when a tip comes back).
 
 - ``loop_stability`` (all gains along the motion), ``grasp_stability`` (grasps that give),
   ``admittance_stability`` (servos); ``sampled_motion`` is the loop that they share.
@@ -21,6 +21,7 @@ from coop_pin.stability.forecast import Errors, Forecast, forecast
 from coop_pin.stability.grasp_stability import GraspStability, grasp_stability
 from coop_pin.stability.loop_stability import LoopStability, loop_stability
 from coop_pin.stability.modes import Mode
+from coop_pin.stability.regrasp import RegraspGap, regrasp_gaps
 from coop_pin.stability.sampled_motion import SampledMotion, sampled_motion
 from coop_pin.stability.sampled_stability import (
     SampledStability,
@@ -39,6 +40,7 @@ __all__ = [
     "GraspStability",
     "LoopStability",
     "Mode",
+    "RegraspGap",
     "RootLocus",
     "SampledMotion",
     "SampledStability",
@@ -53,6 +55,7 @@ __all__ = [
     "grasp_stability",
     "loop_stability",
     "motion_stability",
+    "regrasp_gaps",
     "root_locus",
     "sampled_motion",
     "sampled_stability",

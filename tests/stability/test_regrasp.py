@@ -1,0 +1,66 @@
+"""Gaps at take-holds against runs, and their findings."""
+
+import numpy as np
+import pytest
+from compliant_cells import with_grasps
+
+import coop_pin as cp
+from coop_pin.events import HandOver, Regrasp
+from coop_pin.running.check import run_findings
+from coop_pin.simulation.build_controller import build_controller
+from coop_pin.stability import regrasp_gaps
+
+SOFT = (5e4, 5e4, 5e4, 5e3, 5e3, 5e3)
+SPATIAL = "two-pandas-box"
+
+
+def regrasping(name, tolerance):
+    """A cell on springs whose second arm hands over, retreats and takes hold again; gains as proposed."""
+    scenario = cp.Scenario.load(name).replace(events=())
+    arm = list(scenario.cell.arms)[1]
+    events = (
+        HandOver(time=0.3, arm=arm, duration=0.3, retreat=0.04, retreat_time=0.4),
+        Regrasp(time=2.2, arm=arm, approach_time=0.4, wait=0.4, duration=0.2, tolerance=tolerance),
+    )
+    start = scenario.start
+    scenario = with_grasps(scenario, SOFT).replace(
+        events=events, duration=2.6, motion=cp.motions.HoldMotion(pose=start)
+    )
+    return cp.suggest(scenario, poses=11).scenario
+
+
+@pytest.mark.parametrize("name", ["adept-compliant", SPATIAL])
+def test_the_gap_is_that_of_the_run(name):
+    """Within a third: the arms' own errors, some 0.3 mm here, are not in it."""
+    scenario = regrasping(name, 1e-7)
+    gap = regrasp_gaps(scenario)[0]
+    simulation = cp.Simulation(scenario, build_controller(scenario))
+    while not simulation.missed:
+        simulation.tick()
+    distance = simulation.missed[0].distance
+    assert gap.distance == pytest.approx(distance, rel=0.33)
+    assert gap.distance > 5e-4
+    assert not gap.ok
+
+
+@pytest.mark.parametrize("name", ["adept-compliant", pytest.param(SPATIAL, marks=pytest.mark.slow)])
+def test_a_take_hold_that_will_miss_is_an_error_whose_remedy_holds(name):
+    scenario = regrasping(name, 5e-4)
+    before = [finding for finding in cp.check(scenario, poses=5) if finding.kind == "take-hold"]
+    assert [finding.severity for finding in before] == ["error"]
+    assert before[0].value == pytest.approx(regrasp_gaps(scenario)[0].use)
+    assert "take-hold" in {finding.kind for finding in run_findings(scenario).of("error")}
+    cured = scenario.override(before[0].remedy)
+    assert "take-hold" not in {finding.kind for finding in cp.check(cured, poses=5).of("error")}
+    assert cp.run(scenario, warn=False).task.state == "lost"
+    assert cp.run(cured, warn=False).task.state != "lost"
+
+
+def test_grasps_of_the_others_that_give_nothing_leave_what_the_tip_itself_had():
+    scenario = regrasping(SPATIAL, 5e-3)
+    first = next(iter(scenario.cell.grasps))
+    stiff = with_grasps(scenario, (1e12,) * 6, arms=[first])
+    weight = scenario.cell.payload.mass * np.linalg.norm(scenario.cell.gravity)
+    assert regrasp_gaps(stiff)[0].distance == pytest.approx(
+        scenario.cell.shares[1] * weight / SOFT[0], rel=0.5
+    )
