@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coop_pin.base.arrays import typed
+from coop_pin.base.arrays import Array, typed
 from coop_pin.base.spatial import weight_wrench
+from coop_pin.description.cell.grasp_plan import GraspPlan
 from coop_pin.description.events import of_kind
 from coop_pin.description.grasp_events import Regrasp
 from coop_pin.description.scenario import Scenario
@@ -54,8 +55,8 @@ class RegraspGap(NamedTuple):
 def regrasp_gaps(scenario: Scenario) -> tuple[RegraspGap, ...]:
     """Return the gaps to expect at the take-holds of a scenario, at rest on the reference.
 
-    About P, with the weight w, the compliances C_i of grasps, load shares c_i at the start, and the arms H
-    that hold the payload alone, with the shares c'_i then::
+    About P, with the weight w, the compliances C_i of grasps, load shares c_i at the start (matrices, where
+    the virtual linkage splits the load), and the arms H that hold the payload alone, with shares c'_i then::
 
         tips     T_i = -C_i c_i w  where the law is zeroed at the grasp, else 0
         payload  delta = (sum_H C_i^-1)^-1 (w + sum_H C_i^-1 T_i),  or  sum_H c'_i (T_i + C_i c'_i w)
@@ -69,22 +70,29 @@ def regrasp_gaps(scenario: Scenario) -> tuple[RegraspGap, ...]:
     """
     cell = scenario.cell
     C = np.array([cell.compliance(name) for name in cell.arms])
+    shares = _shares(scenario.grasp_plan_at(0.0))
     is_zeroed = scenario.controller.near_rest.is_zeroed
     gaps = list[RegraspGap]()
     for event in of_kind(scenario.events, Regrasp):
         time = event.time - _BEFORE
         R = scenario.motion.at(time).X_WP_d[:3, :3]
         around, plan = scenario.surroundings_at(time), scenario.grasp_plan_at(time)
-        holds, c = plan.holds, plan.shares[plan.holds, None]
+        holds, borne = plan.holds, _shares(plan)[plan.holds]
         w = (weight_wrench(around.mass, around.gravity).reshape(2, 3) @ R).ravel()
-        T = -is_zeroed * cell.shares[:, None] * (C @ w)
+        T = -is_zeroed * (C @ (shares @ w)[..., None])[..., 0]
         delta = np.zeros(6)
         if holds.any() and C[holds].any(axis=(1, 2)).all():
             K = np.linalg.inv(C[holds])
             delta = np.linalg.solve(K.sum(axis=0), w + np.einsum("mij,mj->i", K, T[holds]))
             if scenario.controller.force_path.measures:
-                delta = np.sum(c * (T[holds] + c * (C[holds] @ w)), axis=0)
+                stretched = (C[holds] @ (borne @ w)[..., None])[..., 0]
+                delta = np.einsum("m,mi->i", plan.shares[holds], T[holds] + stretched)
         gap = delta - T[list(cell.arms).index(event.arm)]
         distance = np.linalg.norm(gap[:3] + np.cross(gap[3:], cell.grasps[event.arm].xyz))
         gaps.append(RegraspGap(event, float(distance), float(np.linalg.norm(gap[3:]))))
     return tuple(gaps)
+
+
+def _shares(plan: GraspPlan) -> Array:
+    """Return the parts of the load that arms bear, as matrices, shape (m, 6, 6)."""
+    return plan.shares[:, None, None] * np.eye(6) if plan.linkage is None else plan.linkage

@@ -29,16 +29,20 @@ def regrasping(name, tolerance):
     return cp.suggest(scenario, poses=11).scenario
 
 
+def missed(scenario):
+    """The first take-hold of a run that does not happen."""
+    simulation = cp.Simulation(scenario, build_controller(scenario))
+    while not simulation.missed:
+        simulation.tick()
+    return simulation.missed[0]
+
+
 @pytest.mark.parametrize("name", ["adept-compliant", SPATIAL])
 def test_the_gap_is_that_of_the_run(name):
     """Within a third: the arms' own errors, some 0.3 mm here, are not in it."""
     scenario = regrasping(name, 1e-7)
     gap = regrasp_gaps(scenario)[0]
-    simulation = cp.Simulation(scenario, build_controller(scenario))
-    while not simulation.missed:
-        simulation.tick()
-    distance = simulation.missed[0].distance
-    assert gap.distance == pytest.approx(distance, rel=0.33)
+    assert gap.distance == pytest.approx(missed(scenario).distance, rel=0.33)
     assert gap.distance > 5e-4
     assert not gap.ok
 
@@ -64,3 +68,18 @@ def test_grasps_of_the_others_that_give_nothing_leave_what_the_tip_itself_had():
     assert regrasp_gaps(stiff)[0].distance == pytest.approx(
         scenario.cell.shares[1] * weight / SOFT[0], rel=0.5
     )
+
+
+@pytest.mark.slow
+def test_the_gap_on_patches_is_that_of_the_run():
+    """Patches bear forces without moments: the virtual linkage splits the load."""
+    scenario = cp.Scenario.load("pick-carry-place").override({"events.1.tolerance": 1e-9})
+    gap, seen = regrasp_gaps(scenario)[0], missed(scenario)
+    assert (gap.distance, gap.angle) == pytest.approx((seen.distance, seen.angle), rel=0.25)
+
+
+@pytest.mark.parametrize("name", ["pick-carry-place", "three-ur5-handover"])
+def test_take_holds_of_the_catalogue_are_within_their_tolerance(name):
+    gaps = regrasp_gaps(cp.Scenario.load(name))
+    assert gaps
+    assert max(gap.use for gap in gaps) < 0.3
