@@ -1,30 +1,24 @@
-"""Findings before seeded runs: none that ends off or diverges begins without an error or a warning."""
+"""Findings before seeded runs: none that is lost begins without a warning, and few that are kept have one."""
 
 import numpy as np
 import pytest
+from compliant_cells import with_grasps
+from forecast_cells import KINDS, drawn
 
 import coop_pin as cp
-from coop_pin.running.check import quick_findings
-from coop_pin.running.plausibility import implausible_numbers
-from coop_pin.simulation.build_controller import build_controller
-from coop_pin.simulation.simulation import Simulation
+from coop_pin.running.check import run_findings
 
-CELLS = (
-    *("adept-anchored", "adept-compliant", "adept-paper", "baxter-box", "five-joint-pair", "human-partner"),
-    *(
-        "kinova-pair",
-        "panda-ur5-bar",
-        "three-ur5-far",
-        "three-ur5-plate",
-        "two-pandas-box",
-        "two-ur5-admittance",
-    ),
-)
+QUICK = ("adept-anchored", "adept-compliant", "adept-paper", "panda-ur5-bar", "two-ur5-admittance")
+LAWS = ("object-impedance", "computed-torque", "adaptive", "leader-follower", "mean-pose", "sliding-mode")
 FIELDS = (
-    *(f"controller.gains.{gain}_gain" for gain in ("pose", "sliding", "sign", "anchor", "damping")),
+    *(f"controller.gains.{gain}_gain" for gain in ("pose", "sliding", "sign", "anchor", "damping", "force")),
     *("controller.gains.admittance_damping", "controller.posture.stiffness", "controller.posture.damping"),
-    *("clock.rate_hz", "cell.payload.mass", "squeeze.force"),
+    *("controller.anchor_bias", "clock.rate_hz", "cell.payload.mass", "squeeze.force"),
 )
+UNSTABLE = {
+    *("plant steps", "sampled damping", "loop stability"),
+    *("grasp stability", "admittance stability", "closed loop"),
+}
 OFF = 20e-3
 """Position error at the end of a run from which on it is off, m."""
 
@@ -35,54 +29,86 @@ def value_of(scenario, path):
     return scenario
 
 
-def changed_cell(rng):
-    """A cell of the catalogue without its events, one or two of its fields times 0.3 to 3."""
+def quick_cell(rng):
+    """A cell of the catalogue that runs in a second or two, without its events."""
+    return cp.Scenario.load(str(rng.choice(QUICK))).replace(events=())
+
+
+def any_cell(rng, folder):
+    """A cell of the catalogue with or without its events, one under another law, or one of foreign arms."""
+    source = rng.choice(["catalogue", "law", "foreign"], p=[0.6, 0.2, 0.2])
+    if source == "foreign":
+        cell = drawn(folder, int(rng.integers(1000)), str(rng.choice(KINDS)), int(rng.integers(40)))
+        return cp.suggest(cell, poses=11).scenario
+    scenario = cp.Scenario.load(str(rng.choice(cp.scenario_names())))
+    scenario = scenario if rng.random() < 0.5 else scenario.replace(events=())
+    if source == "law":
+        law = {"kind": str(rng.choice(LAWS)), "force_path": {"kind": "late"}}
+        fields = scenario.model_dump(exclude_unset=True) | {"controller": law}
+        scenario = cp.suggest(cp.Scenario.draft(**fields), poses=11).scenario
+    if rng.random() < 0.2 and not scenario.cell.unclosed:
+        k = 5e3 * 60.0 ** rng.random()
+        scenario = with_grasps(scenario, (k, k, k, k / 50.0, k / 50.0, k / 50.0), damping_ratio=0.5)
+    return scenario
+
+
+def changed_cell(rng, base):
+    """A cell with up to two of its fields times 0.3 to 3, and what was changed."""
     while True:
-        scenario = cp.Scenario.load(str(rng.choice(CELLS))).replace(events=())
-        stated = {path: value_of(scenario, path) for path in FIELDS}
-        fields = rng.permutation([path for path, value in stated.items() if value is not None])
-        factors = 3.0 ** rng.uniform(-1.0, 1.0, size=rng.integers(1, 3))
-        changes = {
-            str(path): (factor * np.array(stated[path])).tolist()
-            for path, factor in zip(fields, factors, strict=False)
-        }
-        if "clock.rate_hz" in changes:
-            changes["clock.rate_hz"] = round(changes["clock.rate_hz"])
         try:
+            scenario = base(rng)
+            stated = {path: value_of(scenario, path) for path in FIELDS}
+            fields = [path for path, value in stated.items() if value is not None and np.ndim(value) < 2]
+            changes = {
+                str(path): (3.0 ** rng.uniform(-1.0, 1.0) * np.array(stated[path])).tolist()
+                for path in rng.permutation(fields)[: rng.integers(0, 3)]
+            }
+            if "clock.rate_hz" in changes:
+                changes["clock.rate_hz"] = round(changes["clock.rate_hz"])
             changed = scenario.override({**changes, "beyond_bound": True})
-            return changed.replace(duration=min(6.0, changed.duration)), changes
+            end = max((event.time for event in changed.events), default=0.0) + 6.0
+            return changed.replace(duration=min(end, changed.duration)), changes
         except cp.CoopPinError:  # such as a rate that a servo does not divide
             continue
 
 
-def is_lost(scenario):
-    """Whether a run diverges, is not sound, or ends off."""
+def outcome(scenario):
+    """Whether a run diverges, drops its payload, is not sound or ends off; and whether it keeps its task."""
     try:
-        result = cp.run(scenario, engine="compiled", warn=False)
+        result = cp.run(scenario, warn=False)
     except cp.CoopPinError:
-        return True
+        return True, False
     end = np.linalg.norm(result.data.pose_error.values[-1, :3])
     cut = any(deviation.cause == "torque cut" for deviation in result.task.deviations)
-    return bool(result.breaches()) or cut or end > OFF
+    is_lost = not result.simulation_sound or result.task.state in ("dropped", "lost") or cut or end > OFF
+    return is_lost, result.task.kept and result.simulation_sound
 
 
-def silent_losses(seed, count):
-    """Changes of cells whose run is lost without an error or a warning before it."""
-    rng, silent = np.random.default_rng(seed), []
+def judged(base, seed, count):
+    """Runs that are lost without a warning; how many keep their task, and which of these are warned of."""
+    rng, silent, kept, alarmed = np.random.default_rng(seed), [], 0, []
     for _ in range(count):
-        scenario, changes = changed_cell(rng)
-        findings = quick_findings(Simulation(scenario, build_controller(scenario)))
-        is_warned = len(findings.of("error", "warning")) + len(implausible_numbers(scenario))
-        if not is_warned and is_lost(scenario):
+        scenario, changes = changed_cell(rng, base)
+        warned = run_findings(scenario).of("error", "warning")
+        is_lost, is_kept = outcome(scenario)
+        if is_lost and not len(warned):
             silent.append((scenario.name, changes))
-    return silent
+        kept += is_kept
+        if is_kept and UNSTABLE & {finding.kind for finding in warned}:
+            alarmed.append((scenario.name, changes))
+    return silent, kept, alarmed
 
 
 def test_no_run_of_a_sample_is_lost_without_a_finding():
-    assert silent_losses(seed=3, count=4) == []
+    silent, _, alarmed = judged(quick_cell, seed=3, count=4)
+    assert (silent, alarmed) == ([], [])
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::coop_pin.errors.ScenarioWarning")
 @pytest.mark.parametrize("seed", range(100, 110))
-def test_no_run_of_three_hundred_is_lost_without_a_finding(seed):
-    assert silent_losses(seed, count=30) == []
+def test_no_run_of_three_hundred_is_lost_without_a_finding(tmp_path, seed):
+    silent, kept, alarmed = judged(lambda rng: any_cell(rng, tmp_path), seed, count=30)
+    print(f"{kept} of 30 kept, of these with a finding of instability: {alarmed}")
+    assert silent == []
+    assert len(alarmed) <= 0.05 * kept + 1.0
