@@ -278,8 +278,9 @@ class HeldArm:
             count = math.ceil((end - begin) / _SPARE_STEP)
             h = (end - begin) / count
             for time in np.linspace(begin, end, count + 1)[1:].tolist():
-                target, N = self.motion.at(time), model.null_space(q_k)
-                J_plus = np.linalg.pinv(model.task_jacobian(q_k))
+                target, J = self.motion.at(time), model.task_jacobian(q_k)
+                J_plus = np.linalg.pinv(J)
+                N = np.eye(model.nv) - J_plus @ J
                 along = J_plus @ self.rows.select(target.V_WP_d)
                 M = from_drive.T @ model.mass_matrix(q_k) @ from_drive
                 D = from_drive.T @ self.friction.damping(from_drive @ (along + w)) @ from_drive
