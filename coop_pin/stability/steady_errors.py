@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.cell_arm import CellArm
 
+_BISECTIONS = 60
 _LARGEST_DELAY = 200
 """A loop that is stable at this delay, ticks, counts as stable at any."""
 _NEEDED = {
@@ -202,24 +204,29 @@ def anchor_biases(scenario: Scenario, bias: float, turn: float = 0.0) -> dict[st
 
 def _sag(direction: SteadyDirection, load: float) -> float:
     """Return the error at which a load is held, m."""
-    from scipy.optimize import brentq  # slow to load
-
     if not direction.load_rate and direction.integral(LARGEST_SAG):
         return 0.0
     if direction.held(LARGEST_SAG, direction.load_rate) < load:
         return math.inf
     rate = direction.load_rate
-    return float(brentq(lambda x: direction.held(x, rate) - load, 0.0, LARGEST_SAG, xtol=1e-12))
+    return _least(lambda x: direction.held(x, rate) >= load)
 
 
 def _drift(direction: SteadyDirection, share: float, force: float) -> float:
     """Return the error at which an arm rests whose force error it cannot change, m; inf if it never does."""
-    from scipy.optimize import brentq  # slow to load
-
     rate = direction.internal_rate * force / share
     if direction.integral(min(direction.free, LARGEST_SAG)) <= rate:
         return direction.free
-    return float(brentq(lambda x: direction.integral(x) - rate, 0.0, LARGEST_SAG, xtol=1e-12))
+    return _least(lambda x: direction.integral(x) >= rate)
+
+
+def _least(is_enough: Callable[[float], bool]) -> float:
+    """Return the least error that is enough, by bisection: scipy.optimize takes long to load."""
+    low, high = 0.0, LARGEST_SAG
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2.0
+        low, high = (low, middle) if is_enough(middle) else (middle, high)
+    return high
 
 
 def _joint_springs(scenario: Scenario) -> list[Array]:
