@@ -15,7 +15,7 @@ from coop_pin.description.events import PayloadEvent, Surroundings
 
 
 class LoseArm(PayloadEvent):
-    """Failure of an arm: its drives follow no command from then on. No law is told.
+    """Failure of an arm: its drives follow no command from then on, and no law has a message of it.
 
     It is ``torque_lost_at`` or ``commands_lost_at`` of the arm's actuators, as an event.
 

@@ -86,8 +86,8 @@ def _draw_error(data: xr.Dataset, panel: Axes, rows: slice, title: str, unit: st
 
 def _roles(result: RunResult, part: str, *roles: str) -> tuple[str, ...]:
     """Return the roles to draw of a part: no desired moment where the controlled rows have none."""
-    is_asked_for = part != "moment" or result.scenario.cell.task_rows.has_moments
-    return tuple(role for role in roles if role != "desired" or is_asked_for)
+    is_desired = part != "moment" or result.scenario.cell.task_rows.has_moments
+    return tuple(role for role in roles if role != "desired" or is_desired)
 
 
 _ROLES: dict[str, Any] = {

@@ -193,7 +193,7 @@ def _candidates(scenario: Scenario, finding: Finding, poses: int) -> Iterator[di
 
 
 def _calmer(scenario: Scenario, finding: Finding) -> Iterator[dict[str, Any]]:
-    """Yield a stiffer spring of spare joints, where that is asked for, and higher rates."""
+    """Yield stiffer springs of spare joints, where the finding is about them, and higher rates."""
     rate, spring = scenario.clock.rate_hz, scenario.controller.spare_spring
     if spring and finding.place == spring:
         node: Any = scenario
@@ -207,7 +207,7 @@ def _calmer(scenario: Scenario, finding: Finding) -> Iterator[dict[str, Any]]:
 
 
 def _lighter(scenario: Scenario, statics: StaticTorques) -> Iterator[dict[str, Any]]:
-    """Yield the squeeze that the drives hold beside the load, and the payload's mass with it."""
+    """Yield the squeeze that the drives hold with the load, and the payload's mass with it."""
     if 0.0 < (part := squeeze_part(statics)) < 1.0:
         yield _scaled(scenario, part)
     part = min(part_held(arm.weight, arm.load + arm.squeeze, arm.limit) for arm in statics.arms)

@@ -101,14 +101,14 @@ class MotionLoop:
         self.Q = np.array([_turn(rows, target.X_WP_d) for target in targets])
         push = np.einsum("nij,nj->ni", M_0, np.gradient(twists, self.times, axis=0))[:, indices]
         pairs_of = zip(self.arms, self.paths, strict=True)
-        asked = np.array([arm.wrenches(self.times, path) for arm, path in pairs_of]).swapaxes(0, 1)
+        a = np.array([arm.wrenches(self.times, path) for arm, path in pairs_of]).swapaxes(0, 1)
         grasps = scenario.cell.grasps
         squeeze = np.array(
             [[rows.select(f) for f in scenario.squeeze.at(time, grasps)] for time in self.times]
         )
-        self._drive(push, asked - asked[0], squeeze, -rows.select(twists[0]))
+        self._drive(push, a - a[0], squeeze, -rows.select(twists[0]))
 
-    def _drive(self, push: Array, asked: Array, squeeze: Array, velocity: Array) -> None:
+    def _drive(self, push: Array, a: Array, squeeze: Array, velocity: Array) -> None:
         """Set the first state, and what drives the loop at every tick, shape (ticks, inputs)."""
         scenario, m, is_pressed = self.scenario, self.m, bool(self.scenario.cell.patches)
         start, begin = scenario.start.matrix, scenario.motion.replace().at(0.0).X_WP_d
@@ -121,7 +121,7 @@ class MotionLoop:
         springs = self.K + self.is_rigid * np.eye(self.k)
         off = np.array([Q_0 @ np.linalg.solve(K, Q_0.T @ F) for K, F in zip(springs, borne, strict=True)])
         x = self.rows.pose_error(start, begin) - self.held.T @ (off * ~self.is_rigid[:, :, 0])
-        seen = self.held @ x
+        view = self.held @ x
         e = np.exp(-self.laws[0].gains.transient_rate * self.ticks)[:, None, None]
         Q, f_d = self._at_ticks(self.Q), self._at_ticks(squeeze)
         f_d = f_d if is_pressed else f_d - squeeze[0] * e
@@ -131,14 +131,14 @@ class MotionLoop:
             for K, law in zip(self.K, self.laws, strict=True)
         ]
         known = np.einsum("nij,mjk,nmk->nmi", Q, C, f_d)
-        zeroed = scenario.controller.near_rest.is_zeroed * seen
-        surface = velocity + np.einsum("mij,mj->mi", self.gamma, seen - zeroed)
+        zeroed = scenario.controller.near_rest.is_zeroed * view
+        surface = velocity + np.einsum("mij,mj->mi", self.gamma, view - zeroed)
         known = known - np.einsum("nij,mj->nmi", Q, zeroed @ Q_0)
         self.sigma = np.einsum("mij,nmj->nmi", self.gamma, known) - surface * e
         every = (
             self.sigma,
             self.f_r,
-            self._at_ticks(asked),
+            self._at_ticks(a),
             self._at_ticks(push),
             np.tile(load, (len(e), 1, 1)),
         )
@@ -213,7 +213,7 @@ class MotionLoop:
         def tick(
             x: Array, v: Array, Z: Array, f: Array, f_m: Array, y: Array, *driven: Array
         ) -> tuple[Array, ...]:
-            sigma, f_r, asked, push, load = driven
+            sigma, f_r, a, push, load = driven
             s = np.tensordot(self.held, v, 1) + self.gamma @ np.tensordot(self.held, x, 1) + sigma
             f_m = pole * f_m + (1.0 - pole) * f[-1]
             anchor = -self.g * (f_m - f_r)
@@ -221,14 +221,14 @@ class MotionLoop:
             P = G @ s + Z + f_r - K_f * (f_m - f_r)
             y = (1.0 - T * k_I) * (y + explains @ anchor)
             Z = Z + T * (G @ (k_I * s) - self.leak * Z)
-            force = -np.tensordot(self.held.T, P + asked, 1) - np.tensordot(self.give.T, load, 1)
+            force = -np.tensordot(self.held.T, P + a, 1) - np.tensordot(self.give.T, load, 1)
             force[0] -= push
             state = np.concatenate([part.reshape(n * k, -1) for part in (x, v, force)])
             x, v = np.split(plant @ state, 2)
             acceleration = (mobility @ state[2 * n * k :] - springs @ x - dampers @ v).reshape(n, k, -1)
             x, v = x.reshape(n, k, -1), v.reshape(n, k, -1)
             F = -K @ np.tensordot(self.give, x, 1) - D @ np.tensordot(self.give, v, 1)
-            F = F + self.is_rigid * (Lambda @ acceleration[0] + B @ v[0] + P + asked + load)
+            F = F + self.is_rigid * (Lambda @ acceleration[0] + B @ v[0] + P + a + load)
             return x, v, Z, np.concatenate(((F - split @ F.sum(axis=0))[None], f[:-1])), f_m, y
 
         return matrix_of(tick, [*self.shapes, *self.input_shapes])

@@ -66,7 +66,7 @@ class RestingLaw:
         self.at_rest = self.measured(q)
 
     def measured(self, q: Array) -> list[ArmMeasurement]:
-        """Return the measurements at rest at a configuration; what was asked for a tick ago has acted."""
+        """Return the measurements at rest at a configuration; the command of the last tick has acted."""
         measured = self._sensing.start(q, self._rest, self.references, self._signals)
         return [arm._replace(time=self._time, reported_torque=None) for arm in measured]
 

@@ -33,15 +33,15 @@ class DaskBackend:
 
     def __init__(self, client: Any) -> None:
         self._client, self._executor = client, client.get_executor(pure=False)
-        self._name, self._seen, self._slots = uuid.uuid4().hex, time.monotonic(), 1
+        self._name, self._answered, self._slots = uuid.uuid4().hex, time.monotonic(), 1
 
     def slots(self) -> int:
         """Return the number of threads of all dask workers, which come and go; at least one."""
         try:
             self._slots = max(1, sum(self._client.nthreads().values()))
-            self._seen = time.monotonic()
+            self._answered = time.monotonic()
         except OSError:
-            if time.monotonic() - self._seen > _PATIENCE_S:
+            if time.monotonic() - self._answered > _PATIENCE_S:
                 raise
         return self._slots
 
