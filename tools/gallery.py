@@ -1,4 +1,4 @@
-"""Draw the loops of the gallery, and write its table into the README and the front page of the documentation.
+"""Draw the loops of the gallery, and write its table into the front page of the documentation.
 
     python tools/gallery.py                      # every cell of the catalogue, and the four laws
     python tools/gallery.py two-pandas-box       # some of them; the table is always written
@@ -28,7 +28,7 @@ sys.path.insert(0, str(REPOSITORY / "studies"))
 from pages import write_block  # noqa: E402
 
 LOOPS = REPOSITORY / "docs" / "_static" / "gallery"
-SECONDS, FRAMES_PER_SECOND = 6.0, 10.0
+SECONDS, FRAMES_PER_SECOND = 6.0, 5.0
 SCENE_ONLY = """html, body, main { display: block !important; height: 100% !important; }
     nav, aside, #caption, #views { display: none !important; } #view { height: 100% !important; }
     #tension { width: 170px !important; }"""
@@ -65,25 +65,19 @@ def save_loop(name: str, *runs: RunResult, names: tuple[str, ...] = (), width: i
     return file
 
 
-def gallery(columns: int, images: str, replays: str = "") -> str:
-    """Return the table of the catalogue, robots of today first: loop, sentence, command, replay.
+def gallery(images: str, replays: str) -> str:
+    """Return the table of the catalogue, robots of today first: sentence, command, links to loop and replay.
 
     Args:
-        columns: number of cells beside each other.
         images: folder of the loops, as the page addresses it.
-        replays: folder of the replays likewise; "" where there are none.
+        replays: folder of the replays likewise.
     """
-    cells = []
+    lines = ["| cell | command | |", "| --- | --- | --- |"]
     for name in reversed(scenario_names()):
-        replay = f' <a href="{replays}/{name}.html">replay</a>' if replays else ""
         text = f"{cp.Scenario.load(name).summary}.".replace("..", ".")
-        cells.append(f"![{text}]({images}/{name}.webp)<br>{text}<br>`coop-pin run {name}`{replay}")
-    lines = [
-        [""] * columns,
-        ["---"] * columns,
-        *(cells[k : k + columns] for k in range(0, len(cells), columns)),
-    ]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+        links = f'<a href="{images}/{name}.webp">loop</a>, <a href="{replays}/{name}.html">replay</a>'
+        lines.append(f"| {text} | `coop-pin run {name}` | {links} |")
+    return "\n".join(lines)
 
 
 def main() -> None:
@@ -101,8 +95,7 @@ def main() -> None:
         else:
             file = save_loop(name, cp.run(name), width=480, height=320)
         print(f"{file.relative_to(REPOSITORY)}: {file.stat().st_size / 1e6:.2f} MB", flush=True)
-    write_block(REPOSITORY / "README.md", "gallery", gallery(4, "docs/_static/gallery"))
-    write_block(REPOSITORY / "docs" / "index.md", "gallery", gallery(2, "_static/gallery", "_static/replays"))
+    write_block(REPOSITORY / "docs" / "index.md", "gallery", gallery("_static/gallery", "_static/replays"))
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ LONG = {"compare_laws", "four_bar", "motions", "one_draw", "sweep_force_gain"}
 """Examples of many or long runs: two thirds of the time of all. What they call runs in tests of its own."""
 QUICK = {"ik_branches", "internal_force_split"}
 """Examples that run in the default tier, too."""
-README = (FOLDER.parent / "README.md").read_text(encoding="utf-8")
+PAPER = (FOLDER.parent / "docs" / "concepts" / "paper.md").read_text(encoding="utf-8")
 
 
 ALL = """
@@ -98,10 +98,10 @@ def tracking_and_squeeze(out, _folder):
 
 
 def laws_side_by_side(out, _folder):
-    """The table of the README is what the example prints, digit by digit."""
+    """The table of the paper's page is what the example prints, digit by digit."""
     found = {line[:28].strip(): [float(word) for word in line[28:].split()] for line in out.splitlines()[1:]}
     rows = re.findall(
-        r"^\| ((?:printed|payload-space), [^|]+) \| ([\d.]+) \| ([\d.]+) \|", README, re.MULTILINE
+        r"^\| ((?:printed|payload-space), [^|]+) \| ([\d.]+) \| ([\d.]+) \|", PAPER, re.MULTILINE
     )
     assert [name for name, *_ in rows] == list(found)
     for name, *shown in rows:
@@ -109,10 +109,10 @@ def laws_side_by_side(out, _folder):
             assert float(f"{value:.{len(text.partition('.')[2])}f}") == float(text), name
 
 
-def range_of_the_readme(out, _folder):
-    """The README gives the printed law's force as this range; without the integral it is one number."""
+def range_of_the_page(out, _folder):
+    """The paper's page gives the printed law's force as this range; without the integral it is one number."""
     rows = np.array([[float(word) for word in line.split()] for line in out.splitlines()[1:]])
-    shown = re.findall(r"([\d.]+) to ([\d.]+) N over starts moved by −3 to 2 mm", README)
+    shown = re.findall(r"([\d.]+) to ([\d.]+) N over starts moved by −3 to 2 mm", PAPER)
     assert shown == [(f"{rows[:, 1].min():.1f}", f"{rows[:, 1].max():.1f}")]
     assert np.ptp(rows[:, 2]) < 1e-3
 
@@ -220,7 +220,7 @@ PROMISES = {
     "four_arms": forces_that_cancel,
     "internal_force_definitions": definitions_as_on_their_page,
     "run_paper": metrics_and_files,
-    "one_draw": range_of_the_readme,
+    "one_draw": range_of_the_page,
     "sweep_force_gain": static_factor_and_bound,
     "own_controller": tracking_and_squeeze,
     "compare_laws": laws_side_by_side,

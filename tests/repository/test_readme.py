@@ -1,4 +1,4 @@
-"""Commands, Python code and numbers of the README are right."""
+"""Commands, Python code and sizes of the README, and the pages that hold what is not on it."""
 
 import functools
 import re
@@ -20,23 +20,29 @@ from coop_pin.cli.parsing import COMMANDS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+SHELL = (REPOSITORY / "docs" / "howto" / "shell.md").read_text(encoding="utf-8")
+PAPER = (REPOSITORY / "docs" / "concepts" / "paper.md").read_text(encoding="utf-8")
+PACKAGE_TABLE = (REPOSITORY / "docs" / "packages.md").read_text(encoding="utf-8")
+MOST_WORDS, MOST_BYTES = 900, 1.5e6
+INSTALLATION = ("git", "python3", "source", "pip")
 SHORT = ["--duration", "0.2", "--events", "[]", "--quiet"]
 """A run is cut short here unless the README says how long; nothing else about it is changed."""
 
 
 def blocks(language):
-    return re.findall(rf"^```{language}\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
+    return re.findall(rf"^```{language}\n(.*?)^```", README + SHELL, re.DOTALL | re.MULTILINE)
 
 
 @functools.cache
 def commands():
     """The words of every command line, comments left out."""
     lines = "\n".join(blocks("sh")).splitlines()
-    return [words for line in lines if (words := shlex.split(line, comments=True))]
+    every = [words for line in lines if (words := shlex.split(line, comments=True))]
+    return [words for words in every if words[0] not in INSTALLATION]
 
 
 def test_table_and_import_line_name_every_package_and_imports_follow_the_line():
-    (line,) = re.findall(r"^Imports go in one direction.*?\n\n", README, re.DOTALL | re.MULTILINE)
+    (line,) = re.findall(r"^Imports go in one direction.*?\n\n", PACKAGE_TABLE, re.DOTALL | re.MULTILINE)
     layers = [set(re.findall(r"`(\w+)`", layer)) for layer in line.split("→")]
     layer_of = {package: number for number, layer in enumerate(layers) for package in layer}
     packages = {path.parent.name for path in (REPOSITORY / "coop_pin").glob("*/__init__.py")}
@@ -45,7 +51,7 @@ def test_table_and_import_line_name_every_package_and_imports_follow_the_line():
     for package, number in layer_of.items():
         imported = PACKAGES[package][0] & packages
         assert {name for name in imported if layer_of[name] > number} == set(), package
-    rows = re.findall(r"^\| \[`(\w+)`\]\(coop_pin/(\w+)\) \|", README, re.MULTILINE)
+    rows = re.findall(r"^\| \[`(\w+)`\]\(../coop_pin/(\w+)\) \|", PACKAGE_TABLE, re.MULTILINE)
     assert sorted(rows) == [(package, package) for package in sorted(packages)]
 
 
@@ -56,6 +62,14 @@ def test_every_command_is_coop_pin_or_a_tool_that_exists_and_is_sound_shell():
     assert "tools/gate.sh" in scripts  # the gate is what runs this test
     for script in scripts:
         subprocess.run(["bash", "-n", str(REPOSITORY / script)], check=True)
+
+
+def test_the_front_pages_are_short_and_light():
+    assert len(README.split()) <= MOST_WORDS
+    for page in (REPOSITORY / "README.md", REPOSITORY / "docs" / "index.md"):
+        pictures = re.findall(r"!\[[^\]]*\]\(([^)]+)\)", page.read_text(encoding="utf-8"))
+        assert pictures, page
+        assert sum((page.parent / picture).stat().st_size for picture in pictures) <= MOST_BYTES, page
 
 
 @pytest.mark.parametrize("count", [1, pytest.param(None, marks=pytest.mark.gate)])
@@ -165,7 +179,7 @@ def rounded(value, shown):
 
 
 def test_the_numbers_of_the_papers_experiment_are_those_of_a_run():
-    """In the README and on the verification page, digit by digit."""
+    """On the paper's page and on that of verification, digit by digit."""
     result = coop_pin.run("adept-paper")
     found, window = result.metrics(), (4.0, 10.0)
     force = result.internal_force(window=window)
@@ -180,7 +194,7 @@ def test_the_numbers_of_the_papers_experiment_are_those_of_a_run():
         ("closure error", "whole run"): (found["closure_error_max_m"], "m"),
         ("energy minus work", "whole run"): (found["energy_balance_max_J"], "J"),
     }
-    rows = re.findall(r"^\| ([^|]+) \| ([^|]+) \| (-?[\d.e-]+) ([^|]+) \|$", README, re.MULTILINE)
+    rows = re.findall(r"^\| ([^|]+) \| ([^|]+) \| (-?[\d.e-]+) ([^|]+) \|$", PAPER, re.MULTILINE)
     assert len(rows) == len(values)
     for (label, window, shown, unit), ((start, when), (value, unit_there)) in zip(
         rows, values.items(), strict=True

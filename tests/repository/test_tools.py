@@ -115,7 +115,9 @@ def test_the_papers_experiment_is_written_where_the_user_stands(workshop, tmp_pa
     assert {path.name for path in (elsewhere / "mine").iterdir()} == {
         name
         for names in re.findall(
-            r"^\| (`[\w.]+`(?:, `[\w.]+`)*)", (REPOSITORY / "README.md").read_text(), re.MULTILINE
+            r"^\| (`[\w.]+`(?:, `[\w.]+`)*)",
+            (REPOSITORY / "docs" / "howto" / "shell.md").read_text(),
+            re.MULTILINE,
         )
         for name in re.findall(r"[\w.]+", names)
     }
