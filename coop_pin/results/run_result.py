@@ -176,7 +176,7 @@ class RunResult:
         done = f"{task.text}; {text}" if text and task.state != "dropped" else task.text
         if first is None:
             return f"{done}; simulation sound"
-        return f"SIMULATION NOT SOUND: {first}{more}; {done}"
+        return f"SIMULATION NOT SOUND: {first}{more}; do not believe the rest: {done}"
 
     def friction_use(self) -> FrictionUse:
         """Return the friction that every patch or pad uses of what it bears, over time."""

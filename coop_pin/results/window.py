@@ -44,7 +44,7 @@ class Window(NamedTuple):
 
     def __str__(self) -> str:
         """Return it as text."""
-        return "empty window" if self.is_empty else f"{self.start:g} to {self.end:g} s"
+        return f"at {self.start:g} s" if self.is_empty else f"{self.start:g} to {self.end:g} s"
 
 
 def checked_window(window: tuple[float, float], end: float) -> Window:

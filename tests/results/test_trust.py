@@ -73,7 +73,10 @@ def test_a_motion_through_a_singular_pose_is_marked_with_the_pose_as_its_first_c
     assert not singular.simulation_sound
     assert singular.metrics()["simulation_sound"] == 0.0
     more = f"; {len(others)} more" * bool(others)
-    assert singular.verdict() == f"SIMULATION NOT SOUND: {first}{more}; {singular.task.text}"
+    assert (
+        singular.verdict()
+        == f"SIMULATION NOT SOUND: {first}{more}; do not believe the rest: {singular.task.text}"
+    )
     assert singular.summary().splitlines()[0] == f"{singular.scenario.name}: {singular.verdict()}"
 
 
