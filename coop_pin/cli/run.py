@@ -83,7 +83,7 @@ def run(
         viz.save_report(result, folder.path / folder.REPORT)
     code = _exit_code(result)
     if not quiet:
-        written = f"written to {folder.path}, {timing.real_time_factor:.1f} times real time"
+        written = f"written to {folder.path}, {timing.real_time_factor:.2g} times real time"
         print(result.summary(), *_details(result, verbose), written, sep="\n")
     elif code != OK:
         _warn(result, verbose)
@@ -105,4 +105,4 @@ def _details(result: Any, verbose: bool) -> list[str]:
     breaches = [*result.breaches(), *result.task.deviations]
     if verbose:
         return [f"  {breach}" for breach in breaches]
-    return [f"  --verbose lists all {len(breaches)} reasons"] if len(breaches) > 1 else []
+    return [f"  --verbose lists all {len(breaches)} errors beyond their limits"] if len(breaches) > 1 else []

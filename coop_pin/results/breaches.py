@@ -186,8 +186,9 @@ class LimitViolation(NamedTuple):
 
     def __str__(self) -> str:
         """Return it as text."""
-        worst = f"{self.worst:.4g} (limit {self.limit:.4g})"
-        return f"{self.kind} of {self.arm} {self.joint}, {worst}, first at t = {self.first_time:.4g} s"
+        kind = "commanded torque" if self.kind == "torque" else self.kind
+        worst = f"at worst {self.worst:.4g} (limit {self.limit:.4g})"
+        return f"{kind} of {self.arm} {self.joint}, {worst}, first at t = {self.first_time:.4g} s"
 
 
 def limit_violations(data: Arrays) -> tuple[LimitViolation, ...]:

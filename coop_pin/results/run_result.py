@@ -25,7 +25,7 @@ from coop_pin.results.metrics import (
 )
 from coop_pin.results.quantities import Arrays, Samples
 from coop_pin.results.running_metrics import EveryTick, RunningMetrics
-from coop_pin.results.task import TaskVerdict, monitored, task_verdict
+from coop_pin.results.task import TaskMonitor, TaskVerdict, monitored, task_verdict
 from coop_pin.results.window import EventWindows, Window, checked_window, phases, samples_of, spans
 
 if TYPE_CHECKING:  # slow to load
@@ -129,14 +129,18 @@ class RunResult:
         return float(np.asarray(self.arrays["time"])[-1])
 
     @functools.cached_property
+    def monitor(self) -> TaskMonitor:
+        """Task monitor of the kept samples: when the start had decayed, and since when errors count."""
+        return monitored(self.arrays, self.scenario)
+
+    @functools.cached_property
     def phases(self) -> dict[str, Mask]:
         """Masks of the kept samples in each phase of metrics such as ``moving_position_rms_m``.
 
         "moving" and "rest", as the reference does, are without the decay of what the run starts with and
         without events that last; "after_event" is from the end of the last event and its recovery on.
         """
-        after_decay = monitored(self.arrays, self.scenario).after_decay
-        return phases(self.arrays, self.scenario, after_decay)
+        return phases(self.arrays, self.scenario, self.monitor.after_decay)
 
     def windows_of(self, metric: str) -> tuple[Window, ...]:
         """Return the windows that an entry of ``metrics`` is taken over."""
@@ -146,6 +150,8 @@ class RunResult:
                 return spans(np.asarray(self.arrays["time"]), mask)
         if metric == "settling_time_s":
             return (events.before,)
+        if metric in self.monitor.counted_from:
+            return (Window(float(self.monitor.counted_from[metric]), self.end),)
         return (events.after or Window(0.0, self.end) if metric in _EVENT else Window(0.0, self.end),)
 
     def breaches(self) -> tuple[Breach, ...]:
@@ -233,7 +239,7 @@ class RunResult:
     def _over(self, window: tuple[float, float] | None) -> dict[str, float]:
         if window is None:
             mask = self.phases["moving"] | self.phases["rest"]
-            mask = mask if mask.any() else monitored(self.arrays, self.scenario).after_decay
+            mask = mask if mask.any() else self.monitor.after_decay
         else:
             mask = samples_of(self.arrays, checked_window(window, self.end))
         return {name: float(value) for name, value in phase_metrics(self.arrays, [mask])[0].items()}

@@ -142,7 +142,7 @@ class RunningMetrics:
             self._start_energy, self._values = start_energy(data), new
         new["energy_balance_max_J"] = float(np.abs(unexplained_energy(data, self._start_energy)).max())
         for phase, mask in phases(data, scenario, counted).items():
-            start = events.last_end if phase == "after_event" else float(self._task.has_decayed)
+            start = events.last_end if phase == "after_event" else self._task.decayed
             count = int(mask.sum())
             new |= {f"{phase}_{name}": self._mean(phase, name, start, count, new) for name in PHASE_METRICS}
         for name, span in zip(_SETTLING, (events.before, events.after), strict=True):

@@ -103,7 +103,8 @@ class TaskMonitor:
     Attributes:
         largest: metrics of LARGEST by name, of all samples so far, shape (...) each.
         counted_from: times from which they count, s, likewise by name.
-        after_decay: mask of the last samples from t_0 on, shape (..., n); all of them where there is no t_0.
+        after_decay: mask of the last samples from t_0 on, shape (..., n). Where there is none, from the last
+            of the times at which one of the errors was within its own limit first.
     """
 
     def __init__(self, joints: Sequence[tuple[str, Sequence[str]]]) -> None:
@@ -131,9 +132,11 @@ class TaskMonitor:
         return merged((breach for breach in earlier if breach.cause not in self._restarted), new)
 
     @property
-    def has_decayed(self) -> bool:
-        """Whether t_0 has come, of one run."""
-        return self._decay is not None and bool(self._decay.decayed.all())
+    def decayed(self) -> float:
+        """Number of errors that have decayed, of one run; inf once t_0 has come."""
+        if self._decay is None:
+            return 0.0
+        return math.inf if self._decay.decayed.all() else float(self._decay.within.sum())
 
     def exceeded(self, samples: Mapping[str, NDArray[Any]], scenario: Scenario) -> Mask:
         """Return which runs have errors beyond the limits, shape (...), from all their samples."""
@@ -180,7 +183,8 @@ class TaskMonitor:
         rule = np.where(decayed < n, _FROM_ALL, np.where(within < n, _FROM_OWN, _FROM_GROWTH))
         starts = np.choose(rule, (np.minimum(ever_grown, n - 1), within, decayed))
         shown = np.choose(rule, (ever_grown, within, grown))
-        self.after_decay = is_late | (decayed == n)[..., None]
+        own = np.where(within < n, within, 0).max(axis=0)
+        self.after_decay = np.arange(n) >= np.where(decayed < n, decayed, own)[..., None]
         largest = np.where(np.arange(n) >= shown[..., None], e, -np.inf).max(axis=-1)
         goes_on = before.rule == rule
         keeps = goes_on & (before.shows | (rule != _FROM_GROWTH))

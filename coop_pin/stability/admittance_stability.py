@@ -44,8 +44,8 @@ class AdmittanceStability(NamedTuple):
         if self.ok:
             return f"the admittance decays on these servos; its damping may be down to {self.least:.3g} times"
         return (
-            f"the admittance grows by {self.radius:.4g} a tick on these servos: raise"
-            f" gains.admittance_damping at least {self.least:.3g} times"
+            f"the force loop of the admittance grows by a factor of {self.radius:.4g} a tick on these servos:"
+            f" multiply gains.admittance_damping by at least {self.least:.3g}"
         )
 
 

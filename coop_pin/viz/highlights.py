@@ -13,7 +13,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.results.breaches import Cause
 from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M
 from coop_pin.results.run_result import RunResult
-from coop_pin.results.task import LARGEST, monitored
+from coop_pin.results.task import LARGEST
 from coop_pin.results.window import PHASES
 
 _SMALL_N, _SMALL_NM = 1.0, 0.1
@@ -124,7 +124,7 @@ def _at(scenario: Scenario, arm: int) -> str:
 
 def _decay(result: RunResult, cause: Cause) -> float:
     """Return the time in which an error that the run starts with decays, s."""
-    return float(monitored(result.arrays, result.scenario).counted_from[LARGEST[cause]])
+    return float(result.monitor.counted_from[LARGEST[cause]])
 
 
 def _moment(result: RunResult) -> tuple[int, float, str]:
