@@ -376,6 +376,15 @@ def test_sentences_have_at_most_35_words(page):
     assert {sentence: length for sentence, length in lengths.items() if length > 35} == {}
 
 
+def test_a_release_has_at_most_60_lines_in_the_changelog():
+    text = (REPOSITORY / "CHANGELOG.md").read_text(encoding="utf-8")
+    _, *releases = re.split(r"^## ", text, flags=re.MULTILINE)
+    assert {release.partition("\n")[0]: n for release in releases if (n := release.count("\n")) > 60} == {}
+    assert [line for line in text.splitlines() if len(line) > 160] == []
+    groups = {"Breaking", "Added", "Changed", "Faster", "Fixed"}
+    assert set(re.findall(r"^### (.*)$", text, re.MULTILINE)) <= groups
+
+
 # ---------------------------------------------------------------- the site
 
 
