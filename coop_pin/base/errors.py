@@ -332,7 +332,8 @@ class OpenClosureError(CoopPinError, ValueError):
         self.closure, self.distance, self.angle = closure, distance, angle
         super().__init__(
             f"the closure error of {closure!r} is {distance:.3g} m and {angle:.3g} rad (allowed"
-            f" {allowed:.3g}): project the state onto the closures, or correct the initial joint angles"
+            f" {allowed:.3g}): close it by ``assemble(q)`` or ``project_configuration(q)`` of the chain, or"
+            " correct the joint angles"
         )
 
 
