@@ -93,7 +93,7 @@ class ClosedChain(ClosedKinematics):
             raise ArgumentError(f"formulation is {formulation!r}; it must be 'auto', 'proximal' or 'kkt'")
         can_be_proximal = ProximalSolver.can_solve(closures)
         if formulation == "proximal" and not can_be_proximal:
-            raise ArgumentError("formulation is 'proximal', of 'full' and 'point' rows only; use 'kkt'")
+            raise ArgumentError("formulation is 'proximal', of only 'full' and 'point' rows; use 'kkt'")
         kind = ProximalSolver if can_be_proximal and formulation != "kkt" else KKTSolver
         self.solver = kind(model, self.closures, self.stabilisation)
 

@@ -14,7 +14,7 @@ from coop_pin.grasps import CellChain
 
 
 def parallelogram():
-    """A four-bar of 1 m rods of 1 kg, with gravity along -y, and its configuration at a crank of 60 degrees."""
+    """A four-bar of 1 m rods of 1 kg, gravity along -y, and its joints at a crank of 60 degrees."""
     rods = (
         bar("crank", "ground", (0, 0, 0)),
         bar("coupler", "crank", (1, 0, 0)),

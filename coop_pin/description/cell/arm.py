@@ -138,7 +138,8 @@ def _robot_of(fields: Mapping[str, Any]) -> Robot | None:
     if not all(name in fields for name in names):
         return None
     urdf, package_dirs, xacro_args = (fields[name] for name in names)
-    return Robot(load_checked(find_urdf(urdf, package_dirs=package_dirs, xacro_args=xacro_args)))
+    file = find_urdf(urdf, package_dirs=package_dirs, xacro_args=xacro_args)
+    return Robot(load_checked(file, parts=False))
 
 
 class Arm(Description):
@@ -158,14 +159,18 @@ class Arm(Description):
         friction: coefficients at the drives; or "urdf": at the joints, from <dynamics>, with Coulomb friction
             smoothed over JointFriction's default speed; or "none".
         torque_limits: drive torques at which the actuation saturates, N m; "none"; or "urdf": the effort
-            limits of the joints. Zero efforts set no limit (the default of many files), nor do any if
-            ``drive`` is given: they are not drive torques.
+            limits of the joints. A joint with effort 0 beside joints with efforts is passive: no drive moves
+            it, unless limits are stated here. Where all efforts are 0 they set no limit (the default of many
+            files), nor do any if ``drive`` is given: they are not drive torques.
         posture: joint angles near which the arm starts (one angle for a continuous joint, too); they select
             the branch of the inverse kinematics. Zeros when omitted.
         locked: joints that do not move, for example those of a gripper, and their angles, rad or m; their
             mimic joints are fixed too. "others" locks those that do not move the tip, at their angles nearest
             to zero, and the arm stores the result.
         mimic: treatment of mimic joints that are not locked: "refuse" the arm, or "ignore" the coupling.
+        impossible_inertia: treatment of inertias of moved links that no body has: "refuse" the arm, or
+            "repair" them by the nearest possible ones, with a warning. Those of parts that ``locked`` fixes
+            are repaired where need be.
         calibration_error: errors of the arm's own kinematic model, which its controller sees.
         mobile_base: driven platform under the arm, whose three joints come before the arm's.
     """
@@ -181,6 +186,7 @@ class Arm(Description):
     posture: Vector | None = None
     locked: dict[str, float] = Field(default_factory=dict)
     mimic: Literal["refuse", "ignore"] = "refuse"
+    impossible_inertia: Literal["refuse", "repair"] = "refuse"
     calibration_error: Miscalibration = Miscalibration()
     mobile_base: MobileBase | None = None
 
@@ -285,7 +291,8 @@ class Arm(Description):
             UrdfError: there is none.
         """
         file = find_urdf(self.urdf, package_dirs=self.package_dirs, xacro_args=self.xacro_args)
-        return dataclasses.replace(file, carrier=self.mobile_base) if self.mobile_base else file
+        locked, repairs = tuple(self.locked.items()), self.impossible_inertia == "repair"
+        return dataclasses.replace(file, carrier=self.mobile_base, locked=locked, repairs=repairs)
 
     @property
     def robot(self) -> Robot:

@@ -31,6 +31,7 @@ from coop_pin.base.spatial import inverse_pose, make_pose
 from coop_pin.description.cell.closure import Closure, NamedRows, RowMask
 from coop_pin.description.urdf.report import UrdfFinding, listed, quoted
 from coop_pin.description.urdf.robot import Robot
+from coop_pin.description.urdf.tree import Edge, Tree
 from coop_pin.description.urdf.xml import COLON, Element, finding, name_of_tag, number_list, read_document
 
 _SLIDE = (True, True, False, True, True, True)
@@ -136,10 +137,19 @@ def read_loops(text: str) -> tuple[Closure, ...]:
     return tuple(loops)
 
 
-def loop_findings(robot: Element, links: Collection[str]) -> Iterator[UrdfFinding]:
-    """Yield one finding for each element that closes a loop: ``loop`` if it can be read as a closure."""
+def loop_findings(robot: Element, tree: Tree, locked: Collection[str]) -> Iterator[UrdfFinding]:
+    """Yield one finding for each element that closes a loop: ``loop`` if it can be read as a closure.
+
+    Args:
+        robot: the <robot> element.
+        tree: its tree.
+        locked: names of the locked joints; between parts that they join a loop binds nothing.
+    """
     first: dict[str, Element] = {}
+    links, bodies, joints = tree.links, tree.bodies(locked), {edge.name: edge for edge in tree.edges()}
     for element in _loop_elements(robot):
+        if locked and _is_within(element, bodies, joints):
+            continue
         says, name = f"<{name_of_tag(element)}> closes a loop", element.get("name")
         try:
             a, b = _read(element)[:2]
@@ -155,8 +165,17 @@ def loop_findings(robot: Element, links: Collection[str]) -> Iterator[UrdfFindin
             message = f"{says} and cannot be read: {reason}; correct it, or {_GIVE}"
             yield finding(element, "loop_unread", message, at=at)
         else:
-            message = f"{says}, but an arm is a tree; remove it (ClosedChain.from_urdf reads it)"
+            message = f"{says}, but an arm is a tree; lock its joints, or use ClosedChain.from_urdf"
             yield finding(element, "loop", message)
+
+
+def _is_within(loop: Element, bodies: Mapping[str, str], joints: Mapping[str, Edge]) -> bool:
+    """Return whether all links and joints that an element names, in any dialect, are of one body."""
+    parts = (part for inner in loop.iter() for part in (*inner.values(), inner.text or ""))
+    links = set[str]()
+    for name in map(str.strip, parts):
+        links |= {joints[name].parent, joints[name].child} if name in joints else {name} & {*bodies}
+    return len(links) > 1 and len({bodies.get(link) for link in links}) == 1
 
 
 def _loop_elements(robot: Element) -> Iterator[Element]:
