@@ -164,7 +164,7 @@ def _at(model, joint, value):
 
 
 def test_a_locked_part_is_repaired_and_a_moved_one_only_if_stated(tmp_path):
-    """The nearest possible moments of (1, 1, 9): S = (4.5, 4.5, -3.5), its last cut to zero: (4.5, 4.5, 9)."""
+    """The nearest possible moments of (1, 1, 9): of S = (4.5, 4.5, -3.5) the last is zero: (4.5, 4.5, 9)."""
     finger = {"finger": "1 1 9", "finger_mass": 0.1}
     robot = arm(tmp_path, "spatial", **finger)
     with pytest.warns(UrdfWarning, match=r"4\.5, 4\.5, 9"):

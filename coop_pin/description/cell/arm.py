@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+import functools
+import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -31,8 +33,8 @@ from coop_pin.base.schema.base import (
     number_or_row,
     positive,
 )
-from coop_pin.base.schema.changes import words
 from coop_pin.base.schema.pose import Pose
+from coop_pin.description.cell.miscalibration import Miscalibration
 from coop_pin.description.cell.mobile_base import MobileBase
 from coop_pin.description.urdf import UrdfFile, find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
@@ -76,37 +78,6 @@ class JointFriction(Description):
         return stiction
 
 
-class Miscalibration(Description):
-    """Errors of an arm's own kinematic model. The arm itself, and so the plant, is right.
-
-    Attributes:
-        tip: pose of the tip in the arm's own kinematic model, seen from the true tip.
-        base: pose of the base in its model, seen from the true base.
-        joint_offset: offset that its model adds to every joint position, rad or m; one value for all joints
-            or one for each.
-        link_length: relative error of the distance from each joint to the next, from the last one to the tip;
-            one value for all joints or one for each.
-    """
-
-    tip: Pose = Pose()
-    base: Pose = Pose()
-    joint_offset: NumberOrVector = 0.0
-    link_length: NumberOrVector = 0.0
-
-    def differences(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
-        """Yield what is off in place of what the base has, as lengths, angles and shares."""
-        arm = words(path[:-1])
-        for part, pose, usual in (("tip", self.tip, base.tip), ("base", self.base, base.base)):
-            if pose != usual:
-                off = ((1e3 * np.linalg.norm(pose.xyz), "mm"), (1e3 * np.linalg.norm(pose.rpy), "mrad"))
-                sizes = " and ".join(f"{size:.3g} {unit}" for size, unit in off if size) or "nothing"
-                yield f"{arm} model: {part} off by {sizes}"
-        if self.joint_offset != base.joint_offset:
-            yield f"{arm} model: joints off by {1e3 * np.abs(self.joint_offset).max():.3g} mrad"
-        if self.link_length != base.link_length:
-            yield f"{arm} model: links off by {100 * np.abs(self.link_length).max():.3g} %"
-
-
 # The tags separate the members: pydantic would report a mistake in a plain union once for each of them.
 Friction = Annotated[
     Annotated[JointFriction, Tag("coefficients")] | Annotated[Literal["urdf", "none"], Tag("source")],
@@ -130,6 +101,12 @@ TorqueLimits = Annotated[
     Literal["urdf", "none"] | float | tuple[float, ...], BeforeValidator(_source_or_numbers)
 ]
 """Limits of the drive torques, N m: "urdf", "none", one value for all joints, or one for each."""
+
+
+@functools.lru_cache(maxsize=64)
+def _robot(file: UrdfFile, *_version: int) -> Robot:
+    """Return the robot of a version of a file, which nobody may change."""
+    return Robot(load_checked(file))
 
 
 def _robot_of(fields: Mapping[str, Any]) -> Robot | None:
@@ -297,7 +274,24 @@ class Arm(Description):
     @property
     def robot(self) -> Robot:
         """Kinematics of its URDF with all joints, without Pinocchio; raises as ``file``."""
-        return Robot(load_checked(self.file))
+        file = self.file
+        version = os.stat(file.path)  # noqa: PTH116
+        return _robot(file, version.st_mtime_ns, version.st_size)
+
+    def moving_joints(self) -> tuple[str, ...]:
+        """Return the names of its joints, in Pinocchio's order; raises as ``file``."""
+        return self.robot.unlocked(self.locked)
+
+    def tip_poses(self, angles: Array) -> Array:
+        """Return X_WE by its URDF, without calibration errors, shape (..., 4, 4).
+
+        Args:
+            angles: joint angles, rad or m, shape (..., k).
+        """
+        robot, columns = self.robot, np.moveaxis(angles, -1, 0)
+        moving = dict(zip(robot.unlocked(self.locked), columns, strict=True))
+        poses: Array = self.base.matrix @ robot.pose(self.tip, robot.locked(self.locked) | moving)
+        return poses
 
     def is_sibling(self, other: Arm) -> bool:
         """Return whether another arm is of the same robot: of one URDF and base, with another tip.
