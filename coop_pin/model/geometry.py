@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import pinocchio as pin
-from lxml import etree
 
 from coop_pin.base import limited_process
 from coop_pin.description.urdf.find import UrdfFile
 from coop_pin.description.urdf.meshes import meshes
-from coop_pin.description.urdf.xml import Element, read_document
+from coop_pin.description.urdf.xml import Element, read_document, text_of
 
 _MEMORY = 4 * 2**30
 _CPU_S, _BYTES_PER_S = 3, 5_000_000
@@ -41,7 +40,7 @@ def with_located_meshes(text: str, urdf: UrdfFile) -> tuple[str, list[Path]]:
         if path is not None:
             mesh.set("filename", str(path))
             files.append(path)
-    return _text(robot), files
+    return text_of(robot), files
 
 
 def visual_geometry(model: pin.Model, text: str) -> tuple[list[Any], dict[str, str]]:
@@ -83,7 +82,7 @@ def without_meshes(text: str) -> str:
     """Return a URDF without the visuals that are meshes."""
     robot = read_document(text.encode())
     _remove([visual for visual in robot.iter("visual") if visual.find("geometry/mesh") is not None])
-    return _text(robot)
+    return text_of(robot)
 
 
 def without_coloured_meshes(text: str) -> tuple[str, dict[str, ColouredMesh]]:
@@ -109,23 +108,19 @@ def without_coloured_meshes(text: str) -> tuple[str, dict[str, ColouredMesh]]:
                 mesh.tag = "sphere"
                 mesh.attrib.clear()
                 mesh.set("radius", "0")
-    return _text(robot), coloured
+    return text_of(robot), coloured
 
 
 def _with_visuals_of(name: str, text: str) -> str:
     robot = read_document(text.encode())
     others = [link for link in robot.iter("link") if link.get("name") != name]
     _remove([visual for link in others for visual in link.findall("visual")])
-    return _text(robot)
+    return text_of(robot)
 
 
 def _remove(visuals: Sequence[Element]) -> None:
     for visual in visuals:
         visual.getparent().remove(visual)
-
-
-def _text(robot: Element) -> str:
-    return str(etree.tostring(robot, encoding="unicode"))
 
 
 def _build(model: pin.Model, text: str) -> list[Any]:

@@ -19,7 +19,7 @@ from coop_pin.base.errors import (
 from coop_pin.base.schema.base import Positive
 from coop_pin.base.spatial import log3, quaternions
 from coop_pin.reference.csv_table import read_table
-from coop_pin.reference.pose_reference import PayloadKinematics, PoseReference, PoseTarget
+from coop_pin.reference.pose_reference import ForwardKinematics, PoseReference, PoseTarget
 from coop_pin.reference.splines import PoseSpline
 
 
@@ -66,7 +66,7 @@ class JointMotion(PoseReference):
             raise ArgumentError("the motion is a table of joint angles; motion.on(cell) has poses")
         return self._spline
 
-    def on(self, cell: PayloadKinematics) -> Self:
+    def on(self, cell: ForwardKinematics) -> Self:
         """Return the motion of the payload of a cell; the table is read again.
 
         Args:

@@ -51,7 +51,7 @@ def retreated(target: PoseTarget, axis: Array, distance: Array) -> PoseTarget:
     return PoseTarget(X, V, A)
 
 
-class PayloadKinematics(Protocol):
+class ForwardKinematics(Protocol):
     """Arms that hold a payload, as a cell has them."""
 
     def arm_joints(self) -> Mapping[str, Sequence[str]]:
@@ -66,7 +66,7 @@ class PayloadKinematics(Protocol):
 class PoseReference(Description):
     """Desired payload motion, defined at every time; the pose is continuous and V_WP_d is its rate."""
 
-    def on(self, cell: PayloadKinematics) -> Self:
+    def on(self, cell: ForwardKinematics) -> Self:
         """Return the motion of the payload of a cell; tables are read again."""
         return self.replace()
 

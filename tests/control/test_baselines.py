@@ -186,7 +186,11 @@ def test_the_payload_weight_is_that_of_the_scenario_unless_stated(kind, name):
 
 
 def _commands(kind):
-    return {"actuators": {"servo": {"command": "velocity"}}} if kind == "admittance" else {}
+    timing = {
+        "clock": {"rate_hz": 500.0, "steps_per_tick": 2},
+        "actuators": {"servo": {"command": "velocity"}},
+    }
+    return timing if kind == "admittance" else {}
 
 
 @pytest.mark.parametrize(("weight", "rate"), [({}, 0.0), (0.0, -24.525e-3), (9.81 * 5.0, -49.05e-3)], ids=str)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 
-from lxml import etree
-
 from coop_pin.base.arrays import typed
 from coop_pin.base.errors import FileReadError, UrdfError, UrdfWarning
 from coop_pin.base.user_files import read_user_file
@@ -18,7 +16,7 @@ from coop_pin.description.urdf.meshes import mesh_findings
 from coop_pin.description.urdf.report import UrdfFinding, UrdfReport
 from coop_pin.description.urdf.tree import Tree, read_tree
 from coop_pin.description.urdf.xacro import expanded
-from coop_pin.description.urdf.xml import MAX_BYTES, DocumentError, read_document
+from coop_pin.description.urdf.xml import MAX_BYTES, DocumentError, read_document, text_of
 
 
 @typed
@@ -71,7 +69,7 @@ def load_checked(urdf: UrdfFile, *, strict: bool = False, loops: bool = False, p
     text = data.decode("utf-8")
     if parts and (links := _repaired(tree := read_tree(robot := read_document(data)), urdf)):
         repair(tree, links)
-        text = etree.tostring(robot, encoding="unicode")
+        text = text_of(robot)
     return text if urdf.carrier is None else urdf.carrier.under(text)
 
 

@@ -126,6 +126,11 @@ def _flat_piece(piece: re.Match[bytes]) -> bytes:
     )
 
 
+def text_of(robot: Element) -> str:
+    """Return the text of a <robot> as Pinocchio reads it; prefixes stay parts of the names."""
+    return str(etree.tostring(robot, encoding="unicode"))
+
+
 def name_of_tag(element: Element) -> str:
     """Return the tag of an element as it is in the file."""
     return element.tag.replace(COLON, ":")
