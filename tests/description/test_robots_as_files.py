@@ -209,6 +209,32 @@ def test_loops_of_locked_parts_refuse_no_robot(name, dialect, tmp_path):
                 load_arm_model(robot.replace(locked={}))
 
 
+def loop_through_a_link_that_the_file_has_not(first, second):
+    form = (
+        '<gazebo><joint name="{}" type="revolute"><parent>coupler</parent><child>{}</child></joint></gazebo>'
+    )
+    return form.format("one", first) + form.format("two", second)
+
+
+@pytest.mark.parametrize("name", AXES)
+def test_loops_through_links_of_gazebo_alone_are_judged_together(name, tmp_path):
+    """As in PR2's grippers: the coupler between hand and finger is no link of the URDF."""
+    inside = arm(tmp_path, name, dummy=(loop_through_a_link_that_the_file_has_not("hand", "finger"),))
+    assert load_arm_model(inside).nv == len(AXES[name])
+    across = arm(tmp_path, name, dummy=(loop_through_a_link_that_the_file_has_not("l0", "finger"),))
+    with pytest.raises(UrdfError, match="loop"):
+        load_arm_model(across)
+
+
+@pytest.mark.parametrize("version", ["", ' version="0.0"', ' version="1"'])
+def test_declarations_of_xml_are_read_as_pinocchio_does(version, tmp_path):
+    path = written(tmp_path, *arm_parts("planar"))
+    text = open(path).read()
+    (tmp_path / "robot.urdf").write_text(f"<?xml{version} ?>\n{text}")
+    assert pin.buildModelFromUrdf(path).nv == 4
+    assert check_file(find_urdf(path)).errors() == ()
+
+
 def with_mesh(folder, filename, prefix=""):
     visual = f'<visual {prefix}><geometry><mesh filename="{filename}"/></geometry></visual>'
     parts = arm_parts("spatial")

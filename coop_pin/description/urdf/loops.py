@@ -20,7 +20,7 @@ revolute or continuous, and prismatic. Limits, friction and damping of a loop ar
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -147,9 +147,9 @@ def loop_findings(robot: Element, tree: Tree, locked: Collection[str]) -> Iterat
     """
     first: dict[str, Element] = {}
     links, bodies, joints = tree.links, tree.bodies(locked), {edge.name: edge for edge in tree.edges()}
-    for element in _loop_elements(robot):
-        if locked and _is_within(element, bodies, joints):
-            continue
+    loops = list(_loop_elements(robot))
+    within = set(_within(loops, bodies, joints)) if locked else ()
+    for element in (loop for loop in loops if loop not in within):
         says, name = f"<{name_of_tag(element)}> closes a loop", element.get("name")
         try:
             a, b = _read(element)[:2]
@@ -169,13 +169,37 @@ def loop_findings(robot: Element, tree: Tree, locked: Collection[str]) -> Iterat
             yield finding(element, "loop", message)
 
 
-def _is_within(loop: Element, bodies: Mapping[str, str], joints: Mapping[str, Edge]) -> bool:
-    """Return whether all links and joints that an element names, in any dialect, are of one body."""
-    parts = (part for inner in loop.iter() for part in (*inner.values(), inner.text or ""))
-    links = set[str]()
-    for name in map(str.strip, parts):
-        links |= {joints[name].parent, joints[name].child} if name in joints else {name} & {*bodies}
-    return len(links) > 1 and len({bodies.get(link) for link in links}) == 1
+def _within(
+    loops: Sequence[Element], bodies: Mapping[str, str], joints: Mapping[str, Edge]
+) -> Iterator[Element]:
+    """Yield the elements that join parts of one body only, in any dialect.
+
+    Links that the file does not have, as of PR2's grippers, may join bodies by several elements together.
+    """
+    named = [(loop, *_ends(loop, bodies, joints)) for loop in loops]
+    groups: list[tuple[set[str], set[str]]] = []  # of unknown links that elements join, and their bodies
+    for _, joined, unknown in named:
+        links, around = {*unknown}, {*joined}
+        for group in [group for group in groups if group[0] & unknown]:
+            groups.remove(group)
+            links, around = links | group[0], around | group[1]
+        groups.append((links, around))
+    for loop, joined, unknown in named:
+        around = joined.union(*(group[1] for group in groups if group[0] & unknown))
+        if len(around) == 1:
+            yield loop
+
+
+def _ends(loop: Element, bodies: Mapping[str, str], joints: Mapping[str, Edge]) -> tuple[set[str], set[str]]:
+    """Return the bodies that an element joins, none if it names a single link, and links not in the file."""
+    says = _DIALECTS.get(loop.tag)
+    if says is not None:
+        ends = {value.strip() for path in (says.link_a, says.link_b) for value in loop.xpath(path)}
+        return {bodies.get(end, end) for end in ends & {*bodies, _WORLD}}, ends - {*bodies, _WORLD}
+    parts = [str(part).strip() for inner in loop.iter() for part in (*inner.values(), inner.text or "")]
+    links = {part for part in parts if part in bodies}
+    links.update(*({edge.parent, edge.child} for edge in map(joints.get, parts) if edge))
+    return ({bodies.get(link, link) for link in links} if len(links) > 1 else set()), set()
 
 
 def _loop_elements(robot: Element) -> Iterator[Element]:

@@ -46,6 +46,8 @@ _REFUSED_TEXT = (
 )
 """Beginnings of texts that are refused."""
 
+_DECLARATION = re.compile(rb"\A(?:\xef\xbb\xbf)?<\?xml\b[^>\n]*\?>")
+"""XML declaration, which Pinocchio's parser does not read: many files have version 0.0, or none."""
 _TAG = re.compile(rb"</?[^\s<>!?/\"'](?>[^<>\"']+|\"[^<\"]*\"|'[^<']*')*+>")
 _PIECE = re.compile(rb"\"[^\"]*\"|'[^']*'|\bxmlns\b|[:\r\n]")
 """What is rewritten in a tag: values, declarations of namespaces, colons and line breaks."""
@@ -80,7 +82,7 @@ def read_document(data: bytes) -> Element:
     _require_text(data)
     parser = etree.XMLParser(encoding="utf-8", remove_comments=True, remove_pis=True, **_LIMITS)
     try:
-        robot = etree.fromstring(_TAG.sub(_flat, data), parser)
+        robot = etree.fromstring(_TAG.sub(_flat, _DECLARATION.sub(b"", data, 1)), parser)
     except etree.XMLSyntaxError as error:
         is_limit = error.code == etree.ErrorTypes.ERR_RESOURCE_LIMIT
         message = f"not well-formed XML: {str(error.msg).rpartition(', line')[0]}"
