@@ -1,6 +1,7 @@
 """Robots as files have them: passive joints, inertias, loops, meshes, prefixes."""
 
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -228,10 +229,9 @@ def test_loops_through_links_of_gazebo_alone_are_judged_together(name, tmp_path)
 
 @pytest.mark.parametrize("version", ["", ' version="0.0"', ' version="1"'])
 def test_declarations_of_xml_are_read_as_pinocchio_does(version, tmp_path):
-    path = written(tmp_path, *arm_parts("planar"))
-    text = open(path).read()
-    (tmp_path / "robot.urdf").write_text(f"<?xml{version} ?>\n{text}")
-    assert pin.buildModelFromUrdf(path).nv == 4
+    path = Path(written(tmp_path, *arm_parts("planar")))
+    path.write_text(f"<?xml{version} ?>\n{path.read_text()}")
+    assert pin.buildModelFromUrdf(str(path)).nv == 4
     assert check_file(find_urdf(path)).errors() == ()
 
 

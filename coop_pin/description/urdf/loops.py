@@ -162,7 +162,7 @@ def loop_findings(robot: Element, tree: Tree, locked: Collection[str]) -> Iterat
                 raise _UnreadError(f"the same name is used on line {first[name].sourceline}", element)
         except _UnreadError as unread:
             reason, at = unread.args
-            message = f"{says} and cannot be read: {reason}; correct it, or {_GIVE}"
+            message = f"{says} and cannot be read: {reason}; correct it, lock its joints, or {_GIVE}"
             yield finding(element, "loop_unread", message, at=at)
         else:
             message = f"{says}, but an arm is a tree; lock its joints, or use ClosedChain.from_urdf"
