@@ -9,12 +9,12 @@ from coop_pin.base.arrays import typed
 from coop_pin.base.errors import FileReadError, UrdfError, UrdfWarning
 from coop_pin.base.user_files import read_user_file
 from coop_pin.description.urdf.find import UrdfFile
-from coop_pin.description.urdf.inertia import physical_findings, repair, repairable
+from coop_pin.description.urdf.inertia import REPAIRED, physical_findings, repair, repairable
 from coop_pin.description.urdf.lint import element_findings, passive_findings
 from coop_pin.description.urdf.loops import loop_findings
 from coop_pin.description.urdf.meshes import mesh_findings
 from coop_pin.description.urdf.report import UrdfFinding, UrdfReport
-from coop_pin.description.urdf.tree import Tree, read_tree
+from coop_pin.description.urdf.tree import read_tree
 from coop_pin.description.urdf.xacro import expanded
 from coop_pin.description.urdf.xml import MAX_BYTES, DocumentError, read_document, text_of
 
@@ -67,8 +67,9 @@ def load_checked(urdf: UrdfFile, *, strict: bool = False, loops: bool = False, p
     ignored = (*(() if parts else _OF_PARTS), *(("loop",) if loops else ()))
     _require_usable(UrdfReport(str(urdf.path), findings), ignored, strict=strict, warn=is_users)
     text = data.decode("utf-8")
-    if parts and (links := _repaired(tree := read_tree(robot := read_document(data)), urdf)):
-        repair(tree, links)
+    if parts and is_users and any(finding.code in REPAIRED for finding in findings):
+        tree = read_tree(robot := read_document(data))
+        repair(tree, repairable(tree, tree.locked(dict(urdf.locked)), urdf.repairs))
         text = text_of(robot)
     return text if urdf.carrier is None else urdf.carrier.under(text)
 
@@ -124,16 +125,12 @@ def _findings(data: bytes, urdf: UrdfFile | None = None, *, meshes: bool = False
     tree = read_tree(robot)
     locked = tree.locked(dict(urdf.locked if urdf else ()))
     findings = [*loop_findings(robot, tree, locked), *element_findings(robot), *tree.findings]
-    findings += physical_findings(robot, tree, locked, _repaired(tree, urdf) if urdf else ())
+    repairs = urdf.repairs if urdf and urdf.origin == "user" else None
+    findings += physical_findings(robot, tree, locked, repairs)
     findings += passive_findings(tree, locked)
     if urdf and meshes:
         findings += mesh_findings(robot, urdf)
     return tuple(sorted(findings, key=lambda finding: finding.line))
-
-
-def _repaired(tree: Tree, urdf: UrdfFile) -> set[str]:
-    """Return the links of a file that are repaired."""
-    return repairable(tree, tree.locked(dict(urdf.locked)), urdf.repairs) if urdf.origin == "user" else set()
 
 
 def _findings_of_file(

@@ -20,12 +20,14 @@ from coop_pin.description.urdf.xml import Element, finding, number
 ROUNDING = 1e-6
 """Tolerance of the inequalities for rounded numbers, relative to the largest principal moment."""
 
+REPAIRED = ("inertia_not_psd", "inertia_triangle")
+"""Codes of findings that a repair removes."""
 _NEGLIGIBLE = 1e-12
 """A violation that is rounding noise of a drawing program, kg m^2: no motion shows it."""
 
 
 def physical_findings(
-    robot: Element, tree: Tree, locked: Mapping[str, float], repaired: Collection[str]
+    robot: Element, tree: Tree, locked: Mapping[str, float], repairs: bool | None
 ) -> Iterator[UrdfFinding]:
     """Yield masses and inertias that no body has, and massless links that a joint moves.
 
@@ -36,7 +38,7 @@ def physical_findings(
         robot: the <robot> element.
         tree: its tree.
         locked: positions of the locked joints, rad or m.
-        repaired: links whose inertias are repaired.
+        repairs: whether moved links are repaired, see ``repairable``; None for no repair.
     """
     first = tree.bodies(locked)
     heavy = {first[name] for name, link in tree.links.items() if not _is_frame(link)}
@@ -50,6 +52,7 @@ def physical_findings(
             code = "massless_body" if mass is None else "mass_zero"
             yield finding(tree.links[name], code, message, at=mass, kind="physical")
     false = impossible_bodies(tree, locked)
+    repaired = repairable(tree, locked, repairs) if false and repairs is not None else ()
     for link in robot.iterchildren("link"):
         name = link.get("name", "")
         kind: Kind = "impossible" if first.get(name) in false else "physical"
@@ -89,9 +92,7 @@ def repairable(tree: Tree, locked: Mapping[str, float], everywhere: bool) -> set
     codes = {
         name: [each.code for each in _inertial_findings(tree.links[name], "impossible")] for name in links
     }
-    return {
-        name for name, each in codes.items() if each and {*each} <= {"inertia_not_psd", "inertia_triangle"}
-    }
+    return {name for name, each in codes.items() if each and {*each} <= {*REPAIRED}}
 
 
 def repair(tree: Tree, links: Collection[str]) -> None:
