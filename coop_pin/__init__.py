@@ -113,6 +113,7 @@ _NAMESPACES: dict[str, tuple[str, dict[str, str]]] = {
         "Desired motions of the payload as functions of time.",
         {
             "reference.csv_motion": "CsvMotion",
+            "reference.joint_motion": "JointMotion",
             "reference.lines": "LineMotion TimedLineMotion",
             "reference.motions": "CircleMotion ExponentialMotion HoldMotion SwingMotion TurnMotion",
             "reference.pose_reference": "ConsistencyGaps FunctionMotion PoseReference PoseTarget"
@@ -135,7 +136,7 @@ _NAMESPACES: dict[str, tuple[str, dict[str, str]]] = {
     "sensors": (
         "Errors of what an arm measures: parts of ``cp.Sensors``, and of the arm's own kinematics.",
         {
-            "description.cell.arm": "Miscalibration",
+            "description.cell.miscalibration": "Miscalibration",
             "description.sensors": "DifferencedVelocity Encoder IdealVelocity ObservedVelocity SlipSensor"
             " WrenchParts WristSensor",
         },

@@ -141,9 +141,11 @@ def catalogue_cell(name: str) -> tuple[Cell, np.ndarray]:
 
 def kkt_of(chain: ClosedChain) -> ClosedChain:
     """The same chain (sharing the tree) solved by the KKT solver."""
-    return ClosedChain(
+    other = ClosedChain(
         chain.model, chain.closures.closures, stabilisation=chain.stabilisation, formulation="kkt"
     )
+    other.open_allowed = chain.open_allowed
+    return other
 
 
 ANCHORED = {

@@ -209,6 +209,33 @@ class FileReadError(CoopPinError, ValueError):
         super().__init__(prefix + detail)
 
 
+class ArmsDisagreeError(FileReadError):
+    """A table of joint angles by which two ``arms`` hold the payload apart, worst at ``time`` in s.
+
+    By ``distance`` in m and ``angle`` in rad.
+    """
+
+    def __init__(
+        self,
+        first: str,
+        second: str,
+        time: float,
+        distance: float,
+        angle: float,
+        allowed: float,
+        path: str,
+        line: int,
+    ) -> None:
+        self.arms, self.time, self.distance, self.angle = (first, second), time, distance, angle
+        super().__init__(
+            f"arms {first!r} and {second!r} hold the payload {distance:.4g} m and {angle:.4g} rad apart at"
+            f" t = {time:.6g} s (allowed {allowed:g}); correct bases, grasps or the table, or raise"
+            " motion.allowed",
+            path,
+            line,
+        )
+
+
 class FileWriteError(CoopPinError, OSError):
     """A file ``path`` that cannot be written whole, with its ``reason``; earlier files are kept."""
 
@@ -332,7 +359,8 @@ class OpenClosureError(CoopPinError, ValueError):
         self.closure, self.distance, self.angle = closure, distance, angle
         super().__init__(
             f"the closure error of {closure!r} is {distance:.3g} m and {angle:.3g} rad (allowed"
-            f" {allowed:.3g}): project the state onto the closures, or correct the initial joint angles"
+            f" {allowed:.3g}): close it by ``assemble(q)`` or ``project_configuration(q)`` of the chain, or"
+            " correct the joint angles"
         )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal, Self, get_args
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from coop_pin.base.arrays import Array, Mask, require_type
 from coop_pin.base.errors import ArgumentError
-from coop_pin.chain.closed_kinematics import CLOSED, ClosedKinematics
+from coop_pin.chain.closed_kinematics import CLOSED, OPEN_ALLOWED, ClosedKinematics
 from coop_pin.chain.dynamics import (
     ChainDynamics,
     InverseDynamics,
@@ -30,9 +30,6 @@ from coop_pin.description.cell.closure import Closure
 from coop_pin.description.plant import Formulation, Stabilisation
 from coop_pin.model.mechanism_model import mechanism_model
 
-_START_ALLOWED = 1e-3
-"""Closure error from which a motion may start, m and rad: a stated configuration in rounded numbers."""
-
 
 class ClosedChain(ClosedKinematics):
     """Mechanism with loop closures: any URDF tree, and closures between its frames.
@@ -43,11 +40,12 @@ class ClosedChain(ClosedKinematics):
         start = chain.assemble(chain.configuration({"crank": 1.2}), chain.velocity({"crank": 2.0}))
         motion = chain.integrate(*start, duration=10.0, step=1e-3, torque=lambda t, q, v: -0.1 * v)
 
-    Redundant rows and singular poses are allowed. Joint limits, friction and effort limits of the URDF are
-    not applied; such forces can be added in ``torque``, a function of time and state.
+    Every method with dynamics refuses a configuration whose loop is open, by OpenClosureError: ``assemble``
+    closes it. Redundant rows and singular poses are allowed. Joint limits, friction and effort limits of the
+    URDF are not applied; such forces can be added in ``torque``, a function of time and state.
 
-    The solver and Pinocchio's data are working memory: methods return copies, but ``solver.wrenches()``
-    refers to the last call of ``solver.acceleration``, and one chain must not be used by two threads at once.
+    Solver and data are working memory: methods return copies, but ``solver.wrenches()`` refers to the last
+    ``solver.acceleration``, and two threads must not use one chain at once.
 
     Attributes:
         model: the tree; ``model.names`` has its joints in the order of v.
@@ -66,6 +64,7 @@ class ClosedChain(ClosedKinematics):
         *,
         stabilisation: Stabilisation | None = None,
         formulation: Formulation = "auto",
+        open_allowed: float = OPEN_ALLOWED,
     ) -> None:
         """Close a Pinocchio tree.
 
@@ -78,13 +77,15 @@ class ClosedChain(ClosedKinematics):
                 of one state if it can express the rows, otherwise and for ``integrate`` "kkt". Within an
                 integration step a motion leaves the closures slightly; the proximal method then takes
                 redundant rows of a spatial loop for independent ones and stops the mechanism.
+            open_allowed: closure error beyond which dynamics are refused at a configuration, m and rad. With
+                a large one, accelerations off the closures are the stabilisation's.
 
         Raises:
             NameNotFoundError: a frame does not exist.
             FieldError: rows are neither a known name nor six booleans.
             ArgumentError: there is no such formulation, or "proximal" cannot express the rows.
         """
-        super().__init__(model, closures)
+        super().__init__(model, closures, open_allowed)
         self.stabilisation = Stabilisation() if stabilisation is None else stabilisation
         require_type("stabilisation", self.stabilisation, Stabilisation)
         self.formulation = formulation
@@ -92,8 +93,7 @@ class ClosedChain(ClosedKinematics):
             raise ArgumentError(f"formulation is {formulation!r}; it must be 'auto', 'proximal' or 'kkt'")
         can_be_proximal = ProximalSolver.can_solve(closures)
         if formulation == "proximal" and not can_be_proximal:
-            only = "which has only 'full' and 'point' rows"
-            raise ArgumentError(f"formulation is 'proximal', {only}; use 'auto' or 'kkt'")
+            raise ArgumentError("formulation is 'proximal', of only 'full' and 'point' rows; use 'kkt'")
         kind = ProximalSolver if can_be_proximal and formulation != "kkt" else KKTSolver
         self.solver = kind(model, self.closures, self.stabilisation)
 
@@ -106,11 +106,12 @@ class ClosedChain(ClosedKinematics):
         gravity: ArrayLike = (0.0, 0.0, -9.81),
         stabilisation: Stabilisation | None = None,
         formulation: Formulation = "auto",
+        open_allowed: float = OPEN_ALLOWED,
         mimic: Literal["refuse", "ignore"] = "refuse",
         package_dirs: Sequence[str] = (),
         xacro_args: Mapping[str, str] = MappingProxyType({}),
     ) -> Self:
-        """Close the tree of a URDF, whose root link is fixed in the world.
+        """Close the tree of a URDF with its root link fixed in the world.
 
         Its loops become closures with their names in the file; coop_pin.description.urdf.loops has the forms.
 
@@ -120,25 +121,27 @@ class ClosedChain(ClosedKinematics):
             gravity: m/s^2, in world axes, shape (3,).
             stabilisation: stabilisation, as for the constructor.
             formulation: formulation, as for the constructor.
+            open_allowed: largest closure error, as for the constructor.
             mimic: "refuse" a URDF with mimic joints, or "ignore" their coupling.
-            package_dirs: folders that are searched first for the packages of package:// and $(find ...).
+            package_dirs: folders that are searched first for packages.
             xacro_args: values of the arguments of a xacro file.
 
         Raises:
-            MissingExtraError: it is a xacro file and xacrodoc is not installed.
-            UrdfError: no such file, structural defects, an unreadable loop; MimicJointError: mimic joints.
+            MissingExtraError: it is a xacro file without xacrodoc; MimicJointError: mimic joints.
+            UrdfError: no such file, structural defects, an unreadable loop.
             ShapeError, OutOfRangeError: gravity is not three finite numbers.
             NameNotFoundError, FieldError, ArgumentError: as for the constructor.
         """
         require_type("closures", closures, Sequence)
         model, loops = mechanism_model(path_or_xml, gravity, mimic == "ignore", package_dirs, xacro_args)
-        return cls(model, [*loops, *closures], stabilisation=stabilisation, formulation=formulation)
+        options: Any = {"formulation": formulation, "open_allowed": open_allowed}
+        return cls(model, [*loops, *closures], stabilisation=stabilisation, **options)
 
     def forward_dynamics(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> ChainDynamics:
         """Return accelerations and closure wrenches, with rank and residual computed from their definitions.
 
         Args:
-            q: configuration, shape (nq,).
+            q: configuration on the closures, shape (nq,).
             v: velocity, shape (nv,).
             tau: generalised force, shape (nv,).
 
@@ -146,7 +149,7 @@ class ClosedChain(ClosedKinematics):
             ConstraintSolveError: the residual is too large.
             MassMatrixError: the mass matrix is not positive definite.
         """
-        q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
+        q, v, tau = self.closed(q), self._v("v", v), self._v("tau", tau)
         state = self.closures.state(q, v)
         a = np.array(self.solver.acceleration(q, v, tau))
         svd, residual = self._projection.svd(q, state), state.stabilised(a, self.stabilisation)
@@ -169,14 +172,13 @@ class ClosedChain(ClosedKinematics):
         are of one state, or of n states with n as their first size.
 
         Args:
-            q: configuration, shape (nq,).
+            q: configuration on the closures, shape (nq,).
             v: velocity, shape (nv,).
             a: acceleration that keeps the closures closed, J a + gamma = 0, shape (nv,).
             closure_wrenches: wrench on body a of each closure at frame a, in axes of a, N and N m, shape
                 (closures, 6).
             motors: names of the joints with motors, for the least torque; all when omitted.
-            applied: generalised force of everything but motors and closures, such as friction, shape (nv,);
-                zero when omitted.
+            applied: generalised force of all but motors and closures, such as friction, shape (nv,), or zero.
 
         Raises:
             ArgumentError: the acceleration opens the closures, the closures do not transmit such a wrench,
@@ -199,7 +201,7 @@ class ClosedChain(ClosedKinematics):
         self, q: Array, v: Array, a: Array, wrenches: Array | None, applied: Array | None, *, motors: Mask
     ) -> InverseDynamics:
         """Return the torques at one state."""
-        state = self.closures.state(q, v)
+        state = self.closures.state(self.closed(q), v)
         force = np.array(pin.rnea(self.model, self._data, q, v, a))
         rank = self._projection.svd(q, state).rank
         return torque_of_motion(state, a, force, wrenches, applied, motors, rank)
@@ -210,15 +212,15 @@ class ClosedChain(ClosedKinematics):
         The stabilisation is in them: off the closures they are those of the simulated plant.
 
         Args:
-            q: configuration, shape (nq,).
+            q: configuration on the closures, shape (nq,).
             v: velocity, shape (nv,).
             tau: generalised force, shape (nv,).
 
         Raises:
             ArgumentError: a closure has other rows than "full", or rows that joints move are redundant: the
-                derivatives of least multipliers are not Pinocchio's. ``linearise`` takes any rows.
+                derivatives of least multipliers are not Pinocchio's. ``linearise`` takes any.
         """
-        q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
+        q, v, tau = self.closed(q), self._v("v", v), self._v("tau", tau)
         state = self.closures.state(q, v)
         require_full_rows(self.closures, state, self._projection.svd(q, state).rank)
         return ProximalSolver(self.model, self.closures, self.stabilisation).derivatives(q, v, tau)
@@ -233,7 +235,7 @@ class ClosedChain(ClosedKinematics):
             v: velocity that keeps them closed, shape (nv,).
             joints: independent joints, as for minimal_coordinates.
         """
-        return self.minimal_form.dynamics(self._q(q), self._v("v", v), joints)
+        return self.minimal_form.dynamics(self.closed(q), self._v("v", v), joints)
 
     def linearise(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, joints: Sequence[str] | None = None
@@ -252,7 +254,7 @@ class ClosedChain(ClosedKinematics):
         Raises:
             ArgumentError: the chain is singular at q, or a free-floating body remains unconstrained.
         """
-        q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
+        q, v, tau = self.closed(q), self._v("v", v), self._v("tau", tau)
 
         def output(near: Array, velocity: Array) -> Array:
             return np.concatenate((pin.difference(self.model, q, near), velocity))
@@ -264,8 +266,8 @@ class ClosedChain(ClosedKinematics):
     ) -> Array:
         """Return a configuration at rest in which a constant generalised force keeps the chain, shape (nq,).
 
-        Newton's steps on the acceleration of the independent joints at rest, from a guess; the equilibrium
-        may be stable or not (the eigenvalues of ``linearise`` there tell).
+        Newton's steps on the acceleration of independent joints at rest; eigenvalues of ``linearise`` tell
+        whether it is stable.
 
         Args:
             q_guess: configuration near it, shape (nq,).
@@ -273,7 +275,7 @@ class ClosedChain(ClosedKinematics):
             joints: independent joints, as for minimal_coordinates.
 
         Raises:
-            ArgumentError: none was found, with the acceleration that remains.
+            ArgumentError: none was reached, with the acceleration that remains.
         """
         tau = np.zeros(self.model.nv) if tau is None else self._v("tau", tau)
         return equilibrium(self.minimal_form, self.solver, self.project_configuration(q_guess), tau, joints)
@@ -291,7 +293,7 @@ class ClosedChain(ClosedKinematics):
         """Return the motion from a state, by Runge-Kutta 4 with the KKT solver ("proximal": with that one).
 
         Args:
-            q: configuration at t = 0, closed to a millimetre and a milliradian (``assemble``), shape (nq,).
+            q: configuration at t = 0, on the closures, shape (nq,).
             v: velocity at t = 0, shape (nv,).
             duration: s.
             step: s; the last one is shorter if it does not divide duration.
@@ -303,17 +305,15 @@ class ClosedChain(ClosedKinematics):
         Raises:
             OpenClosureError: the closures are not closed at the start.
             IntegrationError: the motion diverges: the step is too long, or torque grows without bound.
-            ArgumentError: torque is not callable.
-            ShapeError, OutOfRangeError: an argument, or the value of torque, has a wrong shape or size.
+            ArgumentError, ShapeError, OutOfRangeError: torque is no function, or values have wrong sizes.
         """
-        start, model = ChainState(self._q(q), self._v("v", v)), self.model
+        start, model, solver = ChainState(self._q(q), self._v("v", v)), self.model, self.solver
         time = time_grid(duration, step, 8 * (model.nq + model.nv))
-        solver = self.solver
         if self.formulation == "auto":
-            solver = KKTSolver(self.model, self.closures, self.stabilisation)
+            solver = KKTSolver(model, self.closures, self.stabilisation)
         require_type("project", project, bool, np.bool_)
-        propagator = Propagator(self.model, solver, torque, self._projection if project else None)
-        self.require_closed(start.q, _START_ALLOWED)
+        propagator = Propagator(model, solver, torque, self._projection if project else None)
+        self.closed(start.q)
         if not project:
             return propagator.run(start, None, time)
         *closed, rank = self._projection.state(*start, CLOSED)

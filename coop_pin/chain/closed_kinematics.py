@@ -19,6 +19,8 @@ from coop_pin.model.pinocchio_model import frame_id
 
 CLOSED = 1e-9
 """Closure error after a projection of a configuration, m and rad."""
+OPEN_ALLOWED = 1e-3
+"""Closure error up to which a stated configuration is closed, m and rad: one in rounded numbers."""
 
 
 class ClosedKinematics:
@@ -27,12 +29,16 @@ class ClosedKinematics:
     Attributes:
         model: the tree; ``model.names`` has its joints in the order of v.
         closures: the closures with their frames.
+        open_allowed: closure error beyond which a configuration is refused, m and rad.
         minimal_form: minimal coordinates of the chain.
     """
 
-    def __init__(self, model: pin.Model, closures: Sequence[Closure]) -> None:
+    def __init__(
+        self, model: pin.Model, closures: Sequence[Closure], open_allowed: float = OPEN_ALLOWED
+    ) -> None:
         """Close a Pinocchio tree; arguments and errors as of ClosedChain."""
         self.closures, self.model = ClosureSet(model, closures), model
+        self.open_allowed = as_number("open_allowed", open_allowed)
         self._data = model.createData()
         self._projection = Projection(model, self.closures)
         self.minimal_form = MinimalForm(model, self.closures, self._projection)
@@ -74,15 +80,21 @@ class ClosedKinematics:
         """Return independent joint velocities at a configuration, and the null space of J.
 
         Args:
-            q: configuration, shape (nq,).
+            q: configuration on the closures, shape (nq,).
             joints: names of the joints to take, one degree of freedom each; of the best condition when
                 omitted.
 
         Raises:
+            OpenClosureError: a closure is open at q.
             ArgumentError: the joints do not determine the motion.
             NameNotFoundError: a joint does not exist.
         """
-        return self.minimal_form.coordinates(self._q(q), joints)
+        return self.minimal_form.coordinates(self.closed(q), joints)
+
+    def rank(self, q: ArrayLike) -> int:
+        """Return the number of independent closure rows at a configuration, shape (nq,)."""
+        q = self._q(q)
+        return self._projection.svd(q, self.closures.state(q, np.zeros(self.model.nv))).rank
 
     def assemble(self, q_guess: ArrayLike, v_guess: ArrayLike | None = None) -> ChainState:
         """Return a closed state near a guess; its velocity is the nearest to the guess in kinetic energy.
@@ -133,6 +145,16 @@ class ClosedKinematics:
             OpenClosureError: with the largest closure error.
         """
         self._projection.require_closed(self._q(q), as_number("allowed", allowed))
+
+    def closed(self, q: ArrayLike) -> Array:
+        """Return a stated configuration whose closures are closed, shape (nq,).
+
+        Raises:
+            OpenClosureError: a closure error exceeds ``open_allowed``.
+        """
+        q = self._q(q)
+        self._projection.require_closed(q, self.open_allowed)
+        return q
 
     def _q(self, q: ArrayLike) -> Array:
         return as_array("q", q, self.model.nq)

@@ -108,7 +108,7 @@ def show(
         raise NameNotFoundError("scenario or robot", what, names, "the catalogue or the file system")
     refuse_fields(fields, what)
     file = _urdf_file(what, package_dirs, xacro_args)
-    print_wrapped(f"{file.path}\n{Robot(load_checked(file)).summary()}")
+    print_wrapped(f"{file.path}\n{Robot(load_checked(file, parts=False)).summary()}")
 
 
 def suggest(

@@ -18,6 +18,9 @@ MatrixGain = Annotated[Any, BeforeValidator(number_row_or_rows)]
 RowGain = Annotated[Any, BeforeValidator(number_or_row)]
 """A diagonal gain: a number for all entries, or one for each; of sized gains an array."""
 
+OptionalRow = Annotated[Any, BeforeValidator(lambda value: None if value is None else number_or_row(value))]
+"""A diagonal gain, or None for the law's own; of sized gains an array, or None."""
+
 
 def _diagonal(alpha: float | tuple[Any, ...]) -> float | tuple[Any, ...]:
     """Refuse an alpha that is not diagonal or has a negative entry."""
@@ -97,6 +100,6 @@ class Gains(Description):
         """
         sizes = dict.fromkeys(self.on_rows, rows) | dict.fromkeys(self.on_drives, drives)
         array = gain_matrix if self.are_matrices else gain_vector
-        gains = fields_of(self)
-        arrays = {name: array(gains[name], size, f"{path}.{name}") for name, size in sizes.items()}
+        gains = {name: gain for name, gain in fields_of(self).items() if name in sizes and gain is not None}
+        arrays = {name: array(gain, sizes[name], f"{path}.{name}") for name, gain in gains.items()}
         return refilled(self, arrays)

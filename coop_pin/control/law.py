@@ -159,9 +159,9 @@ class ParametricLaw(Law, Generic[G]):
 
     @property
     def active_gains(self) -> dict[str, Any]:
-        """Gains that have an effect, by name: feedback gains where a wrench is measured."""
+        """Stated gains that have an effect, by name: feedback gains where a wrench is measured."""
         idle = {"force_gain": not self.force_path.measures, "anchor_gain": not self.measures}
-        return {name: gain for name, gain in self.gains if not idle.get(name)}
+        return {name: gain for name, gain in self.gains if gain is not None and not idle.get(name)}
 
     def loop(self, cell: CellTiming) -> SampledLoop:
         """Return the feedback of measured wrenches with its largest gains."""

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import ArgumentError, FieldError, SingularJacobianError
 from coop_pin.base.schema.base import Description, NotNegative, Vector
+from coop_pin.base.schema.parts import fields_of, refilled
+from coop_pin.base.spatial import weight_wrench
 from coop_pin.base.spatial.generic_numbers import identity, inverse, require_less
 from coop_pin.base.spatial.task_rows import TaskRows, joint_shortage
-from coop_pin.control.gains import gain_vector
+from coop_pin.control.gains import Gains, gain_vector
 from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
 
 CONDITION_LIMIT = 1e6
 """Payload Jacobians with a larger condition number count as singular."""
 _ROUNDING = 1e-6
+G = TypeVar("G", bound=Gains)
 
 
 def jacobian_inverse(J: Array, time: float) -> Array:
@@ -236,3 +239,11 @@ class PostureGains(Description):
             for name, gain in self
         )
         return stiffness, damping
+
+
+def with_payload_weight(gains: G, arm: ControlledArm) -> G:
+    """Return sized gains with a ``payload_weight``: where none is stated, that of the arm's scenario."""
+    if fields_of(gains)["payload_weight"] is not None:
+        return gains
+    weight = arm.rows.select(weight_wrench(arm.payload_mass, arm.gravity))
+    return refilled(gains, {"payload_weight": weight})

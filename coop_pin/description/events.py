@@ -281,6 +281,13 @@ class Partner(LastingEvent):
             raise FieldError("is zero in every direction; a partner holds in at least one")
         return stiffness
 
+    @field_validator("motion")
+    @classmethod
+    def _of_poses(cls, motion: Motion) -> Motion:
+        if motion.kind == "joints":
+            raise FieldError("is of joint angles, which a partner does not have; give a motion of poses")
+        return motion
+
     def apply(self, surroundings: Surroundings, time: float) -> Surroundings:
         """Return the surroundings, with the partner while it holds."""
         return surroundings._replace(partners=surroundings.partners + (self,) * (time < self.end))

@@ -32,6 +32,7 @@ from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.sensors import Sensors, WristSensor
 from coop_pin.description.thresholds import TaskLimits, TrustThresholds
 from coop_pin.reference.motions import Motion
+from coop_pin.reference.pose_reference import PoseReference
 from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze
 
 
@@ -232,6 +233,11 @@ class Scenario(Description):
         return bool(self.grasp_events or self.put_downs)
 
     @property
+    def payload_motion(self) -> PoseReference:
+        """The motion, of the cell's payload; tables are read again."""
+        return self.motion.on(self.cell)
+
+    @property
     def squeeze_wrenches(self) -> Array:
         """f_d at t = 0 in payload axes in the order of the arms, shape (m, 6)."""
         return self.squeeze.at(0.0, self.cell.grasps)
@@ -291,8 +297,7 @@ class Scenario(Description):
         """Return the scenario of a text as to_toml writes it.
 
         Raises:
-            FileReadError: the text is not TOML.
-            ScenarioError: the scenario has mistakes.
+            FileReadError: the text is not TOML; ScenarioError: the scenario has mistakes.
         """
         require_type("text", text, str)
         return cls(**scenario_file.text_table(text))

@@ -17,8 +17,8 @@ from coop_pin.base.schema.pose import Pose
 from coop_pin.base.user_files import read_user_file
 from coop_pin.control.laws.feed_forward import FeedForward, FeedForwardController, FeedForwardState
 from coop_pin.description.actuators import Actuators
-from coop_pin.description.cell.arm import Miscalibration
 from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.miscalibration import Miscalibration
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import Sensors, WristSensor
 from coop_pin.design.carried_path import CarriedLine

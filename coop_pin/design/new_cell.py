@@ -172,7 +172,7 @@ def _arm(robot: str | Path, tip: str, name: str) -> Arm:
         UrdfError: there is no such robot or link, or the tip is not clear; with the candidates.
     """
     try:
-        links = Robot(load_checked(find_urdf(robot)))
+        links = Robot(load_checked(find_urdf(robot), parts=False))
     except UrdfError as error:
         raise error.below(f"arms.{name}") from None
     tools = (tip,) if tip else links.tools()
@@ -195,7 +195,7 @@ def _arms_of_robot(robot: str | Path | Arm, tips: Sequence[str]) -> tuple[dict[s
     if isinstance(robot, Arm):
         raise FieldError("has one entry, an Arm; name two or more arms, or one robot with two", "arms")
     try:
-        links = Robot(load_checked(find_urdf(robot)))
+        links = Robot(load_checked(find_urdf(robot), parts=False))
     except UrdfError as error:
         raise error.below("arms.0") from None
     tools = tuple(tips) or links.tools()

@@ -216,7 +216,7 @@ def deflection_bias(scenario: Scenario, G: Array) -> tuple[float, float]:
         scenario: Cell and motion.
         G: Gains G_i in payload axes, shape (m, k_0, k_0).
     """
-    cell, motion = scenario.cell, scenario.motion.replace()
+    cell, motion = scenario.cell, scenario.payload_motion
     rows, linkage = cell.task_rows, scenario.grasp_plan_at(0.0).linkage
     parts = cell.shares[:, None, None] * np.eye(6) if linkage is None else linkage
     C, weight = (

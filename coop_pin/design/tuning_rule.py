@@ -218,7 +218,7 @@ def damped(
 
 def squeeze_rate(scenario: Scenario, gamma: float, rate: float) -> float:
     """Return kappa, 1/s: faster than gamma where only the squeeze comes in with it."""
-    begin = np.array(scenario.motion.replace().at(0.0).X_WP_d)
+    begin = np.array(scenario.payload_motion.at(0.0).X_WP_d)
     starts_on_motion = float(np.abs(pose_error(scenario.start.matrix, begin)).max()) < _ON_START
     return max(gamma, min(_SQUEEZE_RATE, rate / 4.0)) if starts_on_motion else gamma
 

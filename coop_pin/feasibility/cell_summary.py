@@ -150,8 +150,8 @@ def cell_summary(cell: Cell, X_WP: ArrayLike) -> CellSummary:
         UrdfError, NameNotFoundError: an arm cannot be built.
     """
     chain = CellChain(cell, PlantOptions(payload="free"))
-    q, still = chain.configuration(X_WP), np.zeros(chain.mechanism.model.nv)
-    rank = chain.mechanism.forward_dynamics(q, still, still).rank
+    q = chain.configuration(X_WP)
+    rank = chain.mechanism.rank(q)
     arms = tuple(_arm_summary(CellArm(cell, slot.name), q[slot.q_slice]) for slot in chain.model.arms)
     return CellSummary(
         arms,

@@ -123,7 +123,7 @@ class _Balance(NamedTuple):
     def drive_torques(self, scenario: Scenario, index: int) -> Array:
         """Return the drive torques of an arm, N m, shape (n, k)."""
         arm, path = self.arms[index]
-        cell, motion, t = scenario.cell, scenario.motion.replace(), self.times
+        cell, motion, t = scenario.cell, scenario.payload_motion, self.times
         velocity = np.array([motion.at(time).V_WP_d[:3] for time in t.tolist()])
         inertial = np.gradient(velocity, t, axis=0) - np.array(cell.gravity)
         squeeze = np.array([scenario.squeeze.at(time, cell.grasps)[index, :3] for time in t.tolist()])

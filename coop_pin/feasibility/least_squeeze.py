@@ -79,7 +79,7 @@ def least_squeeze(scenario: Scenario, *, poses: int = _POSES) -> LeastSqueeze | 
         scenario: Scenario with motion and squeeze.
         poses: Number of poses looked at along the motion.
     """
-    cell, motion, pads = scenario.cell, scenario.motion.replace(), scenario.cell.padded
+    cell, motion, pads = scenario.cell, scenario.payload_motion, scenario.cell.padded
     if not pads:
         return None
     loads = {name: list[tuple[float, Array, Array]]() for name in pads}

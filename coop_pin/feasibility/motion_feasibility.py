@@ -23,7 +23,7 @@ from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.inverse_kinematics import ik_branches
-from coop_pin.model.joint_limits import JointLimits
+from coop_pin.model.joint_limits import PASSIVE, JointLimits
 
 _NEARBY = 0.1
 """Distance of the joints to a configuration nearby, rad or m."""
@@ -67,10 +67,8 @@ def closure_problem(scenario: Scenario) -> str:
     stated = scenario.start_angles
     q = chain.posed_configuration(stated, X_WP) if stated else chain.configuration(X_WP)
     model = chain.mechanism.model
-    rest, away = np.zeros(model.nv), _NEARBY * np.random.default_rng(0).normal(size=model.nv)
-    here, nearby = (
-        chain.mechanism.forward_dynamics(at, rest, rest).rank for at in (q, pin.integrate(model, q, away))
-    )
+    away = _NEARBY * np.random.default_rng(0).normal(size=model.nv)
+    here, nearby = (chain.mechanism.rank(at) for at in (q, pin.integrate(model, q, away)))
     if here >= nearby:
         return ""
     return (
@@ -101,12 +99,14 @@ def require_feasible(scenario: Scenario, cell_reach: Reachability, statics: Stat
         used = arm.used
         if float(used.max()) > _TORQUE_PART:
             at, k = np.unravel_index(int(used.argmax()), used.shape)
+            remedy = f"It is passive (effort 0): if a drive moves it, state cell.arms.{arm.arm}.torque_limits"
+            remedy = remedy if arm.limit[k] <= PASSIVE else _lighter(scenario, statics)
             raise InfeasibleMotionError(
                 "torque",
                 f"{arm.arm}/{arm.joints[k]} needs {used[at, k] * arm.limit[k]:.3g} of {arm.limit[k]:.3g}"
                 f" {arm.units[k]} to stand still at t = {arm.times[at]:.4g} s without squeeze: arm's weight"
                 f" {abs(arm.weight[at, k]):.3g}, load share {abs(arm.load[at, k]):.3g}; at most"
-                f" {_TORQUE_PART:g} of the limit leaves room for the motion. {_lighter(scenario, statics)}",
+                f" {_TORQUE_PART:g} of the limit leaves room for the motion. {remedy}",
             )
 
 

@@ -41,7 +41,7 @@ class PayloadPath(NamedTuple):
 
 def payload_path(scenario: Scenario, poses: int) -> PayloadPath:
     """Return the path of a scenario: straight to the reference, then along it, denser where it moves."""
-    reference = scenario.motion.replace()  # reads a CSV table again
+    reference = scenario.payload_motion  # reads a CSV table again
     times = _pose_times(scenario, poses)
     targets = [reference.at(float(time)) for time in times]
     start, begin = pin.SE3(scenario.start.matrix), pin.SE3(np.array(targets[0].X_WP_d))
@@ -73,7 +73,7 @@ def time_at_rest(scenario: Scenario) -> float:
 
 def _moving(scenario: Scenario) -> tuple[Array, Array]:
     """Return probed times, s, and whether the reference moves in the intervals between them."""
-    motion, probes = scenario.motion.replace(), np.linspace(0.0, scenario.duration, _PROBES)
+    motion, probes = scenario.payload_motion, np.linspace(0.0, scenario.duration, _PROBES)
     poses = np.array([motion.at(time).X_WP_d for time in probes.tolist()])
     return probes, np.abs(np.diff(poses, axis=0)).max(axis=(1, 2)) > 0.0
 

@@ -97,7 +97,7 @@ def table_force(
     if not scenario.put_downs or not law.load_transfer.releases or len(cell.patches) < len(cell.arms):
         return None
     put_down = scenario.put_downs[0]
-    X_WP = scenario.motion.replace().at(put_down.time).X_WP_d
+    X_WP = scenario.payload_motion.at(put_down.time).X_WP_d
     below = _table_below(scenario, X_WP)
     if below is None:
         return None
@@ -131,7 +131,7 @@ def _table_below(scenario: Scenario, X_WP: Array) -> tuple[float, str, Array] | 
 
 def _errors(scenario: Scenario, put_down: PutDown, n: Array, height: float) -> tuple[Array, Array, Array]:
     """Return times from contact to the end of the put-down, and the error along n and its rate."""
-    motion, start = scenario.motion.replace(), 0.0
+    motion, start = scenario.payload_motion, 0.0
     z_end = n @ motion.at(put_down.time).X_WP_d[:3, 3]
     for _ in range(2):  # over the whole motion, and from the last time before contact
         times = np.linspace(start, put_down.end, _INSTANTS)

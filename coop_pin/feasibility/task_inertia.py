@@ -147,7 +147,7 @@ def motion_wrenches(scenario: Scenario, cell_reach: Reachability, posture: Postu
     cell, rows = scenario.cell, list(scenario.cell.task_rows.indices)
     first = cell_reach.arms[0].first
     t = cell_reach.arms[0].times[first:]
-    motion = scenario.motion.replace()  # reads a CSV table again
+    motion = scenario.payload_motion  # reads a CSV table again
     end = min(time_at_rest(scenario) + _SETTLING, scenario.duration)
     fine = np.linspace(0.0, end, _SAMPLES)
     targets = [motion.at(time) for time in fine.tolist()]
@@ -184,7 +184,7 @@ class HeldArm:
 
     def __init__(self, scenario: Scenario, reach: ArmReach, posture: PostureGains) -> None:
         cell, name, start = scenario.cell, reach.arm, reach.q[reach.first]
-        self.motion, self.rows = scenario.motion.replace(), cell.task_rows
+        self.motion, self.rows = scenario.payload_motion, cell.task_rows
         self.model, self.friction = CellArm(cell, name), friction(cell.arms[name], name)
         self.stiffness, self.damping = posture.of_drives(self.model.nv, self.model.base_joints)
         robot = scenario.actuators_of(name).gravity_compensation

@@ -57,12 +57,15 @@ class CellDynamics(CellKinematics):
         """Return the wrench on each arm by the payload, about P in world axes: F_ce of eq. (6), shape (m, 6).
 
         Args:
-            q: configuration.
-            v: velocity.
+            q: configuration on the closures, shape (nq,).
+            v: velocity, shape (nv,).
             tau: generalised force of everything but the grasps, including J_WP^T push, shape (nv,).
             push: wrench on the payload about P in world axes, N and N m, shape (6,).
+
+        Raises:
+            OpenClosureError: a rigid grasp is open at q.
         """
-        q, v, tau = self._q(q), self._v("v", v), self._v("tau", tau)
+        q, v, tau = self.mechanism.closed(q), self._v("v", v), self._v("tau", tau)
         return self.unchecked_wrenches(q, v, tau, as_array("push", push, 6))
 
     def unchecked_wrenches(self, q: Array, v: Array, tau: Array, push: Array) -> Array:

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 
 from coop_pin.base.arrays import Array, as_array, as_pose, require_finite, require_type
 from coop_pin.base.spatial import TaskRows, inverse_pose
-from coop_pin.description.cell.arm import Arm, Miscalibration
+from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.miscalibration import Miscalibration
 from coop_pin.model.joint_angles import JointAngles
 from coop_pin.model.joint_limits import JointLimits, per_joint
 from coop_pin.model.pinocchio_model import (

@@ -17,14 +17,16 @@ _WHOLE_TURN = 2.0 * math.pi
 _ROUND_OFF = 1e-9
 _AT_LIMIT = 1e-7
 _PERTURBATION = 0.5
+PASSIVE = 1e-9
+"""Torque limit of a passive joint, N m or N: no torque, and parts of limits are numbers."""
 
 
 class JointLimits:
     """Joint, velocity and effort limits of an arm, infinite if there is none.
 
-    A velocity or effort of zero in the URDF means "not stated", as in many files: no limit. Efforts of the
-    URDF are limits of the drive torques only if each drive moves one joint; with a drive matrix they set no
-    limit.
+    A velocity of zero in the URDF means "not stated", as in many files: no limit. So do efforts if all are
+    zero; beside others an effort of zero is that of a passive joint: its torque is limited to zero. Efforts
+    limit the drive torques only if each drive moves one joint; with a drive matrix they set no limit.
 
     Continuous joints have no position limits. A revolute joint reaches the same pose again after a whole
     turn: if its range is a whole turn or more, every angle can be wrapped into it. Only narrower joints limit
@@ -117,7 +119,11 @@ def _torque_limits(arm: Arm, model: pin.Model, name: str) -> Array:
         return unlimited
     if arm.torque_limits == "urdf":
         one_by_one = np.array_equal(arm.drive_matrix(model.nv), np.eye(model.nv))
-        return _stated(model.upperEffortLimit) if one_by_one else unlimited
+        efforts = np.array(model.upperEffortLimit)
+        stated = efforts[arm.base_joints :]
+        if not (np.isfinite(stated) & (stated > 0.0)).any():
+            stated[:] = np.inf
+        return np.maximum(efforts, PASSIVE) if one_by_one else unlimited
     return per_joint(np.array(arm.torque_limits, dtype=float), model.nv, f"cell.arms.{name}.torque_limits")
 
 

@@ -17,12 +17,12 @@ from coop_pin.base.arrays import Array, as_array
 from coop_pin.base.errors import UrdfWarning
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell
-from coop_pin.description.urdf.robot import Robot
 from coop_pin.model.cell_model import CellModel, PayloadAttachment
 from coop_pin.model.geometry import (
     ColouredMesh,
     can_be_read,
     visual_geometry,
+    with_located_meshes,
     without_coloured_meshes,
     without_meshes,
 )
@@ -197,12 +197,10 @@ def _geometries(whole: UnreducedArm, arm: Arm) -> tuple[list[Any], dict[str, Col
 
     Files of users are left to Pinocchio: the process that tries them tries its reader only.
     """
-    text, file = whole.text, arm.file
-    folders = list(map(str, file.package_dirs))
-    coloured: dict[str, ColouredMesh] = {}
+    file, coloured = arm.file, dict[str, ColouredMesh]()
+    text, files = with_located_meshes(whole.text, file)
     if file.origin == "user":
-        files = Robot(text).mesh_files(file.package_dirs)
-        if files and not can_be_read(text, folders, sum(path.stat().st_size for path in files)):
+        if files and not can_be_read(text, sum(path.stat().st_size for path in files)):
             names = ", ".join(sorted({path.name for path in files}))
             _warn(
                 arm.urdf,
@@ -211,8 +209,8 @@ def _geometries(whole: UnreducedArm, arm: Arm) -> tuple[list[Any], dict[str, Col
             )
             text = without_meshes(text)
     else:
-        text, coloured = without_coloured_meshes(text, file.package_dirs)
-    objects, problems = visual_geometry(whole.model, text, folders)
+        text, coloured = without_coloured_meshes(text)
+    objects, problems = visual_geometry(whole.model, text)
     for link, problem in problems.items():
         _warn(arm.urdf, f"link {link!r}", problem)
     return objects, coloured

@@ -78,7 +78,7 @@ class ProofArm:
         cell = scenario.cell
         self.law, self.rows = law, cell.task_rows
         self.model = CellArm(cell, name)
-        self.motion = scenario.motion
+        self.motion = scenario.payload_motion
         self.start_surface: Array | None = None
         self.sigma, self.held = np.zeros(self.model.nv), np.zeros(self.model.nv, dtype=bool)
         resistance, back = friction(cell.arms[name], name), self.model.from_drive

@@ -15,6 +15,7 @@ from coop_pin.base.schema.base import Positive, Vector3
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import make_pose, rotation_from_rpy
 from coop_pin.reference.csv_motion import CsvMotion
+from coop_pin.reference.joint_motion import JointMotion
 from coop_pin.reference.lines import LineMotion, TimedLineMotion, rotation_about_axis, rotation_terms
 from coop_pin.reference.pose_reference import FunctionMotion, PoseReference, PoseTarget, make_target
 from coop_pin.reference.quintic import quintic, quintic_integral
@@ -251,7 +252,7 @@ class SwingMotion(PoseReference):
 # fmt: off
 Motion = Annotated[
     HoldMotion | ExponentialMotion | LineMotion | TimedLineMotion | CircleMotion | TurnMotion | SwingMotion
-    | WaypointsMotion | CsvMotion | FunctionMotion,
+    | WaypointsMotion | CsvMotion | JointMotion | FunctionMotion,
     Field(discriminator="kind"),
 ]
 # fmt: on

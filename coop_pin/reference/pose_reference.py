@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
-from typing import Any, Literal, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,8 +51,24 @@ def retreated(target: PoseTarget, axis: Array, distance: Array) -> PoseTarget:
     return PoseTarget(X, V, A)
 
 
+class ForwardKinematics(Protocol):
+    """Arms that hold a payload, as a cell has them."""
+
+    def arm_joints(self) -> Mapping[str, Sequence[str]]:
+        """Return the names of the moving joints of each arm."""
+        ...
+
+    def payload_poses(self, arm: str, angles: Array) -> Array:
+        """Return X_WP by the kinematics of an arm, shape (n, 4, 4), at joint angles of shape (n, k)."""
+        ...
+
+
 class PoseReference(Description):
     """Desired payload motion, defined at every time; the pose is continuous and V_WP_d is its rate."""
+
+    def on(self, cell: ForwardKinematics) -> Self:
+        """Return the motion of the payload of a cell; tables are read again."""
+        return self.replace()
 
     @abstractmethod
     def at(self, time: float) -> PoseTarget:

@@ -15,7 +15,7 @@ import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.spatial import internal_wrenches, log3, quaternions, rotate_vector6
-from coop_pin.description.cell.arm import Miscalibration
+from coop_pin.description.cell.miscalibration import Miscalibration
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import Sensors
 

@@ -150,7 +150,7 @@ def _start(scenario: Scenario) -> Iterator[Finding]:
     A motion that moves at t = 0 cannot be met from rest at all.
     """
     with contextlib.suppress(Exception):  # a user's motion may fail: the run tells it
-        target = scenario.motion.replace().at(0.0)
+        target = scenario.payload_motion.at(0.0)
         if np.any(target.V_WP_d):
             return
         error = pose_error(scenario.start.matrix, np.array(target.X_WP_d))
@@ -169,7 +169,7 @@ def _start(scenario: Scenario) -> Iterator[Finding]:
 def _motion(scenario: Scenario) -> Iterator[Finding]:
     """Yield a motion that has not begun, or is not over, by the end of the run, with the likely unit."""
     with contextlib.suppress(Exception):  # a table may be missing: the run tells it
-        begin, end = scenario.motion.span
+        begin, end = scenario.payload_motion.span
         if begin < scenario.duration and (end <= scenario.duration or end == np.inf):
             return
         state = f"begins at {begin:.6g} s" if begin >= scenario.duration else f"ends at {end:.6g} s"

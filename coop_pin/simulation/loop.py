@@ -93,7 +93,7 @@ class TickLoop:
         holding, loads = self.actuation.holding_commands, chain.loads if chain.patches.arms else None
         self.sensing = Sensing(scenario, self.slots, chain.arms, holding_torques=holding, loads=loads)
         self.exchange = Exchange(scenario)
-        self.motion: PoseReference = scenario.motion.replace()  # reads a CSV table again
+        self.motion: PoseReference = scenario.payload_motion  # reads a CSV table again
         self.squeeze: SqueezeReference = scenario.squeeze
         self._schedule()
         limits, determined = [arm.limits for arm in chain.arms], chain.rigid.determinate_rows(q)

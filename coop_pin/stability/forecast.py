@@ -128,7 +128,7 @@ def _uncovered(scenario: Scenario, until: float) -> str:
     wrists = [sensor.wrist for sensor in sensors if sensor.wrist is not None]
     as_sensed = [wrist.replace(delay=0, rate_hz=None) for wrist in wrists]
     is_off = [cell.arms[arm].calibration_error != type(cell.arms[arm].calibration_error)() for arm in arms]
-    begin, rows = scenario.motion.replace().at(0.0).X_WP_d, cell.task_rows
+    begin, rows = scenario.payload_motion.at(0.0).X_WP_d, cell.task_rows
     least = least_squeeze(scenario)
     reasons = {
         "the integral's switching is not smooth": not law.switching.is_smooth,

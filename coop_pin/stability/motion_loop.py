@@ -77,7 +77,7 @@ class MotionLoop:
         """Compute what the motion asks for at times of its own, and its poses."""
         scenario, rows = self.scenario, self.rows
         law: Any = scenario.controller
-        motion, first = scenario.motion.replace(), cell_reach.arms[0].first
+        motion, first = scenario.payload_motion, cell_reach.arms[0].first
         period, end = scenario.clock.period, min(time_at_rest(scenario), scenario.duration)
         last = min(scenario.duration, end + _REST, _MOST_TICKS * period)
         end = min(end, last)
@@ -111,7 +111,7 @@ class MotionLoop:
     def _drive(self, push: Array, a: Array, squeeze: Array, velocity: Array) -> None:
         """Set the first state, and what drives the loop at every tick, shape (ticks, inputs)."""
         scenario, m, is_pressed = self.scenario, self.m, bool(self.scenario.cell.patches)
-        start, begin = scenario.start.matrix, scenario.motion.replace().at(0.0).X_WP_d
+        start, begin = scenario.start.matrix, scenario.payload_motion.at(0.0).X_WP_d
         Q_0, weight = (
             _turn(self.rows, start),
             weight_wrench(scenario.cell.payload.mass, scenario.cell.gravity),

@@ -75,7 +75,7 @@ def regrasp_gaps(scenario: Scenario) -> tuple[RegraspGap, ...]:
     gaps = list[RegraspGap]()
     for event in of_kind(scenario.events, Regrasp):
         time = event.time - _BEFORE
-        R = scenario.motion.at(time).X_WP_d[:3, :3]
+        R = scenario.payload_motion.at(time).X_WP_d[:3, :3]
         around, plan = scenario.surroundings_at(time), scenario.grasp_plan_at(time)
         holds, borne = plan.holds, _shares(plan)[plan.holds]
         w = (weight_wrench(around.mass, around.gravity).reshape(2, 3) @ R).ravel()

@@ -17,6 +17,7 @@ from coop_pin.base.errors import (
     ShapeError,
 )
 from coop_pin.chain.closed_chain import ClosedChain
+from coop_pin.chain.closed_kinematics import OPEN_ALLOWED
 from coop_pin.chain.integrators import RungeKutta, configuration_space
 from coop_pin.chain.kkt_solver import KKTSolver, constraint_svd
 from coop_pin.chain.proximal_solver import ProximalSolver
@@ -35,6 +36,7 @@ def chain_of(case, **options):
     name, payload = case
     cell, start = cell_and_start(name)
     plant = CellChain(cell, PlantOptions(payload=payload, **options))
+    plant.mechanism.open_allowed = np.inf  # many tests look at the stabilisation, off the closures
     return plant, plant.configuration(start)
 
 
@@ -111,7 +113,8 @@ def test_the_solution_satisfies_the_equations_of_motion_and_the_stabilised_closu
 def test_point_closures_agree_between_the_formulations_off_the_closure(name):
     cell, start = cell_and_start(name)
     tree = CellChain(cell, PlantOptions(payload="welded"))
-    chain = ClosedChain(tree.mechanism.model, [Closure("right/grasp", "payload/right", "point")])
+    closures = [Closure("right/grasp", "payload/right", "point")]
+    chain = ClosedChain(tree.mechanism.model, closures, open_allowed=1.0)
     oracle, q_closed = kkt_of(chain), tree.configuration(start)
     for q, v, tau in states(chain, q_closed, 0.03):
         first, second = chain.forward_dynamics(q, v, tau), oracle.forward_dynamics(q, v, tau)
@@ -402,6 +405,7 @@ def test_the_rank_counts_singular_values_beyond_a_part_of_the_largest():
 def test_a_start_is_open_beyond_a_millimetre_or_a_milliradian(case):
     """The last joint of an arm turns its tip about a point a lever away: an angle of that size, and less."""
     plant, q = chain_of(case)
+    plant.mechanism.open_allowed = OPEN_ALLOWED
     chain, still = plant.mechanism, np.zeros(plant.mechanism.model.nv)
     for turn, is_open in ((0.8e-3, False), (1.3e-3, True)):
         off = still.copy()
@@ -428,9 +432,8 @@ def test_closures_that_contradict_each_other_are_refused():
     """Two closures that hold one frame at two places contradict each other."""
     cell, start = cell_and_start("spatial")
     plant = CellChain(cell)
-    chain = ClosedChain(
-        plant.mechanism.model, [Closure("left/grasp", "universe"), Closure("left/grasp", "payload/right")]
-    )
+    contradictory = [Closure("left/grasp", "universe"), Closure("left/grasp", "payload/right")]
+    chain = ClosedChain(plant.mechanism.model, contradictory, open_allowed=10.0)
     with pytest.raises(ConstraintSolveError):
         chain.forward_dynamics(
             plant.configuration(start),

@@ -100,7 +100,10 @@ def test_leader_and_follower_by_hand(name, arm, stated):
         options = {key: rng.uniform(0.5, 3.0, k_0) for key in LEADER_FOLLOWER}
         options |= {"integral_rate": 0.7, "admittance_rate": 9.0, "spare_gains": (3.0, 0.4)}
     seated = arm_of(rows, arm, k_0 + 1)
-    law, place = controller_of(LeaderFollower(gains=options), seated), int(not seated.leads)
+    law, place = (
+        controller_of(LeaderFollower(gains={"payload_weight": 0.0} | options), seated),
+        int(not seated.leads),
+    )
     m, r = inputs(rows, k_0 + 1)
     first = law.init(m, r)
     assert_close(np.concatenate((first.integral, first.velocity)), np.zeros(2 * k_0), atol=0.0)

@@ -166,3 +166,40 @@ def test_followers_reach_their_wrench_whatever_their_kinematics_are_off_by(name)
     assert np.abs(force_error(result)).max() > 0.01
     assert np.abs(force_error(result)[-1]).max() < 1e-3
     assert np.abs(result.data.pose_error.values[-1]).max() < 1e-4
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("kind", ["admittance", "leader-follower"])
+def test_the_payload_weight_is_that_of_the_scenario_unless_stated(kind, name):
+    """As a wrench on an arm, [m g, 0]: negative along z where gravity is."""
+    scenario = SCENARIOS[name]()
+    if name == "planar":
+        scenario = scenario.override({"cell.gravity": [0.0, -9.81, 0.0]})
+    law = stated(kind, **({"admittance_damping": 50.0} if kind == "admittance" else {}))
+    changed = scenario.override(law | _commands(kind))
+    weight = scenario.cell.payload.mass * np.array([*scenario.cell.gravity, 0.0, 0.0, 0.0])
+    for controller in build_controller(changed).controllers.values():
+        assert_allclose(controller.gains.payload_weight, scenario.cell.task_rows.select(weight), rtol=1e-15)
+    chosen = build_controller(changed.override({"controller.gains.payload_weight": 0.5}))
+    for controller in chosen.controllers.values():
+        assert_allclose(controller.gains.payload_weight, 0.5, rtol=0)
+
+
+def _commands(kind):
+    timing = {
+        "clock": {"rate_hz": 500.0, "steps_per_tick": 2},
+        "actuators": {"servo": {"command": "velocity"}},
+    }
+    return timing if kind == "admittance" else {}
+
+
+@pytest.mark.parametrize(("weight", "rate"), [({}, 0.0), (0.0, -24.525e-3), (9.81 * 5.0, -49.05e-3)], ids=str)
+def test_a_payload_sinks_by_the_weight_that_an_admittance_does_not_know(weight, rate):
+    """By own wrists alone the arms yield to what they do not expect: its share over D = 1000 N s/m."""
+    base = cp.Scenario.load("two-ur5-admittance")
+    gains = {} if weight == {} else {"controller.gains.payload_weight": [0, 0, weight, 0, 0, 0]}
+    still = {"controller.force_path": {"kind": "none"}, "motion": {"kind": "hold", "pose": base.start}}
+    result = cp.run(base.override({"duration": 1.0, "events": [], **still, **gains}), warn=False)
+    z = result.data.pose_error.values[:, 2]
+    half = len(z) // 2
+    assert (z[-1] - z[half]) / 0.5 == pytest.approx(rate, abs=1e-3)

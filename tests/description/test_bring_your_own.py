@@ -657,7 +657,7 @@ def test_public_methods_take_lists_refuse_wrong_shapes_and_hand_out_no_live_buff
     for call, arguments in calls.items():
         kept = call(*(argument.tolist() for argument in arguments))
         before = np.array(kept)
-        call(*(argument + 1e-3 for argument in arguments) if call != chain.configuration else arguments)
+        call(*(argument + 1e-4 for argument in arguments) if call != chain.configuration else arguments)
         assert_allclose(kept, before, rtol=0, atol=0)
         with pytest.raises(ShapeError):
             call(arguments[0][1:], *arguments[1:])

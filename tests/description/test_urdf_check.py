@@ -97,11 +97,12 @@ def test_every_code_of_the_docstring_is_in_the_corpus_and_conversely():
 DOUBTFUL = {
     "limit_degrees": {"limit_1": '<limit lower="-170" upper="170" effort="1" velocity="1"/>'},
     "origin_far": {"origin_1": '<origin xyz="0 0 220"/>'},
+    "passive_joint": {"limit_1": '<limit lower="-1" upper="1" effort="0" velocity="1"/>'},
 }
 
 
 @pytest.mark.parametrize("code", DOUBTFUL)
-def test_another_units_numbers_are_warned_of_even_when_strict(code):
+def test_doubtful_numbers_are_warned_of_even_when_strict(code):
     report = check_urdf(arm(**DOUBTFUL[code]))
     assert [(finding.code, finding.element) for finding in report.warnings(strict=True)] == [
         (code, "joint 'one'")

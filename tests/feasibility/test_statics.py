@@ -360,7 +360,7 @@ def test_show_and_check_urdf_take_packages_and_arguments_of_a_xacro(tmp_path, ca
     file.write_text(f'{head}<xacro:arg name="tip" default="tool"/>{include}</robot>')
     options = ["--package-dirs", str(tmp_path / "parts"), "--xacro-args", "tip:=gripper"]
     assert main(["show", str(file), *options]) == 0
-    assert "1 links: gripper" in capsys.readouterr().out
+    assert "1 links, 0 kg: gripper" in capsys.readouterr().out
     assert main(["check-urdf", str(file), *options]) == 0
     assert main(["show", str(file)]) == 2
     assert "package_dirs" in capsys.readouterr().err

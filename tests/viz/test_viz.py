@@ -710,7 +710,8 @@ def test_the_pieces_of_a_link_have_its_bounds_and_the_colours_of_its_file() -> N
     locked = {"panda_finger_joint1": 0.03}
     arm = Arm(urdf="panda", tip="panda_hand_tcp", locked=locked)
     whole = load_unreduced_arm(arm)
-    objects, _ = geometry.visual_geometry(whole.model, whole.text, list(map(str, arm.file.package_dirs)))
+    located, _ = geometry.with_located_meshes(whole.text, arm.file)
+    objects, _ = geometry.visual_geometry(whole.model, located)
     (link,) = (part for part in objects if part.name == "panda_link0_0")
     pieces = visuals.coloured_meshes(Path(link.meshPath), tuple(link.meshScale.ravel()))
     vertices, known = np.concatenate([mesh.vertices for mesh, _ in pieces]), link.geometry.vertices()

@@ -14,11 +14,11 @@ from coop_pin.base.schema.base import NotNegative, Positive
 from coop_pin.base.spatial.generic_numbers import exp
 from coop_pin.control.bounds import CellTiming
 from coop_pin.control.controller import ArmCommand, ArmController, CellController
-from coop_pin.control.gains import Gains, PositiveRow, RowGain
+from coop_pin.control.gains import Gains, OptionalRow, PositiveRow, RowGain
 from coop_pin.control.law import DecentralisedLaw, LawController
 from coop_pin.control.law_wrapper import CellLawWrapper, Parts, packed, unpacked
 from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm, Messages
-from coop_pin.control.terms import right_inverse
+from coop_pin.control.terms import right_inverse, with_payload_weight
 
 
 class AdmittanceState(NamedTuple):
@@ -45,7 +45,9 @@ class AdmittanceGains(Gains):
         admittance_damping: D, N s/m and N m s/rad.
         admittance_stiffness: S, N/m and N m/rad; 0 to yield until the wrench is the desired one.
         admittance_rate: l, 1/s.
-        payload_weight: Weight What on the task rows, N and N m, where an arm measures its own wrench alone.
+        payload_weight: Weight What on the task rows where an arm measures its own wrench alone, the payload's
+            weight m g as a wrench on an arm, world axes, N and N m: with gravity along -z, -9.81 N per kg on
+            the row z. That of the scenario's payload and gravity when omitted.
         spare_rate: k_n by which spare joints return to their start, 1/s.
     """
 
@@ -60,7 +62,7 @@ class AdmittanceGains(Gains):
     admittance_damping: PositiveRow = 5000.0
     admittance_stiffness: RowGain = 0.0
     admittance_rate: Positive = 50.0
-    payload_weight: RowGain = 0.0
+    payload_weight: OptionalRow = None
     spare_rate: NotNegative = 1.0
 
 
@@ -219,7 +221,7 @@ class Admittance(DecentralisedLaw[AdmittanceGains]):
 
     def controller_of(self, arm: ControlledArm, gains: AdmittanceGains, scenario: Any) -> ArmController:
         """Return the law of one arm."""
-        return AdmittanceController(arm, gains, self.command)
+        return AdmittanceController(arm, with_payload_weight(gains, arm), self.command)
 
     def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
         """Return the controller of the cell; see Law."""

@@ -13,11 +13,11 @@ from coop_pin.base.schema.base import Interval, NotNegative, Positive
 from coop_pin.base.spatial.generic_numbers import exp
 from coop_pin.control.bounds import CellTiming, SampledLoop
 from coop_pin.control.controller import ArmCommand, ArmController
-from coop_pin.control.gains import Gains, PositiveRow, RowGain
+from coop_pin.control.gains import Gains, OptionalRow, PositiveRow
 from coop_pin.control.law import DecentralisedLaw, LawController
 from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm
 from coop_pin.control.steady_state import NearRest
-from coop_pin.control.terms import spare_torque
+from coop_pin.control.terms import spare_torque, with_payload_weight
 
 
 class LeaderFollowerState(NamedTuple):
@@ -45,7 +45,9 @@ class LeaderFollowerGains(Gains):
         follower_stiffness: B_p, N/m and N m/rad.
         admittance_damping: D, N s/m and N m s/rad.
         admittance_rate: l, 1/s.
-        payload_weight: Weight What on the task rows, N and N m.
+        payload_weight: Weight What on the task rows, the payload's weight m g as a wrench on an arm, world
+            axes, N and N m: with gravity along -z, -9.81 N per kg on the row z. That of the scenario's
+            payload and gravity when omitted.
         spare_gains: Stiffness, N m/rad, and damping, N m s/rad, of spare joints.
     """
 
@@ -65,7 +67,7 @@ class LeaderFollowerGains(Gains):
     follower_stiffness: PositiveRow = 500.0
     admittance_damping: PositiveRow = 50.0
     admittance_rate: Positive = 50.0
-    payload_weight: RowGain = 0.0
+    payload_weight: OptionalRow = None
     spare_gains: Interval = (40.0, 8.0)
 
 
@@ -138,7 +140,7 @@ class LeaderFollower(DecentralisedLaw[LeaderFollowerGains]):
 
     def controller_of(self, arm: ControlledArm, gains: LeaderFollowerGains, scenario: Any) -> ArmController:
         """Return the law of one arm."""
-        return LeaderFollowerController(arm, gains)
+        return LeaderFollowerController(arm, with_payload_weight(gains, arm))
 
     def loop(self, cell: CellTiming) -> SampledLoop:
         """Return a follower's force loop in the task row with the largest B / D."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+import functools
+import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -31,8 +33,8 @@ from coop_pin.base.schema.base import (
     number_or_row,
     positive,
 )
-from coop_pin.base.schema.changes import words
 from coop_pin.base.schema.pose import Pose
+from coop_pin.description.cell.miscalibration import Miscalibration
 from coop_pin.description.cell.mobile_base import MobileBase
 from coop_pin.description.urdf import UrdfFile, find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
@@ -76,37 +78,6 @@ class JointFriction(Description):
         return stiction
 
 
-class Miscalibration(Description):
-    """Errors of an arm's own kinematic model. The arm itself, and so the plant, is right.
-
-    Attributes:
-        tip: pose of the tip in the arm's own kinematic model, seen from the true tip.
-        base: pose of the base in its model, seen from the true base.
-        joint_offset: offset that its model adds to every joint position, rad or m; one value for all joints
-            or one for each.
-        link_length: relative error of the distance from each joint to the next, from the last one to the tip;
-            one value for all joints or one for each.
-    """
-
-    tip: Pose = Pose()
-    base: Pose = Pose()
-    joint_offset: NumberOrVector = 0.0
-    link_length: NumberOrVector = 0.0
-
-    def differences(self, base: Self, path: tuple[str, ...]) -> Iterator[str]:
-        """Yield what is off in place of what the base has, as lengths, angles and shares."""
-        arm = words(path[:-1])
-        for part, pose, usual in (("tip", self.tip, base.tip), ("base", self.base, base.base)):
-            if pose != usual:
-                off = ((1e3 * np.linalg.norm(pose.xyz), "mm"), (1e3 * np.linalg.norm(pose.rpy), "mrad"))
-                sizes = " and ".join(f"{size:.3g} {unit}" for size, unit in off if size) or "nothing"
-                yield f"{arm} model: {part} off by {sizes}"
-        if self.joint_offset != base.joint_offset:
-            yield f"{arm} model: joints off by {1e3 * np.abs(self.joint_offset).max():.3g} mrad"
-        if self.link_length != base.link_length:
-            yield f"{arm} model: links off by {100 * np.abs(self.link_length).max():.3g} %"
-
-
 # The tags separate the members: pydantic would report a mistake in a plain union once for each of them.
 Friction = Annotated[
     Annotated[JointFriction, Tag("coefficients")] | Annotated[Literal["urdf", "none"], Tag("source")],
@@ -132,13 +103,20 @@ TorqueLimits = Annotated[
 """Limits of the drive torques, N m: "urdf", "none", one value for all joints, or one for each."""
 
 
+@functools.lru_cache(maxsize=64)
+def _robot(file: UrdfFile, *_version: int) -> Robot:
+    """Return the robot of a version of a file, which nobody may change."""
+    return Robot(load_checked(file))
+
+
 def _robot_of(fields: Mapping[str, Any]) -> Robot | None:
     """Return the robot of an arm's file; None where the fields that name it have mistakes."""
     names = ("urdf", "package_dirs", "xacro_args")
     if not all(name in fields for name in names):
         return None
     urdf, package_dirs, xacro_args = (fields[name] for name in names)
-    return Robot(load_checked(find_urdf(urdf, package_dirs=package_dirs, xacro_args=xacro_args)))
+    file = find_urdf(urdf, package_dirs=package_dirs, xacro_args=xacro_args)
+    return Robot(load_checked(file, parts=False))
 
 
 class Arm(Description):
@@ -158,14 +136,18 @@ class Arm(Description):
         friction: coefficients at the drives; or "urdf": at the joints, from <dynamics>, with Coulomb friction
             smoothed over JointFriction's default speed; or "none".
         torque_limits: drive torques at which the actuation saturates, N m; "none"; or "urdf": the effort
-            limits of the joints. Zero efforts set no limit (the default of many files), nor do any if
-            ``drive`` is given: they are not drive torques.
+            limits of the joints. A joint with effort 0 beside joints with efforts is passive: no drive moves
+            it, unless limits are stated here. Where all efforts are 0 they set no limit (the default of many
+            files), nor do any if ``drive`` is given: they are not drive torques.
         posture: joint angles near which the arm starts (one angle for a continuous joint, too); they select
             the branch of the inverse kinematics. Zeros when omitted.
         locked: joints that do not move, for example those of a gripper, and their angles, rad or m; their
             mimic joints are fixed too. "others" locks those that do not move the tip, at their angles nearest
             to zero, and the arm stores the result.
         mimic: treatment of mimic joints that are not locked: "refuse" the arm, or "ignore" the coupling.
+        impossible_inertia: treatment of inertias of moved links that no body has: "refuse" the arm, or
+            "repair" them by the nearest possible ones, with a warning. Those of parts that ``locked`` fixes
+            are repaired where need be.
         calibration_error: errors of the arm's own kinematic model, which its controller sees.
         mobile_base: driven platform under the arm, whose three joints come before the arm's.
     """
@@ -181,6 +163,7 @@ class Arm(Description):
     posture: Vector | None = None
     locked: dict[str, float] = Field(default_factory=dict)
     mimic: Literal["refuse", "ignore"] = "refuse"
+    impossible_inertia: Literal["refuse", "repair"] = "refuse"
     calibration_error: Miscalibration = Miscalibration()
     mobile_base: MobileBase | None = None
 
@@ -285,12 +268,30 @@ class Arm(Description):
             UrdfError: there is none.
         """
         file = find_urdf(self.urdf, package_dirs=self.package_dirs, xacro_args=self.xacro_args)
-        return dataclasses.replace(file, carrier=self.mobile_base) if self.mobile_base else file
+        locked, repairs = tuple(self.locked.items()), self.impossible_inertia == "repair"
+        return dataclasses.replace(file, carrier=self.mobile_base, locked=locked, repairs=repairs)
 
     @property
     def robot(self) -> Robot:
         """Kinematics of its URDF with all joints, without Pinocchio; raises as ``file``."""
-        return Robot(load_checked(self.file))
+        file = self.file
+        version = os.stat(file.path)  # noqa: PTH116
+        return _robot(file, version.st_mtime_ns, version.st_size)
+
+    def moving_joints(self) -> tuple[str, ...]:
+        """Return the names of its joints, in Pinocchio's order; raises as ``file``."""
+        return self.robot.unlocked(self.locked)
+
+    def tip_poses(self, angles: Array) -> Array:
+        """Return X_WE by its URDF, without calibration errors, shape (..., 4, 4).
+
+        Args:
+            angles: joint angles, rad or m, shape (..., k).
+        """
+        robot, columns = self.robot, np.moveaxis(angles, -1, 0)
+        moving = dict(zip(robot.unlocked(self.locked), columns, strict=True))
+        poses: Array = self.base.matrix @ robot.pose(self.tip, robot.locked(self.locked) | moving)
+        return poses
 
     def is_sibling(self, other: Arm) -> bool:
         """Return whether another arm is of the same robot: of one URDF and base, with another tip.

@@ -55,11 +55,8 @@ def grasps_from_configuration(
         require_type(f"arms[{name!r}]", arm, Arm)
         if name not in joint_angles:
             raise NameNotFoundError("arm", name, joint_angles, "joint_angles")
-        robot = arm.robot
-        moving = robot.unlocked(arm.locked)
-        angles = as_array(f"joint_angles[{name!r}]", joint_angles[name], len(moving))
-        X_BE = robot.pose(arm.tip, robot.locked(arm.locked) | dict(zip(moving, angles.tolist(), strict=True)))
-        grasps[name] = Pose.from_matrix(inverse_pose(X_WP) @ arm.base.matrix @ X_BE)
+        angles = as_array(f"joint_angles[{name!r}]", joint_angles[name], len(arm.moving_joints()))
+        grasps[name] = Pose.from_matrix(inverse_pose(X_WP) @ arm.tip_poses(angles))
     return grasps
 
 
@@ -267,6 +264,14 @@ class Cell(Description):
     def controls_turns(self) -> bool:
         """Whether the task rows have a rotation."""
         return self.rows != "positional"
+
+    def arm_joints(self) -> dict[str, tuple[str, ...]]:
+        """Return the names of the moving joints of each arm."""
+        return {name: arm.moving_joints() for name, arm in self.arms.items()}
+
+    def payload_poses(self, arm: str, angles: Array) -> Array:
+        """Return X_WP of the payload in the grasp of an arm, (..., 4, 4), at joint angles, (..., k)."""
+        return self.arms[arm].tip_poses(angles) @ inverse_pose(self.grasps[arm].matrix)
 
     @property
     def shares(self) -> Array:

@@ -89,6 +89,8 @@ class UrdfFile:
         origin: "user" (found by path), "bundled" (part of coop_pin) or "example" (example-robot-data).
         xacro_args: name and value of the arguments with which a xacro file is expanded.
         carrier: base that the robot stands on; it is added to the text of the file.
+        locked: name and position (rad or m) of the joints that a cell locks.
+        repairs: whether impossible inertias of moved links are repaired.
     """
 
     path: Path
@@ -96,6 +98,8 @@ class UrdfFile:
     origin: Literal["user", "bundled", "example"] = "user"
     xacro_args: tuple[tuple[str, str], ...] = ()
     carrier: Carrier | None = None
+    locked: tuple[tuple[str, float], ...] = ()
+    repairs: bool = False
 
 
 @functools.cache

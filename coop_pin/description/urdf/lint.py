@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Any, NamedTuple
 
 from lxml import etree
 
 from coop_pin.description.urdf.report import Kind, UrdfFinding, quoted
-from coop_pin.description.urdf.xml import COUNTS, EXPAND, Element, finding, number_problem, numbers
+from coop_pin.description.urdf.tree import Tree
+from coop_pin.description.urdf.xml import COUNTS, EXPAND, Element, finding, number, number_problem, numbers
 
 _JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 
@@ -232,6 +233,27 @@ def element_findings(robot: Element) -> Iterator[UrdfFinding]:
                 path_up[-2:][0], rule.code, rule.message.format_map(words), at=element, kind=rule.kind
             )
     yield from _name_findings(robot)
+
+
+def passive_findings(tree: Tree, locked: Collection[str]) -> Iterator[UrdfFinding]:
+    """Yield the joints with effort 0 among joints that move, where others have efforts: no drive moves them.
+
+    Args:
+        tree: the tree.
+        locked: names of the locked joints.
+    """
+    moving = [
+        (edge.joint, number(edge.joint.find("limit"), "effort"))
+        for edge in tree.edges()
+        if not edge.is_fixed and edge.name not in locked and edge.joint.find("mimic") is None
+    ]
+    if any(effort for _, effort in moving):
+        for joint in (joint for joint, effort in moving if effort == 0.0):
+            message = (
+                "its effort is 0, and other joints have efforts: no drive moves it in a cell; if one does,"
+                " state its effort, or torque_limits in the arm"
+            )
+            yield finding(joint, "passive_joint", message, at=joint.find("limit"), kind="doubtful")
 
 
 def _name_findings(robot: Element) -> Iterator[UrdfFinding]:

@@ -20,7 +20,7 @@ revolute or continuous, and prismatic. Limits, friction and damping of a loop ar
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -31,6 +31,7 @@ from coop_pin.base.spatial import inverse_pose, make_pose
 from coop_pin.description.cell.closure import Closure, NamedRows, RowMask
 from coop_pin.description.urdf.report import UrdfFinding, listed, quoted
 from coop_pin.description.urdf.robot import Robot
+from coop_pin.description.urdf.tree import Edge, Tree
 from coop_pin.description.urdf.xml import COLON, Element, finding, name_of_tag, number_list, read_document
 
 _SLIDE = (True, True, False, True, True, True)
@@ -136,10 +137,19 @@ def read_loops(text: str) -> tuple[Closure, ...]:
     return tuple(loops)
 
 
-def loop_findings(robot: Element, links: Collection[str]) -> Iterator[UrdfFinding]:
-    """Yield one finding for each element that closes a loop: ``loop`` if it can be read as a closure."""
+def loop_findings(robot: Element, tree: Tree, locked: Collection[str]) -> Iterator[UrdfFinding]:
+    """Yield one finding for each element that closes a loop: ``loop`` if it can be read as a closure.
+
+    Args:
+        robot: the <robot> element.
+        tree: its tree.
+        locked: names of the locked joints; between parts that they join a loop binds nothing.
+    """
     first: dict[str, Element] = {}
-    for element in _loop_elements(robot):
+    links, bodies, joints = tree.links, tree.bodies(locked), {edge.name: edge for edge in tree.edges()}
+    loops = list(_loop_elements(robot))
+    within = set(_within(loops, bodies, joints)) if locked else ()
+    for element in (loop for loop in loops if loop not in within):
         says, name = f"<{name_of_tag(element)}> closes a loop", element.get("name")
         try:
             a, b = _read(element)[:2]
@@ -152,11 +162,44 @@ def loop_findings(robot: Element, links: Collection[str]) -> Iterator[UrdfFindin
                 raise _UnreadError(f"the same name is used on line {first[name].sourceline}", element)
         except _UnreadError as unread:
             reason, at = unread.args
-            message = f"{says} and cannot be read: {reason}; correct it, or {_GIVE}"
+            message = f"{says} and cannot be read: {reason}; correct it, lock its joints, or {_GIVE}"
             yield finding(element, "loop_unread", message, at=at)
         else:
-            message = f"{says}, but an arm is a tree; remove it (ClosedChain.from_urdf reads it)"
+            message = f"{says}, but an arm is a tree; lock its joints, or use ClosedChain.from_urdf"
             yield finding(element, "loop", message)
+
+
+def _within(
+    loops: Sequence[Element], bodies: Mapping[str, str], joints: Mapping[str, Edge]
+) -> Iterator[Element]:
+    """Yield the elements that join parts of one body only, in any dialect.
+
+    Links that the file does not have, as of PR2's grippers, may join bodies by several elements together.
+    """
+    named = [(loop, *_ends(loop, bodies, joints)) for loop in loops]
+    groups: list[tuple[set[str], set[str]]] = []  # of unknown links that elements join, and their bodies
+    for _, joined, unknown in named:
+        links, around = {*unknown}, {*joined}
+        for group in [group for group in groups if group[0] & unknown]:
+            groups.remove(group)
+            links, around = links | group[0], around | group[1]
+        groups.append((links, around))
+    for loop, joined, unknown in named:
+        around = joined.union(*(group[1] for group in groups if group[0] & unknown))
+        if len(around) == 1:
+            yield loop
+
+
+def _ends(loop: Element, bodies: Mapping[str, str], joints: Mapping[str, Edge]) -> tuple[set[str], set[str]]:
+    """Return the bodies that an element joins, none if it names a single link, and links not in the file."""
+    says = _DIALECTS.get(loop.tag)
+    if says is not None:
+        ends = {value.strip() for path in (says.link_a, says.link_b) for value in loop.xpath(path)}
+        return {bodies.get(end, end) for end in ends & {*bodies, _WORLD}}, ends - {*bodies, _WORLD}
+    parts = [str(part).strip() for inner in loop.iter() for part in (*inner.values(), inner.text or "")]
+    links = {part for part in parts if part in bodies}
+    links.update(*({edge.parent, edge.child} for edge in map(joints.get, parts) if edge))
+    return ({bodies.get(link, link) for link in links} if len(links) > 1 else set()), set()
 
 
 def _loop_elements(robot: Element) -> Iterator[Element]:

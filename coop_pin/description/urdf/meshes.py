@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ import numpy as np
 
 from coop_pin.base.errors import FieldError, FileReadError
 from coop_pin.base.user_files import head_of_user_file, read_user_file
+from coop_pin.description.urdf.find import UrdfFile
+from coop_pin.description.urdf.packages import packages
 from coop_pin.description.urdf.report import UrdfFinding, listed, quoted
 from coop_pin.description.urdf.xml import Element, finding
 
@@ -22,33 +25,47 @@ _STL_HEADER, _STL_TRIANGLE = 84, 50
 """Bytes of a binary STL: its header, which ends with the number of triangles, and each triangle."""
 
 
-def mesh_findings(robot: Element, package_dirs: Sequence[Path]) -> Iterator[UrdfFinding]:
+def mesh_findings(robot: Element, urdf: UrdfFile) -> Iterator[UrdfFinding]:
     """Yield the visuals whose mesh file does not exist, which drawings omit, or cannot be read.
 
     Args:
         robot: the <robot> element.
-        package_dirs: folders that are searched for the packages of package://.
+        urdf: its file.
     """
-    for mesh, path in meshes(robot, package_dirs):
+    for mesh, path in meshes(robot, urdf):
         name, link = mesh.get("filename", ""), next(mesh.iterancestors("link"))
         if path is None:
-            searched = f" in {listed(map(str, package_dirs))}" if name.startswith(_PACKAGES) else ""
-            message = f"there is no mesh {quoted(name)}{searched}; only drawings need it, and omit it"
+            searched = urdf.package_dirs if name.startswith(_PACKAGES) else (urdf.path.parent,)
+            message = f"there is no mesh {quoted(name)} in {listed(map(str, searched))}"
+            message += "; only drawings need it, and omit it"
             yield finding(link, "mesh_missing", message, at=mesh, kind="doubtful")
         elif problem := _mesh_problem(path):
             yield finding(link, "mesh_unreadable", f"the mesh {quoted(name)} {problem}", at=mesh)
 
 
-def meshes(robot: Element, package_dirs: Sequence[Path]) -> Iterator[tuple[Element, Path | None]]:
+def meshes(robot: Element, urdf: UrdfFile) -> Iterator[tuple[Element, Path | None]]:
     """Yield the <mesh> and its file, if there is one, of every visual that is a mesh.
 
-    Pipes and devices count as files, so that they are refused before Pinocchio opens them.
+    package:// is a folder or the name of a package.xml, in the package folders; other paths are relative to
+    the URDF's folder. Pipes and devices count as files, so that they are refused before Pinocchio opens them.
+
+    Args:
+        robot: the <robot> element.
+        urdf: its file.
     """
+    roots: dict[str, list[Path]] | None = None
     for mesh in robot.findall("link/visual/geometry/mesh"):
         name = mesh.get("filename", "")
-        paths = [Path(name.removeprefix("file://"))]
+        paths = [urdf.path.parent / name.removeprefix("file://")]
         if name.startswith(_PACKAGES):
-            paths = [folder / name.partition("://")[2] for folder in package_dirs]
+            package, _, rest = name.partition("://")[2].partition("/")
+            paths = [folder / package / rest for folder in urdf.package_dirs]
+            if not any(map(os.path.lexists, paths)):
+                if roots is None:
+                    roots = defaultdict(list)
+                    for stated, folder in packages(urdf.package_dirs):
+                        roots[stated].append(folder)
+                paths = [folder / rest for folder in roots.get(package, ())]
         yield mesh, next((path for path in paths if os.path.lexists(path)), None)
 
 

@@ -1,27 +1,22 @@
 """Kinematics of a URDF without Pinocchio: joint order, mimic joints, link poses; links as of yourdfpy.
 
-yourdfpy gives poses and bodies; it is imported only for them, because that takes longer than a model. Joint
-order and mimic joints are read here: yourdfpy has the joints in the order of the file, follows one mimic
-joint but not a chain of them, and cannot let one move independently.
+yourdfpy gives the bodies; it is imported only for them, because that takes longer than a model.
 """
 
 from __future__ import annotations
 
-import copy
-import functools
 import io
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from lxml import etree
+from numpy.typing import ArrayLike
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import NameNotFoundError
-from coop_pin.description.urdf.meshes import meshes
 from coop_pin.description.urdf.tree import Edge, read_tree
-from coop_pin.description.urdf.xml import Element, number, read_document
+from coop_pin.description.urdf.xml import number, read_document
 
 _READABLE = "geometry/*[1][self::box or self::cylinder or self::sphere or self::mesh]"
 """XPath of the shapes of a visual; yourdfpy fails on others and on none."""
@@ -49,24 +44,11 @@ class Robot:
         self._edges = list(self._tree.edges())
         self.joints = {edge.name: edge.joint.get("type") for edge in self._edges if not edge.is_fixed}
         self.leaves = tuple(link for link in self._tree.links if not self._tree.below.get(link))
-        self.mimics = {
-            edge.name: _mimic(element)
-            for edge in self._edges
-            if not edge.is_fixed and (element := edge.joint.find("mimic")) is not None
-        }
-
-    def mesh_files(self, package_dirs: Sequence[Path]) -> list[Path]:
-        """Return the files of the visuals that are meshes, those that exist."""
-        return [path for _, path in meshes(self._root, package_dirs) if path is not None]
+        self.mimics = self._tree.mimics()
 
     def locked(self, joints: Mapping[str, float]) -> dict[str, float]:
         """Return the angles of locked joints and of joints that mimic them, directly or through others."""
-        angles = dict(joints)
-        for _ in self.mimics:
-            for joint, (leader, multiplier, offset) in self.mimics.items():
-                if leader in angles and joint not in angles:
-                    angles[joint] = multiplier * angles[leader] + offset
-        return angles
+        return self._tree.locked(joints)
 
     def unlocked(self, joints: Mapping[str, float]) -> tuple[str, ...]:
         """Return the joints that still move when some are locked."""
@@ -122,14 +104,18 @@ class Robot:
         return {edge.name: _nearest_to_zero(edge) for edge in idle if edge.name not in self.mimics}
 
     def summary(self) -> str:
-        """Return links, joints with their limits, and candidate tips as text."""
+        """Return links with their masses, joints with their limits, and candidate tips as text."""
         tree, above = self._tree, dict.fromkeys(self._tree.links, 0)
         for edge in self._edges:
             above[edge.child] = above[edge.parent] + (not edge.is_fixed)
+        masses = {
+            name: number(link.find("inertial/mass"), "value") or 0.0 for name, link in tree.links.items()
+        }
         branching = [link for link in tree.above if len(tree.below.get(link, ())) > 1]
         return "\n".join(
             (
-                f"{len(tree.links)} links: {', '.join(tree.links)}",
+                f"{len(tree.links)} links, {sum(masses.values()):.4g} kg: "
+                + ", ".join(f"{link} ({mass:.4g} kg)" if mass else link for link, mass in masses.items()),
                 f"{len(self.joints)} moving joints:",
                 *(f"  {edge.name}: {_joint_text(edge)}" for edge in self._edges if not edge.is_fixed),
                 "candidate tips:",
@@ -137,12 +123,12 @@ class Robot:
             )
         )
 
-    def pose(self, frame: str, angles: Mapping[str, float]) -> Array:
-        """Return the pose of a link, or of the child link of a joint, in the root link, shape (4, 4).
+    def pose(self, frame: str, angles: Mapping[str, ArrayLike]) -> Array:
+        """Return the pose of a link, or of the child link of a joint, in the root link, shape (..., 4, 4).
 
         Args:
             frame: name of the link or joint.
-            angles: angles of the moving joints, rad or m; zero when omitted.
+            angles: angles of the moving joints, rad or m, shape (...) each; zero when omitted.
 
         Raises:
             NameNotFoundError: there is no such link or joint.
@@ -150,40 +136,23 @@ class Robot:
         ends = {edge.name: edge.child for edge in self._edges} | {link: link for link in self._tree.links}
         if frame not in ends:
             raise NameNotFoundError("frame", frame, ends, "the URDF")
-        self._kinematics.update_cfg(dict.fromkeys(self.joints, 0.0) | dict(angles))
-        return np.array(self._kinematics.get_transform(ends[frame]))
-
-    @functools.cached_property
-    def _kinematics(self) -> Any:
-        """The tree of yourdfpy, whose mimic joints move independently."""
-        urdf = _yourdfpy(self._root, "mimic", "visual", build_scene_graph=True)
-        for name, kind in self.joints.items():
-            if kind == "prismatic":  # yourdfpy normalises the axes of rotations only
-                urdf.joint_map[name].axis /= np.linalg.norm(urdf.joint_map[name].axis)
-        return urdf
+        X, link = np.eye(4), ends[frame]
+        while link in self._tree.above:
+            edge = self._tree.above[link]
+            X, link = edge.pose(angles.get(edge.name, 0.0)) @ X, edge.parent
+        return X
 
 
 def links_of(text: str) -> list[Any]:
     """Return the links of a URDF that load_checked returns, as yourdfpy's."""
-    return list(_yourdfpy(read_document(text.encode()), build_scene_graph=False).robot.links)
-
-
-def _yourdfpy(robot: Element, *without: str, build_scene_graph: bool) -> Any:
-    """Return a <robot> as yourdfpy reads it, without some elements and those that it cannot read."""
     import yourdfpy
 
-    readable = copy.deepcopy(robot)
-    etree.strip_elements(readable, "collision", "material", *without, with_tail=False)
+    readable = read_document(text.encode())  # without what yourdfpy cannot read
+    etree.strip_elements(readable, "collision", "material", with_tail=False)
     for visual in readable.xpath(f"link/visual[not({_READABLE})]"):
         visual.getparent().remove(visual)
     file = io.BytesIO(etree.tostring(readable, encoding="utf-8"))
-    return yourdfpy.URDF.load(file, build_scene_graph=build_scene_graph, load_meshes=False)
-
-
-def _mimic(element: Element) -> tuple[str, float, float]:
-    multiplier = number(element, "multiplier")
-    leader = str(element.get("joint"))
-    return leader, 1.0 if multiplier is None else multiplier, number(element, "offset") or 0.0
+    return list(yourdfpy.URDF.load(file, build_scene_graph=False, load_meshes=False).robot.links)
 
 
 def _nearest_to_zero(edge: Edge) -> float:
@@ -201,6 +170,6 @@ def _joint_text(edge: Edge) -> str:
     )
     span = "without limits" if kind == "continuous" else f"{lower:.4g} .. {upper:.4g} {unit}"
     speed = f"speed up to {velocity:.4g} {unit}/s" if velocity else "any speed"
-    torque = f"torque up to {effort:.4g} {effort_unit}" if effort else "any torque"
+    torque = f"torque up to {effort:.4g} {effort_unit}" if effort else "effort not stated"
     leader = "" if mimic is None else f", mimics {mimic.get('joint')}"
     return f"{kind}, {edge.parent} to {edge.child}, {span}, {speed}, {torque}{leader}"

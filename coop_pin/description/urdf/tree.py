@@ -1,13 +1,18 @@
-"""Kinematic tree of a URDF: one root, one parent for each link, no cycle, limited depth."""
+"""Kinematic tree of a URDF: one root, one parent for each link, no cycle, limited depth; poses."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from coop_pin.base.arrays import Array
+from coop_pin.base.spatial import make_pose
 from coop_pin.description.urdf.report import UrdfFinding, listed, quoted
-from coop_pin.description.urdf.xml import Element, finding
+from coop_pin.description.urdf.xml import Element, finding, number, numbers
 
 MAX_DEPTH = 1000
 """Limit of joints between the root and a link. Pinocchio's parser recurses; 20 000 joints crash it."""
@@ -29,6 +34,45 @@ class Edge(NamedTuple):
     child: str
     name: str
     is_fixed: bool
+
+    def pose(self, position: ArrayLike = 0.0) -> Array:
+        """Return the pose of the child link in the parent link, shape (..., 4, 4).
+
+        Args:
+            position: of the joint, rad or m, shape (...).
+        """
+        x, kind = np.asarray(position, dtype=np.float64), self.joint.get("type")
+        X_motion = np.broadcast_to(np.eye(4), (*x.shape, 4, 4)).copy()
+        if kind in ("revolute", "continuous", "prismatic"):
+            e = np.array(numbers(self.joint.find("axis"), "xyz") or (1.0, 0.0, 0.0))
+            e /= np.linalg.norm(e) or 1.0  # a zero axis is a finding of another check
+            if kind == "prismatic":
+                X_motion[..., :3, 3] = x[..., None] * e
+            else:
+                cross, x = np.cross(e, np.eye(3)).T, x[..., None, None]
+                X_motion[..., :3, :3] += np.sin(x) * cross + (1.0 - np.cos(x)) * (cross @ cross)
+        origin_pose: Array = pose_of(self.joint) @ X_motion
+        return origin_pose
+
+
+def pose_of(element: Element | None) -> Array:
+    """Return the pose that the <origin> of an element states, shape (4, 4)."""
+    origin = None if element is None else element.find("origin")
+    return make_pose(*(numbers(origin, name) or np.zeros(3) for name in ("xyz", "rpy")))
+
+
+class Mimic(NamedTuple):
+    """Coupling of a joint to another: position = multiplier leader + offset.
+
+    Attributes:
+        leader: name of the joint that it follows.
+        multiplier: factor.
+        offset: rad or m.
+    """
+
+    leader: str
+    multiplier: float
+    offset: float
 
 
 class Tree(NamedTuple):
@@ -55,6 +99,40 @@ class Tree(NamedTuple):
                 yield self.above[name]
             edges = sorted(self.below.get(name, ()), key=lambda edge: edge.name, reverse=True)
             waiting += [edge.child for edge in edges]
+
+    def mimics(self) -> dict[str, Mimic]:
+        """Return the couplings of the joints that follow others, by name."""
+        couplings = {}
+        for edge in self.edges():
+            mimic = edge.joint.find("mimic")
+            if not edge.is_fixed and mimic is not None:
+                multiplier, offset = number(mimic, "multiplier"), number(mimic, "offset") or 0.0
+                factor = 1.0 if multiplier is None else multiplier
+                couplings[edge.name] = Mimic(str(mimic.get("joint")), factor, offset)
+        return couplings
+
+    def locked(self, joints: Mapping[str, float]) -> dict[str, float]:
+        """Return the positions of locked joints and of joints that mimic them, directly or through others."""
+        positions, mimics = dict(joints), self.mimics()
+        for _ in mimics:
+            for joint, (leader, multiplier, offset) in mimics.items():
+                if leader in positions and joint not in positions:
+                    positions[joint] = multiplier * positions[leader] + offset
+        return positions
+
+    def bodies(self, locked: Collection[str]) -> dict[str, str]:
+        """Return the first link of the body that each link is part of, by link.
+
+        Fixed and locked joints join links to one body.
+
+        Args:
+            locked: names of the locked joints.
+        """
+        first = {name: name for name in self.links}
+        for edge in self.edges():
+            if edge.is_fixed or edge.name in locked:
+                first[edge.child] = first.get(edge.parent, edge.child)
+        return first
 
 
 def read_tree(robot: Element) -> Tree:

@@ -17,6 +17,7 @@ from typing import Any
 from coop_pin.base import limited_process
 from coop_pin.base.errors import FileReadError, MissingExtraError, UrdfError
 from coop_pin.base.user_files import read_user_file
+from coop_pin.description.urdf.packages import packages
 
 _CPU_S, _MEMORY = 3, 2**30
 """Limits of an expansion: processor time, s, and memory, bytes; a robot takes a tenth of a second."""
@@ -37,12 +38,12 @@ def expanded(path: Path, package_dirs: Sequence[Path], arguments: Mapping[str, s
     """
     if importlib.util.find_spec("xacrodoc") is None:
         raise MissingExtraError("xacrodoc", "xacro", f"to read {path.name}")
-    packages = [path.parent for folder in package_dirs for path in sorted(folder.glob("*/package.xml"))]
+    known = list(packages(package_dirs))[::-1]  # of two with one name the first is taken
     above = [folder for folder in path.parents if (folder / "package.xml").is_file()]
     order = {
         "path": str(path),
-        "packages": {folder.name: str(folder) for folder in packages},
-        "roots": list(map(str, (path.parent, *above, *packages))),
+        "packages": {name: str(folder) for name, folder in known},
+        "roots": list(map(str, (path.parent, *above, *(folder for _, folder in known)))),
         "arguments": dict(arguments),
         "largest": largest,
     }

@@ -46,6 +46,8 @@ _REFUSED_TEXT = (
 )
 """Beginnings of texts that are refused."""
 
+_DECLARATION = re.compile(rb"\A(?:\xef\xbb\xbf)?<\?xml\b[^>\n]*\?>")
+"""XML declaration, which Pinocchio's parser does not read: many files have version 0.0, or none."""
 _TAG = re.compile(rb"</?[^\s<>!?/\"'](?>[^<>\"']+|\"[^<\"]*\"|'[^<']*')*+>")
 _PIECE = re.compile(rb"\"[^\"]*\"|'[^']*'|\bxmlns\b|[:\r\n]")
 """What is rewritten in a tag: values, declarations of namespaces, colons and line breaks."""
@@ -80,7 +82,7 @@ def read_document(data: bytes) -> Element:
     _require_text(data)
     parser = etree.XMLParser(encoding="utf-8", remove_comments=True, remove_pis=True, **_LIMITS)
     try:
-        robot = etree.fromstring(_TAG.sub(_flat, data), parser)
+        robot = etree.fromstring(_TAG.sub(_flat, _DECLARATION.sub(b"", data, 1)), parser)
     except etree.XMLSyntaxError as error:
         is_limit = error.code == etree.ErrorTypes.ERR_RESOURCE_LIMIT
         message = f"not well-formed XML: {str(error.msg).rpartition(', line')[0]}"
@@ -124,6 +126,11 @@ def _flat_piece(piece: re.Match[bytes]) -> bytes:
     return (
         re.sub(rb"[\t\r\n]", lambda blank: b"&#%d;" % ord(blank[0]), piece[0]) if piece[0].strip() else b" "
     )
+
+
+def text_of(robot: Element) -> str:
+    """Return the text of a <robot> as Pinocchio reads it; prefixes stay parts of the names."""
+    return str(etree.tostring(robot, encoding="unicode"))
 
 
 def name_of_tag(element: Element) -> str:

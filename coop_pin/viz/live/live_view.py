@@ -70,7 +70,7 @@ def initial_scene(source: Cell | Scenario | RunResult | str | Path) -> InitialSc
     if isinstance(source, RunResult):
         source = source.scenario
     scenario = source if isinstance(source, Scenario) else Scenario.load(source)
-    motion = scenario.motion
+    motion = scenario.payload_motion
     path = np.array([motion.at(t).X_WP_d[:3, 3] for t in np.linspace(0.0, scenario.duration, _PATH_SAMPLES)])
     snapshot = _initial_snapshot(
         scenario.cell, scenario.plant, scenario.start.matrix, motion.at(0.0).X_WP_d, scenario.squeeze_wrenches
