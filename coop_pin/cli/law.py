@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from coop_pin import figures
-from coop_pin.cli.overrides import NO_FIELDS, ScenarioName, TypedFields, field_path, load_scenario
+from coop_pin.cli.overrides import ANY_CODE, NO_FIELDS, Code, ScenarioName, TypedFields, field_path, load_scenario
 
 
 def root_locus(
@@ -19,6 +19,7 @@ def root_locus(
     count: int = 21,
     time: float = 0.0,
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    code: Code = ANY_CODE,
     fields: TypedFields = NO_FIELDS,
 ) -> None:
     """Draw the eigenvalues of the sampled closed loop over a gain, and print where it is stable.
@@ -34,6 +35,7 @@ def root_locus(
         count: number of factors, evenly spaced in ratio.
         time: time of the state, s.
         out: figure to write, PNG or SVG; none when omitted.
+        code: code that the scenario may name.
         fields: fields of the scenario, as typed.
 
     Raises:
@@ -45,7 +47,7 @@ def root_locus(
     from coop_pin import stability
     from coop_pin.base.arrays import as_count, as_positive
 
-    base = load_scenario(scenario, fields)
+    base = load_scenario(scenario, fields, code)
     ends = as_positive("low", low), as_positive("high", high)
     factors = np.geomspace(*ends, as_count("count", count, 1))
     print(stability.eigenvalues(base, time=time).summary())

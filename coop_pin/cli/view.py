@@ -15,7 +15,7 @@ import tyro
 
 from coop_pin import viz
 from coop_pin.base.errors import FieldError
-from coop_pin.cli.overrides import NO_FIELDS, TypedFields, load_scenario, refuse_fields
+from coop_pin.cli.overrides import ANY_CODE, NO_FIELDS, Code, TypedFields, load_scenario, refuse_fields
 from coop_pin.description.catalogue import scenario_names
 
 
@@ -29,6 +29,7 @@ def view(
     image: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     time: float | None = None,
     video: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    code: Code = ANY_CODE,
     fields: TypedFields = NO_FIELDS,
 ) -> None:
     """Show a run or a cell in 3-D, or write an image or a video of a run.
@@ -52,6 +53,7 @@ def view(
         image: PNG or PDF file to write, of a run.
         time: time that the image shows, s; the end of the run when omitted.
         video: MP4 file to write, of a run.
+        code: code that a scenario may name, with --run.
         fields: fields of the scenario, as typed.
 
     Raises:
@@ -71,7 +73,7 @@ def view(
     if is_scenario and not (pictures or against):
         from coop_pin.viz.live.live_view import open_view
 
-        scenario = load_scenario(what, fields)
+        scenario = load_scenario(what, fields, code if run else None)
         if run:  # loaded before Ctrl-C ends the view: it is an ImportError where compiled code loads
             from coop_pin.running import run_scenario
         with contextlib.closing(open_view(scenario, port=port)) as live:

@@ -16,7 +16,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from coop_pin.base.arrays import require_path
 from coop_pin.base.errors import FieldError, NameNotFoundError, ScenarioError, UnknownFieldError, one_or_all
 from coop_pin.base.schema.base import Description
-from coop_pin.base.schema.user_code import FunctionName
+from coop_pin.base.schema.user_code import FunctionName, code_named
 from coop_pin.base.user_files import read_toml
 from coop_pin.compiled.engines import Engine, engine_named
 from coop_pin.description.scenario import Scenario
@@ -60,6 +60,11 @@ def _anchored(base: Any, folder: Path) -> Any:
     if isinstance(base, list):
         return [entry if isinstance(entry, dict | list) else _anchored(entry, folder) for entry in base]
     return str((folder / base).resolve()) if isinstance(base, str) and (folder / base).is_file() else base
+
+
+def _is_plain(values: Sequence[Any]) -> bool:
+    """Return whether values are numbers or rows of them, which name no code."""
+    return not any(isinstance(value, str | Mapping | Description) for value in values)
 
 
 class Point(NamedTuple):
@@ -248,12 +253,19 @@ class SweepPlan(Description):
 
     @functools.cached_property
     def _tried(self) -> dict[int, Scenario | ScenarioError]:
-        """Scenarios of the first point and of every case, which are validated once."""
+        """Scenarios of the first point, and of every case, table or text, which are validated once."""
         trials, stride = {0}, len(self)
         for dimension in self.dimensions:
             stride //= dimension.size
-            trials |= set(range(0, dimension.size * stride, stride)) if dimension.cases else set()
+            is_plain = dimension.cases is None and all(map(_is_plain, dimension.fields.values()))
+            trials |= set() if is_plain else set(range(0, dimension.size * stride, stride))
         return {index: self._overridden(self[index]) for index in sorted(trials)}
+
+    def code_named(self) -> Iterator[tuple[str, str]]:
+        """Yield field and name of the code that the plan and its scenarios name, "module:name"; none is run."""
+        yield from code_named(self)
+        for number, scenario in self._tried.items():
+            yield from ((f"{path} ({number})", name) for path, name in code_named(scenario))
 
     def part(self, cases: Collection[str], engine: Engine) -> Self:
         """Return the plan of some of the cases that are its first dimension, by another engine.
