@@ -435,7 +435,9 @@ def is_users_file(file: Path) -> bool:
     """Return whether a file is of neither this package, the standard library nor an installed package."""
     library = sysconfig.get_path("stdlib")
     installed = str(Path(__file__).parents[1]), library, str(Path(library).resolve())
-    return not (any(map(file.is_relative_to, installed)) or {"site-packages", "dist-packages"} & {*file.parts})
+    return not (
+        any(map(file.is_relative_to, installed)) or {"site-packages", "dist-packages"} & {*file.parts}
+    )
 
 
 class UserCodeError(CoopPinError, RuntimeError):

@@ -83,13 +83,13 @@ def run(
     folder.write(result, timing, replay=replay, figures=formats if figures else ())
     if report:
         viz.save_report(result, folder.path / folder.REPORT)
-    code = _exit_code(result)
+    status = _exit_code(result)
     if not quiet:
         written = f"written to {folder.path}, {timing.real_time_factor:.1f} times real time"
         print(result.summary(), *_details(result, verbose), written, sep="\n")
-    elif code != OK:
+    elif status != OK:
         _warn(result, verbose)
-    return code
+    return status
 
 
 def _exit_code(result: Any) -> int:

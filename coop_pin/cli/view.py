@@ -91,7 +91,7 @@ def view(
         page = (_side_by_side(paths) if against else _replay(path)).resolve()
         _show(str(page), page.as_uri(), open)
         return
-    (result, *others), names = map(_result, paths), _names(paths)
+    (result, *others), names = map(result_of, paths), _names(paths)
     if image is not None:
         viz.save_image(result, image, *others, names=names, time=time)
         print(image.resolve(), flush=True)
@@ -108,7 +108,7 @@ def _show(text: str, address: str, opens: bool) -> None:
         webbrowser.open(address)
 
 
-def _result(path: Path) -> Any:
+def result_of(path: Path) -> Any:
     """Return the RunResult of a run's folder or file; the class is loaded only when it is needed."""
     from coop_pin.cli.run_folder import RunFolder
     from coop_pin.results.run_result import RunResult
@@ -128,7 +128,7 @@ def _names(paths: Sequence[Path]) -> list[str]:
 
 def _side_by_side(paths: Sequence[Path]) -> Path:
     """Write the page of several runs into the first one's folder, and return its file."""
-    (result, *others), names = map(_result, paths), _names(paths)
+    (result, *others), names = map(result_of, paths), _names(paths)
     page = (paths[0] if paths[0].is_dir() else paths[0].parent) / f"against-{'-'.join(names[1:])}.html"
     viz.save_replay(result, page, *others, names=names)
     return page
@@ -142,7 +142,7 @@ def _replay(path: Path) -> Path:
         return RunFolder(path.parent if path.is_file() else path).replay()
     replay = path.with_suffix(".html")
     if not replay.is_file():
-        viz.save_replay(_result(path), replay)
+        viz.save_replay(result_of(path), replay)
     return replay
 
 
@@ -160,5 +160,5 @@ def report(
 
     folder = result if result.is_dir() else result.parent
     page = out or folder / RunFolder.REPORT
-    viz.save_report(_result(result), page)
+    viz.save_report(result_of(result), page)
     print(page.resolve())

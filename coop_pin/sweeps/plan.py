@@ -53,6 +53,24 @@ Cases = Annotated[dict[str, dict[str, Any]], Field(min_length=1)]
 """Named groups of changes."""
 
 
+def _cases_by_dimension(argument: Any) -> Any:
+    """Return dimensions of cases; cases without one, {"late": {"seed": 1}}, are the dimension "case"."""
+    if not isinstance(argument, Mapping) or not argument:
+        return argument
+    groups = list(argument.values())
+    if all(isinstance(group, Mapping) and group for group in groups):
+        tables = [table for group in groups for table in group.values()]
+        is_deep = all(isinstance(table, Mapping) for table in tables)
+        if is_deep and (all(map(_names_fields, tables)) or not all(map(_names_fields, groups))):
+            return argument
+    return {"case": argument}
+
+
+def _names_fields(table: Mapping[str, Any]) -> bool:
+    """Return whether the keys of a table are fields of a scenario, by dotted path."""
+    return all(str(path).partition(".")[0] in Scenario.model_fields for path in table)
+
+
 def _anchored(base: Any, folder: Path) -> Any:
     """Return scenarios as written in a plan's file, with absolute paths of files in its folder."""
     if isinstance(base, Mapping):
@@ -101,8 +119,8 @@ class SweepPlan(Description):
     Attributes:
         base: a scenario, its name or path, a list of them, or a table of them by name.
         changes: fields changed in every run, by dotted path.
-        cases: dimensions of named groups of changes: {"controller": {"paper": {}, "late":
-            {"controller.force_path.kind": "late"}}}.
+        cases: named groups of changes, {"paper": {}, "late": {"controller.force_path.kind": "late"}}: one
+            dimension, "case". Several dimensions have names: {"law": {...}, "payload": {...}}.
         axes: the values of single fields: a list, {linspace = [first, last, count]}, {logspace = [first,
             last, count]} or {range = [start, stop, step]}.
         zipped: groups of fields that vary together.
@@ -125,7 +143,7 @@ class SweepPlan(Description):
 
     base: Bases
     changes: dict[str, Any] = Field(default_factory=dict)
-    cases: dict[str, Cases] = Field(default_factory=dict)
+    cases: Annotated[dict[str, Cases], BeforeValidator(_cases_by_dimension)] = Field(default_factory=dict)
     axes: dict[str, Values] = Field(default_factory=dict)
     zipped: tuple[Annotated[dict[str, Values], Field(min_length=1)], ...] = ()
     sample: Sample | None = None
@@ -262,7 +280,7 @@ class SweepPlan(Description):
         return {index: self._overridden(self[index]) for index in sorted(trials)}
 
     def code_named(self) -> Iterator[tuple[str, str]]:
-        """Yield field and name of the code that the plan and its scenarios name, "module:name"; none is run."""
+        """Yield field and name, "module:name", of the code that the plan and its scenarios name."""
         yield from code_named(self)
         for number, scenario in self._tried.items():
             yield from ((f"{path} ({number})", name) for path, name in code_named(scenario))

@@ -67,7 +67,9 @@ def _name_fields(kind: type[BaseModel]) -> frozenset[str]:
     """Return the fields of a class that hold such names."""
     fields = kind.model_fields.items()
     return frozenset(
-        name for name, field in fields if _IS_NAME in field.metadata or FunctionName in get_args(field.annotation)
+        name
+        for name, field in fields
+        if _IS_NAME in field.metadata or FunctionName in get_args(field.annotation)
     )
 
 
@@ -197,6 +199,8 @@ def _load(name: str, kind: str, is_kind: Callable[[Any], bool]) -> Any:
         raise NameNotFoundError(kind, path, [], f"{module}: {path} is {value!r}, which is not a {kind}")
     if not _accepted.get(name):
         if isinstance(value, type | FunctionType | BuiltinFunctionType | MethodType) and value.__module__:
-            require_allowed([f"{value.__module__}:{value.__qualname__}"])  # also where it is imported by others
+            require_allowed(
+                [f"{value.__module__}:{value.__qualname__}"]
+            )  # also where it is imported by others
         _accepted[name] = True
     return value
