@@ -120,14 +120,14 @@ def as_table(data: xr.Dataset) -> pd.DataFrame:
         if variable.dims[:1] != ("time",):
             continue
         dims, units = variable.dims[1:], variable.attrs["units"].split(", ")
-        for place in np.ndindex(variable.shape[1:]):
-            at = dict(zip(dims, place, strict=True))
+        for entry in np.ndindex(variable.shape[1:]):
+            at = dict(zip(dims, entry, strict=True))
             labels = {str(dim): str(data[dim].values[index]) for dim, index in at.items()}
             if "joint" in at:
                 labels["joint"] = str(data["joint_name"].values[at["arm"], at["joint"]])
             if all(labels.values()):  # a joint that an arm does not have has no name
                 unit = units[-1 if at.get("axis", 0) >= len(AXES) // 2 else 0]
-                columns[f"{'.'.join([str(name), *labels.values()])} [{unit}]"] = variable.values[:, *place]
+                columns[f"{'.'.join([str(name), *labels.values()])} [{unit}]"] = variable.values[:, *entry]
     return pd.DataFrame(columns, pd.Index(data["time"].values, name="time [s]"))
 
 
