@@ -9,7 +9,6 @@ import pytest
 
 import coop_pin as cp
 from coop_pin.base.errors import CodeRefusedError, NameNotFoundError
-from coop_pin.base.schema import user_code
 from coop_pin.base.schema.user_code import ALLOWED, code_named, load_class, load_function, require_allowed
 
 LAW = """
@@ -32,7 +31,6 @@ def mine(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delenv(ALLOWED, raising=False)
-    monkeypatch.setattr(user_code, "_accepted", {})  # else what another test has loaded
     yield name
     sys.modules.pop(name, None)
 

@@ -5,7 +5,6 @@ import sys
 import pytest
 
 import coop_pin as cp
-from coop_pin.base.schema import user_code
 from coop_pin.base.schema.user_code import ALLOWED
 from coop_pin.cli import main
 
@@ -31,13 +30,20 @@ COMMANDS = {
 
 
 @pytest.fixture
+def own(tmp_path):
+    """Name of a function in a module of the working folder, which no other test has loaded."""
+    name = f"own_{tmp_path.name.replace('-', '_').replace('[', '_')}"
+    (tmp_path / f"{name}.py").write_text(OWN)
+    yield f"{name}:pose"
+    sys.modules.pop(name, None)
+
+
+@pytest.fixture
 def stranger(tmp_path, monkeypatch):
     """Writer of a scenario that names code, and of a plan of it, in the working folder."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv(ALLOWED, "")
-    monkeypatch.setattr(user_code, "_accepted", {})  # else what another test has loaded
-    (tmp_path / "own_pose.py").write_text(OWN)
 
     def write(target, **options):
         motion = {"kind": "function", "target": target, "options": options}
@@ -46,8 +52,7 @@ def stranger(tmp_path, monkeypatch):
         scenario.save("stranger.toml")
         (tmp_path / "plan.toml").write_text('base = "stranger.toml"\n')
 
-    yield write
-    sys.modules.pop("own_pose", None)
+    return write
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -60,38 +65,38 @@ def test_code_of_the_standard_library_is_refused_by_every_command(stranger, tmp_
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_no_code_refuses_code_of_the_working_folder_before_it_is_imported(stranger, tmp_path, command):
-    stranger("own_pose:pose")
+def test_no_code_refuses_code_of_the_working_folder_before_it_is_imported(stranger, own, tmp_path, command):
+    stranger(own)
     assert main([*COMMANDS[command], "--no-code"]) == 2
     assert not (tmp_path / "imported").exists()
 
 
 @pytest.mark.parametrize("command", ["check", "run", "sweep"])
-def test_code_is_told_in_the_first_line_before_it_is_imported(stranger, command, capsys):
-    stranger("own_pose:pose")
+def test_code_is_told_in_the_first_line_before_it_is_imported(stranger, own, command, capsys):
+    stranger(own)
     main(COMMANDS[command])
     lines = capsys.readouterr().out.splitlines()
-    assert "own_pose:pose" in lines[0]
+    assert own in lines[0]
     assert "imported" not in lines[0]
 
 
-def test_the_line_is_no_part_of_json(stranger, capsys):
-    stranger("own_pose:pose")
+def test_the_line_is_no_part_of_json(stranger, own, capsys):
+    stranger(own)
     main([*COMMANDS["check"], "--json"])
     out, err = capsys.readouterr()
-    assert "own_pose:pose" in err
-    assert "own_pose:pose" not in out.splitlines()[0]
+    assert own in err
+    assert own not in out.splitlines()[0]
 
 
-def test_a_listed_module_is_used(stranger, tmp_path, monkeypatch, capsys):
-    stranger("own_pose:pose")
+def test_a_listed_module_is_used(stranger, own, tmp_path, monkeypatch, capsys):
+    stranger(own)
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir("elsewhere")
     words = ["check", "../stranger.toml", "--poses", "5"]
     assert main(words) == 2
     assert not (tmp_path / "elsewhere" / "imported").exists()
-    assert main([*words, "--allow-code", "own_pose"]) == 0
-    assert "own_pose:pose" in capsys.readouterr().out
+    assert main([*words, "--allow-code", own.partition(":")[0]]) == 0
+    assert own in capsys.readouterr().out
 
 
 def test_the_interface_has_the_same_rule(stranger, tmp_path):
