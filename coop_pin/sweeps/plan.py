@@ -81,8 +81,9 @@ def _anchored(base: Any, folder: Path) -> Any:
 
 
 def _is_plain(values: Sequence[Any]) -> bool:
-    """Return whether values are numbers or rows of them, which name no code."""
-    return not any(isinstance(value, str | Mapping | Description) for value in values)
+    """Return whether values are numbers or rows of them, as those of samples, which are not made here."""
+    kinds = str | Mapping | Description
+    return not isinstance(values, tuple) or not any(isinstance(value, kinds) for value in values)
 
 
 class Point(NamedTuple):
