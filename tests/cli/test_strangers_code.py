@@ -99,6 +99,16 @@ def test_a_listed_module_is_used(stranger, own, tmp_path, monkeypatch, capsys):
     assert own in capsys.readouterr().out
 
 
+def test_workers_import_nothing_of_the_working_folder_that_is_not_named(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [folder for folder in sys.path if folder])
+    (tmp_path / "pebble.py").write_text("open('PWNED', 'w')\n")
+    text = 'base = "adept-paper"\nengine = "pinocchio"\nchanges = { duration = 0.05, events = [] }\n'
+    (tmp_path / "plan.toml").write_text(text)
+    assert main(["sweep", "plan.toml", "--workers", "1", "--out", "sweep", "--quiet"]) == 0
+    assert not (tmp_path / "PWNED").exists()
+
+
 def test_the_interface_has_the_same_rule(stranger, tmp_path):
     stranger("pydoc:pipepager", cmd=f"touch {tmp_path / 'PWNED'}")
     scenario = cp.Scenario.load("stranger.toml")
