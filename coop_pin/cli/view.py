@@ -53,7 +53,7 @@ def view(
         image: PNG or PDF file to write, of a run.
         time: time that the image shows, s; the end of the run when omitted.
         video: MP4 file to write, of a run.
-        code: code that a scenario may name, with --run.
+        code: code that a scenario may name.
         fields: fields of the scenario, as typed.
 
     Raises:
@@ -73,7 +73,7 @@ def view(
     if is_scenario and not (pictures or against):
         from coop_pin.viz.live.live_view import open_view
 
-        scenario = load_scenario(what, fields, code if run else None)
+        scenario = load_scenario(what, fields, code)
         if run:  # loaded before Ctrl-C ends the view: it is an ImportError where compiled code loads
             from coop_pin.running import run_scenario
         with contextlib.closing(open_view(scenario, port=port)) as live:

@@ -25,6 +25,7 @@ COMMANDS = {
     "root-locus": ["root-locus", "stranger.toml", "--gain", "controller.gains.pose_gain", "--count", "1"],
     "run": ["run", "stranger.toml", "--no-figures", "--no-replay", "--out", "run"],
     "sweep": ["sweep", "plan.toml", "--workers", "0", "--out", "sweep"],
+    "view": ["view", "stranger.toml", "--no-open"],
     "compare": ["compare", "stranger.toml", "--controllers", "anchored", "--trials", "nominal"],
 }
 
@@ -127,3 +128,16 @@ def test_the_interface_has_the_same_rule(stranger, tmp_path):
     with pytest.raises(cp.errors.CodeRefusedError):
         cp.sweep("adept-anchored", metrics=("pydoc:pipepager",), out=tmp_path / "sweep")
     assert not (tmp_path / "PWNED").exists()
+
+
+def test_pages_of_a_result_call_nothing_that_it_names(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = cp.run("adept-anchored", {"duration": 0.02, "events": []}, warn=False)
+    law = {"kind": "user", "target": "nowhere:Law"}
+    squeeze = {"kind": "function", "target": "pydoc:pipepager"}
+    changes = {"squeeze": squeeze, "motion": squeeze, "controller": law}
+    cp.RunResult(result.scenario.override(changes), result.data).save("result.nc")
+    assert main(["report", "result.nc"]) == 0
+    assert main(["export", "result.nc", "--to", "csv"]) == 0
+    assert main(["view", "result.nc", "--no-open"]) == 0
+    assert "pydoc:pipepager" in (tmp_path / "report.html").read_text()
