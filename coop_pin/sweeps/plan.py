@@ -82,8 +82,9 @@ def _anchored(base: Any, folder: Path) -> Any:
 
 def _is_plain(values: Sequence[Any]) -> bool:
     """Return whether values are numbers or rows of them, as those of samples, which are not made here."""
-    kinds = str | Mapping | Description
-    return not isinstance(values, tuple) or not any(isinstance(value, kinds) for value in values)
+    if not isinstance(values, tuple):
+        return True
+    return not any(isinstance(value, str | Mapping | Description) for value in values)
 
 
 class Point(NamedTuple):
