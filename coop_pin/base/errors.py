@@ -434,7 +434,7 @@ def place_of(error: BaseException) -> tuple[str, int, str]:
     if not frames:
         return "", 0, ""
     # By the file of the module: compiled code states one of its own for each frame, a notebook has none.
-    users = (entry for entry in frames if _is_users(Path(entry[0].f_globals.get("__file__") or "")))
+    users = (entry for entry in frames if is_users_file(Path(entry[0].f_globals.get("__file__") or "")))
     frame, line = next(users, frames[0])
     return _shown(Path(frame.f_code.co_filename)), line, frame.f_code.co_qualname
 
@@ -449,20 +449,23 @@ def source_of(function: Callable[..., Any]) -> tuple[str, int, str]:
 def is_users(function: Callable[..., Any]) -> bool:
     """Return whether a function or method is of neither this package nor an installed one."""
     code = getattr(function, "__code__", None)
-    return code is not None and _is_users(Path(code.co_filename))
+    return code is not None and is_users_file(Path(code.co_filename))
 
 
 def _shown(file: Path) -> str:
     """Return the path of a user's file relative to the current folder if it is below it, else its name."""
     file, here = file.resolve(), Path.cwd()
-    is_below = _is_users(file) and file.is_relative_to(here)
+    is_below = is_users_file(file) and file.is_relative_to(here)
     return file.relative_to(here).as_posix() if is_below else file.name
 
 
-def _is_users(file: Path) -> bool:
+def is_users_file(file: Path) -> bool:
     """Return whether a file is of neither this package, the standard library nor an installed package."""
-    is_known = any(map(file.is_relative_to, (str(Path(__file__).parents[1]), sysconfig.get_path("stdlib"))))
-    return not (is_known or {"site-packages", "dist-packages"} & {*file.parts})
+    library = sysconfig.get_path("stdlib")
+    installed = str(Path(__file__).parents[1]), library, str(Path(library).resolve())
+    return not (
+        any(map(file.is_relative_to, installed)) or {"site-packages", "dist-packages"} & {*file.parts}
+    )
 
 
 class UserCodeError(CoopPinError, RuntimeError):
@@ -540,6 +543,14 @@ class WorkerDiedError(CoopPinError, RuntimeError):
 
 class WorkersLostError(CoopPinError, ConnectionError):
     """All workers of a sweep, or its scheduler, are gone; finished runs are kept."""
+
+
+class CodeRefusedError(CoopPinError, PermissionError):
+    """Code ``name``, "module:name", that a scenario or a plan names and that is not to run here."""
+
+    def __init__(self, name: str, detail: str) -> None:
+        self.name = name
+        super().__init__(f"{name!r} is code {detail}")
 
 
 class CodeChangedError(CoopPinError, RuntimeError):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from coop_pin.cli.exit_codes import FAILED, OK
 from coop_pin.cli.inspect import print_wrapped
-from coop_pin.cli.overrides import NO_FIELDS, ScenarioName, TypedFields, load_scenario
+from coop_pin.cli.overrides import ANY_CODE, NO_FIELDS, Code, ScenarioName, TypedFields, load_scenario
 
 
 def check(
@@ -15,6 +15,7 @@ def check(
     load: float = 10.0,
     table_error: float = 2e-3,
     json: bool = False,
+    code: Code = ANY_CODE,
     fields: TypedFields = NO_FIELDS,
 ) -> int:
     """List what is known of a scenario before it runs: errors first, then warnings, then margins.
@@ -34,12 +35,13 @@ def check(
         load: constant force on the payload that the law does not know, N.
         table_error: height by which a table on which the payload is put down may be higher than planned, m.
         json: print the findings as JSON.
+        code: code that the scenario may name.
         fields: fields of the scenario, as typed.
     """
     from coop_pin.running import check as checking
 
     findings = checking.check(
-        load_scenario(scenario, fields),
+        load_scenario(scenario, fields, code, quiet=json),
         poses=poses,
         bias=bias,
         bias_turn=bias_turn,

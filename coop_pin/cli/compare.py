@@ -10,6 +10,7 @@ import tyro
 
 from coop_pin import figures, viz
 from coop_pin.base.errors import FieldError
+from coop_pin.cli.overrides import ANY_CODE, NO_FIELDS, Code, load_scenario
 from coop_pin.cli.sweep import ExecutionOptions, kept_result, tell
 from coop_pin.sweeps.workers.execution import HERE
 
@@ -29,6 +30,7 @@ def compare(
     list: bool = False,
     replay: Annotated[tuple[str, ...], tyro.conf.arg(metavar="CELL")] = (),
     execution: ExecutionOptions = HERE,
+    code: Code = ANY_CODE,
 ) -> None:
     """Compare controllers under standard trials. Finished runs are kept: the same command goes on with them.
 
@@ -56,16 +58,23 @@ def compare(
             side, and link it in comparison.html: "SCENARIO | CONTROLLER | TRIAL", with "| SEED" behind a
             random trial.
         execution: workers, engine and folders to merge.
+        code: code that the scenarios may name, and the controllers.
 
     Raises:
         CoopPinError: whatever ``compare``, ``tune_controllers`` or ``Comparison.open`` raises.
     """
     from coop_pin import comparison
+    from coop_pin.base.schema.user_code import code_named
     from coop_pin.comparison import benchmark
     from coop_pin.comparison.controllers import GAINS
     from coop_pin.description.scenario import Scenario
 
     names, cells = controllers or tuple(comparison.controller_names()), scenarios or comparison.BENCHMARK
+    if not (replay or list):
+        named = [("controllers", name) for name in names if ":" in name]
+        for cell in cells:
+            named += [(f"{cell}: {path}", name) for path, name in code_named(load_scenario(cell, NO_FIELDS))]
+        code.admit(named, quiet=execution.quiet)
     if replay:
         _write_replay(comparison.Comparison.load(out), out, replay)
     elif list:

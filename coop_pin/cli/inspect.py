@@ -13,7 +13,15 @@ import tyro
 from coop_pin.base.disk_cache import keep, kept, package_digest
 from coop_pin.base.errors import FieldError, NameNotFoundError
 from coop_pin.cli.exit_codes import FAILED, OK
-from coop_pin.cli.overrides import NO_FIELDS, ScenarioName, TypedFields, load_scenario, refuse_fields
+from coop_pin.cli.overrides import (
+    ANY_CODE,
+    NO_FIELDS,
+    Code,
+    ScenarioName,
+    TypedFields,
+    load_scenario,
+    refuse_fields,
+)
 from coop_pin.description.catalogue import scenario_file, scenario_names, scenario_tables
 
 _COLUMNS = 99
@@ -116,6 +124,7 @@ def suggest(
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     poses: int = 101,
     table_error: float = 2e-3,
+    code: Code = ANY_CODE,
     fields: TypedFields = NO_FIELDS,
 ) -> None:
     """Propose control rate, gains of the payload-space law, postures and squeeze, and say what limits each.
@@ -129,6 +138,7 @@ def suggest(
         out: file to write the proposed scenario to, ready for 'coop-pin run'; none when omitted.
         poses: number of poses looked at along the motion.
         table_error: height by which a table on which the payload is put down may be higher than planned, m.
+        code: code that the scenario may name.
         fields: fields of the scenario, as typed.
 
     Raises:
@@ -136,7 +146,7 @@ def suggest(
     """
     from coop_pin.design import suggestion
 
-    draft = load_scenario(scenario, fields, draft=True)
+    draft = load_scenario(scenario, fields, code, draft=True)
     suggested = suggestion.suggest(draft, poses=poses, table_error=table_error)
     findings = suggested.findings(table_error=table_error).of("error", "warning")
     print_wrapped(suggested.summary(), findings.summary(), sep="\n")

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import os
+import sys
 import tomllib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Annotated, Any, TypeAlias
 
 import tyro
 
-from coop_pin.base.errors import FieldError
+from coop_pin.base.errors import CodeRefusedError, FieldError
 
 ScenarioName: TypeAlias = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME_OR_FILE")]
 """Name listed by 'coop-pin list', or TOML file, as typed."""
@@ -18,24 +21,85 @@ TypedFields: TypeAlias = Annotated[Mapping[str, Sequence[str]], tyro.conf.Suppre
 NO_FIELDS: Mapping[str, Sequence[str]] = {}
 """Default of commands that take fields."""
 
+
+@dataclasses.dataclass(frozen=True)
+class CodeOptions:
+    """Code that scenarios and plans may name, as options of a command.
+
+    Attributes:
+        code: run code that a scenario names; --no-code refuses a scenario that names any.
+        allow_code: module or installed package whose code a scenario may name, besides files below this
+            folder; once for each.
+    """
+
+    code: bool = True
+    allow_code: tuple[str, ...] = ()
+
+    def admit(self, named: Iterable[tuple[str, str]], *, quiet: bool = False) -> None:
+        """Tell in one line the code that is named, before any of it is loaded.
+
+        Args:
+            named: path and name of the code, as ``code_named`` yields them.
+            quiet: tell it on the standard error.
+
+        Raises:
+            CodeRefusedError: there is any and none is wanted, or a module may not be named.
+        """
+        from coop_pin.base.schema.user_code import ALLOWED, require_allowed  # slow to load
+
+        if self.allow_code:
+            os.environ[ALLOWED] = ",".join((os.environ.get(ALLOWED, ""), *self.allow_code))
+        places = {name: path for path, name in reversed([*named])}
+        for name in places if not self.code else ():
+            raise CodeRefusedError(name, f"that {places[name]} names; --no-code refuses all code")
+        require_allowed(places)
+        if text := ", ".join(f"{path} = {name}" for name, path in reversed(places.items())):
+            print(f"runs code: {text}", file=sys.stderr if quiet else sys.stdout, flush=True)
+
+
+Code: TypeAlias = Annotated[CodeOptions, tyro.conf.OmitArgPrefixes, tyro.conf.UseAppendAction]
+"""Fields of CodeOptions as options of a command: --no-code, --allow-code."""
+ANY_CODE = CodeOptions()
+"""Code of the user's own."""
+
 _FLAGS = {"beyond_bound", "project_start"}
 
 
-def load_scenario(name_or_file: str, fields: Mapping[str, Sequence[str]], *, draft: bool = False) -> Any:
-    """Return a Scenario of the catalogue or of a TOML file with the typed fields; a draft may lack gains.
+def load_scenario(
+    name_or_file: str,
+    fields: Mapping[str, Sequence[str]],
+    code: CodeOptions | None = None,
+    *,
+    draft: bool = False,
+    quiet: bool = False,
+) -> Any:
+    """Return a Scenario of the catalogue or of a TOML file with the typed fields.
+
+    Args:
+        name_or_file: name or path.
+        fields: fields of the scenario, as typed.
+        code: code that it may name, which is told; None where none is run.
+        draft: whether gains may be missing.
+        quiet: whether code is told on the standard error.
 
     Raises:
         NameNotFoundError, FileReadError, ScenarioError: as Scenario.load and Scenario.override.
+        CodeRefusedError: it names code that it may not name.
     """
-    from coop_pin.description.scenario import Scenario  # slow to load
+    from coop_pin.base.schema.user_code import code_named  # slow to load
+    from coop_pin.description.scenario import Scenario
 
     scenario = Scenario.load(name_or_file, draft=draft)
     typed = changes(fields, scenario.cell.arms)
-    if "auto" not in typed.values():
-        return scenario.override(typed)
+    open_steps = {field: value for field, value in typed.items() if value == "auto"}
+    scenario = scenario.override({field: value for field, value in typed.items() if field not in open_steps})
+    if code is not None:
+        code.admit(code_named(scenario), quiet=quiet)
+    if not open_steps:
+        return scenario
     from coop_pin.stability.step_size import with_changes  # slow to load
 
-    return with_changes(scenario, typed)
+    return with_changes(scenario, open_steps)
 
 
 def refuse_fields(fields: Mapping[str, Sequence[str]], what: str) -> None:

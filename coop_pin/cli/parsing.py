@@ -11,10 +11,12 @@ from typing import Any, TypeAlias
 
 import tyro
 
+from coop_pin.base.errors import FieldError
 from coop_pin.cli.check import check
 from coop_pin.cli.compare import compare
+from coop_pin.cli.export import export
 from coop_pin.cli.inspect import check_urdf, fields_of, list_all, new, show, suggest
-from coop_pin.cli.law import export_c, root_locus
+from coop_pin.cli.root_locus import root_locus
 from coop_pin.cli.run import run
 from coop_pin.cli.sweep import sweep, sweep_show, tune
 from coop_pin.cli.view import report, view
@@ -36,7 +38,7 @@ COMMANDS: dict[str, Callable[..., int | None]] = {
     "sweep-show": sweep_show,
     "tune": tune,
     "compare": compare,
-    "export-c": export_c,
+    "export": export,
 }
 """Commands by name; those with an argument ``fields`` take the fields of a scenario as options."""
 
@@ -51,7 +53,10 @@ def parse(words: Sequence[str]) -> Command:
 
     Raises:
         SystemExit: help was asked for (0), or the words are no command (2).
+        FieldError: the words have a former name.
     """
+    if words and words[0] == "export-c":
+        raise FieldError("is the command 'coop-pin export SCENARIO --to c --arm NAME'", words[0])
     if not words or words[0] not in COMMANDS:  # tells what commands there are
         every = tyro.extras.subcommand_cli_from_dict
         return every(COMMANDS, prog="coop-pin", description=_DESCRIPTION, args=list(words))

@@ -12,7 +12,7 @@ import tyro
 from coop_pin import viz
 from coop_pin.base.errors import CoopPinError, RunInterruptedError
 from coop_pin.cli.exit_codes import INTERRUPTED, NOT_KEPT, NOT_SOUND, OK
-from coop_pin.cli.overrides import NO_FIELDS, ScenarioName, TypedFields, load_scenario
+from coop_pin.cli.overrides import ANY_CODE, NO_FIELDS, Code, ScenarioName, TypedFields, load_scenario
 from coop_pin.compiled.engines import Engine
 
 
@@ -27,6 +27,7 @@ def run(
     figures: bool = True,
     svg: bool = False,
     report: bool = False,
+    code: Code = ANY_CODE,
     fields: TypedFields = NO_FIELDS,
 ) -> int:
     """Run a scenario and write its results into a folder.
@@ -48,6 +49,7 @@ def run(
         figures: write the figures, as PNG.
         svg: write the figures as SVG as well.
         report: write report.html, the whole run on one page.
+        code: code that the scenario may name.
         fields: fields of the scenario, as typed.
 
     Raises:
@@ -58,7 +60,7 @@ def run(
     from coop_pin.running import run_scenario
     from coop_pin.sweeps.progress_bar import ProgressBar
 
-    chosen = load_scenario(scenario, fields)
+    chosen = load_scenario(scenario, fields, code, quiet=quiet)
     folder = RunFolder(out or Path("out") / chosen.name)
     folder.path.mkdir(parents=True, exist_ok=True)  # a folder that cannot be made must not cost a run
     if engine == "auto" and not quiet:
@@ -81,13 +83,13 @@ def run(
     folder.write(result, timing, replay=replay, figures=formats if figures else ())
     if report:
         viz.save_report(result, folder.path / folder.REPORT)
-    code = _exit_code(result)
+    status = _exit_code(result)
     if not quiet:
         written = f"written to {folder.path}, {timing.real_time_factor:.2g} times real time"
         print(result.summary(), *_details(result, verbose), written, sep="\n")
-    elif code != OK:
+    elif status != OK:
         _warn(result, verbose)
-    return code
+    return status
 
 
 def _exit_code(result: Any) -> int:

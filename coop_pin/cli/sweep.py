@@ -11,7 +11,16 @@ import tyro
 
 from coop_pin import figures, sweeps, viz
 from coop_pin.base.errors import CoopPinError, FieldError
-from coop_pin.cli.overrides import NO_FIELDS, ScenarioName, TypedFields, changes, field_path, load_scenario
+from coop_pin.cli.overrides import (
+    ANY_CODE,
+    NO_FIELDS,
+    Code,
+    ScenarioName,
+    TypedFields,
+    changes,
+    field_path,
+    load_scenario,
+)
 from coop_pin.sweeps.workers.execution import HERE, Execution
 
 ExecutionOptions: TypeAlias = Annotated[Execution, tyro.conf.OmitArgPrefixes, tyro.conf.UseAppendAction]
@@ -44,6 +53,7 @@ def sweep(
     execution: ExecutionOptions = HERE,
     retry_failed: bool = False,
     estimate: bool = False,
+    code: Code = ANY_CODE,
 ) -> None:
     """Run a scenario many times. Finished runs are kept: the same command resumes an interrupted sweep.
 
@@ -53,11 +63,13 @@ def sweep(
         execution: workers, engine and folders to merge.
         retry_failed: repeat runs that failed for lack of time or of a worker.
         estimate: print only the plan and an estimate of its duration.
+        code: code that the plan and its scenarios may name.
     """
     from coop_pin.sweeps import engine
     from coop_pin.sweeps.plan import SweepPlan
 
     whole = SweepPlan.load(plan)
+    code.admit(whole.code_named(), quiet=execution.quiet)
     if estimate:
         print(whole.summary(), sweeps.estimate(whole, workers=execution.workers).summary(), sep="\n")
         return
@@ -157,6 +169,7 @@ def tune(
     population: Annotated[int, tyro.conf.arg(metavar="N")] = 8,
     seed: Annotated[int, tyro.conf.arg(metavar="N")] = 0,
     execution: ExecutionOptions = HERE,
+    code: Code = ANY_CODE,
     fields: TypedFields = NO_FIELDS,
 ) -> None:
     """Search fields of a scenario for the smallest value of a metric.
@@ -183,6 +196,7 @@ def tune(
             population x fields runs in all.
         seed: seed of the search; another seed tries other values.
         execution: workers, engine and folders to merge.
+        code: code that the scenario may name.
         fields: fields of the scenario, as typed.
 
     Raises:
@@ -191,7 +205,7 @@ def tune(
     """
     from coop_pin.sweeps import optimisation
 
-    base = load_scenario(scenario, fields)
+    base = load_scenario(scenario, fields, code, quiet=execution.quiet)
     arms, ranges = base.cell.arms, dict[str, tuple[float, float]]()
     fixed, folder = changes(fields, arms), out or Path("out") / f"tune-{Path(scenario).stem}"
     for field, low, high in vary:

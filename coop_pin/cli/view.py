@@ -15,7 +15,7 @@ import tyro
 
 from coop_pin import viz
 from coop_pin.base.errors import FieldError
-from coop_pin.cli.overrides import NO_FIELDS, TypedFields, load_scenario, refuse_fields
+from coop_pin.cli.overrides import ANY_CODE, NO_FIELDS, Code, TypedFields, load_scenario, refuse_fields
 from coop_pin.description.catalogue import scenario_names
 
 
@@ -29,6 +29,7 @@ def view(
     image: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     time: float | None = None,
     video: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    code: Code = ANY_CODE,
     fields: TypedFields = NO_FIELDS,
 ) -> None:
     """Show a run or a cell in 3-D, or write an image or a video of a run.
@@ -52,6 +53,7 @@ def view(
         image: PNG or PDF file to write, of a run.
         time: time that the image shows, s; the end of the run when omitted.
         video: MP4 file to write, of a run.
+        code: code that a scenario may name.
         fields: fields of the scenario, as typed.
 
     Raises:
@@ -71,7 +73,7 @@ def view(
     if is_scenario and not (pictures or against):
         from coop_pin.viz.live.live_view import open_view
 
-        scenario = load_scenario(what, fields)
+        scenario = load_scenario(what, fields, code)
         if run:  # loaded before Ctrl-C ends the view: it is an ImportError where compiled code loads
             from coop_pin.running import run_scenario
         with contextlib.closing(open_view(scenario, port=port)) as live:
@@ -89,7 +91,7 @@ def view(
         page = (_side_by_side(paths) if against else _replay(path)).resolve()
         _show(str(page), page.as_uri(), open)
         return
-    (result, *others), names = map(_result, paths), _names(paths)
+    (result, *others), names = map(result_of, paths), _names(paths)
     if image is not None:
         viz.save_image(result, image, *others, names=names, time=time)
         print(image.resolve(), flush=True)
@@ -106,7 +108,7 @@ def _show(text: str, address: str, opens: bool) -> None:
         webbrowser.open(address)
 
 
-def _result(path: Path) -> Any:
+def result_of(path: Path) -> Any:
     """Return the RunResult of a run's folder or file; the class is loaded only when it is needed."""
     from coop_pin.cli.run_folder import RunFolder
     from coop_pin.results.run_result import RunResult
@@ -126,7 +128,7 @@ def _names(paths: Sequence[Path]) -> list[str]:
 
 def _side_by_side(paths: Sequence[Path]) -> Path:
     """Write the page of several runs into the first one's folder, and return its file."""
-    (result, *others), names = map(_result, paths), _names(paths)
+    (result, *others), names = map(result_of, paths), _names(paths)
     page = (paths[0] if paths[0].is_dir() else paths[0].parent) / f"against-{'-'.join(names[1:])}.html"
     viz.save_replay(result, page, *others, names=names)
     return page
@@ -140,7 +142,7 @@ def _replay(path: Path) -> Path:
         return RunFolder(path.parent if path.is_file() else path).replay()
     replay = path.with_suffix(".html")
     if not replay.is_file():
-        viz.save_replay(_result(path), replay)
+        viz.save_replay(result_of(path), replay)
     return replay
 
 
@@ -158,5 +160,5 @@ def report(
 
     folder = result if result.is_dir() else result.parent
     page = out or folder / RunFolder.REPORT
-    viz.save_report(_result(result), page)
+    viz.save_report(result_of(result), page)
     print(page.resolve())

@@ -21,6 +21,7 @@ from coop_pin.compiled.engine_choice import EngineChoice, choose_engines
 from coop_pin.compiled.engines import Engine
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.metrics import SIMULATION_SOUND, TASK_KEPT
+from coop_pin.stability.step_size import with_changes
 from coop_pin.sweeps.engine import sweep_plan
 from coop_pin.sweeps.feasibility import require_feasible_groups, require_reach
 from coop_pin.sweeps.plan import SweepPlan
@@ -57,6 +58,7 @@ def compare(
     trials: Sequence[str] | Mapping[str, Any] | None = None,
     *,
     out: str | Path,
+    changes: Mapping[str, Any] | None = None,
     seeds: int = 10,
     duration: float | None = None,
     tuned: bool = True,
@@ -75,6 +77,7 @@ def compare(
         trials: names of ``standard_trials``, or changes by dotted path, or a Trial, by name; all standard
             trials when None.
         out: folder of the runs and the table.
+        changes: fields changed in every run, by dotted path, as in a SweepPlan.
         seeds: number of seeds of random trials, 0, 1, 2, ...
         duration: duration of every run, s; the scenarios' own when None.
         tuned: whether stored gains are used.
@@ -95,7 +98,7 @@ def compare(
     require_path("out", out)
     seeds, folder = as_count("seeds", seeds, 1), Path(out)
     parts, cells = list[_Part](), list[tuple[str, str, str]]()
-    for scenario in different(scenarios):
+    for scenario in (with_changes(entry, changes or {}) for entry in different(scenarios)):
         base = benchmark_scenario(scenario, duration)
         require_reach(base)  # gains of the cell are those along its path
         laws = controllers_for(scenario, controllers, tuned=tuned, gains=gains)

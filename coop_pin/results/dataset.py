@@ -107,6 +107,30 @@ def labelled(scenario: Scenario, values: Samples) -> xr.Dataset:
     return xr.Dataset(variables, coordinates, {"title": scenario.caption or scenario.name})
 
 
+def as_table(data: xr.Dataset) -> pd.DataFrame:
+    """Return the samples of a run as a table: a row for each time, a column for each entry of a quantity.
+
+    Names are ``quantity.arm.joint [unit]``, the joints by their names; the limits of joints are left out.
+
+    Args:
+        data: data of a run.
+    """
+    columns = dict[str, NDArray[Any]]()
+    for name, variable in data.data_vars.items():
+        if variable.dims[:1] != ("time",):
+            continue
+        dims, units = variable.dims[1:], variable.attrs["units"].split(", ")
+        for entry in np.ndindex(variable.shape[1:]):
+            at = dict(zip(dims, entry, strict=True))
+            labels = {str(dim): str(data[dim].values[index]) for dim, index in at.items()}
+            if "joint" in at:
+                labels["joint"] = str(data["joint_name"].values[at["arm"], at["joint"]])
+            if all(labels.values()):  # a joint that an arm does not have has no name
+                unit = units[-1 if at.get("axis", 0) >= len(AXES) // 2 else 0]
+                columns[f"{'.'.join([str(name), *labels.values()])} [{unit}]"] = variable.values[:, *entry]
+    return pd.DataFrame(columns, pd.Index(data["time"].values, name="time [s]"))
+
+
 def _variable(dims: tuple[str, ...], values: NDArray[Any], attributes: Mapping[str, str]) -> xr.Variable:
     """Return a variable that holds a numpy array as it is: to convert one, xarray imports dask, 0.3 s."""
     return xr.Variable(dims, values, attributes, fastpath=True)

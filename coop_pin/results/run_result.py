@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import html
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -26,12 +27,12 @@ from coop_pin.results.metrics import (
 from coop_pin.results.quantities import Arrays, Samples
 from coop_pin.results.running_metrics import EveryTick, RunningMetrics
 from coop_pin.results.task import TaskMonitor, TaskVerdict, monitored, task_verdict
-from coop_pin.results.window import EventWindows, Window, checked_window, phases, samples_of, spans
+from coop_pin.results.window import Window, checked_window, metric_windows, phases, samples_of
 
 if TYPE_CHECKING:  # slow to load
+    import pandas as pd
     import xarray as xr
 
-_EVENT = ("resettling_time_s", "event_peak_position_error_m")
 _FORMER = {
     "trustworthy": "simulation_sound and task.kept",
     "windows": "phases",
@@ -55,10 +56,9 @@ class RunResult:
     """Attribute of ``data``: what computed the motion, unless it was Pinocchio."""
     EVERY_TICK = "every_tick"
     """Attribute of ``data`` of runs that keep every n-th tick: what is known of all ticks, as JSON."""
-    FINDINGS = "findings"
-    """Attribute of ``data``: errors and warnings that the run began with, as JSON, if any."""
-    REMARKS = "remarks"
-    """Attribute of ``data``: what the law's last state says of the run, a sentence a line, if anything."""
+    FINDINGS, REMARKS = "findings", "remarks"
+    """Attributes of ``data``, if any: errors and warnings that the run began with, as JSON; what the law's
+    last state says of the run, a sentence a line."""
 
     def __init__(
         self,
@@ -103,7 +103,7 @@ class RunResult:
         return str(self._texts.get(self.ENGINE, self.USUAL_ENGINE))
 
     @property
-    def _texts(self) -> Mapping[str, str]:
+    def _texts(self) -> dict[Any, Any]:
         """Attributes of ``data``, without labelling the arrays."""
         return self._attributes if isinstance(self._data, dict) else self._data.attrs
 
@@ -120,8 +120,7 @@ class RunResult:
             findings: findings of the scenario.
         """
         if len(doubts := findings.of("error", "warning")):
-            texts = self._attributes if isinstance(self._data, dict) else self._data.attrs
-            texts[self.FINDINGS] = doubts.to_json()
+            self._texts[self.FINDINGS] = doubts.to_json()
 
     @property
     def end(self) -> float:
@@ -144,15 +143,9 @@ class RunResult:
 
     def windows_of(self, metric: str) -> tuple[Window, ...]:
         """Return the windows that an entry of ``metrics`` is taken over."""
-        events = EventWindows.of(self.scenario, self.end)
-        for phase, mask in self.phases.items():
-            if metric.startswith(phase):
-                return spans(np.asarray(self.arrays["time"]), mask)
-        if metric == "settling_time_s":
-            return (events.before,)
-        if metric in self.monitor.counted_from:
-            return (Window(float(self.monitor.counted_from[metric]), self.end),)
-        return (events.after or Window(0.0, self.end) if metric in _EVENT else Window(0.0, self.end),)
+        if (since := self.monitor.counted_from.get(metric)) is not None:
+            return (Window(float(since), self.end),)
+        return metric_windows(metric, self.arrays, self.scenario, self.phases)
 
     def breaches(self) -> tuple[Breach, ...]:
         """Return what exceeded the scenario's trust thresholds, in the order of the first times."""
@@ -252,8 +245,7 @@ class RunResult:
         """
         from coop_pin.results.dataset import internal_wrench_definitions  # slow to load
 
-        cell = self.scenario.cell
-        return internal_wrench_definitions(self.data, cell.shares, cell.payload)
+        return internal_wrench_definitions(self.data, self.scenario.cell.shares, self.scenario.cell.payload)
 
     def closure_error_max(self) -> tuple[float, float]:
         """Return the largest distance (m) and angle (rad) between a tip and its grasp over the whole run."""
@@ -295,13 +287,23 @@ class RunResult:
         engine = f"; engine {self.engine}" if self.ENGINE in self.data.attrs else ""
         every = f"; 1 of {scenario.clock.record_every} ticks kept, numbers of all" if self.every_tick else ""
         span = f"  {end:g} s at {scenario.clock.rate_hz:g} Hz{ended}{engine}{every}"
-        missing = [phase for phase, mask in self.phases.items() if not mask.any()]
-        if not scenario.events:
-            missing.remove("after_event")
+        expected = ("moving", "rest", "after_event")[: 3 if scenario.events else 2]
+        missing = [phase for phase in expected if not self.phases[phase].any()]
         lines = [f"{scenario.name}: {self.verdict()}", span]
         lines += metric_lines(self.metrics(), self.windows_of, missing)
         lines += [f"  {remark}" for remark in self.data.attrs.get(self.REMARKS, "").splitlines()]
         return "\n".join(lines + [f"  limit exceeded: {violation}" for violation in self.limit_violations()])
+
+    __repr__ = summary
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(self.summary())}</pre>"
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return the samples as a table: a row for each time, a column for each arm, joint, axis [unit]."""
+        from coop_pin.results.dataset import as_table  # slow to load
+
+        return as_table(self.data)
 
     def save(self, path: str | Path) -> None:
         """Write a netCDF file that holds the scenario too; if writing fails, an older file stays."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -12,6 +13,8 @@ from coop_pin.base.errors import ArgumentError, OutOfRangeError
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.quantities import Arrays
 
+_OF_EVENTS = ("resettling_time_s", "event_peak_position_error_m")
+"""Metrics from the first event on."""
 SETTLING_S = 4.0
 """Time that a run has to settle after its start and after its last event before joints may drift, s."""
 RUN_END = "run_end"
@@ -126,6 +129,28 @@ def phases(data: Arrays, scenario: Scenario, counted: Mask) -> dict[str, Mask]:
     last = max((event.end for event in scenario.events), default=math.inf) + scenario.task.recovery
     after = np.broadcast_to(time > last - _SLACK, calm.shape)
     return {"moving": calm & moves, "rest": calm & ~moves, "after_event": after}
+
+
+def metric_windows(
+    metric: str, data: Arrays, scenario: Scenario, masks: Mapping[str, Mask]
+) -> tuple[Window, ...]:
+    """Return the windows that a metric is taken over.
+
+    Args:
+        metric: name of the metric.
+        data: arrays of a run.
+        scenario: scenario of the run.
+        masks: samples of its phases, as ``phases`` returns them.
+    """
+    time = np.asarray(data["time"])
+    whole = Window(0.0, float(time[-1]))
+    for phase, mask in masks.items():
+        if metric.startswith(phase):
+            return spans(time, mask)
+    events = EventWindows.of(scenario, whole.end)
+    if metric == "settling_time_s":
+        return (events.before,)
+    return (events.after or whole if metric in _OF_EVENTS else whole,)
 
 
 def recovering(time: Array, scenario: Scenario) -> Mask:

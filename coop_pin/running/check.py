@@ -13,6 +13,7 @@ import numpy as np
 
 from coop_pin.base.arrays import typed
 from coop_pin.base.errors import CoopPinError
+from coop_pin.base.schema.user_code import code_named, require_allowed
 from coop_pin.description.scenario import Scenario
 from coop_pin.feasibility.least_squeeze import MARGIN
 from coop_pin.feasibility.motion_feasibility import part_held, squeeze_part
@@ -69,10 +70,12 @@ def check(
 
     Raises:
         ScenarioError: the scenario has mistakes.
+        CodeRefusedError: it names code of a module that is neither the user's nor listed.
         CoopPinError: an arm, the motion or the law cannot be built.
     """
     if not isinstance(scenario, Scenario):
         scenario = Scenario.load(scenario)
+    require_allowed(name for _, name in code_named(scenario))
     reach = reachability(scenario, poses=poses)
     simulation = prepared_run(scenario, reach)
     entries = [*task_findings(scenario, reach, simulation, table_error)]

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from coop_pin.base.errors import CoopPinError, RunInterruptedError, ScenarioWarning, TracingError
+from coop_pin.base.schema.user_code import code_named, require_allowed
 from coop_pin.compiled.engine_choice import choose_engine, plant_of, saved_by_auto
 from coop_pin.compiled.engines import Engine, engine_named
 from coop_pin.description.scenario import Scenario
@@ -64,6 +65,7 @@ def run(
 
     Raises:
         ScenarioError: the scenario has mistakes.
+        CodeRefusedError: it names code of a module that is neither the user's nor listed.
         FieldError: engine "compiled" does not have the scenario's plant or one of its events.
         CoopPinError: the run could not start, or broke off; ``error.result`` holds what was computed.
     """
@@ -71,6 +73,7 @@ def run(
         scenario = Scenario.load(scenario)
     if overrides is not None:
         scenario = with_changes(scenario, overrides)
+    require_allowed(name for _, name in code_named(scenario))
     controller = build_controller(scenario)
     findings = list[Finding]()
     for finding in implausible_numbers(scenario) if warn else ():  # also where it cannot start

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -14,6 +15,7 @@ import numpy as np
 from coop_pin.base.arrays import Array, as_count, require_path, require_type
 from coop_pin.base.errors import FieldError, NothingFeasibleError, ScenarioError, needs_extra
 from coop_pin.description.scenario import Scenario
+from coop_pin.stability.step_size import with_changes
 from coop_pin.sweeps.dimensions import Sample, Span
 from coop_pin.sweeps.engine import with_engine
 from coop_pin.sweeps.feasibility import require_feasible, require_feasible_groups
@@ -187,10 +189,11 @@ def _require_feasible_cases(plan: SweepPlan, size: int) -> None:
     """
     if not plan.cases:
         require_feasible(map(plan.resolved, plan.points(range(size))))
+    names = itertools.product(*plan.cases.values()) if plan.cases else ()
     require_feasible_groups(
         {
-            f"cases.{name}": map(plan.resolved, plan.points(range(k * size, (k + 1) * size)))
-            for k, name in enumerate(plan.cases.get("case", ()))
+            f"cases.{' | '.join(case)}": map(plan.resolved, plan.points(range(k * size, (k + 1) * size)))
+            for k, case in enumerate(names)
         }
     )
 
@@ -203,6 +206,7 @@ def tune(
     subject_to: str | Sequence[str] = (),
     out: str | Path,
     metrics: Sequence[str | Callable[..., Any]] = (),
+    changes: Mapping[str, Any] | None = None,
     cases: Mapping[str, Mapping[str, Any]] | None = None,
     generations: int = 10,
     population: int = 8,
@@ -223,8 +227,9 @@ def tune(
         out: folder of the runs.
         metrics: functions of the user, "module:function", as in a SweepPlan; ``minimize`` and ``subject_to``
             may name what they return.
-        cases: changes by name, by dotted path, in each of which every point is run: the mean of the metric is
-            minimised, and the constraints hold in each.
+        changes: fields changed in every run, by dotted path, as in a SweepPlan.
+        cases: named groups of changes, as in a SweepPlan, in each of which every point is run: the mean of
+            the metric is minimised, and the constraints hold in each.
         generations: number of generations after the first one.
         population: runs in a generation for each field; at least 5 runs in all.
         seed: seed of the search.
@@ -247,7 +252,11 @@ def tune(
     require_type("metrics", metrics, Sequence)
     require_type("cases", cases, Mapping, type(None))
     require_type("execution", execution, Execution)
+    require_type("changes", changes, Mapping, type(None))
     base = scenario if isinstance(scenario, Scenario) else Scenario.load(scenario)
+    for field in set(changes or ()) & set(vary):
+        raise FieldError("has a range and a value; give it one of them", field)
+    base = with_changes(base, changes or {})
     generations, population = as_count("generations", generations), as_count("population", population, 1)
     bounds = [subject_to] if isinstance(subject_to, str) else list(subject_to)
     objective = Objective(minimize, tuple(map(Bound.parse, bounds)))
@@ -258,15 +267,16 @@ def tune(
         detail = f"names no field, or one with a range that is not two numbers, the lower first: {error}"
         raise FieldError(detail, "vary") from None
     points, engine = list[list[float]](), execution.engine or "auto"
-    trials = {} if cases is None else {"case": {name: dict(changes) for name, changes in cases.items()}}
-    total = (generations + 1) * size * max(1, len(trials.get("case", ())))
 
     def plan(rows: Sequence[Sequence[float]]) -> SweepPlan:
         values = dict(zip(vary, zip(*rows, strict=True), strict=True))
-        return SweepPlan(base=base, cases=trials, zipped=(values,), metrics=tuple(metrics), engine=engine)
+        return SweepPlan(
+            base=base, cases=cases or {}, zipped=(values,), metrics=tuple(metrics), engine=engine
+        )
 
     lowest = plan([[span.low for span in first.fields.values()]])  # refuses fields that do not exist
     _require_feasible_cases(plan(_rows(first)), size)
+    total = (generations + 1) * size * len(lowest)
     with open_session(out, execution, total) as session:
         engine = with_engine(lowest, session.store, total).engine
 

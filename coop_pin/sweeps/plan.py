@@ -16,7 +16,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from coop_pin.base.arrays import require_path
 from coop_pin.base.errors import FieldError, NameNotFoundError, ScenarioError, UnknownFieldError, one_or_all
 from coop_pin.base.schema.base import Description
-from coop_pin.base.schema.user_code import FunctionName
+from coop_pin.base.schema.user_code import FunctionName, code_named
 from coop_pin.base.user_files import read_toml
 from coop_pin.compiled.engines import Engine, engine_named
 from coop_pin.description.scenario import Scenario
@@ -53,6 +53,24 @@ Cases = Annotated[dict[str, dict[str, Any]], Field(min_length=1)]
 """Named groups of changes."""
 
 
+def _cases_by_dimension(argument: Any) -> Any:
+    """Return dimensions of cases; cases without one, {"late": {"seed": 1}}, are the dimension "case"."""
+    if not isinstance(argument, Mapping) or not argument:
+        return argument
+    groups = list(argument.values())
+    if all(isinstance(group, Mapping) and group for group in groups):
+        tables = [table for group in groups for table in group.values()]
+        is_deep = all(isinstance(table, Mapping) for table in tables)
+        if is_deep and (all(map(_names_fields, tables)) or not all(map(_names_fields, groups))):
+            return argument
+    return {"case": argument}
+
+
+def _names_fields(table: Mapping[str, Any]) -> bool:
+    """Return whether the keys of a table are fields of a scenario, by dotted path."""
+    return all(str(path).partition(".")[0] in Scenario.model_fields for path in table)
+
+
 def _anchored(base: Any, folder: Path) -> Any:
     """Return scenarios as written in a plan's file, with absolute paths of files in its folder."""
     if isinstance(base, Mapping):
@@ -60,6 +78,13 @@ def _anchored(base: Any, folder: Path) -> Any:
     if isinstance(base, list):
         return [entry if isinstance(entry, dict | list) else _anchored(entry, folder) for entry in base]
     return str((folder / base).resolve()) if isinstance(base, str) and (folder / base).is_file() else base
+
+
+def _is_plain(values: Sequence[Any]) -> bool:
+    """Return whether values are numbers or rows of them, as those of samples, which are not made here."""
+    if not isinstance(values, tuple):
+        return True
+    return not any(isinstance(value, str | Mapping | Description) for value in values)
 
 
 class Point(NamedTuple):
@@ -96,8 +121,8 @@ class SweepPlan(Description):
     Attributes:
         base: a scenario, its name or path, a list of them, or a table of them by name.
         changes: fields changed in every run, by dotted path.
-        cases: dimensions of named groups of changes: {"controller": {"paper": {}, "late":
-            {"controller.force_path.kind": "late"}}}.
+        cases: named groups of changes, {"paper": {}, "late": {"controller.force_path.kind": "late"}}: one
+            dimension, "case". Several dimensions have names: {"law": {...}, "payload": {...}}.
         axes: the values of single fields: a list, {linspace = [first, last, count]}, {logspace = [first,
             last, count]} or {range = [start, stop, step]}.
         zipped: groups of fields that vary together.
@@ -120,7 +145,7 @@ class SweepPlan(Description):
 
     base: Bases
     changes: dict[str, Any] = Field(default_factory=dict)
-    cases: dict[str, Cases] = Field(default_factory=dict)
+    cases: Annotated[dict[str, Cases], BeforeValidator(_cases_by_dimension)] = Field(default_factory=dict)
     axes: dict[str, Values] = Field(default_factory=dict)
     zipped: tuple[Annotated[dict[str, Values], Field(min_length=1)], ...] = ()
     sample: Sample | None = None
@@ -248,12 +273,19 @@ class SweepPlan(Description):
 
     @functools.cached_property
     def _tried(self) -> dict[int, Scenario | ScenarioError]:
-        """Scenarios of the first point and of every case, which are validated once."""
+        """Scenarios of the first point, and of every case, table or text, which are validated once."""
         trials, stride = {0}, len(self)
         for dimension in self.dimensions:
             stride //= dimension.size
-            trials |= set(range(0, dimension.size * stride, stride)) if dimension.cases else set()
+            is_plain = dimension.cases is None and all(map(_is_plain, dimension.fields.values()))
+            trials |= set() if is_plain else set(range(0, dimension.size * stride, stride))
         return {index: self._overridden(self[index]) for index in sorted(trials)}
+
+    def code_named(self) -> Iterator[tuple[str, str]]:
+        """Yield field and name, "module:name", of the code that the plan and its scenarios name."""
+        yield from code_named(self)
+        for number, scenario in self._tried.items():
+            yield from ((f"{path} ({number})", name) for path, name in code_named(scenario))
 
     def part(self, cases: Collection[str], engine: Engine) -> Self:
         """Return the plan of some of the cases that are its first dimension, by another engine.

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 from coop_pin import __version__
 from coop_pin.base.errors import CodeChangedError, CoopPinError, ScenarioError
 from coop_pin.base.schema.parts import Pattern, fields_of
+from coop_pin.base.schema.user_code import code_named, require_allowed
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.urdf import find_urdf
 from coop_pin.sweeps.plan import Point, SweepPlan
@@ -95,10 +96,7 @@ def source_files(name: str) -> tuple[Path, ...]:
 
 def code_of(scenario: Scenario, metrics: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names of the user's code that a run needs, each once."""
-    parts = (scenario.controller, scenario.motion, scenario.squeeze, *scenario.events)
-    users = [part for part in parts if part.kind in ("user", "function")]
-    named = [fields_of(part).get(field) for part in users for field in ("target", "twist", "acceleration")]
-    return tuple(dict.fromkeys([*filter(None, named), *metrics]))
+    return tuple(dict.fromkeys([*(name for _, name in code_named(scenario)), *metrics]))
 
 
 def code_digests(name: str) -> tuple[str, ...]:
@@ -244,7 +242,9 @@ def keyed_points(plan: SweepPlan, runs: Iterable[int] | None = None) -> Iterator
     engine, metrics, templates = plan.engine, plan.metrics, Templates(plan)
 
     def code_for(scenario: Scenario) -> Code:
-        return tuple((name, digests(name)) for name in code_of(scenario, metrics))
+        names = code_of(scenario, metrics)
+        require_allowed(names)
+        return tuple((name, digests(name)) for name in names)
 
     @functools.lru_cache(1)
     def shared(template: Template) -> tuple[_KeyTemplate, Code]:

@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from coop_pin import __version__
 from coop_pin.base.arrays import typed
 from coop_pin.base.schema.changes import stated, table_text, value_text
+from coop_pin.base.schema.user_code import code_named
 from coop_pin.figures.motion_views import motion_figure
 from coop_pin.figures.run_figures import (
     error_figure,
@@ -103,11 +104,12 @@ def scenario_facts(result: RunResult) -> list[tuple[str, str]]:
 def _arm(result: RunResult, index: int) -> str:
     cell = result.scenario.cell
     arm = list(cell.arms.values())[index]
-    squeeze = result.scenario.squeeze_wrenches[index]
+    named = [name for _, name in code_named(result.scenario.squeeze)]  # which a page does not call
+    squeeze = named[0] if named else _row(result.scenario.squeeze_wrenches[index])
     return (
         f"{arm.urdf}, tip {arm.tip}, base at ({_row(arm.base.xyz)}) m, "
         f"carries {cell.shares[index]:.3g} of the load; "
-        f"desired internal wrench ({_row(squeeze)}) N, N m about P in payload axes"
+        f"desired internal wrench ({squeeze}) N, N m about P in payload axes"
     )
 
 

@@ -328,6 +328,7 @@ def test_a_model_knows_nothing_of_the_trials(scenarios):
 def test_a_strangers_class_and_trial_join_and_a_run_that_fails_is_counted(scenarios, tmp_path, monkeypatch):
     (tmp_path / "strange_law.py").write_text(STRANGE)
     monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.chdir(tmp_path)
     stiff = {"kind": "user", "target": "strange_law:Spring", "options": {"k": 1e9}}
     own = {"mine": "strange_law:Spring", "stiff": stiff}
     found = cp.compare(
@@ -466,6 +467,7 @@ def test_the_template_of_the_page_runs_in_a_cell_of_any_kind(name, tmp_path, mon
     assert len(code.strip().splitlines()) <= 25
     (tmp_path / "template_law.py").write_text(code)
     monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.chdir(tmp_path)
     quick = {"duration": 0.2, "execution": cp.Execution(workers=0, quiet=True)}
     found = cp.compare(name, {"mine": "template_law:Law"}, ["nominal"], out=tmp_path, **quick)
     assert found.data.sound.item() == 1

@@ -311,7 +311,7 @@ def test_what_is_no_law_of_one_arm_is_refused(tmp_path):
 
 
 def test_the_command_writes_the_files_and_prints_how_to_test_them(tmp_path, capsys):
-    words = ["export-c", "adept-paper", "--arm", "left", "--out", str(tmp_path), "--ticks", "2"]
+    words = ["export", "adept-paper", "--to", "c", "--arm", "left", "--out", str(tmp_path), "--ticks", "2"]
     assert main([*words, "--controller.gains.pose-gain", "7"]) == 0
     assert {file.name for file in tmp_path.iterdir()} == {"left.c", "left.h", "left_self_test.c"}
     out = capsys.readouterr().out

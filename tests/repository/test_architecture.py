@@ -260,6 +260,7 @@ def test_only_libraries_that_are_slow_to_load_are_imported_for_types_alone():
         if isinstance(statement, ast.Import | ast.ImportFrom)
     }
     assert for_types == {
+        "results/run_result.py: import pandas as pd",
         "results/run_result.py: import xarray as xr",
     }
 

@@ -348,6 +348,7 @@ def test_a_controller_on_a_page_runs_as_a_file(page, name, scenario, tmp_path, m
     module = f"{page}_{scenario}".replace("-", "_")  # modules stay imported: each has a name of its own
     (tmp_path / f"{module}.py").write_text(code, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
     cell = benchmark_scenario(coop_pin.Scenario.load(scenario), 0.5)
     law = coop_pin.UserController(target=f"{module}:{name}")
     result = coop_pin.run(cell, {"controller": law}, warn=False)

@@ -26,6 +26,7 @@ def place(tmp_path, monkeypatch):
     """A folder on the Python path, whose modules are forgotten afterwards."""
     before = set(sys.modules)
     monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
     yield tmp_path
     for name in set(sys.modules) - before:

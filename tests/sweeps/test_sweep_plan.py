@@ -151,7 +151,7 @@ def test_spacings_are_those_of_numpy():
         {"axes": {GAIN: {"range": [0, 1, -1]}}},
         {"axes": {GAIN: [1]}, "zipped": [{GAIN: [2]}]},
         {"zipped": [{GAIN: [1, 2], RATE: [80]}]},
-        {"cases": {"law": {}}},
+        {"cases": {"law": {"a": 3}}},
         {"cases": {"sample": {"a": {}}}},
         {"keep": "some"},
         {"keep": [1]},

@@ -187,8 +187,8 @@ class Worker:
         for _ in range(_STARTS):
             self._pipe, theirs = multiprocessing.Pipe()
             with theirs:
-                self._host = subprocess.Popen(
-                    [sys.executable, "-m", worker_host.__name__, str(theirs.fileno())],
+                self._host = subprocess.Popen(  # -P: what lies in the working folder hides no package
+                    [sys.executable, "-P", "-m", worker_host.__name__, str(theirs.fileno())],
                     pass_fds=[theirs.fileno()],
                     stdin=subprocess.DEVNULL,
                     stdout=2,  # what user code prints

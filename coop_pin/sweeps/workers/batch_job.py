@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, TypeVar
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import CoopPinError, TracingError
 from coop_pin.base.schema.parts import Filled
+from coop_pin.base.schema.user_code import accept_code
 from coop_pin.compiled.engines import Way
 from coop_pin.compiled.kind import Cover, Kind
 from coop_pin.compiled.laws.hidden_state import digest
@@ -70,6 +71,7 @@ def run_batch(jobs: Sequence[Job], is_over: Callable[[], bool] = bool) -> list[O
         start, outcomes = times(), dict[int, Outcome | Way]()
         for code in {job.code for job in jobs}:
             require_unchanged(code)
+            accept_code(name for name, _ in code)
         families = dict[Kind, list[_Block]]()
         for block in _prepared(jobs):
             families.setdefault(block.runs.kind.code, []).append(block)

@@ -17,7 +17,7 @@ from pydantic import AfterValidator, ConfigDict, TypeAdapter, ValidationError
 from coop_pin.base.arrays import Array, require_type
 from coop_pin.base.errors import CoopPinError, FieldError, FileReadError, RunTimeoutError, place_of
 from coop_pin.base.schema.parts import Pattern
-from coop_pin.base.schema.user_code import load_function
+from coop_pin.base.schema.user_code import accept_code, load_function
 from coop_pin.base.user_files import printable
 from coop_pin.compiled.engine_choice import EngineChoice, plant_of
 from coop_pin.compiled.engines import Way
@@ -239,6 +239,7 @@ def run_job(job: Job) -> Outcome:
         KeyboardInterrupt: Ctrl-C.
     """
     require_unchanged(job.code)
+    accept_code(name for name, _ in job.code)  # which whoever sent the job has looked at
 
     def compute() -> RunResult:
         scenario, progress = separate(job.scenario), deadline(job.time_limit_s)

@@ -1,4 +1,4 @@
-"""Commands about a law: ``root-locus``, eigenvalues over a gain, and ``export-c``, an arm's law as C99."""
+"""Command ``root-locus``: eigenvalues of a law over a gain."""
 
 from __future__ import annotations
 
@@ -8,7 +8,15 @@ from typing import Annotated
 import tyro
 
 from coop_pin import figures
-from coop_pin.cli.overrides import NO_FIELDS, ScenarioName, TypedFields, field_path, load_scenario
+from coop_pin.cli.overrides import (
+    ANY_CODE,
+    NO_FIELDS,
+    Code,
+    ScenarioName,
+    TypedFields,
+    field_path,
+    load_scenario,
+)
 
 
 def root_locus(
@@ -19,6 +27,7 @@ def root_locus(
     count: int = 21,
     time: float = 0.0,
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    code: Code = ANY_CODE,
     fields: TypedFields = NO_FIELDS,
 ) -> None:
     """Draw the eigenvalues of the sampled closed loop over a gain, and print where it is stable.
@@ -34,6 +43,7 @@ def root_locus(
         count: number of factors, evenly spaced in ratio.
         time: time of the state, s.
         out: figure to write, PNG or SVG; none when omitted.
+        code: code that the scenario may name.
         fields: fields of the scenario, as typed.
 
     Raises:
@@ -45,7 +55,7 @@ def root_locus(
     from coop_pin import stability
     from coop_pin.base.arrays import as_count, as_positive
 
-    base = load_scenario(scenario, fields)
+    base = load_scenario(scenario, fields, code)
     ends = as_positive("low", low), as_positive("high", high)
     factors = np.geomspace(*ends, as_count("count", count, 1))
     print(stability.eigenvalues(base, time=time).summary())
@@ -54,34 +64,3 @@ def root_locus(
     if out is not None:
         figure = figures.root_locus_figure(locus)
         print("written to " + " and ".join(map(str, figures.save_figure(figure, out))))
-
-
-def export_c(
-    scenario: ScenarioName,
-    arm: str,
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
-    ticks: int = 20,
-    fields: TypedFields = NO_FIELDS,
-) -> None:
-    """Write the law of one arm as C99: forward kinematics, Jacobian and law, with a self-test.
-
-    Every field of the scenario can be changed as in 'coop-pin run'. The code is straight-line: it allocates
-    nothing, and its state goes in and out.
-
-    Args:
-        scenario: a name listed by 'coop-pin list', or a TOML file.
-        arm: name of the arm.
-        out: output folder; out/, the scenario's name and -c when omitted.
-        ticks: number of ticks of the self-test, recorded from the start of the scenario.
-        fields: fields of the scenario, as typed.
-
-    Raises:
-        CoopPinError: the law cannot be exported, or the scenario cannot start.
-    """
-    from coop_pin.compiled.laws.c_export import export_c  # slow to load
-
-    chosen = load_scenario(scenario, fields)
-    law = export_c(chosen, arm, out or Path("out") / f"{chosen.name}-c", ticks=ticks)
-    print(law.summary())
-    test = f"{law.source.with_suffix('')}_self_test"
-    print(f"self-test: cc -std=c99 -O2 {law.source} {law.self_test} -lm -o {test} && {test}")
