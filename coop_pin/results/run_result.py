@@ -61,10 +61,7 @@ class RunResult:
     last state says of the run, a sentence a line."""
 
     def __init__(
-        self,
-        scenario: Scenario,
-        data: xr.Dataset | Samples,
-        attributes: Mapping[str, str] | None = None,
+        self, scenario: Scenario, data: xr.Dataset | Samples, attributes: Mapping[str, str] | None = None
     ) -> None:
         """Hold a Dataset, or arrays as ``labelled`` takes them, which are labelled on access.
 
@@ -143,9 +140,7 @@ class RunResult:
 
     def windows_of(self, metric: str) -> tuple[Window, ...]:
         """Return the windows that an entry of ``metrics`` is taken over."""
-        if (since := self.monitor.counted_from.get(metric)) is not None:
-            return (Window(float(since), self.end),)
-        return metric_windows(metric, self.arrays, self.scenario, self.phases)
+        return metric_windows(metric, self.arrays, self.scenario, self.phases, self.monitor.counted_from)
 
     def breaches(self) -> tuple[Breach, ...]:
         """Return what exceeded the scenario's trust thresholds, in the order of the first times."""
@@ -170,8 +165,7 @@ class RunResult:
     def verdict(self) -> str:
         """Return the verdicts on simulation and task as one line; what must not be believed comes first."""
         first, *others = self.breaches() or (None,)
-        more, task = f"; {len(others)} more" if others else "", self.task
-        text = self.friction_text
+        more, task, text = f"; {len(others)} more" if others else "", self.task, self.friction_text
         done = f"{task.text}; {text}" if text and task.state != "dropped" else task.text
         if first is None:
             return f"{done}; simulation sound"

@@ -132,7 +132,11 @@ def phases(data: Arrays, scenario: Scenario, counted: Mask) -> dict[str, Mask]:
 
 
 def metric_windows(
-    metric: str, data: Arrays, scenario: Scenario, masks: Mapping[str, Mask]
+    metric: str,
+    data: Arrays,
+    scenario: Scenario,
+    masks: Mapping[str, Mask],
+    since: Mapping[str, Array],
 ) -> tuple[Window, ...]:
     """Return the windows that a metric is taken over.
 
@@ -141,9 +145,10 @@ def metric_windows(
         data: arrays of a run.
         scenario: scenario of the run.
         masks: samples of its phases, as ``phases`` returns them.
+        since: times from which the largest errors count, s, by metric.
     """
     time = np.asarray(data["time"])
-    whole = Window(0.0, float(time[-1]))
+    whole = Window(float(since.get(metric, 0.0)), float(time[-1]))
     for phase, mask in masks.items():
         if metric.startswith(phase):
             return spans(time, mask)
