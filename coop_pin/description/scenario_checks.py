@@ -16,8 +16,17 @@ from coop_pin.description.network import Network
 from coop_pin.description.plant import Clock, PlantOptions
 from coop_pin.description.sensors import WristSensor
 
+_FUNCTIONS = ("target", "twist", "acceleration")
+"""Fields that name a user's code."""
 _OF_THE_RUN = ("duration", "cell", "clock")
 """Fields against which others are checked."""
+
+
+def code_of(scenario: Any) -> tuple[str, ...]:
+    """Return the names of the user's classes and functions in a scenario, "module:name", each once."""
+    parts = (scenario.controller, scenario.motion, scenario.squeeze, *scenario.events)
+    users = [vars(part) for part in parts if part.kind in ("user", "function")]
+    return tuple(dict.fromkeys(filter(None, (part.get(name) for part in users for name in _FUNCTIONS))))
 
 
 def controller_problems(controller: Controller, earlier: Mapping[str, Any]) -> list[FieldError]:

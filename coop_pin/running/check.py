@@ -21,6 +21,7 @@ from coop_pin.feasibility.statics import StaticTorques, statics_along
 from coop_pin.feasibility.table_force import TABLE_ERROR
 from coop_pin.results.finding import LEFT_TO_CHECK, Finding, Findings, Kind, sorted_findings
 from coop_pin.running.cell_findings import (
+    code_findings,
     force_findings,
     gains_are_known,
     lost_arm_findings,
@@ -75,7 +76,7 @@ def check(
         scenario = Scenario.load(scenario)
     reach = reachability(scenario, poses=poses)
     simulation = prepared_run(scenario, reach)
-    entries = [*task_findings(scenario, reach, simulation, table_error)]
+    entries = [*code_findings(scenario), *task_findings(scenario, reach, simulation, table_error)]
     left = tuple[Kind, ...]()
     if simulation is None or not reach.ok:
         left = LEFT_TO_CHECK

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import math
 import time
@@ -17,6 +18,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.results.finding import Finding, Findings, sorted_findings
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Observer
+from coop_pin.running.cell_findings import code_findings
 from coop_pin.running.check import quick_findings
 from coop_pin.running.plausibility import implausible_numbers
 from coop_pin.simulation.build_controller import build_controller
@@ -60,7 +62,8 @@ def run(
             and drives where they can be compiled and nothing is to be done at every tick, otherwise of the
             plant alone; the log says which. A run of the first kind that breaks off is repeated as one of the
             second, which tells its error. "auto" takes the fastest for this length; see ``choose_engine``.
-        warn: whether to look for what makes the run doubtful; that takes a part of a second.
+        warn: whether to look for what makes the run doubtful; that takes a part of a second. An edit of the
+            user's code after it was loaded is always warned of.
 
     Raises:
         ScenarioError: the scenario has mistakes.
@@ -73,7 +76,8 @@ def run(
         scenario = with_changes(scenario, overrides)
     controller = build_controller(scenario)
     findings = list[Finding]()
-    for finding in implausible_numbers(scenario) if warn else ():  # also where it cannot start
+    known = implausible_numbers(scenario) if warn else ()
+    for finding in itertools.chain(code_findings(scenario), known):  # also where it cannot start
         if finding.severity != "note":
             warnings.warn(str(finding), ScenarioWarning, stacklevel=2)
             findings.append(finding)

@@ -54,7 +54,7 @@ class Session:
 
     def __init__(self, store: SweepStore, execution: Execution) -> None:
         self.store, self._execution, self._processes = store, execution, execution.processes
-        self._has_looked = False
+        self._has_looked, self._names = False, set[str]()
         self.stack, self._is_over = contextlib.ExitStack(), threading.Event()
         self.stack.callback(self._is_over.set)
 
@@ -188,6 +188,9 @@ class Session:
         for keyed in keyed_points(plan):
             point, key, scenario = keyed.point, keyed.key, keyed.example
             self._require_files(keyed.code)
+            if new := {name for name, _ in keyed.code} - self._names:
+                self._names |= new
+                self.store.write_code(self._names)
             self.keys.append(key)
             if keyed.code and isinstance(scenario, Scenario):
                 self._is_foreign |= bool(scenario.controller.user_code)

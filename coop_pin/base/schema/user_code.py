@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import importlib
-import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator
@@ -60,23 +58,12 @@ def load_class(name: str) -> type[Any]:
     return _load(name, "class", lambda value: isinstance(value, type))
 
 
-@contextlib.contextmanager
-def _without_bytecode() -> Iterator[None]:
-    """Import and keep no bytecode: it would outlive an edit of equal length within the same second."""
-    kept, sys.dont_write_bytecode = sys.dont_write_bytecode, True
-    try:
-        yield
-    finally:
-        sys.dont_write_bytecode = kept
-
-
 def _load(name: str, kind: str, is_kind: Callable[[Any], bool]) -> Any:
     """Import the object ``module:name`` of a kind ("function" or "class"); raises NameNotFoundError."""
     module_name, _, path = name.partition(":")
     module = f"module {module_name!r}"
     try:
-        with _without_bytecode():
-            value: Any = importlib.import_module(module_name)
+        value: Any = importlib.import_module(module_name)
     except ImportError as error:
         raise NameNotFoundError("module", module_name, [], f"the Python path ({error})") from None
     for part in path.split("."):

@@ -77,6 +77,8 @@ def run_batch(jobs: Sequence[Job], is_over: Callable[[], bool] = bool) -> list[O
         for family in (families[kind] for kind in families if kind not in _untraceable):
             first = jobs[family[0].indices[0]]
             outcomes |= _attempted(first, _of_family, jobs, family, preparation, is_over) or {}
+        for code in {job.code for job in jobs}:
+            require_unchanged(code)  # as it was loaded now
         return [outcomes.get(index, "plant") for index in range(len(jobs))]
 
 

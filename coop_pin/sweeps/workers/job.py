@@ -247,7 +247,9 @@ def run_job(job: Job) -> Outcome:
             engine = "pinocchio"
         return simulate(scenario, build_controller(scenario), progress=progress, plant=plant_of(engine))
 
-    return outcome_of(job, compute)
+    outcome = outcome_of(job, compute)
+    require_unchanged(job.code)  # as it was loaded now
+    return outcome
 
 
 def separate(scenario: Scenario) -> Scenario:
