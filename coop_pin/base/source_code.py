@@ -233,14 +233,20 @@ def named_digests(name: str) -> list[tuple[str, str]]:
 
 def loaded_digests(name: str) -> tuple[str, ...]:
     """Return the digests of the files of "module:name" as this process has loaded them, or will."""
-    return tuple(map(_loaded, source_files(name)))
+    return tuple(_loaded(name, source_files(name)).values())
 
 
-def _loaded(path: Path) -> str:
-    """Return the digest of a file as it was loaded; as it is where nothing of it was."""
-    if path not in _loads and str(path) in _modules():  # by another loader, such as that of pytest
-        _note(path, file_digest(path))
-    return _loads[path].digest if path in _loads else file_digest(path)
+def _loaded(name: str, files: Sequence[Path]) -> dict[Path, str]:
+    """Return the digests of files as they were loaded; as they are where nothing of them is in use."""
+    modules, is_used = _modules(), name.partition(":")[0] in sys.modules
+    data_are_used = is_used or any(str(path) in modules for path in files)
+    digests = dict[Path, str]()
+    for path in files:
+        if (is_module := str(path) in modules) and path not in _loads:  # by a loader such as that of pytest
+            _note(path, file_digest(path))
+        is_held = is_module or (is_used if path.suffix == ".py" else data_are_used)
+        digests[path] = _loads[path].digest if path in _loads and is_held else file_digest(path)
+    return digests
 
 
 def edited_files(name: str) -> tuple[Path, ...]:
@@ -249,17 +255,22 @@ def edited_files(name: str) -> tuple[Path, ...]:
     These are files that were edited after they were loaded, and those that were loaded before a file that
     they import was edited and loaded again. Of code in a notebook they are those of all modules of the user.
     """
-    files = source_files(name) or (tuple(_loads) if name.startswith("__main__:") else ())
-    edited = {path for path in files if not path.is_file() or _loaded(path) != file_digest(path)}
+    files = [path for path in source_files(name) or _of_notebook(name) if path.is_file()]
+    edited = {path for path, digest in _loaded(name, files).items() if digest != file_digest(path)}
     return tuple(sorted(edited | old_users(files)))
+
+
+def _of_notebook(name: str) -> tuple[Path, ...]:
+    modules = _modules()
+    return tuple(path for path in _loads if str(path) in modules) if name.startswith("__main__:") else ()
 
 
 def old_users(files: Iterable[Path]) -> set[Path]:
     """Return those of some files that were loaded before what they import was loaded anew."""
-    files, modules = [path for path in files if path in _loads], _modules()
+    known, modules = [path for path in files if path in _loads], _modules()
     return {
         user
-        for path in files
-        for user in files
+        for path in known
+        for user in known
         if _loads[user].order < _loads[path].changed and path in source_files(modules.get(str(user), ""))
     }

@@ -14,7 +14,9 @@ from typing import Any
 from coop_pin.base.errors import CoopPinError, RunInterruptedError, ScenarioWarning, TracingError
 from coop_pin.compiled.engine_choice import choose_engine, plant_of, saved_by_auto
 from coop_pin.compiled.engines import Engine, engine_named
+from coop_pin.control.hidden_state import leaks, of_all_runs
 from coop_pin.description.scenario import Scenario
+from coop_pin.description.scenario_checks import code_of
 from coop_pin.results.finding import Finding, Findings, sorted_findings
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Observer
@@ -74,7 +76,8 @@ def run(
         scenario = Scenario.load(scenario)
     if overrides is not None:
         scenario = with_changes(scenario, overrides)
-    controller = build_controller(scenario)
+    code = code_of(scenario) if warn else ()
+    before, controller = of_all_runs(code), build_controller(scenario)
     findings = list[Finding]()
     known = implausible_numbers(scenario) if warn else ()
     for finding in itertools.chain(code_findings(scenario), known):  # also where it cannot start
@@ -92,25 +95,27 @@ def run(
         warnings.warn(str(finding), ScenarioWarning, stacklevel=2)
         findings.append(finding)
     noted = Findings(scenario.name, sorted_findings(findings))
-    if is_lane:
-        if (result := _run_as_lane(simulation, progress)) is not None:
-            result.note(noted)
-            return result
-        simulation = Simulation(scenario, controller, plant=plant_of(choice.engine))
     started = time.perf_counter()
-    try:
-        result = run_to_end(
-            simulation,
-            progress=progress,
-            view=view,
-            realtime_rate=realtime_rate,
-            stop_at_breach=stop_at_breach,
-        )
-    except (CoopPinError, RunInterruptedError) as error:
-        if error.result is not None:
-            error.result.note(noted)
-        raise
-    result.note(noted)
+    result = _run_as_lane(simulation, progress) if is_lane else None
+    if result is None:
+        if is_lane:
+            simulation = Simulation(scenario, controller, plant=plant_of(choice.engine))
+        try:
+            result = run_to_end(
+                simulation,
+                progress=progress,
+                view=view,
+                realtime_rate=realtime_rate,
+                stop_at_breach=stop_at_breach,
+            )
+        except (CoopPinError, RunInterruptedError) as error:
+            if error.result is not None:
+                error.result.note(noted)
+            raise
+    for sentence in leaks(before, code):
+        findings.append(Finding("user code", "controller", "warning", sentence))
+        warnings.warn(sentence, ScenarioWarning, stacklevel=2)
+    result.note(Findings(scenario.name, sorted_findings(findings)))
     if choice.engine == "pinocchio" and warn and not is_live:
         saved = saved_by_auto(scenario, time.perf_counter() - started)
         if saved > _WORTH_A_HINT:

@@ -162,12 +162,12 @@ class SweepStore:
         Raises:
             FileWriteError: the disk is full, or the folder cannot be written.
         """
-        for record, result, _ in outcomes:
+        for record, result, *_ in outcomes:
             if result is not None:
                 self.write_with(
                     self._result_path(record.key), functools.partial(Path.write_bytes, data=result)
                 )
-        data = b"".join(b"\n%s\n" % (line or record.to_line()) for record, _, line in outcomes)
+        data = b"".join(b"\n%s\n" % (line or record.to_line()) for record, _, line, _ in outcomes)
         with _write_errors(self.folder / "runs"):
             if data:
                 with self._segment.open("ab", buffering=0) as file:

@@ -115,7 +115,7 @@ def test_attributes_that_change_over_a_step_are_refused_by_name(target, name, ce
 
 def test_a_single_run_of_an_adversary_by_name_ends_with_its_law_interpreted(caplog):
     scenario = scenario_of("CountByGlobals", gain=GAINS[0])
-    with pytest.raises(TracingError, match="differs"):
+    with pytest.raises(TracingError, match="globals"):
         run_as_lane(scenario)
     adversaries.reset()
     result = cp.run(scenario, engine="compiled", warn=False)

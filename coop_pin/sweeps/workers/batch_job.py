@@ -17,9 +17,9 @@ from coop_pin.base.errors import CoopPinError, TracingError
 from coop_pin.base.schema.parts import Filled
 from coop_pin.compiled.engines import Way
 from coop_pin.compiled.kind import Cover, Kind
-from coop_pin.compiled.laws.hidden_state import digest
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.simulate import BatchSimulator
+from coop_pin.control.hidden_state import digest
 from coop_pin.sweeps.run_key import require_unchanged
 from coop_pin.sweeps.workers.job import (
     CtrlC,
