@@ -41,7 +41,6 @@ class LaneSimulator(BatchSimulator):
         """Begin without code."""
         super().__init__(width=1)
         self._folding = BatchSimulator(width=1)
-        self._folding.is_alone = True
 
     def lane(self, scenario: Scenario, simulation: Simulation | None) -> tuple[Prepared, Family]:
         """Return a run before it runs, and its code; raises as Lane.
@@ -56,7 +55,9 @@ class LaneSimulator(BatchSimulator):
         run = run._replace(kind=run.kind.alone(run.signals[0]))
         try:
             return run, self.family([run])
-        except TracingError:  # a law that needs its own numbers while it is traced: they fold
+        except TracingError:  # a law that needs its own numbers while it is traced: they fold, as users' do
+            if run.is_foreign:
+                raise
             return run, self._folding.family([run])
 
     def _inputs(self, first: Prepared, prepared: Prepared) -> Mask:

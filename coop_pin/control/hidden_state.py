@@ -29,9 +29,10 @@ _OWN = ("builtins", "abc", "typing", "coop_pin")
 """Top packages whose classes are no user's."""
 _OUTSIDE = {"_io", "datetime", "io", "os", "posix", "random", "secrets", "time", "numpy.random"}
 """Modules whose functions return something else each time."""
+_RANDOM = "numpy.random", "random"
 _SEES_ALL = {"__import__", "eval", "exec", "globals", "input", "open"}
 """Functions of Python by which a law reaches what it does not name."""
-_STATEFUL = (Iterator, bytearray, collections.deque, random.Random, np.random.Generator)
+_STATEFUL = (Iterator, bytearray, random.Random)
 """Objects without attributes whose state can be read."""
 
 
@@ -78,9 +79,21 @@ def of_all_runs(targets: Sequence[str]) -> Contents:
         return {}
     if not targets:
         return {}
-    contents["the random numbers of numpy.random"] = str(np.random.get_state())  # noqa: NPY002
-    contents["the random numbers of random"] = random.getstate()
-    return contents
+    return contents | random_numbers()
+
+
+def random_numbers() -> Contents:
+    """Return the states of the random numbers that belong to nobody."""
+    states = np.random.get_state(legacy=False), random.getstate()  # noqa: NPY002
+    return {
+        f"the random numbers of {name}": _content(state, {})
+        for name, state in zip(_RANDOM, states, strict=True)
+    }
+
+
+def names_random_numbers(kind: Any) -> bool:
+    """Return whether functions of a class name a module of random numbers."""
+    return "random" in _names(kind)
 
 
 def users_kinds(called: Any) -> Iterator[Any]:
@@ -210,7 +223,7 @@ def _content(value: Any, memo: dict[int, int]) -> Hashable:
         return value.shape, value.dtype.str, content
     if isinstance(value, Mapping):
         return tuple((_content(key, memo), _content(part, memo)) for key, part in value.items())
-    if isinstance(value, list | tuple):
+    if isinstance(value, list | tuple | collections.deque):
         return tuple(_content(part, memo) for part in value)
     if isinstance(value, set | frozenset):
         return tuple(sorted(repr(_content(part, memo)) for part in value))
@@ -219,6 +232,8 @@ def _content(value: Any, memo: dict[int, int]) -> Hashable:
     if isinstance(value, FunctionType):
         held = value.__defaults__, value.__kwdefaults__, vars(value), [*_cells(value)]
         return value.__qualname__, _content(held, memo)
+    if isinstance(value, np.random.Generator):
+        return type(value).__qualname__, _content(value.bit_generator.state, memo)
     if isinstance(value, _STATEFUL):
         with contextlib.suppress(Exception):  # generators and files have none that can be read
             return type(value).__qualname__, _content(value.__reduce_ex__(4)[1:], memo)

@@ -9,7 +9,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.control.controller import CellController
-from coop_pin.control.hidden_state import Contents, changes, of_kind, users_kinds, users_laws
+from coop_pin.control.hidden_state import (
+    Contents,
+    changes,
+    names_random_numbers,
+    of_kind,
+    random_numbers,
+    users_kinds,
+    users_laws,
+)
 
 
 class LawMemory(NamedTuple):
@@ -38,6 +46,7 @@ class LawMemory(NamedTuple):
             kept += [f"its attribute {name!r} ({owner})" for name in failed]
         kinds = dict.fromkeys(kind for _, law in laws for kind in users_kinds(type(law)))
         shared = {name: part for kind in kinds for name, part in of_kind(kind).items()}
+        shared |= random_numbers() if any(map(names_random_numbers, kinds)) else {}
         return cls(tuple(attributes), tuple(kept), shared)
 
     def restore(self, controller: CellController) -> list[str]:

@@ -12,16 +12,9 @@ from typing import Any, NamedTuple
 
 from coop_pin import __version__
 from coop_pin.base.errors import CodeChangedError, CoopPinError, ScenarioError
+from coop_pin.base.loaded_code import edited_files, loaded_digests, loads, old_users
 from coop_pin.base.schema.parts import Pattern, fields_of
-from coop_pin.base.source_code import (
-    code_digests,
-    edited_files,
-    file_digest,
-    loaded_digests,
-    loads,
-    old_users,
-    source_files,
-)
+from coop_pin.base.source_code import code_digests, file_digest, source_files
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.scenario_checks import code_of
 from coop_pin.description.urdf import find_urdf
