@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import collections
 import contextlib
+import dis
 import functools
 import hashlib
 import random
 import sys
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from types import CodeType, FunctionType, ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,9 +28,14 @@ Contents = dict[str, Hashable]
 """Content of attributes, by where they are."""
 _OWN = ("builtins", "abc", "typing", "coop_pin")
 """Top packages whose classes are no user's."""
-_OUTSIDE = {"_io", "datetime", "io", "os", "posix", "random", "secrets", "time", "numpy.random"}
-"""Modules whose functions return something else each time."""
+_OUTSIDE = {
+    *("_io", "_random", "contextvars", "ctypes", "datetime", "gc", "inspect", "io", "multiprocessing"),
+    *("numpy.random", "os", "pathlib", "posix", "random", "secrets", "socket", "subprocess", "sys"),
+    *("tempfile", "threading", "time", "uuid"),
+}
+"""Modules whose functions may return something else each time."""
 _RANDOM = "numpy.random", "random"
+_GLOBAL = "LOAD_GLOBAL", "LOAD_NAME", "STORE_GLOBAL", "DELETE_GLOBAL"
 _SEES_ALL = {"__import__", "eval", "exec", "globals", "input", "open"}
 """Functions of Python by which a law reaches what it does not name."""
 _STATEFUL = (Iterator, bytearray, random.Random)
@@ -93,7 +99,7 @@ def random_numbers() -> Contents:
 
 def names_random_numbers(kind: Any) -> bool:
     """Return whether functions of a class name a module of random numbers."""
-    return "random" in _names(kind)
+    return "random" in _names(kind).all
 
 
 def users_kinds(called: Any) -> Iterator[Any]:
@@ -106,24 +112,33 @@ def of_kind(kind: Any) -> Contents:
     contents, module = Contents(), vars(sys.modules[kind.__module__])
     if isinstance(kind, type):
         contents |= {f"{name!r} of class {kind.__qualname__}": part for name, part in _attributes(kind)}
-    for name in sorted(_names(kind) & module.keys()):
+    for name in sorted(_names(kind).globals & module.keys()):
         contents[f"{name!r} of module {kind.__module__}"] = _content(module[name], {})
     return contents
 
 
+class _Names(NamedTuple):
+    """Names in functions: those of globals, and those of attributes with them."""
+
+    globals: frozenset[str]
+    all: frozenset[str]
+
+
 @functools.cache  # for every run of a batch
-def _names(kind: Any) -> frozenset[str]:
+def _names(kind: Any) -> _Names:
     """Return the names that the functions of a class use, also by other functions of its module."""
     module = vars(sys.modules[kind.__module__])
     parts = vars(kind).values() if isinstance(kind, type) else [kind]
-    names, waiting = set[str](), [code for value in parts for code in _code(value)]
+    names, every = set[str](), set[str]()
+    waiting = [code for value in parts for code in _code(value)]
     while waiting:
         code = waiting.pop()
         waiting += [part for part in code.co_consts if isinstance(part, CodeType)]
-        new = {*code.co_names} - names
-        names |= new
+        loads = (each.argval for each in dis.get_instructions(code) if each.opname in _GLOBAL)
+        new = {*loads} - names
+        names, every = names | new, every.union(code.co_names)
         waiting += [part for name in new & module.keys() for part in _code(module[name])]
-    return frozenset(names)
+    return _Names(frozenset(names), frozenset(every))
 
 
 def require_no_outside(targets: Iterable[str]) -> None:
@@ -133,7 +148,7 @@ def require_no_outside(targets: Iterable[str]) -> None:
         TracingError: they do.
     """
     for kind in (kind for target in targets for kind in users_kinds(load_function(target, {}))):
-        names, module = _names(kind), vars(sys.modules[kind.__module__])
+        (names, every), module = _names(kind), vars(sys.modules[kind.__module__])
         values = {name: module[name] for name in names & module.keys()} | vars(kind)
         held = {
             f"{name} (a default or a variable of a function around it)": part
@@ -142,7 +157,7 @@ def require_no_outside(targets: Iterable[str]) -> None:
             for part in (*(function.__defaults__ or ()), *_cells(function))
         }
         outside = [name for name, value in (values | held).items() if _is_outside(value)]
-        if any(value is np for value in values.values()) and "random" in names:
+        if any(value is np for value in values.values()) and "random" in every:
             outside.append("numpy.random")
         if outside := sorted({*outside, *(names & _SEES_ALL) - module.keys()}):
             raise TracingError(f"names {', '.join(outside)}, which may be another each time")

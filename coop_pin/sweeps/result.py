@@ -14,6 +14,7 @@ import numpy as np
 
 from coop_pin.base.arrays import require_path, require_type
 from coop_pin.base.errors import CodeChangedError, FieldError, OutOfRangeError
+from coop_pin.base.loaded_code import edited_files, loaded_digests
 from coop_pin.base.source_code import file_digest
 from coop_pin.results.metrics import SIMULATION_SOUND, TASK_KEPT
 from coop_pin.results.netcdf import written_netcdf
@@ -130,10 +131,11 @@ class SweepResult(SweepTable):
         if (result := self.store.read_result(key)) is not None:
             return result
         scenario = plan.scenario(number)
-        code = code_for(scenario, plan.metrics)
+        code = code_for(scenario, plan.metrics, loaded_digests)
         require_unchanged(code)
         if code and run_key(scenario, plan.metrics, code, engine=plan.engine) != key:
-            raise CodeChangedError(code[0][0], self.store.edited())
+            (name, _), *_ = code
+            raise CodeChangedError(name, edited_files(name) or self.store.edited())
         return run(scenario, warn=False)
 
     def _number(self, number: int) -> int:
