@@ -43,12 +43,12 @@ class Counter(Clean):
         return 0.01 * self.n
 
 
-class InPlace(Clean):
+class Integral(Clean):
     def begin(self):
-        self.integral = 0.0
+        self.integral = np.float64(0.0)
 
     def more(self, q):
-        self.integral = self.integral + 0.01 * self.ki * q
+        self.integral = self.integral + 0.01 * self.ki * q[0]
         return self.integral
 
 

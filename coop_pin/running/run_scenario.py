@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from coop_pin.base.errors import CoopPinError, RunInterruptedError, ScenarioWarning, TracingError
+from coop_pin.base.errors import CoopPinError, RunInterruptedError, ScenarioWarning
 from coop_pin.compiled.engine_choice import choose_engine, plant_of, saved_by_auto
 from coop_pin.compiled.engines import Engine, engine_named
 from coop_pin.control.hidden_state import leaks, of_all_runs
@@ -137,8 +137,4 @@ def _run_as_lane(simulation: Simulation, progress: Progress | None) -> RunResult
     except (Exception, SystemExit) as error:  # also of a user's motion, at a tick that the other run names
         _LOG.info("the law is interpreted: %s: %s", type(error).__name__, error)
         return None
-    try:
-        return lane.run(progress)
-    except TracingError as error:  # a user's law keeps state besides that of init and step
-        _LOG.warning("the law is interpreted: %s", error)
-        return None
+    return lane.run(progress)

@@ -11,7 +11,7 @@ runs on disk: checksummed lines, one writer).
 
 Names are loaded on first use: the host process of local workers lies in this package and needs none.
 
-Imports ``base``, ``compiled``, ``description``, ``feasibility``, ``results``, ``running``, ``simulation`` and
+Imports ``base``, ``compiled``, ``control``, ``description``, ``feasibility``, ``results``, ``running``, ``simulation`` and
 ``stability``.
 """
 
