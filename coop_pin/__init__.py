@@ -18,8 +18,6 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any, NamedTuple
 
-import coop_pin.base.loaded_code  # noqa: F401  notes what is loaded of the user from here on
-
 _PUBLIC = {
     "Actuators": "description.actuators",
     "Arm": "description.cell.arm",

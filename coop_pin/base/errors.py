@@ -11,15 +11,18 @@ import contextlib
 import copy
 import difflib
 import math
+import os
 import signal
 import sys
+import sysconfig
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from coop_pin.base.source_code import is_users_file, shown
+_KNOWN = str(Path(__file__).parents[1]) + os.sep, sysconfig.get_path("stdlib") + os.sep
+"""Folders of this package and the standard library."""
 
 
 class _Picklable(BaseException):
@@ -423,6 +426,23 @@ def is_users(function: Callable[..., Any]) -> bool:
     """Return whether a function or method is of neither this package nor an installed one."""
     code = getattr(function, "__code__", None)
     return code is not None and is_users_file(code.co_filename)
+
+
+def shown(file: Path) -> str:
+    """Return the path of a user's file relative to the current folder if it is below it, else its name."""
+    file, here = file.resolve(), Path.cwd()
+    is_below = is_users_file(str(file)) and file.is_relative_to(here)
+    return file.relative_to(here).as_posix() if is_below else file.name
+
+
+def is_installed(path: Path) -> bool:
+    """Return whether a path is of an installed package."""
+    return bool({"site-packages", "dist-packages"} & {*path.parts})
+
+
+def is_users_file(file: str) -> bool:
+    """Return whether a file is of neither this package, the standard library nor an installed package."""
+    return not (file.startswith(_KNOWN) or is_installed(Path(file)))
 
 
 class UserCodeError(CoopPinError, RuntimeError):

@@ -18,7 +18,8 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any, NamedTuple
 
-from coop_pin.base.source_code import data_files, file_digest, is_users_file, source_files
+from coop_pin.base.errors import is_users_file
+from coop_pin.base.source_code import data_files, file_digest, source_files
 
 _CLOCK_S = 2.0
 """Resolution of the times by which Python knows bytecode, s, and that of file systems."""

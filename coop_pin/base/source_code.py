@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import importlib.util
-import os
 import sys
 import sysconfig
 from collections.abc import Iterator
@@ -16,27 +15,15 @@ from pathlib import Path
 from types import CodeType
 from typing import Any
 
-_STANDARD_LIBRARY = sysconfig.get_path("stdlib")
-_KNOWN = str(Path(__file__).parents[1]) + os.sep, _STANDARD_LIBRARY + os.sep
-_INSTALLED = "site-packages", "dist-packages"
+from coop_pin.base.errors import is_installed
+
+_STANDARD_LIBRARY = Path(sysconfig.get_path("stdlib"))
 _SOURCE, _FOLDER, _NO_FILE = ("", "rb", 1), ("", "", 5), ("", "", 6)
 """What ModuleFinder calls a source file, a package, and a module without source."""
 _LONGEST_NAME = 200
 _WRITES = {"w", "wb", "a", "ab", "x", "xb", "w+", "a+", "r+"}
 _WRITERS = {"dump", "save", "savetxt", "savez", "to_csv", "to_netcdf", "write_bytes", "write_text"}
 """Modes and functions of what writes a file: the files that such code names are not what it reads."""
-
-
-def is_users_file(file: str) -> bool:
-    """Return whether a file is of neither this package, the standard library nor an installed package."""
-    return not (file.startswith(_KNOWN) or {*_INSTALLED} & {*Path(file).parts})
-
-
-def shown(file: Path) -> str:
-    """Return the path of a user's file relative to the current folder if it is below it, else its name."""
-    file, here = file.resolve(), Path.cwd()
-    is_below = is_users_file(str(file)) and file.is_relative_to(here)
-    return file.relative_to(here).as_posix() if is_below else file.name
 
 
 def file_digest(path: Path) -> str:
@@ -106,8 +93,8 @@ def _closure(module: str, root: Path) -> set[Path]:
                 raise ImportError(name)
             return None, None, _NO_FILE
 
-    is_installed = {*_INSTALLED} & {*root.parts} or str(root) == _STANDARD_LIBRARY
-    tops = {module.partition(".")[0]} if is_installed else None  # then only its own package is user code
+    is_own = is_installed(root) or root == _STANDARD_LIBRARY  # then only its own package is user code
+    tops = {module.partition(".")[0]} if is_own else None
     finder, files = LocalModules(path=[str(root)]), set[Path]()
     with contextlib.suppress(SyntaxError):
         finder.import_hook(module)

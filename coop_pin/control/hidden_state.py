@@ -92,7 +92,7 @@ def random_numbers() -> Contents:
     """Return the states of the random numbers that belong to nobody."""
     states = np.random.get_state(legacy=False), random.getstate()  # noqa: NPY002
     return {
-        f"the random numbers of {name}": _content(state, {})
+        f"the random numbers of {name}": content_of(state, {})
         for name, state in zip(_RANDOM, states, strict=True)
     }
 
@@ -113,11 +113,11 @@ def of_kind(kind: Any) -> Contents:
     if isinstance(kind, type):
         contents |= {f"{name!r} of class {kind.__qualname__}": part for name, part in _attributes(kind)}
     for name in sorted(_names(kind).globals & module.keys()):
-        contents[f"{name!r} of module {kind.__module__}"] = _content(module[name], {})
+        contents[f"{name!r} of module {kind.__module__}"] = content_of(module[name], {})
     return contents
 
 
-class _Names(NamedTuple):
+class _UsedNames(NamedTuple):
     """Names in functions: those of globals, and those of attributes with them."""
 
     globals: frozenset[str]
@@ -125,7 +125,7 @@ class _Names(NamedTuple):
 
 
 @functools.cache  # for every run of a batch
-def _names(kind: Any) -> _Names:
+def _names(kind: Any) -> _UsedNames:
     """Return the names that the functions of a class use, also by other functions of its module."""
     module = vars(sys.modules[kind.__module__])
     parts = vars(kind).values() if isinstance(kind, type) else [kind]
@@ -138,7 +138,7 @@ def _names(kind: Any) -> _Names:
         new = {*loads} - names
         names, every = names | new, every.union(code.co_names)
         waiting += [part for name in new & module.keys() for part in _code(module[name])]
-    return _Names(frozenset(names), frozenset(every))
+    return _UsedNames(frozenset(names), frozenset(every))
 
 
 def require_no_outside(targets: Iterable[str]) -> None:
@@ -218,10 +218,10 @@ def _attributes(owner: Any) -> Iterator[tuple[str, Hashable]]:
     """Yield names and contents of what vars() shows of an object, a class or a module."""
     for name, value in vars(owner).items():
         if not name.startswith("__"):
-            yield name, _content(value, {})
+            yield name, content_of(value, {})
 
 
-def _content(value: Any, memo: dict[int, int]) -> Hashable:
+def content_of(value: Any, memo: dict[int, int]) -> Hashable:
     """Return what equal values share: numbers, texts and arrays in it; of other objects only the class.
 
     Args:
@@ -234,30 +234,30 @@ def _content(value: Any, memo: dict[int, int]) -> Hashable:
         return memo[id(value)]
     memo[id(value)] = len(memo)
     if isinstance(value, np.ndarray):
-        content = _content(value.tolist(), memo) if value.dtype.hasobject else value.tobytes()
+        content = content_of(value.tolist(), memo) if value.dtype.hasobject else value.tobytes()
         return value.shape, value.dtype.str, content
     if isinstance(value, Mapping):
-        return tuple((_content(key, memo), _content(part, memo)) for key, part in value.items())
+        return tuple((content_of(key, memo), content_of(part, memo)) for key, part in value.items())
     if isinstance(value, list | tuple | collections.deque):
-        return tuple(_content(part, memo) for part in value)
+        return tuple(content_of(part, memo) for part in value)
     if isinstance(value, set | frozenset):
-        return tuple(sorted(repr(_content(part, memo)) for part in value))
+        return tuple(sorted(repr(content_of(part, memo)) for part in value))
     if isinstance(value, staticmethod | classmethod):
         value = value.__func__
     if isinstance(value, FunctionType):
         held = value.__defaults__, value.__kwdefaults__, vars(value), [*_cells(value)]
-        return value.__qualname__, _content(held, memo)
+        return value.__qualname__, content_of(held, memo)
     if isinstance(value, np.random.Generator):
-        return type(value).__qualname__, _content(value.bit_generator.state, memo)
+        return type(value).__qualname__, content_of(value.bit_generator.state, memo)
     if isinstance(value, _STATEFUL):
         with contextlib.suppress(Exception):  # generators and files have none that can be read
-            return type(value).__qualname__, _content(value.__reduce_ex__(4)[1:], memo)
+            return type(value).__qualname__, content_of(value.__reduce_ex__(4)[1:], memo)
     if slots := [name for kind in type(value).__mro__ for name in vars(kind).get("__slots__", ())]:
         parts = {name: getattr(value, name, None) for name in slots if isinstance(name, str)}
-        return type(value).__qualname__, _content(parts | getattr(value, "__dict__", {}), memo)
+        return type(value).__qualname__, content_of(parts | getattr(value, "__dict__", {}), memo)
     if isinstance(value, type | ModuleType) or not hasattr(value, "__dict__"):
         return getattr(value, "__qualname__", type(value).__qualname__)
-    return type(value).__qualname__, _content(vars(value), memo)
+    return type(value).__qualname__, content_of(vars(value), memo)
 
 
 def _cells(function: FunctionType) -> Iterator[Any]:

@@ -7,10 +7,9 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from coop_pin.base.errors import ArgumentError, CoopPinError, DivergedError
+from coop_pin.base.errors import ArgumentError, CoopPinError, DivergedError, shown
 from coop_pin.base.loaded_code import edited_files
 from coop_pin.base.memory import free_memory
-from coop_pin.base.source_code import shown
 from coop_pin.description.arm_events import LoseArm
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.scenario_checks import code_of

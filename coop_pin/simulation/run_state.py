@@ -31,7 +31,7 @@ class RunState(NamedTuple):
         ticks_done: ticks recorded.
         controller: the controller.
         controller_state: state that it returned last.
-        law_memory: what the objects of a user's law hold besides; None of the package's laws.
+        law_memory: attributes of a user's law; None of the package's laws.
         motion: the desired motion.
         squeeze: the desired internal wrenches.
         missed: grasps that did not happen.

@@ -12,7 +12,7 @@ from cells import SCENARIOS
 
 import coop_pin as cp
 from coop_pin.base.errors import ScenarioWarning, TracingError
-from coop_pin.control.hidden_state import _content, of_classes, of_objects, require_no_outside
+from coop_pin.control.hidden_state import content_of, of_classes, of_objects, require_no_outside
 from coop_pin.control.law_memory import LawMemory
 from coop_pin.laws import build_controller
 
@@ -56,10 +56,10 @@ class Slots:
 )
 def test_what_an_object_without_attributes_holds_is_seen(make, change):
     value = make()
-    before = _content(value, {})
-    assert before == _content(make(), {})
+    before = content_of(value, {})
+    assert before == content_of(make(), {})
     change(value)
-    assert before != _content(value, {})
+    assert before != content_of(value, {})
 
 
 @pytest.mark.parametrize("cell", SCENARIOS)

@@ -103,7 +103,16 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {"gymnasium"},
     ),
     "sweeps": (
-        {"compiled", "control", "description", "feasibility", "results", "running", "simulation", "stability"},
+        {
+            "compiled",
+            "control",
+            "description",
+            "feasibility",
+            "results",
+            "running",
+            "simulation",
+            "stability",
+        },
         {
             "distributed",
             "filelock",

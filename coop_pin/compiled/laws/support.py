@@ -80,8 +80,8 @@ def require_traceable(scenario: Scenario, constants: RunConstants, *, alone: boo
 
     Args:
         scenario: scenario of the run.
-        constants: its numbers.
-        alone: whether no single run will be compared: then the law is looked at over the whole length, and
+        constants: numbers of the run.
+        alone: whether no single run will be compared; then the law is looked at over the whole length, and
             may name nothing that is another each time.
 
     Raises:
