@@ -11,3 +11,5 @@ sign, pose), ``schema/base`` (frozen, validated class of everything in a scenari
 
 Imports no other package of coop_pin.
 """
+
+import coop_pin.base.loaded_code  # noqa: F401  notes what is loaded of the user from here on

@@ -11,6 +11,7 @@ import contextlib
 import copy
 import difflib
 import math
+import os
 import signal
 import sys
 import sysconfig
@@ -19,6 +20,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
+
+_KNOWN = str(Path(__file__).parents[1]) + os.sep, sysconfig.get_path("stdlib") + os.sep
+"""Folders of this package and the standard library."""
 
 
 class _Picklable(BaseException):
@@ -434,38 +438,39 @@ def place_of(error: BaseException) -> tuple[str, int, str]:
     if not frames:
         return "", 0, ""
     # By the file of the module: compiled code states one of its own for each frame, a notebook has none.
-    users = (entry for entry in frames if is_users_file(Path(entry[0].f_globals.get("__file__") or "")))
+    users = (entry for entry in frames if is_users_file(entry[0].f_globals.get("__file__") or ""))
     frame, line = next(users, frames[0])
-    return _shown(Path(frame.f_code.co_filename)), line, frame.f_code.co_qualname
+    return shown(Path(frame.f_code.co_filename)), line, frame.f_code.co_qualname
 
 
 def source_of(function: Callable[..., Any]) -> tuple[str, int, str]:
     """Return file, first line and name of a function or method, as ``place_of``; ("", 0, name) if unknown."""
     name = getattr(function, "__qualname__", type(function).__qualname__)
     code = getattr(function, "__code__", None)
-    return ("", 0, name) if code is None else (_shown(Path(code.co_filename)), code.co_firstlineno, name)
+    return ("", 0, name) if code is None else (shown(Path(code.co_filename)), code.co_firstlineno, name)
 
 
 def is_users(function: Callable[..., Any]) -> bool:
     """Return whether a function or method is of neither this package nor an installed one."""
     code = getattr(function, "__code__", None)
-    return code is not None and is_users_file(Path(code.co_filename))
+    return code is not None and is_users_file(code.co_filename)
 
 
-def _shown(file: Path) -> str:
+def shown(file: Path) -> str:
     """Return the path of a user's file relative to the current folder if it is below it, else its name."""
     file, here = file.resolve(), Path.cwd()
-    is_below = is_users_file(file) and file.is_relative_to(here)
+    is_below = is_users_file(str(file)) and file.is_relative_to(here)
     return file.relative_to(here).as_posix() if is_below else file.name
 
 
-def is_users_file(file: Path) -> bool:
+def is_installed(path: Path) -> bool:
+    """Return whether a path is of an installed package."""
+    return bool({"site-packages", "dist-packages"} & {*path.parts})
+
+
+def is_users_file(file: str) -> bool:
     """Return whether a file is of neither this package, the standard library nor an installed package."""
-    library = sysconfig.get_path("stdlib")
-    installed = str(Path(__file__).parents[1]), library, str(Path(library).resolve())
-    return not (
-        any(map(file.is_relative_to, installed)) or {"site-packages", "dist-packages"} & {*file.parts}
-    )
+    return not (file.startswith(_KNOWN) or is_installed(Path(file)))
 
 
 class UserCodeError(CoopPinError, RuntimeError):
@@ -554,13 +559,14 @@ class CodeRefusedError(CoopPinError, PermissionError):
 
 
 class CodeChangedError(CoopPinError, RuntimeError):
-    """User code ``name`` ("module:function") that changed after its import, or differs between workers."""
+    """User code ``name`` ("module:function") whose ``files`` changed after its import, or between workers."""
 
-    def __init__(self, name: str) -> None:
-        self.name = name
+    def __init__(self, name: str, files: Iterable[str | Path] = ()) -> None:
+        self.name, self.files = name, tuple(shown(Path(file)) for file in files)
         super().__init__(
-            f"{name} changed on disk after it was imported, or a worker has another version; start the same"
-            " command again (in a notebook restart the kernel, elsewhere the workers): finished runs are kept"
+            f"{name} changed after its import ({', '.join(self.files) or 'here or in a worker'}); load it"
+            " and the modules that import it again (importlib.reload), or restart the kernel or the workers;"
+            " finished runs are kept"
         )
 
 

@@ -13,6 +13,8 @@ import pandas as pd
 
 from coop_pin.base.arrays import as_count, require_path, require_type, typed
 from coop_pin.base.errors import CoopPinError, FieldError, FileReadError, NameNotFoundError, ScenarioError
+from coop_pin.base.schema.user_code import code_of
+from coop_pin.base.source_code import code_digests
 from coop_pin.comparison.controllers import GAINS, Controllers, controllers_for, gains_used
 from coop_pin.comparison.measures import DROPPED, measures
 from coop_pin.comparison.table import CELL, COLUMNS, Comparison, bootstrap_interval
@@ -26,6 +28,7 @@ from coop_pin.sweeps.engine import sweep_plan
 from coop_pin.sweeps.feasibility import require_feasible_groups, require_reach
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import SweepResult
+from coop_pin.sweeps.run_key import require_unchanged
 from coop_pin.sweeps.workers.execution import HERE, Execution
 
 
@@ -92,6 +95,7 @@ def compare(
             name, there is nothing to run, or a controller or a trial leads to failed runs only (a law that
             the cell cannot have, for example); its cause is the first run's error.
         InfeasibleMotionError: the path of a scenario is out of reach.
+        CodeChangedError: the user's code was edited after this process loaded it.
         FileReadError: the table of gains cannot be read, or a folder to merge has nothing of these scenarios.
         CoopPinError: whatever ``sweep`` raises.
     """
@@ -112,6 +116,8 @@ def compare(
     if not cells:
         raise FieldError("leave nothing to run: no controllers, or trials that no scenario has", "trials")
     points = _points(parts)
+    for name in {name for each in points.values() if isinstance(each, Scenario) for name in code_of(each)}:
+        require_unchanged(((name, code_digests(name)),))  # laws are asked here, too, and not by workers alone
     _require_feasible(points)
     parts = _by_engine(parts, points, execution, folder)
     merged, frames = _merged(parts, list(map(Path, execution.merge))), []

@@ -10,7 +10,7 @@ which are those of ``grasps``; tests hold the two together. Runs of one
 them have *fold* into it, others are *inputs* in the *slots* of a *block* of runs. In the order in which they
 build on each other:
 
-- what runs share: engines (names), hidden_state (attributes of users' laws), kind;
+- what runs share: engines (names), kind;
 - physics (plant): serial_arm (kinematics), arm_dynamics, cell_numbers (constants), cell_dynamics (closures,
   forces on the payload);
 - numbers of runs: constants (what differs folds or is an input, and signals, which change in time);

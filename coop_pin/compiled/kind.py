@@ -8,7 +8,7 @@ from operator import attrgetter
 from typing import Any, NamedTuple, Self
 
 from coop_pin.base.arrays import Array, typed
-from coop_pin.compiled.laws.hidden_state import digest, of_classes
+from coop_pin.control.hidden_state import digest, of_classes
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.controller import Controller
 from coop_pin.description.events import PayloadEvent

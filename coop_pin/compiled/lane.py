@@ -13,7 +13,6 @@ import numpy as np
 from coop_pin.base.arrays import Array, Mask
 from coop_pin.base.errors import TracingError
 from coop_pin.compiled.kind import law_reason
-from coop_pin.compiled.laws.support import require_single_run
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.prepared_plant import PreparedPlant
 from coop_pin.compiled.samples import RunSamples, kept_of
@@ -36,6 +35,8 @@ they take some 200 MB."""
 class LaneSimulator(BatchSimulator):
     """Code for single runs. The numbers of the package's laws are inputs: other gains need no other code."""
 
+    is_alone = True
+
     def __init__(self) -> None:
         """Begin without code."""
         super().__init__(width=1)
@@ -54,7 +55,9 @@ class LaneSimulator(BatchSimulator):
         run = run._replace(kind=run.kind.alone(run.signals[0]))
         try:
             return run, self.family([run])
-        except TracingError:  # a law that needs its own numbers while it is traced: they fold
+        except TracingError:  # a law that needs its own numbers while it is traced: they fold, as users' do
+            if run.is_foreign:
+                raise
             return run, self._folding.family([run])
 
     def _inputs(self, first: Prepared, prepared: Prepared) -> Mask:
@@ -101,7 +104,6 @@ class Lane:
 
         Raises:
             RunInterruptedError: Ctrl-C; it carries the result up to the last chunk as ``result``.
-            TracingError: the law is a user's, and differs from that of the first ticks of a single run.
             CoopPinError: of ``progress``, with the result up to then.
         """
         ticks = self._timeline.ticks
@@ -114,10 +116,7 @@ class Lane:
                     return None
                 if progress is not None:
                     progress(self._done - 1, ticks)
-        result = self._result()
-        if self._prepared.is_foreign:
-            require_single_run(self._scenario, result.arrays, to_the_end=False)
-        return result
+        return self._result()
 
     def _bind(self, machine: LlvmMachine) -> None:
         """Let the next calls run the order that was laid out last, by a machine in any order."""

@@ -62,7 +62,13 @@ class Family(NamedTuple):
 
 
 class BatchSimulator:
-    """Simulates batches one after the other, of any families; plants and code are kept for the next ones."""
+    """Simulates batches one after the other, of any families; plants and code are kept for the next ones.
+
+    Attributes:
+        is_alone: whether users' laws are checked more closely, as no single run is compared.
+    """
+
+    is_alone = False
 
     def __init__(
         self, *, machine: Callable[[Program], Machine] | None = None, width: int | None = None
@@ -91,7 +97,7 @@ class BatchSimulator:
         batch = self.run_prepared([self.prepare(scenario) for scenario in scenarios])
         valid = np.flatnonzero(batch.is_valid).tolist()
         if scenarios[0].controller.user_code and valid:
-            for index in checked(valid):
+            for index in checked(valid, lambda index: vars(scenarios[index].controller)):
                 samples = {name: batch.samples[name][index] for name in batch.samples}
                 require_single_run(scenarios[index], samples)
         return batch
@@ -199,7 +205,7 @@ class BatchSimulator:
         differs = np.any([self._inputs(first, each) for each in batches], axis=0)
         is_loaded = np.any([each.loaded(firsts[each.kind.times]) for each in batches], axis=0)
         if family is None:
-            require_traceable(first.scenarios[0], first.constants)
+            require_traceable(first.scenarios[0], first.constants, alone=self.is_alone)
         else:
             block = family.code.block
             differs, is_loaded = differs | block.differs, is_loaded | block.is_loaded

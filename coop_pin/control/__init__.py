@@ -8,7 +8,8 @@ state. The simulation, batches and exported C code run the same function. Open f
 - ``laws/sliding_mode.py``: a law, equation first; ``law.py`` is the base of laws as a scenario states them.
 
 ``force_paths`` are the ways of a measured internal wrench, ``law_wrapper.py`` is a law around a law
-(calibration, consensus), ``bounds.py`` has the gains at which sampled feedback is unstable. The package
+(calibration, consensus), ``bounds.py`` has the gains at which sampled feedback is unstable.
+``hidden_state.py`` and ``law_memory.py`` are about what a user's law keeps besides its state. The package
 imports ``base`` alone, neither Pinocchio nor a model.
 """
 

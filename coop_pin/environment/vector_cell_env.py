@@ -11,6 +11,7 @@ from coop_pin.base.arrays import Array, Mask, as_count, require_type
 from coop_pin.base.disk_cache import DiskCache
 from coop_pin.base.errors import ArgumentError, InvalidStateError, TracingError, needs_extra
 from coop_pin.compiled.kind import law_reason
+from coop_pin.compiled.laws.support import require_traceable
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.schedule import RunProgram
 from coop_pin.compiled.simulate import BatchSimulator
@@ -78,6 +79,7 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         is_one = all(scenario is runs[0] for scenario in runs)
         self._seeds = [EpisodeSeeds(scenario.seed + is_one * lane) for lane, scenario in enumerate(runs)]
         prepared = self._prepared([scenario.seed for scenario in runs])
+        require_traceable(runs[0], prepared.constants, alone=True)
         self._compile(prepared)
         actions, size = self.task.sizes(self._law)
         self.single_action_space = Box(-1.0, 1.0, (actions,), np.float64)

@@ -36,6 +36,7 @@ Kind = Literal[
     "lost arm",
     "internal moment",
     "steady error",
+    "user code",
 ]
 """What a finding is about."""
 LEFT_TO_CHECK: tuple[Kind, ...] = ("closed loop", "lost arm", "internal moment", "steady error")

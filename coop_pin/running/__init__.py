@@ -4,7 +4,7 @@ Open first: ``run_scenario`` (``cp.run``), ``check`` (``cp.check``: all findings
 ones of a run; their class is in ``results.finding``). ``cell_findings`` has each subject, ``plausibility``
 numbers in a likely wrong unit, and ``engine_choice`` of ``compiled`` which engine runs.
 
-Imports ``base``, ``compiled``, ``description``, ``feasibility``, ``model``, ``results``,
+Imports ``base``, ``compiled``, ``control``, ``description``, ``feasibility``, ``model``, ``results``,
 ``simulation`` and ``stability``.
 """
 

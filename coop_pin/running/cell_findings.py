@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.base.errors import ArgumentError, CoopPinError, DivergedError
+from coop_pin.base.errors import ArgumentError, CoopPinError, DivergedError, shown
+from coop_pin.base.loaded_code import edited_files
 from coop_pin.base.memory import free_memory
+from coop_pin.base.schema.user_code import code_of
 from coop_pin.description.arm_events import LoseArm
 from coop_pin.description.scenario import Scenario
 from coop_pin.feasibility.internal_moment import internal_moment
@@ -69,6 +71,17 @@ def gains_are_known(scenario: Scenario) -> bool:
     cell = scenario.cell
     on_tables = bool(cell.tables) and not cell.unclosed
     return not (scenario.controller.user_code or scenario.has_servos or on_tables)
+
+
+def code_findings(scenario: Scenario) -> Iterator[Finding]:
+    """Yield the user's code that was edited after it was loaded, so that a run is that of the old one."""
+    for name in code_of(scenario):
+        for file in map(shown, edited_files(name)):
+            sentence = (
+                f"{name} runs as it was loaded: {file} has changed, or what it imports was loaded anew;"
+                " load it again (importlib.reload, in the order of the imports), or restart"
+            )
+            yield Finding("user code", file, "warning", sentence)
 
 
 def task_findings(

@@ -13,7 +13,7 @@ import numpy as np
 
 from coop_pin.base.arrays import typed
 from coop_pin.base.errors import CoopPinError
-from coop_pin.base.schema.user_code import code_named, require_allowed
+from coop_pin.base.schema.user_code import code_of, require_allowed
 from coop_pin.description.scenario import Scenario
 from coop_pin.feasibility.least_squeeze import MARGIN
 from coop_pin.feasibility.motion_feasibility import part_held, squeeze_part
@@ -22,6 +22,7 @@ from coop_pin.feasibility.statics import StaticTorques, statics_along
 from coop_pin.feasibility.table_force import TABLE_ERROR
 from coop_pin.results.finding import LEFT_TO_CHECK, Finding, Findings, Kind, sorted_findings
 from coop_pin.running.cell_findings import (
+    code_findings,
     force_findings,
     gains_are_known,
     lost_arm_findings,
@@ -75,10 +76,10 @@ def check(
     """
     if not isinstance(scenario, Scenario):
         scenario = Scenario.load(scenario)
-    require_allowed(name for _, name in code_named(scenario))
+    require_allowed(code_of(scenario))
     reach = reachability(scenario, poses=poses)
     simulation = prepared_run(scenario, reach)
-    entries = [*task_findings(scenario, reach, simulation, table_error)]
+    entries = [*code_findings(scenario), *task_findings(scenario, reach, simulation, table_error)]
     left = tuple[Kind, ...]()
     if simulation is None or not reach.ok:
         left = LEFT_TO_CHECK

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import math
 import time
@@ -10,14 +11,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from coop_pin.base.errors import CoopPinError, RunInterruptedError, ScenarioWarning, TracingError
-from coop_pin.base.schema.user_code import code_named, require_allowed
+from coop_pin.base.errors import CoopPinError, RunInterruptedError, ScenarioWarning
+from coop_pin.base.schema.user_code import code_of, require_allowed
 from coop_pin.compiled.engine_choice import choose_engine, plant_of, saved_by_auto
 from coop_pin.compiled.engines import Engine, engine_named
+from coop_pin.control.hidden_state import leaks, of_all_runs
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.finding import Finding, Findings, sorted_findings
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Observer
+from coop_pin.running.cell_findings import code_findings
 from coop_pin.running.check import quick_findings
 from coop_pin.running.plausibility import implausible_numbers
 from coop_pin.simulation.build_controller import build_controller
@@ -61,7 +64,8 @@ def run(
             and drives where they can be compiled and nothing is to be done at every tick, otherwise of the
             plant alone; the log says which. A run of the first kind that breaks off is repeated as one of the
             second, which tells its error. "auto" takes the fastest for this length; see ``choose_engine``.
-        warn: whether to look for what makes the run doubtful; that takes a part of a second.
+        warn: whether to look for what makes the run doubtful; that takes a part of a second. An edit of the
+            user's code after it was loaded is always warned of.
 
     Raises:
         ScenarioError: the scenario has mistakes.
@@ -73,10 +77,12 @@ def run(
         scenario = Scenario.load(scenario)
     if overrides is not None:
         scenario = with_changes(scenario, overrides)
-    require_allowed(name for _, name in code_named(scenario))
-    controller = build_controller(scenario)
+    code = code_of(scenario)
+    require_allowed(code)
+    before, controller = of_all_runs(code if warn else ()), build_controller(scenario)
     findings = list[Finding]()
-    for finding in implausible_numbers(scenario) if warn else ():  # also where it cannot start
+    known = implausible_numbers(scenario) if warn else ()
+    for finding in itertools.chain(code_findings(scenario), known):  # also where it cannot start
         if finding.severity != "note":
             warnings.warn(str(finding), ScenarioWarning, stacklevel=2)
             findings.append(finding)
@@ -91,25 +97,27 @@ def run(
         warnings.warn(str(finding), ScenarioWarning, stacklevel=2)
         findings.append(finding)
     noted = Findings(scenario.name, sorted_findings(findings))
-    if is_lane:
-        if (result := _run_as_lane(simulation, progress)) is not None:
-            result.note(noted)
-            return result
-        simulation = Simulation(scenario, controller, plant=plant_of(choice.engine))
     started = time.perf_counter()
-    try:
-        result = run_to_end(
-            simulation,
-            progress=progress,
-            view=view,
-            realtime_rate=realtime_rate,
-            stop_at_breach=stop_at_breach,
-        )
-    except (CoopPinError, RunInterruptedError) as error:
-        if error.result is not None:
-            error.result.note(noted)
-        raise
-    result.note(noted)
+    result = _run_as_lane(simulation, progress) if is_lane else None
+    if result is None:
+        if is_lane:
+            simulation = Simulation(scenario, controller, plant=plant_of(choice.engine))
+        try:
+            result = run_to_end(
+                simulation,
+                progress=progress,
+                view=view,
+                realtime_rate=realtime_rate,
+                stop_at_breach=stop_at_breach,
+            )
+        except (CoopPinError, RunInterruptedError) as error:
+            if error.result is not None:
+                error.result.note(noted)
+            raise
+    for sentence in leaks(before, code):
+        findings.append(Finding("user code", "controller", "warning", sentence))
+        warnings.warn(sentence, ScenarioWarning, stacklevel=2)
+    result.note(Findings(scenario.name, sorted_findings(findings)))
     if choice.engine == "pinocchio" and warn and not is_live:
         saved = saved_by_auto(scenario, time.perf_counter() - started)
         if saved > _WORTH_A_HINT:
@@ -131,8 +139,4 @@ def _run_as_lane(simulation: Simulation, progress: Progress | None) -> RunResult
     except (Exception, SystemExit) as error:  # also of a user's motion, at a tick that the other run names
         _LOG.info("the law is interpreted: %s: %s", type(error).__name__, error)
         return None
-    try:
-        return lane.run(progress)
-    except TracingError as error:  # a user's law keeps state besides that of init and step
-        _LOG.warning("the law is interpreted: %s", error)
-        return None
+    return lane.run(progress)

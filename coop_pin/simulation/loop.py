@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import copy
+import warnings
 from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
 from coop_pin.base.arrays import Array, require_type
-from coop_pin.base.errors import InvalidStateError
+from coop_pin.base.errors import InvalidStateError, ScenarioWarning
 from coop_pin.control import CellCommand, CellController
+from coop_pin.control.law_memory import LawMemory
 from coop_pin.description.grasp_events import MissedGrasp
 from coop_pin.description.scenario import Scenario
 from coop_pin.grasps.cell_chain import CellChain
@@ -222,6 +224,7 @@ class TickLoop:
             ticks_done=self.ticks_done,
             controller=self.controller,
             controller_state=_copied(self.controller_state),
+            law_memory=LawMemory.of(self.controller),
             motion=self.motion,
             squeeze=self.squeeze,
             missed=self.missed,
@@ -238,13 +241,21 @@ class TickLoop:
     def restore(self, state: RunState) -> None:
         """Return to a state of this run, or of another that differs in events, seed or laws only.
 
+        Attributes of a user's law come back, too; a ScenarioWarning names what cannot: files, generators, and
+        what it has changed in its class or module.
+
         Raises:
             ArgumentError: the state is of a run with another cell, plant, clock, sensors or drives.
         """
         require_type("state", state, RunState)
         state.require_of(self._start.scenario)
+        is_under_way = self.ticks_done > 0
         self.scenario, self.ticks_done = state.scenario, state.ticks_done
         self.controller, self.controller_state = state.controller, _copied(state.controller_state)
+        kept = state.law_memory.restore(self.controller) if state.law_memory else []
+        if kept and is_under_way:
+            text = f"not brought back to t = {self.time:g} s: {', '.join(kept)}; keep it in the law's state"
+            warnings.warn(text, ScenarioWarning, stacklevel=3)
         self.motion, self.squeeze, self._replaced = state.motion, state.squeeze, state.replaced
         self._inputs, self._applied, self.missed = state.inputs, state.applied, state.missed
         self._schedule()

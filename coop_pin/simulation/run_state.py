@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from coop_pin.base.errors import ArgumentError
 from coop_pin.control import CellController
+from coop_pin.control.law_memory import LawMemory
 from coop_pin.description.grasp_events import MissedGrasp
 from coop_pin.description.scenario import Scenario
 from coop_pin.reference.pose_reference import PoseReference
@@ -23,13 +24,14 @@ class RunState(NamedTuple):
     """All that a run has become by a tick: values, which can be pickled if those of the controller can.
 
     It holds a copy of the record, 1 to 4 kB a tick. Random numbers are those of the scenario's seed, counted
-    by ticks. What a controller keeps in attributes of its own, outside its state, is not part of it.
+    by ticks. Of a user's law it holds the attributes, too.
 
     Attributes:
         scenario: the scenario, with the events added and the seed.
         ticks_done: ticks recorded.
         controller: the controller.
         controller_state: state that it returned last.
+        law_memory: attributes of a user's law; None of the package's laws.
         motion: the desired motion.
         squeeze: the desired internal wrenches.
         missed: grasps that did not happen.
@@ -47,6 +49,7 @@ class RunState(NamedTuple):
     ticks_done: int
     controller: CellController
     controller_state: Any
+    law_memory: LawMemory | None
     motion: PoseReference
     squeeze: SqueezeReference
     missed: tuple[MissedGrasp, ...]

@@ -11,8 +11,8 @@ runs on disk: checksummed lines, one writer).
 
 Names are loaded on first use: the host process of local workers lies in this package and needs none.
 
-Imports ``base``, ``compiled``, ``description``, ``feasibility``, ``results``, ``running``, ``simulation`` and
-``stability``.
+Imports ``base``, ``compiled``, ``control``, ``description``, ``feasibility``, ``results``, ``running``,
+``simulation`` and ``stability``.
 """
 
 from coop_pin import lazy_names

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import json
+import logging
 import sys
 from pathlib import Path
 from typing import Self
@@ -12,16 +13,24 @@ from typing import Self
 import numpy as np
 
 from coop_pin.base.arrays import require_path, require_type
-from coop_pin.base.errors import FieldError, OutOfRangeError
+from coop_pin.base.errors import CodeChangedError, FieldError, OutOfRangeError
+from coop_pin.base.loaded_code import edited_files, loaded_digests
+from coop_pin.base.source_code import file_digest
 from coop_pin.results.metrics import SIMULATION_SOUND, TASK_KEPT
 from coop_pin.results.netcdf import written_netcdf
 from coop_pin.results.run_result import RunResult
 from coop_pin.running.run_scenario import run
 from coop_pin.sweeps.analysis import SweepTable
 from coop_pin.sweeps.heat_map import write_heat_map
-from coop_pin.sweeps.run_key import file_digest
+from coop_pin.sweeps.run_key import code_for, require_unchanged, run_key
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.table import OK, TIMES, PointResult, describe
+from coop_pin.sweeps.table import MISSING, OK, TIMES, PointResult, describe
+
+_LOG = logging.getLogger("coop_pin.sweeps")
+_EDITED = (
+    "%s changed after the runs, or cannot be found here: start the sweep again for runs of the new code, or"
+    " undo the edit"
+)
 
 
 class SweepResult(SweepTable):
@@ -36,6 +45,8 @@ class SweepResult(SweepTable):
         """
         require_path("folder", folder)
         store = SweepStore(folder)
+        if edited := store.edited():
+            _LOG.warning(_EDITED, ", ".join(edited))
         return cls(store.read_plan(), store)
 
     # ------------------------------------------------------------ tables
@@ -112,11 +123,20 @@ class SweepResult(SweepTable):
         """Return one run as a full result, which is simulated again unless it was stored.
 
         Raises:
+            CodeChangedError: the user's code that would run is not that of the table.
             CoopPinError: the run fails.
         """
-        number = self._number(number)
-        result = self.store.read_result(self.table["key"][number])
-        return result if result is not None else run(self.plan.scenario(number), warn=False)
+        number, plan = self._number(number), self.plan
+        key = self.table["key"][number]
+        if (result := self.store.read_result(key)) is not None:
+            return result
+        scenario = plan.scenario(number)
+        code = code_for(scenario, plan.metrics, loaded_digests)
+        require_unchanged(code)
+        if code and run_key(scenario, plan.metrics, code, engine=plan.engine) != key:
+            (name, _), *_ = code
+            raise CodeChangedError(name, edited_files(name) or self.store.edited())
+        return run(scenario, warn=False)
 
     def _number(self, number: int) -> int:
         require_type("number", number, int, np.integer)
@@ -129,6 +149,8 @@ class SweepResult(SweepTable):
     def summary(self) -> str:
         """Return the plan, the number of runs by status, the failures and the metrics' ranges as text."""
         lines = describe(self.table, self.metric_names)
+        if self.counts()[MISSING] and (edited := self.store.edited()):
+            lines.insert(1, f"  {_EDITED % ', '.join(edited)}")
         if idle := self.fields_without_effect():
             lines.insert(1, f"  no effect on any metric here: {', '.join(idle)}")
         return "\n".join([self.plan.summary(), *lines])

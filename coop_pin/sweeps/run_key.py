@@ -5,19 +5,17 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
-import importlib.util
 import json
-import sys
-import sysconfig
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from modulefinder import ModuleFinder
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from coop_pin import __version__
 from coop_pin.base.errors import CodeChangedError, CoopPinError, ScenarioError
+from coop_pin.base.loaded_code import edited_files, loaded_digests, loads, old_users
 from coop_pin.base.schema.parts import Pattern, fields_of
-from coop_pin.base.schema.user_code import code_named, require_allowed
+from coop_pin.base.schema.user_code import code_of, require_allowed
+from coop_pin.base.source_code import code_digests, file_digest, source_files
 from coop_pin.description.scenario import Scenario
 from coop_pin.description.urdf import find_urdf
 from coop_pin.sweeps.plan import Point, SweepPlan
@@ -25,104 +23,39 @@ from coop_pin.sweeps.template import Number, Template, Templates
 
 Code = tuple[tuple[str, tuple[str, ...]], ...]
 """Names of a user's functions and classes, "module:name", and the digests of the source files of each."""
-_STANDARD_LIBRARY = Path(sysconfig.get_path("stdlib"))
-_SOURCE, _PACKAGE, _NO_FILE = ("", "rb", 1), ("", "", 5), ("", "", 6)
-"""What ModuleFinder calls a source file, a package, and a module without source."""
 
 
-def file_digest(path: Path) -> str:
-    """Return the SHA-256 digest of a file, 64 hexadecimal digits.
+def code_for(
+    scenario: Scenario, metrics: tuple[str, ...], digests: Callable[[str], tuple[str, ...]] = code_digests
+) -> Code:
+    """Return the user's code that a run needs, each name once, with the digests of its files.
 
     Raises:
-        OSError: the file cannot be read.
+        CodeRefusedError: code may not be named.
     """
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    names = dict.fromkeys([*code_of(scenario), *metrics])
+    require_allowed(names)
+    return tuple((name, digests(name)) for name in names)
 
 
-# ---------------------------------------------------------------- the user's code
-
-
-class _LocalModules(ModuleFinder):
-    """Modules that a module imports, at any depth, from one folder; nothing is imported to find them."""
-
-    def __init__(self, root: Path, top: str) -> None:
-        is_installed = {"site-packages", "dist-packages"} & {*root.parts} or root == _STANDARD_LIBRARY
-        self._tops = {top} if is_installed else None  # then only its own package is user code
-        super().__init__(path=[str(root)])
-
-    def find_module(self, name: str, path: Any, parent: Any = None) -> Any:
-        if parent is None and (name in ("", "coop_pin") or name not in (self._tops or {name})):
-            raise ImportError(name)
-        for base in (Path(folder, name) for folder in path or self.path):
-            source = base.with_suffix(".py")
-            if source.is_file() and not (base / "__init__.py").is_file():
-                return source.open("rb"), str(source), _SOURCE
-            if base.is_dir():
-                return None, str(base), _PACKAGE
-        if name != "__init__":  # a package need not have one
-            raise ImportError(name)
-        return None, None, _NO_FILE
-
-
-def source_files(name: str) -> tuple[Path, ...]:
-    """Return the source files of a module and of the local modules that it imports, at any depth.
-
-    Local modules lie in the same folder or belong to the same package; installed packages other than the
-    module's own are left out. Imports by a computed name are not followed. Nothing is imported.
-
-    Args:
-        name: "module:function" or "module".
-
-    Returns:
-        The files sorted by path, with the ``__init__.py`` of their packages; empty if there is no such
-        module, or it has no file, or Python cannot read it.
-    """
-    module = name.partition(":")[0]
-    if module == "__main__":  # a script is a module of its folder; a notebook has no file
-        main = sys.modules[module]
-        module = main.__spec__.name if main.__spec__ else Path(getattr(main, "__file__", None) or "").stem
-    top = module.partition(".")[0]
-    with contextlib.suppress(ImportError, SyntaxError, ValueError):  # the run itself reports these better
-        spec = importlib.util.find_spec(top)
-        locations = [] if spec is None else spec.submodule_search_locations or [spec.origin or ""]
-        for root in {Path(location).parent for location in locations}:
-            finder = _LocalModules(root, top)
-            finder.import_hook(module)
-            files = (getattr(entry, "__file__", None) for entry in finder.modules.values())
-            return tuple(sorted(map(Path, filter(None, files))))
-    return ()
-
-
-def code_of(scenario: Scenario, metrics: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names of the user's code that a run needs, each once."""
-    return tuple(dict.fromkeys([*(name for _, name in code_named(scenario)), *metrics]))
-
-
-def code_digests(name: str) -> tuple[str, ...]:
-    """Return the digests of the source files of "module:name"; none if it has no file."""
-    return tuple(map(file_digest, source_files(name)))
-
-
-@functools.cache  # what a process has loaded stays loaded
 def require_unchanged(code: Code) -> None:
     """Require that this process has loaded code as it was when a run's key was made.
 
     Python loads a module once: after an edit, a process or worker that is still running would store results
-    of the old code under the key of the new code. The code loaded is taken to be the files' content at the
-    first call for them.
+    of the old code under the key of the new code.
 
     Raises:
         CodeChangedError: this process has loaded other code.
     """
+    _require_loaded(code, loads())
+
+
+@functools.lru_cache(maxsize=64)
+def _require_loaded(code: Code, _loads: int) -> None:
+    """Require code of what this process has loaded, once until it loads more; raises CodeChangedError."""
     for name, digests in code:
-        loaded = tuple(_loaded.setdefault(path, file_digest(path)) for path in source_files(name))
-        if loaded != digests:
-            raise CodeChangedError(name)
-
-
-_loaded: dict[Path, str] = {}
-"""Digests of the files that this process has loaded."""
+        if loaded_digests(name) != digests or old_users(source_files(name)):
+            raise CodeChangedError(name, edited_files(name))
 
 
 # ---------------------------------------------------------------- keys
@@ -151,7 +84,7 @@ def run_key(
         engine: engine of the plan; compiled runs differ from those of Pinocchio by rounding.
     """
     if code is None:
-        code = tuple((name, code_digests(name)) for name in code_of(scenario, metrics))
+        code = code_for(scenario, metrics)
     content = _content(scenario, metrics, code, digest, engine)
     return _hash(content | {"scenario": scenario.model_dump_json()})
 
@@ -241,15 +174,10 @@ def keyed_points(plan: SweepPlan, runs: Iterable[int] | None = None) -> Iterator
     digests, digest = functools.cache(code_digests), functools.cache(file_digest)
     engine, metrics, templates = plan.engine, plan.metrics, Templates(plan)
 
-    def code_for(scenario: Scenario) -> Code:
-        names = code_of(scenario, metrics)
-        require_allowed(names)
-        return tuple((name, digests(name)) for name in names)
-
     @functools.lru_cache(1)
     def shared(template: Template) -> tuple[_KeyTemplate, Code]:
         first = template.pattern.first
-        code = code_for(first)
+        code = code_for(first, metrics, digests)
         content = _content(first, metrics, code, digest, engine)
         return _KeyTemplate(template, content), code
 
@@ -265,6 +193,6 @@ def keyed_points(plan: SweepPlan, runs: Iterable[int] | None = None) -> Iterator
         if isinstance(scenario, ScenarioError):
             yield KeyedPoint(point, unresolved_key(plan.base[point.base], point.changes), scenario)
             continue
-        code = code_for(scenario)
+        code = code_for(scenario, metrics, digests)
         key = run_key(scenario, metrics, code, digest, engine=engine)
         yield KeyedPoint(point, key, scenario, code)

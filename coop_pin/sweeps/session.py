@@ -11,7 +11,7 @@ import random
 import threading
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 from coop_pin.base.errors import (
     CoopPinError,
@@ -54,7 +54,7 @@ class Session:
 
     def __init__(self, store: SweepStore, execution: Execution) -> None:
         self.store, self._execution, self._processes = store, execution, execution.processes
-        self._has_looked = False
+        self._has_looked, self._names, self._remarks = False, set[str](), set[str]()
         self.stack, self._is_over = contextlib.ExitStack(), threading.Event()
         self.stack.callback(self._is_over.set)
 
@@ -110,6 +110,10 @@ class Session:
     def _store(self, plan: SweepPlan, outcomes: Sequence[Outcome]) -> None:
         """Store outcomes of the plan's runs; a name that another column has is refused before."""
         records = [outcome.record for outcome in outcomes]
+        remarks = {remark for outcome in outcomes for remark in outcome.remarks} - self._remarks
+        self._remarks |= remarks
+        for remark in sorted(remarks):
+            _LOG.warning("%s", remark)
         require_own_names(plan, set[str]().union(*(record.metrics for record in records)))
         self.columns.add(records)
         self.store.append(outcomes)
@@ -152,7 +156,7 @@ class Session:
                 families.setdefault(family, []).append(numbers[key])
         for family, members in families.items():
             members.sort()
-            singles = self._singly(plan, checked(members))
+            singles = self._singly(plan, checked(members, lambda number: _of_the_law(plan[number].changes)))
             records = [outcome.record for outcome in singles]
             if reason := _difference(self.store.read_records([each.key for each in records]), records):
                 scenario = plan.scenario(members[0])
@@ -188,6 +192,9 @@ class Session:
         for keyed in keyed_points(plan):
             point, key, scenario = keyed.point, keyed.key, keyed.example
             self._require_files(keyed.code)
+            if new := {name for name, _ in keyed.code} - self._names:
+                self._names |= new
+                self.store.write_code(self._names)
             self.keys.append(key)
             if keyed.code and isinstance(scenario, Scenario):
                 self._is_foreign |= bool(scenario.controller.user_code)
@@ -220,6 +227,11 @@ class Session:
                 reason = "has no file in which edits could be seen" if is_here else "workers cannot import"
                 detail = f"names {name!r}, which {reason}; put it into a module (a file of its own)"
                 raise FieldError(detail, "the plan")
+
+
+def _of_the_law(changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the changes of a run in its law."""
+    return {path: value for path, value in changes.items() if path.startswith("controller")}
 
 
 def _way(plan: SweepPlan) -> Way:

@@ -11,7 +11,7 @@ import logging
 import os
 import re
 import socket
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import BinaryIO, TypeVar
 
@@ -27,6 +27,7 @@ from coop_pin.base.errors import (
     ScenarioError,
     StoreLockedError,
 )
+from coop_pin.base.source_code import named_digests
 from coop_pin.base.user_files import read_user_file
 from coop_pin.results.run_result import RunResult
 from coop_pin.sweeps.plan import SweepPlan
@@ -161,12 +162,12 @@ class SweepStore:
         Raises:
             FileWriteError: the disk is full, or the folder cannot be written.
         """
-        for record, result, _ in outcomes:
+        for record, result, *_ in outcomes:
             if result is not None:
                 self.write_with(
                     self._result_path(record.key), functools.partial(Path.write_bytes, data=result)
                 )
-        data = b"".join(b"\n%s\n" % (line or record.to_line()) for record, _, line in outcomes)
+        data = b"".join(b"\n%s\n" % (line or record.to_line()) for record, _, line, _ in outcomes)
         with _write_errors(self.folder / "runs"):
             if data:
                 with self._segment.open("ab", buffering=0) as file:
@@ -250,6 +251,21 @@ class SweepStore:
             )
             raise FileReadError(f"{path} is of coop_pin {version}; repeat it with {__version__}: {command}")
         return plan
+
+    def write_code(self, names: Iterable[str]) -> None:
+        """Write the digests of the user's files, so that an edit after the runs can be named."""
+        content = json.dumps({name: named_digests(name) for name in sorted(names)}).encode()
+        self.write_changed(self.folder / "code.json", checksummed(content) + b"\n")
+
+    def edited(self) -> list[str]:
+        """Return the user's files that are not as they were when the last runs were computed."""
+        try:
+            data = read_user_file(self.folder / "code.json", limit=_PLAN_BYTES, kind="digests of code")
+            stored = json.loads(checked_content(data.strip()))
+        except (FileReadError, ValueError):  # a sweep without code of the user, or a damaged file
+            return []
+        pairs = (({*map(tuple, files)}, {*named_digests(name)}) for name, files in stored.items())
+        return sorted({file for old, new in pairs for file, _ in old ^ new})
 
     def write_changed(self, path: Path, content: bytes) -> None:
         """Write a file of the folder if its content changes; raises as write_with."""

@@ -6,6 +6,7 @@ import random
 import adversaries
 import numpy as np
 import pytest
+import stateful_laws
 from cells import SCENARIOS
 from ways import run_as_lane
 
@@ -115,10 +116,11 @@ def test_attributes_that_change_over_a_step_are_refused_by_name(target, name, ce
 
 def test_a_single_run_of_an_adversary_by_name_ends_with_its_law_interpreted(caplog):
     scenario = scenario_of("CountByGlobals", gain=GAINS[0])
-    with pytest.raises(TracingError, match="differs"):
+    with pytest.raises(TracingError, match="globals"):
         run_as_lane(scenario)
     adversaries.reset()
-    result = cp.run(scenario, engine="compiled", warn=False)
+    with caplog.at_level(logging.INFO, "coop_pin"):
+        result = cp.run(scenario, engine="compiled", warn=False)
     assert (result.engine, result.end) == ("compiled", pytest.approx(scenario.duration))
     assert "interpreted" in caplog.text
 
@@ -169,6 +171,60 @@ def test_runs_that_are_checked_are_the_first_and_another_one():
     assert [checked(range(n))[0] for n in (2, 3, 50)] == [0, 0, 0]
     assert all(0 < checked(range(n))[1] < n for n in range(2, 99))
     assert len({checked(range(n))[1] for n in range(50, 99)}) > 10
+
+
+def test_the_other_run_that_is_checked_has_other_options_than_the_first():
+    for masses in range(3, 26):
+        grid = [(gain, mass) for gain in (0.0, 200.0, 400.0) for mass in range(masses)]
+        first, other = checked(grid, lambda run: run[0])
+        assert first == (0.0, 0)
+        assert other[0] > 0.0
+    assert len(checked([1, 2, 3], lambda _: 0)) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "word"),
+    [
+        ("Counter", "'n'"),
+        ("Integral", "'integral'"),
+        ("InBytes", "'buffer'"),
+        ("Drawn", "'generator'"),
+        ("Counted", "numbers"),
+        ("InFile", "open"),
+        ("InEnvironment", "os"),
+        ("InCache", "cached"),
+        ("NumpyRandom", "numpy.random"),
+    ],
+)
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_a_compiled_run_of_a_law_that_remembers_is_refused_by_name(name, word, cell):
+    """An integral is noticed, too, whose gain is 0."""
+    controller, stateful_laws.buffer[0] = {"kind": "user", "target": f"stateful_laws:{name}"}, 0
+    with pytest.raises(TracingError, match=word):
+        run_as_lane(scenario_of("Spring", cell).replace(duration=9.0).override({"controller": controller}))
+
+
+def test_a_grid_that_begins_with_a_gain_of_zero_has_the_metrics_of_single_runs(tmp_path):
+    law = {"kind": "user", "target": "stateful_laws:Integral", "options": {"ki": 0.0}}
+    base = scenario_of("Spring").override({"controller": law})
+    axes = {"controller.options.ki": [0.0, 200.0, 400.0], "cell.payload.mass": [2.0, 2.5]}
+    tables = {
+        engine: cp.sweep(base, axes, out=tmp_path / engine, engine=engine, execution=HERE).table
+        for engine in ("compiled", "pinocchio")
+    }
+    columns = ["moving_position_rms_m", "torque_peak_Nm"]
+    assert tables["pinocchio"]["torque_peak_Nm"].round(6).nunique() == 5
+    np.testing.assert_allclose(tables["compiled"][columns], tables["pinocchio"][columns], 1e-9, 1e-9)
+
+
+def test_a_sweep_warns_once_of_what_its_runs_leave_to_the_next(tmp_path, caplog):
+    base = scenario_of("Spring").override(
+        {"controller": {"kind": "user", "target": "stateful_laws:ClassList"}}
+    )
+    plan = {"axes": {"cell.payload.mass": [2.0, 2.5]}, "engine": "pinocchio", "out": tmp_path}
+    cp.sweep(base, **plan, execution=HERE)
+    told = [record for record in caplog.messages if "'past' of class ClassList" in record]
+    assert len(told) == 1
 
 
 def test_quantities_that_differ_are_named():

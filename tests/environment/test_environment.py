@@ -8,7 +8,13 @@ import pytest
 from cells import ANCHORED, SCENARIOS
 
 import coop_pin as cp
-from coop_pin.base.errors import ArgumentError, CoopPinError, InvalidStateError, NameNotFoundError
+from coop_pin.base.errors import (
+    ArgumentError,
+    CoopPinError,
+    InvalidStateError,
+    NameNotFoundError,
+    TracingError,
+)
 from coop_pin.compiled import BatchSimulator
 from coop_pin.simulation.build_controller import build_controller
 
@@ -308,3 +314,17 @@ def test_what_does_not_fit_is_refused():
         lanes.step(np.zeros(lanes.action_space.shape))
     with pytest.raises(ArgumentError):
         lanes.reset(seed=[1])
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_episodes_of_a_law_that_remembers_are_equal_and_lanes_refuse_it(name):
+    scenario = cell(name, {"controller": {"kind": "user", "target": "stateful_laws:History"}})
+    env, episodes = CellEnv(scenario, Task("torque")), []
+    for _ in range(2):
+        observations = [env.reset(seed=0)[0]]
+        for _ in range(3):
+            observations.append(env.step(np.zeros(env.action_space.shape))[0])
+        episodes.append(observations)
+    assert np.array_equal(*episodes)
+    with pytest.raises(TracingError, match="'past'"):
+        VectorCellEnv(scenario, Task("torque"))

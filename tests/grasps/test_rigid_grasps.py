@@ -11,12 +11,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import coop_pin as cp
 from coop_pin.base.errors import FieldError, NameNotFoundError
+from coop_pin.base.schema.user_code import code_of
 from coop_pin.base.spatial import spatial_inertia
 from coop_pin.compiled import support
 from coop_pin.results.metrics import energy_balance
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
-from coop_pin.sweeps.run_key import code_of
 
 CYCLE = (
     cp.events.HandOver(time=0.02, arm="right", duration=0.02),
@@ -213,6 +213,6 @@ def test_an_event_of_ones_own_changes_the_plant():
     assert not data["interaction_wrench"].values[free, 1].any()
     assert np.abs(data["interaction_wrench"].values[~free, 1]).min() > 0.0
     assert "user's own" in support(scenario)
-    assert "test_rigid_grasps:let_go" in code_of(scenario, ())
+    assert "test_rigid_grasps:let_go" in code_of(scenario)
     with pytest.raises(NameNotFoundError, match="no_such"):
         cp.run(scenario.replace(events=(event.replace(target="test_rigid_grasps:no_such"),)), warn=False)

@@ -79,7 +79,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {"pinocchio", "scipy"},
     ),
     "running": (
-        {"compiled", "description", "feasibility", "model", "results", "simulation", "stability"},
+        {"compiled", "control", "description", "feasibility", "model", "results", "simulation", "stability"},
         set(),
     ),
     "design": (
@@ -103,7 +103,16 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {"gymnasium"},
     ),
     "sweeps": (
-        {"compiled", "description", "feasibility", "results", "running", "simulation", "stability"},
+        {
+            "compiled",
+            "control",
+            "description",
+            "feasibility",
+            "results",
+            "running",
+            "simulation",
+            "stability",
+        },
         {
             "distributed",
             "filelock",

@@ -9,11 +9,12 @@ from faulty import PUSH
 
 import coop_pin as cp
 from coop_pin.base.errors import CodeChangedError, UserCodeError
+from coop_pin.base.source_code import code_digests, source_files
 from coop_pin.sweeps import run_key as keys
 from coop_pin.sweeps.engine import sweep
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import SweepResult
-from coop_pin.sweeps.run_key import code_digests, run_key, source_files
+from coop_pin.sweeps.run_key import run_key
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.workers.job import Job, run_job
 
@@ -107,7 +108,7 @@ def test_packages_are_not_imported_to_find_their_files(place):
 
 
 def test_a_module_run_with_python_m_brings_its_package(place):
-    says = "from coop_pin.sweeps.run_key import source_files\n"
+    says = "from coop_pin.base.source_code import source_files\n"
     says += "print(*(path.name for path in source_files('__main__:f')))\n"
     write(
         place,
@@ -125,10 +126,10 @@ def test_a_module_run_with_python_m_brings_its_package(place):
     assert done.stdout.split() == ["__init__.py", "gains.py", "study.py", "tools.py"]
 
 
-def test_a_module_that_python_cannot_read_is_no_file_and_its_key_changes_when_it_is_mended(place):
+def test_a_module_that_python_cannot_read_is_a_file_whose_edit_is_seen(place):
     write(place, {"own_f.py": "def (:\n", "own_g.py": "import own_f\n"})
-    assert names(place, "own_f") == []
-    assert names(place, "own_g") == ["own_g.py"]
+    assert names(place, "own_f") == ["own_f.py"]
+    assert names(place, "own_g") == ["own_f.py", "own_g.py"]
     write(place, {"own_f.py": ""})
     assert names(place, "own_g") == ["own_f.py", "own_g.py"]
 

@@ -13,8 +13,8 @@ Functions and classes that a script passes as objects are of the script, whereve
 
 from __future__ import annotations
 
-import contextlib
 import functools
+import importlib
 import importlib.util
 import os
 import sys
@@ -96,6 +96,11 @@ def code_named(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
             yield from code_named(part, below)
 
 
+def code_of(value: Any) -> tuple[str, ...]:
+    """Return the names, "module:name", of all code that a configuration value names, each once."""
+    return tuple(dict.fromkeys(name for _, name in code_named(value)))
+
+
 def accept_code(names: Iterable[str]) -> None:
     """Let this process use names of code that its user, or the process that sent them, has passed."""
     for name in names:
@@ -133,7 +138,7 @@ def _is_users_module(top: str) -> bool:
     script = Path(getattr(sys.modules["__main__"], "__file__", None) or "")
     folders = [Path.cwd(), *([script.resolve().parent] if script.suffix == ".py" else [])]
     is_here = top in sys.modules or all(any(map(file.is_relative_to, folders)) for file in files)
-    return bool(files) and is_here and all(map(is_users_file, files))
+    return bool(files) and is_here and all(map(is_users_file, map(str, files)))
 
 
 def load_function(name: str, options: Mapping[str, Any]) -> Callable[..., Any]:
@@ -162,16 +167,6 @@ def load_class(name: str) -> type[Any]:
     return _load(name, "class", lambda value: isinstance(value, type))
 
 
-@contextlib.contextmanager
-def _without_bytecode() -> Iterator[None]:
-    """Import and keep no bytecode: it would outlive an edit of equal length within the same second."""
-    kept, sys.dont_write_bytecode = sys.dont_write_bytecode, True
-    try:
-        yield
-    finally:
-        sys.dont_write_bytecode = kept
-
-
 def _load(name: str, kind: str, is_kind: Callable[[Any], bool]) -> Any:
     """Import the object ``module:name`` of a kind, "function" or "class".
 
@@ -183,8 +178,7 @@ def _load(name: str, kind: str, is_kind: Callable[[Any], bool]) -> Any:
     module = f"module {module_name!r}"
     require_allowed([name])
     try:
-        with _without_bytecode():
-            value: Any = importlib.import_module(module_name)
+        value: Any = importlib.import_module(module_name)
     except ImportError as error:
         raise NameNotFoundError("module", module_name, [], f"the Python path ({error})") from None
     for part in path.split("."):

@@ -4,7 +4,5 @@ Open first: ``law_code`` (a controller and the kinematics of its arm, traced), `
 cannot run in a batch), ``c_export`` (the law of one arm as C99, with a self-test; ``c_messages`` what it
 tells and hears).
 
-``hidden_state`` finds state that a user's law keeps besides that of ``init`` and ``step``.
-
 Imports what ``compiled`` imports.
 """

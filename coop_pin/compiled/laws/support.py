@@ -6,9 +6,9 @@ that, too.
 
 from __future__ import annotations
 
-import math
+import itertools
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
@@ -18,7 +18,6 @@ from coop_pin.base.arrays import typed
 from coop_pin.base.errors import DivergedError, TracingError
 from coop_pin.compiled.constants import RunConstants, run_constants
 from coop_pin.compiled.kind import law_reason, plant_reason
-from coop_pin.compiled.laws.hidden_state import Contents, of_classes, of_objects, require_unchanged
 from coop_pin.compiled.laws.law_code import (
     LawTick,
     RecordedLaw,
@@ -28,6 +27,13 @@ from coop_pin.compiled.laws.law_code import (
     traced_call,
 )
 from coop_pin.control import ArmMeasurement, ArmReference, CellCommand, CellController
+from coop_pin.control.hidden_state import (
+    Contents,
+    of_classes,
+    of_objects,
+    require_no_outside,
+    require_unchanged,
+)
 from coop_pin.description.scenario import Scenario
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
@@ -37,12 +43,12 @@ Item = TypeVar("Item")
 
 CHECKED = 2
 """Runs of a family that are repeated singly."""
-_FIRST_TICKS = 200
-"""Ticks of a run by itself that are repeated singly."""
 _AGREEMENT = 1e-9
 """Largest difference of a quantity or metric, relative to its largest value or to 1, whichever is more."""
 _TICKS = 16
 """Number of ticks at which a user's controller is compared with its traced code."""
+_LATER_TICKS = 200
+"""Number of further ticks, over the whole length, of a run that no single run is compared with."""
 _TORQUE = 10.0
 """Size of what is added to torques there, N m."""
 _MOTION = 0.1
@@ -69,8 +75,14 @@ def support(scenario: Scenario) -> str | None:
 
 
 @as_tracing_errors()
-def require_traceable(scenario: Scenario, constants: RunConstants) -> None:
+def require_traceable(scenario: Scenario, constants: RunConstants, *, alone: bool = False) -> None:
     """Refuse a law that computes with Pinocchio, and a user's whose steps its traced code does not give.
+
+    Args:
+        scenario: scenario of the run.
+        constants: numbers of the run.
+        alone: whether no single run will be compared; then the law is looked at over the whole length, and
+            may name nothing that is another each time.
 
     Raises:
         TracingError: The controller cannot be traced, keeps state, or holds what cannot differ between runs.
@@ -85,10 +97,15 @@ def require_traceable(scenario: Scenario, constants: RunConstants) -> None:
     if scenario.network is not None:
         raise TracingError(f"its controller {law.user_code[0]!r} is a user's, whose messages are not traced")
     try:
-        ticks = shaken_ticks(scenario)
+        if alone:
+            require_no_outside(law.user_code)
+        ticks = shaken_ticks(scenario, later=_LATER_TICKS * alone)
         controller, rows = build_controller(scenario), scenario.cell.task_rows
+        before = _attributes(scenario, controller)
+        require_unchanged(of_objects(build_controller(scenario)), of_objects(controller), "when it is built")
         trace = partial(traced_call, constants.arms, rows, ticks[0], True)
         code = trace_law(controller, trace)
+        require_unchanged(before, _attributes(scenario, controller))
         require_agreement(*code, ticks)
     except TracingError as error:
         raise TracingError(f"its controller {law.user_code[0]!r} cannot be traced: it {error}") from None
@@ -120,8 +137,13 @@ class ShakenLaw(RecordedLaw):
         return [each if each is None else each + size * draw(size=np.shape(each)) for each in values]
 
 
-def shaken_ticks(scenario: Scenario) -> list[list[LawTick]]:
+def shaken_ticks(scenario: Scenario, *, later: int = 0) -> list[list[LawTick]]:
     """Return the first ticks of all arms in a run that is shaken at random.
+
+    Args:
+        scenario: scenario of the run.
+        later: number of further ticks, which have the measurements of the first ones at times and references
+            over the whole length of the run.
 
     Raises:
         TracingError: The controller fails there, or changes attributes.
@@ -132,6 +154,10 @@ def shaken_ticks(scenario: Scenario) -> list[list[LawTick]]:
         run = Simulation(scenario, law)
         for _ in range(min(_TICKS, run.timeline.ticks + 1)):
             run.tick()
+        first, end = law.ticks[1:] or law.ticks, run.timeline.time(run.timeline.ticks)
+        for tick, time in zip(itertools.cycle(first), np.linspace(run.time, end, later).tolist()):
+            at = [arm.measurement._replace(time=time, holding_torque=None) for arm in tick]
+            run.controller_state = law.step(at, run.references(time), run.controller_state).state
     except DivergedError:  # the ticks before it count
         pass
     except Exception as error:  # whatever a user's class raises
@@ -148,10 +174,17 @@ def _attributes(scenario: Scenario, controller: CellController) -> Contents:
 # ---------------------------------------------------------------- single runs
 
 
-def checked(runs: Sequence[Item]) -> list[Item]:
-    """Return the first of some runs and a random other one, which depends on their number only."""
+def checked(runs: Sequence[Item], options: Callable[[Item], Any] = lambda _: None) -> list[Item]:
+    """Return the first of some runs and a random other one, which depends on nothing but the runs.
+
+    Args:
+        runs: Runs of a family.
+        options: Function of a run: options of its law. The other run has not those of the first if any has.
+    """
     first, *others = runs
-    return [first, *random.Random(len(others)).sample(others, min(len(others), CHECKED - 1))]
+    others, like = random.Random(len(others)).sample(others, len(others)), options(first)
+    differing = (each for each in others if options(each) != like)
+    return [first, *([next(differing, others[0])] if others else [])]
 
 
 def difference(batch: Mapping[str, Any], expected: Mapping[str, Any]) -> str:
@@ -173,30 +206,26 @@ def difference(batch: Mapping[str, Any], expected: Mapping[str, Any]) -> str:
     return ""
 
 
-def require_single_run(scenario: Scenario, samples: Mapping[str, Any], *, to_the_end: bool = True) -> None:
+def require_single_run(scenario: Scenario, samples: Mapping[str, Any]) -> None:
     """Refuse a run of a user's law as compiled code that differs from a single run.
 
     Args:
         scenario: Scenario of the run.
         samples: Samples of the run.
-        to_the_end: Whether all ticks are compared; the first 200 otherwise.
 
     Raises:
         TracingError: It differs, or the single run fails.
     """
-    every = 1 if to_the_end else scenario.clock.record_every
     try:
         run = Simulation(scenario, build_controller(scenario))
-        most = run.timeline.ticks if to_the_end else every * math.ceil(_FIRST_TICKS / every)
-        for _ in range(min(run.timeline.ticks, most) + 1):
+        while not run.is_finished:
             run.tick()
         single = run.result().data
     except Exception as error:  # of a user's class, or of a run that fails
         reason = f"a single run ends with {type(error).__name__}: {error}"
     else:
         expected = {str(name): part.values for name, part in single.data_vars.items() if "time" in part.dims}
-        count = single.sizes["time"]
-        reason = difference({name: samples[name][:count] for name in expected}, expected)
+        reason = difference({name: samples[name] for name in expected}, expected)
     if reason:
         raise TracingError(disagreement(scenario, reason))
 

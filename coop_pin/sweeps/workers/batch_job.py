@@ -18,9 +18,9 @@ from coop_pin.base.schema.parts import Filled
 from coop_pin.base.schema.user_code import accept_code
 from coop_pin.compiled.engines import Way
 from coop_pin.compiled.kind import Cover, Kind
-from coop_pin.compiled.laws.hidden_state import digest
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.simulate import BatchSimulator
+from coop_pin.control.hidden_state import digest
 from coop_pin.sweeps.run_key import require_unchanged
 from coop_pin.sweeps.workers.job import (
     CtrlC,
@@ -79,6 +79,8 @@ def run_batch(jobs: Sequence[Job], is_over: Callable[[], bool] = bool) -> list[O
         for family in (families[kind] for kind in families if kind not in _untraceable):
             first = jobs[family[0].indices[0]]
             outcomes |= _attempted(first, _of_family, jobs, family, preparation, is_over) or {}
+        for code in {job.code for job in jobs}:
+            require_unchanged(code)  # as it was loaded now
         return [outcomes.get(index, "plant") for index in range(len(jobs))]
 
 

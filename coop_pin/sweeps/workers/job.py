@@ -8,7 +8,7 @@ import hashlib
 import sys
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, NamedTuple, Self, TypeVar, cast
 
 import numpy as np
@@ -22,6 +22,7 @@ from coop_pin.base.user_files import printable
 from coop_pin.compiled.engine_choice import EngineChoice, plant_of
 from coop_pin.compiled.engines import Way
 from coop_pin.compiled.kind import pinocchio_reason
+from coop_pin.control.hidden_state import leaks, of_all_runs
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.netcdf import to_netcdf
 from coop_pin.results.run_result import RunResult
@@ -218,11 +219,13 @@ class Outcome(NamedTuple):
         record: record of the run.
         result: content of the netCDF file of the full result, if it was requested.
         line: line of the record in the store; empty if its worker has left it to the store.
+        remarks: sentences on what the run has left to the next ones of its process.
     """
 
     record: Record
     result: bytes | None = None
     line: bytes = b""
+    remarks: Sequence[str] = ()
 
 
 class CtrlC(KeyboardInterrupt):
@@ -239,7 +242,9 @@ def run_job(job: Job) -> Outcome:
         KeyboardInterrupt: Ctrl-C.
     """
     require_unchanged(job.code)
-    accept_code(name for name, _ in job.code)  # which whoever sent the job has looked at
+    code = tuple(name for name, _ in job.code)
+    accept_code(code)  # which whoever sent the job has looked at
+    before = of_all_runs(code)
 
     def compute() -> RunResult:
         scenario, progress = separate(job.scenario), deadline(job.time_limit_s)
@@ -248,7 +253,9 @@ def run_job(job: Job) -> Outcome:
             engine = "pinocchio"
         return simulate(scenario, build_controller(scenario), progress=progress, plant=plant_of(engine))
 
-    return outcome_of(job, compute)
+    outcome = outcome_of(job, compute)
+    require_unchanged(job.code)  # as it was loaded now
+    return outcome._replace(remarks=leaks(before, code))
 
 
 def separate(scenario: Scenario) -> Scenario:
