@@ -33,7 +33,7 @@ def with_located_meshes(text: str, urdf: UrdfFile) -> tuple[str, list[Path]]:
 
     Args:
         text: the URDF.
-        urdf: its file.
+        urdf: file of the robot.
     """
     robot, files = read_document(text.encode()), []
     for mesh, path in meshes(robot, urdf):

@@ -36,7 +36,7 @@ def physical_findings(
 
     Args:
         robot: the <robot> element.
-        tree: its tree.
+        tree: tree of the robot.
         locked: positions of the locked joints, rad or m.
         repairs: whether moved links are repaired, see ``repairable``; None for no repair.
     """

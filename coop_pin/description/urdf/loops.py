@@ -142,7 +142,7 @@ def loop_findings(robot: Element, tree: Tree, locked: Collection[str]) -> Iterat
 
     Args:
         robot: the <robot> element.
-        tree: its tree.
+        tree: tree of the robot.
         locked: names of the locked joints; between parts that they join a loop binds nothing.
     """
     first: dict[str, Element] = {}

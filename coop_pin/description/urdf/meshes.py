@@ -30,7 +30,7 @@ def mesh_findings(robot: Element, urdf: UrdfFile) -> Iterator[UrdfFinding]:
 
     Args:
         robot: the <robot> element.
-        urdf: its file.
+        urdf: file of the robot.
     """
     for mesh, path in meshes(robot, urdf):
         name, link = mesh.get("filename", ""), next(mesh.iterancestors("link"))
@@ -51,7 +51,7 @@ def meshes(robot: Element, urdf: UrdfFile) -> Iterator[tuple[Element, Path | Non
 
     Args:
         robot: the <robot> element.
-        urdf: its file.
+        urdf: file of the robot.
     """
     roots: dict[str, list[Path]] | None = None
     for mesh in robot.findall("link/visual/geometry/mesh"):
