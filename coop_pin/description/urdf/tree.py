@@ -39,7 +39,7 @@ class Edge(NamedTuple):
         """Return the pose of the child link in the parent link, shape (..., 4, 4).
 
         Args:
-            position: of the joint, rad or m, shape (...).
+            position: position of the joint, rad or m, shape (...).
         """
         x, kind = np.asarray(position, dtype=np.float64), self.joint.get("type")
         X_motion = np.broadcast_to(np.eye(4), (*x.shape, 4, 4)).copy()
