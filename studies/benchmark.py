@@ -1,7 +1,8 @@
 """Benchmark of all controllers, from stored gains, in the cells that have them.
 
 Runs what is missing in out/studies/benchmark, and writes studies/benchmark.csv, what was run into
-docs/concepts/benchmark.md, and docs/images/benchmark-CELL.png. With --page, only the text, from the CSV.
+docs/concepts/benchmark.md and studies/benchmark.md, and docs/images/benchmark-CELL.png. With --page, only the
+text, from the CSV.
 
 Usage: python studies/benchmark.py [--duration SECONDS] [--seeds N] [--trials NAME ...] [--workers N] [--page]
 """
@@ -27,6 +28,7 @@ from coop_pin.figures import comparison_figure
 HERE = Path(__file__).parent
 DATA = HERE / "benchmark.csv"
 PAGE = HERE.parent / "docs" / "concepts" / "benchmark.md"
+TABLES = HERE / "benchmark.md"
 FORCES = ("nominal", "noise", "bias 0.1 mm", "bias 1 mm", "base turned by 1 mrad", "wrist lost at half time")
 TRACKING = ("nominal", "bias 1 mm", "mass x0.5", "mass x2", "push", "torque of an arm lost")
 NEAR = 0.05
@@ -48,20 +50,33 @@ def text(found: Comparison, duration: float | None) -> str:
     length = "of the scenario's own length" if duration is None else f"of {duration:g} s"
     cells = ", ".join(f"`{name}`" for name in found.data["scenario"].values)
     others = ", ".join(f"`{name}`" for name in BENCHMARK if name not in found.data["scenario"].values)
-    tuned, names = (list(map(str, found.data[name].values)) for name in ("scenario", "controller"))
+    tuned = list(map(str, found.data["scenario"].values))
     return (
         f"{sizes['controller']} controllers, {sizes['trial']} trials, {cells}: {runs} runs {length},"
         f" {finished} finished{verdicts}. Not tuned yet, and so not run: {others or 'none'}."
         "\n\nMean rank of each controller over all cells and trials, 1 is the best, with an interval from"
         " 95 % of resamplings of the places (cell and trial), which are chosen by hand:\n\n"
-        f"{ranks(found)}\n\n"
+        f"{ranks(found)}\n\n{at_ends(tuned)}"
+    )
+
+
+def tables(found: Comparison) -> str:
+    """Return internal force, tracking error and T lambda of all controllers, as Markdown."""
+    tuned, names = (list(map(str, found.data[name].values)) for name in ("scenario", "controller"))
+    return (
         "Internal force, axial and shear together, N, from the cell where it is least to that where it is"
         f" largest:\n\n{spans(found, force(found), FORCES)}\n\n"
         "Tracking error in the same way, mm:\n\n"
-        f"{spans(found, found.data['tracking_rms_mm'], TRACKING)}\n\n{at_ends(tuned)}\n\n"
+        f"{spans(found, found.data['tracking_rms_mm'], TRACKING)}\n\n"
         "$T\\lambda$ of every controller with these gains, the largest of nine poses along the motion"
         f" (sampled damping holds below 2):\n\n{stability(names, tuned)}"
     )
+
+
+def write(found: Comparison, duration: float | None) -> None:
+    """Write the text of the page and the tables of the study."""
+    write_block(PAGE, "benchmark", text(found, duration))
+    write_block(TABLES, "tables", tables(found))
 
 
 def at_ends(cells: list[str]) -> str:
@@ -149,7 +164,7 @@ def main() -> None:
     parser.add_argument("--page", action="store_true", help="only write the text, from the CSV")
     asked = parser.parse_args()
     if asked.page:
-        write_block(PAGE, "benchmark", text(Comparison.load(DATA), asked.duration))
+        write(Comparison.load(DATA), asked.duration)
         return
     cells = tuned_cells()
     known = {name: None for cell in cells for name in standard_trials(Scenario.load(cell))}
@@ -160,7 +175,7 @@ def main() -> None:
     found.write_csv(DATA)
     for cell in map(str, found.data["scenario"].values):
         save_image(comparison_figure(found, cell), IMAGES / f"benchmark-{cell}")
-    write_block(PAGE, "benchmark", text(found, asked.duration))
+    write(found, asked.duration)
     print(found.summary())
 
 
