@@ -15,8 +15,8 @@ from coop_pin.control import force_gain_bound
 
 FOLDER = Path(__file__).parents[2] / "studies"
 CONCEPTS = FOLDER.parent / "docs" / "concepts"
-BENCHMARK, FRONT = ((CONCEPTS / name).read_text(encoding="utf-8") for name in ("benchmark.md", "front.md"))
-TABLES = (FOLDER / "benchmark.md").read_text(encoding="utf-8")
+BENCHMARK = (CONCEPTS / "benchmark.md").read_text(encoding="utf-8")
+TABLES, FRONT = ((FOLDER / name).read_text(encoding="utf-8") for name in ("benchmark.md", "front.md"))
 ERROR, ALPHA = "settled_axial_rms_error_N", "controller.gains.sign_gain"
 COUNTS = {
     "force_gain": {"force_gain": 114},
@@ -315,7 +315,7 @@ def test_pages_hold_the_tables_of_stored_data(claims):
         assert with_block(page, name, text) == page
     import costs
 
-    assert with_block(BENCHMARK, "costs", costs.table(pd.read_csv(costs.DATA))) == BENCHMARK
+    assert with_block(TABLES, "costs", costs.table(pd.read_csv(costs.DATA))) == TABLES
     with pytest.raises(ValueError, match="no such block"):
         with_block(page, "no such block", "")
 
