@@ -29,6 +29,7 @@ HERE = Path(__file__).parent
 DATA = HERE / "paper_claims"
 LOSSES = HERE / "losses.csv"
 PAGE = HERE.parent / "docs" / "concepts" / "paper-claims.md"
+TABLES = HERE / "paper_claims.md"
 METRIC = "claims_window:judged"
 LAWS = {
     "printed": None,
@@ -126,14 +127,14 @@ def series(result: cp.SweepResult, law: str, trial: str) -> pd.DataFrame:
     return rms.assign(law=law, trial=trial)
 
 
-def blocks(tables: Mapping[str, pd.DataFrame]) -> dict[str, str]:
-    """Return what the study writes into the page, by the names of its blocks."""
+def blocks(tables: Mapping[str, pd.DataFrame]) -> dict[tuple[Path, str], str]:
+    """Return what the study writes, by page and name of its blocks."""
     return {
-        "verdicts": claims_tables.verdicts(tables, pd.read_csv(HERE / "costs.csv")),
-        "experiment": claims_tables.experiment(tables["laws"]),
-        "robustness": claims_tables.robustness(tables["laws"]),
-        "alpha": claims_tables.alpha(tables["alpha"], ALPHA, RATE),
-        "force gain": claims_tables.force_gain(tables["force_gain"], FORCE_GAIN),
+        (PAGE, "verdicts"): claims_tables.verdicts(tables, pd.read_csv(HERE / "costs.csv")),
+        (TABLES, "experiment"): claims_tables.experiment(tables["laws"]),
+        (TABLES, "robustness"): claims_tables.robustness(tables["laws"]),
+        (PAGE, "alpha"): claims_tables.alpha(tables["alpha"], ALPHA, RATE),
+        (PAGE, "force gain"): claims_tables.force_gain(tables["force_gain"], FORCE_GAIN),
     }
 
 
@@ -151,8 +152,8 @@ def main() -> None:
             table.to_csv(DATA / f"{name}.csv", index=False, float_format="%.6g", lineterminator="\n")
     tables = {path.stem: pd.read_csv(path) for path in sorted(DATA.glob("*.csv"))}
     losses().to_csv(LOSSES, index=False, float_format="%.3g", lineterminator="\n")
-    for name, text in blocks(tables).items():
-        write_block(PAGE, name, text)
+    for (page, name), text in blocks(tables).items():
+        write_block(page, name, text)
         print(text, end="\n\n")
     save_image(claims_figure.figure(tables, FORCE_GAIN, ALPHA, RATE), IMAGES / "study-paper-claims")
 

@@ -310,14 +310,14 @@ def test_pages_hold_the_tables_of_stored_data(claims):
     study, tables = claims
     from pages import with_block
 
-    page = study.PAGE.read_text(encoding="utf-8")
-    for name, text in study.blocks(tables).items():
-        assert with_block(page, name, text) == page
+    for (page, name), block in study.blocks(tables).items():
+        text = page.read_text(encoding="utf-8")
+        assert with_block(text, name, block) == text
     import costs
 
     assert with_block(TABLES, "costs", costs.table(pd.read_csv(costs.DATA))) == TABLES
     with pytest.raises(ValueError, match="no such block"):
-        with_block(page, "no such block", "")
+        with_block(TABLES, "no such block", "")
 
 
 @pytest.mark.usefixtures("draw")
