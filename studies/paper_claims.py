@@ -2,8 +2,8 @@
 
 Runs the paper's experiment with five laws under seven trials, the printed law over alpha and control rate,
 and over the force gain; finished runs are kept in out/studies/paper_claims. Writes the tables in
-studies/paper_claims, studies/losses.csv, the tables in docs/concepts/paper-claims.md and
-docs/images/study-paper-claims.png.
+studies/paper_claims, studies/losses.csv, the tables in docs/concepts/paper-claims.md
+and studies/paper_claims.md, and docs/images/study-paper-claims.png.
 
 Usage: python studies/paper_claims.py [--draw]
 """
