@@ -364,6 +364,22 @@ def sentences(text):
         yield from re.split(r"(?<=[.?!])\s+", " ".join(paragraph.replace("*", "").split()))
 
 
+GENERATED = [DOCS / "verification.md", DOCS / "fields.md", *(DOCS / "api").glob("*.md")]
+RECORDS = r"""\btest_\w+|\bpytest\b|\b(?=[0-9]*[a-f])(?=[a-f]*[0-9])[0-9a-f]{7,40}\b"""
+"""Names of tests, and commits: hexadecimal words of letters and digits."""
+
+
+def test_pages_for_users_name_no_tests_and_no_commits():
+    """A claim has its tests on the page of verification."""
+    users = [page for page in PAGES if page not in GENERATED]
+    offenders = {page.name: re.findall(RECORDS, page.read_text(encoding="utf-8")) for page in users}
+    assert {name: records for name, records in offenders.items() if records} == {}
+    assert re.findall(RECORDS, "`test_a_claim` at 4e94d81, not 2166136 or defaced") == [
+        "test_a_claim",
+        "4e94d81",
+    ]
+
+
 @pytest.mark.parametrize(
     "page",
     [REPOSITORY / "README.md", *(page for page in PAGES if page.stem != "verification")],
