@@ -3,7 +3,7 @@
 Runs the paper's experiment with five laws under seven trials, the printed law over alpha and control rate,
 and over the force gain; finished runs are kept in out/studies/paper_claims. Writes the tables in
 studies/paper_claims, studies/losses.csv, the tables in docs/concepts/paper-claims.md
-and studies/paper_claims.md, and docs/images/study-paper-claims.png.
+and docs/studies/paper-claims.md, and docs/images/study-paper-claims.png.
 
 Usage: python studies/paper_claims.py [--draw]
 """
@@ -29,7 +29,7 @@ HERE = Path(__file__).parent
 DATA = HERE / "paper_claims"
 LOSSES = HERE / "losses.csv"
 PAGE = HERE.parent / "docs" / "concepts" / "paper-claims.md"
-TABLES = HERE / "paper_claims.md"
+TABLES = HERE.parent / "docs" / "studies" / "paper-claims.md"
 METRIC = "claims_window:judged"
 LAWS = {
     "printed": None,

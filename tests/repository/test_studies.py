@@ -16,7 +16,10 @@ from coop_pin.control import force_gain_bound
 FOLDER = Path(__file__).parents[2] / "studies"
 CONCEPTS = FOLDER.parent / "docs" / "concepts"
 BENCHMARK = (CONCEPTS / "benchmark.md").read_text(encoding="utf-8")
-TABLES, FRONT = ((FOLDER / name).read_text(encoding="utf-8") for name in ("benchmark.md", "front.md"))
+TABLES, FRONT = (
+    (FOLDER.parent / "docs" / "studies" / name).read_text(encoding="utf-8")
+    for name in ("benchmark.md", "front.md")
+)
 ERROR, ALPHA = "settled_axial_rms_error_N", "controller.gains.sign_gain"
 COUNTS = {
     "force_gain": {"force_gain": 114},
