@@ -322,6 +322,7 @@ def test_the_line_for_conda_names_all_requirements_but_pinocchio():
         "concepts/measurements.md",
         pytest.param("concepts/commands.md", marks=pytest.mark.gate),
         pytest.param("howto/arm.md", marks=pytest.mark.slow),
+        pytest.param("howto/laws.md", marks=pytest.mark.gate),
         "howto/mechanism.md",
         pytest.param("howto/scenario.md", marks=pytest.mark.gate),
         pytest.param("quickstart.md", marks=pytest.mark.gate),
