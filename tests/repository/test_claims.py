@@ -408,7 +408,7 @@ def benchmark_table():
 
 def test_one_millimetre_is_one_table():
     """Every row of the table is in the data it names, or a test of its own holds it."""
-    page = (CONCEPTS / "choose.md").read_text(encoding="utf-8")
+    page = (CONCEPTS.parent / "studies" / "measurements.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| ([^|]+) \| [^|]+ \| ([^|]+) \| ([^|]+) \| ([\d.]+) \| `([^`]+)` \|$", page, re.M)
     assert len(rows) == 12
     claims = pd.read_csv(STUDIES / "paper_claims" / "laws.csv").set_index(["law", "trial"])
