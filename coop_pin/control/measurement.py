@@ -116,7 +116,6 @@ class ControlledArm(NamedTuple):
         base_drives: Number of its first drives that move a mobile base.
         way_out: Normal of the face on which it holds the payload by friction, out of it in payload axes,
             shape (3,): it starts with the squeeze on. None with another grasp.
-        payload_mass: Mass of the payload as the scenario states it, kg.
     """
 
     name: str
@@ -131,7 +130,6 @@ class ControlledArm(NamedTuple):
     oldest_wrench: int
     base_drives: int = 0
     way_out: Array | None = None
-    payload_mass: float = 0.0
 
     @property
     def pressed(self) -> bool:

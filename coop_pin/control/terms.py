@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -241,9 +241,9 @@ class PostureGains(Description):
         return stiffness, damping
 
 
-def with_payload_weight(gains: G, arm: ControlledArm) -> G:
-    """Return sized gains with a ``payload_weight``: where none is stated, that of the arm's scenario."""
+def with_payload_weight(gains: G, arm: ControlledArm, scenario: Any) -> G:
+    """Return sized gains with a ``payload_weight``: where none is stated, that of the payload."""
     if fields_of(gains)["payload_weight"] is not None:
         return gains
-    weight = arm.rows.select(weight_wrench(arm.payload_mass, arm.gravity))
+    weight = arm.rows.select(weight_wrench(scenario.cell.payload.mass, arm.gravity))
     return refilled(gains, {"payload_weight": weight})

@@ -183,8 +183,8 @@ class TaskMonitor:
         rule = np.where(decayed < n, _FROM_ALL, np.where(within < n, _FROM_OWN, _FROM_GROWTH))
         starts = np.choose(rule, (np.minimum(ever_grown, n - 1), within, decayed))
         shown = np.choose(rule, (ever_grown, within, grown))
-        own = np.where(within < n, within, 0).max(axis=0)
-        self.after_decay = np.arange(n) >= np.where(decayed < n, decayed, own)[..., None]
+        last = np.where(within < n, within, 0).max(axis=0)
+        self.after_decay = np.arange(n) >= np.where(decayed < n, decayed, last)[..., None]
         largest = np.where(np.arange(n) >= shown[..., None], e, -np.inf).max(axis=-1)
         goes_on = before.rule == rule
         keeps = goes_on & (before.shows | (rule != _FROM_GROWTH))

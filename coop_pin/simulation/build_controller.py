@@ -45,7 +45,6 @@ def controlled_arm(scenario: Scenario, model: ArmModel) -> ControlledArm:
         drives=model.nv,
         posture=posture,
         gravity=np.array(cell.gravity),
-        payload_mass=cell.payload.mass,
         start_pose=scenario.start.matrix,
         oldest_wrench=scenario.oldest_wrench,
         base_drives=model.base_joints,

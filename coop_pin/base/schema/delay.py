@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 import re
 from collections.abc import Callable
 from typing import Annotated, Any
@@ -59,15 +60,17 @@ Delay = Annotated[
 
 def in_ticks(node: Any, rate_hz: float) -> Any:
     """Return a value in which delays that are stated as times have their ticks of a control rate, Hz."""
-    if isinstance(node, StatedDelay):
+    kind = type(node)  # which may be read of stand-ins for numbers, too
+    if kind is StatedDelay:
         ticks = StatedDelay.of(node.text, rate_hz)
         return node if ticks == node else ticks
-    if isinstance(node, tuple) and not hasattr(node, "_fields"):
-        return tuple(in_ticks(part, rate_hz) for part in node)
-    parts = fields_of(node) if isinstance(node, BaseModel) else node
-    if not isinstance(parts, dict):
+    if kind is tuple:
+        parts = tuple([in_ticks(part, rate_hz) for part in node])
+        return node if all(map(operator.is_, parts, node)) else parts
+    fields = fields_of(node) if issubclass(kind, BaseModel) else node
+    if type(fields) is not dict:
         return node
-    changed = {name: in_ticks(part, rate_hz) for name, part in parts.items()}
-    if all(changed[name] is part for name, part in parts.items()):
+    changed = {name: in_ticks(part, rate_hz) for name, part in fields.items()}
+    if all(changed[name] is part for name, part in fields.items()):
         return node
-    return refilled(node, changed) if isinstance(node, BaseModel) else changed
+    return refilled(node, changed) if kind is not dict else changed

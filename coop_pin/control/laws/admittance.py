@@ -221,7 +221,7 @@ class Admittance(DecentralisedLaw[AdmittanceGains]):
 
     def controller_of(self, arm: ControlledArm, gains: AdmittanceGains, scenario: Any) -> ArmController:
         """Return the law of one arm."""
-        return AdmittanceController(arm, with_payload_weight(gains, arm), self.command)
+        return AdmittanceController(arm, with_payload_weight(gains, arm, scenario), self.command)
 
     def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
         """Return the controller of the cell; see Law."""

@@ -140,7 +140,7 @@ class LeaderFollower(DecentralisedLaw[LeaderFollowerGains]):
 
     def controller_of(self, arm: ControlledArm, gains: LeaderFollowerGains, scenario: Any) -> ArmController:
         """Return the law of one arm."""
-        return LeaderFollowerController(arm, with_payload_weight(gains, arm))
+        return LeaderFollowerController(arm, with_payload_weight(gains, arm, scenario))
 
     def loop(self, cell: CellTiming) -> SampledLoop:
         """Return a follower's force loop in the task row with the largest B / D."""
