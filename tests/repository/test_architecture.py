@@ -457,9 +457,11 @@ assert torque.shape == (4,) and np.isfinite(torque).all()
 wrist = measurement._replace(interaction_wrench=f, interaction_wrench_age=0.0)
 printed = {"pose_gain": 2.0, "sign_gain": 0.2, "damping_gain": 20.0, "transient_rate": 5.0}
 space = {"pose_gain": 2.0, "sign_gain": 0.2, "sliding_gain": 500.0, "transient_rate": 5.0}
+weight = {"payload_weight": 0.0}  # which else is that of the scenario
 for law in (SlidingMode(gains=printed), RedundantSlidingMode(gains=printed), PrescribedPerformance(),
-            PayloadSpace(gains=space, payload_mass=1.0, zero_at_grasp=True), LeaderFollower(),
-            Admittance(zero_at_grasp=True), Admittance(command="position", follows="leader")):
+            PayloadSpace(gains=space, payload_mass=1.0, zero_at_grasp=True), LeaderFollower(gains=weight),
+            Admittance(gains=weight, zero_at_grasp=True),
+            Admittance(gains=weight, command="position", follows="leader")):
     for seen in (wrist, wrist._replace(**spare._asdict() | {"interaction_wrench": f})):
         k = len(seen.q)
         if law.kind == "sliding-mode" and k > 3:
@@ -499,7 +501,7 @@ def by_messages(law):
 wrist = measurement._replace(interaction_wrench=f, interaction_wrench_age=0.0, internal_wrench=None)
 BY_MESSAGES = [
     MeanPose(gains=space), MeanPose(gains=space, averaging="consensus"),
-    Admittance(),
+    Admittance(gains=weight),
 ]
 for told in ("messages", "consensus", "learned-load"):
     BY_MESSAGES.append(PayloadSpace(gains=space, force_path={"kind": told}))
