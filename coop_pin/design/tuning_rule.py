@@ -43,6 +43,8 @@ _ON_START = 1e-3
 _TRACKING, _FORCE = 2e-4, 0.2
 """Expected error, m, and internal force, N, while moving, for which the rate is raised."""
 
+_MOMENT = 0.05
+"""Expected internal moment while moving, N m, for which g is raised: half of what a task allows."""
 _ANCHOR_PART = 0.8
 """Part of the anchor's bound that the motion may take."""
 
@@ -131,12 +133,12 @@ def gain_proposal(
 
 
 def _anchored_faster(proposal: GainProposal, scenario: Scenario, wrenches: MotionWrenches) -> GainProposal:
-    """Return the proposal with g raised, up to 0.5 and a quarter of its bound, if the force is too large."""
-    force, bound = proposal.internal_force, proposal.anchor_bound
-    if force is None or bound is None:
+    """Return the proposal with g raised, up to 0.5 and a quarter of its bound, if an error is too large."""
+    force, moment, bound = proposal.internal_force, proposal.internal_moment, proposal.anchor_bound
+    if force is None or moment is None or bound is None:
         return proposal
     g, largest = proposal.gains.anchor_gain, rounded_down(min(_LARGEST_ANCHOR, bound / 4.0))
-    while force > _FORCE and g < largest:
+    while (force > _FORCE or moment > _MOMENT) and g < largest:
         g = min(largest, rounded_down(_RAISED * g))
         force, moment = expected_internal_errors(scenario, wrenches, g * proposal.rate_hz)
         gains = proposal.gains.replace(anchor_gain=g)
