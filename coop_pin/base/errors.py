@@ -149,7 +149,7 @@ def suggestion(name: str, known: Sequence[str]) -> str:
         name: the misspelt name.
         known: the existing names.
     """
-    close = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    close = difflib.get_close_matches(str(name), known, n=3, cutoff=0.5)
     if close:
         return "did you mean " + " or ".join(map(repr, close)) + "?"
     shown = ", ".join(map(repr, known[:12]))

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.base.arrays import Array, frozen
+from coop_pin.base.arrays import Array, frozen, real_numbers
 from coop_pin.base.errors import ArgumentError, DivergedError, FieldError, ShapeError
 from coop_pin.control import CellCommand, CellController
 from coop_pin.control.controller import COMMANDS
@@ -280,9 +280,8 @@ def _real_numbers(name: str, values: Any) -> Array:
         ArgumentError: they are complex, or no numbers.
     """
     try:
-        array = np.asarray(values)
+        return real_numbers(name, values).astype(np.float64)
+    except ArgumentError:
+        raise
     except Exception as error:  # such as that of a tensor with a gradient
         raise ArgumentError(f"{name} cannot be read as an array: {error}") from error
-    if array.dtype.kind not in "fiub":
-        raise ArgumentError(f"{name} has entries of type {array.dtype}; they must be real numbers")
-    return array.astype(np.float64)
