@@ -56,7 +56,10 @@ def as_array(name: str, value: ArrayLike, *shape: int | str) -> Array:
     except ArgumentError:
         raise
     except (ValueError, TypeError):
-        raise ShapeError(name, np.shape(np.array(value, dtype=object)), shape) from None
+        if (actual := np.shape(np.array(value, dtype=object))) == shape:
+            kind = f"an object of type {type(value).__name__}"
+            raise ArgumentError(f"{name} is or contains {kind}; it must be real numbers") from None
+        raise ShapeError(name, actual, shape) from None
     if array.shape != shape and (
         array.ndim != len(shape)
         or any(isinstance(size, int) and size != have for have, size in zip(array.shape, shape, strict=True))

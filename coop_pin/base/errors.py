@@ -443,6 +443,12 @@ def place_of(error: BaseException) -> tuple[str, int, str]:
     return shown(Path(frame.f_code.co_filename)), line, frame.f_code.co_qualname
 
 
+def is_of_users_code(error: BaseException) -> bool:
+    """Return whether an exception went through a function of the user's, below the one that caught it."""
+    frames = (frame for frame, _ in traceback.walk_tb(error.__traceback__))
+    return any(_is_users(Path(frame.f_globals.get("__file__") or __file__)) for frame in frames)
+
+
 def source_of(function: Callable[..., Any]) -> tuple[str, int, str]:
     """Return file, first line and name of a function or method, as ``place_of``; ("", 0, name) if unknown."""
     name = getattr(function, "__qualname__", type(function).__qualname__)

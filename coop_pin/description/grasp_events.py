@@ -166,6 +166,13 @@ class Regrasp(GraspEvent):
             problems.append(FieldError(f"{detail}; take 'found'", "rest"))
         return problems
 
+    def problem(self, earlier: Any) -> FieldError | None:
+        """Return that the arm has failed, given the scenario with the events before it alone."""
+        lost = earlier.actuators_of(self.arm).lost_at if self.arm in earlier.cell.arms else None
+        if lost is None or lost > self.time:
+            return None
+        return FieldError(f"is {self.arm!r}, which fails at {lost:g} s: it cannot take hold", "arm")
+
     @property
     def end(self) -> float:
         """Time at which the arm bears its share again, s."""
@@ -282,6 +289,7 @@ def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
         if after.time < before.end
     ]
     holding, since = dict.fromkeys(cell.arms, True), dict[str, float]()
+    retreated = dict[str, float]()
     laid = min((event.end for event in of_kind(events, PutDown)), default=math.inf)
     at_grasps = _in_order(events, GraspEvent)
     for (event, _), (other, path) in itertools.pairwise(at_grasps):
@@ -294,6 +302,14 @@ def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
         if event.time < since.get(event.arm, 0.0):
             detail = f"is {event.time:g} s, but the event before it at {event.arm!r} ends at"
             problems.append(FieldError(f"{detail} {since[event.arm]:g} s", f"{path}.time"))
+        begins = event.time - event.wait - event.approach_time if isinstance(event, Regrasp) else math.inf
+        if begins < (back := retreated.get(event.arm, 0.0)):
+            detail = (
+                f"is {event.time:g} s, so the approach begins at {begins:g} s, before the retreat ends at"
+            )
+            problems.append(FieldError(f"{detail} {back:g} s", f"{path}.time"))
+        if isinstance(event, Release) and event.retreat:
+            retreated[event.arm] = event.instant + event.retreat_time
         if holding[event.arm] == event.holds:
             state = "holds the payload already" if event.holds else "is free already"
             detail = f"is {event.arm!r}, which {state} at {event.time:g} s"

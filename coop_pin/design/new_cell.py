@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from coop_pin.base.arrays import as_array, as_positive, require_type, typed
-from coop_pin.base.errors import FieldError, InfeasibleMotionError, UrdfError, suggestion
+from coop_pin.base.errors import FieldError, InfeasibleMotionError, OutOfRangeError, UrdfError, suggestion
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial.task_rows import RowsName
 from coop_pin.description.cell.arm import Arm
@@ -29,6 +29,8 @@ from coop_pin.model.cell_arm import CellArm
 _EDGES = {"box": (0.4, 0.3, 0.2), "bar": (0.8, 0.05, 0.05), "plate": (0.6, 0.4, 0.02)}
 """Edges of a new payload along x, y and z, m."""
 _POSES = 41
+_NEAREST = 0.05
+"""Least distance of a base from the payload's centre, m."""
 
 
 @typed
@@ -70,6 +72,7 @@ def new_cell(
     Raises:
         UrdfError: there is no such robot, file or tip, or several links may be the tip; with their names.
         FieldError: another argument is not among the allowed ones.
+        OutOfRangeError: a base would be at the payload's centre.
         InfeasibleMotionError: the cell cannot be: cause "reach" (bases too far away, no common workspace),
             "torque" (the payload is too heavy), "rank", or another one of ``cp.suggest``.
     """
@@ -79,7 +82,8 @@ def new_cell(
     ):
         if value not in allowed:
             raise FieldError(f"is {value!r}; {suggestion(str(value), allowed)}", argument)
-    distance = None if distance is None else as_positive("distance", distance)
+    if distance is not None and (distance := as_positive("distance", distance)) < _NEAREST:
+        raise OutOfRangeError("distance", distance, f"at least {_NEAREST} m: bases have a width")
     require_type("arms", arms, list, tuple)
     is_robot = len(arms) == 1
     named, shared = _arms_of_robot(arms[0], tips) if is_robot else (_arms(arms, tips), "")
