@@ -446,7 +446,7 @@ def place_of(error: BaseException) -> tuple[str, int, str]:
 def is_of_users_code(error: BaseException) -> bool:
     """Return whether an exception went through a function of the user's, below the one that caught it."""
     frames = (frame for frame, _ in traceback.walk_tb(error.__traceback__))
-    return any(_is_users(Path(frame.f_globals.get("__file__") or __file__)) for frame in frames)
+    return any(is_users_file(frame.f_globals.get("__file__") or __file__) for frame in frames)
 
 
 def source_of(function: Callable[..., Any]) -> tuple[str, int, str]:
