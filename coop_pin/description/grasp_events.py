@@ -131,10 +131,9 @@ class HandOver(Release):
 class Regrasp(GraspEvent):
     """Closing of a grasp that was released; it does not happen if the tip is too far away.
 
-    A patch comes back to the face, and the squeeze that moves to it presses it on.
-
-    A rigid grasp holds the tip where it is found, and the velocities meet by an impulse. Before it, the arm
-    returns from its retreat; after it, load share and squeeze move to it.
+    A patch comes back to the face, and the squeeze that moves to it presses it on. A rigid grasp holds the
+    tip where it is found, and the velocities meet by an impulse. Before it, the arm returns from its retreat,
+    if that is over; after it, load share and squeeze move to it. An arm that has failed takes no hold.
 
     Attributes:
         time: time at which the grasp closes, s.
@@ -169,9 +168,8 @@ class Regrasp(GraspEvent):
     def problem(self, earlier: Any) -> FieldError | None:
         """Return that the arm has failed, given the scenario with the events before it alone."""
         lost = earlier.actuators_of(self.arm).lost_at if self.arm in earlier.cell.arms else None
-        if lost is None or lost > self.time:
-            return None
-        return FieldError(f"is {self.arm!r}, which fails at {lost:g} s: it cannot take hold", "arm")
+        problem = FieldError(f"is {self.arm!r}, which fails at {lost} s: it cannot take hold", "arm")
+        return None if lost is None or lost > self.time else problem
 
     @property
     def end(self) -> float:
@@ -265,19 +263,9 @@ class PutDown(LastingEvent):
         return 1.0 - quintic(time, self.time, self.duration).value
 
 
-Event = Annotated[
-    PayloadChange
-    | WrenchPulse
-    | GravityTurn
-    | Partner
-    | LoseArm
-    | Release
-    | HandOver
-    | Regrasp
-    | PutDown
-    | UserEvent,
-    Field(discriminator="kind"),
-]
+_AtArms = LoseArm | Release | HandOver | Regrasp
+_AtPayload = PayloadChange | WrenchPulse | GravityTurn | Partner | PutDown | UserEvent
+Event = Annotated[_AtPayload | _AtArms, Field(discriminator="kind")]
 
 
 def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
@@ -303,7 +291,7 @@ def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
             detail = f"is {event.time:g} s, but the event before it at {event.arm!r} ends at"
             problems.append(FieldError(f"{detail} {since[event.arm]:g} s", f"{path}.time"))
         begins = event.time - event.wait - event.approach_time if isinstance(event, Regrasp) else math.inf
-        if begins < (back := retreated.get(event.arm, 0.0)):
+        if round(begins - (back := retreated.get(event.arm, -math.inf)), 9) < 0.0:
             detail = (
                 f"is {event.time:g} s, so the approach begins at {begins:g} s, before the retreat ends at"
             )
