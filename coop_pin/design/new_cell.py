@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +45,7 @@ def new_cell(
     tips: Sequence[str] = (),
     distance: float | None = None,
     name: str = "new-cell",
+    progress: Callable[[str], None] | None = None,
 ) -> Suggestion:
     """Return a scenario of arms that carry a payload, ready to run, and what limits its gains.
 
@@ -68,6 +69,7 @@ def new_cell(
             locked.
         distance: distance of the bases from the payload's centre, m; by the arms' reach when omitted.
         name: name of the scenario.
+        progress: function that is called with what begins, as text; many arms take half a minute.
 
     Raises:
         UrdfError: there is no such robot, file or tip, or several links may be the tip; with their names.
@@ -107,6 +109,8 @@ def new_cell(
             "a new cell has full rows. To hold a payload with fewer joints start from the catalogue's cell"
         )
         raise InfeasibleMotionError(error.cause, f"{error.detail}; {advice}: {command}") from None
+    tell = progress or (lambda _: None)
+    tell(f"places of the bases of {len(named)} arms")
     height, stroke, places = common_places(placing, held, distance, one_base=is_robot)
     by_arm = dict(zip(named, places, strict=True))
     start, lift = Pose(xyz=(0.0, 0.0, height)), 0.0 if is_planar else 0.6 * stroke
@@ -131,6 +135,7 @@ def new_cell(
         duration=8.0,
         clock={"rate_hz": 500.0, "steps_per_tick": 2},
     )
+    tell(f"gains and steps of the law of {len(named)} arms")
     suggested = suggest(draft, poses=_POSES)
     scenario = suggested.scenario.override(dict(_rounded(suggested)))
     remarks = (*filter(None, [shared]), *(() if is_planar or is_robot else _below_ground(scenario)))

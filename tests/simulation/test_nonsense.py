@@ -139,6 +139,13 @@ def test_bases_and_plans_that_make_no_sense_are_refused():
         cp.carry.plan_carry(scenario.cell, start, start, squeeze="x")
 
 
+def test_a_new_cell_says_what_it_is_at():
+    stages = []
+    cp.new_cell(["ur5", "ur5"], distance=0.7, progress=stages.append)
+    assert len(stages) == 2
+    assert all("2 arms" in stage for stage in stages)
+
+
 def test_a_spring_too_stiff_for_the_steps_diverges_at_a_time():
     scenario = cp.Scenario.load("adept-compliant").replace(events=(), duration=0.2)
     hold = {"kind": "hold", "pose": {}}
