@@ -47,13 +47,19 @@ def as_array(name: str, value: ArrayLike, *shape: int | str) -> Array:
     Raises:
         ShapeError: the shape differs.
         OutOfRangeError: an entry is NaN or infinite.
+        ArgumentError: entries are texts, complex or masked.
     """
     try:
-        array: NDArray[Any] = np.array(value, dtype=np.float64)
+        array = real_numbers(name, value, "fiubO").astype(np.float64)
     except OverflowError:
         raise OutOfRangeError(name, math.inf, "a finite number") from None
+    except ArgumentError:
+        raise
     except (ValueError, TypeError):
-        raise ShapeError(name, np.shape(np.array(value, dtype=object)), shape) from None
+        if (actual := np.shape(np.array(value, dtype=object))) == shape:
+            kind = f"an object of type {type(value).__name__}"
+            raise ArgumentError(f"{name} is or contains {kind}; it must be real numbers") from None
+        raise ShapeError(name, actual, shape) from None
     if array.shape != shape and (
         array.ndim != len(shape)
         or any(isinstance(size, int) and size != have for have, size in zip(array.shape, shape, strict=True))
@@ -62,6 +68,24 @@ def as_array(name: str, value: ArrayLike, *shape: int | str) -> Array:
     if not math.isfinite(np.vdot(array, array)) and not (finite := np.isfinite(array)).all():
         index = tuple(int(i) for i in np.argwhere(~finite)[0])
         raise OutOfRangeError(name, float(array[index]), "a finite number", index)
+    return array
+
+
+def real_numbers(name: str, value: object, kinds: str = "fiub") -> NDArray[Any]:
+    """Return value as an array of numbers that are real.
+
+    Args:
+        name: the argument's name, for the error message.
+        value: anything numpy can convert.
+        kinds: kinds of entries that are accepted, as in numpy's ``dtype.kind``.
+
+    Raises:
+        ArgumentError: entries are texts, complex or masked.
+    """
+    array = np.asarray(value)
+    kind = "masked" if np.ma.is_masked(value) else f"of type {array.dtype}"
+    if kind == "masked" or array.dtype.kind not in kinds:
+        raise ArgumentError(f"{name} has entries {kind}; they must be real numbers")
     return array
 
 
@@ -178,9 +202,11 @@ def as_count(name: str, value: object, least: int = 0) -> int:
     """Return value as a whole number.
 
     Raises:
-        WrongTypeError: it is not a whole number.
+        WrongTypeError: it is not a whole number, or a truth value.
         OutOfRangeError: it is smaller than ``least``.
     """
+    if isinstance(value, bool):
+        raise WrongTypeError(name, "bool", "int")
     require_type(name, value, int, np.integer)
     count = int(value)  # type: ignore[call-overload]
     if count < least:

@@ -149,7 +149,7 @@ def suggestion(name: str, known: Sequence[str]) -> str:
         name: the misspelt name.
         known: the existing names.
     """
-    close = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    close = difflib.get_close_matches(str(name), known, n=3, cutoff=0.5)
     if close:
         return "did you mean " + " or ".join(map(repr, close)) + "?"
     shown = ", ".join(map(repr, known[:12]))
@@ -441,6 +441,12 @@ def place_of(error: BaseException) -> tuple[str, int, str]:
     users = (entry for entry in frames if is_users_file(entry[0].f_globals.get("__file__") or ""))
     frame, line = next(users, frames[0])
     return shown(Path(frame.f_code.co_filename)), line, frame.f_code.co_qualname
+
+
+def is_of_users_code(error: BaseException) -> bool:
+    """Return whether an exception went through a function of the user's, below the one that caught it."""
+    frames = (frame for frame, _ in traceback.walk_tb(error.__traceback__))
+    return any(is_users_file(frame.f_globals.get("__file__") or __file__) for frame in frames)
 
 
 def source_of(function: Callable[..., Any]) -> tuple[str, int, str]:

@@ -81,9 +81,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as interrupt:
         return _report(str(interrupt) or "interrupted", INTERRUPTED)
     except Exception as error:
-        if not errors.is_ctrl_c(error):
+        if errors.is_ctrl_c(error):
+            return _report("interrupted", INTERRUPTED)
+        if not errors.is_of_users_code(error):
             raise
-        return _report("interrupted", INTERRUPTED)
+        file, line, function = errors.place_of(error)
+        return _report(f"{function} failed at {file}:{line}: {type(error).__name__}: {error}", BAD_INPUT)
     finally:
         warnings.formatwarning = original_format
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import sys
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -205,10 +206,16 @@ def new(
         layout=layout,
         tips=tips,
         distance=distance,
+        progress=_tell if sys.stderr.isatty() else None,
     )
     suggested.scenario.save(path, commented=True)
     print_wrapped(suggested.summary())
     print_wrapped(f"{path}: edit it; then coop-pin check {path}, coop-pin run {path} --report")
+
+
+def _tell(stage: str) -> None:
+    """Say on a terminal what a command is at."""
+    print(f"coop-pin: {stage} ...", file=sys.stderr)
 
 
 def check_urdf(

@@ -131,10 +131,9 @@ class HandOver(Release):
 class Regrasp(GraspEvent):
     """Closing of a grasp that was released; it does not happen if the tip is too far away.
 
-    A patch comes back to the face, and the squeeze that moves to it presses it on.
-
-    A rigid grasp holds the tip where it is found, and the velocities meet by an impulse. Before it, the arm
-    returns from its retreat; after it, load share and squeeze move to it.
+    A patch comes back to the face, and the squeeze that moves to it presses it on. A rigid grasp holds the
+    tip where it is found, and the velocities meet by an impulse. Before it, the arm returns from its retreat,
+    if that is over; after it, load share and squeeze move to it. An arm that has failed takes no hold.
 
     Attributes:
         time: time at which the grasp closes, s.
@@ -165,6 +164,12 @@ class Regrasp(GraspEvent):
             detail = f"is {self.rest!r}, but the grasp of {self.arm!r} is rigid: its tip would jump"
             problems.append(FieldError(f"{detail}; take 'found'", "rest"))
         return problems
+
+    def problem(self, earlier: Any) -> FieldError | None:
+        """Return that the arm has failed, given the scenario with the events before it alone."""
+        lost = earlier.actuators_of(self.arm).lost_at if self.arm in earlier.cell.arms else None
+        problem = FieldError(f"is {self.arm!r}, which fails at {lost} s: it cannot take hold", "arm")
+        return None if lost is None or lost > self.time else problem
 
     @property
     def end(self) -> float:
@@ -258,19 +263,9 @@ class PutDown(LastingEvent):
         return 1.0 - quintic(time, self.time, self.duration).value
 
 
-Event = Annotated[
-    PayloadChange
-    | WrenchPulse
-    | GravityTurn
-    | Partner
-    | LoseArm
-    | Release
-    | HandOver
-    | Regrasp
-    | PutDown
-    | UserEvent,
-    Field(discriminator="kind"),
-]
+_AtArms = LoseArm | Release | HandOver | Regrasp
+_AtPayload = PayloadChange | WrenchPulse | GravityTurn | Partner | PutDown | UserEvent
+Event = Annotated[_AtPayload | _AtArms, Field(discriminator="kind")]
 
 
 def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
@@ -282,6 +277,7 @@ def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
         if after.time < before.end
     ]
     holding, since = dict.fromkeys(cell.arms, True), dict[str, float]()
+    retreated = dict[str, float]()
     laid = min((event.end for event in of_kind(events, PutDown)), default=math.inf)
     at_grasps = _in_order(events, GraspEvent)
     for (event, _), (other, path) in itertools.pairwise(at_grasps):
@@ -294,6 +290,14 @@ def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
         if event.time < since.get(event.arm, 0.0):
             detail = f"is {event.time:g} s, but the event before it at {event.arm!r} ends at"
             problems.append(FieldError(f"{detail} {since[event.arm]:g} s", f"{path}.time"))
+        begins = event.time - event.wait - event.approach_time if isinstance(event, Regrasp) else math.inf
+        if round(begins - (back := retreated.get(event.arm, -math.inf)), 9) < 0.0:
+            detail = (
+                f"is {event.time:g} s, so the approach begins at {begins:g} s, before the retreat ends at"
+            )
+            problems.append(FieldError(f"{detail} {back:g} s", f"{path}.time"))
+        if isinstance(event, Release) and event.retreat:
+            retreated[event.arm] = event.instant + event.retreat_time
         if holding[event.arm] == event.holds:
             state = "holds the payload already" if event.holds else "is free already"
             detail = f"is {event.arm!r}, which {state} at {event.time:g} s"

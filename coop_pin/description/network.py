@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
@@ -166,7 +167,7 @@ class Network(Channel):
         Args:
             run: fields of the run; what has mistakes itself is not there, and nothing is checked by it.
         """
-        problems = list[FieldError]()
+        problems = self._repeated()
         if "cell" in run:
             problems += self._strangers(run["cell"].arms)
         if problems or not {"clock", "duration"} <= set(run):
@@ -185,13 +186,27 @@ class Network(Channel):
                 problems.append(FieldError(detail, f"changes.{index}.time"))
         return problems
 
+    def _graphs(self) -> dict[str, Graph]:
+        """Return the graphs by their paths."""
+        later = {f"changes.{index}.graph": each.graph for index, each in enumerate(self.changes)}
+        return {"graph": self.graph} | later
+
+    def _repeated(self) -> list[FieldError]:
+        """Return edges from an arm to itself, and edges, links and times of changes that are stated twice."""
+        links = [(link.sender, link.receiver) for link in self.links]
+        problems = _twice(links, "links") + _twice([change.time for change in self.changes], "changes")
+        for path, graph in self._graphs().items():
+            edges = () if isinstance(graph, str) else graph
+            problems += _twice(edges, path)
+            for name, _ in [edge for edge in edges if edge[0] == edge[1]][:1]:
+                detail = f"has an edge from {name!r} to itself; leave it out: an arm hears itself always"
+                problems.append(FieldError(detail, path))
+        return problems
+
     def _strangers(self, arms: Mapping[str, Any]) -> list[FieldError]:
         """Return the names of graphs, links and clocks that are no arms, and links that are no edges."""
-        graphs = {"graph": self.graph} | {
-            f"changes.{i}.graph": each.graph for i, each in enumerate(self.changes)
-        }
         problems = [problem.below("clocks") for problem in unknown_arms(self.clocks, arms)]
-        for path, graph in graphs.items():
+        for path, graph in self._graphs().items():
             names = [] if isinstance(graph, str) else [name for edge in graph for name in edge]
             problems += [problem.below(path) for problem in unknown_arms(dict.fromkeys(names), arms)]
         if problems:
@@ -205,10 +220,17 @@ class Network(Channel):
         return problems
 
 
+def _twice(values: Iterable[Any], path: str) -> list[FieldError]:
+    """Return the first value that is stated more than once."""
+    count = collections.Counter(values)
+    again = [value for value, number in count.items() if number > 1][:1]
+    return [FieldError(f"has {value!r} {count[value]} times; state it once", path) for value in again]
+
+
 def edges_of(graph: Graph, arms: Sequence[str]) -> tuple[Edge, ...]:
     """Return the edges of a graph among arms."""
     if not isinstance(graph, str):
-        return tuple(edge for edge in graph if edge[0] != edge[1])
+        return graph
     m = len(arms)
     numbers = [(i, j) for i in range(m) for j in range(m) if i != j]
     if graph == "ring":

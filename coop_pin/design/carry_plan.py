@@ -24,7 +24,7 @@ from coop_pin.description.sensors import Sensors, WristSensor
 from coop_pin.design.carried_path import CarriedLine
 from coop_pin.design.carry_limits import KNOTS, CarryLimits, CarryTiming, slower
 from coop_pin.reference.lines import TimedLineMotion
-from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze
+from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze, SqueezeReference
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 
@@ -183,6 +183,7 @@ def plan_carry(
         raise OutOfRangeError("smoothing", smoothing)
     line = TimedLineMotion(start=start, goal=goal, times=(0.0, 1.0), fractions=(0.0, 1.0))
     squeeze = ConstantSqueeze() if squeeze is None else squeeze
+    require_type("squeeze", squeeze, SqueezeReference)
     squeeze.check_arms(cell.grasps)
     chain = CarriedLine(cell, line)
     path = chain.dynamics(np.linspace(0.0, 1.0, as_count("places", places, 21)), squeeze.at(0.0, cell.grasps))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from coop_pin.base.arrays import as_array, as_positive, require_type, typed
-from coop_pin.base.errors import FieldError, InfeasibleMotionError, UrdfError, suggestion
+from coop_pin.base.errors import FieldError, InfeasibleMotionError, OutOfRangeError, UrdfError, suggestion
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial.task_rows import RowsName
 from coop_pin.description.cell.arm import Arm
@@ -29,6 +29,8 @@ from coop_pin.model.cell_arm import CellArm
 _EDGES = {"box": (0.4, 0.3, 0.2), "bar": (0.8, 0.05, 0.05), "plate": (0.6, 0.4, 0.02)}
 """Edges of a new payload along x, y and z, m."""
 _POSES = 41
+_NEAREST = 0.05
+"""Least distance of a base from the payload's centre, m."""
 
 
 @typed
@@ -43,6 +45,7 @@ def new_cell(
     tips: Sequence[str] = (),
     distance: float | None = None,
     name: str = "new-cell",
+    progress: Callable[[str], None] | None = None,
 ) -> Suggestion:
     """Return a scenario of arms that carry a payload, ready to run, and what limits its gains.
 
@@ -66,10 +69,12 @@ def new_cell(
             locked.
         distance: distance of the bases from the payload's centre, m; by the arms' reach when omitted.
         name: name of the scenario.
+        progress: function that is called with what begins, as text; many arms take half a minute.
 
     Raises:
         UrdfError: there is no such robot, file or tip, or several links may be the tip; with their names.
         FieldError: another argument is not among the allowed ones.
+        OutOfRangeError: a base would be at the payload's centre.
         InfeasibleMotionError: the cell cannot be: cause "reach" (bases too far away, no common workspace),
             "torque" (the payload is too heavy), "rank", or another one of ``cp.suggest``.
     """
@@ -79,7 +84,8 @@ def new_cell(
     ):
         if value not in allowed:
             raise FieldError(f"is {value!r}; {suggestion(str(value), allowed)}", argument)
-    distance = None if distance is None else as_positive("distance", distance)
+    if distance is not None and (distance := as_positive("distance", distance)) < _NEAREST:
+        raise OutOfRangeError("distance", distance, f"at least {_NEAREST} m: bases have a width")
     require_type("arms", arms, list, tuple)
     is_robot = len(arms) == 1
     named, shared = _arms_of_robot(arms[0], tips) if is_robot else (_arms(arms, tips), "")
@@ -103,6 +109,8 @@ def new_cell(
             "a new cell has full rows. To hold a payload with fewer joints start from the catalogue's cell"
         )
         raise InfeasibleMotionError(error.cause, f"{error.detail}; {advice}: {command}") from None
+    tell = progress or (lambda _: None)
+    tell(f"places of the bases of {len(named)} arms")
     height, stroke, places = common_places(placing, held, distance, one_base=is_robot)
     by_arm = dict(zip(named, places, strict=True))
     start, lift = Pose(xyz=(0.0, 0.0, height)), 0.0 if is_planar else 0.6 * stroke
@@ -127,6 +135,7 @@ def new_cell(
         duration=8.0,
         clock={"rate_hz": 500.0, "steps_per_tick": 2},
     )
+    tell(f"gains and steps of the law of {len(named)} arms")
     suggested = suggest(draft, poses=_POSES)
     scenario = suggested.scenario.override(dict(_rounded(suggested)))
     remarks = (*filter(None, [shared]), *(() if is_planar or is_robot else _below_ground(scenario)))

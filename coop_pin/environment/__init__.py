@@ -3,7 +3,19 @@
 Open first: ``task`` (actions, observations, reward), ``cell_env`` (one cell on Pinocchio),
 ``vector_cell_env`` (cells as lanes of compiled code).
 
-The law to which an agent adds is in ``task``. Public names are in ``cp.gym``.
+The law to which an agent adds is in ``acted_law``. Public names are in ``cp.gym``.
+An import of this package registers ``coop_pin/Cell-v0`` with Gymnasium.
 
 Imports ``base``, ``compiled``, ``control``, ``description``, ``results``, ``simulation`` and ``tracing``.
 """
+
+import contextlib
+
+with contextlib.suppress(ImportError):  # of the extra, which the environments ask for
+    import gymnasium
+
+    gymnasium.register(
+        "coop_pin/Cell-v0",
+        f"{__name__}.cell_env:CellEnv",
+        vector_entry_point=f"{__name__}.vector_cell_env:VectorCellEnv",
+    )

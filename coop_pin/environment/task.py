@@ -5,18 +5,31 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from coop_pin.base.arrays import Array, as_count, as_number, as_positive
+from coop_pin.base.arrays import Array, as_array, as_count, as_number, as_positive, require_type
 from coop_pin.base.errors import ArgumentError, NameNotFoundError, OutOfRangeError
 from coop_pin.base.spatial import rotate_vector6
-from coop_pin.control import ArmMeasurement, ArmReference, CellCommand, CellController
 from coop_pin.description.scenario import Scenario
+from coop_pin.environment.acted_law import ActedLaw
 from coop_pin.results.quantities import QUANTITIES, computed
 
-_FIELDS = {"torque": "torques", "velocity": "velocities", "position": "positions"}
+RENDER_MODES = ["ansi"]
+"""Render modes of the environments: a line of text. Pictures are too slow: they are made of a whole run."""
+
+
+def require_render_mode(mode: str | None) -> str | None:
+    """Return a render mode.
+
+    Raises:
+        NameNotFoundError: there is no such mode.
+    """
+    if mode is not None and mode not in RENDER_MODES:
+        raise NameNotFoundError("render mode", mode, RENDER_MODES, "environments of cells")
+    return mode
 
 
 class EpisodeSeeds:
@@ -39,66 +52,10 @@ class EpisodeSeeds:
         first, self._first = self._first, None
         if stated is not None:
             first = as_count("seed", stated)
+            if (bits := first.bit_length()) > 63:
+                raise ArgumentError(f"seed has {bits} bits; it must have at most 63")
             self._generator = np.random.default_rng(first)
         return int(self._generator.integers(2**62)) if first is None else first
-
-
-class ActedLaw(CellController):
-    """A law with additions, or additions alone: then torques are added to those that hold the start.
-
-    Attributes:
-        squeeze: added to the desired internal wrench of each arm, payload axes, task rows, shape (m, k_0).
-        commands: added to the commands of each arm, shape (k,) each.
-        law: the law; None for none.
-        kind: name of what is commanded.
-    """
-
-    def __init__(
-        self, squeeze: Array, commands: Sequence[Array], law: CellController | None, kind: str = "torque"
-    ) -> None:
-        self.squeeze, self.commands, self.law, self.kind = squeeze, tuple(commands), law, kind
-
-    @property
-    def command_kind(self) -> str:
-        """What it commands to every arm."""
-        return self.kind
-
-    def init(self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference]) -> Any:
-        """Return the law's state; without a law the commands that hold the start."""
-        if self.law is not None:
-            return self.law.init(measurements, self._with_squeeze(references))
-        rest = [np.zeros(len(commands)) for commands in self.commands]
-        if self.kind != "torque":
-            return tuple(rest)
-        return tuple(
-            none if arm.holding_torque is None else arm.holding_torque
-            for arm, none in zip(measurements, rest, strict=True)
-        )
-
-    def step(
-        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
-    ) -> CellCommand:
-        """Return the law's commands with the additions."""
-        base, kept = state, state
-        if self.law is not None:
-            command = self.law.step(measurements, self._with_squeeze(references), state)
-            base, kept = command.values, command.state
-        values = [value + added for value, added in zip(base, self.commands, strict=True)]
-        return CellCommand(state=kept, **{_FIELDS[self.kind]: values})
-
-    def messages(
-        self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
-    ) -> list[Array]:
-        """Return what the arms of the law tell each other."""
-        return (
-            [] if self.law is None else self.law.messages(measurements, self._with_squeeze(references), state)
-        )
-
-    def _with_squeeze(self, references: Sequence[ArmReference]) -> list[ArmReference]:
-        return [
-            reference._replace(internal_wrench=reference.internal_wrench + added)
-            for reference, added in zip(references, self.squeeze, strict=True)
-        ]
 
 
 _OBSERVED = ("pose_error", "internal_wrench", "desired_internal_wrench", "axial_direction")
@@ -159,6 +116,7 @@ class Task:
         law: whether the law of the scenario acts.
         failure: cost of a run that diverges.
         gains: names of fields of the law's gains, for actions on them.
+        dtype: type of the entries of actions and observations; runs and rewards are of float64.
     """
 
     action: Literal["torque", "velocity", "squeeze", "gains"] = "squeeze"
@@ -170,20 +128,29 @@ class Task:
     law: bool = True
     failure: float = 1e3
     gains: tuple[str, ...] = ()
+    dtype: Literal["float32", "float64"] = "float32"
 
     def __post_init__(self) -> None:
         """Check the values.
 
         Raises:
-            NameNotFoundError: there is no such metric.
-            ArgumentError: a value is out of range, a squeeze is asked of no law, or gains are named for other
-                actions or not for theirs.
+            NameNotFoundError: there is no such metric, action or type.
+            WrongTypeError: a value is of another type than stated.
+            ArgumentError: a value is out of range, a squeeze is asked of no law, a gain is named twice, or
+                gains are named for other actions or not for theirs.
         """
         as_positive("scale", self.scale)
         as_count("ticks", self.ticks, 1)
         as_number("failure", self.failure)
-        if self.action not in (kinds := ["torque", "velocity", "squeeze", "gains"]):
-            raise NameNotFoundError("action", self.action, kinds, "Task")
+        require_type("law", self.law, bool)
+        require_type("rewards", self.rewards, Mapping)
+        require_type("gains", self.gains, tuple, list)
+        for name, value, known in (
+            ("action", self.action, ("torque", "velocity", "squeeze", "gains")),
+            ("dtype", self.dtype, ("float32", "float64")),
+        ):
+            if value not in known:
+                raise NameNotFoundError(name, value, known, "Task")
         for name, weight in self.rewards.items():
             if name not in REWARDS:
                 raise NameNotFoundError("metric", name, [*REWARDS], "REWARDS")
@@ -194,6 +161,8 @@ class Task:
             raise ArgumentError(
                 f"action is {self.action!r}, gains are {self.gains}; name gains for 'gains' only"
             )
+        if len({*map(str, self.gains)}) < len(self.gains):
+            raise ArgumentError(f"gains {self.gains} name one twice; name each once")
         if self.gains and not self.scale < 1.0:
             raise OutOfRangeError("scale", self.scale, "below 1, so that gains keep their sign")
 
@@ -266,6 +235,39 @@ class Task:
             ends = np.cumsum([len(base) for base in law.commands])[:-1]
             commands = np.split(change, ends, axis=-1)
         return squeeze, commands
+
+    def actions(self, actions: object, *shape: int) -> Array:
+        """Return the actions of a cell, shape (n,), or of lanes, shape (lanes, n).
+
+        Args:
+            actions: Actions as an agent gives them.
+            shape: Shape that they must have.
+
+        Raises:
+            ArgumentError: they have another shape, or an entry is no finite real number; it names the lane.
+        """
+        try:
+            return as_array("action", cast(ArrayLike, actions), *shape)
+        except ArgumentError:
+            if len(shape) > 1 and isinstance(actions, Sequence | np.ndarray) and len(actions) == shape[0]:
+                for lane, action in enumerate(actions):
+                    as_array(f"lane {lane}: action", action, shape[1])
+            raise
+
+    def text(self, observation: Array, law: ActedLaw, time: float) -> str:
+        """Return an observation as a line of text, for people who look on.
+
+        Args:
+            observation: Observation of a cell, shape (size,).
+            law: Law of the cell.
+            time: Time, s.
+        """
+        pose, _, *wrenches = observation[2 * sum(map(len, law.commands)) :].reshape(-1, 6)
+        force = max(np.linalg.norm(wrench[:3]) for wrench in wrenches)
+        return (
+            f"t = {time:.4f} s: position error {1e3 * np.linalg.norm(pose[:3]):.3f} mm, orientation error"
+            f" {1e3 * np.linalg.norm(pose[3:]):.3f} mrad, largest error of an internal force {force:.3f} N"
+        )
 
     def outcome(self, observed: Observed, shares: Array) -> tuple[Array, Array]:
         """Return observations, shape (..., size), and rewards, shape (...)."""

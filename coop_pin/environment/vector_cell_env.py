@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, cast
 
@@ -10,13 +11,15 @@ import numpy as np
 from coop_pin.base.arrays import Array, Mask, as_count, require_type
 from coop_pin.base.disk_cache import DiskCache
 from coop_pin.base.errors import ArgumentError, InvalidStateError, TracingError, needs_extra
+from coop_pin.base.memory import require_memory
 from coop_pin.compiled.kind import law_reason
 from coop_pin.compiled.laws.support import require_traceable
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.schedule import RunProgram
 from coop_pin.compiled.simulate import BatchSimulator
 from coop_pin.description.scenario import Scenario
-from coop_pin.environment.task import ActedLaw, EpisodeSeeds, Observed, Task
+from coop_pin.environment.acted_law import ActedLaw
+from coop_pin.environment.task import RENDER_MODES, EpisodeSeeds, Observed, Task, require_render_mode
 from coop_pin.tracing.kernel import Kernel
 from coop_pin.tracing.llvm_machine import LlvmMachine
 from coop_pin.tracing.traced_array import traced
@@ -26,6 +29,9 @@ with needs_extra("gymnasium", "gym", "for environments of agents"):
     from gymnasium.spaces import Box
     from gymnasium.vector import AutoresetMode, VectorEnv
     from gymnasium.vector.utils import batch_space
+
+_LANE = 10_000
+"""Least memory of a lane while lanes are prepared, bytes; measured."""
 
 
 class VectorCellEnv(VectorEnv[Array, Array, Array]):
@@ -39,7 +45,10 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         task: the task.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"autoreset_mode": AutoresetMode.DISABLED, "render_modes": []}
+    metadata: ClassVar[dict[str, Any]] = {
+        "autoreset_mode": AutoresetMode.DISABLED,
+        "render_modes": RENDER_MODES,
+    }
 
     def __init__(
         self,
@@ -47,6 +56,7 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         task: Task | None = None,
         *,
         num_envs: int | None = None,
+        render_mode: str | None = None,
     ) -> None:
         """Compile the code and start at t = 0.
 
@@ -54,23 +64,32 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
             scenarios: Scenario of all lanes, or one for each, which differ in numbers only.
             task: Task; the default one when omitted.
             num_envs: Number of lanes; of one scenario 1 when omitted.
+            render_mode: Mode of ``render``, "ansi" or None.
 
         Raises:
+            WrongTypeError: an argument is of another class.
+            NameNotFoundError: there is no such render mode.
+            NotEnoughMemoryError: the lanes do not fit.
             ArgumentError: there is no scenario, or their number is another than ``num_envs``; or the task
                 does not fit.
             TracingError: a scenario cannot run as compiled code, or they differ in more than numbers.
             CoopPinError: a run cannot start.
         """
+        require_type("scenarios", scenarios, Scenario, Sequence)
         runs = [scenarios] if isinstance(scenarios, Scenario) else list(scenarios)
         for index, scenario in enumerate(runs):
             require_type(f"scenarios[{index}]", scenario, Scenario)
         if len(runs) == 1:
-            runs *= 1 if num_envs is None else as_count("num_envs", num_envs, 1)
+            lanes = 1 if num_envs is None else as_count("num_envs", num_envs, 1)
+            require_memory(f"{lanes} lanes", min(lanes, sys.maxsize) * _LANE, "take fewer")
+            runs *= lanes
         if not runs or (num_envs or len(runs)) != len(runs):
             raise ArgumentError(
                 f"there are {len(runs)} scenarios for num_envs = {num_envs}; give one, or one each"
             )
-        self.scenarios, self.task, self.num_envs = runs, task or Task(), len(runs)
+        self.scenarios, self.num_envs, self.render_mode = runs, len(runs), require_render_mode(render_mode)
+        self.task = Task() if task is None else task
+        require_type("task", self.task, Task)
         if reason := law_reason(runs[0].controller) or (
             "gains fold into compiled code" if self.task.gains else ""
         ):
@@ -82,10 +101,11 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         require_traceable(runs[0], prepared.constants, alone=True)
         self._compile(prepared)
         actions, size = self.task.sizes(self._law)
-        self.single_action_space = Box(-1.0, 1.0, (actions,), np.float64)
-        self.single_observation_space = Box(-np.inf, np.inf, (size,), np.float64)
+        self.single_action_space = Box(-1.0, 1.0, (actions,), np.dtype(self.task.dtype).type)
+        self.single_observation_space = Box(-np.inf, np.inf, (size,), self.single_action_space.dtype)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self._observations = np.zeros((self.num_envs, size), self.task.dtype)
         self._begin(prepared)
 
     # ------------------------------------------------------------ Gymnasium
@@ -106,7 +126,7 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         """
         seeds: Any = seed
         stated: list[Any] = [None] * self.num_envs
-        if np.ndim(seeds) > 0:
+        if isinstance(seeds, Sequence) or (isinstance(seeds, np.ndarray) and seeds.ndim):
             stated = list(seeds)
         elif seed is not None:
             stated = [as_count("seed", seeds) + lane for lane in range(self.num_envs)]
@@ -125,20 +145,33 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
     def step(self, actions: Array) -> tuple[Array, Array, Mask, Mask, dict[str, Any]]:
         """Act in all lanes for the ticks of an action; see VectorEnv.
 
+        Args:
+            actions: Finite numbers, cut to [-1, 1], shape (lanes, n).
+
         Raises:
             InvalidStateError: the episode is over, or has not begun.
+            ArgumentError: the action of a lane is of another shape, or no finite real numbers; it names the
+                lane, and nothing has moved.
         """
+        values = self.task.actions(actions, *(self.action_space.shape or ()))
         if not 0 < self._tick <= self._plant.timeline.ticks:
             raise InvalidStateError("the episode is over or has not begun; call reset()")
-        self._act(np.asarray(actions))
+        self._act(values)
         self._advance(min(self.task.ticks, self._plant.timeline.ticks + 1 - self._tick))
-        observations, rewards = self._outcome()
+        _, rewards = self._outcome()
         is_valid = self._slots("is_valid") == 1.0
         rewards = np.where(is_valid, rewards, np.where(self._is_over, 0.0, -self.task.failure))
-        observations[~is_valid] = 0.0
+        self._observations[~is_valid] = 0.0
         self._is_over = ~is_valid
         is_last = np.full(self.num_envs, self._tick > self._plant.timeline.ticks)
-        return observations, rewards, self._is_over.copy(), is_last & is_valid, {}
+        return self._observations, rewards, self._is_over.copy(), is_last & is_valid, {}
+
+    def render(self) -> tuple[str, ...] | None:
+        """Return the last observation of each lane as a line of text, or None without a render mode."""
+        if self.render_mode is None:
+            return None
+        time = self._plant.timeline.time(max(self._tick - 1, 0))
+        return tuple(self.task.text(one, self._law, time) for one in self._observations)
 
     # ------------------------------------------------------------ lanes
 
@@ -246,4 +279,5 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
     def _outcome(self) -> tuple[Array, Array]:
         """Return observations and rewards."""
         self._call(self._starts[-1] + self._tick - 1, 1)
-        return self._slots("observation"), self._slots("reward")
+        self._observations = self._slots("observation").astype(self.task.dtype)
+        return self._observations, self._slots("reward")

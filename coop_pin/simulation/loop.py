@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import copy
+import math
 import warnings
 from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from coop_pin.base.arrays import Array, require_type
-from coop_pin.base.errors import InvalidStateError, ScenarioWarning
+from coop_pin.base.errors import DivergedError, InvalidStateError, OutOfRangeError, ScenarioWarning
 from coop_pin.control import CellCommand, CellController
 from coop_pin.control.law_memory import LawMemory
 from coop_pin.description.grasp_events import MissedGrasp
@@ -22,7 +25,7 @@ from coop_pin.simulation.devices.drives import Applied
 from coop_pin.simulation.devices.network import Exchange, heard
 from coop_pin.simulation.devices.sensing import Sensing
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
-from coop_pin.simulation.plant import PlantMaker, require_closed
+from coop_pin.simulation.plant import SPEED_LIMIT, PlantMaker, require_closed
 from coop_pin.simulation.recorder import Recorder
 from coop_pin.simulation.run_state import RunState
 from coop_pin.simulation.tick import CellReference, References, SignalSource, TickInputs, TickSignals
@@ -160,7 +163,12 @@ class TickLoop:
         for kind, time, length, due in self.timeline.from_command(tick):
             match kind:
                 case "advance":
-                    plant.advance(time, length)
+                    try:
+                        plant.advance(time, length)
+                    except (np.linalg.LinAlgError, OutOfRangeError) as error:
+                        if getattr(error, "name", "q") not in ("q", "v"):
+                            raise  # a wrench, say
+                        raise DivergedError(time, "a state within a step", math.nan, SPEED_LIMIT) from error
                 case "command":
                     self.controller_state = command.state
                     self._applied = applied = actuation.apply(time, command, inputs.signals.missed)

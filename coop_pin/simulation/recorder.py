@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coop_pin.base.arrays import Array, Mask, frozen
-from coop_pin.base.errors import CoopPinError, NotEnoughMemoryError
+from coop_pin.base.errors import CoopPinError, InvalidStateError, NotEnoughMemoryError
 from coop_pin.base.memory import free_memory
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_model import ArmPlace
@@ -282,6 +282,8 @@ class Recorder:
 
     def _kept(self, ticks: slice) -> Samples:
         """Return what was recorded at some ticks, without the wrenches that rigid bodies do not determine."""
+        if self.count == 0:
+            raise InvalidStateError("no tick is done yet, so nothing is recorded; do one first")
         samples: Samples = {name: values[ticks] for name, values in self._samples.items()}
         samples["interaction_wrench"][..., ~self.determined] = np.nan
         arms, q, v = self._arms, samples["configuration"], samples["velocity"]

@@ -133,14 +133,21 @@ class Simulation(TickLoop):
         return self.exchange.traffic(messages)
 
     def snapshot(self) -> Snapshot:
-        """Return the state of the run at its last recorded tick; there must be one."""
+        """Return the state of the run at its last recorded tick.
+
+        Raises:
+            InvalidStateError: no tick is done yet.
+        """
         return self.recorder.snapshot()
 
     def result(self) -> RunResult:
-        """Return the result up to the last recorded tick; there must be one.
+        """Return the result up to the last recorded tick.
 
         Its scenario holds the events that were added, so that it can be run again. A run with a replaced
         controller or squeeze cannot: the summary says when that was.
+
+        Raises:
+            InvalidStateError: no tick is done yet.
         """
         summary = "; ".join((self.scenario.summary, *self._replaced)).removeprefix("; ")
         scenario = self.scenario.replace(summary=summary) if self._replaced else self.scenario

@@ -26,12 +26,13 @@ from coop_pin.environment.cell_env import CellEnv
 from coop_pin.environment.task import Task
 from coop_pin.environment.vector_cell_env import VectorCellEnv
 
+EXACT = {"dtype": "float64"}
 TASKS = {
-    "squeeze": Task("squeeze", scale=5.0, ticks=2),
-    "torque": Task("torque", scale=2.0),
-    "torque alone": Task("torque", scale=2.0, law=False, rewards={"orientation_error_rad": 1.0}),
-    "velocity": Task("velocity", scale=0.02),
-    "velocity alone": Task("velocity", scale=0.02, law=False),
+    "squeeze": Task("squeeze", scale=5.0, ticks=2, **EXACT),
+    "torque": Task("torque", scale=2.0, **EXACT),
+    "torque alone": Task("torque", scale=2.0, law=False, rewards={"orientation_error_rad": 1.0}, **EXACT),
+    "velocity": Task("velocity", scale=0.02, **EXACT),
+    "velocity alone": Task("velocity", scale=0.02, law=False, **EXACT),
 }
 SLOW = {"planar": ["torque", "velocity alone"], "spatial": [*TASKS][1:]}
 """Tasks whose code is compiled in the slow tier only."""

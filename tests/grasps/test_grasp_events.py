@@ -359,10 +359,12 @@ def test_a_thousand_random_hand_overs():
 
 
 def test_events_come_back_from_their_file():
-    scenario = scenario_with("spatial", cp.events.Release(time=0.01, arm="left", retreat=0.01), *CYCLE[:0])
-    scenario = scenario.replace(
-        events=(*scenario.events, cp.events.Regrasp(time=0.05, arm="left", rest="nominal", duration=0.05))
+    scenario = scenario_with(
+        "spatial", cp.events.Release(time=0.01, arm="left", retreat=0.01, retreat_time=0.02)
     )
+    back = {"rest": "nominal", "duration": 0.05, "approach_time": 0.01, "wait": 0.0}
+    grasp = cp.events.Regrasp(time=0.05, arm="left", **back)
+    scenario = scenario.replace(events=(*scenario.events, grasp))
     for commented in (False, True):
         assert cp.Scenario.from_toml(scenario.to_toml(commented=commented)) == scenario
     assert "'release'" in support(scenario)  # batches refuse it by name

@@ -72,7 +72,7 @@ def test_a_simulation_refuses_objects_of_a_wrong_class(cell):
         with pytest.raises(errors.WrongTypeError) as caught:
             call()
         assert caught.value.name == name
-    with pytest.raises(errors.ShapeError):
+    with pytest.raises(errors.ArgumentError):
         run.references({})
 
 
@@ -93,11 +93,11 @@ def test_a_time_at_which_the_motion_is_not_finite_is_refused(cell):
 def test_closure_errors_and_the_like_refuse_a_configuration_of_a_wrong_shape(chains, cell, q):
     chain = chains[cell]
     for call in (chain.closure_errors, chain.mechanism.closure_errors):
-        with pytest.raises(errors.ShapeError):
+        with pytest.raises(errors.ArgumentError):
             call(q)
-    with pytest.raises(errors.ShapeError):
+    with pytest.raises(errors.ArgumentError):
         chain.mechanism.require_closed(q, 1e-6)
-    with pytest.raises(errors.ShapeError):
+    with pytest.raises(errors.ArgumentError):
         chain.require_held(q, np.eye(4), 1e-6)
 
 

@@ -55,7 +55,8 @@ def disturbed(name):
     """A cell of the catalogue with noise, delay, lag, missed ticks, and its own events within some ticks."""
     scenario = cp.Scenario.load(name)
     T, servo = scenario.clock.period, scenario.actuators.servo
-    brief = [{"duration": 2.0 * T} if hasattr(event, "duration") else {} for event in scenario.events]
+    short_of = {"duration": 2.0 * T, "retreat": 0.0}
+    brief = [{name: short_of[name] for name in short_of if hasattr(each, name)} for each in scenario.events]
     own = [
         event.replace(time=(1 + 2 * k) * T, **change)
         for k, (event, change) in enumerate(zip(scenario.events, brief, strict=True))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -15,9 +16,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin import __version__
-from coop_pin.base.arrays import as_count, typed
+from coop_pin.base.arrays import as_count, require_path, typed
 from coop_pin.base.atomic_write import write_atomically
-from coop_pin.base.errors import ArgumentError, NameNotFoundError, TracingError
+from coop_pin.base.errors import (
+    ArgumentError,
+    FileWriteError,
+    NameNotFoundError,
+    OutOfRangeError,
+    TracingError,
+)
 from coop_pin.compiled.constants import arm_constants
 from coop_pin.compiled.laws.c_messages import meanings, message_texts
 from coop_pin.compiled.laws.law_code import (
@@ -82,11 +89,13 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     Raises:
         NameNotFoundError: There is no such arm.
         ArgumentError: The controller is one of the whole cell or needs the plan of the grasps, there is a
-            feed-forward, or ticks is no number from 1 on.
+            feed-forward, or ticks is no number from 1 to that of the scenario's ticks.
+        FileWriteError: The folder cannot be made, or a file in it cannot be written.
         TracingError: The law branches on values, computes with what cannot be traced, or has hidden state.
         CoopPinError: The scenario cannot be simulated for these ticks.
     """
     ticks = as_count("ticks", ticks, 1)
+    require_path("folder", folder)
     if arm not in scenario.cell.arms:
         raise NameNotFoundError("arm", arm, list(scenario.cell.arms), "the scenario's cell")
     if scenario.feed_forward is not None:
@@ -102,7 +111,9 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
         raise ArgumentError("the scenario's controller sees all arms; only laws of one arm can be exported")
     recorded, index = RecordedLaw(controller), list(scenario.cell.arms).index(arm)
     run = Simulation(scenario, recorded)
-    for _ in range(min(ticks, run.timeline.ticks + 1)):
+    if ticks > (most := run.timeline.ticks + 1):
+        raise OutOfRangeError("ticks", min(ticks, sys.maxsize), f"at most {most}, those of the scenario")
+    for _ in range(ticks):
         run.tick()
     arm_ticks, law = [tick[index] for tick in recorded.ticks], controller.controllers[arm]
     constants, rows = arm_constants(run.chain.arms[index]), scenario.cell.task_rows
@@ -119,7 +130,10 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
         raise TracingError(f"the law of arm {arm!r} cannot be exported: it {error}") from None
     name = _identifier(arm, list(scenario.cell.arms))
     header, source, test = (Path(folder) / f"{name}{ending}" for ending in (".h", ".c", "_self_test.c"))
-    Path(folder).mkdir(parents=True, exist_ok=True)
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileWriteError(str(folder), error.strerror or str(error)) from error
     messages = message_texts(
         name, arm_ticks, recorded.first_messages[index] if len(code) > 2 else np.zeros(0)
     )

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coop_pin.base.arrays import Array, frozen
+from coop_pin.base.arrays import Array, frozen, real_numbers, require_type
 from coop_pin.base.errors import ArgumentError, DivergedError, FieldError, ShapeError
 from coop_pin.control import CellCommand, CellController
 from coop_pin.control.controller import COMMANDS
@@ -258,12 +258,23 @@ class Actuation:
             ShapeError: not one value for each drive of each arm.
         """
         commanded, m = list[Array](), len(self._names)
+        for kind in COMMANDS:
+            name = f"the list of {kind} commands, one for each arm,"
+            require_type(name, values := command.of(kind), Sequence, np.ndarray)
+            if len(values) not in (0, m):
+                raise ShapeError(name, (len(values),), (m,))
+        several = len(command.velocities) or len(command.positions)
         for index, (name, arm) in enumerate(zip(self._names, self.drives.arms, strict=True)):
             values = command.torques if arm.servo is None else command.of(arm.takes)
-            if len(values) != m:
-                raise ShapeError(f"the list of {arm.takes} commands, one for each arm,", (len(values),), (m,))
-            if values[index] is None:
+            if not len(values) or values[index] is None:
                 raise ArgumentError(f"the command has no {arm.takes} for arm {name!r}, which takes one")
+            others = (
+                [kind for kind in COMMANDS if kind != arm.takes and len(command.of(kind))] if several else []
+            )
+            if beside := [kind for kind in others if command.of(kind)[index] is not None]:
+                raise ArgumentError(
+                    f"the command has a {beside[0]} for arm {name!r}, which takes a {arm.takes}"
+                )
             value = values[index]
             if type(value) is not np.ndarray or value.dtype != np.float64:
                 value = _real_numbers(f"{arm.takes} of arm {name!r}", value)
@@ -280,9 +291,8 @@ def _real_numbers(name: str, values: Any) -> Array:
         ArgumentError: they are complex, or no numbers.
     """
     try:
-        array = np.asarray(values)
+        return real_numbers(name, values).astype(np.float64)
+    except ArgumentError:
+        raise
     except Exception as error:  # such as that of a tensor with a gradient
         raise ArgumentError(f"{name} cannot be read as an array: {error}") from error
-    if array.dtype.kind not in "fiub":
-        raise ArgumentError(f"{name} has entries of type {array.dtype}; they must be real numbers")
-    return array.astype(np.float64)
