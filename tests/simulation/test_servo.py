@@ -229,7 +229,7 @@ def test_an_arm_takes_what_its_scenario_says():
     simulation = cp.Simulation(servo)
     with pytest.raises(ArgumentError, match="velocity"):
         simulation.step(cp.CellCommand(velocities=[np.zeros(3), None]))
-    with pytest.raises(ShapeError, match="velocity"):
+    with pytest.raises(ArgumentError, match="velocity"):
         simulation.step(cp.CellCommand([np.zeros(3), np.zeros(3)], None))
     with pytest.raises(ShapeError, match="velocity"):
         simulation.step(cp.CellCommand(velocities=[np.zeros(3), np.zeros(4)]))

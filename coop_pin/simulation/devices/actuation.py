@@ -257,24 +257,22 @@ class Actuation:
             ArgumentError: an arm is not commanded what it takes, or values are no real numbers.
             ShapeError: not one value for each drive of each arm.
         """
-        commanded, m = list[Array](), len(self._names)
+        commanded, stated, m = list[Array](), list[str](), len(self._names)
         for kind in COMMANDS:
             name = f"the list of {kind} commands, one for each arm,"
             require_type(name, values := command.of(kind), Sequence, np.ndarray)
             if len(values) not in (0, m):
                 raise ShapeError(name, (len(values),), (m,))
-        several = len(command.velocities) or len(command.positions)
+            stated += [kind] * bool(len(values))
         for index, (name, arm) in enumerate(zip(self._names, self.drives.arms, strict=True)):
-            values = command.torques if arm.servo is None else command.of(arm.takes)
-            if not len(values) or values[index] is None:
+            values = command.of(arm.takes)
+            if arm.takes not in stated or values[index] is None:
                 raise ArgumentError(f"the command has no {arm.takes} for arm {name!r}, which takes one")
-            others = (
-                [kind for kind in COMMANDS if kind != arm.takes and len(command.of(kind))] if several else []
-            )
-            if beside := [kind for kind in others if command.of(kind)[index] is not None]:
-                raise ArgumentError(
-                    f"the command has a {beside[0]} for arm {name!r}, which takes a {arm.takes}"
-                )
+            for kind in stated:
+                if kind != arm.takes and command.of(kind)[index] is not None:
+                    raise ArgumentError(
+                        f"the command has a {kind} for arm {name!r}, which takes a {arm.takes}"
+                    )
             value = values[index]
             if type(value) is not np.ndarray or value.dtype != np.float64:
                 value = _real_numbers(f"{arm.takes} of arm {name!r}", value)
