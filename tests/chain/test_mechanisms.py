@@ -501,7 +501,7 @@ BAD_RUNS = {
     "long v": ({"v": np.zeros(4)}, ShapeError, "^v has shape"),
     "nan in q": ({"q": [np.nan, 0, 0]}, OutOfRangeError, r"^q\[0\] is nan"),
     "infinite v": ({"v": [0, np.inf, 0]}, OutOfRangeError, r"^v\[1\] is inf"),
-    "words": ({"q": "upright"}, ShapeError, "^q has shape"),
+    "words": ({"q": "upright"}, ArgumentError, "^q has entries of type"),
     "negative step": ({"step": -1e-3}, OutOfRangeError, "^step is -0.001"),
     "no step": ({"step": 0.0}, OutOfRangeError, "^step is 0"),
     "nan step": ({"step": np.nan}, OutOfRangeError, "^step is nan"),

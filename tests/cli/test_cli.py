@@ -307,8 +307,8 @@ def test_the_fields_of_a_scenario_of_the_catalogue_are_kept_and_a_file_is_read_e
     monkeypatch.setattr(cp.Scenario, "load", lambda _: 1 / 0)
     assert main(["fields", "adept-paper"]) == 0
     assert capsys.readouterr().out == text
-    with pytest.raises(ZeroDivisionError):
-        main(["fields", str(file)])
+    assert main(["fields", str(file)]) == 2
+    assert "ZeroDivisionError" in capsys.readouterr().err
 
 
 def test_fields_tells_the_kinds_there_are_and_what_a_pose_is_the_pose_of(capsys):
@@ -319,8 +319,8 @@ def test_fields_tells_the_kinds_there_are_and_what_a_pose_is_the_pose_of(capsys)
         " leader-follower, admittance, computed-torque, adaptive, object-impedance, torque-qp, user."
     )
     assert said["--events.1.kind"].endswith(
-        "one of payload-change, wrench-pulse, gravity-turn, partner, lose-arm, release, hand-over, grasp,"
-        " put-down, user."
+        "one of payload-change, wrench-pulse, gravity-turn, partner, put-down, user, lose-arm, release,"
+        " hand-over, grasp."
     )
     assert "root link in the world: x, y, z, m." in said["--cell.arms.left.base.xyz"]
 
@@ -512,10 +512,9 @@ def test_other_errors_that_python_drops_are_told(parsed, monkeypatch):
 
 
 def test_an_import_that_fails_by_itself_is_raised(parsed):
-    def loading(_words):
-        raise ImportError("no such module")
-
-    parsed(loading)
+    names = {}  # no file of the user's
+    exec("def loading(_words):\n    raise ImportError('no such module')", names)
+    parsed(names["loading"])
     with pytest.raises(ImportError, match="no such module"):
         main(["list"])
 

@@ -59,6 +59,7 @@ CASES = [
 @pytest.mark.parametrize("refused", CASES)
 def test_a_way_round_is_traced_and_has_the_same_value(refused, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)  # below which a scenario may name code
     number = [*WAYS].index(refused)
     reasons = []
     for name, value in (("refused", refused), ("traced", WAYS[refused])):
