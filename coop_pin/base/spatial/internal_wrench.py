@@ -24,7 +24,7 @@ def load_wrenches(interaction: Array, load_shares: Array) -> Array:
         interaction: wrench on each arm by the payload, about P, in common axes, shape (..., m, k).
         load_shares: c_i, summing to one, shape (..., m).
     """
-    if np.ndim(load_shares) < 2 and type(load_shares) in (np.ndarray, list, tuple):
+    if not hasattr(load_shares, "shape") or (type(load_shares) is np.ndarray and load_shares.ndim < 2):
         load_shares = as_array("load_shares", load_shares, "m")
     if not isinstance(interaction, np.ndarray):
         interaction = as_array("interaction", interaction, "m", "k")
