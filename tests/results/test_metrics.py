@@ -653,3 +653,14 @@ def test_every_metric_is_shown_with_the_scale_of_its_unit():
         assert scale == (1.0 if unit == in_si else scales[in_si, unit])
     after = [name for name in metrics.METRIC_TEXTS if name.startswith("after_event_")]
     assert after == [f"after_event_{name}" for name in metrics.PHASE_METRICS]
+
+
+def test_where_one_error_never_decays_no_mean_has_the_start_of_the_others_in_it():
+    """One arm is off by 1 mm: the force is never within its limit, position and turn come to be."""
+    bias = {"events": (), "duration": 6.0, "cell.arms.left.calibration_error.tip.xyz": (1e-3, 0.0, 0.0)}
+    result = cp.run("adept-paper", bias, warn=False)
+    metrics, (largest,) = result.metrics(), result.windows_of("position_error_max_m")
+    assert 0.0 < largest.start < largest.end == result.end
+    assert metrics["moving_position_rms_m"] <= metrics["position_error_max_m"] < 2e-3
+    assert result.windows_of("moving_position_rms_m")[0].start >= largest.start
+    assert result.windows_of("internal_force_error_max_N") == (Window(0.0, result.end),)
