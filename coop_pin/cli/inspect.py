@@ -206,15 +206,15 @@ def new(
         layout=layout,
         tips=tips,
         distance=distance,
-        progress=_tell if sys.stderr.isatty() else None,
+        progress=_print_stage if sys.stderr.isatty() else None,
     )
     suggested.scenario.save(path, commented=True)
     print_wrapped(suggested.summary())
     print_wrapped(f"{path}: edit it; then coop-pin check {path}, coop-pin run {path} --report")
 
 
-def _tell(stage: str) -> None:
-    """Say on a terminal what a command is at."""
+def _print_stage(stage: str) -> None:
+    """Print the stage of a command on the standard error."""
     print(f"coop-pin: {stage} ...", file=sys.stderr)
 
 

@@ -48,13 +48,11 @@ class Scenario(Description):
         cell: arms, payload, grasps.
         controller: control law and gains, or a user's own controller.
         motion: desired motion of the payload.
-        squeeze: desired internal wrench f_d of each arm about P in *payload* axes, N and N m: a table by arm,
-            a ramp, or a function; zero when omitted.
+        squeeze: desired internal wrench f_d of each arm about P, *payload* axes, N and N m; zero if omitted.
         start: payload pose at t = 0, at rest.
         start_angles: joint angles of every arm at t = 0, instead of the inverse kinematics of ``start``; they
             must close the chain at ``start``.
-        project_start: project open starting angles onto the closed chain instead of refusing them; the
-            payload then starts at the projected pose.
+        project_start: project open ``start_angles`` onto the closed chain; the payload starts there.
         events: changes of the payload, wrenches on it, failures of arms, and openings and closings of grasps.
         clock: control rate and integration steps.
         plant: formulation and integration of the plant.
@@ -270,8 +268,7 @@ class Scenario(Description):
 
         Raises:
             NameNotFoundError: there is no such name or file.
-            FileReadError: the file is not TOML.
-            ScenarioError: the scenario has mistakes; all are reported at once.
+            FileReadError: the file is not TOML; ScenarioError: the scenario has mistakes, all of them.
         """
         require_path("name_or_path", name_or_path)
         data = scenario_file.scenario_table(name_or_path)

@@ -71,11 +71,12 @@ def regrasp_gaps(scenario: Scenario) -> tuple[RegraspGap, ...]:
     cell = scenario.cell
     C = np.array([cell.compliance(name) for name in cell.arms])
     shares = _shares(scenario.grasp_plan_at(0.0))
+    motion = scenario.payload_motion  # reads a table again
     is_zeroed = scenario.controller.near_rest.is_zeroed
     gaps = list[RegraspGap]()
     for event in of_kind(scenario.events, Regrasp):
         time = event.time - _BEFORE
-        R = scenario.payload_motion.at(time).X_WP_d[:3, :3]
+        R = motion.at(time).X_WP_d[:3, :3]
         around, plan = scenario.surroundings_at(time), scenario.grasp_plan_at(time)
         holds, borne = plan.holds, _shares(plan)[plan.holds]
         w = (weight_wrench(around.mass, around.gravity).reshape(2, 3) @ R).ravel()
