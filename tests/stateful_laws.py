@@ -4,6 +4,7 @@ import functools
 import itertools
 import os
 import random
+import time
 
 import numpy as np
 
@@ -153,3 +154,16 @@ class InCache(Clean):
     def more(self, q):
         cached(0)[0] += 1
         return 0.01 * (cached(0)[0] > 500)
+
+
+class Clocked(Clean):
+    def more(self, q):
+        return 1e-9 * time.perf_counter()
+
+
+class Unseeded(Clean):
+    def begin(self):
+        self.rng = np.random.default_rng()
+
+    def more(self, q):
+        return 1e-3 * self.rng.normal()

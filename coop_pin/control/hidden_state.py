@@ -34,6 +34,10 @@ _OUTSIDE = {
     *("tempfile", "threading", "time", "uuid"),
 }
 """Modules whose functions may return something else each time."""
+_CLOCKS = {"datetime", "secrets", "time", "uuid"}
+"""Modules whose functions are another each time without a state that can be kept."""
+_MAKERS = {"default_rng", "RandomState", "Random", "SeedSequence", "SystemRandom", "urandom"}
+"""Functions that make generators, without an argument from the entropy of the machine."""
 _RANDOM = "numpy.random", "random"
 _GLOBAL = "LOAD_GLOBAL", "LOAD_NAME", "STORE_GLOBAL", "DELETE_GLOBAL"
 _SEES_ALL = {"__import__", "eval", "exec", "globals", "input", "open"}
@@ -127,18 +131,25 @@ class _UsedNames(NamedTuple):
 @functools.cache  # for every run of a batch
 def _names(kind: Any) -> _UsedNames:
     """Return the names that the functions of a class use, also by other functions of its module."""
-    module = vars(sys.modules[kind.__module__])
-    parts = vars(kind).values() if isinstance(kind, type) else [kind]
     names, every = set[str](), set[str]()
+    for code in _all_code(kind):
+        names |= {each.argval for each in dis.get_instructions(code) if each.opname in _GLOBAL}
+        every.update(code.co_names)
+    return _UsedNames(frozenset(names), frozenset(every))
+
+
+def _all_code(kind: Any) -> Iterator[CodeType]:
+    """Yield the code of the functions of a class, and of those of its module that they name."""
+    module, seen = vars(sys.modules[kind.__module__]), set[str]()
+    parts = vars(kind).values() if isinstance(kind, type) else [kind]
     waiting = [code for value in parts for code in _code(value)]
     while waiting:
         code = waiting.pop()
+        yield code
         waiting += [part for part in code.co_consts if isinstance(part, CodeType)]
-        loads = (each.argval for each in dis.get_instructions(code) if each.opname in _GLOBAL)
-        new = {*loads} - names
-        names, every = names | new, every.union(code.co_names)
+        new = {each.argval for each in dis.get_instructions(code) if each.opname in _GLOBAL} - seen
+        seen |= new
         waiting += [part for name in new & module.keys() for part in _code(module[name])]
-    return _UsedNames(frozenset(names), frozenset(every))
 
 
 def require_no_outside(targets: Iterable[str]) -> None:
@@ -148,28 +159,71 @@ def require_no_outside(targets: Iterable[str]) -> None:
         TracingError: they do.
     """
     for kind in (kind for target in targets for kind in users_kinds(load_function(target, {}))):
-        (names, every), module = _names(kind), vars(sys.modules[kind.__module__])
-        values = {name: module[name] for name in names & module.keys()} | vars(kind)
-        held = {
-            f"{name} (a default or a variable of a function around it)": part
-            for name, value in values.items()
-            for function in _functions(value)
-            for part in (*(function.__defaults__ or ()), *_cells(function))
-        }
-        outside = [name for name, value in (values | held).items() if _is_outside(value)]
+        values, (names, every) = _named_values(kind), _names(kind)
+        outside = [name for name, value in values.items() if _is_outside(value)]
         if any(value is np for value in values.values()) and "random" in every:
             outside.append("numpy.random")
-        if outside := sorted({*outside, *(names & _SEES_ALL) - module.keys()}):
+        if outside := sorted({*outside, *(names & _SEES_ALL) - vars(sys.modules[kind.__module__]).keys()}):
             raise TracingError(f"names {', '.join(outside)}, which may be another each time")
+
+
+def unrepeatable(targets: Iterable[str]) -> list[str]:
+    """Return a sentence on each clock and each generator without a seed that functions of laws name."""
+    kinds = [kind for target in targets for kind in users_kinds(load_function(target, {}))]
+    named = {name for kind in kinds for name, value in _named_values(kind).items() if _homes(value) & _CLOCKS}
+    used = dict.fromkeys(named, "a run is another each time; take the time of the measurements")
+    seeded = "its random numbers are others in each run; state a seed, default_rng(seed)"
+    unseeded = {name: seeded for kind in kinds for name in _calls_without_seed(kind)}
+    return [f"the code uses {name}: {advice}" for name, advice in sorted((used | unseeded).items())]
+
+
+def _named_values(kind: Any) -> dict[str, Any]:
+    """Return what functions of a class name: globals, attributes, defaults, variables of outer functions."""
+    module = vars(sys.modules[kind.__module__])
+    values = {name: module[name] for name in _names(kind).globals & module.keys()} | vars(kind)
+    held = {
+        f"{name} (a default or a variable of a function around it)": part
+        for name, value in values.items()
+        for function in _functions(value)
+        for part in (*(function.__defaults__ or ()), *_cells(function))
+    }
+    return values | held
+
+
+def _calls_without_seed(kind: Any) -> Iterator[str]:
+    """Yield the makers of generators that functions of a class call without an argument."""
+    for code in _all_code(kind):
+        name = ""
+        for step in dis.get_instructions(code):
+            if step.argval in _MAKERS:
+                name = step.argval
+            elif step.opname.startswith("CALL"):
+                if name and step.arg == 0:
+                    yield f"{name}()"
+                name = ""
+            elif step.opname not in ("PRECALL", "PUSH_NULL", "CACHE"):
+                name = ""
 
 
 def _is_outside(value: Any) -> bool:
     """Return whether a value is, or belongs to, what returns something else each time."""
+    return bool(_homes(value) & _OUTSIDE) or isinstance(value, Iterator) or hasattr(value, "cache_info")
+
+
+def _homes(value: Any) -> set[str]:
+    """Return the modules that a value is or comes from; none of a text."""
     owner = getattr(value, "__self__", value)
-    homes = getattr(value, "__module__", None), type(owner).__module__, getattr(value, "__name__", None)
-    is_module = isinstance(value, ModuleType)
-    return bool({*homes[is_module * 2 :]} & _OUTSIDE if is_module or not isinstance(value, str) else ()) or (
-        isinstance(value, Iterator) or hasattr(value, "cache_info")
+    if isinstance(value, ModuleType):
+        return {value.__name__}
+    return (
+        set()
+        if isinstance(value, str)
+        else {
+            *map(
+                str,
+                (getattr(value, "__module__", ""), type(owner).__module__, getattr(value, "__name__", "")),
+            )
+        }
     )
 
 

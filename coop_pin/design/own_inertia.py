@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.base.arrays import Array, typed
+from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.base.spatial import TaskRows, spatial_inertia, weight_wrench
 from coop_pin.control import PayloadSpace, PayloadSpaceGains, PostureGains, Saturation
 from coop_pin.description.scenario import Scenario
@@ -22,10 +23,12 @@ from coop_pin.design.tuning_rule import (
     sampled_damping,
     squeeze_rate,
 )
+from coop_pin.feasibility.least_squeeze import least_squeeze
 from coop_pin.feasibility.reachability import Reachability
 from coop_pin.feasibility.table_force import TABLE_ERROR, table_force
 from coop_pin.feasibility.task_inertia import MotionWrenches
 from coop_pin.model.cell_arm import CellArm
+from coop_pin.stability.motion_loop import GROWS, MotionLoop
 
 _KAPPA, _ALONG = 0.5, 0.9
 """T lambda of each arm alone at the start, and the largest along the motion; 2 is unstable."""
@@ -38,6 +41,8 @@ _LESS, _AIM = 0.98, 0.95
 and the part of the allowed force to which: a lower g, which patches may ask for, adds some."""
 _TRANSIENT = 2.0
 """Least kappa as a multiple of gamma: with kappa = gamma an error of the start stays longest."""
+_CUT, _LEAST_PART, _RESERVE = 0.9, 0.2, 1.1
+"""Part by which a squeeze is lowered at a time, least part of it, and its reserve before a patch slips."""
 _INSTANTS = 21
 """Times at which deflections are looked at."""
 
@@ -118,6 +123,34 @@ def own_inertia_proposal(
         part *= min(_LESS, (_AIM / use) ** (1.0 / 3.0))
         proposal = at_rate(proposal.rate_hz, proposal.posture, wrenches, part)
     return proposal
+
+
+def held_by_squeeze(scenario: Scenario, cell_reach: Reachability) -> tuple[Scenario, tuple[str, ...]]:
+    """Return the scenario with a squeeze with which the loop along the motion is stable, and what was cut.
+
+    The wanted force of an arm turns with what the arm sees: a squeeze too large for the stiffness of grasps
+    and law pushes two arms that face each other sidewards.
+
+    Args:
+        scenario: Cell with grasps that give, and its law.
+        cell_reach: Reachability of the scenario, in which every arm holds the start.
+
+    Raises:
+        InfeasibleMotionError: cause "stability": no squeeze that holds the payload is small enough.
+    """
+    part, stated = 1.0, scenario.replace(events=())
+    while (growth := MotionLoop(stated, cell_reach).growth()) > GROWS:
+        part *= _CUT
+        stated = stated.replace(squeeze=scenario.squeeze.scaled(part))
+        least = least_squeeze(stated)
+        if part < _LEAST_PART or (least is not None and _RESERVE * least.use > 1.0):
+            raise InfeasibleMotionError(
+                "stability",
+                f"at {part:.2f} of the squeeze the loop grows with {growth:.3g} /s, and less does not hold;"
+                " take stiffer grasps, or a tip whose last joint is not along the squeeze",
+            )
+    cut = f"squeeze CUT to {part:.2f} of it: with more the arms push each other sidewards"
+    return scenario.replace(squeeze=stated.squeeze), (cut,) * (part < 1.0)
 
 
 def _table_use(scenario: Scenario, proposal: GainProposal, table_error: float) -> float:

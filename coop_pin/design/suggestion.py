@@ -17,7 +17,7 @@ from coop_pin.base.errors import ArgumentError, InfeasibleMotionError, ScenarioW
 from coop_pin.control.laws.payload_space import SLIP_GUARD, PayloadSpace
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceGains
 from coop_pin.description.scenario import Scenario
-from coop_pin.design.own_inertia import own_inertia_proposal
+from coop_pin.design.own_inertia import held_by_squeeze, own_inertia_proposal
 from coop_pin.design.posture_gains import rounded_down
 from coop_pin.design.proposal_limits import (
     friction_limits,
@@ -191,6 +191,9 @@ def suggest(
         if not cell.unclosed or error.cause != "stability":
             raise
         proposal, suggested, loop = _held(scenario, cell_reach, partial(propose, tips_give=True))
+    if cell.unclosed:
+        suggested, too_large = held_by_squeeze(suggested, cell_reach)
+        pressed = (*pressed, *too_large)
     suggested, errors = anchored_enough(suggested, cell_reach)
     simulation = Simulation(suggested, build_controller(suggested))
     steps = step_stability(simulation, cell_reach)

@@ -15,7 +15,7 @@ from coop_pin.base.errors import CoopPinError, RunInterruptedError, ScenarioWarn
 from coop_pin.base.schema.user_code import code_of, require_allowed
 from coop_pin.compiled.engine_choice import choose_engine, plant_of, saved_by_auto
 from coop_pin.compiled.engines import Engine, engine_named
-from coop_pin.control.hidden_state import leaks, of_all_runs
+from coop_pin.control.hidden_state import leaks, of_all_runs, unrepeatable
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.finding import Finding, Findings, sorted_findings
 from coop_pin.results.run_result import RunResult
@@ -114,7 +114,7 @@ def run(
             if error.result is not None:
                 error.result.note(noted)
             raise
-    for sentence in leaks(before, code):
+    for sentence in (*leaks(before, code), *unrepeatable(code if warn else ())):
         findings.append(Finding("user code", "controller", "warning", sentence))
         warnings.warn(sentence, ScenarioWarning, stacklevel=2)
     result.note(Findings(scenario.name, sorted_findings(findings)))

@@ -12,7 +12,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import WristSensor
 from coop_pin.feasibility.least_squeeze import least_squeeze
 from coop_pin.feasibility.reachability import Reachability
-from coop_pin.stability.motion_loop import MotionLoop
+from coop_pin.stability.motion_loop import GROWS, MotionLoop
 
 _LARGEST = 1e6
 """State beyond which a loop counts as growing."""
@@ -84,8 +84,10 @@ def forecast(scenario: Scenario, cell_reach: Reachability) -> Forecast:
 
     a_i is what the motion asks of an arm (``HeldArm``), push that of the payload; sigma_i has what is zeroed
     at the grasp, known deflections and the decaying start; B_i is the slope of the joints' friction at the
-    speeds of the reference. Dampers of grasps are modal, patches stick. The matrices are interpolated between
-    33 poses. At most 5 s after the motion, 40 000 ticks and the time before the first event are looked at.
+    speeds of the reference. The wrench on a grasp that gives turns with the payload, the wanted one with what
+    the arm sees (``changes_under_load``). Dampers of grasps are modal, patches stick. The matrices are
+    interpolated between 33 poses. At most 5 s after the motion, 40 000 ticks and the time before the first
+    event are looked at.
 
     Args:
         scenario: Scenario with its law.
@@ -100,6 +102,8 @@ def forecast(scenario: Scenario, cell_reach: Reachability) -> Forecast:
     states = loop.run()
     if not np.abs(states[-1]).max() < _LARGEST:
         return Forecast(uncovered="its loop grows from tick to tick")
+    if scenario.cell.unclosed and (growth := loop.growth()) > GROWS:
+        return Forecast(uncovered=f"its loop grows with {growth:.3g} /s; a smaller squeeze may hold")
     law: Any = scenario.controller
     errors, moves = loop.errors(states), loop.moves
     biases = loop.norms(loop.explained(states)).max(axis=(0, 1))

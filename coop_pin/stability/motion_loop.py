@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from coop_pin.feasibility.task_inertia import HeldArm
 from coop_pin.model.arm_model import ArmModel
 from coop_pin.simulation.build_controller import controlled_arm
 from coop_pin.stability.admittance_stability import matrix_of
+from coop_pin.stability.loaded_grasps import changes_under_load, give_way
 
 _SAMPLES, _LATER = 401, 41
 """Times at which wrenches are computed while the reference moves, and after it."""
@@ -22,6 +24,8 @@ _POSES = 33
 """Poses between which the loop is interpolated."""
 _REST = 5.0
 """Longest time after the motion that is looked at, s."""
+GROWS = 1e-3
+"""Growth of a mode at a pose above which the loop counts as unstable, 1/s."""
 _MOST_TICKS = 40_000
 """Most ticks that are looked at."""
 
@@ -70,7 +74,7 @@ class MotionLoop:
         parts = cell.shares[:, None, None] * np.eye(6) if plan is None else plan
         self.split = np.array([part[np.ix_(rows.indices, rows.indices)] for part in parts])
         arm_shape = (self.m, self.k)
-        self.shapes = [(self.n, self.k)] * 2 + [arm_shape, (late + 1, *arm_shape), arm_shape, arm_shape]
+        self.shapes = [(self.n, self.k)] * 2 + [arm_shape, (late + 1, *arm_shape)] + [arm_shape] * 3
         self._follow(cell_reach)
 
     def _follow(self, cell_reach: Reachability) -> None:
@@ -98,6 +102,7 @@ class MotionLoop:
         moves = np.interp(self.ticks, self.times, np.abs(twists).max(axis=1)) > 0.0
         self.moves = moves & (self.ticks <= end)
         self.M_0 = np.array(M_0)[:, indices][:, :, indices]
+        self.R = np.array([target.X_WP_d[:3, :3] for target in targets])
         self.Q = np.array([_turn(rows, target.X_WP_d) for target in targets])
         push = np.einsum("nij,nj->ni", M_0, np.gradient(twists, self.times, axis=0))[:, indices]
         pairs_of = zip(self.arms, self.paths, strict=True)
@@ -117,11 +122,12 @@ class MotionLoop:
             weight_wrench(scenario.cell.payload.mass, scenario.cell.gravity),
         )
         load = np.array([Q_0 @ part @ Q_0.T @ self.rows.select(weight) for part in self.split])
-        borne = load + is_pressed * squeeze[0] @ Q_0.T
-        springs = self.K + self.is_rigid * np.eye(self.k)
-        off = np.array([Q_0 @ np.linalg.solve(K, Q_0.T @ F) for K, F in zip(springs, borne, strict=True)])
-        x = self.rows.pose_error(start, begin) - self.held.T @ (off * ~self.is_rigid[:, :, 0])
-        view = self.held @ x
+        self.load = load
+        f_0 = borne = load + is_pressed * squeeze[0] @ Q_0.T
+        x = self.rows.pose_error(start, begin)
+        borne = borne @ Q_0 * ~self.is_rigid[:, :, 0]
+        off, self.r, self.K = give_way(scenario.cell, self.K, borne)
+        view = x + off @ Q_0.T
         e = np.exp(-self.laws[0].gains.transient_rate * self.ticks)[:, None, None]
         Q, f_d = self._at_ticks(self.Q), self._at_ticks(squeeze)
         f_d = f_d if is_pressed else f_d - squeeze[0] * e
@@ -133,7 +139,7 @@ class MotionLoop:
         known = np.einsum("nij,mjk,nmk->nmi", Q, C, f_d)
         zeroed = scenario.controller.near_rest.is_zeroed * view
         surface = velocity + np.einsum("mij,mj->mi", self.gamma, view - zeroed)
-        known = known - np.einsum("nij,mj->nmi", Q, zeroed @ Q_0)
+        known = known + np.einsum("nij,mj->nmi", Q, off - zeroed @ Q_0)
         self.sigma = np.einsum("mij,nmj->nmi", self.gamma, known) - surface * e
         every = (
             self.sigma,
@@ -141,14 +147,23 @@ class MotionLoop:
             self._at_ticks(a),
             self._at_ticks(push),
             np.tile(load, (len(e), 1, 1)),
+            np.einsum("nij,mj->nmi", Q, borne),
         )
         self.inputs = np.concatenate([each.reshape(len(e), -1) for each in every], axis=1)
         self.input_shapes = [each.shape[1:] for each in every]
-        internal = borne - np.einsum("mij,j->mi", Q_0 @ self.split @ Q_0.T, borne.sum(axis=0))
-        states = x, np.tile(velocity, (self.n, 1)), np.zeros((m, self.k)), internal, self.f_r[0], 0.0 * load
+        internal = f_0 - np.einsum("mij,j->mi", Q_0 @ self.split @ Q_0.T, f_0.sum(axis=0))
+        zero = np.zeros((m, self.k))
+        of_result = self._internal(f_0, load)
+        states = x, np.tile(velocity, (self.n, 1)), zero, internal, self.f_r[0], zero, of_result
         self.first = np.concatenate(
             [np.broadcast_to(*pair).ravel() for pair in zip(states, self.shapes, strict=True)]
         )
+
+    def _internal(self, F: Array, load: Array) -> Array:
+        """Return internal wrenches by the shares, as of results, without the bending by the weight."""
+        bends = np.expand_dims(~self.rows.are_linear, tuple(range(1, F.ndim - 1)))
+        kept = F - bends * load
+        return kept - np.tensordot(np.outer(self.scenario.cell.shares, np.ones(self.m)), kept, 1)
 
     def _at_ticks(self, values: Array) -> Array:
         """Return values of the motion's times at the ticks."""
@@ -156,17 +171,27 @@ class MotionLoop:
         each = np.array([np.interp(self.ticks, self.times, column) for column in columns])
         return each.T.reshape(-1, *values.shape[1:])
 
+    @cached_property
+    def matrices(self) -> tuple[Array, Array, Array]:
+        """Return times of poses, and there the matrices from states and from inputs to the next states."""
+        poses = np.unique(np.searchsorted(self.times, np.linspace(0.0, self.end or self.times[-1], _POSES)))
+        A, B = np.split(np.array([self._tick_matrix(pose) for pose in poses]), [len(self.first)], axis=2)
+        return self.times[poses], A, B
+
+    def growth(self) -> float:
+        """Return the rate at which the fastest mode at any pose grows, 1/s; at most 0 if none does."""
+        radius = float(np.abs(np.linalg.eigvals(self.matrices[1])).max())
+        return (radius - 1.0) / self.scenario.clock.period
+
     def run(self) -> Array:
         """Return the states at all ticks, shape (ticks, states); not finite in the end if they grow."""
-        poses = np.unique(np.searchsorted(self.times, np.linspace(0.0, self.end or self.times[-1], _POSES)))
-        size, times = len(self.first), self.times[poses]
-        A, B = np.split(np.array([self._tick_matrix(pose) for pose in poses]), [size], axis=2)
+        times, A, B = self.matrices
         after = np.clip(np.searchsorted(times, self.ticks, side="right"), 1, len(times) - 1)
         part = np.clip((self.ticks - times[after - 1]) / (times[after] - times[after - 1]), 0.0, 1.0)
-        states = np.empty((len(self.ticks), size))
+        states = np.empty((len(self.ticks), len(self.first)))
         states[0] = x = self.first
         steps = np.stack((A[:-1], A[1:] - A[:-1]), axis=1)
-        driven = [np.empty((0, size))]
+        driven = [np.empty((0, len(self.first)))]
         for j in range(1, len(times)):
             at = after == j
             ends = [self.inputs[at] @ B[k].T for k in (j - 1, j)]
@@ -199,7 +224,15 @@ class MotionLoop:
             np.einsum("ia,ijk,ib->ajbk", bodies, each, bodies).reshape(n * k, -1)
             for bodies, each in ((self.give, K), (self.give, D), (self.held, B))
         )
-        springs, dampers = mobility @ springs, mobility @ (dampers + friction)
+        f_r = self.f_r[np.searchsorted(self.ticks, self.times[pose])]
+        turns, levers, shifts = changes_under_load(self.rows, f_r + self.load, self.r @ self.R[pose].T)
+        turns_wanted, _, _ = changes_under_load(self.rows, f_r, self.r)
+        carried = self.give.any(axis=1)[:, None] * np.eye(n)[0]
+        of_arm = np.einsum("mij,mb->mibj", turns, carried) + np.einsum("mij,mb->mibj", levers, self.give)
+        bent = np.einsum("ma,mibj->aibj", self.give, of_arm)
+        bent[0] -= np.einsum("mij,mb->ibj", shifts, self.give)
+        springs = mobility @ (springs - bent.reshape(n * k, -1))
+        dampers = mobility @ (dampers + friction)
         flow = np.zeros((3 * n * k, 3 * n * k))
         flow[: n * k, n * k : 2 * n * k] = np.eye(n * k)
         flow[n * k : 2 * n * k] = np.hstack((-springs, -dampers, mobility))
@@ -211,25 +244,29 @@ class MotionLoop:
         K_f, k_I = self.laws[0].gains.force_gain, self.k_I[:, :, None]
 
         def tick(
-            x: Array, v: Array, Z: Array, f: Array, f_m: Array, y: Array, *driven: Array
+            x: Array, v: Array, Z: Array, f: Array, f_m: Array, y: Array, _: Array, *driven: Array
         ) -> tuple[Array, ...]:
-            sigma, f_r, a, push, load = driven
-            s = np.tensordot(self.held, v, 1) + self.gamma @ np.tensordot(self.held, x, 1) + sigma
+            sigma, f_r, a, push, load, held = driven
+            view = np.tensordot(self.held, x, 1)
+            s = np.tensordot(self.held, v, 1) + self.gamma @ view + sigma
             f_m = pole * f_m + (1.0 - pole) * f[-1]
             anchor = -self.g * (f_m - f_r)
             Z = Z + anchor
-            P = G @ s + Z + f_r - K_f * (f_m - f_r)
+            P = G @ s + Z + f_r + turns_wanted @ view - K_f * (f_m - f_r)
             y = (1.0 - T * k_I) * (y + explains @ anchor)
             Z = Z + T * (G @ (k_I * s) - self.leak * Z)
-            force = -np.tensordot(self.held.T, P + a, 1) - np.tensordot(self.give.T, load, 1)
+            force = -np.tensordot(self.held.T, P + a, 1) - np.tensordot(self.give.T, load - held, 1)
             force[0] -= push
             state = np.concatenate([part.reshape(n * k, -1) for part in (x, v, force)])
             x, v = np.split(plant @ state, 2)
             acceleration = (mobility @ state[2 * n * k :] - springs @ x - dampers @ v).reshape(n, k, -1)
             x, v = x.reshape(n, k, -1), v.reshape(n, k, -1)
             F = -K @ np.tensordot(self.give, x, 1) - D @ np.tensordot(self.give, v, 1)
+            F = F + held + np.tensordot(of_arm, x, 2)
             F = F + self.is_rigid * (Lambda @ acceleration[0] + B @ v[0] + P + a + load)
-            return x, v, Z, np.concatenate(((F - split @ F.sum(axis=0))[None], f[:-1])), f_m, y
+            seen = F - turns @ np.tensordot(self.give, x, 1)
+            f = np.concatenate(((seen - split @ seen.sum(axis=0))[None], f[:-1]))
+            return x, v, Z, f, f_m, y, self._internal(F, load)
 
         return matrix_of(tick, [*self.shapes, *self.input_shapes])
 
@@ -244,13 +281,13 @@ class MotionLoop:
 
     def errors(self, states: Array) -> Array:
         """Return position, angle, and force and moment of the worst arm at the ticks, shape (ticks, 4)."""
-        begin = (2 * self.n + self.m) * self.k
-        internal = states[:, begin : begin + self.m * self.k].reshape(self.f_r.shape) - self.f_r
+        internal = states[:, -self.m * self.k :].reshape(self.f_r.shape) - self.f_r
         return np.hstack((self.norms(states[:, : self.k]), self.norms(internal).max(axis=1)))
 
     def explained(self, states: Array) -> Array:
         """Return the biases y_i that explain what the anchors move, shape (ticks, m, k_0)."""
-        return states[:, -self.m * self.k :].reshape(self.f_r.shape)
+        size = self.m * self.k
+        return states[:, -2 * size : -size].reshape(self.f_r.shape)
 
     def surfaces(self, states: Array) -> Array:
         """Return s_i, shape (ticks, m, k_0)."""

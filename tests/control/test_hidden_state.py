@@ -3,6 +3,7 @@
 import collections
 import itertools
 import random
+import re
 import warnings
 
 import numpy as np
@@ -12,7 +13,7 @@ from cells import SCENARIOS
 
 import coop_pin as cp
 from coop_pin.base.errors import ScenarioWarning, TracingError
-from coop_pin.control.hidden_state import content_of, of_classes, of_objects, require_no_outside
+from coop_pin.control.hidden_state import content_of, of_classes, of_objects, require_no_outside, unrepeatable
 from coop_pin.control.law_memory import LawMemory
 from coop_pin.laws import build_controller
 
@@ -113,6 +114,14 @@ def test_a_run_warns_of_what_it_leaves_to_the_next(name):
         result = cp.run(scenario_of(name))
     assert [finding.kind for finding in result.findings.of("warning")].count("user code") == 1
     assert not [f for f in cp.run(scenario_of("History")).findings.entries if f.kind == "user code"]
+
+
+@pytest.mark.parametrize(("name", "word"), [("Clocked", "time"), ("Unseeded", "default_rng()")])
+def test_a_run_warns_of_clocks_and_generators_without_a_seed(name, word):
+    with pytest.warns(ScenarioWarning, match=re.escape(word)):
+        result = cp.run(scenario_of(name))
+    assert [finding.kind for finding in result.findings.of("warning")] == ["user code"]
+    assert unrepeatable(["stateful_laws:Clean"]) == []
 
 
 @pytest.mark.parametrize(
