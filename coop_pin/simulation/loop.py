@@ -253,6 +253,7 @@ class TickLoop:
         what it has changed in its class or module.
 
         Raises:
+            WrongTypeError: the state, or a field of it, is of another class.
             ArgumentError: the state is of a run with another cell, plant, clock, sensors or drives.
         """
         require_type("state", state, RunState)

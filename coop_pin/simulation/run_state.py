@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import functools
+from types import UnionType
+from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
+from coop_pin.base.arrays import as_count, require_type
 from coop_pin.base.errors import ArgumentError
 from coop_pin.control import CellController
 from coop_pin.control.law_memory import LawMemory
@@ -63,7 +66,18 @@ class RunState(NamedTuple):
     network: NetworkState | None
 
     def require_of(self, scenario: Scenario) -> None:
-        """Raise ArgumentError unless its run differs from a scenario in events, seed and laws only."""
+        """Refuse a state of a run that differs from a scenario in more than events, seed and laws.
+
+        Raises:
+            WrongTypeError: a field is of another class than it states.
+            ArgumentError: the run does.
+        """
+        for field, kind in _kinds().items():
+            require_type(f"state.{field}", getattr(self, field), *kind)
+        if as_count("state.ticks_done", self.ticks_done) and self.sensing is None:
+            raise ArgumentError(
+                "the state is that of a run under way without its sensors; take one of state()"
+            )
         mine = self.scenario
         for name, has, needed in (
             ("cell", mine.cell, scenario.cell),
@@ -78,3 +92,12 @@ class RunState(NamedTuple):
                 raise ArgumentError(
                     f"the state is of a run with another {name}; make a Simulation of its scenario"
                 )
+
+
+@functools.cache
+def _kinds() -> dict[str, tuple[type, ...]]:
+    """Return the classes of the fields that state them, by name."""
+    hints = get_type_hints(RunState)
+    parts = {name: get_args(hint) if isinstance(hint, UnionType) else (hint,) for name, hint in hints.items()}
+    kinds = {name: tuple(get_origin(part) or part for part in of) for name, of in parts.items()}
+    return {name: of for name, of in kinds.items() if Any not in of}

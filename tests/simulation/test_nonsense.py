@@ -174,3 +174,21 @@ def test_a_motion_of_the_user_that_fails_is_one_line_in_every_command(command, t
     lines = capsys.readouterr().err.splitlines()
     assert f"motion failed at {module}.py:2: ZeroDivisionError" in lines[-1]
     assert not any("Traceback" in line for line in lines)
+
+
+def test_fields_of_another_class_in_a_state_are_refused_by_name(run):
+    run.tick()
+    state = run.state()
+    for field in set(state._fields) - {"controller_state", "law_memory", "network", "inputs", "applied"}:
+        with pytest.raises((ArgumentError, WrongTypeError), match=r"state\b"):
+            run.restore(state._replace(**{field: object()}))
+    for changes in ({"ticks_done": -5}, {"sensing": None}):
+        with pytest.raises((ArgumentError, WrongTypeError), match=r"state\b"):
+            run.restore(state._replace(**changes))
+    run.restore(state)
+
+
+@pytest.mark.parametrize("folders", [5, "abc", [3], None, cp.Pose()])
+def test_package_folders_that_are_none_are_refused(folders):
+    with pytest.raises(WrongTypeError, match="package_dirs"):
+        cp.urdf.find_urdf("panda", package_dirs=folders)

@@ -12,8 +12,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Literal, Protocol
 
-from coop_pin.base.arrays import typed
-from coop_pin.base.errors import UrdfError, suggestion
+from coop_pin.base.arrays import require_path, typed
+from coop_pin.base.errors import UrdfError, WrongTypeError, suggestion
 
 _SHARE = Path("share", "example-robot-data", "robots")
 
@@ -136,14 +136,20 @@ def find_urdf(
 
     Raises:
         UrdfError: there is none; the message lists the places searched and the closest names.
+        WrongTypeError: package_dirs is no list of folders.
     """
+    if isinstance(package_dirs, str):
+        raise WrongTypeError("package_dirs", "str", "list of folders")
+    folders = tuple(package_dirs)
+    for folder in folders:
+        require_path("package_dirs", folder)
     cwd, name = Path.cwd(), str(name_or_path)
     file, robots = os.path.join(cwd, name), robot_files()  # noqa: PTH118
     path = file if os.path.isfile(file) else robots.get(name)  # noqa: PTH113 - Path takes ten times as long
     if path is None:
         raise UrdfError(_unknown_text(name, cwd / name, sorted(robots)))
     resolved = os.path.realpath(path) if path is file else path
-    return _located(resolved, tuple(package_dirs), tuple(sorted(xacro_args.items())), cwd)
+    return _located(resolved, folders, tuple(sorted(xacro_args.items())), cwd)
 
 
 @functools.lru_cache(maxsize=256)
