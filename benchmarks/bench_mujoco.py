@@ -5,8 +5,8 @@
 
 Both run the same controller object on the same kinematics at 80 Hz, with the same events. Coulomb friction is
 zero in both: MuJoCo models it as a constraint, coop_pin as a smooth function of speed. Errors are relative
-to coop_pin at 64 steps in a tick. Printed, never asserted; --pages docs/verification.md benchmarks/README.md
-writes the table of plants on these pages. --equal-error prints the cost of the coarsest steps with which each
+to coop_pin at 64 steps in a tick. Printed, never asserted; --pages benchmarks/README.md
+writes the table of plants there. --equal-error prints the cost of the coarsest steps with which each
 plant keeps the error of payload position and closure below a limit, m, MuJoCo with its best time constant.
 """
 

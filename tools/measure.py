@@ -1,10 +1,10 @@
-"""Generate the last column of the tables in docs/verification.md from the tests named there.
+"""Measure what the tests of the claims in tools/claims.tsv find, and write it there.
 
-    python tools/measure.py
+    python tools/measure.py && python tools/reference.py
 
-Every test named in a table of the page runs. The column shows the largest difference between actual and
-expected value of all its ``assert_allclose``, in the unit compared, and the largest share of the tolerance.
-Rows whose tests compare no numbers have a dash.
+Every test of a claim without a number of its own runs. The column "found" gets the largest difference between
+actual and expected value of all its ``assert_allclose``, in the unit compared, and the largest share of the
+tolerance. Claims whose tests compare no numbers have a dash. The second command writes docs/verification.md.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import functools
 import re
 import sys
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,8 +21,10 @@ import numpy as np
 import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-PAGE = REPOSITORY / "docs" / "verification.md"
-NAMED = re.compile(r"`(test_\w+)`")
+sys.path.insert(0, str(REPOSITORY / "tools"))
+from claims import Claim, read, write  # noqa: E402
+
+MEASURED = re.compile(r"\d+e[+-]\d\d \((< 1|\d{1,2}|100)%\)")
 NOTHING = "–"
 
 
@@ -72,28 +74,23 @@ def difference(actual: Any, desired: Any, rtol: float, atol: float) -> Found:
     return Found(float(np.nanmax(off, initial=0.0)), float(np.nanmax(shares, initial=0.0)))
 
 
-def fill(page: str, found: Mapping[str, Found]) -> str:
-    """Return the page with the last column of each table updated whose heading is "found".
+def filled(claims: Iterable[Claim], found: Mapping[str, Found]) -> list[Claim]:
+    """Return claims with what was measured now; numbers that are stated by hand stay.
 
     Args:
-        page: the page's text.
+        claims: the claims of the page.
         found: the largest differences by name of the test.
     """
-    lines, inside = [], False
-    for line in page.splitlines():
-        if not line.startswith("|"):
-            inside = False
-        elif line.rstrip().endswith("| found |"):
-            inside = True
-        elif inside and not line.startswith("| ---"):
-            *cells, _, end = line.split("|")
-            line = "|".join((*cells, f" {cell(NAMED.findall(line), found)} ", end))
-        lines.append(line)
-    return "\n".join(lines) + "\n"
+    return [
+        one._replace(found=cell(one.tests, found))
+        if one.found == NOTHING or MEASURED.fullmatch(one.found)
+        else one
+        for one in claims
+    ]
 
 
-def cell(tests: list[str], found: Mapping[str, Found]) -> str:
-    """Return the cell of a row: the largest difference of its tests, and the share of the tolerance."""
+def cell(tests: Iterable[str], found: Mapping[str, Found]) -> str:
+    """Return the largest difference of tests, and the share of the tolerance."""
     numbers = [found[test] for test in tests if test in found]
     if not numbers:
         return NOTHING
@@ -135,6 +132,8 @@ def measure(names: set[str]) -> dict[str, Found]:
 
 
 if __name__ == "__main__":
-    text = PAGE.read_text(encoding="utf-8")
-    rows = "\n".join(line for line in text.splitlines() if line.startswith("|"))
-    PAGE.write_text(fill(text, measure(set(NAMED.findall(rows)))), encoding="utf-8")
+    known = read()
+    measured = {
+        test for one in known if one.found == NOTHING or MEASURED.fullmatch(one.found) for test in one.tests
+    }
+    write(filled(known, measure(measured)))

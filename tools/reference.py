@@ -1,4 +1,4 @@
-"""Write the fields of a scenario and all public names into the pages of the documentation.
+"""Write fields of a scenario, public names, and claims with their tests into the pages of the documentation.
 
     python tools/reference.py
 
@@ -22,6 +22,8 @@ from coop_pin.base.schema.meanings import described, meanings, section
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(REPOSITORY / "studies"))
+sys.path.insert(0, str(REPOSITORY / "tools"))
+import claims  # noqa: E402
 from pages import with_block  # noqa: E402
 
 DOCS = REPOSITORY / "docs"
@@ -33,6 +35,7 @@ def pages() -> dict[Path, str]:
     texts = {
         DOCS / "fields.md": ("fields", scenario_fields()),
         DOCS / "api" / "index.md": ("names", namespaces()),
+        DOCS / "verification.md": ("claims", claims.table(claims.read(), claims.places())),
     }
     for page in sorted((DOCS / "api").glob("*.md")):
         if modules := re.findall(r"automodule:: (\S+)", page.read_text(encoding="utf-8")):

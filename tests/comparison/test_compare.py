@@ -462,7 +462,7 @@ def test_every_controller_runs_in_every_kind_of_cell(name, tmp_path):
 @pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
 def test_the_template_of_the_page_runs_in_a_cell_of_any_kind(name, tmp_path, monkeypatch):
     """Its gains suit translations and rotations at 80 Hz and at 500 Hz."""
-    page = (Path(__file__).parents[2] / "docs" / "howto" / "compare.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "howto" / "controller.md").read_text(encoding="utf-8")
     (code,) = (block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "class Law" in block)
     assert len(code.strip().splitlines()) <= 25
     (tmp_path / "template_law.py").write_text(code)

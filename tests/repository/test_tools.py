@@ -123,7 +123,7 @@ def test_the_papers_experiment_is_written_where_the_user_stands(workshop, tmp_pa
     }
 
 
-# ---------------------------------------------------------------- tools/measure.py
+# ---------------------------------------------------------------- tools/measure.py, tools/claims.py
 
 
 def tool(name):
@@ -149,22 +149,58 @@ def test_a_difference_is_the_largest_and_its_share_is_of_what_is_allowed_there(m
     )
 
 
-def test_the_page_is_filled_row_by_row_and_nothing_else_of_it_changes(measure):
-    page = "x\n\n| claim | found |\n| --- | --- |\n| `test_a`, `test_b` | old |\n| `test_c` | |\n"
-    page += "\n| other |\n| --- |\n| `test_a` |\n"
+def test_claims_are_filled_row_by_row_and_stated_numbers_stay(measure):
+    rows = [
+        measure.Claim("section", "one", ("test_a", "test_b"), "1e-03 (50%)"),
+        measure.Claim("section", "two", ("test_c",), "–"),
+        measure.Claim("section", "three", ("test_a",), "2 %"),
+    ]
     found = {"test_a": measure.Found(1e-12, 0.001), "test_b": measure.Found(3e-9, 0.25)}
-    filled = page.replace("| old |", "| 3e-09 (25%) |").replace("| `test_c` | |", "| `test_c` | – |")
-    assert measure.fill(page, found) == filled
-    assert measure.fill(filled, found) == filled
+    filled = measure.filled(rows, found)
+    assert [one.found for one in filled] == ["3e-09 (25%)", "–", "2 %"]
+    assert measure.filled(filled, found) == filled
 
 
-def test_every_row_of_the_verification_page_says_what_was_found(measure):
-    page = measure.PAGE.read_text(encoding="utf-8")
-    rows = [line for line in page.splitlines() if line.startswith("|") and measure.NAMED.search(line)]
-    assert len(rows) > 30
-    for row in rows:
-        assert re.search(r"\| (–|\d+e[+-]\d\d \((< 1|\d{1,2}|100)%\)) \|$", row), row
-    assert "see test" not in page
+def test_every_claim_has_tests_and_says_what_they_find(tmp_path):
+    claims = tool("claims")
+    rows = claims.read()
+    assert len(rows) > 100
+    assert [
+        one for one in rows if not all((one.section, one.claim, one.tests, one.found)) or "|" in one.claim
+    ] == []
+    assert len({one.claim for one in rows}) == len(rows)
+    claims.write(rows, tmp_path / "claims.tsv")
+    assert claims.read(tmp_path / "claims.tsv") == rows
+    assert (tmp_path / "claims.tsv").read_bytes() == claims.FILE.read_bytes()
+    page = (REPOSITORY / "docs" / "verification.md").read_text(encoding="utf-8")
+    assert len(page.split()) < 5000
+
+
+def test_tables_of_claims_have_files_and_tiers_and_only_tests_that_exist():
+    claims = tool("claims")
+    where = {"test_a": {"one/test_x.py": ""}, "test_b": {"one/test_x.py": "slow"}}
+    rows = [
+        claims.Claim("S", "it holds", ("test_a", "test_b"), "2 %"),
+        claims.Claim("T", "too", ("test_a",), "–"),
+    ]
+    assert claims.table(rows, where).splitlines() == [
+        "## S",
+        "",
+        "| claim | test | found |",
+        "| --- | --- | --- |",
+        "| it holds | `one/test_x.py`: `test_a`, `test_b` (slow) | 2 % |",
+        "",
+        "## T",
+        "",
+        "| claim | test | found |",
+        "| --- | --- | --- |",
+        "| too | `one/test_x.py`: `test_a` | – |",
+    ]
+    with pytest.raises(ValueError, match="test_c"):
+        claims.table([claims.Claim("S", "no", ("test_c",), "–")], where)
+    places = claims.places()
+    assert places["test_one_simulated_hour"] == {"simulation/test_simulation.py": "slow"}
+    assert places["test_every_plant_gives_the_same_run"] == {"description/test_catalogue.py": "partly slow"}
 
 
 def test_a_test_that_does_not_exist_is_not_measured_as_nothing(measure):
@@ -173,8 +209,8 @@ def test_a_test_that_does_not_exist_is_not_measured_as_nothing(measure):
 
 
 @pytest.mark.gate
-def test_what_the_page_says_is_what_is_found(measure):
-    """The quick ones of its rows, measured again: the same order of magnitude."""
+def test_what_claims_say_is_what_is_found(measure):
+    """The quick ones of their rows, measured again: the same order of magnitude."""
     names = {
         "test_tip_pose_is_what_yourdfpy_says",
         "test_mass_matrix_is_the_kinetic_energy_of_the_links",
@@ -188,10 +224,9 @@ def test_what_the_page_says_is_what_is_found(measure):
     assert done.returncode == 0, done.stdout
     found = eval(done.stdout.splitlines()[-1], {"Found": measure.Found})
     assert set(found) == names
-    page = measure.PAGE.read_text(encoding="utf-8")
     for name, now in found.items():
-        (row,) = [line for line in page.splitlines() if f"`{name}`" in line]
-        written = float(row.split("|")[-2].split()[0])
+        (row,) = [one for one in measure.read() if name in one.tests]
+        written = float(row.found.split()[0])
         assert 0.1 < max(now.difference, 1e-15) / max(written, 1e-15) < 10.0, name
 
 
