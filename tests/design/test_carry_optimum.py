@@ -119,7 +119,7 @@ def test_least_effort_is_within_two_per_cent_of_the_optimum(name, duration):
     least = optimum(name, duration, pieces=round(duration / 0.05))
     assert 0.96 * least < plan.effort < 1.02 * least
     finer = optimum(name, duration, pieces=min(round(duration / 0.03), 60), inside=4)
-    assert_allclose(plan.effort, finer, rtol=0.02)
+    assert_allclose(plan.effort, finer, rtol=0.005)
 
 
 @pytest.mark.slow
