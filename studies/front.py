@@ -1,4 +1,4 @@
-"""Tracking against internal force: eight laws, tuned with one budget, under all trials in two cells.
+"""Tracking against internal force: nine laws, tuned with one budget, under all trials in two cells.
 
 Each law is tuned in a moderate trial with a seed of its own, then judged in every trial: once where nothing
 is random, else the median over the seeds. Finished runs are kept in out/studies/front, so an interrupted
@@ -85,9 +85,17 @@ CELLS = {
 
 GAMMA, ALPHA = ("controller.gains.pose_gain", 1.0, 8.0), ("controller.gains.sign_gain", 0.02, 0.5)
 K_I, G = ("controller.gains.sign_gain", 0.05, 1.0), ("controller.gains.anchor_gain", 0.02, 0.5)
+LINEAR_K_I = ("controller.gains.sign_gain", 0.5, 10.0)
 LEAK, WIDTH = ("controller.gains.leak", 0.05, 5.0), ("controller.switching.width", 0.01, 0.1)
 LATE: dict[str, Any] = {"force_path": {"kind": "late"}}
 LOW_PASS: dict[str, Any] = {"force_path": {"kind": "low-pass", "pole": 0.9}}
+ZONE: dict[str, Any] = {
+    "integral_dead_zone": [
+        1.2e-3,
+        2.4e-3,
+    ],  # more than half of the largest bias of a tip, and of a turned base
+    "switching": {"kind": "saturation", "width": 0.5},  # far from its edges, as a linear integral
+}
 SGN: dict[str, Any] = {"switching": {"kind": "sign"}}
 
 
@@ -131,6 +139,7 @@ LAWS = {
         False, False, {"switching": {"kind": "saturation", "width": 0.05}}, {"leak": 0.0}, (GAMMA, K_I, WIDTH)
     ),
     "zeroed leaky": Law(False, False, {"zero_at_grasp": True}, {}, (GAMMA, K_I, LEAK)),
+    "dead zone": Law(False, False, ZONE, {}, (GAMMA, LINEAR_K_I)),
     "own wrench": Law(False, True, {"payload_mass": 0.0}, {}, (GAMMA, K_I, (G[0], 0.002, 0.2))),
     "anchored": Law(False, True, LATE | {"anchor_bias": "none"}, {}, (GAMMA, K_I, G)),
 }

@@ -24,6 +24,7 @@ LAWS: dict[str, tuple[str, str, bool]] = {
     "payload, sgn": (palette.EXTERNAL, "s", False),
     "payload, saturation": (palette.DESIRED, "s", False),
     "zeroed leaky": (palette.LOAD, "D", False),
+    "dead zone": (palette.SINGULAR, "D", False),
     "printed, K_f": (palette.INTERNAL, "o", True),
     "own wrench": (palette.SINGULAR, "^", True),
     "anchored": (palette.ACTUAL, "*", True),
@@ -77,7 +78,7 @@ def front_figure(judged: pd.DataFrame, tuning: pd.DataFrame) -> Figure:
         figure.supylabel(MEASURES["force_N"], fontsize=9.0)
         axes[0, 0].set(**LIMITS)
         handles = [Line2D([], [], linestyle="none", label=named(law), **marker(law)) for law in LAWS]
-        bound = Line2D([], [], color=palette.LIMIT, linestyle=":", label="bound at rest without a sensor")
+        bound = Line2D([], [], color=palette.LIMIT, linestyle=":", label="bound on own views")
         figure.legend(handles=[*handles, bound], loc="outside upper center", ncols=5, columnspacing=1.2)
     return figure
 

@@ -73,6 +73,11 @@ class Law(Description):
         return NearRest()
 
     @property
+    def beyond_dead_zone(self) -> Law:
+        """The law as it acts on errors beyond a dead zone of its integral; itself without one."""
+        return self
+
+    @property
     def load_transfer(self) -> LoadTransfer:
         """Response to a load that changes hands."""
         return LoadTransfer()

@@ -39,6 +39,7 @@ class SteadyDirection(NamedTuple):
         most: Largest ``|b_i - bbar|`` from the start on that an anchor follows, m; inf without a bound.
         force_gain: K_f of a measured internal wrench.
         apart: Part of a bias by which the arms' views differ: 0 where all arms see the mean of their views.
+        rests: delta, half width of a dead zone of the integral, m; 0 without one.
     """
 
     spring: Callable[[float], float]
@@ -49,6 +50,7 @@ class SteadyDirection(NamedTuple):
     most: float = np.inf
     force_gain: float = 0.0
     apart: float = 1.0
+    rests: float = 0.0
 
     def held(self, error: float, rate: float) -> float:
         """Return spring(x) + integral(x) / rate, N: what an arm with the whole share holds."""
@@ -61,6 +63,8 @@ class SteadyDirection(NamedTuple):
         What an error holds at once, K_f divides by 1 + K_f; what an integral holds, it does not.
         """
         x = (1.0 - share) * self.apart * bias
+        if self.rests:
+            return self.after_slow_load(share, bias, 0.0)
         if self.growth(share, bias) > 0.0 and self.internal_rate > 0.0:
             return np.inf
         divided = self.spring(x) * (1.0 - 1.0 / (1.0 + self.force_gain))
@@ -68,17 +72,31 @@ class SteadyDirection(NamedTuple):
 
     def growth(self, share: float, bias: float) -> float:
         """Return the rate at which that force grows where it has no bound, N/s."""
-        held = min(bias, self.limit(share)) if self.internal_rate else 0.0
+        held = min(bias, self.limit(share)) if self.internal_rate or self.rests else 0.0
         off = (1.0 - share) * self.apart
         rate = self.integral(off * bias) - self.integral(off * held)
         return share * rate / (1.0 + self.force_gain)
+
+    def after_slow_load(self, share: float, bias: float, load: float) -> float:
+        """Return the force in that arm after a load that came slowly, N, of an integral with a dead zone.
+
+        The arm that is further off takes all that the springs do not hold where its integral begins, at
+        x + b = delta: (1 - c) (L - spring(delta - b)). Inf for views that differ by more than the zone.
+        """
+        b = self.apart * bias
+        if b > 2.0 * self.rests:
+            return np.inf
+        held = np.sign(self.rests - b) * self.spring(abs(self.rests - b))
+        return max(share * self.spring((1.0 - share) * b), (1.0 - share) * (load - held))
 
     def limit(self, share: float) -> float:
         """Return the largest bias of an arm, m, that is sure to come to rest.
 
         Either every anchor follows its part, the arm's own and that of an arm with the other share, or half
-        of it is within b_0: the payload then comes to rest between the views.
+        of it is within b_0 or a dead zone: the payload then comes to rest between the views.
         """
+        if self.rests:
+            return 2.0 * self.rests
         return max(self.most / max(share, 1.0 - share), 2.0 * self.free)
 
     def unreachable(self, share: float) -> float:

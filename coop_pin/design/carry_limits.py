@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.base.arrays import Array
-from coop_pin.base.bisection import factor_edge
+from coop_pin.base.bisection import edge, factor_edge
 from coop_pin.base.errors import InfeasibleMotionError
 from coop_pin.base.spatial.limit_surface import motion_maps, sliding_speeds
 from coop_pin.description.cell.cell import Cell
@@ -16,7 +16,6 @@ from coop_pin.design.carried_path import CarriedPath
 from coop_pin.design.path_parameterization import PathLimits, fastest, smoothed
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.reference.lines import TimedLineMotion
-from coop_pin.reference.splines import powers, quintic_coefficients
 
 KNOTS = 201
 """Entries of the table s(t) of a motion, at least."""
@@ -27,11 +26,12 @@ _ROUNDS = 4
 _RESERVED = 0.1
 """Least part of what a limit leaves at rest that friction leaves for the motion, while it is iterated."""
 _STRETCHED = 1e-4
-"""Accuracy of a stretched duration, as a part of it."""
-_SHAPES = 8
-"""Splines that a motion of least effort adds to another."""
-_PENALTY = 1e3
-"""Weight of the square of what exceeds a limit, or runs backwards, beside the relative effort."""
+"""Accuracy of a stretched duration, or of a shortened change, as a part of it."""
+_PIECE, _PIECES = 0.03, (12, 60)
+"""Longest piece on which the change of s'' in a motion of least effort is linear, s, while their number is
+within bounds."""
+_PENALTY = 30.0
+"""Weight of what exceeds a limit, or runs backwards, beside the rms of the torques."""
 _BACKWARD = 1e-9
 """Speed backwards that is rounding, 1/s."""
 _DIRECTIONS, _SIDES = 64, 16
@@ -156,31 +156,36 @@ class CarryLimits(NamedTuple):
     def least_effort(self, seed: TimedLineMotion) -> TimedLineMotion:
         """Return the motion of least effort of a duration: a seed plus splines at rest at both ends.
 
-        What exceeds a limit is a penalty; then the change is shortened until the limits hold.
+        The change of s'' is linear on pieces of at most 30 ms and zero at both ends. What exceeds a limit is
+        a penalty, by least squares with all else; then the change is shortened until the limits hold.
         """
-        from scipy.optimize import minimize  # slow to load
+        from scipy.optimize import least_squares  # slow to load
 
         begun, T = CarryTiming.of(seed, KNOTS), seed.times[-1]
-        moved = partial(_moved, begun, _splines(begun.times))
+        splines = _splines(begun.times)
+        moved = partial(_moved, begun, splines)
 
         def parts(timing: CarryTiming) -> tuple[Array, Array]:
             path = self.path.at(np.clip(timing.s, 0.0, 1.0))
-            effort = (path.torques(timing.v, timing.a) ** 2).sum(axis=1)
-            return effort, np.maximum(self.exceeded(path, timing.v, timing.a), 0.0)
+            excess = np.maximum(self.exceeded(path, timing.v, timing.a), 0.0)
+            return path.torques(timing.v, timing.a), excess
 
-        def cost(p: Array) -> float:
-            effort, excess = parts(timing := moved(p))
-            beyond = excess**2 + np.minimum(T * timing.v, 0.0) ** 2
-            return float((effort / scale + _PENALTY * beyond).mean())
+        def residuals(p: Array) -> Array:
+            torque, excess = parts(timing := moved(p))
+            beyond = np.concatenate((excess, np.minimum(T * timing.v, 0.0)))
+            return np.concatenate((torque.ravel() / scale, _PENALTY * beyond))
 
-        scale = float(parts(begun)[0].mean())
-        p = np.asarray(minimize(cost, np.zeros(_SHAPES), method="BFGS").x)
-        for part in np.linspace(1.0, 0.0, 41)[:-1]:
+        scale = float(np.linalg.norm(parts(begun)[0])) / np.sqrt(KNOTS)
+        p = least_squares(residuals, np.zeros(splines[0].shape[1]), method="lm").x
+
+        def holds(part: float) -> bool:
             timing = moved(part * p)
-            if timing.v.min() >= -_BACKWARD and not parts(timing)[1].any():
-                timing.s[[0, -1]] = 0.0, 1.0
-                return seed.replace(times=timing.times, fractions=np.clip(timing.s, 0.0, 1.0))
-        return seed
+            return timing.v.min() >= -_BACKWARD and not parts(timing)[1].any()
+
+        part = 1.0 if holds(1.0) else edge(holds, 0.0, 1.0, _STRETCHED) if holds(0.0) else 0.0
+        timing = moved(part * p)
+        timing.s[[0, -1]] = 0.0, 1.0
+        return seed.replace(times=timing.times, fractions=np.clip(timing.s, 0.0, 1.0))
 
 
 def slower(motion: TimedLineMotion, factor: float) -> TimedLineMotion:
@@ -189,14 +194,13 @@ def slower(motion: TimedLineMotion, factor: float) -> TimedLineMotion:
 
 
 def _splines(times: Array) -> list[Array]:
-    """Return values and two derivatives of splines at rest at both ends, shape (n, splines) each."""
-    knots = np.linspace(0.0, times[-1], _SHAPES + 2)
-    table = quintic_coefficients(knots, np.eye(len(knots))[:, 1:-1])
-    segments = np.clip(np.searchsorted(knots, times, side="right") - 1, 0, len(table) - 1)
-    parts = [
-        powers(time) @ table[i] for time, i in zip((times - knots[segments]).tolist(), segments, strict=True)
-    ]
-    return [np.array(column) for column in zip(*parts, strict=True)]
+    """Return values and two derivatives of cubic splines at rest at both ends, shape (n, splines) each."""
+    from scipy.interpolate import BSpline  # slow to load
+
+    count = int(np.clip(np.ceil(times[-1] / _PIECE), *_PIECES))
+    knots = np.linspace(0.0, times[-1], count + 1)
+    splines = [BSpline.basis_element(knots[i : i + 5], extrapolate=False) for i in range(count - 3)]
+    return [np.nan_to_num(np.array([spline.derivative(k)(times) for spline in splines]).T) for k in range(3)]
 
 
 def _moved(begun: CarryTiming, splines: list[Array], p: Array) -> CarryTiming:

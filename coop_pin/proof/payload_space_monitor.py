@@ -103,7 +103,7 @@ class _MonitoredCell:
         unbounded = is_fresh * self._each("anchor_gain") * error
         bounded = self._bounded(now, unbounded, is_fresh[:, 0], is_stale[:, 0])
         anchor = bounded + cut
-        phi = np.array([law.switching(s_i) for law, s_i in zip(self.laws, s, strict=True)])
+        phi = np.array([law.switched(s_i) for law, s_i in zip(self.laws, s, strict=True)])
         integral = self.c * np.array(
             [gain.sliding_gain @ gain.sign_gain @ phi_i for gain, phi_i in zip(gains, phi, strict=True)]
         )

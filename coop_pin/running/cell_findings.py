@@ -162,7 +162,14 @@ def force_findings(scenario: Scenario, table_error: float) -> Iterator[Finding]:
 def stability_findings(
     simulation: Simulation, reach: Reachability | None, along: bool = True
 ) -> Iterator[Finding]:
-    """Yield the stability of the plant's steps and of the law, along the motion or for a run."""
+    """Yield the stability of the plant's steps and of the law, along the motion or for a run.
+
+    A law whose integral has a dead zone counts as it acts beyond it.
+    """
+    beyond = simulation.scenario.controller.beyond_dead_zone
+    if beyond is not simulation.scenario.controller:
+        scenario = simulation.scenario.replace(controller=beyond)
+        simulation = Simulation(scenario, build_controller(scenario))
     scenario = simulation.scenario
     steps = step_stability(simulation, reach)
     yield _of("plant steps", "clock.steps_per_tick", steps, steps.value, steps.limit)

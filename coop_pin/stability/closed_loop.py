@@ -158,7 +158,7 @@ def _require_smooth(scenario: Scenario) -> None:
 
 
 def _smooth(scenario: Scenario) -> Scenario:
-    """Return a scenario without events, failures, quantisation and losses, with any gains allowed."""
+    """Return a scenario without events, failures, quantisation, losses, dead zones and bounds of gains."""
     sound = {"missed_ticks": 0.0, "torque_lost_at": None, "commands_lost_at": None}
 
     def continuous(sensors: Sensors) -> Sensors:
@@ -167,6 +167,7 @@ def _smooth(scenario: Scenario) -> Scenario:
     return scenario.replace(
         events=(),
         beyond_bound=True,
+        controller=scenario.controller.beyond_dead_zone,
         network=None if scenario.network is None else scenario.network.exact,
         sensors=continuous(scenario.sensors),
         arm_sensors={name: continuous(sensors) for name, sensors in scenario.arm_sensors.items()},

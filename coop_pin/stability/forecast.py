@@ -136,6 +136,7 @@ def _uncovered(scenario: Scenario, until: float) -> str:
     least = least_squeeze(scenario)
     reasons = {
         "the integral's switching is not smooth": not law.switching.is_smooth,
+        "the integral's dead zone is not in it": any(law.integral_dead_zone),
         "the arm's own wrist wrench moves the payload": law.payload_mass is not None
         and not law.force_path.measures,
         "messages, servos and a feed-forward are not in it": bool(scenario.network)

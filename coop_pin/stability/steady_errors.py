@@ -52,13 +52,16 @@ class SteadyErrors(NamedTuple):
         growth: rate at which it grows where it does, N/s; NaN likewise.
         limit: largest bias of one arm from the start on that is sure to come to rest, m; inf without a bound
             of the anchor.
+        ramp: internal force that the bias leaves after the load has come slowly, where the integral has a
+            dead zone, N; loads that come and go add to it. NaN without one.
         free: b_0, m: half of the largest bias of one arm that comes to rest whenever it begins; inf likewise.
         drift: position error if the load is a force error that no arm can change, such as a dead arm's, m;
             inf if the payload is lost; NaN likewise, and where no force is measured.
         unreachable: largest such force error against which the payload is held, N; inf for any; NaN likewise.
         sag: position error that the load leaves, m; inf if it is dropped; NaN likewise.
-        product: c (1 - c) b D, which force times (sag + bias) of no law of these measurements stays below for
-            all loads up to D; force times sag of a linear one is exactly this, N m.
+        product: c (1 - c) b D, N m. Of equal laws, each on its own view, the largest force times (largest
+            held sag + bias) over all histories of loads up to D and biases up to b is not below; with a
+            static characteristic at rest already. Force times sag of a linear law is exactly this.
         balanced: the anchor gain with which the load sags as far as the bias moves the payload, c b, which
             leaves (1 - c) D of internal force; NaN but for the own-wrist law.
     """
@@ -71,6 +74,7 @@ class SteadyErrors(NamedTuple):
     force: float
     growth: float
     limit: float
+    ramp: float
     free: float
     drift: float
     unreachable: float
@@ -98,7 +102,13 @@ class SteadyErrors(NamedTuple):
                 f"at rest a bias of {self.bias * 1e3:g} mm leaves {force},"
                 f" and {self.load:g} N of unknown load a sag of {self.sag * 1e3:.3g} mm"
             )
-        if math.isfinite(self.limit):
+        if not math.isnan(self.ramp):
+            lines.append(
+                f"a load of {self.load:g} N that comes slowly leaves {self.ramp:.3g} N with that bias, and"
+                " loads that come and go add to it; a force grows with a bias beyond"
+                f" {1e3 * self.limit:.3g} mm"
+            )
+        if math.isfinite(self.free):
             lines.append(
                 f"a bias of one arm comes to rest up to {self.limit * 1e3:.3g} mm from the start on, and"
                 f" up to {2e3 * self.free:.3g} mm if it begins later"
@@ -116,8 +126,9 @@ class SteadyErrors(NamedTuple):
             )
         if self.product:
             lines.append(
-                f"no equal laws of these measurements, each on its own view, have force times (sag + bias)"
-                f" below {self.product:.3g} N m"
+                "over all histories of such loads, no equal laws of these measurements, each on its own view,"
+                f" keep the largest force times (sag + bias) below {self.product:.3g} N m; none with a static"
+                " characteristic does at rest"
             )
         return "\n".join(lines)
 
@@ -146,7 +157,7 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
         raise ArgumentError("steady errors are known of commanded torques, not of servos")
     exchanges, measures_own = bool(_EXCHANGED & {*law.needs}), "own wrench" in law.needs
     shares, balanced = scenario.cell.shares.tolist(), math.nan
-    force, growth, drift, unreachable, sag = [math.nan] * 5
+    force, growth, ramp, drift, unreachable, sag = [math.nan] * 6
     limit = free = math.inf
     loop = law.loop(scenario.timing)
     period = loop.every * scenario.clock.period
@@ -155,6 +166,8 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
         growth = max(direction.growth(share, bias) for direction in directions for share in shares)
         limit = min(direction.limit(share) for direction in directions for share in shares)
         free = min(direction.free for direction in directions)
+        if any(direction.rests for direction in directions):
+            ramp = max(each.after_slow_load(share, bias, load) for each in directions for share in shares)
         sag = max(_sag(direction, load) for direction in directions)
         if law.measures and exchanges:
             drift = max(_drift(direction, share, load) for direction in directions for share in shares)
@@ -173,6 +186,7 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
         force=force,
         growth=growth,
         limit=limit,
+        ramp=ramp,
         free=free,
         drift=drift,
         unreachable=unreachable,
@@ -205,7 +219,8 @@ def anchor_biases(scenario: Scenario, bias: float, turn: float = 0.0) -> dict[st
 def _sag(direction: SteadyDirection, load: float) -> float:
     """Return the error at which a load is held, m."""
     if not direction.load_rate and direction.integral(LARGEST_SAG):
-        return 0.0
+        delta = direction.rests
+        return delta if direction.spring(delta) <= load else delta * load / direction.spring(delta)
     if direction.held(LARGEST_SAG, direction.load_rate) < load:
         return math.inf
     rate = direction.load_rate

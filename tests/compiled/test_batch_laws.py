@@ -59,6 +59,13 @@ LAWS = {
             (cell, {"controller": ANCHORED[cell].replace(gain_axes="payload")})
             for cell in ("planar", "spatial")
         ],
+        *[
+            (
+                cell,
+                {"controller": ANCHORED[cell].replace(force_path=NO_PATH, integral_dead_zone=(1e-4, 1e-3))},
+            )
+            for cell in ("planar", "spatial")
+        ],
     ],
     "mean-pose": [
         (cell, {"controller": MeanPose(**ANCHORED[cell].model_dump(exclude={"kind"}))})

@@ -59,6 +59,15 @@ def test_exported_laws_compile_without_warnings_and_pass_their_self_test(cell, t
     assert re.match(r"12 ticks, largest difference \S+ N m: passed\n", done.stdout)
 
 
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_a_law_with_a_dead_zone_is_exported(cell, tmp_path):
+    law = ANCHORED[cell].replace(force_path={"kind": "none"}, integral_dead_zone=(1e-4, 1e-3))
+    scenario = SCENARIOS[cell]().replace(controller=law, events=())
+    assert (
+        self_test(cp.export.export_c(scenario, "left", tmp_path, ticks=12), tmp_path, "-O2").returncode == 0
+    )
+
+
 @pytest.mark.parametrize(("cell", "kind"), [("planar", "position"), ("spatial", "velocity")])
 def test_laws_that_command_servos_are_exported_with_what_they_send(cell, kind, tmp_path):
     """The header names velocities or positions with their unit, and the code is that of the Python law."""

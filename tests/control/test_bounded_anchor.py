@@ -7,6 +7,7 @@ import pytest
 from batches import require_same_samples
 from cells import ANCHORED, SCENARIOS, arm_of
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 import coop_pin as cp
@@ -21,6 +22,8 @@ from coop_pin.control.laws import anchored_integral, bounded_anchor
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceController
 from coop_pin.control.laws.sliding_mode import SlidingModeController
 from coop_pin.description.scenario import Scenario
+from coop_pin.feasibility import reachability
+from coop_pin.feasibility.task_inertia import task_inertia
 from coop_pin.proof import theorem_monitor
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
@@ -414,6 +417,33 @@ def l1_norm():
     residues = lam * (z + K_I) / (3 * z**2 + 2 * lam * z + lam * numbers[0])
     t = np.linspace(0.0, 10.0, 20001)
     return np.trapezoid(np.abs((residues[:, None] * np.exp(np.outer(z, t))).sum(axis=0)), t)
+
+
+@pytest.mark.parametrize(("rates", "expected"), [((2.0, 5.0), 1.042), ((5.0, 5.0), 1.246)])
+def test_coupled_modes_go_further_than_one_mode(rates, expected):
+    """L1 norm of -(A z^3 + K (z + gamma) (z + k_I))^-1 (z + k_I) K gamma, Adept payload at its goal."""
+    (gamma, k_I), K, n, step = rates, np.diag([800.0, 800.0, 40.0]), 3, 1e-3
+    scenario = cp.Scenario.load("adept-anchored", {"events": ()})
+    mobility = task_inertia(scenario, reachability(scenario)).mobility[-1]
+    nothing, eye, biases = np.zeros((n, n)), np.eye(n), np.array([2e-3, 1e-2])
+    F = np.block(
+        [
+            [nothing, eye, nothing],
+            [-gamma * mobility @ K, -mobility @ K, -mobility],
+            [k_I * gamma * K, k_I * K, nothing],
+        ]
+    )
+    state, onward = np.vstack((nothing, -gamma * mobility @ K, k_I * gamma * K)), expm(F * step)
+    response = []
+    for _ in range(8000):
+        response.append(state[:n])
+        state = onward @ state
+    angles = np.linspace(0.0, np.pi, 72, endpoint=False)
+    along = np.einsum(
+        "da,tab->tdb", np.stack((np.cos(angles), np.sin(angles)), axis=1), np.array(response)[:, :2]
+    )
+    moved = np.linalg.norm(along[..., :2], axis=-1) * biases[0] + np.abs(along[..., 2]) * biases[1]
+    assert_allclose(moved.sum(axis=0).max() * step / biases[0], expected, rtol=2e-3)
 
 
 class Attack:

@@ -475,6 +475,16 @@ def test_laws_without_a_model_play_a_plan_and_correct_what_it_does_not_know(chan
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("name", "price"), [("pandas", 0.054), ("adept", 0.171), ("across", 0.046)])
+def test_smoothing_costs_time_by_the_line(name, price, planned):
+    """Against 2 ms of smoothing."""
+    scenario, start, goal = CARRIES[name]()
+    options = {"squeeze": scenario.squeeze, "smoothing": 0.002, "places": 401}
+    sharp = cp.carry.plan_carry(scenario.cell, start, goal, **options)
+    assert_allclose(planned(name).duration / sharp.duration - 1.0, price, atol=0.005)
+
+
+@pytest.mark.slow
 def test_what_least_time_gains_depends_on_the_line():
     gains = []
     for turn in (-np.pi / 3.0, np.pi / 3.0):

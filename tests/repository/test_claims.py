@@ -495,7 +495,14 @@ def test_the_fronts_conclusions_are_in_its_tables():
         assert_allclose(table.loc["zeroed leaky"].loc[[turned, rough], "force_N"], expected, rtol=0.02)
     blind = adept.xs(turned, level="trial")["force_N"]
     without = ["printed, sgn", "printed, alpha 0", "payload, sgn", "payload, saturation", "zeroed leaky"]
+    assert blind[[*without, "dead zone"]].idxmin() == "dead zone"
     assert blind[without].idxmin() == "printed, alpha 0"
+    for table, expected in ((adept, (0.46, 0.68, 0.9)), (panda, (0.51, 1.2, 0.56))):
+        zone = table.loc["dead zone"]
+        forces = zone.loc[[turned, "bias 1 mm"], "force_N"]
+        assert_allclose([*forces, zone.loc["nominal", "position_mm"]], expected, rtol=0.02)
+    loaded = adept.loc[("dead zone", "bias 0.1 mm and load"), ["position_mm", "force_N"]].astype(float)
+    assert loaded.prod() < 0.25 * 0.1 * 100.0 / 5.0
     assert_allclose(blind["printed, alpha 0"], 0.853, rtol=0.01)
 
 

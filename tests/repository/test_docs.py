@@ -320,6 +320,7 @@ def test_the_line_for_conda_names_all_requirements_but_pinocchio():
         pytest.param("concepts/control-view.md", marks=pytest.mark.slow),
         "concepts/internal-force.md",
         "concepts/measurements.md",
+        pytest.param("concepts/messages.md", marks=pytest.mark.slow),
         pytest.param("concepts/commands.md", marks=pytest.mark.gate),
         pytest.param("howto/arm.md", marks=pytest.mark.slow),
         pytest.param("howto/laws.md", marks=pytest.mark.gate),

@@ -316,6 +316,25 @@ def test_no_drift_in_ten_minutes():
     assert worst_force(mean_pose(), COARSE, 600.0) < 0.005
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("loss", [0.05, 0.2])
+def test_views_that_are_left_out_ramp_by_the_closed_form(loss):
+    """p c_1 c_2 K k_I gamma b, at the gains of the scenario."""
+    scenario = cp.Scenario.load("adept-anchored")
+    gains = scenario.controller.gains.replace(anchor_gain=0.0)
+    law = cp.laws.MeanPose(gains=gains, on_loss="skip")
+    moved = {"controller": law, "events": [], "network": {"loss": loss}, "duration": 600.0}
+    base = scenario.override(moved | {"clock.record_every": 40})
+    first = next(iter(base.cell.arms))
+    result = cp.run(base.override({BIASED.format(first): [1e-3, 0.0, 0.0]}), engine="compiled", warn=False)
+    error = result.data.internal_axial_error.isel(arm=0).sel(time=slice(20.0, None))
+    rate = abs(np.polyfit(error.time.values, error.values, 1)[0])
+    k_I = gains.sign_gain / law.switching.width
+    expected = loss * 0.25 * gains.sliding_gain[0] * k_I * gains.pose_gain * 1e-3
+    assert_allclose(rate, expected, rtol=0.02)
+    assert_allclose(expected, {0.05: 0.1, 0.2: 0.4}[loss])
+
+
 CARRIED = {"actuators.gravity_compensation": {}}
 
 

@@ -40,6 +40,14 @@ def _bias(value: Any) -> Any:
     return bias
 
 
+def _half_widths(value: Any) -> Any:
+    """Return the half widths of a dead zone, m and rad."""
+    zone = number_or_row(value)
+    if not isinstance(zone, tuple) or len(zone) != 2 or min(zone) < 0.0:
+        raise FieldError(f"is {value!r}; it must be two numbers, m and rad, of which none is negative")
+    return zone
+
+
 def _bias_or_none(value: Any) -> Any:
     return value if isinstance(value, str) and value == "none" else _bias(value)
 
@@ -52,7 +60,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     """The payload-space law, for any number of joints: PayloadSpaceController.
 
     What is measured decides how its integral keeps the internal force: the internal wrench anchors it; this
-    arm's own wrist wrench does, with a stated payload mass; else it leaks.
+    arm's own wrist wrench does, with a stated payload mass; else it leaks, or has a dead zone.
 
     Attributes:
         posture: Spring and damper of the spare joints of redundant arms.
@@ -72,6 +80,8 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             as each arm sees it. Then ``pose_gain`` is one value for positions and one for rotations.
         knows_deflection: Whether the arms know the stiffness of compliant grasps, and count on how far the
             squeeze deflects them; else they give up a part of the squeeze to what they see of it.
+        integral_dead_zone: delta, errors of the pose within which the integral rests, m and rad, for a law
+            without measured wrench and without leak; more than half of what the arms' views differ by.
     """
 
     equal_gains: ClassVar[Mapping[str, str]] = {
@@ -92,6 +102,15 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
     gain_axes: Literal["world", "payload"] = "world"
     normal_guard: NotNegative = 0.0
     knows_deflection: bool = False
+    integral_dead_zone: Annotated[Any, BeforeValidator(_half_widths)] = (0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _rests_alone(self) -> Self:
+        if any(self.integral_dead_zone) and (self.measures or self._leaks):
+            why = "a measured wrench anchors the integral" if self.measures else "gains.leak empties it"
+            detail = f"is {list(self.integral_dead_zone)}, but {why}; leave one of the two out"
+            raise FieldError(detail, "integral_dead_zone")
+        return self
 
     @model_validator(mode="after")
     def _answers_for_more(self) -> Self:
@@ -125,7 +144,23 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
 
     def _leak(self, gains: PayloadSpaceGains) -> float:
         """Return lambda, 1/s: fast where it bridges a lost sensor, slow where it carries loads."""
-        return gains.leak if gains.leak is not None else (10.0 if self.measures else 0.2)
+        if gains.leak is not None:
+            return gains.leak
+        return 10.0 if self.measures else 0.0 if any(self.integral_dead_zone) else 0.2
+
+    @property
+    def _leaks(self) -> bool:
+        """Whether a leak is stated for any arm."""
+        return any(gains.leak for gains in (self.gains, *self.arm_gains.values()))
+
+    @property
+    def beyond_dead_zone(self) -> Self:
+        """The law without its dead zone, as it acts on errors beyond it."""
+        if not any(self.integral_dead_zone):
+            return self
+        arms = {name: gains.replace(leak=0.0) for name, gains in self.arm_gains.items()}
+        gains = self.gains.replace(leak=0.0)
+        return self.replace(gains=gains, arm_gains=arms, integral_dead_zone=(0.0, 0.0))
 
     def controller_of(self, arm: ControlledArm, gains: PayloadSpaceGains, scenario: Any) -> ArmController:
         """Return the law of one arm."""
@@ -154,7 +189,13 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             compliance=self._compliance(arm, scenario),
             posture=self.posture.term(arm) if arm.drives > rows.size else None,
             guard=guard,
+            dead_zone=self._zone(rows, gains) if any(self.integral_dead_zone) else None,
         )
+
+    def _zone(self, rows: TaskRows, gains: PayloadSpaceGains) -> Array:
+        """Return gamma delta, shape (k_0,)."""
+        zone: Array = gains.pose_gain.diagonal() * rows.select(np.repeat(self.integral_dead_zone, 3))
+        return zone
 
     def _compliance(self, arm: ControlledArm, scenario: Any) -> Array | None:
         """Return C on the task rows, shape (k_0, k_0); None where it is zero, or not known."""
@@ -223,15 +264,18 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             most = bound.followed_bias(linear[0], part=part, transient_rate=gains.transient_rate)
             free = float(bound.free[linear[0]])
 
+        delta = self.integral_dead_zone[0]
+
         def direction(gamma: float, K: float, alpha: float) -> SteadyDirection:
             return SteadyDirection(
                 spring=lambda x: 0.0 if anchored else K * gamma * x,
-                integral=lambda x: K * alpha * float(phi(np.array(gamma * x))),
+                integral=lambda x: K * alpha * float(phi(np.array(gamma * max(x - delta, 0.0)))),
                 internal_rate=beta if self.measures else leak,
                 load_rate=0.0 if internal else beta if self.measures else leak,
                 free=free,
                 most=most,
                 force_gain=gains.force_gain if internal else 0.0,
+                rests=delta,
             )
 
         diagonals = (

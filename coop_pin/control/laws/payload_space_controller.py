@@ -70,7 +70,8 @@ class PayloadSpaceGains(SurfaceGains):
         anchor_gain: g, the part of the measured wrench error that each new measurement takes out of the
             integral; without a measured wrench it does nothing.
         leak: lambda, how fast the integral forgets what it gained since the last measurement, 1/s; it acts
-            while there is none. When omitted 10 where the law measures a wrench, else 0.2.
+            while there is none. When omitted 10 where the law measures a wrench, 0 with a dead zone of the
+            integral, else 0.2.
     """
 
     on_rows: ClassVar[tuple[str, ...]] = ("pose_gain", "sign_gain", "sliding_gain")
@@ -121,13 +122,16 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         anchor   Z <- Z - g (fhat - f_r),  Z_hold <- Z       before the torque, once for each new measurement
         torque   tau = -J^T [c K s + Z + f_r - K_f (fhat - f_r)] + N^T [tau_hold + pull - pull(t_0) e]
         leak     Z <- Z - lambda T (Z - Z_hold)              after it, while no measurement is recent
-        integral Z <- Z + T c K alpha phi(s)                 after it, while no torque of the arm is saturated
+        integral Z <- Z + T c K alpha phi(s - z)             after it, while no torque of the arm is saturated
+        z        = min(max(s, -gamma delta), gamma delta)    the part of s in the dead zone of the integral
 
     s_x = xtildedot + gamma xtilde, R turns payload axes as this arm sees them (of a pressed patch as desired,
     so that f_r of all arms sum to zero although their patches tilt), N = I - J^+ J, and pull is the
     spring and damper of the spare joints. C is the compliance of a grasp that the arm knows, or zero: the
     squeeze deflects the grasp by -C f_d, and what the arm sees of it is no error. Inside a saturation layer
-    of half width w the integral is that of a PI controller, k_I = alpha / w.
+    of half width w the integral is that of a PI controller, k_I = alpha / w. With a dead zone it rests while
+    no row of the pose is more than delta off: views that differ by less than 2 delta leave no ramp, and the
+    internal force depends on how the load came. See the page "What a law cannot do without a wrench".
 
     What is measured decides what fhat is:
 
@@ -149,6 +153,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
         compliance: C about P in payload axes, m/N and rad/(N m), shape (k_0, k_0); None for zero.
         posture: spring and damper of the spare joints; None for an arm without spare joints.
         guard: limits beyond which f_r = 0 and the anchor rests; None for an arm that does not press.
+        dead_zone: gamma delta, in the unit of the surface, shape (k_0,); None for none.
     """
 
     switching: Switching
@@ -158,6 +163,7 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
     compliance: Array | None = None
     posture: Posture | None = None
     guard: GripGuard | None = None
+    dead_zone: Array | None = None
 
     def init(self, measurement: ArmMeasurement, reference: ArmReference) -> PayloadSpaceState:
         """Return the state at t_0, with which the first torque is the holding torque.
@@ -226,11 +232,17 @@ class PayloadSpaceController(LawController[PayloadSpaceGains]):
             tau = tau + null_space_part(start.torque + pull, J, J_plus)
 
         goes_on, leak = self.integral.rates(integral, measurement)
-        rate = goes_on * c * self.axes.product(K, X_WP, gains.sign_gain.dot(self.switching(s)))
+        rate = goes_on * c * self.axes.product(K, X_WP, gains.sign_gain.dot(self.switched(s)))
         change = arm.period * (rate - leak)
         integral, anchor = self.integral.following((integral, anchor), change, X_WP)
         holds = state.holds if self.guard is None else grip
         return ArmCommand(tau, PayloadSpaceState(integral, start, tau, anchor, holds))
+
+    def switched(self, s: Array) -> Array:
+        """Return phi(s - z), shape (k_0,)."""
+        if self.dead_zone is None:
+            return self.switching(s)
+        return self.switching(s - np.minimum(np.maximum(s, -self.dead_zone), self.dead_zone))
 
     def remarks(self, pose: Array, state: PayloadSpaceState) -> list[str]:
         """Return that the bound of the anchor acts, if it does."""

@@ -1,0 +1,200 @@
+"""The dead zone in the integral of the payload-space law: closed forms, runs, and the loads that break it."""
+
+import numpy as np
+import pytest
+from cells import ANCHORED, SCENARIOS, arm_of
+from numpy.testing import assert_allclose
+
+import coop_pin as cp
+from coop_pin.base.errors import ScenarioError
+from coop_pin.base.spatial import make_pose, task_rows
+from coop_pin.control import ArmMeasurement, ArmReference, PayloadSpace, Saturation
+from coop_pin.stability import steady_errors
+
+GAMMA, K, K_I, MASS = 2.0, 800.0, 5.0, 67.0
+DELTA, BIAS, SPRING = 1.2e-3, 1e-3, GAMMA * K
+ROWS = task_rows("planar")
+
+
+def on_one_axis(load, duration, *, shares=(0.5, 0.5), k_I=K_I, bias=BIAS, gamma=GAMMA, mass=MASS):
+    """A mass on an axis, held by two controllers of which the first sees it off by the bias.
+
+    Returns the position and the internal force of the first arm at each tick, shape (n, 2).
+    """
+    gains = {"pose_gain": gamma, "sliding_gain": K, "sign_gain": k_I, "transient_rate": 5.0}
+    zone, period = (DELTA, 5.0 * DELTA), 1.0 / 80.0
+    law = PayloadSpace(gains=gains, switching=Saturation(width=1.0), integral_dead_zone=zone)
+    arms = [arm_of(ROWS, period, share) for share in shares]
+    controllers = [law.controller_of(arm, law.gains.sized(3, 3), None) for arm in arms]
+    nothing, eye, still = np.zeros(3), np.eye(3), np.zeros(3, dtype=bool)
+    goal = ArmReference(make_pose((0.0, 0.0, 0.0)), nothing, nothing, nothing)
+
+    def seen(time, x, v, off):
+        pose, twist = make_pose((x + off, 0.0, 0.0)), np.array([v, 0.0, 0.0])
+        return ArmMeasurement(time, nothing, twist, pose, twist, eye, None, still)
+
+    x, v, offs, rows = 0.0, 0.0, (bias, 0.0), []
+    states = [each.init(seen(0.0, x, v, off), goal) for each, off in zip(controllers, offs, strict=True)]
+    for k in range(round(duration / period)):
+        time, w = k * period, []
+        for i, (each, off) in enumerate(zip(controllers, offs, strict=True)):
+            command = each.step(seen(time, x, v, off), goal, states[i])
+            states[i] = command.state
+            w.append(-command.torque[0])
+        acceleration = (load(time) - sum(w)) / mass
+        x, v = x + period * v + 0.5 * period**2 * acceleration, v + period * acceleration
+        rows.append((x, w[0] - shares[0] * sum(w)))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("shares", [(0.5, 0.5), (0.3, 0.7)])
+@pytest.mark.parametrize("load", [0.5, 20.0])
+def test_a_slow_load_is_taken_by_the_arm_that_is_further_off(shares, load):
+    """max(c_1 c_2 K gamma b, c_2 (L - K gamma (delta - b))): half of the load, whatever the bias."""
+    x, force = on_one_axis(lambda t: load * min(t / 40.0, 1.0), 70.0, shares=shares)[-1]
+    springs = np.prod(shares) * SPRING * BIAS
+    expected = max(springs, shares[1] * (load - SPRING * (DELTA - BIAS)))
+    assert_allclose(force, expected, rtol=1e-6)
+    assert_allclose(x, min(load / SPRING - shares[0] * BIAS, DELTA - BIAS), atol=1e-9)
+
+
+@pytest.mark.parametrize("load", [1000.0, pytest.param(200.0, marks=pytest.mark.slow)])
+def test_a_load_that_comes_at_once_costs_its_logarithm(load):
+    """c_1 c_2 K gamma b (1 + 1 / c_1 + log((L / (K gamma) - delta) / (c_1 b))) for k_I far below gamma."""
+    shares, gamma = np.array([0.4, 0.6]), 8.0
+    x, force = on_one_axis(lambda _: load, 120.0, shares=shares, gamma=gamma, k_I=0.2, mass=20.0)[-1]
+    spring = gamma * K
+    part = 1.0 + 1.0 / shares[0] + np.log((load / spring - DELTA) / (shares[0] * BIAS))
+    assert_allclose(force, shares.prod() * spring * BIAS * part, rtol=0.06)
+    assert_allclose(x, DELTA - BIAS, atol=1e-5)
+    if load > 500.0:
+        assert force * (DELTA + BIAS) < 0.25 * shares.prod() * BIAS * load
+
+
+def test_loads_that_come_and_go_slowly_ratchet_without_end():
+    """By 2 D - K gamma (2 delta - b) for each cycle, while one arm takes all: D' < c k_I K gamma b."""
+    D, cycle = 6.0, 60.0
+    assert 4.0 * D / cycle < 0.5 * K_I * SPRING * BIAS / 4.0
+
+    def load(t):
+        return D * (4.0 * abs((t / cycle - 0.25) % 1.0 - 0.5) - 1.0)
+
+    force = on_one_axis(load, 2.26 * cycle)[:, 1]
+    at_top = force[np.round((np.arange(3) + 0.25) * cycle * 80.0).astype(int)]
+    assert_allclose(np.diff(at_top), 2.0 * D - SPRING * (2.0 * DELTA - BIAS), rtol=0.02)
+
+
+def test_ten_sine_cycles_ratchet():
+    """100 N, 20 s a cycle: more than three times the load."""
+    force = on_one_axis(lambda t: 100.0 * np.sin(np.pi * t / 10.0) * (t < 200.0), 201.0)[:, 1]
+    assert_allclose(force[-1], 370.0, rtol=0.02)
+
+
+@pytest.mark.parametrize("bias", [2.2e-3, 2.6e-3])
+@pytest.mark.parametrize("shares", [(0.5, 0.5), (0.3, 0.7)])
+def test_views_within_the_zone_come_to_rest_and_others_ramp(bias, shares):
+    """c_1 c_2 k_I K gamma (b - 2 delta) a second beyond 2 delta."""
+    force = on_one_axis(lambda _: 0.0, 60.0, shares=shares, bias=bias)[:, 1]
+    expected = np.prod(shares) * K_I * SPRING * max(bias - 2.0 * DELTA, 0.0)
+    assert_allclose((force[-1] - force[-801]) / 10.0, expected, rtol=1e-3, atol=1e-9)
+
+
+# ------------------------------------------------------------ on the plant
+
+
+def cell_with(name, bias, loads, duration, **changes):
+    """A test cell at rest without weight, with the dead-zone law, a bias and loads along x from times on."""
+    base = SCENARIOS[name]().replace(events=(), duration=duration)
+    law, (first, *_) = ANCHORED[name], base.cell.arms
+    width = law.switching.width
+    gains = law.gains.replace(sign_gain=0.25 / width, leak=None)
+    zone = (1.2 * np.linalg.norm(bias), 4e-3)
+    law = PayloadSpace(gains=gains, switching=Saturation(width=1.0), integral_dead_zone=zone)
+    X_WE = base.start.matrix @ base.cell.grasps[first].matrix
+    events = [
+        {"kind": "wrench-pulse", "time": t, "duration": duration - t, "wrench": [*force, 0.0, 0.0, 0.0]}
+        for t, force in loads
+    ]
+    still = {
+        "motion": {"kind": "hold", "pose": base.start.model_dump()},
+        "cell.gravity": [0.0, 0.0, 0.0],
+        "clock.steps_per_tick": 1,
+        "events": events,
+        f"cell.arms.{first}.calibration_error.tip.xyz": (X_WE[:3, :3].T @ np.array(bias)).tolist(),
+    }
+    frictions = {f"cell.arms.{arm}.friction": "none" for arm in base.cell.arms}
+    return base.replace(controller=law).override(still | frictions | changes)
+
+
+CASES = {"planar": (50.0, 60.0, 80.0), "spatial": (30.0, 12.0, 18.0)}
+"""Load, N, the time in which it comes, s, and the duration of the run, s."""
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_slow_load_on_the_plant(name):
+    """c_2 (L - K gamma (delta - b)); the UR5 have turned grasp frames and unequal shares."""
+    load, ramp, duration = CASES[name]
+    steps = [(k * ramp / 240, (load / 240, 0.0, 0.0)) for k in range(240)]
+    scenario = cell_with(name, (1e-3, 0.0, 0.0), steps, duration)
+    result = cp.run(scenario, warn=False)
+    error = (result.data.internal_wrench - result.data.desired_internal_wrench).values[-2, 0, :3]
+    errors = steady_errors(scenario, bias=1e-3, load=load)
+    gains, (delta, _) = scenario.controller.gains, scenario.controller.integral_dead_zone
+    by_hand = scenario.cell.shares[1] * (load - gains.pose_gain * gains.sliding_gain[0] * (delta - 1e-3))
+    assert_allclose(np.linalg.norm(np.nan_to_num(error)), by_hand, rtol=0.05)
+    assert_allclose(errors.ramp, by_hand)
+    assert_allclose((errors.sag, errors.limit), (delta, 2.0 * delta))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("load", "error", "force"), [(100.0, 1.407e-3, 2.14), (400.0, 1.407e-3, 1.58)])
+def test_a_load_from_the_start_rests_below_the_product(load, error, force):
+    """Two planar arms, 1 mm of bias in the tip: 4.9 and 26 times below c_1 c_2 b D / (e + b)."""
+    law = {"force_path": {"kind": "none"}, "integral_dead_zone": (1.2e-3, 6e-3)}
+    linear = {"controller.switching.width": 1.0, "controller.gains.sign_gain": 5.0}
+    changes = {f"controller.{name}": value for name, value in law.items()} | linear
+    pulse = {"kind": "wrench-pulse", "time": 0.0, "duration": 60.0, "wrench": [load, 0, 0, 0, 0, 0]}
+    tip = {"cell.arms.left.calibration_error.tip.xyz": [1e-3, 0.0, 0.0]}
+    result = cp.run("adept-anchored", changes | tip | {"events": [pulse], "duration": 60.0}, warn=False)
+    off = (result.data.internal_wrench - result.data.desired_internal_wrench).values[-2, 0, :2]
+    x = float(np.linalg.norm(result.data.pose_error.values[-2, :2]))
+    assert_allclose((x, np.linalg.norm(off)), (error, force), rtol=0.02)
+    ratio = 0.25 * 1e-3 * load / (x + 1e-3) / np.linalg.norm(off)
+    assert_allclose(ratio, {100.0: 4.85, 400.0: 26.2}[load], rtol=0.03)
+
+
+# ------------------------------------------------------------ fields, and what `check` says
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"controller.force_path": {"kind": "late"}},
+        {"controller.gains.leak": 0.5},
+        {"controller.integral_dead_zone": [1e-3, -1e-3]},
+        {"controller.integral_dead_zone": 1e-3},
+    ],
+)
+def test_a_dead_zone_beside_an_anchor_or_a_leak_is_refused(changes):
+    zone = {"controller.force_path": {"kind": "none"}, "controller.integral_dead_zone": [1e-3, 5e-3]}
+    with pytest.raises(ScenarioError, match="integral_dead_zone"):
+        cp.Scenario.load("adept-anchored", zone | changes)
+
+
+def test_check_judges_the_loop_beyond_the_zone_and_the_forecast_says_what_it_leaves_out():
+    zone = {"controller.integral_dead_zone": [1.2e-3, 6e-3]}
+    with_zone, without = (
+        cp.Scenario.load(
+            "adept-anchored", {"events": [], "controller.force_path": {"kind": "none"}} | changes
+        )
+        for changes in (zone, {"controller.gains.leak": 0.0})
+    )
+    assert with_zone.controller.beyond_dead_zone == without.controller
+    loops = [
+        next(each for each in cp.check(scenario) if each.kind == "loop stability").value
+        for scenario in (with_zone, without)
+    ]
+    assert loops[0] == loops[1]
+    assert any("dead zone" in each.sentence for each in cp.check(with_zone))
+    fast = {"controller.gains.sign_gain": 4.0, "controller.gains.pose_gain": 20.0}
+    assert not cp.check(with_zone.override(fast)).ok
