@@ -16,7 +16,9 @@ from coop_pin.base.errors import FieldError
 from coop_pin.figures import palette
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results.breaches import in_time
+from coop_pin.results.quantities import Samples
 from coop_pin.results.run_result import RunResult
+from coop_pin.viz.camera import arrow_ends, link_points, travels
 from coop_pin.viz.cell_scene import cell_scene
 from coop_pin.viz.curves import Curve, cell_curves, curve_rows, thinned_rows
 from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, frame_samples, run_samples
@@ -112,8 +114,10 @@ class NotebookView:
         return page_frame(self._height, "coop_pin replay", srcdoc=self._page)
 
 
-def _packed(result: RunResult, curves: tuple[Curve, ...], instants: list[float]) -> dict[str, Any]:
-    """Return a run as the page reads it, with the frames of some instants."""
+def _packed(
+    result: RunResult, curves: tuple[Curve, ...], instants: list[float], scales: ArrowScales
+) -> dict[str, Any]:
+    """Return a run as the page reads it, with the frames of some instants; the camera frames the first."""
     cell, samples = result.scenario.cell, run_samples(result)
     partners = result.scenario.partners
     frames = CellFrames(cell, CellVisuals(cell, result.scenario.plant.payload), partners)
@@ -121,12 +125,9 @@ def _packed(result: RunResult, curves: tuple[Curve, ...], instants: list[float])
     rate = min(FRAMES_PER_SECOND, _MOST_NUMBERS / (numbers * max(result.end, 1.0)))
     kept = frame_samples(samples["time"], rate, instants)
     moving = {name: value[kept] for name, value in samples.items() if len(value) == len(samples["time"])}
-    tips, path = samples["tip_position"], samples["payload_position"]
-    k = int(np.abs(samples["time"] - instants[0]).argmin())
-    if np.isfinite(result.dropped_at):  # the camera stays where the payload was held
-        path = path[samples["time"] <= result.dropped_at + _FALLS_S]
-    points = np.concatenate((path, *np.moveaxis(tips, 1, 0)))
-    scene = cell_scene(cell, frames.visuals.bodies, partners, tips=tips[k], points=points)
+    scene = cell_scene(
+        cell, frames.visuals.bodies, partners, **_framed(frames, result, samples, instants, scales)
+    )
     return packed_run(
         frames,
         scene,
@@ -137,12 +138,33 @@ def _packed(result: RunResult, curves: tuple[Curve, ...], instants: list[float])
     )
 
 
+def _framed(
+    frames: CellFrames, result: RunResult, samples: Samples, instants: list[float], scales: ArrowScales
+) -> dict[str, Array]:
+    """Return what the camera frames: links and tips at the first instant, and the arrows at all instants."""
+    time, path = samples["time"], samples["payload_position"]
+    held = time <= result.dropped_at + _FALLS_S if np.isfinite(result.dropped_at) else slice(None)
+    seen = np.array([int(np.abs(time - instant).argmin()) for instant in instants])
+    at, now = path[seen[0]], {name: value[seen] for name, value in samples.items() if len(value) == len(time)}
+    ends = arrow_ends(now, scales)
+    (links,) = frames.visuals.poses(now["configuration"][:1])
+    if is_followed := travels(path[held], at):
+        ends += (at - path[seen])[:, None]
+    tips = samples["tip_position"][seen[0] if is_followed else held].reshape(-1, 3)
+    return {
+        "tips": samples["tip_position"][seen[0]],
+        "path": path[held],
+        "at": at,
+        "shown": np.concatenate((link_points(frames.visuals.bodies, links), ends.reshape(-1, 3), tips)),
+    }
+
+
 def _replay(result: RunResult, times: Iterable[float], scales: ArrowScales) -> tuple[str, dict[str, Any]]:
     """Return the parts of the page of one run."""
     start, chips = telling_instant(result).time, instants(result)
     curves = cell_curves(run_samples(result), result.scenario.cell)
     data: dict[str, Any] = {
-        "runs": [_packed(result, curves, [start, *(chip.time for chip in chips), *times])],
+        "runs": [_packed(result, curves, [start, *(chip.time for chip in chips), *times], scales)],
         "duration": result.end,
         "start": start,
         "spans": spans(result),

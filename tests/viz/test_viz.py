@@ -60,7 +60,7 @@ from coop_pin.viz.page import page_scripts
 from coop_pin.viz.replay import run_names, shared_caption
 from coop_pin.viz.scene import TYPICAL_M, recorded_scales
 
-SCRIPTS = ("stage.js", "plots.js", "player.js")
+SCRIPTS = ("labels.js", "stage.js", "plots.js", "player.js")
 FLOAT32 = 3e-7
 """Frames are single precision: relative error of a number."""
 
@@ -237,7 +237,7 @@ def test_a_squeeze_that_is_wanted_has_no_chip() -> None:
 
 def test_grasps_away_from_the_payload_have_rods_and_hanging_arms_a_plate() -> None:
     cell = Scenario.load("five-joint-pair").cell
-    items = cell_scene(cell, (), tips=np.zeros((2, 3)), points=np.zeros((1, 3))).items
+    items = cell_scene(cell, (), tips=np.zeros((2, 3)), path=np.zeros((1, 3))).items
     rods = [item for item in items if item.node == "payload" and item.colour == "#7d858f"]
     size = np.array(cell.payload.size) / 2.0
     for rod, X_PG in zip(rods, cell.grasps.values(), strict=True):
@@ -248,7 +248,7 @@ def test_grasps_away_from_the_payload_have_rods_and_hanging_arms_a_plate() -> No
     (plate,) = (item for item in items if item.node == "floor")
     assert 1.1 < plate.pose[2, 3] < 1.2  # above the base at 1.1 m
     flush = Scenario.load("adept-paper").cell
-    drawn = cell_scene(flush, (), tips=np.zeros((2, 3)), points=np.zeros((1, 3))).items
+    drawn = cell_scene(flush, (), tips=np.zeros((2, 3)), path=np.zeros((1, 3))).items
     assert [item.node for item in drawn if item.colour == "#7d858f"] == []
 
 
@@ -541,20 +541,65 @@ def box_corners(shape) -> np.ndarray:
     return half * np.array(list(itertools.product((-1, 1), repeat=3)))
 
 
-def test_the_camera_is_close_and_has_path_tips_and_arrows_in_view(replay: Replay) -> None:
-    camera = replay.run["scene"]["camera"]
+def seen_from(camera: dict, points: np.ndarray) -> np.ndarray:
+    """Coordinates of points in the window, each between -1 and 1 where it is in view."""
     eye, target = np.array(camera["eye"]), np.array(camera["target"])
-    scales, tips = replay.data["scales"], replay.block("tips").reshape(-1, 3)
-    k = int(np.argmin(np.abs(replay.block("time")[:, 0] - replay.data["start"])))
-    forces = replay.block("internal")[k].reshape(-1, 6)[:, :3] / scales["forces"]
-    length = np.linalg.norm(forces, axis=1, keepdims=True)
-    ends = tips.reshape(len(replay.frames), -1, 3)[k] + forces * np.minimum(1, scales["longest"] / length)
-    rays = np.concatenate((tips, ends, replay.poses("payload")[:, :3])) - eye
     ahead = (target - eye) / np.linalg.norm(target - eye)
-    cosine = rays @ ahead / np.linalg.norm(rays, axis=1)
-    angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-    assert angle.max() < camera["field_of_view"] / 2
-    assert np.linalg.norm(eye - target) < 6.0
+    right = np.cross(ahead, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    rays, half = points - eye, np.tan(np.radians(camera["field_of_view"] / 2.0))
+    return (
+        np.abs(np.stack((rays @ right / 1.4, rays @ np.cross(right, ahead)), axis=1))
+        / half
+        / (rays @ ahead)[:, None]
+    )
+
+
+def test_the_camera_is_close_and_has_links_path_and_arrows_in_view(replay: Replay) -> None:
+    """Of arrows the ends by the formula of their lengths; the least that is framed is as large as the view."""
+    camera, scales = replay.run["scene"]["camera"], replay.data["scales"]
+    assert camera["follows"] is None
+    tips = replay.block("tips").reshape(len(replay.frames), -1, 3)
+    k = int(np.argmin(np.abs(replay.block("time")[:, 0] - replay.data["start"])))
+    forces = -replay.block("internal")[k].reshape(-1, 6)[:, :3] / scales["forces"]
+    length = np.linalg.norm(forces, axis=1, keepdims=True)
+    drawn = np.where(length > 0.25, 0.25 * (1.0 + 0.4 * np.log(np.maximum(length, 1e-9) / 0.25)), length)
+    arrows = forces / np.maximum(length, 1e-9) * np.minimum(drawn, 0.5)
+    inwards = tips[k].mean(axis=0) - tips[k]
+    squeezes = (arrows * inwards).sum(axis=1, keepdims=True) > 0.9 * np.linalg.norm(inwards, axis=1)[
+        :, None
+    ] * np.linalg.norm(arrows, axis=1, keepdims=True)
+    ends = tips[k] + np.where(squeezes, -1.0, 1.0) * arrows
+    links = [replay.poses(node)[k : k + 1, :3] for node in replay.run["nodes"] if node.startswith("arms/")]
+    points = np.concatenate((tips.reshape(-1, 3), ends, replay.poses("payload")[:, :3], *links))
+    assert seen_from(camera, points).max() < 1.0
+    shown = np.concatenate([corners_of(item, replay, k) for item in replay.items("arms/")])
+    assert 0.85 < seen_from(camera, np.concatenate((points, shown))).max() < 1.0
+
+
+def corners_of(item: dict, replay: Replay, k: int) -> np.ndarray:
+    """Corners of the box around a drawn shape of a link, in the world, in frame k."""
+    shape, X = item["drawable"], np.reshape(item["pose"], (4, 4)).T
+    if shape["kind"] == "mesh":
+        table = replay.run["scene"]["meshes"][shape["mesh"]]
+        steps = np.frombuffer(base64.b64decode(table["vertices"]), dtype="<u2").reshape(-1, 3)
+        points = table["low"] + steps * np.array(table["step"])
+    else:
+        size = shape["size"]
+        half = np.array(size) / 2 if shape["kind"] == "box" else np.array((size[0], size[0], size[1] / 2))
+        points = half * np.array(list(itertools.product((-1, 1), repeat=3)))
+    p, R = replay.poses(item["node"])[k, :3], Rotation.from_quat(replay.poses(item["node"])[k, 3:])
+    return R.apply(points @ X[:3, :3].T + X[:3, 3]) + p
+
+
+@pytest.mark.gate
+def test_a_payload_that_travels_is_followed_and_its_bases_are_in_view_at_the_opening_instant() -> None:
+    page = Replay(run("three-driven-ur5", {"duration": 4.0}, warn=False))
+    camera = page.run["scene"]["camera"]
+    k = int(np.argmin(np.abs(page.block("time")[:, 0] - page.data["start"])))
+    assert_allclose(camera["follows"], page.poses("payload")[k, :3], atol=1e-6)
+    links = [page.poses(node)[k, :3] for node in page.run["nodes"] if node.startswith("arms/")]
+    assert seen_from(camera, np.array(links)).max() < 1.0
 
 
 @pytest.mark.gate

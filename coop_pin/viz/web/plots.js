@@ -160,10 +160,10 @@ function coopPinPlots(place, page, runs, seek) {
   let now = 0;
   // The value of the sample whose frame is shown.
   const value = (run, column) => run.columns[column][coopPinIndex(run.columns[0].length, (k) => run.columns[0][k], run.shown)];
-  function moveTo(time) {
+  function moveTo(time, tells = true) {
     now = time;
     for (const { u, line } of plots) { line.style.left = `${u.valToPos(now, "x")}px`; }
-    for (const { present, curves } of titles) { present.innerHTML = caption(curves); }
+    for (const { present, curves } of tells ? titles : []) { present.innerHTML = caption(curves); }
   }
 
   // Present values: of a few curves by their labels; of drives one line for each arm, in order.
