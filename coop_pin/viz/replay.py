@@ -21,8 +21,15 @@ from coop_pin.results.run_result import RunResult
 from coop_pin.viz.camera import arrow_ends, link_points, travels
 from coop_pin.viz.cell_scene import cell_scene
 from coop_pin.viz.curves import Curve, cell_curves, curve_rows, thinned_rows
-from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, frame_samples, run_samples
-from coop_pin.viz.highlights import events_text, instants, spans, telling_instant, verdict_lines
+from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, frame_samples, run_samples, strut_columns
+from coop_pin.viz.highlights import (
+    VerdictLine,
+    events_text,
+    instants,
+    spans,
+    telling_instant,
+    verdict_lines,
+)
 from coop_pin.viz.page import (
     DATA,
     SCRIPTS,
@@ -128,14 +135,8 @@ def _packed(
     scene = cell_scene(
         cell, frames.visuals.bodies, partners, **_framed(frames, result, samples, instants, scales)
     )
-    return packed_run(
-        frames,
-        scene,
-        cell,
-        samples["desired_position"],
-        frames.rows(moving),
-        thinned_rows(curve_rows(curves, samples), kept.tolist()),
-    )
+    plotted = thinned_rows(curve_rows(curves, samples), kept.tolist())
+    return packed_run(frames, scene, cell, samples["desired_position"], frames.rows(moving), plotted)
 
 
 def _framed(
@@ -174,6 +175,7 @@ def _replay(result: RunResult, times: Iterable[float], scales: ArrowScales) -> t
         ],
         "instants": [chip._asdict() for chip in chips],
         "pushes": bool(result.data["external_wrench"].values.any()),
+        "peak": float(np.abs(strut_columns(run_samples(result))[0][..., 0]).max(initial=0.0)),
     }
     return page_parts(
         "replay",
@@ -189,20 +191,23 @@ def _replay(result: RunResult, times: Iterable[float], scales: ArrowScales) -> t
 def _verdict(result: RunResult) -> str:
     """Return sentence and verdict of a run, as HTML; the sentence leads to its instant."""
     instant = telling_instant(result)
-    lines = "\n".join(
-        f'<p class="verdict{"" if is_good else " broken"}">{html.escape(text)}</p>'
-        for text, is_good in [
-            *verdict_lines(result),
-            *((f"known before the run: {finding}", False) for finding in result.findings),
-        ]
-    )
+    known = [VerdictLine(f"known before the run: {finding}", is_good=False) for finding in result.findings]
+    lines = "\n".join(map(_verdict_line, [*verdict_lines(result), *known]))
     happened = events_text(result)
     return (
-        f'<p class="happened">{html.escape(happened)}</p>\n'
-        * bool(happened)
+        f'<div id="verdicts">\n{lines}\n</div>\n'
+        + f'<p class="happened">{html.escape(happened)}</p>\n' * bool(happened)
         + f'<button class="told" data-time="{instant.time:g}"><small>largest error of the internal force '
-        f"(click to go there)</small>{html.escape(instant.text)}</button>\n{lines}"
+        f"(click to go there)</small>{html.escape(instant.text)}</button>"
     )
+
+
+def _verdict_line(line: VerdictLine) -> str:
+    """Return a verdict as HTML; a click on it shows what was judged."""
+    kind, text = "verdict" if line.is_good else "verdict broken", html.escape(line.text)
+    if not line.numbers:
+        return f'<p class="{kind}">{text}</p>'
+    return f'<details class="{kind}"><summary>{text}</summary>{html.escape(line.numbers)}</details>'
 
 
 # ---------------------------------------------------------------- side by side
@@ -226,6 +231,9 @@ def _side_by_side(runs: Sequence[RunResult], names: Sequence[str], times: list[f
     tellings = [telling_instant(run).time for run in runs]
     errors = [float(np.nan_to_num(np.abs(run.data["internal_axial_error"].values)).max()) for run in runs]
     panes = [_replay(run, [*tellings, *times], common) for run in runs]
+    most = max(pane["peak"] for _, pane in panes)
+    for _, pane in panes:
+        pane["peak"] = most  # of one scale of struts
     first = panes[0][1]["runs"][0]["scene"]["meshes"]
     for scene in (pane["runs"][0]["scene"] for _, pane in panes[1:]):
         scene["meshes"] = None if scene["meshes"] == first else scene["meshes"]  # None: those of the first

@@ -225,11 +225,13 @@ def test_a_squeeze_that_is_wanted_has_no_chip() -> None:
         data[f"internal_{name}"][:] = data[f"desired_internal_{name}"]
         data[f"internal_{name}_error"][:] = 0.0
     data["internal_wrench"][:] = data["desired_internal_wrench"]
+    data["internal_moment_error"][:] = 0.0
     assert [chip.text for chip in instants(RunResult(result.scenario, data))] == ["start", "end"]
-    data["internal_wrench"][-1, 0, 3] += 2.0
+    data["internal_wrench"][-1, 0, 3] += 20.0
+    data["internal_moment_error"][-1, 0] = 20.0
     moved = RunResult(result.scenario, data)
-    assert [chip.text for chip in instants(moved)] == ["start", "largest moment error 2 N m, end"]
-    assert "the internal moment is off by up to 2 N m" in telling_instant(moved).text
+    assert [chip.text for chip in instants(moved)] == ["start", "largest moment error 20 N m, end"]
+    assert "the internal moment is off by up to 20 N m" in telling_instant(moved).text
     cell = result.scenario.cell.model_copy(update={"rows": "positional"})
     free = RunResult(result.scenario.model_copy(update={"cell": cell}), data)
     assert "which no arm controls" in telling_instant(free).text
@@ -288,8 +290,8 @@ def test_colours_differ_for_every_eye_and_those_of_arms_in_grey() -> None:
 def test_the_sentence_names_the_arm_where_there_are_three() -> None:
     result = run("three-ur5-plate", {"duration": 0.1}, warn=False)
     for part, said in (
-        ("shear", "load the payload across with 50 N at second, where none is wanted"),
-        ("axial", "pull the payload apart with 50 N at second, where"),
+        ("shear", "load the payload across with 50 N at arm 'second', where none is wanted"),
+        ("axial", "pull the payload apart with 50 N at arm 'second', where"),
     ):
         data = result.data.copy(deep=True)
         data[f"internal_{part}"][-1, 1] = 50.0
@@ -329,21 +331,46 @@ def test_breaches_of_trust_are_marked_at_their_first_times() -> None:
 
 def test_the_verdict_has_the_numbers_that_were_judged(planar: Replay, spatial: Replay) -> None:
     for result in (planar.result, spatial.result):
-        allowed, (_, (text, is_good)) = result.scenario.trust, verdict_lines(result)
-        assert is_good
+        allowed, (_, sound) = result.scenario.trust, verdict_lines(result)
+        assert sound.is_good
         condition = result.data["jacobian_condition"].values.max()
         for number in (
             f"{max(result.closure_error_max()):.1g} m (allowed {allowed.closure_error:g})",
             f"{result.energy_balance_max():.1g} J",
             f"{condition:.2g} ({allowed.jacobian_condition:g})",
         ):
-            assert number in text
+            assert number in sound.numbers
     data = planar.result.data.copy()
     for limit in (np.nan, 90.0):
         data["position_upper"] = xr.full_like(data["position_upper"], limit)
-        _, (told, _) = verdict_lines(RunResult(planar.result.scenario, data))
-        assert ("joints within" in told) == np.isfinite(limit)
-    assert all(html.escape(text) in planar.page for text, _ in verdict_lines(planar.result))
+        _, sound = verdict_lines(RunResult(planar.result.scenario, data))
+        assert ("joints within" in sound.numbers) == np.isfinite(limit)
+    for line in verdict_lines(planar.result):
+        assert html.escape(line.text) in planar.page
+        assert html.escape(line.numbers) in planar.page
+
+
+def test_a_cell_without_closures_is_not_told_how_far_its_grasps_are_closed() -> None:
+    result = run("two-pandas-palms", {"duration": 0.1}, warn=False)
+    assert result.closure_error_max() == (0.0, 0.0)
+    assert all("closed" not in line.numbers for line in verdict_lines(result))
+
+
+def test_the_weight_that_bends_a_payload_between_palms_is_no_error() -> None:
+    """Its moment is that of half of the weight on the lever of a palm; the page names it."""
+    result = run("two-pandas-palms", {"duration": 0.5}, warn=False)
+    cell = result.scenario.cell
+    lever = np.linalg.norm(cell.grasps["left"].matrix[:3, 3])
+    bends = f"with up to {read_number(cell.payload.mass * 9.81 / 2.0 * lever)} N m"
+    assert f"its weight bends the payload between the grasps {bends}" in telling_instant(result).text
+    assert not any("moment" in chip.text for chip in instants(result))
+
+
+def test_the_sentence_says_what_the_task_allows(planar: Replay) -> None:
+    limits = planar.result.scenario.task
+    text = telling_instant(planar.result).text
+    assert f"The task allows {read_number(max(limits.force, 10.0 * limits.force_share))} N" in text
+    assert (f"until {limits.recovery:g} s after an event" in text) == (limits.recovery > 0.0)
 
 
 # ---------------------------------------------------------------- curves
@@ -548,15 +575,12 @@ def seen_from(camera: dict, points: np.ndarray) -> np.ndarray:
     right = np.cross(ahead, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)
     rays, half = points - eye, np.tan(np.radians(camera["field_of_view"] / 2.0))
-    return (
-        np.abs(np.stack((rays @ right / 1.4, rays @ np.cross(right, ahead)), axis=1))
-        / half
-        / (rays @ ahead)[:, None]
-    )
+    seen = np.stack((rays @ right / 1.4, rays @ np.cross(right, ahead)), axis=1)
+    return np.abs(seen) / half / (rays @ ahead)[:, None]
 
 
 def test_the_camera_is_close_and_has_links_path_and_arrows_in_view(replay: Replay) -> None:
-    """Of arrows the ends by the formula of their lengths; the least that is framed is as large as the view."""
+    """Of arrows the ends by the formula of their lengths; what is framed fills the view."""
     camera, scales = replay.run["scene"]["camera"], replay.data["scales"]
     assert camera["follows"] is None
     tips = replay.block("tips").reshape(len(replay.frames), -1, 3)
@@ -652,7 +676,7 @@ def test_a_force_across_that_is_wanted_is_no_error(spatial: Replay) -> None:
     assert "within 0.25 N" in telling_instant(RunResult(spatial.result.scenario, data)).text
     data["internal_shear_error"][:] = 7.0
     result = RunResult(spatial.result.scenario, data)
-    assert "off by 7 N" in telling_instant(result).text
+    assert "in another direction is wanted: off by 7 N" in telling_instant(result).text
     assert "largest error 7 N" in ", ".join(instant.text for instant in instants(result))
 
 

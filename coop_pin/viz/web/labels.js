@@ -1,4 +1,24 @@
 "use strict";
+// Length at which a force or moment is drawn: up to the linear length in proportion, then with the logarithm, up to the longest.
+function coopPinLength(size, per, { linear, logarithmic, longest }) {
+  const ratio = size / per / linear;
+  return Math.min(linear * (ratio <= 1 ? ratio : 1 + logarithmic * Math.log(ratio)), longest);
+}
+
+// The scale of the struts: how thick a strut is at which force, up to the largest of the run.
+function coopPinScaleBar(svg, { scales, peak, colours }) {
+  const MIDDLE = 105, HALF = 100, TALL = 9, LEVEL = 25, most = Number(peak.toPrecision(2)) || 1, thick = (share) => TALL * coopPinLength(share * most, scales.forces, scales) / coopPinLength(most, scales.forces, scales);
+  const shares = Array.from({ length: 41 }, (_, k) => k / 40), edge = (side, sign, all) => all.map((share) => `${(MIDDLE + side * HALF * share).toFixed(1)} ${(LEVEL + sign * Math.max(thick(share), 0.4)).toFixed(1)}`);
+  const half = (side, colour) => `<path d="M${[...edge(side, -1, shares), ...edge(side, 1, [...shares].reverse())].join("L")}z" fill="${colour}"/>`;
+  const knee = scales.linear * scales.forces / most, said = (newtons) => coopPinNumber(newtons), full = `${most < 1000 ? said(most) : `${said(most / 1000)} k`} N`.replace("k N", "kN");
+  const marks = [0, ...(knee > 0.25 && knee < 0.62 ? [knee, -knee] : [])], at = (share) => MIDDLE + HALF * share;
+  svg.innerHTML = half(-1, colours.squeezed) + half(1, colours.torn)
+    + `<path d="${[...marks, 1, -1].map((share) => `M${at(share)} ${LEVEL + TALL + 2}v4`).join("")}" stroke="currentColor"/><text x="5" y="12">squeezed</text><text x="205" y="12" text-anchor="end">pulled apart</text>`
+    + marks.map((share) => `<text x="${at(share)}" y="51" text-anchor="middle">${share ? said(knee * most) : "0"}</text>`).join("")
+    + `<text x="5" y="51">${full}</text><text x="205" y="51" text-anchor="end">${full}</text>`;
+  svg.setAttribute("aria-label", `thickness of the struts: squeezed up to ${full} on the left, pulled apart on the right`);
+}
+
 // Labels of the 3-D view. Each stands beside its anchor on the side away from a second point, or on the next side that is
 // free; it keeps that side while it is free, and moves there in small steps, so that it can be read while the run plays.
 function coopPinLabels(pane, holder, viewer) {

@@ -2,7 +2,7 @@
 // One clock for 3-D view, plots and tiles. A recorded run is played; of a run under way frames arrive at a WebSocket.
 (() => {
   const page = JSON.parse(document.getElementById("data").textContent), element = (id) => document.getElementById(id);
-  const stage = coopPinStage(element("pane"), element("labels"), page), REDRAW_MS = 200, STILL_MS = 300, PLAYED = 0.09, MOST_FRAMES = 20000;
+  const stage = coopPinStage(element("pane"), element("labels"), page), REDRAW_MS = 200, STILL_MS = 300, PLAYED = 0.09, PAPER_WIDE = 703, PAPER_TALL = 363, MOST_FRAMES = 20000;
   const [play, slider, clock, speed, notice, status] = ["play", "time", "clock", "speed", "event", "status"].map(element);
   const told = document.querySelectorAll(".told");
   const split = (flat, size) => Array.from({ length: flat.length / size }, (_, k) => flat.subarray(size * k, size * (k + 1)));
@@ -18,6 +18,7 @@
   const end = () => (page.live ? runs[0].frames.at(-1)[0] : page.duration);
 
   // ---------------------------------------------------------------- tiles and clock
+  coopPinScaleBar(element("tension"), page);
   const tiles = page.plots.filter(({ tile }) => tile).map(({ key, tile, unit, curves }) => {
     const box = document.createElement("div");
     box.innerHTML = `${tile}<b>&nbsp;</b>&nbsp;`;
@@ -141,6 +142,17 @@
     show();
   }));
   if (innerWidth < 700 || innerHeight < 600 || self !== top) { element("legend").open = false; }
+
+  // ---------------------------------------------------------------- print
+  // On paper the view is as wide as the sheet, and its labels, which are text, are as much larger or smaller as the drawing.
+  addEventListener("beforeprint", () => {
+    const { clientWidth: width, clientHeight: height } = element("pane");
+    if (!stage.viewer || !width) { return; }
+    stage.viewer.render();
+    const share = Math.min(PAPER_WIDE / width, PAPER_TALL / height);
+    for (const [name, value] of Object.entries({ wide: width, tall: height, share })) { element("view").style.setProperty(`--${name}`, value); }
+    plots.unfold();
+  });
 
   // ---------------------------------------------------------------- a run under way
   function receive(message) {

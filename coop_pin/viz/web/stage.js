@@ -101,11 +101,7 @@ function coopPinScene(pane, holder, page) {
     return { shaft, tip };
   }
 
-  // Up to the linear length in proportion, then with the logarithm, up to the longest.
-  function drawnLength(size, per) {
-    const ratio = size / per / scales.linear;
-    return Math.min(scales.linear * (ratio <= 1 ? ratio : 1 + scales.logarithmic * Math.log(ratio)), scales.longest);
-  }
+  const drawnLength = (size, per) => coopPinLength(size, per, scales);
   // An outline: a grown solid, drawn where a hidden thinner one has not marked the stencil.
   const MARK = { colorWrite: false, stencilWrite: true, stencilRef: 1, stencilZPass: three.ReplaceStencilOp };
   const AROUND = { stencilWrite: true, stencilRef: 1, stencilFunc: three.NotEqualStencilFunc };
@@ -232,7 +228,8 @@ function coopPinScene(pane, holder, page) {
   first.arms.forEach((arm, k) => {
     const platform = `arms/${arm}/base_yaw`; // of a mobile base: its position moves
     const base = first.nodes.includes(platform) ? node(platform).position : vector(...first.bases[k]), internal = arrows[`forces/${arm}/internal`];
-    const force = () => (isFree[k] ? ", free" : internal.object.visible ? ` ${coopPinNumber(internal.value.length())} N` : "");
+    const size = () => internal.value.length(), isTold = () => internal.object.visible && !(isFree[k] && size() < 0.05);
+    const force = () => (isFree[k] ? ", free" : "") + (isTold() ? ` ${coopPinNumber(size())} N` : "");
     labels.add(isCrowded
       ? { text: () => arm + force(), anchor: () => tips[k], away: () => middle, steady: () => tips[k], shown: () => true }
       : { text: () => arm, anchor: () => unhidden(base), away: () => base.clone().setZ(base.z - 1), steady: () => base, centred: true, shown: () => true }, first.arm_colours[k], 0);
