@@ -16,6 +16,7 @@ import tyro
 from coop_pin import viz
 from coop_pin.base.errors import FieldError
 from coop_pin.cli.overrides import ANY_CODE, NO_FIELDS, Code, TypedFields, load_scenario, refuse_fields
+from coop_pin.cli.terminal import Working
 from coop_pin.description.catalogue import scenario_names
 
 
@@ -88,15 +89,18 @@ def view(
         return
     refuse_fields(fields, what)
     if not pictures:
-        page = (_side_by_side(paths) if against else _replay(path)).resolve()
+        with Working("drawing the replay"):
+            page = (_side_by_side(paths) if against else _replay(path)).resolve()
         _show(str(page), page.as_uri(), open)
         return
     (result, *others), names = map(result_of, paths), _names(paths)
     if image is not None:
-        viz.save_image(result, image, *others, names=names, time=time)
+        with Working("drawing the image"):
+            viz.save_image(result, image, *others, names=names, time=time)
         print(image.resolve(), flush=True)
     if video is not None:
-        viz.save_video(result, video, *others, names=names)
+        with Working("drawing the video, frame by frame"):
+            viz.save_video(result, video, *others, names=names)
         print(video.resolve())
 
 
@@ -160,5 +164,6 @@ def report(
 
     folder = result if result.is_dir() else result.parent
     page = out or folder / RunFolder.REPORT
-    viz.save_report(result_of(result), page)
+    with Working("drawing the report"):
+        viz.save_report(result_of(result), page)
     print(page.resolve())
