@@ -176,11 +176,16 @@ def _arm_summary(arm: CellArm, q: Array) -> ArmSummary:
         tip=description.tip,
         base=description.base.xyz,
         locked=tuple(description.locked),
-        joints=tuple(JointSummary(name, *map(float, numbers), unit) for name, unit, *numbers in rows),
+        joints=tuple(_joint(name, unit, *map(float, numbers)) for name, unit, *numbers in rows),
         mass=float(sum(inertia.mass for inertia in list(load_arm_model(description).inertias)[1:])),
         maximum_reach=maximum_reach(description),
         smallest_singular_value=float(np.linalg.svd(arm.task_jacobian(q), compute_uv=False)[-1]),
     )
+
+
+def _joint(name: str, unit: str, *numbers: float) -> JointSummary:
+    angle, lower, upper, velocity, torque = numbers
+    return JointSummary(name, angle, lower, upper, velocity, torque, unit)
 
 
 def _arm_lines(arm: ArmSummary) -> tuple[str, ...]:
