@@ -53,6 +53,7 @@ def save_loop(name: str, *runs: RunResult, names: tuple[str, ...] = (), width: i
     page = replay_html(*runs, names=names, times=times)
     if len(runs) == 1:
         page = page.replace("</head>", f"<style>{SCENE_ONLY}</style></head>")
+    page = page.replace(".pane button.told { display: flex;", ".pane button.told { display: none;")
     images = [
         Image.open(io.BytesIO(image)).convert("RGB") for image in page_images(page, times, width, height)
     ]

@@ -22,6 +22,29 @@ print(hashlib.sha256(b"\0".join([sys.version.encode(), str(pathlib.Path.cwd()).e
 PY
 }
 
+# ticking TEXT COMMAND...: run a command that says nothing for long; on a terminal, tell every other second that it goes on.
+ticking() {
+    local text="$1" ticker code=0
+    shift
+    if [ ! -t 2 ]; then
+        "$@"
+        return
+    fi
+    (
+        seconds=0
+        while sleep 2; do
+            seconds=$((seconds + 2))
+            printf '\r== set-up: %s, %s s' "$text" "$seconds" >&2
+        done
+    ) &
+    ticker=$!
+    "$@" || code=$?
+    kill "$ticker" 2>/dev/null
+    wait "$ticker" 2>/dev/null || true
+    printf '\r\033[K' >&2
+    return "$code"
+}
+
 # setup_environment [EXTRA,...]: make .venv if there is none, install '.[EXTRA,...]' into it if something changed, and set VENV_PYTHON.
 setup_environment() {
     local extra="${1:-}" stamp wanted python
@@ -39,7 +62,7 @@ setup_environment() {
     echo "== set-up: installing coop_pin${extra:+[$extra]}"
     "$VENV_PYTHON" -m pip --version >/dev/null 2>&1 || "$VENV_PYTHON" -m ensurepip >/dev/null
     # -qq hides pip's warnings, not its errors
-    "$VENV_PYTHON" -m pip install -qq --no-input --disable-pip-version-check -e ".${extra:+[$extra]}" -c constraints.txt </dev/null
+    ticking "installing" "$VENV_PYTHON" -m pip install -qq --no-input --disable-pip-version-check -e ".${extra:+[$extra]}" -c constraints.txt </dev/null
     echo "$wanted" >"$stamp"
     echo "$wanted" >.venv/coop_pin-core.stamp # an extra brings the core with it
 }

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from coop_pin.cli.exit_codes import FAILED, OK
-from coop_pin.cli.inspect import print_wrapped
 from coop_pin.cli.overrides import ANY_CODE, NO_FIELDS, Code, ScenarioName, TypedFields, load_scenario
+from coop_pin.cli.terminal import Working, print_wrapped
 
 
 def check(
@@ -40,14 +40,11 @@ def check(
     """
     from coop_pin.running import check as checking
 
-    findings = checking.check(
-        load_scenario(scenario, fields, code, quiet=json),
-        poses=poses,
-        bias=bias,
-        bias_turn=bias_turn,
-        load=load,
-        table_error=table_error,
-    )
+    chosen = load_scenario(scenario, fields, code, quiet=json)
+    with Working("checking the cell along its motion", quiet=json):
+        findings = checking.check(
+            chosen, poses=poses, bias=bias, bias_turn=bias_turn, load=load, table_error=table_error
+        )
     if json:
         print(findings.to_json())
     else:

@@ -8,10 +8,10 @@ from typing import Annotated, Any
 
 import tyro
 
-from coop_pin import figures, viz
-from coop_pin.base.errors import FieldError
+from coop_pin import figures
 from coop_pin.cli.overrides import ANY_CODE, NO_FIELDS, Code, load_scenario
-from coop_pin.cli.sweep import ExecutionOptions, kept_result, tell
+from coop_pin.cli.sweep import ExecutionOptions, tell
+from coop_pin.cli.terminal import Working
 from coop_pin.sweeps.workers.execution import HERE
 
 
@@ -38,7 +38,8 @@ def compare(
 
     coop-pin compare adept-anchored --controllers anchored computed-torque mine:Law --trials nominal push
 
-    comparison.html shows the table as a heat map; it has the command that writes the replay of a cell.
+    comparison.html shows the table as a heat map; 'coop-pin view DIR' opens it so that a cell opens its
+    replay, and two cells open theirs side by side.
 
     Args:
         scenarios: names listed by 'coop-pin list', or TOML files; the six of the benchmark when omitted.
@@ -112,20 +113,9 @@ def compare(
 
 def _write_replay(table: Any, folder: Path, texts: Sequence[str]) -> None:
     """Write the replay of some cells side by side, and link it in the page of the table."""
-    from coop_pin.sweeps.heat_map import REPLAYS, cell_names, replay_file
+    from coop_pin.viz.explorer import comparison_replay
 
-    cells = list(map(cell_names, texts))
-    runs = [_run(table, cell) for cell in cells]
-    page = folder / REPLAYS / replay_file(cells)
-    viz.save_replay(runs[0], page, *runs[1:], names=texts)
+    with Working("simulating and drawing"):
+        page = comparison_replay(table, texts, folder)
     table.write_html(folder / "comparison.html")
     print(page.resolve())
-
-
-def _run(table: Any, cell: Sequence[str]) -> Any:
-    """Return the result of a cell's run."""
-    names, seed = cell[:3], "".join(cell[3:]) or "0"
-    if len(names) < 3 or not seed.isdecimal():
-        form = "'SCENARIO | CONTROLLER | TRIAL', with '| SEED' behind a random trial"
-        raise FieldError(f"is {' | '.join(cell)!r}; it must be {form}", "--replay")
-    return kept_result(lambda: table.open(*names, seed=int(seed)))

@@ -10,6 +10,7 @@ import tyro
 from coop_pin.base.atomic_write import write_atomically
 from coop_pin.base.errors import FieldError
 from coop_pin.cli.overrides import ANY_CODE, NO_FIELDS, Code, TypedFields, load_scenario, refuse_fields
+from coop_pin.cli.terminal import Working
 from coop_pin.cli.view import result_of
 
 
@@ -61,7 +62,8 @@ def export(
     if arm is None:
         raise FieldError("is missing; --to c writes the law of one arm: --arm NAME", "--arm")
     chosen = load_scenario(what, fields, code)
-    law = export_c(chosen, arm, out or Path("out") / f"{chosen.name}-c", ticks=ticks)
+    with Working(f"tracing the law of {arm}"):
+        law = export_c(chosen, arm, out or Path("out") / f"{chosen.name}-c", ticks=ticks)
     print(law.summary())
     test = f"{law.source.with_suffix('')}_self_test"
     print(f"self-test: cc -std=c99 -O2 {law.source} {law.self_test} -lm -o {test} && {test}")

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import sys
-import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -23,40 +21,64 @@ from coop_pin.cli.overrides import (
     load_scenario,
     refuse_fields,
 )
+from coop_pin.cli.terminal import Working, print_wrapped
 from coop_pin.description.catalogue import scenario_file, scenario_names, scenario_tables
-
-_COLUMNS = 99
-"""Longest line of a text."""
 
 _Folders = Annotated[tuple[str, ...], tyro.conf.arg(metavar="FOLDER...")]
 _Assignments = Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE...")]
-
-
-def print_wrapped(*texts: object, sep: str = " ") -> None:
-    """Print texts with long lines wrapped at spaces, further indented; commands to copy stay whole words."""
-    for line in sep.join(map(str, texts)).splitlines():
-        indent = " " * (len(line) - len(line.lstrip()) + 4)
-        parts = textwrap.wrap(
-            line, _COLUMNS, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
-        )
-        print(*(parts or [""]), sep="\n")
 
 
 def list_all(robots: bool = False) -> None:
     """List the scenarios that come with coop_pin, or the robots that an arm can name.
 
     Args:
-        robots: list the robots of coop_pin and of example-robot-data, with their files.
+        robots: list the robots of coop_pin and of example-robot-data, with joints and tips of their arms.
     """
     if robots:
-        from coop_pin.description.urdf import robot_files  # slow to load
-
-        for name, file in sorted(robot_files().items()):
-            print(f"{name:<28} {file}")
+        print_wrapped(_robot_list())
         return
     for scenario in scenario_tables():
         size = f"{len(scenario['cell']['arms'])} arms  {scenario['duration']:g} s"
         print_wrapped(f"{scenario['name']:<20} {size}  {scenario['summary']}")
+
+
+def _robot_list() -> str:
+    """Return one line for each robot with one arm or two, and the names of the others; kept on disk."""
+    from coop_pin.description.urdf import robot_files  # slow to load
+
+    files = robot_files()
+    stamp = "\n".join(f"{name} {path} {path.stat().st_mtime_ns}" for name, path in sorted(files.items()))
+    key = hashlib.sha256(f"robots {package_digest()}\n{stamp}".encode()).digest()
+    if (text := kept(key)) is None:
+        with Working("reading the robots, once") as working:
+            text = "\n".join(_robot_lines(sorted(files), working)).encode()
+        keep(key, text)
+    return text.decode()
+
+
+def _robot_lines(names: Sequence[str], working: Working) -> Iterator[str]:
+    from coop_pin.base.errors import UrdfError
+    from coop_pin.description.urdf import find_urdf, load_checked
+    from coop_pin.description.urdf.robot import Robot
+
+    others = []
+    for name in names:
+        working.tell(f"reading the robots, once: {name}")
+        try:
+            robot = Robot(load_checked(find_urdf(name), parts=False))
+        except UrdfError:
+            others.append(name)
+            continue
+        tips = robot.tools()
+        joints = [len(robot.movers(tip)) for tip in tips]
+        if any("foot" in tip.lower() for tip in tips) or len(tips) > 2 or min(joints) < 2 + len(tips):
+            others.append(name)
+        elif len(tips) == 1:
+            yield f"{name:<28} {joints[0]} joints, tip {tips[0]}"
+        else:
+            yield f"{name:<28} two arms of {' and '.join(map(str, joints))} joints, tips {', '.join(tips)}"
+    if others:
+        yield f"without an arm, or with many tips ('coop-pin show NAME' lists them): {', '.join(others)}"
 
 
 def fields_of(scenario: ScenarioName) -> None:
@@ -110,7 +132,9 @@ def show(
                 message = f"is an option for robots only; give it to each arm: cell.arms.NAME.{option}"
                 raise FieldError(message, f"--{option.replace('_', '-')}")
         scenario = load_scenario(what, fields)
-        print_wrapped(cell_summary(scenario.cell, scenario.start.matrix).summary())
+        with Working("closing the cell"):
+            text = cell_summary(scenario.cell, scenario.start.matrix).summary()
+        print_wrapped(text)
         return
     if not path.is_file() and path.suffix not in (".urdf", ".xacro") and what not in robots:
         names = [*scenarios, *robots]
@@ -148,8 +172,10 @@ def suggest(
     from coop_pin.design import suggestion
 
     draft = load_scenario(scenario, fields, code, draft=True)
-    suggested = suggestion.suggest(draft, poses=poses, table_error=table_error)
-    findings = suggested.findings(table_error=table_error).of("error", "warning")
+    with Working("looking for rate, gains, postures and squeeze") as working:
+        suggested = suggestion.suggest(draft, poses=poses, table_error=table_error)
+        working.tell("checking the proposal")
+        findings = suggested.findings(table_error=table_error).of("error", "warning")
     print_wrapped(suggested.summary(), findings.summary(), sep="\n")
     if out is not None:
         suggested.scenario.save(out)
@@ -165,6 +191,10 @@ def new(
     layout: Literal["facing", "side-by-side"] = "facing",
     tips: Annotated[tuple[str, ...], tyro.conf.arg(metavar="LINK...")] = (),
     distance: float | None = None,
+    motion: Literal["line", "circle", "hold"] = "line",
+    squeeze: float = 10.0,
+    package_dirs: _Folders = (),
+    xacro_args: _Assignments = (),
 ) -> None:
     """Write the scenario of a new cell, ready to run: arms placed around a payload, grasps, motion, gains.
 
@@ -182,6 +212,10 @@ def new(
         layout: bases all around the payload, or on one side of it.
         tips: tip of each arm; the link that is named like a tool when omitted.
         distance: distance of the bases from the payload's centre, m; by the arms' reach when omitted.
+        motion: motion of the payload: along a line, on a level circle, or none.
+        squeeze: force of each arm towards the others, N.
+        package_dirs: folders that are searched first for the packages of the robots.
+        xacro_args: arguments of xacro files.
 
     Raises:
         FieldError: the file exists, or an option is not among the allowed ones.
@@ -196,26 +230,26 @@ def new(
     path = path if path.suffix == ".toml" else path.with_name(f"{path.name}.toml")
     if path.exists():
         raise FieldError(f"{path} exists; name another file, or remove it", "NAME_OR_FILE")
-    suggested = new_cell(
-        arms,
-        name=path.stem,
-        payload=payload,
-        mass=mass,
-        size=size,
-        grasp=grasp,
-        layout=layout,
-        tips=tips,
-        distance=distance,
-        progress=_print_stage if sys.stderr.isatty() else None,
-    )
+    with Working("reading the robots") as working:
+        suggested = new_cell(
+            arms,
+            name=path.stem,
+            payload=payload,
+            mass=mass,
+            size=size,
+            grasp=grasp,
+            layout=layout,
+            tips=tips,
+            distance=distance,
+            motion=motion,
+            squeeze=squeeze,
+            package_dirs=package_dirs,
+            xacro_args=_assignments(xacro_args),
+            progress=working.tell,
+        )
     suggested.scenario.save(path, commented=True)
     print_wrapped(suggested.summary())
     print_wrapped(f"{path}: edit it; then coop-pin check {path}, coop-pin run {path} --report")
-
-
-def _print_stage(stage: str) -> None:
-    """Print the stage of a command on the standard error."""
-    print(f"coop-pin: {stage} ...", file=sys.stderr)
 
 
 def check_urdf(
@@ -241,18 +275,18 @@ def check_urdf(
 
 
 def _urdf_file(urdf: str, package_dirs: Sequence[str], xacro_args: Sequence[str]) -> Any:
-    """Return the URDF with a name or path; arguments of a xacro are written NAME=VALUE or NAME:=VALUE.
-
-    Raises:
-        UrdfError: there is none.
-        FieldError: an argument is not of this form.
-    """
+    """Return the URDF with a name or path; raises UrdfError where there is none."""
     from coop_pin.description.urdf import find_urdf
 
+    return find_urdf(urdf, package_dirs=package_dirs, xacro_args=_assignments(xacro_args))
+
+
+def _assignments(xacro_args: Sequence[str]) -> dict[str, str]:
+    """Return arguments of a xacro, written NAME=VALUE or NAME:=VALUE; raises FieldError for another form."""
     values = {}
     for word in xacro_args:
         name, equals, value = word.replace(":=", "=", 1).partition("=")
         if not (name and equals):
             raise FieldError(f"is {word!r}; it must be NAME=VALUE", "--xacro-args")
         values[name] = value
-    return find_urdf(urdf, package_dirs=package_dirs, xacro_args=values)
+    return values

@@ -17,6 +17,7 @@ from coop_pin.cli.overrides import (
     field_path,
     load_scenario,
 )
+from coop_pin.cli.terminal import Working, print_wrapped
 
 
 def root_locus(
@@ -58,9 +59,10 @@ def root_locus(
     base = load_scenario(scenario, fields, code)
     ends = as_positive("low", low), as_positive("high", high)
     factors = np.geomspace(*ends, as_count("count", count, 1))
-    print(stability.eigenvalues(base, time=time).summary())
-    locus = stability.root_locus(base, field_path(gain, base.cell.arms), factors, time=time)
-    print(locus.summary())
+    with Working("linearising the closed loop"):
+        here = stability.eigenvalues(base, time=time).summary()
+        locus = stability.root_locus(base, field_path(gain, base.cell.arms), factors, time=time)
+    print_wrapped(here, locus.summary(), sep="\n")
     if out is not None:
         figure = figures.root_locus_figure(locus)
         print("written to " + " and ".join(map(str, figures.save_figure(figure, out))))

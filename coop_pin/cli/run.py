@@ -13,6 +13,7 @@ from coop_pin import viz
 from coop_pin.base.errors import CoopPinError, RunInterruptedError
 from coop_pin.cli.exit_codes import INTERRUPTED, NOT_KEPT, NOT_SOUND, OK
 from coop_pin.cli.overrides import ANY_CODE, NO_FIELDS, Code, ScenarioName, TypedFields, load_scenario
+from coop_pin.cli.terminal import Working, print_wrapped
 from coop_pin.compiled.engines import Engine
 
 
@@ -80,13 +81,14 @@ def run(
         return INTERRUPTED if isinstance(error, RunInterruptedError) else _exit_code(result)
     timing = Timing.since(start, result)
     formats: tuple[Literal["png", "svg"], ...] = ("png", "svg") if svg else ("png",)
-    folder.write(result, timing, replay=replay, figures=formats if figures else ())
-    if report:
-        viz.save_report(result, folder.path / folder.REPORT)
+    with Working(f"writing into {folder.path}", quiet=quiet):
+        folder.write(result, timing, replay=replay, figures=formats if figures else ())
+        if report:
+            viz.save_report(result, folder.path / folder.REPORT)
     status = _exit_code(result)
     if not quiet:
         written = f"written to {folder.path}, {timing.real_time_factor:.2g} times real time"
-        print(result.summary(), *_details(result, verbose), written, sep="\n")
+        print_wrapped(result.summary(), *_details(result, verbose), written, sep="\n")
     elif status != OK:
         _warn(result, verbose)
     return status

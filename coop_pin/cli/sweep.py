@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
 import tyro
 
-from coop_pin import figures, sweeps, viz
-from coop_pin.base.errors import CoopPinError, FieldError
+from coop_pin import figures, sweeps
+from coop_pin.base.errors import FieldError
 from coop_pin.cli.overrides import (
     ANY_CODE,
     NO_FIELDS,
@@ -25,20 +25,6 @@ from coop_pin.sweeps.workers.execution import HERE, Execution
 
 ExecutionOptions: TypeAlias = Annotated[Execution, tyro.conf.OmitArgPrefixes, tyro.conf.UseAppendAction]
 """Fields of an Execution as options of a command: --workers, --scheduler, --engine, --merge, --quiet."""
-
-
-def kept_result(run: Callable[[], Any]) -> Any:
-    """Return the RunResult of a run; that of one that failed ends where it failed.
-
-    Raises:
-        CoopPinError: the run could not start.
-    """
-    try:
-        return run()
-    except CoopPinError as error:
-        if error.result is None:
-            raise
-        return error.result
 
 
 def tell(execution: Execution, summary: str, folder: Path) -> None:
@@ -89,7 +75,7 @@ def sweep_show(
     against: Annotated[str | None, tyro.conf.arg(metavar="METRIC")] = None,
     table: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     page: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
-    replay: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
+    replay: Annotated[tuple[int, ...], tyro.conf.arg(metavar="N...")] = (),
     at: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="FIELD=VALUE")] = (),
 ) -> None:
     """Print the results of a sweep, finished or not, and draw them.
@@ -105,7 +91,9 @@ def sweep_show(
         against: a second metric: draw all runs by the two metrics, with the Pareto front.
         table: write these runs as CSV: varied fields, status, error, metrics, durations.
         page: write a heat map of these runs, an HTML page that is explored; it shows the metric first.
-        replay: number of a run: simulate it again and write its 3-D replay, which the page links.
+            'coop-pin view FOLDER' opens it so that a cell opens its run.
+        replay: number of a run, or of up to four: simulate them again and write their 3-D replay, side by
+            side, which the page links.
         at: show, list, draw and write only runs in which a varied field has this value, FIELD=VALUE; once for
             each field.
 
@@ -139,11 +127,10 @@ def sweep_show(
     if table is not None:
         result.store.write_with(table, result.table.to_csv)
         print(f"written to {table}")
-    if replay is not None:
-        from coop_pin.sweeps.heat_map import REPLAYS
+    if replay:
+        from coop_pin.viz.explorer import sweep_replay
 
-        file = (page or folder / "map.html").parent / REPLAYS / f"run-{replay}.html"
-        viz.save_replay(kept_result(lambda: result.open(replay)), file)
+        file = sweep_replay(result, list(map(str, replay)), (page or folder / "map.html").parent)
         print(f"written to {file}")
     if page is not None:
         result.write_html(page, metric)

@@ -16,6 +16,7 @@ import tyro
 from coop_pin import viz
 from coop_pin.base.errors import FieldError
 from coop_pin.cli.overrides import ANY_CODE, NO_FIELDS, Code, TypedFields, load_scenario, refuse_fields
+from coop_pin.cli.terminal import Working
 from coop_pin.description.catalogue import scenario_names
 
 
@@ -32,10 +33,12 @@ def view(
     code: Code = ANY_CODE,
     fields: TypedFields = NO_FIELDS,
 ) -> None:
-    """Show a run or a cell in 3-D, or write an image or a video of a run.
+    """Show a run, many runs or a cell, or write an image or a video of a run.
 
     For a run, this opens its replay, a file that plays offline; a missing replay is written from the result.
     Up to three more runs are shown beside it: one clock, one scale of forces, linked cameras.
+    For the folder of a sweep or a comparison, this opens its heat map until Ctrl-C: a cell opens its replay,
+    which is simulated when it is asked for, and two cells open theirs side by side.
     For a scenario, this opens a live view of the cell in its initial state on an address of this machine
     only, until Ctrl-C; with --run the scenario is simulated. Every field of the scenario can be changed as in
     'coop-pin run'.
@@ -44,7 +47,8 @@ def view(
     and Chromium or Chrome, but no display.
 
     Args:
-        what: folder or result file of a run, or a scenario: a name listed by 'coop-pin list', or a TOML file.
+        what: folder or result file of a run, folder of a sweep or a comparison, or a scenario: a name listed
+            by 'coop-pin list', or a TOML file.
         against: folders or result files of up to three more runs.
         open: open a browser; without a screen only the address is printed.
         run: simulate the scenario, over and over; nothing is written.
@@ -87,17 +91,39 @@ def view(
                     run_scenario.run(scenario, view=live, realtime_rate=realtime_rate)
         return
     refuse_fields(fields, what)
+    if not (pictures or against) and path.is_dir() and _explored(path, port, open):
+        return
     if not pictures:
-        page = (_side_by_side(paths) if against else _replay(path)).resolve()
+        with Working("drawing the replay"):
+            page = (_side_by_side(paths) if against else _replay(path)).resolve()
         _show(str(page), page.as_uri(), open)
         return
     (result, *others), names = map(result_of, paths), _names(paths)
     if image is not None:
-        viz.save_image(result, image, *others, names=names, time=time)
+        with Working("drawing the image"):
+            viz.save_image(result, image, *others, names=names, time=time)
         print(image.resolve(), flush=True)
     if video is not None:
-        viz.save_video(result, video, *others, names=names)
+        with Working("drawing the video, frame by frame"):
+            viz.save_video(result, video, *others, names=names)
         print(video.resolve())
+
+
+def _explored(folder: Path, port: int, opens: bool) -> bool:
+    """Show the heat map of a folder of many runs until Ctrl-C; return whether it is one."""
+    from coop_pin.viz.explorer import Explorer, is_folder_of_runs  # slow to load
+
+    if not is_folder_of_runs(folder):
+        return False
+    with Working("reading the runs"):
+        explorer = Explorer(folder, port=port)
+    with contextlib.closing(explorer):
+        _show(explorer.url, explorer.url, opens)
+        hint = "open this address in a browser on this machine; Ctrl-C ends the view"
+        print(f"coop-pin: {hint}", file=sys.stderr)
+        with contextlib.suppress(KeyboardInterrupt):
+            threading.Event().wait()
+    return True
 
 
 def _show(text: str, address: str, opens: bool) -> None:
@@ -160,5 +186,6 @@ def report(
 
     folder = result if result.is_dir() else result.parent
     page = out or folder / RunFolder.REPORT
-    viz.save_report(result_of(result), page)
+    with Working("drawing the report"):
+        viz.save_report(result_of(result), page)
     print(page.resolve())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +16,14 @@ from coop_pin.base.errors import FileReadError, InvalidStateError, NameNotFoundE
 from coop_pin.base.user_files import read_user_file
 from coop_pin.comparison.measures import DROPPED, MEASURES
 from coop_pin.results.run_result import RunResult
-from coop_pin.sweeps.heat_map import cell_text, write_heat_map
+from coop_pin.sweeps.heat_map import cell_names, cell_text, wanted_squeeze, write_heat_map
 from coop_pin.sweeps.result import SweepResult
 
 COLUMNS = MEASURES | {"settling_time_s": "settling time (s)"}
 """Measures of the table, with their texts."""
 CELL = ("scenario", "controller", "trial")
 """What names a cell of the table."""
+_FORCES = ("axial_rms_N", "shear_rms_N")
 _RESAMPLES = 1000
 _VERDICTS = ("sound", "kept")
 """Numbers of good verdicts; NaN in a table of runs that had none."""
@@ -119,17 +121,35 @@ class Comparison:
         command = "coop-pin compare {scenario} --controllers {controller} --trials {trial}"
         if self.folder is not None:
             command = f'coop-pin compare --out "{self.folder.as_posix()}" --replay {{cells}}'
+        first = {name: text for name, text in COLUMNS.items() if name in _FORCES}  # what the motion hides
+        wanted = self._wanted(table["scenario"].unique())
         write_heat_map(
             table,
             Path(path),
             title=f"{self.data.sizes['controller']} controllers compared",
             names=CELL,
             rivals=["controller"],
-            measures=COLUMNS,
+            measures=first | COLUMNS,
+            forces=_FORCES,
+            wanted=[wanted.get(tuple(cell), np.nan) for cell in table[list(CELL)].to_numpy()],
             filters=["information", *(["merged"] if table["merged"].any() else [])],
             notes=("gains", *_COUNTS, *_VERDICTS),
             command=command,
         )
+
+    def _wanted(self, scenarios: Sequence[str]) -> dict[tuple[str, ...], float]:
+        """Return the squeeze that is wanted in each cell whose scenario is known, N."""
+        wanted = dict[tuple[str, ...], float]()
+        for name in scenarios:
+            plans = [] if self.folder is None else sorted((self.folder / name).glob("*/plan.json"))
+            for file in plans:
+                plan = SweepResult.load(file.parent).plan
+                base = wanted_squeeze(next(iter(plan.base.values())))
+                for case, changes in plan.cases["run"].items():
+                    is_other = any(path.split(".")[0] == "squeeze" for path in changes)
+                    part = plan.part([case], plan.engine) if is_other else None
+                    wanted[name, *cell_names(case)] = wanted_squeeze(part.scenario(0)) if part else base
+        return wanted
 
     def ranks(self, measure: str = "tracking_rms_mm", *, seed: int = 0) -> pd.DataFrame:
         """Return the mean rank of each controller over all scenarios and trials, with its 95 % interval.

@@ -45,7 +45,7 @@ class LoseArm(PayloadEvent):
     @property
     def outcome(self) -> str:
         """The arm, and what is left of it."""
-        return f"{self.arm} fails at {self.time:g} s ({self.form})"
+        return f"arm {self.arm!r} fails at {self.time:g} s ({self.form})"
 
     @property
     def requires(self) -> str:  # type: ignore[override]

@@ -86,8 +86,7 @@ class Release(GraspEvent):
     @property
     def outcome(self) -> str:
         """The arm, and when it lets go."""
-        over = "hands over and " * (self.instant > self.time)
-        return f"{self.arm} {over}lets go at {self.instant:g} s"
+        return f"arm {self.arm!r} lets go at {self.instant:g} s"
 
     def act(self, plant: Any, arms: Sequence[str]) -> None:
         """Open the grasp."""
@@ -183,7 +182,7 @@ class Regrasp(GraspEvent):
     @property
     def outcome(self) -> str:
         """The arm, and when it takes hold."""
-        return f"{self.arm} takes hold at {self.time:g} s"
+        return f"arm {self.arm!r} takes hold at {self.time:g} s"
 
     @property
     def named(self) -> str:

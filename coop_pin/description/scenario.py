@@ -309,9 +309,15 @@ class Scenario(Description):
         return scenario_file.commented_toml(self) if commented else scenario_file.resolved_toml(self)
 
     def save(self, path: str | Path, *, commented: bool = False) -> None:
-        """Write the scenario to a TOML file, as ``to_toml`` returns it."""
+        """Write the scenario to a TOML file, as ``to_toml`` returns it, with paths from the file's folder.
+
+        The names of robots stay names. A file that has no folder but the root in common with the scenario's
+        keeps its whole path.
+        """
         require_path("path", path)
-        Path(path).write_text(self.to_toml(commented=commented), encoding="utf-8")
+        require_type("commented", commented, bool)
+        write = scenario_file.commented_toml if commented else scenario_file.resolved_toml
+        Path(path).write_text(write(self, Path(path).parent), encoding="utf-8")
 
 
 @functools.lru_cache(maxsize=64)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import inspect
+import os
 import re
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -78,16 +79,21 @@ def drafted(fields: dict[str, Any]) -> dict[str, Any]:
 
 def anchor_files(data: dict[str, Any], folder: Path) -> None:
     """Make the paths of URDF, mesh and CSV files and of package folders in the scenario's folder absolute."""
+    _change_files(data, lambda path: _anchored(folder, path))
+
+
+def _change_files(data: dict[str, Any], changed: Callable[[Any], Any]) -> None:
+    """Change the paths of URDF, mesh and CSV files and of package folders in a scenario's table."""
     cell = _table(data.get("cell"))
     arms = [_table(arm) for arm in _table(cell.get("arms")).values()]
     payload, motion = _table(cell.get("payload")), _table(data.get("motion"))
     paths = [(arm, "urdf") for arm in arms] + [(payload, "path"), (payload, "mesh_file"), (motion, "path")]
     for table, field in paths:
         if table.get(field):
-            table[field] = _anchored(folder, table[field])
+            table[field] = changed(table[field])
     for table in (*arms, payload):
         if isinstance(table.get("package_dirs"), list):
-            table["package_dirs"] = [_anchored(folder, entry) for entry in table["package_dirs"]]
+            table["package_dirs"] = [changed(entry) for entry in table["package_dirs"]]
 
 
 def _table(value: Any) -> dict[str, Any]:
@@ -107,17 +113,40 @@ def _anchored(folder: Path, path: Any) -> Any:
     return str((folder / path).absolute()) if is_missing_robot else path
 
 
-def resolved_toml(scenario: BaseModel) -> str:
-    """Return every field with its value, as TOML."""
-    return _dumps(scenario.model_dump(mode="json"))
+def _portable(path: Any, folder: Path) -> Any:
+    """Return a path that exists as the way from a folder, if both have a folder in common; names stay."""
+    is_name = isinstance(path, str) and len(Path(path).parts) == 1 and not Path(path).is_file()
+    if not isinstance(path, str) or is_name or not Path(path).exists():
+        return path
+    file, start = Path(path).resolve(), folder.resolve()
+    try:
+        common = Path(os.path.commonpath((file, start)))
+    except ValueError:  # on different drives
+        return path
+    if len(common.parts) < 2:  # the root alone: the file is elsewhere on every machine
+        return str(file)
+    return Path(os.path.relpath(file, start)).as_posix()
 
 
-def commented_toml(scenario: BaseModel) -> str:
+def resolved_toml(scenario: BaseModel, folder: Path | None = None) -> str:
+    """Return every field with its value, as TOML; paths from a folder if there is one."""
+    return _dumps(_dumped(scenario, folder))
+
+
+def _dumped(scenario: BaseModel, folder: Path | None) -> dict[str, Any]:
+    table = scenario.model_dump(mode="json")
+    if folder is not None:
+        _change_files(table, lambda path: _portable(path, folder))
+    return table
+
+
+def commented_toml(scenario: BaseModel, folder: Path | None = None) -> str:
     """Return the fields that are not at their defaults, with the meanings of tables and fields as comments.
 
     The meanings are those of the docstrings; a table also names the kinds there are and its other fields.
+    Paths are from a folder if there is one.
     """
-    text = _dumps(_stated(scenario, scenario.model_dump(mode="json")))
+    text = _dumps(_stated(scenario, _dumped(scenario, folder)))
     comments, table, lines, written = dict(_comments(scenario, "", "", None)), "", list[str](), set[str]()
     for line in text.splitlines():
         if header := _HEADER.match(line):

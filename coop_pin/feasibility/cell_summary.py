@@ -64,6 +64,7 @@ class JointSummary(NamedTuple):
         upper: position limit, inf if there is none.
         velocity: limit, inf if there is none.
         torque: limit of the drive with the same index, inf if there is none.
+        unit: "rad", or "m" of a prismatic joint.
     """
 
     name: str
@@ -72,6 +73,7 @@ class JointSummary(NamedTuple):
     upper: float
     velocity: float
     torque: float
+    unit: str = "rad"
 
 
 class ArmSummary(NamedTuple):
@@ -167,18 +169,23 @@ def cell_summary(cell: Cell, X_WP: ArrayLike) -> CellSummary:
 def _arm_summary(arm: CellArm, q: Array) -> ArmSummary:
     description, limits = arm.description, arm.limits
     columns = arm.joint_angles(q), limits.lower, limits.upper, limits.velocity, limits.torque
-    rows = zip(limits.joints.names, *columns, strict=True)
+    rows = zip(limits.joints.names, limits.joints.units, *columns, strict=True)
     return ArmSummary(
         name=arm.name,
         urdf=description.urdf,
         tip=description.tip,
         base=description.base.xyz,
         locked=tuple(description.locked),
-        joints=tuple(JointSummary(name, *map(float, numbers)) for name, *numbers in rows),
+        joints=tuple(_joint(name, unit, *map(float, numbers)) for name, unit, *numbers in rows),
         mass=float(sum(inertia.mass for inertia in list(load_arm_model(description).inertias)[1:])),
         maximum_reach=maximum_reach(description),
         smallest_singular_value=float(np.linalg.svd(arm.task_jacobian(q), compute_uv=False)[-1]),
     )
+
+
+def _joint(name: str, unit: str, *numbers: float) -> JointSummary:
+    angle, lower, upper, velocity, torque = numbers
+    return JointSummary(name, angle, lower, upper, velocity, torque, unit)
 
 
 def _arm_lines(arm: ArmSummary) -> tuple[str, ...]:
@@ -192,13 +199,14 @@ def _arm_lines(arm: ArmSummary) -> tuple[str, ...]:
 
 
 def _joint_line(joint: JointSummary, last: bool) -> str:
+    effort = "N m" if joint.unit == "rad" else "N"
     span = (
-        f"in {joint.lower:.3g} .. {joint.upper:.3g}"
+        f"in {joint.lower:.3g} .. {joint.upper:.3g} {joint.unit}"
         if np.isfinite((joint.lower, joint.upper)).all()
         else "without limits"
     )
-    speed = f"speed up to {joint.velocity:.3g}" if np.isfinite(joint.velocity) else "any speed"
-    torque = f"torque up to {joint.torque:.3g}" if np.isfinite(joint.torque) else "any torque"
+    speed = f"up to {joint.velocity:.3g} {joint.unit}/s" if np.isfinite(joint.velocity) else "any speed"
+    torque = f"{joint.torque:.3g} {effort}" if np.isfinite(joint.torque) else "any torque"
     return f"│  {'└─' if last else '├─'} {joint.name}: {joint.angle:.3f} {span}, {speed}, {torque}"
 
 

@@ -26,7 +26,7 @@ from coop_pin.figures.style import (
     scale_to_metric,
     spans_large_ratio,
 )
-from coop_pin.results.metrics import METRIC_TEXTS, SIMULATION_SOUND, TASK_KEPT
+from coop_pin.results.metrics import METRIC_TEXTS, SIMULATION_SOUND, TASK_KEPT, measure_text
 from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.table import FAILED
 
@@ -40,24 +40,22 @@ def metric_table(result: SweepResult, metric: str) -> xr.Dataset:
     Raises:
         NameNotFoundError: no run has the metric.
     """
-    values, failed = result.values(metric), result.data["status"] == FAILED
+    values, failed = _scaled(result, metric), result.data["status"] == FAILED
     values = values.where(np.isfinite(values))
     marks = {
         mark: (result.values(name) == 0.0) & ~failed if name in result.metric_names else xr.zeros_like(failed)
         for mark, name in (("unsound", SIMULATION_SOUND), ("unkept", TASK_KEPT))
     }
-    return xr.Dataset({"value": values, "failed": failed} | marks, attrs={"metric": metric_label(metric)})
+    return xr.Dataset({"value": values, "failed": failed} | marks, attrs={"metric": measure_text(metric)})
+
+
+def _scaled(result: SweepResult, metric: str) -> xr.DataArray:
+    """Return the values of a metric in the unit of its text: mm and mrad, not m and rad."""
+    return result.values(metric) * (METRIC_TEXTS[metric][2] if metric in METRIC_TEXTS else 1.0)
 
 
 _UNITS = {"Nm": "N m", "N": "N", "m": "m", "rad": "rad", "s": "s", "J": "J", "hz": "Hz", "mass": "kg"}
 """Units by the last part of a name; the duration of a run is in s."""
-
-
-def metric_label(metric: str) -> str:
-    """Return a metric's text and unit, for an axis; its name if it is one of the user's."""
-    if metric not in METRIC_TEXTS:
-        return metric
-    return f"{METRIC_TEXTS[metric][0]} ({_UNITS[metric.rsplit('_', 1)[-1]]})"
 
 
 def field_label(field: str) -> str:
@@ -260,9 +258,10 @@ def pareto_figure(result: SweepResult, metric_a: str, metric_b: str) -> Figure:
     Raises:
         NameNotFoundError: no run has one of the metrics.
     """
-    a, b = (result.values(name).values.ravel() for name in (metric_a, metric_b))
+    a, b = (_scaled(result, name).values.ravel() for name in (metric_a, metric_b))
     front = result.pareto(metric_a, metric_b)
-    edge = np.array([[run.metrics[metric_a], run.metrics[metric_b]] for run in front]).reshape(-1, 2)
+    scales = [METRIC_TEXTS[name][2] if name in METRIC_TEXTS else 1.0 for name in (metric_a, metric_b)]
+    edge = np.array([[run.metrics[metric_a], run.metrics[metric_b]] for run in front]).reshape(-1, 2) * scales
     shown = np.isfinite(a) & np.isfinite(b)
     dots: dict[str, Any] = {"color": palette.EVENT, "markersize": 3.5, "alpha": 0.7}
     line: dict[str, Any] = {"color": palette.ACTUAL, "marker": "o", "markersize": 4.5}
@@ -273,7 +272,7 @@ def pareto_figure(result: SweepResult, metric_a: str, metric_b: str) -> Figure:
             panel.annotate(f"{run.number}", (x, y), xytext=(4, 4), textcoords="offset points", fontsize=7.0)
         scale_to_metric(panel, "x", a[shown])
         scale_to_metric(panel, "y", b[shown])
-        panel.set_xlabel(as_written(metric_label(metric_a)))
-        label(panel, "numbers at the front: runs of the sweep", as_written(metric_label(metric_b)))
+        panel.set_xlabel(as_written(measure_text(metric_a)))
+        label(panel, "numbers at the front: runs of the sweep", as_written(measure_text(metric_b)))
         panel.legend(loc="best")
     return figure

@@ -63,6 +63,13 @@ class Mesh(NamedTuple):
 Shape: TypeAlias = Box | Cylinder | Sphere | Mesh
 
 
+def bounds(shape: Shape) -> tuple[Array, Array]:
+    """Return the lower and upper corner of the box around a shape, m, shape (3,) each."""
+    if isinstance(shape, Mesh) and len(shape.vertices):
+        return shape.vertices.min(axis=0), shape.vertices.max(axis=0)
+    return -half_extents(shape), half_extents(shape)
+
+
 def half_extents(shape: Shape) -> Array:
     """Return half the edges of a box around the origin that contains the shape, m, shape (3,)."""
     match shape:

@@ -70,6 +70,11 @@ METRIC_TEXTS |= {
 }
 
 
+def measure_text(name: str) -> str:
+    """Return the text and unit of a metric, in which METRIC_TEXTS scales it; its name if it has none."""
+    return f"{METRIC_TEXTS[name][0]} ({METRIC_TEXTS[name][1]})" if name in METRIC_TEXTS else name
+
+
 def all_metrics(data: Arrays, scenario: Scenario, end: float, counted: Mask) -> dict[str, Any]:
     """Return all metrics by name but the verdicts and the largest errors; see RunResult.metrics.
 

@@ -271,7 +271,7 @@ def _errors(samples: Mapping[str, NDArray[Any]], scenario: Scenario) -> _Errors:
         "orientation": (angles, limits.orientation if cell.controls_turns else math.inf),
         "internal force": (np.hypot(axial, shear), np.maximum(limits.force, limits.force_share * f_d)),
         "internal moment": (
-            _moment_errors(samples, scenario),
+            moment_errors(samples, scenario),
             np.maximum(limits.moment, limits.moment_share * m_d),
         ),
     }
@@ -279,7 +279,7 @@ def _errors(samples: Mapping[str, NDArray[Any]], scenario: Scenario) -> _Errors:
     return {cause: parts for cause, parts in errors.items() if not (is_alone and "internal" in cause)}
 
 
-def _moment_errors(samples: Mapping[str, NDArray[Any]], scenario: Scenario) -> Array:
+def moment_errors(samples: Mapping[str, NDArray[Any]], scenario: Scenario) -> Array:
     """Return the error of each arm's internal moment beyond what the weight asks, N m, shape (..., n, m).
 
     Components that no law controls, those outside the task rows and all at a patch, count beyond

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from coop_pin.base.atomic_write import write_atomically
+from coop_pin.description.scenario import Scenario
 
 REPLAYS = "replays"
 """Folder of replays beside the page."""
@@ -35,6 +36,20 @@ def replay_file(cells: Sequence[Sequence[str]]) -> str:
     return "--".join(_UNSAFE.sub("-", cell_text(names)) for names in cells) + ".html"
 
 
+SERVED = '"served":false'
+"""What a page says of itself; served pages say true: any cell opens its replay."""
+_TIMES = 21
+
+
+def wanted_squeeze(scenario: Scenario) -> float:
+    """Return the largest desired internal force of a run, N; NaN where code of a user says it."""
+    if scenario.squeeze.kind == "function":
+        return float("nan")
+    grasps = scenario.cell.grasps
+    wrenches = [scenario.squeeze.at(t, grasps) for t in np.linspace(0.0, scenario.duration, _TIMES)]
+    return float(np.linalg.norm(np.array(wrenches)[..., :3], axis=-1).max())
+
+
 def write_heat_map(
     table: pd.DataFrame,
     path: Path,
@@ -45,13 +60,16 @@ def write_heat_map(
     measures: Mapping[str, str],
     filters: Sequence[str] = (),
     notes: Sequence[str] = (),
+    forces: Sequence[str] = (),
+    wanted: Sequence[float] = (),
     command: str,
     replay: str = "{cells}",
 ) -> None:
     """Write the heat map of a table as one page that loads nothing from elsewhere.
 
-    The colour of a cell is the logarithm of its value over the least one among its rivals. Replays that exist
-    in the folder ``replays`` beside the page are linked.
+    The colour of a cell is the logarithm of its value over the least one among its rivals, that of an error
+    of the internal force over the squeeze that is wanted, from 1 % on. The first measure is shown first.
+    Replays that exist in the folder ``replays`` beside the page are linked.
 
     Args:
         table: one row for each cell: names, measures (no value: not finite) with ``<measure>_low`` and
@@ -65,8 +83,10 @@ def write_heat_map(
         measures: text and unit of each measure.
         filters: further columns that cells can be chosen by.
         notes: further columns that are shown with a cell.
+        forces: measures that are errors of the internal force, N.
+        wanted: squeeze that is wanted in each row, N; NaN where none is known.
         command: command of a cell; "{scenario}" stands for that name or note of the cell, "{cells}" for the
-            text of the cell, or of two.
+            text of the cell, or of two, "{numbers}" for the note "number" likewise.
         replay: file of the replay, in the same way.
     """
     page = {
@@ -77,11 +97,16 @@ def write_heat_map(
         "notes": {name: _coded(table[name]) for name in (*notes, "failure")},
         "unsound": table["unsound"].astype(int).tolist(),
         "unkept": table["unkept"].astype(int).tolist(),
-        "measures": [{"text": text, **_numbers(table, name)} for name, text in measures.items()],
+        "measures": [
+            {"text": text, "force": name in forces, **_numbers(table, name)}
+            for name, text in measures.items()
+        ],
+        "wanted": [float(f"{force:.5g}") if force > 0.0 else None for force in wanted],
         "command": command,
         "replay": replay,
         "replays": sorted(file.name for file in (path.parent / REPLAYS).glob("*.html")),
         "folder": REPLAYS,
+        "served": False,
     }
     data = json.dumps(page, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     template = resources.files("coop_pin.sweeps").joinpath("heat_map.html").read_text(encoding="utf-8")

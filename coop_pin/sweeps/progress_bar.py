@@ -7,6 +7,9 @@ from typing import Self
 
 from tqdm import tqdm
 
+_EVERY_S = 1.0
+"""Time between two drawings of a bar that does not move, s."""
+
 
 class ProgressBar:
     """A progress bar on a terminal's standard error; nothing is drawn elsewhere, for example in a log file.
@@ -27,10 +30,10 @@ class ProgressBar:
         self, unit: str, *, total: int | None = None, title: str = "", quiet: bool = False, keep: bool = False
     ) -> None:
         self.finished, self.failed = 0, 0
-        self._counting = threading.Lock()
+        self._counting, self._over, self._title = threading.Lock(), threading.Event(), title
         # disable=None: tqdm draws on terminals only. smoothing near 0: the rate is that of the whole session.
         self._bar = tqdm(
-            desc=title or None,
+            desc=f"{title}: getting ready" if title else None,
             total=total,
             unit=f" {unit}",
             leave=keep,
@@ -38,9 +41,17 @@ class ProgressBar:
             smoothing=0.05,
             dynamic_ncols=True,
         )
+        if not self._bar.disable:  # also before the first item, while code is compiled
+            threading.Thread(target=self._keep_time, name="coop_pin progress", daemon=True).start()
+
+    def _keep_time(self) -> None:
+        while not self._over.wait(_EVERY_S):
+            self._bar.refresh()
 
     def advance_to(self, finished: int, total: int) -> None:
         """Show that this many items of all are done."""
+        if self.finished == 0 and self._title:
+            self.describe(self._title)
         self.finished, self._bar.total = finished, total
         self._bar.update(finished - self._bar.n)
 
@@ -65,4 +76,5 @@ class ProgressBar:
         return self
 
     def __exit__(self, *exception: object) -> None:
+        self._over.set()
         self._bar.close()

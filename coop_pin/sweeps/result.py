@@ -7,6 +7,7 @@ import functools
 import json
 import logging
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Self
 
@@ -16,12 +17,13 @@ from coop_pin.base.arrays import require_path, require_type
 from coop_pin.base.errors import CodeChangedError, FieldError, OutOfRangeError
 from coop_pin.base.loaded_code import edited_files, loaded_digests
 from coop_pin.base.source_code import file_digest
-from coop_pin.results.metrics import SIMULATION_SOUND, TASK_KEPT
+from coop_pin.description.scenario import Scenario
+from coop_pin.results.metrics import METRIC_TEXTS, SIMULATION_SOUND, TASK_KEPT, measure_text
 from coop_pin.results.netcdf import written_netcdf
 from coop_pin.results.run_result import RunResult
 from coop_pin.running.run_scenario import run
 from coop_pin.sweeps.analysis import SweepTable
-from coop_pin.sweeps.heat_map import write_heat_map
+from coop_pin.sweeps.heat_map import wanted_squeeze, write_heat_map
 from coop_pin.sweeps.run_key import code_for, require_unchanged, run_key
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.table import MISSING, OK, TIMES, PointResult, describe
@@ -74,7 +76,7 @@ class SweepResult(SweepTable):
         paths = [path for path in (self.store.folder / name for name in names) if path.is_file()]
         return json.dumps({path.name: file_digest(path) for path in paths + self.store.segments()}).encode()
 
-    def write_html(self, path: str | Path, metric: str = "") -> None:
+    def write_html(self, path: str | Path, metric: str = "internal_force_error_max_N") -> None:
         """Write all runs as one page that is explored: a heat map with filters, which loads nothing.
 
         Args:
@@ -88,7 +90,7 @@ class SweepResult(SweepTable):
         dims = list(map(str, self.data["number"].dims))
         if not dims:
             raise FieldError("has one run only; a map needs a field that varies", "the sweep")
-        command = f'coop-pin sweep-show "{self.store.folder.as_posix()}" --page "{path}" --replay {{number}}'
+        command = f'coop-pin sweep-show "{self.store.folder.as_posix()}" --page "{path}" --replay {{numbers}}'
         names = sorted(self.metric_names, key=lambda name: name != metric)
         runs = self.table.reset_index()
         for mark, verdict in (("unsound", SIMULATION_SOUND), ("unkept", TASK_KEPT)):
@@ -96,13 +98,20 @@ class SweepResult(SweepTable):
         runs["failure"] = runs["failure"].where(
             runs["failure"] == "", runs["failure"] + ": " + runs["message"]
         )
+        shown = [name for name in names if np.isfinite(runs[name]).any()]
+        for name in shown:
+            runs[name] = runs[name] * METRIC_TEXTS[name][2] if name in METRIC_TEXTS else runs[name]
         write_heat_map(
             runs,
             Path(path),
             title=f"sweep of {', '.join(self.plan.base)}",
             names=dims,
             rivals=dims,
-            measures={name: name for name in names if np.isfinite(runs[name]).any()},
+            measures={name: measure_text(name) for name in shown},
+            forces=[
+                name for name in shown if "internal" in name and name.endswith(("error_N", "error_max_N"))
+            ],
+            wanted=self._wanted(runs["number"].to_list()),
             notes=(
                 *(str(name) for name in self.data.coords if name not in dims),
                 "number",
@@ -110,8 +119,22 @@ class SweepResult(SweepTable):
                 "merged",
             ),
             command=command,
-            replay="run-{number}",
+            replay="run-{numbers}",
         )
+
+    def _wanted(self, numbers: Sequence[int]) -> list[float]:
+        """Return the squeeze that is wanted in each run, N."""
+        base = {name: wanted_squeeze(scenario) for name, scenario in self.plan.base.items()}
+        points = [self.plan[number] for number in numbers]
+        varied = [any(path.split(".")[0] == "squeeze" for path in point.changes) for point in points]
+        scenarios = [
+            self.plan.resolved(point) if is_varied else None
+            for point, is_varied in zip(points, varied, strict=True)
+        ]
+        return [
+            wanted_squeeze(scenario) if isinstance(scenario, Scenario) else base[point.base]
+            for point, scenario in zip(points, scenarios, strict=True)
+        ]
 
     # ------------------------------------------------------------ single runs
 

@@ -3,15 +3,15 @@
 Open first: ``cell_scene`` (what is drawn of a cell and its contacts), ``web/stage.js`` (draws the arrows of
 forces), ``replay`` (a recorded run as one HTML file).
 
-- Scene: ``scene`` (drawables, scales of arrows), ``frames`` (numbers of an instant).
+- Scene: ``scene`` (drawables, scales of arrows), ``camera``, ``frames`` (numbers of an instant).
 - Page: ``page``, ``curves`` (plots in time), ``highlights`` (worst instants).
 - ``live``: a run while it is computed. ``report``: one page of a run.
-- ``export`` (images, videos) by a ``browser``.
+- ``export`` (images, videos) by a ``browser``; ``explorer``: heat maps of many runs whose cells open replays.
 
 Names are loaded on first use: meshcat takes its time.
 
-Imports ``base``, ``description``, ``figures``, ``grasps``, ``model``, ``reference``, ``results``,
-``running`` and ``simulation``.
+Imports ``base``, ``comparison``, ``description``, ``figures``, ``grasps``, ``model``, ``reference``,
+``results``, ``running``, ``simulation`` and ``sweeps``.
 """
 
 from coop_pin import lazy_names

@@ -17,14 +17,17 @@ from coop_pin.model.shapes import Box, Cylinder, Mesh, Shape, Sphere, half_exten
 from coop_pin.model.visuals import Body
 from coop_pin.results.friction import pad_wrench
 from coop_pin.results.quantities import Samples
-from coop_pin.viz.scene import LONGEST_M, Axes, Camera, Item, Scene, thinned
+from coop_pin.viz.camera import framing_camera
+from coop_pin.viz.scene import Axes, Item, Scene, thinned
 
 _PAD_M, _PAD_COLOUR = 0.003, "#7d858f"
 """Thickness and colour of a patch as drawn."""
 _CONE_M, _CONE_SIDES, _NEEDLE_M = 0.09, 32, 0.004
 """Slant height and sides of a friction cone; radius of the needle along the force in it."""
-_HAND_M, _HANDLE_M = 0.035, 0.022
+_HAND_M, _HANDLE_M = 0.045, 0.022
 """Radii of a partner's hand and of the handle."""
+_LIMBS = ((0.28, 0.036, 0.2), (0.3, 0.046, 0.75))
+"""Length and radius of a partner's forearm and upper arm, m, and how far they rise, as sines."""
 
 HOLDS, SLIDES, ABSENT = 0, 4, 5
 """Codes of a contact, as those of warning colours: it sticks or would, it slides or would, there is none."""
@@ -57,8 +60,24 @@ def contact_items(cell: Cell, partners: Sequence[Partner]) -> Iterator[Item]:
         yield Item(f"needles/{name}", needle, palette.DESIRED, middle, "cones", lit=False, over=True)
     for partner in partners:
         yield Item("payload", Sphere(_HANDLE_M), palette.EXTERNAL, partner.handle.matrix)
-    if partners:
-        yield Item("hand", Sphere(_HAND_M), palette.EXTERNAL, np.eye(4), "external", 0.5, lit=False)
+    for partner in partners[:1]:
+        yield from _arm(partner)
+
+
+def _arm(partner: Partner) -> Iterator[Item]:
+    """Yield hand, forearm and upper arm of a partner: capsules that go away from the payload and upwards."""
+    R_HP, away = partner.handle.matrix[:3, :3].T, partner.handle.matrix[:3, 3] * (1.0, 1.0, 0.0)
+    away = np.array((0.0, -1.0, 0.0)) if np.linalg.norm(away) < 1e-6 else away / np.linalg.norm(away)
+    yield Item("hand", Sphere(_HAND_M), palette.EXTERNAL, np.eye(4), "external")
+    start = np.zeros(3)
+    for length, radius, rise in _LIMBS:
+        along = R_HP @ (np.sqrt(1.0 - rise**2) * away + (0.0, 0.0, rise))
+        X_HL = np.eye(4)
+        X_HL[:3, :3] = _turns(along[None])[0]
+        X_HL[:3, 3] = start + length / 2.0 * along
+        start = start + length * along
+        yield Item("hand", Cylinder(radius, length), palette.EXTERNAL, X_HL, "external")
+        yield Item("hand", Sphere(1.08 * radius), palette.EXTERNAL, make_pose(start), "external")
 
 
 def contact_poses(
@@ -122,7 +141,7 @@ def _hand(samples: Samples, R: Array, p: Array, partners: Sequence[Partner]) -> 
     time, deflection = samples["time"], samples.get("partner_deflection", np.zeros((len(p), 6)))
     poses, is_held = _poses(p, R), np.zeros(len(p), dtype=bool)
     for partner in partners:
-        holds = (time > partner.time) & (time <= partner.end)
+        holds = (time >= partner.time) & (time <= partner.end)
         X_PH, is_held = partner.handle.matrix, is_held | holds
         R_WG = R @ X_PH[:3, :3] @ np.swapaxes(np.stack([exp3(r) for r in deflection[:, 3:]]), 1, 2)
         p_G = p + R @ X_PH[:3, 3] - (R_WG @ deflection[:, :3, None])[..., 0]
@@ -148,20 +167,23 @@ _GHOST_SCALE = 0.97
 """The ghost at the desired pose is smaller than the payload, so that it is hidden while there is no error."""
 
 _PLATE_M, _PLATE_THICKNESS, _PLATE_COLOUR = (0.22, 0.22), 0.03, "#33383f"
+_TABLE_COLOUR, _LEG_M, _LEVEL = "#c9b08b", 0.035, 1e-6
+"""Colour of a table's top, edge of its legs, m, and how far from one the cosine of a level table may be."""
 _ROD_M, _ROD_COLOUR, _ROD_FROM_M = 0.008, "#7d858f", 0.01
 """Radius and colour of the rod to a grasp away from the payload, and the distance from which there is one."""
 
 _FLUSH_M = 5e-4
 
-_FIELD_OF_VIEW_DEG = 32.0
-_AZIMUTH_DEG = 22.0
-_ELEVATION_DEG = 24.0
-_PLANAR_ELEVATION_DEG = 42.0
-_MARGIN = 1.02
-
 
 def cell_scene(
-    cell: Cell, bodies: tuple[Body, ...], partners: Sequence[Partner] = (), *, tips: Array, points: Array
+    cell: Cell,
+    bodies: tuple[Body, ...],
+    partners: Sequence[Partner] = (),
+    *,
+    tips: Array,
+    path: Array,
+    at: Array | None = None,
+    shown: Array | None = None,
 ) -> Scene:
     """Return the drawables of a cell, and a camera close to its payload.
 
@@ -169,51 +191,24 @@ def cell_scene(
         cell: the cell.
         bodies: visual shapes of the arms.
         partners: partners of the run.
-        tips: positions of the tips whose longest arrows the camera must show, m, shape (m, 3).
-        points: other points that it must show, m, shape (n, 3).
+        tips: positions of the tips at the instant that the camera frames, m, shape (m, 3).
+        path: positions of the payload over time, m, shape (n, 3).
+        at: position of the payload at the instant, m, shape (3,); the first of its path when omitted.
+        shown: points that are in view at the instant, m, shape (k, 3), as of ``framing_camera``.
     """
     arms = _body_items(bodies)
     feet = {name: arm.base.xyz[2] for name, arm in cell.arms.items()}  # of arms whose base has no visual
     lowest = [(item.node.split("/")[1], _lowest(item, cell)) for item in arms if item.node.endswith("/base")]
     feet |= {name: min(low for of, low in lowest if of == name) for name, _ in lowest}
     floor = min(feet.values())
-    reach = LONGEST_M * np.concatenate((np.eye(3), -np.eye(3)))
-    bases = np.array([arm.base.xyz for arm in cell.arms.values()])
-    points = np.concatenate((points, bases, (tips[:, None] + reach).reshape(-1, 3)))
     items = (
         *_plates(cell, feet, floor),
-        *_tables(cell),
+        *_tables(cell, floor),
         *arms,
         *_payload_items(cell),
         *contact_items(cell, partners),
     )
-    return Scene(items, _camera(cell, points, tips), floor)
-
-
-def _camera(cell: Cell, points: Array, tips: Array) -> Camera:
-    """Return a camera that shows points, the first arm on the left and the last on the right.
-
-    Its azimuth is a little off the front, to the side from which the line between the tips appears longer.
-    Planar cells are seen from higher up, arms on one base from the front.
-    """
-    line = tips[-1] - tips[0]
-    bases = np.array([arm.base.xyz for arm in cell.arms.values()])
-    low, high = points.min(axis=0), points.max(axis=0)
-    target = (low + high) / 2.0
-    across = bases[-1, :2] - bases[0, :2]
-    if np.linalg.norm(across) < 1e-6:
-        ahead = tips.mean(axis=0) - bases[0]
-        across = np.array((-ahead[1], ahead[0]))
-    front = np.arctan2(across[1], across[0]) - np.pi / 2.0
-    sides = (front + np.radians(_AZIMUTH_DEG), front - np.radians(_AZIMUTH_DEG))
-    azimuth = max(sides, key=lambda side: abs(line[0] * np.sin(side) - line[1] * np.cos(side)))
-    elevation = np.radians(_PLANAR_ELEVATION_DEG if cell.rows == "planar" else _ELEVATION_DEG)
-    level = np.cos(elevation)
-    outwards = np.array((np.cos(azimuth) * level, np.sin(azimuth) * level, np.sin(elevation)))
-    along = (points - target) @ outwards  # towards the camera
-    across_view = np.linalg.norm(points - target - along[:, None] * outwards, axis=1)
-    distance = _MARGIN * float((along + across_view / np.tan(np.radians(_FIELD_OF_VIEW_DEG / 2.0))).max())
-    return Camera(target + distance * outwards, target, _FIELD_OF_VIEW_DEG)
+    return Scene(items, framing_camera(cell, tips, path, path[0] if at is None else at, shown), floor)
 
 
 def _lowest(item: Item, cell: Cell) -> float:
@@ -250,11 +245,18 @@ def _plates(cell: Cell, feet: Mapping[str, float], floor: float) -> Iterator[Ite
             yield Item("floor", Box((*_PLATE_M, _PLATE_THICKNESS)), _PLATE_COLOUR, X_WB)
 
 
-def _tables(cell: Cell) -> Iterator[Item]:
-    """Yield the tops of the cell's tables."""
+def _tables(cell: Cell, floor: float) -> Iterator[Item]:
+    """Yield the tops of the cell's tables, and legs down to the floor under those that are level."""
     for table in cell.tables.values():
         X_WS = table.matrix @ make_pose((0.0, 0.0, -_PLATE_THICKNESS / 2.0))
-        yield Item("floor", Box((*table.size, _PLATE_THICKNESS)), _PLATE_COLOUR, X_WS)
+        yield Item("floor", Box((*table.size, _PLATE_THICKNESS)), _TABLE_COLOUR, X_WS)
+        length = float(table.matrix[2, 3]) - _PLATE_THICKNESS - floor
+        if table.matrix[2, 2] < 1.0 - _LEVEL or length <= 0.0:
+            continue
+        x, y = (edge / 2.0 - _LEG_M for edge in table.size)
+        for corner in ((x, y), (-x, y), (x, -y), (-x, -y)):
+            X_TL = make_pose((*corner, -_PLATE_THICKNESS - length / 2.0))
+            yield Item("floor", Box((_LEG_M, _LEG_M, length)), _PLATE_COLOUR, table.matrix @ X_TL)
 
 
 def _body_items(bodies: tuple[Body, ...]) -> tuple[Item, ...]:

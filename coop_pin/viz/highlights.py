@@ -13,8 +13,8 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.results.breaches import Cause
 from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M
 from coop_pin.results.run_result import RunResult
-from coop_pin.results.task import LARGEST
-from coop_pin.results.window import PHASES
+from coop_pin.results.task import LARGEST, moment_errors
+from coop_pin.results.window import PHASES, recovering
 
 _SMALL_N, _SMALL_NM = 1.0, 0.1
 """Errors of the internal force and moment, N and N m, below which a run counts as having followed them."""
@@ -61,33 +61,41 @@ def telling_instant(result: RunResult) -> Instant:
     worst = int(np.argmax(np.where(time >= decay, error, -1.0)))
     moment, _, moment_text = _moment(result)
     arm, t = int(np.argmax(np.hypot(*errors)[worst])), float(time[worst])
-    off_along, off_across = (abs(float(part[worst, arm])) for part in errors)
-    axial, shear, desired, desired_shear = (
-        float(np.nan_to_num(data[name].values[worst, arm]))
-        for name in (
-            "internal_axial",
-            "internal_shear",
-            "desired_internal_axial",
-            "desired_internal_shear",
-        )
-    )
-    when, at = _when(result.scenario, t), _at(result.scenario, arm)
     if error[worst] < _SMALL_N:
         text = f"the internal force stays within {error[worst]:.2g} N of what is wanted"
         t = float(time[moment]) if moment_text else t
         return Instant(f"From {decay:.3g} s on, {text}{moment_text}.", t)
     before = f" Not counted: the first {decay:.3g} s, in which errors of the start decay." * (decay > 0.0)
-    if off_along >= off_across:
+    when, text = _when(result.scenario, t), _force_text(result, worst, arm)
+    after = f"{_motion(result, worst)}{moment_text}.{_allowed(result, worst, arm)}{before}"
+    return Instant(f"{when} {text}; {after}", t)
+
+
+def _force_text(result: RunResult, sample: int, arm: int) -> str:
+    """Return the internal force of an arm at a sample as a clause: the part that is farther off."""
+    axial, shear, desired, desired_shear, off_along, off_across = (
+        float(np.nan_to_num(result.data[name].values[sample, arm]))
+        for name in (
+            "internal_axial",
+            "internal_shear",
+            "desired_internal_axial",
+            "desired_internal_shear",
+            "internal_axial_error",
+            "internal_shear_error",
+        )
+    )
+    at = _at(result.scenario, arm)
+    if abs(off_along) >= abs(off_across):
         verb = "pull the payload apart" if axial > 0.0 else "squeeze the payload"
         force = f"{verb} with {read_number(abs(axial))} N{at}"
         does = force if abs(axial) > _ROUNDING_N else "do not squeeze the payload"
         goal = f"{'a pull' if desired > 0.0 else 'a squeeze'} of {read_number(abs(desired))} N"
-        finding = f"the arms {does}, where {'none' if abs(desired) < _SMALL_N else goal} is wanted"
-    elif desired_shear < _SMALL_N:
-        finding = f"the arms load the payload across with {read_number(shear)} N{at}, where none is wanted"
-    else:
-        finding = f"the force of the arms across is off by {read_number(off_across)} N{at}"
-    return Instant(f"{when} {finding}; {_motion(result, worst)}{moment_text}.{before}", t)
+        return f"the arms {does}, where {'none' if abs(desired) < _SMALL_N else goal} is wanted"
+    force = f"the arms load the payload across with {read_number(shear)} N{at}"
+    if desired_shear < _SMALL_N and abs(off_across) < 1.1 * shear:
+        return f"{force}, where none is wanted"
+    off = f"off by {read_number(abs(off_across))} N"
+    return f"{force}, where {read_number(desired_shear)} N in another direction is wanted: {off}"
 
 
 def events_text(result: RunResult) -> str:
@@ -112,14 +120,14 @@ def _holders(scenario: Scenario, event: Any, missed: list[str]) -> str:
     holds = scenario.grasp_plan_at(event.instant, not_done).holds
     names = [name for name, is_held in zip(scenario.cell.arms, holds, strict=True) if is_held]
     if len(names) in (0, len(holds)):
-        return f" ({'all hold it' if names else 'none holds it'})"
-    return f" ({' and '.join(names)} hold{'s' * (len(names) == 1)} it)"
+        return f" ({'all hold it' if names else 'no arm holds it'})"
+    return f" ({' and '.join(map(repr, names))} hold{'s' * (len(names) == 1)} it)"
 
 
 def _at(scenario: Scenario, arm: int) -> str:
     """Return at which arm something is, where the payload has more than two."""
     arms = list(scenario.cell.arms)
-    return f" at {arms[arm]}" if len(arms) > 2 else ""
+    return f" at arm {arms[arm]!r}" if len(arms) > 2 else ""
 
 
 def _decay(result: RunResult, cause: Cause) -> float:
@@ -127,40 +135,71 @@ def _decay(result: RunResult, cause: Cause) -> float:
     return float(result.monitor.counted_from[LARGEST[cause]])
 
 
+def _allowed(result: RunResult, sample: int, arm: int) -> str:
+    """Return which error of an arm's internal force the task allows at a sample, as a sentence."""
+    limits, data = result.scenario.task, result.data
+    desired = float(np.linalg.norm(np.nan_to_num(data["desired_internal_wrench"].values[sample, arm, :3])))
+    allowed = f"{read_number(max(limits.force, limits.force_share * desired))} N"
+    if recovering(data["time"].values[sample : sample + 1], result.scenario).any():
+        return f" The task allows {allowed}, but any until {limits.recovery:g} s after an event."
+    return f" The task allows {allowed}."
+
+
 def _moment(result: RunResult) -> tuple[int, float, str]:
     """Return sample and size of the largest error of the internal moment, N m, and words for a large one.
 
-    Where no controlled row has a moment, none is wanted, and all of it counts.
+    It is that of the task: of what no law controls, the part that the weight asks of the grasps is no error.
     """
     is_wanted = result.scenario.cell.task_rows.has_moments
-    wrench, desired = (result.data[f"{of}internal_wrench"].values[..., 3:] for of in ("", "desired_"))
-    error = np.linalg.norm(np.nan_to_num(wrench - is_wanted * desired), axis=2).max(axis=1)
+    error = np.nan_to_num(moment_errors(result.arrays, result.scenario)).max(axis=1)
     decay = _decay(result, "internal moment")
-    worst = int(np.argmax(np.where(result.data["time"].values >= decay, error, -1.0)))
-    verb = "is off by up to" if is_wanted else ", which no arm controls, reaches"
-    text = f"; the internal moment {verb} {read_number(error[worst])} N m".replace(" ,", ",")
-    return worst, float(error[worst]), text if error[worst] > _SMALL_NM else ""
+    late = result.data["time"].values >= decay
+    worst = int(np.argmax(np.where(late, error, -1.0)))
+    if error[worst] > _SMALL_NM:
+        verb = " is off by up to" if is_wanted else ", which no arm controls, reaches"
+        return worst, float(error[worst]), f"; the internal moment{verb} {read_number(error[worst])} N m"
+    whole = np.linalg.norm(np.nan_to_num(result.data["internal_wrench"].values[..., 3:]), axis=2).max(axis=1)
+    most = float(np.where(late, whole, 0.0).max())
+    bends = f"; its weight bends the payload between the grasps with up to {read_number(most)} N m"
+    is_free = not is_wanted or bool(result.scenario.cell.patches)
+    return worst, float(error[worst]), bends if is_free and most > _SMALL_NM else ""
 
 
-def verdict_lines(result: RunResult) -> list[tuple[str, bool]]:
-    """Return the verdicts on task and simulation as lines, each with whether it is good."""
+class VerdictLine(NamedTuple):
+    """Verdict on task or simulation.
+
+    Attributes:
+        text: the verdict, and why it is bad.
+        is_good: whether task or simulation is as it should be.
+        numbers: what was judged, with the thresholds.
+    """
+
+    text: str
+    is_good: bool
+    numbers: str = ""
+
+
+def verdict_lines(result: RunResult) -> list[VerdictLine]:
+    """Return the verdicts on task and simulation."""
     task, is_sound = result.task, result.simulation_sound
     if not is_sound:
-        return [(result.verdict(), False)]
+        return [VerdictLine(result.verdict(), is_good=False)]
     friction = f"; {result.friction_text}" if result.friction_text and task.state != "dropped" else ""
-    return [(f"{task.text}{friction}", task.kept), (_soundness(result), True)]
+    text, _, numbers = task.text.partition(" (") if task.kept else (task.text, "", "")
+    return [VerdictLine(f"{text}{friction}", task.kept, numbers.removesuffix(")")), _soundness(result)]
 
 
-def _soundness(result: RunResult) -> str:
-    """Return what of a sound simulation was judged, with the thresholds."""
-    allowed, data = result.scenario.trust, result.data
+def _soundness(result: RunResult) -> VerdictLine:
+    """Return the verdict on a sound simulation."""
+    allowed, data, closed = result.scenario.trust, result.data, max(result.closure_error_max())
     stops = ["joints within their stops"] * bool(np.isfinite(data["position_upper"].values).any())
-    numbers = (
-        f"grasps closed to {max(result.closure_error_max()):.1g} m (allowed {allowed.closure_error:g})",
+    closures = [f"grasps closed to {closed:.1g} m (allowed {allowed.closure_error:g})"] * (closed > 0.0)
+    judged = (
         f"energy to {result.energy_balance_max():.1g} J ({allowed.energy_share:g} of the work)",
         f"condition number {data['jacobian_condition'].values.max():.2g} ({allowed.jacobian_condition:g})",
     )
-    return f"simulation sound: {', '.join((*numbers, *stops))}"
+    numbers = ", ".join((*closures, *judged, *stops))
+    return VerdictLine("simulation sound: all checks passed", is_good=True, numbers=numbers)
 
 
 def instants(result: RunResult) -> list[Instant]:

@@ -102,6 +102,7 @@ def page_parts(
         data: entries of the page's data besides plots, colours and scales.
     """
     forces, moments = scales
+    thickest = LINEAR_M * forces * math.exp((LONGEST_M / LINEAR_M - 1.0) / LOGARITHMIC)
     page = {
         "plots": plot_table(curves),
         "colours": _COLOURS,
@@ -121,10 +122,10 @@ def page_parts(
             "live": False,
             "still": "",
             "pushes": True,
+            "peak": thickest,
         },
         **data,
     }
-    thickest = float(f"{LINEAR_M * forces * math.exp((LONGEST_M / LINEAR_M - 1.0) / LOGARITHMIC):.2g}")
     layout = Template(web_file("page.html")).substitute(
         kind=kind,
         style=web_file("uplot/uPlot.min.css") + web_file("page.css"),
@@ -137,7 +138,6 @@ def page_parts(
         **_COLOURS,
         scale=f"0.1 m of arrow: {0.1 * forces:g} N" + ("" if moments is None else f", {0.1 * moments:g} N m"),
         linear=f"{LINEAR_M * forces:g}",
-        thickest=f"{thickest:g} N" if thickest < 1e3 else f"{thickest / 1e3:g} kN",
         data=DATA,
     )
     return layout, page
@@ -145,7 +145,7 @@ def page_parts(
 
 def page_scripts() -> str:
     """Return the scripts that a page runs before its data are read."""
-    scripts = ("uplot/uPlot.iife.min.js", "stage.js", "plots.js")
+    scripts = ("uplot/uPlot.iife.min.js", "labels.js", "stage.js", "plots.js")
     return "\n".join((_viewer_file("main.min.js"), *map(web_file, scripts)))
 
 

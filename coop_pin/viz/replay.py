@@ -16,11 +16,20 @@ from coop_pin.base.errors import FieldError
 from coop_pin.figures import palette
 from coop_pin.model.visuals import CellVisuals
 from coop_pin.results.breaches import in_time
+from coop_pin.results.quantities import Samples
 from coop_pin.results.run_result import RunResult
+from coop_pin.viz.camera import arrow_ends, link_points, travels
 from coop_pin.viz.cell_scene import cell_scene
 from coop_pin.viz.curves import Curve, cell_curves, curve_rows, thinned_rows
-from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, frame_samples, run_samples
-from coop_pin.viz.highlights import events_text, instants, spans, telling_instant, verdict_lines
+from coop_pin.viz.frames import FRAMES_PER_SECOND, CellFrames, frame_samples, run_samples, strut_columns
+from coop_pin.viz.highlights import (
+    VerdictLine,
+    events_text,
+    instants,
+    spans,
+    telling_instant,
+    verdict_lines,
+)
 from coop_pin.viz.page import (
     DATA,
     SCRIPTS,
@@ -112,8 +121,10 @@ class NotebookView:
         return page_frame(self._height, "coop_pin replay", srcdoc=self._page)
 
 
-def _packed(result: RunResult, curves: tuple[Curve, ...], instants: list[float]) -> dict[str, Any]:
-    """Return a run as the page reads it, with the frames of some instants."""
+def _packed(
+    result: RunResult, curves: tuple[Curve, ...], instants: list[float], scales: ArrowScales
+) -> dict[str, Any]:
+    """Return a run as the page reads it, with the frames of some instants; the camera frames the first."""
     cell, samples = result.scenario.cell, run_samples(result)
     partners = result.scenario.partners
     frames = CellFrames(cell, CellVisuals(cell, result.scenario.plant.payload), partners)
@@ -121,20 +132,32 @@ def _packed(result: RunResult, curves: tuple[Curve, ...], instants: list[float])
     rate = min(FRAMES_PER_SECOND, _MOST_NUMBERS / (numbers * max(result.end, 1.0)))
     kept = frame_samples(samples["time"], rate, instants)
     moving = {name: value[kept] for name, value in samples.items() if len(value) == len(samples["time"])}
-    tips, path = samples["tip_position"], samples["payload_position"]
-    k = int(np.abs(samples["time"] - instants[0]).argmin())
-    if np.isfinite(result.dropped_at):  # the camera stays where the payload was held
-        path = path[samples["time"] <= result.dropped_at + _FALLS_S]
-    points = np.concatenate((path, *np.moveaxis(tips, 1, 0)))
-    scene = cell_scene(cell, frames.visuals.bodies, partners, tips=tips[k], points=points)
-    return packed_run(
-        frames,
-        scene,
-        cell,
-        samples["desired_position"],
-        frames.rows(moving),
-        thinned_rows(curve_rows(curves, samples), kept.tolist()),
+    scene = cell_scene(
+        cell, frames.visuals.bodies, partners, **_framed(frames, result, samples, instants, scales)
     )
+    plotted = thinned_rows(curve_rows(curves, samples), kept.tolist())
+    return packed_run(frames, scene, cell, samples["desired_position"], frames.rows(moving), plotted)
+
+
+def _framed(
+    frames: CellFrames, result: RunResult, samples: Samples, instants: list[float], scales: ArrowScales
+) -> dict[str, Array]:
+    """Return what the camera frames: links and tips at the first instant, and the arrows at all instants."""
+    time, path = samples["time"], samples["payload_position"]
+    held = time <= result.dropped_at + _FALLS_S if np.isfinite(result.dropped_at) else slice(None)
+    seen = np.array([int(np.abs(time - instant).argmin()) for instant in instants])
+    at, now = path[seen[0]], {name: value[seen] for name, value in samples.items() if len(value) == len(time)}
+    ends = arrow_ends(now, scales)
+    (links,) = frames.visuals.poses(now["configuration"][:1])
+    if is_followed := travels(path[held], at):
+        ends += (at - path[seen])[:, None]
+    tips = samples["tip_position"][seen[0] if is_followed else held].reshape(-1, 3)
+    return {
+        "tips": samples["tip_position"][seen[0]],
+        "path": path[held],
+        "at": at,
+        "shown": np.concatenate((link_points(frames.visuals.bodies, links), ends.reshape(-1, 3), tips)),
+    }
 
 
 def _replay(result: RunResult, times: Iterable[float], scales: ArrowScales) -> tuple[str, dict[str, Any]]:
@@ -142,7 +165,7 @@ def _replay(result: RunResult, times: Iterable[float], scales: ArrowScales) -> t
     start, chips = telling_instant(result).time, instants(result)
     curves = cell_curves(run_samples(result), result.scenario.cell)
     data: dict[str, Any] = {
-        "runs": [_packed(result, curves, [start, *(chip.time for chip in chips), *times])],
+        "runs": [_packed(result, curves, [start, *(chip.time for chip in chips), *times], scales)],
         "duration": result.end,
         "start": start,
         "spans": spans(result),
@@ -152,6 +175,7 @@ def _replay(result: RunResult, times: Iterable[float], scales: ArrowScales) -> t
         ],
         "instants": [chip._asdict() for chip in chips],
         "pushes": bool(result.data["external_wrench"].values.any()),
+        "peak": float(np.abs(strut_columns(run_samples(result))[0][..., 0]).max(initial=0.0)),
     }
     return page_parts(
         "replay",
@@ -167,20 +191,23 @@ def _replay(result: RunResult, times: Iterable[float], scales: ArrowScales) -> t
 def _verdict(result: RunResult) -> str:
     """Return sentence and verdict of a run, as HTML; the sentence leads to its instant."""
     instant = telling_instant(result)
-    lines = "\n".join(
-        f'<p class="verdict{"" if is_good else " broken"}">{html.escape(text)}</p>'
-        for text, is_good in [
-            *verdict_lines(result),
-            *((f"known before the run: {finding}", False) for finding in result.findings),
-        ]
-    )
+    known = [VerdictLine(f"known before the run: {finding}", is_good=False) for finding in result.findings]
+    lines = "\n".join(map(_verdict_line, [*verdict_lines(result), *known]))
     happened = events_text(result)
     return (
-        f'<p class="happened">{html.escape(happened)}</p>\n'
-        * bool(happened)
+        f'<div id="verdicts">\n{lines}\n</div>\n'
+        + f'<p class="happened">{html.escape(happened)}</p>\n' * bool(happened)
         + f'<button class="told" data-time="{instant.time:g}"><small>largest error of the internal force '
-        f"(click to go there)</small>{html.escape(instant.text)}</button>\n{lines}"
+        f"(click to go there)</small>{html.escape(instant.text)}</button>"
     )
+
+
+def _verdict_line(line: VerdictLine) -> str:
+    """Return a verdict as HTML; a click on it shows what was judged."""
+    kind, text = "verdict" if line.is_good else "verdict broken", html.escape(line.text)
+    if not line.numbers:
+        return f'<p class="{kind}">{text}</p>'
+    return f'<details class="{kind}"><summary>{text}</summary>{html.escape(line.numbers)}</details>'
 
 
 # ---------------------------------------------------------------- side by side
@@ -204,6 +231,9 @@ def _side_by_side(runs: Sequence[RunResult], names: Sequence[str], times: list[f
     tellings = [telling_instant(run).time for run in runs]
     errors = [float(np.nan_to_num(np.abs(run.data["internal_axial_error"].values)).max()) for run in runs]
     panes = [_replay(run, [*tellings, *times], common) for run in runs]
+    most = max(pane["peak"] for _, pane in panes)
+    for _, pane in panes:
+        pane["peak"] = most  # of one scale of struts
     first = panes[0][1]["runs"][0]["scene"]["meshes"]
     for scene in (pane["runs"][0]["scene"] for _, pane in panes[1:]):
         scene["meshes"] = None if scene["meshes"] == first else scene["meshes"]  # None: those of the first

@@ -187,8 +187,9 @@ def save_report(result: RunResult, path: str | Path) -> None:
 
 def _verdict(result: RunResult) -> str:
     lines = "".join(
-        f'<p class="{"verdict" if is_good else "warning"}">{html.escape(text)}</p>'
-        for text, is_good in verdict_lines(result)
+        f'<p class="{"verdict" if line.is_good else "warning"}"><b>{html.escape(line.text)}</b>'
+        f"{html.escape(f': {line.numbers}' if line.numbers else '')}</p>"
+        for line in verdict_lines(result)
     )
     breaches = (*result.breaches(), *result.task.deviations)
     reasons = "".join(f"<li>{html.escape(str(breach))}</li>" for breach in breaches)

@@ -70,11 +70,13 @@ class Camera(NamedTuple):
         eye: position of the camera, m, shape (3,).
         target: point in the middle of the view, m, shape (3,).
         field_of_view: vertical, degrees.
+        follows: position of the payload that the camera goes with, m, shape (3,); None where it stands still.
     """
 
     eye: Array
     target: Array
     field_of_view: float
+    follows: Array | None = None
 
 
 class Scene(NamedTuple):
@@ -146,7 +148,10 @@ def packed_scene(scene: Scene) -> dict[str, Any]:
         )
         drawable = {"kind": type(shape).__name__.lower(), **numbers}
         items.append({**item._asdict(), "drawable": drawable, "pose": item.pose.T.ravel().tolist()})
-    camera = {name: np.asarray(value).tolist() for name, value in scene.camera._asdict().items()}
+    camera = {
+        name: None if value is None else np.asarray(value).tolist()
+        for name, value in scene.camera._asdict().items()
+    }
     return {"items": items, "meshes": tables, "camera": camera, "floor": scene.floor}
 
 
@@ -154,6 +159,14 @@ TYPICAL_M = 0.15
 """Approximate length of the arrow of a typical force."""
 
 LINEAR_M, LOGARITHMIC, LONGEST_M = 0.25, 0.4, 0.5
+
+
+def drawn_lengths(lengths: Array) -> Array:
+    """Return the lengths at which a page draws arrows that would be so long in proportion, m."""
+    ratio = np.maximum(lengths / LINEAR_M, 1e-12)
+    drawn: Array = np.where(ratio <= 1.0, ratio, 1.0 + LOGARITHMIC * np.log(ratio))
+    return np.minimum(LINEAR_M * drawn, LONGEST_M)
+
 
 _GRAVITY = 9.81
 _NEGLIGIBLE = 1e-6

@@ -1,12 +1,22 @@
 """New cells from the names of arms: places, files that read back, runs, and refusals with numbers."""
 
 import re
+import shutil
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.base.errors import FieldError, InfeasibleMotionError, NameNotFoundError, UrdfError
+from coop_pin.base.errors import (
+    FieldError,
+    InfeasibleMotionError,
+    NameNotFoundError,
+    OutOfRangeError,
+    UrdfError,
+)
 from coop_pin.cli import main
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
@@ -174,6 +184,7 @@ def test_help_lists_the_options(capsys):
         main(["new", "--help"])
     told = capsys.readouterr().out
     options = ("arms", "payload", "mass", "size", "grasp", "layout", "tips", "distance")
+    options += ("motion", "squeeze", "xacro-args", "package-dirs")
     assert [option for option in options if f"--{option}" not in told] == []
 
 
@@ -204,3 +215,56 @@ def test_every_robot_that_is_an_arm_tells_its_tip_and_the_gripper_is_locked():
         assert cp.model.ArmModel(arm).nv == len(robot.unlocked(arm.locked))
     with pytest.raises(NameNotFoundError):
         robot.idle("nowhere")
+
+
+@pytest.mark.parametrize("motion", ["circle", "hold"])
+def test_motion_and_squeeze_are_those_asked_for(motion):
+    edges = (0.24, 0.03, 0.03)
+    new = cp.new_cell(["adept_3dof"] * 2, "bar", size=edges, motion=motion, squeeze=7.5)
+    scenario = new.scenario
+    assert (scenario.motion.kind, scenario.squeeze.force) == (motion, 7.5)
+    at = np.array([scenario.motion.at(t).X_WP_d[:3, 3] for t in np.linspace(0.0, 8.0, 81)])
+    assert_allclose(at[0], scenario.start.xyz, atol=1e-12)
+    assert (np.ptp(at, axis=0)[:2].min() > 0.01) == (motion == "circle")
+    result = cp.run(scenario.replace(duration=1.0), warn=False)
+    assert result.simulation_sound
+    assert result.data["internal_axial"].values[-1, 0] == pytest.approx(-7.5, abs=0.5)
+
+
+def test_a_pull_is_refused():
+    with pytest.raises(OutOfRangeError):
+        cp.new_cell(["adept_3dof"] * 2, squeeze=-1.0)
+
+
+def test_a_written_cell_is_read_wherever_its_folder_goes(tmp_path, monkeypatch):
+    """Files are named from the scenario's folder, robots by their names."""
+    (tmp_path / "here" / "robots").mkdir(parents=True)
+    file = tmp_path / "here" / "robots" / "mine.urdf"
+    shutil.copy(find_urdf("adept_3dof").path, file)
+    monkeypatch.chdir(tmp_path / "here")
+    words = ["new", "pair", "--arms", "robots/mine.urdf", "adept_3dof", "--payload", "bar"]
+    words += ["--size", "0.24", "0.03", "0.03", "--squeeze", "5", "--motion", "hold"]
+    assert main(words) == 0
+    arms = tomllib.loads(Path("pair.toml").read_text())["cell"]["arms"]
+    assert [arm["urdf"] for arm in arms.values()] == ["robots/mine.urdf", "adept_3dof"]
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "here").rename(tmp_path / "there")
+    scenario = cp.Scenario.load("there/pair.toml")
+    assert scenario.cell.arms["left"].file.path == (tmp_path / "there" / "robots" / "mine.urdf").resolve()
+    assert (scenario.motion.kind, scenario.squeeze.force) == ("hold", 5.0)
+
+
+def test_xacro_arguments_reach_the_arms(tmp_path, monkeypatch):
+    pytest.importorskip("xacrodoc")
+    text = find_urdf("adept_3dof").path.read_text()
+    name = re.search(r'<robot[^>]*name="([^"]+)"', text)[1]
+    head = f'<robot name="{name}" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+    head += '<xacro:arg name="reach" default="0"/>'
+    (tmp_path / "arm.xacro").write_text(re.sub(r"<robot[^>]*>", head, text, count=1))
+    monkeypatch.chdir(tmp_path)
+    words = ["new", "pair", "--arms", "arm.xacro", "arm.xacro", "--payload", "bar"]
+    words += ["--size", "0.24", "0.03", "0.03"]
+    assert main([*words, "--xacro-args", "reach"]) == 2
+    assert main([*words, "--xacro-args", "reach:=2"]) == 0
+    scenario = cp.Scenario.load("pair.toml")
+    assert [arm.xacro_args for arm in scenario.cell.arms.values()] == [{"reach": "2"}] * 2

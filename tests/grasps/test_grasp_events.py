@@ -506,7 +506,7 @@ def test_the_page_tells_what_happened_and_shows_a_free_arm():
     """The sentence on top, and the colour of an arm that holds nothing."""
     result = cp.run(scenario_with("spatial", *CYCLE), warn=False)
     assert events_text(result) == (
-        "Right hands over and lets go at 0.04 s (left holds it); right takes hold at 0.06 s (all hold it)."
+        "Arm 'right' lets go at 0.04 s ('left' holds it); arm 'right' takes hold at 0.06 s (all hold it)."
     )
     assert events_text(result) in html.unescape(replay_html(result))
     samples, cell = run_samples(result), result.scenario.cell
@@ -520,12 +520,12 @@ def test_the_page_tells_what_happened_and_shows_a_free_arm():
     near = cp.events.Regrasp(time=0.06, arm="right", duration=0.02, tolerance=1e-9)
     missed = events_text(cp.run(scenario_with("spatial", CYCLE[0], near), warn=False))
     assert missed.startswith(
-        "Right hands over and lets go at 0.04 s (left holds it). Grasp by 'right' at 0.06 s did not"
+        "Arm 'right' lets go at 0.04 s ('left' holds it). Grasp by 'right' at 0.06 s did not"
     )
     lost = cp.run(
         scenario_with("spatial", cp.events.LoseArm(time=0.01, arm="left"), duration=0.02), warn=False
     )
-    assert events_text(lost) == "Left fails at 0.01 s (limp)."
+    assert events_text(lost) == "Arm 'left' fails at 0.01 s (limp)."
 
 
 def test_a_free_arm_has_no_struts():

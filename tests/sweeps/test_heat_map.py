@@ -1,12 +1,14 @@
 """Heat maps of comparisons and sweeps in a headless browser: filters, keyboard, commands, colours."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from browser import offline_page
 from made_up import made_up
 from test_sweep_result import GAIN, MASS, RATE, filled
 
-from coop_pin.sweeps.heat_map import replay_file
+import coop_pin as cp
+from coop_pin.sweeps.heat_map import replay_file, wanted_squeeze, write_heat_map
 from coop_pin.sweeps.plan import SweepPlan
 
 SHOWN = """() => [...document.querySelectorAll("#map tbody tr")].filter(row => row.cells[0].scope === "row")
@@ -61,7 +63,7 @@ def test_a_large_page_is_small_and_loads_nothing(page_file):
 
 def test_filters_keyboard_and_sorting_lead_to_cells_and_their_commands(table, page, page_file):
     scenarios, controllers, trials = (table.data[name].values.tolist() for name in table.data.dims)
-    values = table.data["tracking_rms_mm"].sel(scenario=scenarios[2]).values
+    values = table.data["axial_rms_N"].sel(scenario=scenarios[2]).values
     page.goto(page_file.as_uri())
     page.select_option("[name='only.scenario']", scenarios[2])
     shown = page.evaluate(SHOWN)
@@ -95,7 +97,7 @@ def test_filters_keyboard_and_sorting_lead_to_cells_and_their_commands(table, pa
 
 
 def test_a_darker_colour_is_a_larger_ratio_for_every_reader_and_numbers_can_be_read(table, page, page_file):
-    best = table.data["tracking_rms_mm"].min("controller")
+    best = table.data["axial_rms_N"].min("controller")
     page.goto(page_file.as_uri())
     page.select_option("[name='only.scenario']", "")
     found = page.evaluate(COLOURS)
@@ -103,7 +105,7 @@ def test_a_darker_colour_is_a_larger_ratio_for_every_reader_and_numbers_can_be_r
     for title, *_ in found:
         scenario, controller, rest = title.split(" | ")
         cell = {"scenario": scenario, "trial": rest.partition(":")[0]}
-        value = table.data["tracking_rms_mm"].sel(cell | {"controller": controller})
+        value = table.data["axial_rms_N"].sel(cell | {"controller": controller})
         ratios.append(min(float(value / best.sel(cell)), 1e3))
     written, ground = (np.array([colours[k] for _, *colours in found]) for k in (0, 1))
     order = np.argsort(ratios)
@@ -148,3 +150,40 @@ def test_a_sweep_of_three_fields_is_explored_by_the_numbers_of_its_runs(page, tm
     assert page.locator("#map td.unsound").count() == 5
     page.locator("#map td[data-row]").nth(7).click()
     assert page.evaluate(COMMAND).endswith("--replay 7")
+
+
+def test_the_page_opens_on_the_internal_force_and_its_colour_is_the_share_of_the_squeeze(page, tmp_path):
+    """Darker is a larger share, whatever the rivals have: from 1 to 1000 % of what each cell wants."""
+    table = pd.DataFrame({"cell": ["a", "b", "c", "d"], "law": ["one"] * 4, "force": [1e-5, 0.1, 10.0, 1.0]})
+    table = table.assign(unsound=False, unkept=False, failure="", other=1.0)
+    texts = {"force": "internal force (N)", "other": "other (mm)"}
+    write_heat_map(
+        table,
+        tmp_path / "map.html",
+        title="shares",
+        names=("cell", "law"),
+        rivals=("law",),
+        measures=texts,
+        forces=("force",),
+        wanted=(10.0, 10.0, 10.0, float("nan")),
+        command="run {cell}",
+    )
+    page.set_viewport_size({"width": 1400, "height": 900})
+    page.goto((tmp_path / "map.html").as_uri())
+    assert page.locator("[name=measure]").input_value() == "0"
+    assert "share of the squeeze" in page.locator("#scale").inner_text()
+    least, one, most, unknown = (np.array(ground) for _, _, ground in page.evaluate(COLOURS))
+    assert (least == one).all()  # 1 % and less
+    assert luminance(most) < luminance(one) - 0.3
+    assert (unknown == least).all()  # the least among its rivals
+    assert "100 % of the squeeze" in page.locator("#map td[data-row]").nth(2).get_attribute("title")
+    page.select_option("[name=measure]", "1")
+    assert "share" not in page.locator("#scale").inner_text()
+
+
+def test_the_squeeze_that_is_wanted_is_the_largest_of_the_run():
+    ramp = cp.Scenario.load("two-pandas-box")
+    force = np.linalg.norm(ramp.squeeze.at(ramp.duration, ramp.cell.grasps)[:, :3], axis=1).max()
+    assert wanted_squeeze(ramp) == pytest.approx(force)
+    planar = cp.Scenario.load("adept-paper")
+    assert wanted_squeeze(planar) == pytest.approx(10.0)

@@ -144,7 +144,7 @@ def test_limits_that_were_exceeded_are_listed():
     assert "No joint and no drive" not in text
     assert weak.task.text in text
     assert all(str(breach) in text for breach in weak.task.deviations)
-    assert "simulation sound: grasps closed to" in "".join(page("planar").text)
+    assert "simulation sound: all checks passed: grasps closed to" in "".join(page("planar").text)
     assert "No joint and no drive" in "".join(page("planar").text)
 
 

@@ -60,7 +60,7 @@ from coop_pin.viz.page import page_scripts
 from coop_pin.viz.replay import run_names, shared_caption
 from coop_pin.viz.scene import TYPICAL_M, recorded_scales
 
-SCRIPTS = ("stage.js", "plots.js", "player.js")
+SCRIPTS = ("labels.js", "stage.js", "plots.js", "player.js")
 FLOAT32 = 3e-7
 """Frames are single precision: relative error of a number."""
 
@@ -225,11 +225,13 @@ def test_a_squeeze_that_is_wanted_has_no_chip() -> None:
         data[f"internal_{name}"][:] = data[f"desired_internal_{name}"]
         data[f"internal_{name}_error"][:] = 0.0
     data["internal_wrench"][:] = data["desired_internal_wrench"]
+    data["internal_moment_error"][:] = 0.0
     assert [chip.text for chip in instants(RunResult(result.scenario, data))] == ["start", "end"]
-    data["internal_wrench"][-1, 0, 3] += 2.0
+    data["internal_wrench"][-1, 0, 3] += 20.0
+    data["internal_moment_error"][-1, 0] = 20.0
     moved = RunResult(result.scenario, data)
-    assert [chip.text for chip in instants(moved)] == ["start", "largest moment error 2 N m, end"]
-    assert "the internal moment is off by up to 2 N m" in telling_instant(moved).text
+    assert [chip.text for chip in instants(moved)] == ["start", "largest moment error 20 N m, end"]
+    assert "the internal moment is off by up to 20 N m" in telling_instant(moved).text
     cell = result.scenario.cell.model_copy(update={"rows": "positional"})
     free = RunResult(result.scenario.model_copy(update={"cell": cell}), data)
     assert "which no arm controls" in telling_instant(free).text
@@ -237,7 +239,7 @@ def test_a_squeeze_that_is_wanted_has_no_chip() -> None:
 
 def test_grasps_away_from_the_payload_have_rods_and_hanging_arms_a_plate() -> None:
     cell = Scenario.load("five-joint-pair").cell
-    items = cell_scene(cell, (), tips=np.zeros((2, 3)), points=np.zeros((1, 3))).items
+    items = cell_scene(cell, (), tips=np.zeros((2, 3)), path=np.zeros((1, 3))).items
     rods = [item for item in items if item.node == "payload" and item.colour == "#7d858f"]
     size = np.array(cell.payload.size) / 2.0
     for rod, X_PG in zip(rods, cell.grasps.values(), strict=True):
@@ -248,7 +250,7 @@ def test_grasps_away_from_the_payload_have_rods_and_hanging_arms_a_plate() -> No
     (plate,) = (item for item in items if item.node == "floor")
     assert 1.1 < plate.pose[2, 3] < 1.2  # above the base at 1.1 m
     flush = Scenario.load("adept-paper").cell
-    drawn = cell_scene(flush, (), tips=np.zeros((2, 3)), points=np.zeros((1, 3))).items
+    drawn = cell_scene(flush, (), tips=np.zeros((2, 3)), path=np.zeros((1, 3))).items
     assert [item.node for item in drawn if item.colour == "#7d858f"] == []
 
 
@@ -288,8 +290,8 @@ def test_colours_differ_for_every_eye_and_those_of_arms_in_grey() -> None:
 def test_the_sentence_names_the_arm_where_there_are_three() -> None:
     result = run("three-ur5-plate", {"duration": 0.1}, warn=False)
     for part, said in (
-        ("shear", "load the payload across with 50 N at second, where none is wanted"),
-        ("axial", "pull the payload apart with 50 N at second, where"),
+        ("shear", "load the payload across with 50 N at arm 'second', where none is wanted"),
+        ("axial", "pull the payload apart with 50 N at arm 'second', where"),
     ):
         data = result.data.copy(deep=True)
         data[f"internal_{part}"][-1, 1] = 50.0
@@ -329,21 +331,46 @@ def test_breaches_of_trust_are_marked_at_their_first_times() -> None:
 
 def test_the_verdict_has_the_numbers_that_were_judged(planar: Replay, spatial: Replay) -> None:
     for result in (planar.result, spatial.result):
-        allowed, (_, (text, is_good)) = result.scenario.trust, verdict_lines(result)
-        assert is_good
+        allowed, (_, sound) = result.scenario.trust, verdict_lines(result)
+        assert sound.is_good
         condition = result.data["jacobian_condition"].values.max()
         for number in (
             f"{max(result.closure_error_max()):.1g} m (allowed {allowed.closure_error:g})",
             f"{result.energy_balance_max():.1g} J",
             f"{condition:.2g} ({allowed.jacobian_condition:g})",
         ):
-            assert number in text
+            assert number in sound.numbers
     data = planar.result.data.copy()
     for limit in (np.nan, 90.0):
         data["position_upper"] = xr.full_like(data["position_upper"], limit)
-        _, (told, _) = verdict_lines(RunResult(planar.result.scenario, data))
-        assert ("joints within" in told) == np.isfinite(limit)
-    assert all(html.escape(text) in planar.page for text, _ in verdict_lines(planar.result))
+        _, sound = verdict_lines(RunResult(planar.result.scenario, data))
+        assert ("joints within" in sound.numbers) == np.isfinite(limit)
+    for line in verdict_lines(planar.result):
+        assert html.escape(line.text) in planar.page
+        assert html.escape(line.numbers) in planar.page
+
+
+def test_a_cell_without_closures_is_not_told_how_far_its_grasps_are_closed() -> None:
+    result = run("two-pandas-palms", {"duration": 0.1}, warn=False)
+    assert result.closure_error_max() == (0.0, 0.0)
+    assert all("closed" not in line.numbers for line in verdict_lines(result))
+
+
+def test_the_weight_that_bends_a_payload_between_palms_is_no_error() -> None:
+    """Its moment is that of half of the weight on the lever of a palm; the page names it."""
+    result = run("two-pandas-palms", {"duration": 0.5}, warn=False)
+    cell = result.scenario.cell
+    lever = np.linalg.norm(cell.grasps["left"].matrix[:3, 3])
+    bends = f"with up to {read_number(cell.payload.mass * 9.81 / 2.0 * lever)} N m"
+    assert f"its weight bends the payload between the grasps {bends}" in telling_instant(result).text
+    assert not any("moment" in chip.text for chip in instants(result))
+
+
+def test_the_sentence_says_what_the_task_allows(planar: Replay) -> None:
+    limits = planar.result.scenario.task
+    text = telling_instant(planar.result).text
+    assert f"The task allows {read_number(max(limits.force, 10.0 * limits.force_share))} N" in text
+    assert (f"until {limits.recovery:g} s after an event" in text) == (limits.recovery > 0.0)
 
 
 # ---------------------------------------------------------------- curves
@@ -541,20 +568,62 @@ def box_corners(shape) -> np.ndarray:
     return half * np.array(list(itertools.product((-1, 1), repeat=3)))
 
 
-def test_the_camera_is_close_and_has_path_tips_and_arrows_in_view(replay: Replay) -> None:
-    camera = replay.run["scene"]["camera"]
+def seen_from(camera: dict, points: np.ndarray) -> np.ndarray:
+    """Coordinates of points in the window, each between -1 and 1 where it is in view."""
     eye, target = np.array(camera["eye"]), np.array(camera["target"])
-    scales, tips = replay.data["scales"], replay.block("tips").reshape(-1, 3)
-    k = int(np.argmin(np.abs(replay.block("time")[:, 0] - replay.data["start"])))
-    forces = replay.block("internal")[k].reshape(-1, 6)[:, :3] / scales["forces"]
-    length = np.linalg.norm(forces, axis=1, keepdims=True)
-    ends = tips.reshape(len(replay.frames), -1, 3)[k] + forces * np.minimum(1, scales["longest"] / length)
-    rays = np.concatenate((tips, ends, replay.poses("payload")[:, :3])) - eye
     ahead = (target - eye) / np.linalg.norm(target - eye)
-    cosine = rays @ ahead / np.linalg.norm(rays, axis=1)
-    angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-    assert angle.max() < camera["field_of_view"] / 2
-    assert np.linalg.norm(eye - target) < 6.0
+    right = np.cross(ahead, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    rays, half = points - eye, np.tan(np.radians(camera["field_of_view"] / 2.0))
+    seen = np.stack((rays @ right / 1.4, rays @ np.cross(right, ahead)), axis=1)
+    return np.abs(seen) / half / (rays @ ahead)[:, None]
+
+
+def test_the_camera_is_close_and_has_links_path_and_arrows_in_view(replay: Replay) -> None:
+    """Of arrows the ends by the formula of their lengths; what is framed fills the view."""
+    camera, scales = replay.run["scene"]["camera"], replay.data["scales"]
+    assert camera["follows"] is None
+    tips = replay.block("tips").reshape(len(replay.frames), -1, 3)
+    k = int(np.argmin(np.abs(replay.block("time")[:, 0] - replay.data["start"])))
+    forces = -replay.block("internal")[k].reshape(-1, 6)[:, :3] / scales["forces"]
+    length = np.linalg.norm(forces, axis=1, keepdims=True)
+    drawn = np.where(length > 0.25, 0.25 * (1.0 + 0.4 * np.log(np.maximum(length, 1e-9) / 0.25)), length)
+    arrows = forces / np.maximum(length, 1e-9) * np.minimum(drawn, 0.5)
+    inwards = tips[k].mean(axis=0) - tips[k]
+    squeezes = (arrows * inwards).sum(axis=1, keepdims=True) > 0.9 * np.linalg.norm(inwards, axis=1)[
+        :, None
+    ] * np.linalg.norm(arrows, axis=1, keepdims=True)
+    ends = tips[k] + np.where(squeezes, -1.0, 1.0) * arrows
+    links = [replay.poses(node)[k : k + 1, :3] for node in replay.run["nodes"] if node.startswith("arms/")]
+    points = np.concatenate((tips.reshape(-1, 3), ends, replay.poses("payload")[:, :3], *links))
+    assert seen_from(camera, points).max() < 1.0
+    shown = np.concatenate([corners_of(item, replay, k) for item in replay.items("arms/")])
+    assert 0.85 < seen_from(camera, np.concatenate((points, shown))).max() < 1.0
+
+
+def corners_of(item: dict, replay: Replay, k: int) -> np.ndarray:
+    """Corners of the box around a drawn shape of a link, in the world, in frame k."""
+    shape, X = item["drawable"], np.reshape(item["pose"], (4, 4)).T
+    if shape["kind"] == "mesh":
+        table = replay.run["scene"]["meshes"][shape["mesh"]]
+        steps = np.frombuffer(base64.b64decode(table["vertices"]), dtype="<u2").reshape(-1, 3)
+        points = table["low"] + steps * np.array(table["step"])
+    else:
+        size = shape["size"]
+        half = np.array(size) / 2 if shape["kind"] == "box" else np.array((size[0], size[0], size[1] / 2))
+        points = half * np.array(list(itertools.product((-1, 1), repeat=3)))
+    p, R = replay.poses(item["node"])[k, :3], Rotation.from_quat(replay.poses(item["node"])[k, 3:])
+    return R.apply(points @ X[:3, :3].T + X[:3, 3]) + p
+
+
+@pytest.mark.gate
+def test_a_payload_that_travels_is_followed_and_its_bases_are_in_view_at_the_opening_instant() -> None:
+    page = Replay(run("three-driven-ur5", {"duration": 4.0}, warn=False))
+    camera = page.run["scene"]["camera"]
+    k = int(np.argmin(np.abs(page.block("time")[:, 0] - page.data["start"])))
+    assert_allclose(camera["follows"], page.poses("payload")[k, :3], atol=1e-6)
+    links = [page.poses(node)[k, :3] for node in page.run["nodes"] if node.startswith("arms/")]
+    assert seen_from(camera, np.array(links)).max() < 1.0
 
 
 @pytest.mark.gate
@@ -607,7 +676,7 @@ def test_a_force_across_that_is_wanted_is_no_error(spatial: Replay) -> None:
     assert "within 0.25 N" in telling_instant(RunResult(spatial.result.scenario, data)).text
     data["internal_shear_error"][:] = 7.0
     result = RunResult(spatial.result.scenario, data)
-    assert "off by 7 N" in telling_instant(result).text
+    assert "in another direction is wanted: off by 7 N" in telling_instant(result).text
     assert "largest error 7 N" in ", ".join(instant.text for instant in instants(result))
 
 

@@ -130,7 +130,7 @@ class LiveScene:
         self.scales = expected_scales(cell, first)
         self.curves = cell_curves(snapshot_samples(first, cell), cell)
         self._desired_path, bodies = initial.desired_path, self.frames.visuals.bodies
-        self.scene = cell_scene(cell, bodies, tips=first.tip_position, points=initial.desired_path)
+        self.scene = cell_scene(cell, bodies, tips=first.tip_position, path=initial.desired_path)
 
     def frame(self, snapshot: Snapshot) -> bytes:
         """Return the frame of a snapshot as the live page reads it: little-endian float32.

@@ -2,7 +2,7 @@
 // One clock for 3-D view, plots and tiles. A recorded run is played; of a run under way frames arrive at a WebSocket.
 (() => {
   const page = JSON.parse(document.getElementById("data").textContent), element = (id) => document.getElementById(id);
-  const stage = coopPinStage(element("pane"), element("labels"), page), REDRAW_MS = 200, MOST_FRAMES = 20000;
+  const stage = coopPinStage(element("pane"), element("labels"), page), REDRAW_MS = 200, STILL_MS = 300, PLAYED = 0.09, PAPER_WIDE = 703, PAPER_TALL = 363, MOST_FRAMES = 20000;
   const [play, slider, clock, speed, notice, status] = ["play", "time", "clock", "speed", "event", "status"].map(element);
   const told = document.querySelectorAll(".told");
   const split = (flat, size) => Array.from({ length: flat.length / size }, (_, k) => flat.subarray(size * k, size * (k + 1)));
@@ -14,10 +14,11 @@
       columns: Array.from({ length: run.columns }, (_, column) => rows.map((row) => row[column])),
     };
   });
-  let time = 0, spoken = "", playing = false, last = null, count = 0, arrived = false, changed = false, drawnAt = 0;
+  let time = 0, spoken = "", playing = false, last = null, count = 0, arrived = false, changed = false, drawnAt = 0, played = 0, toldAt = 0, shownAt = 0;
   const end = () => (page.live ? runs[0].frames.at(-1)[0] : page.duration);
 
   // ---------------------------------------------------------------- tiles and clock
+  coopPinScaleBar(element("tension"), page);
   const tiles = page.plots.filter(({ tile }) => tile).map(({ key, tile, unit, curves }) => {
     const box = document.createElement("div");
     box.innerHTML = `${tile}<b>&nbsp;</b>&nbsp;`;
@@ -44,10 +45,13 @@
     run.shown = frame[0];
     return [frame, next, step > 0 ? Math.min((time - frame[0]) / step, 1) : 0];
   }
+  // While a run plays, in steps of less than PLAYED, numbers are written four times a second; any other time is told at once.
   function show() {
-    stage.show(...around(runs[0]));
-    plots.moveTo(time);
-    showTiles();
+    const glides = played > 0, tells = played < 2 || Math.abs(time - toldAt) >= 0.25 * Number(speed.value) - 1e-9;
+    stage.show(...around(runs[0]), tells, glides);
+    plots.moveTo(time, tells);
+    shownAt = performance.now();
+    if (tells) { toldAt = time; showTiles(); }
     slider.max = end();
     slider.value = time;
     slider.setAttribute("aria-valuetext", `${time.toFixed(2)} s, ${spoken}`);
@@ -62,13 +66,16 @@
   // A person stops at the nearest frame, so that cursor, arrows and numbers are of one recorded instant.
   function seek(to, steps = 0) {
     setPlaying(false);
+    played = -2;
     goTo(to);
     const times = runs[0].frames.map(([first]) => first), k = holding(runs[0]), nearer = times[k + 1] - time < time - times[k];
     goTo(Math.round(1e5 * (times[k + (steps || nearer)] ?? time)) / 1e5);
     if (!page.live && self === top) { history.replaceState(null, "", `#t=${time}`); }
   }
   function goTo(to) {
+    const before = time;
     time = Math.min(Math.max(to, 0), end());
+    played = time > before && time - before < PLAYED * Number(speed.value) ? played + 1 : 0;
     show();
   }
   function setPlaying(on) {
@@ -80,6 +87,7 @@
   }
   function tick(present) {
     requestAnimationFrame(tick);
+    if (toldAt !== time && present - shownAt > STILL_MS) { played = 0; show(); } // a live run that has stopped
     if (page.live) {
       if (arrived && playing) { arrived = false; goTo(end()); } // once a frame, however many have arrived
       if (changed && present - drawnAt > REDRAW_MS) { changed = false; plots.refresh(); trails(); drawnAt = performance.now(); }
@@ -134,6 +142,17 @@
     show();
   }));
   if (innerWidth < 700 || innerHeight < 600 || self !== top) { element("legend").open = false; }
+
+  // ---------------------------------------------------------------- print
+  // On paper the view is as wide as the sheet, and its labels, which are text, are as much larger or smaller as the drawing.
+  addEventListener("beforeprint", () => {
+    const { clientWidth: width, clientHeight: height } = element("pane");
+    if (!stage.viewer || !width) { return; }
+    stage.viewer.render();
+    const share = Math.min(PAPER_WIDE / width, PAPER_TALL / height);
+    for (const [name, value] of Object.entries({ wide: width, tall: height, share })) { element("view").style.setProperty(`--${name}`, value); }
+    plots.unfold();
+  });
 
   // ---------------------------------------------------------------- a run under way
   function receive(message) {

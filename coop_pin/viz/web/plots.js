@@ -1,6 +1,6 @@
 "use strict";
 // Time plots on one clock: cursors follow the play, a click seeks, a drag zooms, a double click shows all again.
-const coopPinTick = (value) => Number(value.toPrecision(3)).toString().replace("-", "−");
+const coopPinTick = (value) => (Number.isNaN(value) ? "none" : Number(value.toPrecision(3)).toString().replace("-", "−"));
 // A value that is read: two digits, and never more than three decimals.
 const coopPinNumber = (value) => coopPinTick(Math.abs(value) >= 99.5 ? Math.round(value) : Number(Number(value.toPrecision(2)).toFixed(3)));
 const coopPinWhole = (value) => coopPinTick(Math.round(value));
@@ -70,7 +70,7 @@ function coopPinPlots(place, page, runs, seek) {
     ctx.save();
     for (const span of page.spans) {
       const left = x(span.start), width = x(span.end) - left;
-      ctx.fillStyle = span.kind === "event" ? "rgba(204, 121, 167, .45)" : "rgba(0, 114, 178, .07)";
+      ctx.fillStyle = span.kind === "event" ? `rgba(204, 121, 167, ${width > 0.04 * bbox.width ? 0.13 : 0.45})` : "rgba(0, 114, 178, .07)"; // long ones paler
       ctx.fillRect(left, bbox.top, span.kind === "event" ? Math.max(width, 2) : width, bbox.height);
     }
     ctx.fillStyle = "rgba(230, 159, 0, .10)";
@@ -112,12 +112,14 @@ function coopPinPlots(place, page, runs, seek) {
   }
 
   function add(holder, curves, { bare = false, first = false, last = false, unit = "", name = "" } = {}) {
+    const timed = first || last; // the times are at the first plot, too, which is always in sight
     const drawn = [...curves].sort((a, b) => (a.role === "actual") - (b.role === "actual"));
     const styled = (curve) => ({
-      stroke: curve.colour, width: bare ? 1 : curve.role === "actual" ? 1.4 : 1.2, points: { show: false }, spanGaps: true,
+      stroke: curve.colour, width: bare ? 1 : curve.role === "actual" ? 1.4 : 1.2, points: { show: false }, spanGaps: false,
       dash: curve.role === "desired" ? [4, 3] : curve.role === "measured" ? [1, 2] : undefined,
     });
-    const tables = () => [runs[0].columns[0], ...drawn.map(({ column }) => runs[0].columns[column])];
+    const gaps = (values) => (values.some(Number.isNaN) ? values.map((value) => (Number.isNaN(value) ? null : value)) : values);
+    const tables = () => [runs[0].columns[0], ...drawn.map(({ column }) => gaps(runs[0].columns[column]))];
     let y = { low: 0, high: 1, lower: 0, upper: 1 };
     const range = (u) => {
       const [from, to] = u.series[0].idxs ?? [0, u.data[0].length - 1];
@@ -131,11 +133,11 @@ function coopPinPlots(place, page, runs, seek) {
     const axis = { font: FONT, stroke: "#52606d", grid: { stroke: "#e6e9ed", width: 1 }, ticks: { show: false } };
     const line = document.createElement("i"), cursor = (one) => { line.style.left = `${one.valToPos(now, "x")}px`; };
     const u = new uPlot({
-      width: holder.clientWidth || 300, height: holder.clientHeight || 90, legend: { show: false }, padding: bare ? [2, 0, 2, 0] : [6, 14, last ? 0 : 4, 0],
+      width: holder.clientWidth || 300, height: holder.clientHeight || 90, legend: { show: false }, padding: bare ? [2, 0, 2, 0] : [6, 14, timed ? 0 : 4, 0],
       cursor: { show: !bare, y: false, points: { show: false }, drag: { x: !bare, y: false }, ...(bare ? {} : { sync: { key: "time" } }) },
       scales: { x: { time: false }, y: { distr: 100, fwd: (v) => forward(v, y), bwd: (v) => backward(v, y), range } },
       axes: [
-        { ...axis, show: !bare, size: last ? 22 : 4, values: (_, all) => all.map((time) => (last ? `${time} s` : "")) },
+        { ...axis, show: !bare, size: timed ? 22 : 4, values: (_, all) => all.map((time) => (timed ? `${time} s` : "")) },
         { ...axis, show: !bare, size: 42, splits: () => ticks(y), values: (_, all) => all.map((tick) => (tick === y.low || tick === y.high ? coopPinNumber : coopPinTick)(tick)), filter: (_, all) => all },
       ],
       series: [{}, ...drawn.map(styled)],
@@ -160,10 +162,10 @@ function coopPinPlots(place, page, runs, seek) {
   let now = 0;
   // The value of the sample whose frame is shown.
   const value = (run, column) => run.columns[column][coopPinIndex(run.columns[0].length, (k) => run.columns[0][k], run.shown)];
-  function moveTo(time) {
+  function moveTo(time, tells = true) {
     now = time;
     for (const { u, line } of plots) { line.style.left = `${u.valToPos(now, "x")}px`; }
-    for (const { present, curves } of titles) { present.innerHTML = caption(curves); }
+    for (const { present, curves } of tells ? titles : []) { present.innerHTML = caption(curves); }
   }
 
   // Present values: of a few curves by their labels; of drives one line for each arm, in order.
@@ -186,13 +188,28 @@ function coopPinPlots(place, page, runs, seek) {
     heading.textContent = `${title}, ${unit}${key === "share" ? ` (at most ${coopPinWhole(most)} %)` : key === "torque" && !page.live ? ", no limits given" : ""}`;
     present.innerHTML = caption(curves);
     place.append(heading, present, holder);
-    return { present, curves, holder, unit, name: `plot over time: ${heading.textContent}` };
+    return { heading, present, curves, holder, unit, name: `plot over time: ${heading.textContent}` };
   });
+  // Where there is no room for all plots the torques are folded.
+  const folded = page.plots.map(({ key }, k) => (ofDrives(key) ? titles[k] : null)).filter(Boolean);
+  function unfold(on = true) {
+    for (const { heading, present, holder } of folded) {
+      present.hidden = holder.hidden = !on;
+      heading.firstElementChild?.setAttribute("aria-expanded", on);
+    }
+  }
+  for (const { heading } of place.scrollHeight > place.clientHeight + 2 || place.parentElement.scrollHeight > place.parentElement.clientHeight + 2 ? folded : []) {
+    const button = document.createElement("button");
+    button.textContent = heading.textContent;
+    button.addEventListener("click", () => unfold(button.getAttribute("aria-expanded") !== "true"));
+    heading.replaceChildren(button);
+    unfold(false);
+  }
   titles.forEach(({ curves, holder, unit, name }, k) => add(holder, curves, { first: k === 0, last: k === titles.length - 1, unit, name }));
 
   function refresh() {
     for (const { u, tables } of plots) { u.setData(tables()); }
     moveTo(now);
   }
-  return { add, moveTo, refresh, value, plots };
+  return { add, moveTo, refresh, unfold, value, plots };
 }

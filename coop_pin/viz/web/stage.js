@@ -1,8 +1,8 @@
 "use strict";
 // The 3-D scene of a page: drawables, arrows with numbers, layers and views. A frame is a row of numbers (frames.py).
-function coopPinStage(pane, labels, page) {
+function coopPinStage(pane, holder, page) {
   try {
-    return coopPinScene(pane, labels, page);
+    return coopPinScene(pane, holder, page);
   } catch (error) { // a remote desktop or virtual machine: the rest of the page needs no WebGL
     console.warn(error);
     const said = document.createElement("p"), nothing = () => {};
@@ -13,7 +13,7 @@ function coopPinStage(pane, labels, page) {
   }
 }
 
-function coopPinScene(pane, labels, page) {
+function coopPinScene(pane, holder, page) {
   const three = MeshCat.THREE, { scales } = page, vector = (...xyz) => new three.Vector3(...xyz);
   const viewer = new MeshCat.Viewer(pane);
   viewer.renderer.domElement.setAttribute("role", "img");
@@ -67,7 +67,9 @@ function coopPinScene(pane, labels, page) {
     node(item.node).add(inLayer(item.layer, drawn));
   }
 
-  const [first] = page.runs, meshes = first.scene.meshes.map(({ low, step, vertices, faces, bytes }) => {
+  const [first] = page.runs, isCrowded = first.arms.length > 2, labels = coopPinLabels(pane, holder, viewer);
+  const tips = first.arms.map(() => vector()), middle = vector(), isFree = first.arms.map(() => false); // of the frame that is shown
+  const meshes = first.scene.meshes.map(({ low, step, vertices, faces, bytes }) => {
     const positions = Float32Array.from(coopPinNumbers(vertices, Uint16Array), (value, k) => low[k % 3] + step[k % 3] * value);
     const geometry = new three.BufferGeometry().setAttribute("position", new three.BufferAttribute(positions, 3));
     return geometry.setIndex(new three.BufferAttribute(coopPinNumbers(faces, bytes === 2 ? Uint16Array : Uint32Array), 1));
@@ -99,11 +101,7 @@ function coopPinScene(pane, labels, page) {
     return { shaft, tip };
   }
 
-  // Up to the linear length in proportion, then with the logarithm, up to the longest.
-  function drawnLength(size, per) {
-    const ratio = size / per / scales.linear;
-    return Math.min(scales.linear * (ratio <= 1 ? ratio : 1 + scales.logarithmic * Math.log(ratio)), scales.longest);
-  }
+  const drawnLength = (size, per) => coopPinLength(size, per, scales);
   // An outline: a grown solid, drawn where a hidden thinner one has not marked the stencil.
   const MARK = { colorWrite: false, stencilWrite: true, stencilRef: 1, stencilZPass: three.ReplaceStencilOp };
   const AROUND = { stencilWrite: true, stencilRef: 1, stencilFunc: three.NotEqualStencilFunc };
@@ -119,13 +117,17 @@ function coopPinScene(pane, labels, page) {
       object.traverse((drawn) => { drawn.renderOrder = drawn.renderOrder || (wanted ? 20 + k : 10); });
     });
     viewer.scene.add(object);
-    const text = document.createElement("span");
-    labels.append(text);
-    text.style.borderColor = colour;
-    const per = scales[group], unit = moment ? "N m" : "N", name = `${group}/${arm}/${part}`;
-    const arrow = { name, part, value: vector(), length: 0, tip: vector(), outer: vector(), inner: vector(), text, object };
+    const per = scales[group], unit = moment ? "N m" : "N", name = `${group}/${arm}/${part}`, grasp = vector();
+    const arrow = { name, part, value: vector(), length: 0, tip: vector(), outer: vector(), inner: vector(), object };
+    const isExtra = isCrowded ? part !== "external" : ["wanted", "across"].includes(part); // told on hover, or where there is room
+    arrow.text = labels.add({
+      text: () => `${{ wanted: "wanted ", across: "by moments " }[part] ?? ""}${coopPinNumber(arrow.value.length())} ${unit}`,
+      anchor: () => arrow.outer, away: () => arrow.inner, steady: () => grasp, ends: () => object.visible && [arrow.outer, arrow.inner],
+      shown: (isAsked) => object.visible && (isAsked || (arrow.length >= 0.03 && !(isExtra && (isCrowded || pane.clientWidth < 500)))),
+    }, colour, { internal: 2, external: 2, load: 3 }[part] ?? 4).span;
     // A force towards the other grasps ends at its own, one away from them starts there: no arrow crosses the payload.
-    arrow.set = (grasp, inwards, x, y, z) => {
+    arrow.set = (end, inwards, x, y, z) => {
+      grasp.copy(end);
       arrow.value.set(x, y, z);
       const size = arrow.value.length(), length = drawnLength(size, per);
       arrow.length = length;
@@ -141,7 +143,6 @@ function coopPinScene(pane, labels, page) {
       }
       arrow.tip.copy(along).multiplyScalar(length).add(object.position);
       [arrow.outer, arrow.inner] = pressed > 0.5 ? [object.position, arrow.tip] : [arrow.tip, object.position];
-      text.textContent = `${{ wanted: "wanted ", across: "by moments " }[part] ?? ""}${coopPinNumber(size)} ${unit}`;
     };
     arrows[name] = arrow;
   }
@@ -157,7 +158,7 @@ function coopPinScene(pane, labels, page) {
   const THICKNESS = 0.1, RING = 0.045, Z = vector(0, 0, 1);
   const struts = first.arms.flatMap((_, i) => first.arms.slice(i + 1).map((_, k) => makeStrut(i, i + 1 + k)));
   function makeStrut(i, j) {
-    const object = new three.Group(), ring = new three.Group(), rods = {}, text = document.createElement("span");
+    const object = new three.Group(), ring = new three.Group(), rods = {}, along = vector();
     const part = (geometry, order, options) => {
       const mesh = new three.Mesh(geometry, new three.MeshBasicMaterial({ transparent: true, depthTest: false, depthWrite: false, ...options }));
       mesh.renderOrder = order;
@@ -172,12 +173,22 @@ function coopPinScene(pane, labels, page) {
     object.add(ring);
     inLayer("struts", object);
     viewer.scene.add(object);
-    labels.append(text);
-    const strut = { name: `${first.arms[i]} to ${first.arms[j]}`, tension: 0, twist: 0, wanted: 0, radius: 0, middle: vector(), tip: vector(), text, object };
+    const strut = { name: `${first.arms[i]} to ${first.arms[j]}`, tension: 0, twist: 0, wanted: 0, radius: 0, middle: vector(), start: vector(), tip: vector(), object };
+    const label = labels.add({
+      text: () => strut.said(), anchor: () => strut.middle, away: () => strut.inwards(), steady: () => strut.middle,
+      ends: () => object.visible && isLoaded() && [strut.start, strut.tip],
+      shown: (isAsked) => object.visible && isLoaded() && (isAsked || !isCrowded || strut === worst),
+    }, "", 1);
+    const isLoaded = () => !isCrowded || strut.tension !== 0 || strut.wanted !== 0; // else an arm that holds nothing
+    strut.text = label.span;
+    // Labels stand outwards of the middle of several struts; else below a level one and beside a steep one.
+    strut.inwards = () => (isCrowded ? middle : strut.middle.clone().add(Math.abs(along.z) < 0.7 ? vector(0, 0, 1) : vector(-1, 0, 0).applyQuaternion(camera.quaternion)));
     strut.set = (tips, [tension, twist, wanted, wantedTwist]) => {
-      const along = tips[j].clone().sub(tips[i]), length = along.length(), squeezed = (Math.abs(tension) < 0.05 ? wanted : tension) < 0;
+      along.copy(tips[j]).sub(tips[i]);
+      const length = along.length(), squeezed = (Math.abs(tension) < 0.05 ? wanted : tension) < 0;
       const [radius, outline] = [tension, wanted].map((newtons) => THICKNESS * drawnLength(Math.abs(newtons), scales.forces));
       Object.assign(strut, { tension, twist, wanted, radius });
+      strut.start.copy(tips[i]);
       strut.tip.copy(tips[j]);
       strut.middle.copy(tips[i]).lerp(tips[j], 0.5);
       object.position.copy(tips[i]);
@@ -192,23 +203,36 @@ function coopPinScene(pane, labels, page) {
       ring.position.z = 0.7 * length; // as it turns the payload at the second grasp
       ring.scale.setScalar(RING * (0.6 + turn));
       ring.scale.x *= Math.sign(twist);
-      text.style.borderColor = squeezed ? page.colours.squeezed : page.colours.torn;
+      Object.assign(strut, { wantedTwist, twisted: ring.visible });
+      label.span.style.borderColor = squeezed ? page.colours.squeezed : page.colours.torn;
+    };
+    strut.said = () => {
+      const { tension, twist, wanted, wantedTwist, twisted } = strut, squeezed = (Math.abs(tension) < 0.05 ? wanted : tension) < 0;
       const said = (newtons) => (Math.abs(newtons) < 0.05 ? "0 N" : `${newtons < 0 ? "squeezed" : "pulled apart"} ${coopPinNumber(Math.abs(newtons))} N`);
       const isMet = struts.length > 1 && Math.abs(tension - wanted) < 0.05 * Math.abs(wanted); // the outline tells: numbers of many struts are short
-      text.textContent = said(tension) + (isMet || Math.abs(wanted) < 0.05 ? "" : `\nwanted ${wanted < 0 === squeezed && Math.abs(tension) >= 0.05 ? coopPinNumber(Math.abs(wanted)) : said(wanted)}`)
-        + (ring.visible ? `\ntwisted ${coopPinNumber(Math.abs(twist))} N m` + (Math.abs(wantedTwist) < 0.005 ? "" : `, wanted ${coopPinNumber(Math.abs(wantedTwist))}`) : "");
+      return said(tension) + (isMet || Math.abs(wanted) < 0.05 ? "" : `\nwanted ${wanted < 0 === squeezed && Math.abs(tension) >= 0.05 ? coopPinNumber(Math.abs(wanted)) : said(wanted)}`)
+        + (twisted ? `\ntwisted ${coopPinNumber(Math.abs(twist))} N m` + (Math.abs(wantedTwist) < 0.005 ? "" : `, wanted ${coopPinNumber(Math.abs(wantedTwist))}`) : "");
     };
     return strut;
   }
 
-  // Names of the arms, at their bases.
-  const names = first.arms.map((arm, k) => {
-    const text = document.createElement("span");
-    text.textContent = arm;
-    text.style.borderColor = first.arm_colours[k];
-    labels.append(text);
+  // The strut that is farthest from what is wanted; another one has to be clearly worse.
+  let worst = struts[0];
+  function chooseWorst() {
+    const error = ({ tension, wanted, object }) => (object.visible ? Math.abs(tension - wanted) + 1e-3 * Math.abs(tension) : -1);
+    const other = struts.reduce((a, b) => (error(b) > error(a) ? b : a), worst);
+    if (error(other) > 1.3 * error(worst) + 0.1) { worst = other; }
+  }
+
+  // Names of two arms stand at their bases; of more, at their grasps, with the internal force of the arm.
+  first.arms.forEach((arm, k) => {
     const platform = `arms/${arm}/base_yaw`; // of a mobile base: its position moves
-    return { text, base: first.nodes.includes(platform) ? node(platform).position : vector(...first.bases[k]) };
+    const base = first.nodes.includes(platform) ? node(platform).position : vector(...first.bases[k]), internal = arrows[`forces/${arm}/internal`];
+    const size = () => internal.value.length(), isTold = () => internal.object.visible && !(isFree[k] && size() < 0.05);
+    const force = () => (isFree[k] ? ", free" : "") + (isTold() ? ` ${coopPinNumber(size())} N` : "");
+    labels.add(isCrowded
+      ? { text: () => arm + force(), anchor: () => tips[k], away: () => middle, steady: () => tips[k], shown: () => true }
+      : { text: () => arm, anchor: () => unhidden(base), away: () => base.clone().setZ(base.z - 1), steady: () => base, centred: true, shown: () => true }, first.arm_colours[k], 0);
   });
 
   const ray = new three.Raycaster();
@@ -222,51 +246,12 @@ function coopPinScene(pane, labels, page) {
     return at;
   }
 
-  // Numbers stand beyond the outer ends, and below each other where they would overlap.
-  function placeLabels() {
-    const { clientWidth: width, clientHeight: height } = pane, placed = [], isCrowded = width < 500 && struts.length > 1;
-    for (const { text, base } of names) {
-      const at = unhidden(base).project(viewer.camera), long = text.offsetWidth;
-      const x = Math.max(0, Math.min((1 + at.x) * width / 2 - long / 2, width - long));
-      let y = Math.max(0, Math.min((1 - at.y) * height / 2, height - 18));
-      while (placed.some(([a, b, other]) => a < x + long && x < a + other && Math.abs(b - y) < 17)) { y -= 17; } // two arms of one robot
-      text.style.transform = `translate(${x}px, ${y}px)`;
-      placed.push([x, y, long]);
-    }
-    const centre = struts.reduce((sum, { middle }) => sum.add(middle), vector()).divideScalar(struts.length).project(viewer.camera);
-    for (const { middle, tip, text, object, tension, wanted } of struts) {
-      text.hidden = !object.visible || (struts.length > 1 && tension === 0 && wanted === 0); // of an arm that holds nothing
-      if (text.hidden) { continue; }
-      const [at, end] = [middle, tip].map((point) => point.clone().project(viewer.camera)), long = text.offsetWidth, lines = text.textContent.split("\n");
-      // Outwards of a triangle, else below a level strut and beside a steep one.
-      let [right, down] = [(at.x - centre.x) * width, (centre.y - at.y) * height];
-      if (struts.length === 1) { [right, down] = Math.abs(end.y - at.y) * height > Math.abs(end.x - at.x) * width ? [1, 0] : [0, 1]; }
-      const norm = Math.hypot(right, down) || 1, tall = 8 * lines.length;
-      const x = Math.max(0, Math.min((1 + at.x) * width / 2 - long / 2 + right / norm * (long / 2 + 12), width - long));
-      let y = Math.min((1 - at.y) * height / 2 - tall + down / norm * (tall + 12), height - 2 * tall);
-      while (placed.some(([a, b, other]) => a < x + long && x < a + other && b < y + 17 * lines.length && y < b + 17)) { y += 17; }
-      text.style.transform = `translate(${x}px, ${y}px)`;
-      lines.forEach((_, line) => placed.push([x, y + 16 * line, long]));
-    }
-    for (const { outer, inner, text, object, length, part } of Object.values(arrows)) {
-      const [end, start] = [outer, inner].map((point) => point.clone().project(viewer.camera));
-      text.hidden = !object.visible || length < 0.03 || Math.abs(end.z) > 1 || (["wanted", "across"].includes(part) && width < 500) || isCrowded;
-      if (text.hidden) { continue; }
-      const long = 13 + 7.2 * text.textContent.length;
-      let [x, y] = [(1 + end.x) * width / 2 + (end.x < start.x ? -8 - long : 8), (1 - end.y) * height / 2 - 9];
-      x = Math.max(0, Math.min(x, width - long));
-      while (placed.some(([a, b, other]) => a < x + long && x < a + other && Math.abs(b - y) < 17)) { y += 17; }
-      placed.push([x, y, long]);
-      text.style.transform = `translate(${x}px, ${y}px)`;
-    }
-  }
-
   // ---------------------------------------------------------------- frames
   function blocksOf(run) {
     let start = 0;
     return Object.fromEntries(Object.entries(run.blocks).map(([name, size]) => [name, (start += size) - size]));
   }
-  const warned = {};
+  const warned = {}, FREE = 3; // its code, of frames.py
   function setWarning(path, code) {
     if ((warned[path] ?? 0) === code) { return; }
     warned[path] = code;
@@ -289,17 +274,19 @@ function coopPinScene(pane, labels, page) {
     });
   }
   const at = blocksOf(first);
-  function show(from, to, share) {
+  // Numbers of labels are written anew if it tells; labels glide to their places where a run plays, else they are there at once.
+  function show(from, to, share, tells = true, glides = false) {
     const centre = vector(), nowhere = vector(), groups = scales.moments === null ? ["forces"] : ["forces", "moments"];
     pose(at, from, to, share);
     centre.fromArray(from, at.poses + 7 * first.nodes.indexOf("payload"));
-    const tips = first.arms.map((_, k) => vector().fromArray(from, at.tips + 3 * k)), all = tips.reduce((sum, tip) => sum.add(tip), vector());
+    tips.forEach((tip, k) => tip.fromArray(from, at.tips + 3 * k));
+    middle.copy(tips.reduce((sum, tip) => sum.add(tip), vector()).divideScalar(tips.length));
     groups.forEach((group, g) => {
       const wrench = (block, arm, sign) => [0, 1, 2].map((axis) => sign * from[at[block] + 6 * arm + 3 * g + axis]);
       first.arms.forEach((arm, k) => {
         // Frames hold the wrenches on the arms, as the equations do; drawn are those of the arms on the payload.
         const [whole, internal, wanted] = ["interaction", "internal", "wanted"].map((block) => wrench(block, k, -1)), tip = tips[k];
-        const inwards = all.clone().addScaledVector(tip, -first.arms.length).normalize(); // to the middle of the other grasps: the axial direction
+        const inwards = middle.clone().sub(tip).normalize(); // to the middle of the other grasps: the axial direction
         arrows[`${group}/${arm}/load`].set(tip, inwards, ...whole.map((value, axis) => value - internal[axis]));
         arrows[`${group}/${arm}/internal`].set(tip, inwards, ...internal);
         arrows[`${group}/${arm}/wanted`].set(tip, inwards, ...wanted);
@@ -310,7 +297,10 @@ function coopPinScene(pane, labels, page) {
     struts.forEach((strut, k) => strut.set(tips, [...strutValues(k, 0), ...strutValues(k, 1)]));
     first.arms.forEach((arm, k) => arrows[`forces/${arm}/across`].set(tips[k], nowhere, ...[0, 1, 2].map((axis) => -from[at.across + 3 * k + axis])));
     first.nodes.slice(0, -2).forEach((path, k) => setWarning(path, from[at.warnings + k]));
+    first.arms.forEach((arm, k) => { isFree[k] = from[at.warnings + first.nodes.findIndex((path) => path.startsWith(`arms/${arm}/`))] === FREE; });
     follow();
+    isStill = !glides;
+    if (tells) { chooseWorst(); labels.tell(); }
     viewer.set_dirty();
   }
 
@@ -331,14 +321,12 @@ function coopPinScene(pane, labels, page) {
   }
 
   // ---------------------------------------------------------------- light, camera, views
-  const { eye, target, field_of_view: field } = first.scene.camera, camera = new three.PerspectiveCamera(field, 1, 0.02, 60);
-  const home = vector(...eye).sub(vector(...target)), distance = home.length();
+  const { eye, target, field_of_view: field, follows } = first.scene.camera, camera = new three.PerspectiveCamera(field, 1, 0.02, 60);
+  const home = vector(...eye).sub(vector(...target)), distance = home.length(), SUN = vector(-1, -1.4, 3.2);
   camera.up.set(0, 0, 1);
   viewer.controls.dispose();
   viewer.set_camera(camera);
   const sun = new three.DirectionalLight(0xffffff, 0.46);
-  sun.position.set(...target).add(vector(-1, -1.4, 3.2));
-  sun.target.position.set(...target);
   sun.castShadow = true;
   sun.shadow.mapSize.set(1024, 1024);
   Object.assign(sun.shadow.camera, { left: -1.8, right: 1.8, top: 1.8, bottom: -1.8, near: 0.1, far: 9 });
@@ -349,37 +337,40 @@ function coopPinScene(pane, labels, page) {
   viewer.scene.add(sun, sun.target, soft, new three.HemisphereLight(0xffffff, 0xd5dae2, 0.48));
   viewer.scene.fog = new three.Fog(0xe9edf2, 2.2 * distance, 4.2 * distance);
 
+  // A payload that travels far is followed from the start: framed is the instant at which it is where the camera goes with it.
   let followed = null;
   function follow() {
-    const at = node("payload").position;
     if (followed === null) { return; }
-    camera.position.add(at).sub(followed);
-    viewer.controls.target.add(at).sub(followed);
-    followed.copy(at);
+    const way = node("payload").position.clone().sub(followed);
+    for (const point of [camera.position, viewer.controls.target, sun.position, sun.target.position]) { point.add(way); }
+    followed.add(way);
   }
   const directions = { reset: () => home, top: () => vector(0, -1e-3, 1.25 * distance), side: () => vector(home.x, home.y, 0).setLength(distance) };
   function view(name) {
-    followed = name === "follow" ? node("payload").position.clone() : null;
-    const centre = followed ?? vector(...target);
+    followed = name === "follow" ? node("payload").position.clone() : follows ? vector(...follows) : null;
+    const centre = name === "follow" ? followed : vector(...target);
     viewer.controls.target.copy(centre);
     camera.position.copy(centre).add(name === "follow" ? home.clone().multiplyScalar(0.7) : directions[name]());
+    sun.target.position.copy(centre);
+    sun.position.copy(centre).add(SUN);
+    follow();
     viewer.set_dirty();
   }
 
-  let shownSize = "";
+  let shownSize = "", isStill = true;
   viewer.set_3d_pane_size = () => {
     const { clientWidth: width, clientHeight: height } = pane;
     if (!width || !height || shownSize === `${width} ${height}`) { return; }
     shownSize = `${width} ${height}`;
     camera.aspect = width / height;
-    const half = Math.tan(field * Math.PI / 360) / Math.min(camera.aspect / 1.2, 1);
-    camera.fov = 360 / Math.PI * Math.atan(half); // a narrow window shows as much as one of 6 to 5
+    const half = Math.tan(field * Math.PI / 360) / Math.min(camera.aspect / 1.4, 1);
+    camera.fov = 360 / Math.PI * Math.atan(half); // a narrow window shows as much as one of 7 to 5
     viewer.renderer.setSize(width, height);
     viewer.set_dirty();
   };
   new ResizeObserver(viewer.set_3d_pane_size).observe(pane);
   const render = viewer.render.bind(viewer);
-  viewer.render = () => { render(); placeLabels(); };
+  viewer.render = () => { render(); labels.place(isStill); };
 
   function setLayer(name, on) {
     layers[name] = on;
@@ -388,5 +379,5 @@ function coopPinScene(pane, labels, page) {
   }
   view("reset");
   trail("desired", points(floats(first.desired)), "#9a9fa6", 0.004);
-  return { viewer, node, arrows, struts, layers, show, trail, travelled, view, setLayer };
+  return { viewer, node, arms: first.arms, tips, arrows, struts, layers, show, trail, travelled, view, setLayer };
 }
