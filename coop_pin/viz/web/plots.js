@@ -131,11 +131,11 @@ function coopPinPlots(place, page, runs, seek) {
     const axis = { font: FONT, stroke: "#52606d", grid: { stroke: "#e6e9ed", width: 1 }, ticks: { show: false } };
     const line = document.createElement("i"), cursor = (one) => { line.style.left = `${one.valToPos(now, "x")}px`; };
     const u = new uPlot({
-      width: holder.clientWidth || 300, height: holder.clientHeight || 90, legend: { show: false }, padding: bare ? [2, 0, 2, 0] : [6, 14, last ? 0 : 4, 0],
+      width: holder.clientWidth || 300, height: holder.clientHeight || 90, legend: { show: false }, padding: bare ? [2, 0, 2, 0] : [first ? 0 : 6, 14, last ? 0 : 4, 0],
       cursor: { show: !bare, y: false, points: { show: false }, drag: { x: !bare, y: false }, ...(bare ? {} : { sync: { key: "time" } }) },
       scales: { x: { time: false }, y: { distr: 100, fwd: (v) => forward(v, y), bwd: (v) => backward(v, y), range } },
       axes: [
-        { ...axis, show: !bare, size: last ? 22 : 4, values: (_, all) => all.map((time) => (last ? `${time} s` : "")) },
+        { ...axis, show: !bare, side: first ? 0 : 2, size: first || last ? 22 : 4, values: (_, all) => all.map((time) => (first || last ? `${time} s` : "")) }, // the last may be out of sight
         { ...axis, show: !bare, size: 42, splits: () => ticks(y), values: (_, all) => all.map((tick) => (tick === y.low || tick === y.high ? coopPinNumber : coopPinTick)(tick)), filter: (_, all) => all },
       ],
       series: [{}, ...drawn.map(styled)],
@@ -183,7 +183,7 @@ function coopPinPlots(place, page, runs, seek) {
   const titles = page.plots.map(({ key, title, unit, curves }) => {
     const heading = document.createElement("h2"), present = document.createElement("output"), holder = document.createElement("div");
     const most = Math.max(...curves.map(({ column }) => runs[0].columns[column].reduce((worst, value) => Math.max(worst, Math.abs(value)), 0)));
-    heading.textContent = `${title}, ${unit}${key === "share" ? ` (at most ${coopPinWhole(most)} %)` : key === "torque" && !page.live ? ", no limits given" : ""}`;
+    heading.textContent = `${title}, ${unit}${key === "share" && !page.live ? ` (at most ${coopPinWhole(most)} %)` : key === "torque" && !page.live ? ", no limits given" : ""}`;
     present.innerHTML = caption(curves);
     place.append(heading, present, holder);
     return { present, curves, holder, unit, name: `plot over time: ${heading.textContent}` };
