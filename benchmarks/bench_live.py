@@ -32,6 +32,7 @@ from coop_pin.viz.browser import find_browser, launch
 def slowdown(scenario: cp.Scenario, blocks: int) -> None:
     """Print the cost of a view for a run."""
     view, every = open_view(scenario), open_view(scenario)
+    print(f"served at {view.url} and {every.url}")
     tasks = {
         "alone": lambda: cp.run(scenario),
         "with a view, 30 frames per second of wall time": lambda: cp.run(
@@ -62,6 +63,7 @@ def slowdown(scenario: cp.Scenario, blocks: int) -> None:
 def frames(scenario: cp.Scenario) -> None:
     """Print the frame rates of sender, client and browser at real time."""
     view = open_view(scenario)
+    print(f"served at {view.url}")
     arrived, ready = dict[float, float](), threading.Event()
     client = threading.Thread(target=lambda: asyncio.run(receive(view, arrived, ready)), daemon=True)
     client.start()

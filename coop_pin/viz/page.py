@@ -120,7 +120,6 @@ def page_parts(
             "instants": [],
             "start": 0.0,
             "live": False,
-            "still": "",
             "pushes": True,
             "peak": thickest,
         },
@@ -145,7 +144,7 @@ def page_parts(
 
 def page_scripts() -> str:
     """Return the scripts that a page runs before its data are read."""
-    scripts = ("uplot/uPlot.iife.min.js", "labels.js", "stage.js", "plots.js")
+    scripts = ("uplot/uPlot.iife.min.js", "labels.js", "stage.js", "plots.js", "push.js")
     return "\n".join((_viewer_file("main.min.js"), *map(web_file, scripts)))
 
 

@@ -23,7 +23,7 @@ from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import grasp_stability
 from coop_pin.viz.frames import snapshot_samples
 from coop_pin.viz.highlights import telling_instant
-from coop_pin.viz.live.live_view import LiveScene, initial_scene
+from coop_pin.viz.live.live_scene import LiveScene, initial_scene
 
 BAR = {"kind": "bar", "mass": 1.5, "length": 0.24}
 

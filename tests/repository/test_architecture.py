@@ -145,12 +145,14 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "viz": (
         {"description", "figures", "grasps", "model", "reference", "results", "running", "simulation"},
         {
+            "anywidget",
             "fast_simplification",
             "imageio_ffmpeg",
             "ipywidgets",
             "matplotlib",
             "playwright",
             "tornado",
+            "traitlets",
             "xarray",
         },
     ),

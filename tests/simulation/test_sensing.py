@@ -21,7 +21,7 @@ from coop_pin.simulation.devices.encoder import Encoders
 from coop_pin.simulation.devices.signals import SensorSignals, generator
 from coop_pin.simulation.devices.wrist import Wrist
 from coop_pin.simulation.simulation import Simulation
-from coop_pin.viz.live.live_view import LiveScene, initial_scene
+from coop_pin.viz.live.live_scene import LiveScene, initial_scene
 from coop_pin.viz.report import scenario_facts
 
 T = 0.0125

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
+from contextlib import contextmanager
 from pathlib import Path
 
 import matplotlib.image
@@ -21,7 +22,8 @@ import coop_pin as cp
 from coop_pin.description.catalogue import scenario_names
 from coop_pin.viz import save_replay, save_report
 from coop_pin.viz.highlights import telling_instant
-from coop_pin.viz.live.live_view import LiveScene, initial_scene, open_view
+from coop_pin.viz.live.live_scene import LiveScene, initial_scene
+from coop_pin.viz.live.live_view import open_view
 from coop_pin.viz.scene import recorded_scales
 
 REPOSITORY = Path(__file__).parents[2]
@@ -47,6 +49,11 @@ TOLD = """[coopPin.arrows["forces/left/internal"].value.length(),
 STRUTS = """coopPin.struts.map(({ name, tension, twist, wanted, radius, text }) =>
     [name, tension, twist, wanted, radius, text.textContent])"""
 LINEAR_M, LONGEST_M = 0.25, 0.5
+PAYLOAD_PX = """() => {
+    const { viewer, node } = coopPin, at = node("payload").position.clone().project(viewer.camera);
+    const { left, top, width, height } = viewer.renderer.domElement.getBoundingClientRect();
+    return [left + (1 + at.x) * width / 2, top + (1 - at.y) * height / 2]; }"""
+"""Where the payload's centre is drawn, pixels from the corner of the page."""
 AS_FAR_AS_THE_PANEL = ("import coop_pin as cp", "panel = Panel(scenario)")
 
 
@@ -689,14 +696,14 @@ def test_a_notebook_of_the_site_shows_what_it_computed_with_the_network_off(site
 # ---------------------------------------------------------------- JupyterLab
 
 
-@pytest.fixture
-def lab(tmp_path):
-    """Address of a new JupyterLab that serves copies of the notebooks."""
-    pytest.importorskip("jupyterlab", reason="jupyterlab is not installed: pip install 'coop-pin[test]'")
+@contextmanager
+def jupyter(folder, module):
+    """Address and token of a new JupyterLab or Notebook 7 that serves copies of the notebooks."""
+    pytest.importorskip(module, reason=f"{module} is not installed: pip install 'coop_pin[test]'")
     for name in NOTEBOOKS:
-        shutil.copy(NOTEBOOK.with_name(f"{name}.ipynb"), tmp_path)
+        shutil.copy(NOTEBOOK.with_name(f"{name}.ipynb"), folder)
     own = {
-        name: str(tmp_path / name.lower())
+        name: str(folder / name.lower())
         for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR")
     }
     options = (
@@ -704,11 +711,11 @@ def lab(tmp_path):
         "--allow-root",
         "--ip=127.0.0.1",
         "--port=0",
-        f"--ServerApp.root_dir={tmp_path}",
+        f"--ServerApp.root_dir={folder}",
         "--expose-app-in-browser",
     )
     server = subprocess.Popen(
-        [sys.executable, "-m", "jupyterlab", *options],
+        [sys.executable, "-m", module, *options],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
@@ -718,15 +725,22 @@ def lab(tmp_path):
     address = None
     while address is None:
         line = server.stderr.readline()
-        assert line, "JupyterLab did not start"
-        address = re.search(r"http://127\.0\.0\.1:\d+/lab\?token=\w+", line)
+        assert line, f"{module} did not start"
+        address = re.search(r"(http://127\.0\.0\.1:\d+)/(?:lab|tree)\?(token=\w+)", line)
     drain = threading.Thread(target=server.stderr.read, daemon=True)
     drain.start()
-    yield address[0]
-    os.killpg(server.process.pid, signal.SIGTERM)
+    yield address.groups()
+    os.killpg(server.pid, signal.SIGTERM)
     server.wait(PATIENCE_MS / 1e3)
     drain.join(PATIENCE_MS / 1e3)
     server.stderr.close()
+
+
+@pytest.fixture
+def lab(tmp_path):
+    """Address of a new JupyterLab; its path goes before the mark."""
+    with jupyter(tmp_path, "jupyterlab") as (server, token):
+        yield f"{server}/lab?{token}"
 
 
 def wait_for_the_notebook(page) -> None:
@@ -796,18 +810,54 @@ def test_a_new_kernel_of_the_live_notebook_has_a_new_view(lab):
         page.goto(lab.replace("/lab?", f"/lab/tree/{NOTEBOOK.name}?"))
         run_cells(page, *AS_FAR_AS_THE_PANEL)
         frame = live_frame(page)
-        old = frame.url
         page.get_by_role("button", name="Restart the kernel", exact=True).click()
         page.locator(".jp-Dialog .jp-mod-accept").click()
         frame.wait_for_function("document.getElementById('status').textContent.startsWith('no connection')")
         run_cells(page, *AS_FAR_AS_THE_PANEL)
-        page.wait_for_function(f"""() => {{
-            const frame = document.querySelector('iframe[title="coop_pin live"]');
-            return frame && frame.src !== {old!r}; }}""")
         frame = live_frame(page)
-        assert frame.url != old
+        frame.wait_for_function("document.getElementById('status').textContent.startsWith('live')")
         page.locator(".jupyter-button", has_text="Start").click()
         frame.wait_for_function(f"{NOW} > 0.5")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("module", ["jupyterlab", "notebook"])
+def test_a_payload_that_is_dragged_in_the_panel_is_pushed(module, tmp_path):
+    with jupyter(tmp_path, module) as (server, token), browser_page(width=1500, height=1100) as page:
+        folder = {"jupyterlab": "lab/tree", "notebook": "notebooks"}[module]
+        page.goto(f"{server}/{folder}/{NOTEBOOK.name}?{token}")
+        for word in AS_FAR_AS_THE_PANEL:
+            cell = page.locator(".jp-CodeCell", has_text=word)
+            cell.locator(".jp-InputArea-prompt").click()
+            page.keyboard.press("Shift+Enter")
+            cell.locator(".jp-InputArea-prompt", has_text=re.compile(r"\[\d+\]")).wait_for()
+        frame, element = live_frame(page), page.locator('iframe[title="coop_pin live"]')
+        page.locator(".jupyter-button", has_text="Start").click()
+        frame.wait_for_function(f"{NOW} > 1")
+        page.locator(".jupyter-button", has_text="Pause").click()
+        element.scroll_into_view_if_needed()
+        box = element.bounding_box()
+        x, y = np.add((box["x"], box["y"]), frame.evaluate(PAYLOAD_PX))
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x + 40, y - 20, steps=4)
+        frame.wait_for_function("document.querySelector('#labels .push').textContent.startsWith('push ')")
+        said = frame.evaluate("document.querySelector('#labels .push').textContent")
+        page.mouse.up()
+        frame.wait_for_function("coopPin.marks().length === 1")
+        (mark,) = frame.evaluate("coopPin.marks()")
+        assert_allclose(float(mark["text"].split()[1]), float(said.split()[1]), rtol=0.05)
+        assert_allclose(mark["end"] - mark["start"], 0.2, rtol=1e-6)
+        page.locator(".jupyter-button", has_text="Start").click()
+        frame.wait_for_function(f"{NOW} > {mark['end']}")
+        pushed = frame.evaluate(
+            "Math.max(...coopPin.runs[0].columns[1]) - Math.min(...coopPin.runs[0].columns[1])"
+        )
+        assert pushed > 5.0  # N, of the internal force
+        page.locator(".jupyter-button", has_text="Reset").click()
+        frame.wait_for_function("coopPin.marks().length === 0")
+        if kept := os.environ.get("COOP_PIN_PICTURES"):
+            page.screenshot(path=Path(kept) / f"{module}-push.png")
 
 
 @pytest.mark.slow

@@ -27,8 +27,9 @@ from coop_pin.base.errors import OutOfRangeError, PortTakenError, RunInterrupted
 from coop_pin.description.catalogue import scenario_names
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.viz import LiveView
+from coop_pin.viz.live.live_scene import LiveScene, initial_scene
 from coop_pin.viz.live.live_server import LiveServer
-from coop_pin.viz.live.live_view import LiveScene, initial_scene, open_view
+from coop_pin.viz.live.live_view import open_view
 
 PATIENCE_S = 20.0
 
@@ -350,6 +351,8 @@ def test_a_new_browser_gets_the_run_so_far_at_once(server):
 
 def test_a_viewer_killed_during_a_run_causes_one_warning(planar):
     view = open_view(planar)
+    assert view.server is None  # nobody has asked for the address
+    assert view.url
     killed = []
 
     def kill_in_the_middle(snapshot) -> None:
@@ -369,6 +372,7 @@ def test_a_viewer_killed_during_a_run_causes_one_warning(planar):
 
 def test_a_viewer_that_hangs_drops_frames_and_nothing_else(planar):
     view = open_view(planar)
+    assert view.url
     os.kill(view.server.process.pid, signal.SIGSTOP)
     seen, _ = snapshots(planar)
     with warnings.catch_warnings():
@@ -398,22 +402,24 @@ def test_a_run_goes_on_with_a_warning_if_no_process_can_be_started(planar, monke
         raise OSError("no more processes")
 
     monkeypatch.setattr(subprocess, "Popen", refuse)
+    view = open_view(planar)
     with pytest.warns(ViewWarning, match="no more processes"):
-        view = open_view(planar)
+        assert view.url == ""
     assert cp.run(planar, view=view, realtime_rate=math.inf, warn=False).end == planar.duration
-    assert view.url == ""
 
 
 def test_a_closed_view_is_silent(planar):
     view = open_view(planar)
+    url = view.url
     view.close()
     view.close()
     snapshot = initial_scene(planar).snapshot
     view.show(snapshot)
     view(snapshot)
     assert view.sent == 0
+    assert view.url == url
     assert not is_there(view.server.process.pid)
-    assert not accepts_connections(view.url)
+    assert not accepts_connections(url)
 
 
 def test_rates_must_be_positive(planar):

@@ -55,7 +55,7 @@ from coop_pin.viz.cell_scene import (
 from coop_pin.viz.curves import thinned_rows
 from coop_pin.viz.frames import frame_samples
 from coop_pin.viz.highlights import instants, read_number, telling_instant, verdict_lines
-from coop_pin.viz.live.live_view import LiveScene, initial_scene
+from coop_pin.viz.live.live_scene import LiveScene, initial_scene
 from coop_pin.viz.page import page_scripts
 from coop_pin.viz.replay import run_names, shared_caption
 from coop_pin.viz.scene import TYPICAL_M, recorded_scales

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,20 @@ def squeeze_force(scenario: Scenario) -> float:
     return float(np.linalg.norm(scenario.squeeze_wrenches[:, :3], axis=1).max())
 
 
+class Change(NamedTuple):
+    """Change of a run under way.
+
+    Attributes:
+        start: s.
+        end: s; of a push later than the start.
+        text: what was changed, and to which value.
+    """
+
+    start: float
+    end: float
+    text: str
+
+
 class LiveRun:
     """Interactive simulation: start, pause, reset, push, and changes of gains, payload mass and squeeze.
 
@@ -36,8 +50,9 @@ class LiveRun:
         scenario: scenario with all changes; the next reset starts from it.
         error: the error that ended the run; None if there is none.
         squeeze: largest desired internal force on an arm, N.
+        changes: changes since the start or the last reset.
         on_end: function that is called from the run's thread when the run finishes or fails.
-        on_change: function that is called after a change of gains, mass or squeeze, and after a reset.
+        on_change: function that is called after a change of gains, mass or squeeze, a push and a reset.
     """
 
     error: CoopPinError | None
@@ -57,6 +72,7 @@ class LiveRun:
             OutOfRangeError: the real-time rate is not greater than zero.
         """
         self.scenario, self.squeeze, self.error = scenario, squeeze_force(scenario), None
+        self.changes: tuple[Change, ...] = ()
         self.on_end: Callable[[], None] = lambda: None
         self.on_change: Callable[[], None] = lambda: None
         self._view, self._pace = view, RealtimePacer(realtime_rate)
@@ -107,7 +123,7 @@ class LiveRun:
         """Pause, and return to the start with the current values."""
         self.pause()
         self._simulation, self.error = Simulation(self.scenario, build_controller(self.scenario)), None
-        self.squeeze = squeeze_force(self.scenario)
+        self.squeeze, self.changes = squeeze_force(self.scenario), ()
         self.on_change()
 
     def step(self) -> None:
@@ -134,7 +150,7 @@ class LiveRun:
         with self._lock:
             self.scenario = changed
             self._simulation.replace_controller(controller)
-        self.on_change()
+        self._changed(", ".join(f"{_name(field)} {_said(value)}" for field, value in fields.items()))
 
     def change_mass(self, mass: float) -> None:
         """Change the mass of the payload, kg.
@@ -147,7 +163,7 @@ class LiveRun:
             self.scenario = self.scenario.replace(cell=self.scenario.cell.replace(payload=payload))
             if not self._simulation.is_finished:
                 self._simulation.add_event(PayloadChange(time=self._simulation.time, mass=mass))
-        self.on_change()
+        self._changed(f"payload {mass:.3g} kg")
 
     def change_squeeze(self, newtons: float) -> None:
         """Replace the squeeze by that of the scenario at t = 0, scaled to a largest force on an arm, N.
@@ -168,7 +184,7 @@ class LiveRun:
                 self.scenario = self.scenario.replace(squeeze=squeeze)
             self._simulation.replace_squeeze(squeeze)
             self.squeeze = newtons
-        self.on_change()
+        self._changed(f"squeeze {newtons:.3g} N")
 
     def push(self, wrench: tuple[float, ...], duration: float) -> None:
         """Apply an external wrench to the payload from the next tick on.
@@ -180,9 +196,15 @@ class LiveRun:
         with self._lock:
             time = self._simulation.time
             left = (self._simulation.scenario.duration - time) * _ROUNDED_DOWN
-            if left > 0.0:
-                pulse = WrenchPulse(time=time, duration=min(duration, left), wrench=wrench)
-                self._simulation.add_event(pulse)
+            if not left > 0.0:
+                return
+            pulse = WrenchPulse(time=time, duration=min(duration, left), wrench=wrench)
+            self._simulation.add_event(pulse)
+        self._changed(f"push {np.linalg.norm(wrench[:3]):.3g} N", pulse.duration)
+
+    def _changed(self, text: str, duration: float = 0.0) -> None:
+        self.changes += (Change(self.time, self.time + duration, text),)
+        self.on_change()
 
     def _run(self) -> None:
         while not self._stop.is_set() and not self.is_finished:
@@ -196,3 +218,14 @@ class LiveRun:
                 self.error.__cause__ = error
         if self.is_finished:
             self.on_end()
+
+
+def _name(field: str) -> str:
+    return field.rpartition(".")[2].replace("_", " ")
+
+
+def _said(value: Any) -> str:
+    """Return a field's value in a few characters."""
+    if isinstance(value, int | float | str):
+        return f"{value:.3g}" if isinstance(value, float) else str(value)
+    return "changed"

@@ -10,6 +10,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from coop_pin.base.arrays import Array
 from coop_pin.base.errors import CoopPinError, needs_extra
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.finding import Findings
@@ -17,11 +20,11 @@ from coop_pin.results.run_result import RunResult
 from coop_pin.running.check import run_findings
 from coop_pin.viz.live.live_run import LiveRun, squeeze_force
 from coop_pin.viz.live.live_view import open_view
-from coop_pin.viz.page import page_frame
 
 _DECADE = 10.0
 _RATES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
-_PUSH_N, _LARGEST_PUSH_N, _PUSH_S = 150.0, 500.0, 0.2
+_PUSH_N_PER_KG, _LARGEST_PUSH_N_PER_KG, _PUSH_S = 13.5, 45.0, 0.2
+"""Of the payload: arms that carry little are pushed little."""
 _MASS_FACTOR = 4.0
 _LARGEST_SQUEEZE_FACTOR = 4.0
 _SLIDER_STEPS = 200
@@ -109,7 +112,7 @@ class Panel:
             realtime_rate: simulated seconds per second of wall time.
 
         Raises:
-            MissingExtraError: ipywidgets is not installed.
+            MissingExtraError: anywidget or ipywidgets is not installed.
             ScenarioError: the scenario has mistakes.
             UnreachablePoseError: an arm does not reach its grasp at the start.
         """
@@ -128,11 +131,16 @@ class Panel:
             "reset": self._button("Reset", "undo", self._reset),
             "push": self._button("Push", "hand-pointer-o", self._push),
         }
-        frame = self._kit.HTML(self.view.frame_html(height=_HEIGHT), layout={"width": "100%"})
+        self._push_n, self._most_push_n = (
+            float(f"{per_kg * scenario.cell.payload.mass:.2g}")
+            for per_kg in (_PUSH_N_PER_KG, _LARGEST_PUSH_N_PER_KG)
+        )
+        self._live = self.view.in_notebook(height=_HEIGHT, most_push=self._most_push_n)
+        self._live.on_push = self._push_at
         self._status = self._kit.HTML()
         known = "".join(f"<p>{html.escape(str(finding))}</p>" for finding in _doubts(scenario))
         doubts = self._kit.HTML(f'<div style="color: {_RED}">{known}</div>')
-        self.widget = self._kit.VBox([frame, doubts, self._controls(scenario), self._status])
+        self.widget = self._kit.VBox([self._live, doubts, self._controls(scenario), self._status])
         self._show_state()
 
     def result(self) -> RunResult:
@@ -146,8 +154,8 @@ class Panel:
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         """Return the widget, and a still image with the reason for pages without a kernel."""
-        page = self.view.page(still="still image: buttons and sliders need a running notebook")
-        still = page_frame(_HEIGHT, "coop_pin", srcdoc=page)
+        reason = "still image: buttons and sliders need a running notebook"
+        still = self.view.still_html(reason, height=_HEIGHT)
         return self.widget._repr_mimebundle_(**options) | {"text/html": still}
 
     # ------------------------------------------------------------ layout
@@ -159,11 +167,14 @@ class Panel:
         )
         rate.observe(lambda change: setattr(self.run, "realtime_rate", change["new"]), "value")
         gains = [self._add(slider, self._change_gain(slider.field)) for slider in gain_sliders(scenario)]
+        push = Slider("push", "push, N", self._push_n, 0.0, self._most_push_n)
         acts = {"mass": self.run.change_mass, "squeeze": self.run.change_squeeze}
         rest = [self._add(slider, acts[slider.field]) for slider in self._load_sliders()]
-        rest.append(self._add(Slider("push", "push, N", _PUSH_N, 0.0, _LARGEST_PUSH_N), lambda _: None))
+        rest.append(self._add(push, lambda _: None))
+        half = max(len(rest) + 1, (len(gains) + 1) // 2)
         buttons = self._kit.HBox([*self.buttons.values(), rate])
-        return self._kit.HBox([self._kit.VBox([buttons, *rest]), self._kit.VBox(gains)])
+        columns = [self._kit.VBox(part) for part in ([buttons, *rest], gains[:half], gains[half:])]
+        return self._kit.HBox(columns, layout={"flex_flow": "row wrap"})
 
     def _load_sliders(self) -> list[Slider]:
         """Return the sliders of the payload's mass and of the squeeze, if there is one, as they are now."""
@@ -188,7 +199,7 @@ class Panel:
             description=slider.label,
             continuous_update=False,
             style={"description_width": "110px"},
-            layout={"width": "380px"},
+            layout={"width": "350px"},
         )
         widget.observe(lambda change: self._act(functools.partial(act, change["new"])), "value")
         return widget
@@ -205,7 +216,8 @@ class Panel:
             self._try(act)
 
     def _follow(self) -> None:
-        """Show in the sliders what has changed in the run, without acting on it again."""
+        """Show in the sliders and on the clock what has changed in the run, without acting on it again."""
+        self._live.changes = [change._asdict() for change in self.run.changes]
         self._is_following = True
         for slider in (*gain_sliders(self.run.scenario), *self._load_sliders()):
             widget, was = self.sliders.get(slider.field), self._shown.get(slider.field)
@@ -247,6 +259,13 @@ class Panel:
 
     def _push(self) -> None:
         self.run.push((0.0, self.sliders["push"].value, 0.0, 0.0, 0.0, 0.0), _PUSH_S)
+
+    def _push_at(self, point: Array, force: Array) -> None:
+        """Push the payload at a point, m, by a force, N; only in the rows that the cell controls."""
+        rows = self.run.scenario.cell.task_rows
+        moment = np.cross(point - self.view.payload_position, force)
+        wrench = rows.expand(rows.select(np.concatenate((force, moment))))
+        self._try(lambda: self.run.push(tuple(wrench.tolist()), _PUSH_S))
 
     def _change_gain(self, field: str) -> Callable[[float], None]:
         return lambda value: self.run.change({field: self._shown[field].field_value(value)})

@@ -1,5 +1,5 @@
 "use strict";
-// One clock for 3-D view, plots and tiles. A recorded run is played; of a run under way frames arrive at a WebSocket.
+// One clock for 3-D view, plots and tiles. A recorded run is played; of a run under way frames arrive at a WebSocket or from a notebook.
 (() => {
   const page = JSON.parse(document.getElementById("data").textContent), element = (id) => document.getElementById(id);
   const stage = coopPinStage(element("pane"), element("labels"), page), REDRAW_MS = 200, STILL_MS = 300, PLAYED = 0.09, PAPER_WIDE = 703, PAPER_TALL = 363, MOST_FRAMES = 20000;
@@ -183,8 +183,24 @@
     };
   }
 
+  function listen() {
+    const tell = (message) => parent.postMessage(message, "*");
+    addEventListener("message", ({ source, data }) => {
+      if (source !== parent) { return; }
+      if (data.frames) { receive(data.frames); }
+      if (data.changes) {
+        page.spans = data.changes.map((change) => ({ kind: "event", ...change }));
+        changed = true;
+      }
+      if (data.gone) { status.textContent = "no connection: the notebook's kernel has ended"; }
+    });
+    if (page.push) { coopPinPush(stage, element("labels"), page, (point, force) => tell({ kind: "push", point, force })); }
+    status.textContent = page.push ? "live: drag the payload to push it" : "live";
+    tell({ kind: "hello" });
+  }
+
   window.coopPin = {
-    ...stage, plots, runs, seek, goTo, play: () => setPlaying(true), duration: page.duration, instants: page.instants,
+    ...stage, plots, runs, seek, goTo, play: () => setPlaying(true), duration: page.duration, instants: page.instants, marks: () => page.spans,
     get count() { return count; }, get time() { return time; }, get playing() { return playing; },
   };
   trails();
@@ -192,7 +208,7 @@
   fromAddress();
   if (page.live) {
     setPlaying(true);
-    if (page.still) { status.textContent = page.still; } else { connect(); }
+    ({ server: connect, notebook: listen, none: () => { status.textContent = page.still; } })[page.channel]();
   }
   requestAnimationFrame(tick);
 })();

@@ -185,7 +185,7 @@ function coopPinPlots(place, page, runs, seek) {
   const titles = page.plots.map(({ key, title, unit, curves }) => {
     const heading = document.createElement("h2"), present = document.createElement("output"), holder = document.createElement("div");
     const most = Math.max(...curves.map(({ column }) => runs[0].columns[column].reduce((worst, value) => Math.max(worst, Math.abs(value)), 0)));
-    heading.textContent = `${title}, ${unit}${key === "share" ? ` (at most ${coopPinWhole(most)} %)` : key === "torque" && !page.live ? ", no limits given" : ""}`;
+    heading.textContent = `${title}, ${unit}${key === "share" && !page.live ? ` (at most ${coopPinWhole(most)} %)` : key === "torque" && !page.live ? ", no limits given" : ""}`;
     present.innerHTML = caption(curves);
     place.append(heading, present, holder);
     return { heading, present, curves, holder, unit, name: `plot over time: ${heading.textContent}` };
