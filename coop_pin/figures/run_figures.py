@@ -30,8 +30,8 @@ from coop_pin.results.friction import SHOWN
 from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M, energy_balance
 from coop_pin.results.run_result import RunResult
 
-_STILL = 1e-3
-"""Range of a coordinate, as a share of its value, below which its deviations are drawn."""
+_STILL, _SMALL_M = 1e-3, 0.01
+"""Range of a coordinate, as a share of its value, below which its deviations are drawn; that of mm, m."""
 
 
 @typed
@@ -71,7 +71,7 @@ def tracking_figure(result: RunResult) -> Figure:
             _draw_all_internal(panel, data, part, roles)
             label(panel, f"internal {text}", unit)
             if part == "moment":
-                legend_above(panel)
+                panel.legend(loc="best", fontsize=7.0, handlelength=1.3)
     return figure
 
 
@@ -80,7 +80,7 @@ def _draw_all_internal(panel: Axes, data: xr.Dataset, part: str, roles: Iterable
     for arm, name in enumerate(data["arm"].values):
         for role in roles:
             prefix, style = _ROLES[role]
-            drawn = {"label": f"arm {as_written(name)}"} if role == "actual" else {"alpha": 0.7} | style
+            drawn = {"label": as_written(name)} if role == "actual" else {"alpha": 0.7} | style
             values = data[f"{prefix}internal_{part}"].values[:, arm]
             panel.plot(data["time"].values, values, **drawn | {"color": palette.arm(arm)})
 
@@ -89,11 +89,17 @@ def _draw_positions(data: xr.Dataset, panels: list[Axes]) -> None:
     time, actual, desired = (data[name].values for name in ("time", "payload_position", "desired_position"))
     for axis, panel in enumerate(panels):
         name, values = f"payload {'xyz'[axis]}", np.stack((actual[:, axis], desired[:, axis]))
+        is_small = np.ptp(values) < _SMALL_M
         if is_still := np.ptp(values) < _STILL * np.abs(values[1]).max():
-            values = 1e3 * (values - values[1])
+            values = values - values[1]
+        values = 1e3 * values if is_still or is_small else values
         panel.plot(time, values[0], label="actual", **ACTUAL)
         panel.plot(time, values[1], label="desired", **DESIRED)
-        label(panel, f"{name} about the desired one" if is_still else name, "mm" if is_still else "m")
+        label(
+            panel,
+            f"{name} about the desired one" if is_still else name,
+            "mm" if is_still or is_small else "m",
+        )
     panels[0].legend(loc="best")
 
 
