@@ -30,23 +30,25 @@ from coop_pin.results.friction import SHOWN
 from coop_pin.results.metrics import ORIENTATION_BAND_RAD, POSITION_BAND_M, energy_balance
 from coop_pin.results.run_result import RunResult
 
-_STILL = 1e-3
-"""Range of a coordinate, as a share of its value, below which its deviations are drawn."""
+_STILL, _SMALL_M = 1e-3, 0.01
+"""Range of a coordinate, as a share of its value, below which its deviations are drawn; that of mm, m."""
 
 
 @typed
 def tracking_figure(result: RunResult) -> Figure:
-    """Return actual and desired payload pose, and the first arm's internal force along and across its axis.
+    """Return actual and desired payload pose, and the internal force along and across the arms' axes.
 
     Planar cells show x, y and psi (degrees); others x, y, z, and the errors of position (mm) and rotation
-    (mrad). A coordinate that hardly moves is drawn in mm about the desired one.
+    (mrad). A coordinate that hardly moves is drawn in mm about the desired one. Of two arms, whose internal
+    forces mirror each other, the first one is drawn; of more, or where arms let go, all of them. Panels are
+    read down the columns.
 
     Args:
         result: the run.
     """
     data, planar = result.data, result.scenario.cell.rows == "planar"
     with run_figure(3 if planar else 4, 2, result, "payload and internal force") as (figure, axes):
-        panels = list(axes.flat)
+        panels = list(axes.T.flat)
         _draw_positions(data, panels[: 2 if planar else 3])
         if planar:
             for name, style in (("payload", ACTUAL), ("desired", DESIRED)):
@@ -57,22 +59,47 @@ def tracking_figure(result: RunResult) -> Figure:
         else:
             _draw_error(data, panels[3], slice(0, 3), "position error", "mm")
             _draw_error(data, panels[4], slice(3, 6), "rotation-vector error", "mrad")
+        arms = [as_written(arm) for arm in data["arm"].values]
+        has_all = len(arms) > 2 or bool(result.scenario.grasp_events)
         for part, panel in zip(("moment", "axial", "shear"), panels[-3:], strict=True):
-            _draw_internal(panel, data, part, roles=_roles(result, part, "actual", "desired"))
+            roles = _roles(result, part, "actual", "desired")
             text, unit = ("moment", "N m") if part == "moment" else (f"force, {part}", "N")
-            label(panel, f"arm {as_written(data['arm'].values[0])}: internal {text}", unit)
+            if not has_all:
+                _draw_internal(panel, data, part, roles=roles)
+                label(panel, f"arm {arms[0]}: internal {text}", unit)
+                continue
+            _draw_all_internal(panel, data, part, roles)
+            label(panel, f"internal {text}", unit)
+            if part == "moment":
+                panel.legend(loc="best", fontsize=7.0, handlelength=1.3)
     return figure
+
+
+def _draw_all_internal(panel: Axes, data: xr.Dataset, part: str, roles: Iterable[str]) -> None:
+    """Draw a part of the internal wrench on each arm, in its colour; what is desired is dashed."""
+    for arm, name in enumerate(data["arm"].values):
+        for role in roles:
+            prefix, style = _ROLES[role]
+            drawn = {"label": as_written(name)} if role == "actual" else {"alpha": 0.7} | style
+            values = data[f"{prefix}internal_{part}"].values[:, arm]
+            panel.plot(data["time"].values, values, **drawn | {"color": palette.arm(arm)})
 
 
 def _draw_positions(data: xr.Dataset, panels: list[Axes]) -> None:
     time, actual, desired = (data[name].values for name in ("time", "payload_position", "desired_position"))
     for axis, panel in enumerate(panels):
         name, values = f"payload {'xyz'[axis]}", np.stack((actual[:, axis], desired[:, axis]))
+        is_small = np.ptp(values) < _SMALL_M
         if is_still := np.ptp(values) < _STILL * np.abs(values[1]).max():
-            values = 1e3 * (values - values[1])
+            values = values - values[1]
+        values = 1e3 * values if is_still or is_small else values
         panel.plot(time, values[0], label="actual", **ACTUAL)
         panel.plot(time, values[1], label="desired", **DESIRED)
-        label(panel, f"{name} about the desired one" if is_still else name, "mm" if is_still else "m")
+        label(
+            panel,
+            f"{name} about the desired one" if is_still else name,
+            "mm" if is_still or is_small else "m",
+        )
     panels[0].legend(loc="best")
 
 
@@ -147,6 +174,8 @@ def torque_figure(result: RunResult) -> Figure:
 def error_figure(result: RunResult) -> Figure:
     """Return pose errors with their bands of 5 mm and 5 mrad, closure error, and energy balance.
 
+    Where no grasp is a closure, the error of the internal force stands in the place of theirs.
+
     Args:
         result: the run.
     """
@@ -155,17 +184,22 @@ def error_figure(result: RunResult) -> Figure:
     distance, angle = data["closure_distance"].values, data["closure_angle"].values
     with run_figure(2, 2, result, "errors") as (figure, axes):
         position, orientation, closure, energy = axes.flat
-        _draw_decades(position, time, np.linalg.norm(error[:, :3], axis=1), **ACTUAL)
-        _draw_band(position, POSITION_BAND_M, "5 mm")
-        label(position, "position error", "m")
-        _draw_decades(orientation, time, np.linalg.norm(error[:, 3:], axis=1), **ACTUAL)
-        _draw_band(orientation, ORIENTATION_BAND_RAD, "5 mrad")
-        label(orientation, "orientation error", "rad")
-        _draw_decades(closure, time, distance.max(axis=1), color=palette.SERIES[0], label="distance")
-        _draw_decades(closure, time, angle.max(axis=1), color=palette.SERIES[1], label="angle")
-        frame_decades(closure, np.stack((distance, angle)))
-        label(closure, "closure error", "m, rad")
-        legend_above(closure)
+        _draw_decades(position, time, 1e3 * np.linalg.norm(error[:, :3], axis=1), **ACTUAL)
+        _draw_band(position, 1e3 * POSITION_BAND_M, "5 mm")
+        label(position, "position error", "mm")
+        _draw_decades(orientation, time, 1e3 * np.linalg.norm(error[:, 3:], axis=1), **ACTUAL)
+        _draw_band(orientation, 1e3 * ORIENTATION_BAND_RAD, "5 mrad")
+        label(orientation, "orientation error", "mrad")
+        if distance.any() or angle.any():
+            _draw_decades(closure, time, distance.max(axis=1), color=palette.SERIES[0], label="distance")
+            _draw_decades(closure, time, angle.max(axis=1), color=palette.SERIES[1], label="angle")
+            frame_decades(closure, np.stack((distance, angle)))
+            label(closure, "closure error", "m, rad")
+            legend_above(closure)
+        else:
+            parts = [np.nan_to_num(data[f"internal_{part}_error"].values) for part in ("axial", "shear")]
+            _draw_decades(closure, time, np.hypot(*parts).max(axis=1), **ACTUAL)
+            label(closure, "internal-force error, of the worst arm", "N")
         _draw_decades(energy, time, np.abs(energy_balance(data)), **ACTUAL)
         label(energy, "energy minus work", "J")
     return figure

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -154,7 +155,10 @@ def map_figure(table: xr.Dataset) -> Figure:
         )
     finite = table["value"].values[np.isfinite(table["value"].values)]
     scale = {"vmin": finite.min(), "vmax": finite.max()} if finite.size else {}
-    norm = (LogNorm if spans_large_ratio(finite) else Normalize)(**scale)
+    is_verdict = bool(finite.size) and set(np.unique(finite)) <= {0.0, 1.0}
+    norm = (LogNorm if spans_large_ratio(finite) else Normalize)(
+        **{"vmin": 0.0, "vmax": 1.0} if is_verdict else scale
+    )
     columns = min(len(maps), _MAPS_IN_A_ROW)
     rows = -(-len(maps) // columns)
     size = (5.8, 4.2) if len(maps) == 1 else (1.4 + 2.9 * columns, 0.7 + 2.5 * rows)
@@ -166,7 +170,10 @@ def map_figure(table: xr.Dataset) -> Figure:
         for number, panel in enumerate(grid.flat):
             panel.set_visible(number < len(maps))
             panel.label_outer()
-        figure.colorbar(mesh, ax=list(grid.flat), label=as_written(table.attrs["metric"]))
+        bar = figure.colorbar(mesh, ax=list(grid.flat), label=as_written(table.attrs["metric"]))
+        if is_verdict:  # two colours, no scale between them
+            mesh.set_cmap(mpl.colormaps["cividis"].resampled(2))
+            bar.set_ticks([0.25, 0.75], labels=["no", "yes"])
         handles: list[Any] = [Patch(label="failed", **_HATCHED)] if table["failed"].any() else []
         handles += [Line2D([], [], **style) for mark, style in _DOUBTS.items() if table[mark].any()]
         if handles:

@@ -30,7 +30,7 @@ from coop_pin.figures.run_figures import (
 )
 from coop_pin.results.metrics import METRIC_TEXTS, metric_text
 from coop_pin.results.run_result import RunResult
-from coop_pin.viz.highlights import events_text, telling_instant, verdict_lines
+from coop_pin.viz.highlights import events_text, read_number, telling_instant, verdict_lines
 from coop_pin.viz.page import save_page, web_file
 from coop_pin.viz.replay import replay_html
 
@@ -150,13 +150,13 @@ def report_html(result: RunResult) -> str:
         ),
         metrics="\n".join(
             f"<tr{' class=numerical' if row.name in _NUMERICAL else ''}><td>{html.escape(row.text)}</td>"
-            f'<td class="number">{html.escape(row.value)}</td>'
-            f'<td class="number">{html.escape(row.window)}</td>'
+            f'<td class="number">{html.escape(row.value).replace(" ", "&nbsp;")}</td>'
+            f'<td class="number window">{html.escape(row.window)}</td>'
             f'<td class="name"><code>{html.escape(row.name)}</code></td></tr>'
             for row in metrics_table(result)
         ),
         left_out=f"Left out, because it does not apply to this run: {html.escape(absent)}." if absent else "",
-        replay=html.escape(replay_html(result)),
+        replay=html.escape(replay_html(result).replace('class="replay"', 'class="replay inside"', 1)),
         motion=_image(motion_figure(result), "paths of payload and tips"),
         tracking=_image(
             tracking_figure(result), "payload pose against the desired one, and the axial internal force"
@@ -216,7 +216,7 @@ def _tiles(result: RunResult) -> str:
     )
     tiles.append(("off path", float(distance), "mm", f"{angle:.2g} mrad turned"))
     return "".join(
-        f"<div>{name}<b>{value:.3g} <small>{unit}</small></b>{note}</div>"
+        f"<div>{name}<b>{read_number(value)} <small>{unit}</small></b>{note}</div>"
         for name, value, unit, note in tiles
         if not math.isnan(value)
     )

@@ -17,6 +17,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from coop_pin import run
+from coop_pin.description.grasp_events import HandOver
 from coop_pin.figures import error_figure, internal_force_figure, save_figure, torque_figure, tracking_figure
 from coop_pin.results.metrics import energy_balance
 from coop_pin.results.run_result import RunResult
@@ -39,8 +40,13 @@ def data_lines(panel: Axes) -> list[np.ndarray]:
     return [np.asarray(line.get_ydata()) for line in panel.lines if len(line.get_xdata()) > 2]
 
 
+def down(figure: mpl.figure.Figure) -> list[Axes]:
+    """The panels of two columns, as they are read: down the first, then down the second."""
+    return [*figure.axes[::2], *figure.axes[1::2]]
+
+
 def titles(figure: mpl.figure.Figure) -> list[str]:
-    return [panel.get_title(loc="left") for panel in figure.axes]
+    return [panel.get_title(loc="left") for panel in down(figure)]
 
 
 # ---------------------------------------------------------------- tracking
@@ -48,7 +54,7 @@ def titles(figure: mpl.figure.Figure) -> list[str]:
 
 def test_planar_tracking_shows_x_y_psi_and_all_parts_of_the_internal_wrench(planar: RunResult) -> None:
     figure, data = tracking_figure(planar), planar.data
-    x, y, psi, moment, axial, shear = figure.axes
+    x, y, psi, moment, axial, shear = down(figure)
     assert titles(figure) == [
         "payload x",
         "payload y",
@@ -57,8 +63,8 @@ def test_planar_tracking_shows_x_y_psi_and_all_parts_of_the_internal_wrench(plan
         "arm left: internal force, axial",
         "arm left: internal force, shear",
     ]
-    assert [panel.get_ylabel() for panel in figure.axes] == ["m", "m", "deg", "N m", "N", "N"]
-    assert [panel.get_xlabel() for panel in (axial, shear)] == ["time (s)"] * 2
+    assert [panel.get_ylabel() for panel in down(figure)] == ["m", "m", "deg", "N m", "N", "N"]
+    assert [panel.get_xlabel() for panel in (psi, shear)] == ["time (s)"] * 2
     for part, panel in (("moment", moment), ("axial", axial), ("shear", shear)):
         assert_array_equal(data_lines(panel)[0], data[f"internal_{part}"].values[:, 0])
     for axis, panel in enumerate((x, y)):
@@ -75,7 +81,7 @@ def test_planar_tracking_shows_x_y_psi_and_all_parts_of_the_internal_wrench(plan
 
 
 def test_the_drawn_axial_force_has_the_mean_and_the_rms_error_of_the_metrics(planar: RunResult) -> None:
-    actual, desired = data_lines(tracking_figure(planar).axes[4])
+    actual, desired = data_lines(down(tracking_figure(planar))[4])
     inside = planar.phases["moving"]
     metrics = planar.internal_force()  # of both arms: their internal forces and axial directions are opposite
     assert_allclose(actual[inside].mean(), metrics.axial_mean, rtol=1e-9)
@@ -85,7 +91,7 @@ def test_the_drawn_axial_force_has_the_mean_and_the_rms_error_of_the_metrics(pla
 
 @pytest.mark.parametrize("panel", [3, 4, 5])
 def test_a_peak_that_would_flatten_the_rest_is_whole_in_an_inset(planar: RunResult, panel: int) -> None:
-    drawn, time = tracking_figure(planar).axes[panel], planar.data["time"].values
+    drawn, time = down(tracking_figure(planar))[panel], planar.data["time"].values
     actual = data_lines(drawn)[0]
     low, high = drawn.get_ylim()
     (inset,) = drawn.child_axes
@@ -135,12 +141,14 @@ def test_spatial_tracking_shows_x_y_z_both_errors_and_all_parts_of_the_internal_
     spatial: RunResult,
 ) -> None:
     figure, data = tracking_figure(spatial), spatial.data
-    positions, (*errors, moment, axial, shear) = figure.axes[:3], figure.axes[3:]
+    positions, (*errors, moment, axial, shear) = down(figure)[:3], down(figure)[3:]
     for axis, panel in enumerate(positions):
         actual, desired = (data[f"{of}_position"].values[:, axis] for of in ("payload", "desired"))
-        is_still = panel.get_ylabel() == "mm"
-        assert is_still == (np.ptp((actual, desired)) < 1e-3 * np.abs(desired).max())
-        assert_allclose(data_lines(panel)[0], 1e3 * (actual - desired) if is_still else actual)
+        is_still = np.ptp((actual, desired)) < 1e-3 * np.abs(desired).max()
+        is_small = is_still or np.ptp((actual, desired)) < 0.01
+        assert panel.get_ylabel() == ("mm" if is_small else "m")
+        drawn = actual - desired if is_still else actual
+        assert_allclose(data_lines(panel)[0], 1e3 * drawn if is_small else drawn)
     for panel, unit, rows in zip(errors, ("mm", "mrad"), (slice(0, 3), slice(3, 6)), strict=True):
         assert panel.get_ylabel() == unit
         assert_allclose(np.column_stack(data_lines(panel)), 1e3 * data["pose_error"].values[:, rows])
@@ -153,8 +161,24 @@ def test_spatial_tracking_shows_x_y_z_both_errors_and_all_parts_of_the_internal_
 def test_a_moment_that_no_row_controls_has_no_desired_curve(spatial: RunResult) -> None:
     cell = spatial.scenario.cell.model_copy(update={"rows": "positional"})
     result = RunResult(spatial.scenario.model_copy(update={"cell": cell}), spatial.data)
-    assert [len(data_lines(panel)) for panel in tracking_figure(result).axes[-3:]] == [1, 2, 2]
-    assert [len(data_lines(panel)) for panel in tracking_figure(spatial).axes[-3:]] == [2, 2, 2]
+    assert [len(data_lines(panel)) for panel in down(tracking_figure(result))[-3:]] == [1, 2, 2]
+    assert [len(data_lines(panel)) for panel in down(tracking_figure(spatial))[-3:]] == [2, 2, 2]
+
+
+def test_internal_forces_of_more_than_two_arms_or_of_arms_that_let_go_are_all_drawn(
+    planar: RunResult,
+) -> None:
+    result = run("three-ur5-plate", {"duration": 0.1}, warn=False)
+    *_, moment, axial, shear = down(tracking_figure(result))
+    for part, panel in (("moment", moment), ("axial", axial), ("shear", shear)):
+        drawn = [line for line in panel.lines if line.get_linestyle() == "-" and len(line.get_xdata()) > 2]
+        values = result.data[f"internal_{part}"].values
+        assert_array_equal(np.column_stack([line.get_ydata() for line in drawn]), values)
+        assert len({line.get_color() for line in drawn}) == 3
+    event = {"kind": "hand-over", "time": 1.0, "arm": "right"}
+    lets_go = planar.scenario.model_copy(update={"events": (HandOver(**event),)})
+    axial = down(tracking_figure(RunResult(lets_go, planar.data)))[-2]
+    assert len(data_lines(axial)) == 4
 
 
 def test_a_long_caption_is_wrapped_inside_the_figure(planar: RunResult) -> None:
@@ -212,13 +236,20 @@ def test_errors_stand_on_logarithmic_axes_with_their_bands(planar: RunResult) ->
     figure, data = error_figure(planar), planar.data
     position, orientation, closure, energy = figure.axes
     assert [panel.get_yscale() for panel in figure.axes] == ["log"] * 4
-    assert [panel.get_ylabel() for panel in figure.axes] == ["m", "rad", "m, rad", "J"]
+    assert [panel.get_ylabel() for panel in figure.axes] == ["mm", "mrad", "m, rad", "J"]
     error = data["pose_error"].values
     for panel, axes in ((position, slice(0, 3)), (orientation, slice(3, 6))):
-        assert_allclose(data_lines(panel)[0], np.linalg.norm(error[:, axes], axis=1), rtol=1e-12)
-        assert [line.get_ydata()[0] for line in panel.lines if line.get_linestyle() == "--"] == [5e-3]
+        assert_allclose(data_lines(panel)[0], 1e3 * np.linalg.norm(error[:, axes], axis=1), rtol=1e-12)
+        assert [line.get_ydata()[0] for line in panel.lines if line.get_linestyle() == "--"] == [5.0]
     assert_allclose(np.nan_to_num(data_lines(closure)[0]), data["closure_distance"].values.max(axis=1))
     assert_allclose(np.nan_to_num(data_lines(energy)[0]), np.abs(energy_balance(data)))
+    open_grasps = data.copy()
+    for name in ("closure_distance", "closure_angle"):
+        open_grasps[name] = 0.0 * data[name]
+    panel = error_figure(RunResult(planar.scenario, open_grasps)).axes[2]  # a cell without closures
+    errors = np.hypot(data["internal_axial_error"].values, data["internal_shear_error"].values)
+    assert panel.get_ylabel() == "N"
+    assert_allclose(np.nan_to_num(data_lines(panel)[0]), errors.max(axis=1))
 
 
 # ---------------------------------------------------------------- what all share

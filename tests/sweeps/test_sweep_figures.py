@@ -180,3 +180,21 @@ def test_sweep_show_writes_both_kinds_of_figure(grid, tmp_path, capsys):
         main(["sweep-show", str(grid.store.folder), "--figure", str(tmp_path / "x"), "--metric", "nonsense"])
         == 2
     )
+
+
+def test_metrics_in_metres_are_drawn_in_millimetres_and_verdicts_in_two_colours(tmp_path):
+    axes = {GAIN: GAINS, RATE: RATES}
+    metric = lambda p: {"position_error_max_m": 1e-5 * p[RATE], "task_kept": float(p[RATE] > 100.0)}  # noqa: E731
+    result = line(tmp_path, axes, metric)
+    figure = sweep_figure(result, "position_error_max_m")
+    drawn = figure.axes[0].collections[0].get_array()
+    assert_allclose(drawn, 1e3 * result.values("position_error_max_m").values.T)
+    assert figure.axes[-1].get_ylabel().endswith("(mm)")
+    figure = sweep_figure(result, "task_kept")
+    assert figure.axes[0].collections[0].get_cmap().N == 2
+    assert [text.get_text() for text in figure.axes[-1].get_yticklabels()] == ["no", "yes"]
+    lines = sweep_figure(result, "position_error_max_m", RATE).axes[0]
+    assert_allclose(lines.lines[0].get_ydata(), [0.5, 1.0, 2.0, 4.0])
+    front = pareto_figure(result, "position_error_max_m", "task_kept").axes[0]
+    assert front.get_xlabel().endswith("(mm)")
+    assert front.lines[0].get_xdata().max() == pytest.approx(4.0)
