@@ -22,15 +22,12 @@
 #
 # 1. Run the next cells; a 3-D view with strip charts appears, with buttons and sliders below it.
 # 2. Press **Start**. Move a slider: it takes effect at the next tick, at most 12.5 ms later.
-# 3. Press **Push**.
+# 3. Press **Push**, or drag the bar: an arrow shows the force, and it acts when you let go.
 #
-# Behind a JupyterHub or another proxy the browser cannot reach the live view; the panel then shows a still
-# image with a note, and the replay at the end works everywhere.
+# The panel speaks through the notebook's kernel: it needs neither a port nor a proxy.
 
 # %%
 # %matplotlib inline
-import time
-
 import numpy as np
 
 import coop_pin as cp
@@ -49,18 +46,27 @@ panel
 
 # %% [markdown]
 # ## The same from code
-# The buttons and sliders call methods of `panel.run`. The next cell runs the simulation for three seconds,
-# sets the sign gain to zero and pushes the bar with 150 N.
+# The buttons and sliders call methods of `panel.run`. The next cell does three seconds of the simulation, as
+# fast as it can, sets the sign gain to zero and pushes the bar with 150 N. The panel shows it.
 
 # %%
 run = panel.run
-run.start()
-time.sleep(1.5)
+run.pause()
+run.reset()
+
+
+def advance(seconds):
+    """Do the ticks of some seconds."""
+    for _ in range(round(seconds * scenario.clock.rate_hz)):
+        run.step()
+
+
+advance(1.5)
 run.change({"controller.gains.sign_gain": 0.0})
 run.push((0.0, 150.0, 0.0, 0.0, 0.0, 0.0), duration=0.2)
-time.sleep(1.5)
-run.pause()
-print(f"paused at t = {run.time:g} s")
+advance(1.5)
+print(f"stopped at t = {run.time:g} s")
+print(*(f"{change.start:g} s: {change.text}" for change in run.changes), sep="\n")
 
 # %% [markdown]
 # ## The result
@@ -104,4 +110,4 @@ notebook_view(result)
 # - **damping gain** to a third: a push of 150 N moves the bar by 52 mm instead of 18 mm. To three times its
 #   value: unstable at 80 Hz; after a push the internal force reaches thousands of newtons. Lower it and
 #   **Reset**.
-# - `panel.close()` ends the process of the view, which otherwise ends with the notebook's kernel.
+# - `panel.close()` pauses the run, and the view shows no more.

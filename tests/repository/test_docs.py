@@ -553,7 +553,7 @@ def test_a_browser_opens_the_site_from_its_folder_and_asks_nobody_else(site):
     asked = []
     with browser_page(offline=True) as page:
         page.on("request", lambda request: asked.append(request.url))
-        for name in ("index.html", "concepts/law.html", "api/chain.html", "notebooks/01_paper.html"):
+        for name in ("index.html", "concepts/law.html", "api/chain.html", "notebooks/01_your_own_arms.html"):
             page.goto((site.folder / name).as_uri(), wait_until="load")
             if name == "concepts/law.html":
                 page.wait_for_selector("mjx-container")

@@ -106,13 +106,13 @@ def test_the_first_cells_of_the_notebook_install_from_the_address_of_a_wheel(tmp
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), files) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         address = f"http://127.0.0.1:{server.server_port}/{wheel.name}"
-        notebook = nbformat.read(REPOSITORY / "notebooks" / "01_paper.ipynb", as_version=4)
+        notebook = nbformat.read(REPOSITORY / "notebooks" / "01_your_own_arms.ipynb", as_version=4)
         first, *others = (cell for cell in notebook.cells if cell.cell_type == "code")
         first.source = first.source.replace('WHEEL = ""', f'WHEEL = "{address}"')
         show = nbformat.v4.new_code_cell(
             "print(cp.__file__, cp.run('adept-paper', {'duration': 0.1, 'events': []}))"
         )
-        notebook.cells = [first, others[0], others[1], show]
+        notebook.cells = [first, others[0], show]
         nbformat.write(notebook, tmp_path / "01.ipynb")
         execute = "import nbclient, nbformat; n = nbformat.read('01.ipynb', 4); nbclient.execute(n); print(n)"
         said = run([python, "-c", execute]).stdout

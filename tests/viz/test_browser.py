@@ -698,10 +698,16 @@ def test_a_notebook_of_the_site_shows_what_it_computed_with_the_network_off(site
 
 @contextmanager
 def jupyter(folder, module):
-    """Address and token of a new JupyterLab or Notebook 7 that serves copies of the notebooks."""
+    """Address and token of a new JupyterLab or Notebook 7 that serves the notebooks, without outputs."""
     pytest.importorskip(module, reason=f"{module} is not installed: pip install 'coop_pin[test]'")
+    import nbformat
+
     for name in NOTEBOOKS:
-        shutil.copy(NOTEBOOK.with_name(f"{name}.ipynb"), folder)
+        notebook = nbformat.read(NOTEBOOK.with_name(f"{name}.ipynb"), as_version=4)
+        for cell in notebook.cells:
+            if cell.cell_type == "code":
+                cell.outputs, cell.execution_count = [], None
+        nbformat.write(notebook, folder / f"{name}.ipynb")
     own = {
         name: str(folder / name.lower())
         for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR")

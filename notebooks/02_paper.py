@@ -30,16 +30,6 @@
 # The notebook runs in about twenty seconds.
 
 # %%
-import site
-import subprocess
-import sys
-
-WHEEL = ""  # address of a wheel of coop_pin to install first, for a notebook without a clone
-if WHEEL:
-    subprocess.run([sys.executable, "-m", "pip", "install", "--quiet", WHEEL], check=True)
-    site.addsitedir(site.getsitepackages()[0])  # Pinocchio is found by a file that Python reads at its start
-
-# %%
 # %matplotlib inline
 
 import matplotlib.pyplot as plt
