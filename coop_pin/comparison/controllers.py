@@ -120,7 +120,7 @@ def gains_used(
 
 
 def stored_gains(scenario: str, path: str | Path = GAINS) -> dict[str, dict[str, float]]:
-    """Return the stored gains of a scenario's name: field and value by controller.
+    """Return the stored gains of a scenario's name: field and value by controller, shared ones included.
 
     Raises:
         FileReadError: the file is not a table as ``tune_controllers`` writes it.
@@ -144,7 +144,7 @@ def stored_gains(scenario: str, path: str | Path = GAINS) -> dict[str, dict[str,
             raise FileReadError(f"reads {row}; a row must have {columns}", str(path), line)
         if is_wanted:
             gains.setdefault(name, {})[field] = value
-    return gains
+    return gains | {name: gains[other] for name, other in _table()["shared"].items() if other in gains}
 
 
 def _changed(table: dict[str, Any], changes: Mapping[str, float]) -> dict[str, Any]:

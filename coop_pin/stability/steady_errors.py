@@ -125,11 +125,12 @@ class SteadyErrors(NamedTuple):
                 f"anchor_gain {self.balanced:.3g} lets the load sag as far as the bias itself moves it"
             )
         if self.product:
+            product = f"force times (sag + bias) below {self.product:.3g} N m"
             lines.append(
-                "over all histories of such loads, no equal laws of these measurements, each on its own view,"
-                f" keep the largest force times (sag + bias) below {self.product:.3g} N m; none with a static"
-                " characteristic does at rest"
+                f"at rest no equal laws with a static characteristic, each on its own view, have {product}"
             )
+            if _NEEDED["start pose"] not in self.needs:  # a law that knows its start needs no other
+                lines.append(f"over all histories of such loads no laws with memory keep {product} either")
         return "\n".join(lines)
 
 

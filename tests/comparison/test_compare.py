@@ -403,7 +403,7 @@ def test_stored_gains_name_fields_of_known_controllers_within_their_ranges():
     names = set(controller_names())
     for scenario in cp.scenario_names():
         for controller, gains in stored_gains(scenario).items():
-            ranges = tuned_ranges(controller)
+            ranges = tuned_ranges("payload-pi" if controller == "dead-zone" else controller)
             assert controller in names
             assert set(gains) == set(ranges)
             assert all(ranges[field][0] <= value <= ranges[field][1] for field, value in gains.items())
@@ -493,3 +493,20 @@ def test_palms_hold_or_drop_the_payload_and_the_table_says_which(tmp_path):
     page = page_data((tmp_path / "comparison.html").read_text(encoding="utf-8"))
     assert page["notes"]["dropped"]["texts"] == ["0", "1"]
     assert "held by palms" not in standard_trials(benchmark_scenario(cp.Scenario.load("two-pandas-box")))
+
+
+@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
+def test_the_dead_zone_has_the_gains_of_the_law_from_which_it_differs_by_its_zone_alone(name, tmp_path):
+    scenario = cp.Scenario.load(name)
+    laws = controllers_for(scenario, ["payload-pi", "dead-zone"])
+    law, without = (
+        scenario.override({"controller": laws[name]}).controller for name in ("dead-zone", "payload-pi")
+    )
+    assert law.integral_dead_zone == (1.2e-3, 2.4e-3)
+    assert law.beyond_dead_zone.gains == without.gains.replace(anchor_gain=law.gains.anchor_gain)
+    assert law.beyond_dead_zone.replace(gains=without.gains) == without
+    assert tuned_ranges("dead-zone") == {}
+    header = "scenario,controller,field,value\n"
+    (tmp_path / "gains.csv").write_text(f"{header}{name},payload-pi,gains.pose_gain,3.5\n")
+    kept = controllers_for(scenario, ["dead-zone"], gains=tmp_path / "gains.csv")
+    assert kept["dead-zone"]["gains"]["pose_gain"] == 3.5

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from batches import require_same_samples
 from cells import ANCHORED, SCENARIOS, arm_of
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.base.errors import ScenarioError
 from coop_pin.base.spatial import make_pose, task_rows
+from coop_pin.compiled import BatchSimulator
 from coop_pin.control import ArmMeasurement, ArmReference, PayloadSpace, Saturation
 from coop_pin.stability import steady_errors
 
@@ -144,6 +146,13 @@ def test_a_slow_load_on_the_plant(name):
     assert_allclose(np.linalg.norm(np.nan_to_num(error)), by_hand, rtol=0.05)
     assert_allclose(errors.ramp, by_hand)
     assert_allclose((errors.sag, errors.limit), (delta, 2.0 * delta))
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_batch_is_the_single_run(name):
+    scenario = cell_with(name, (1e-3, 0.0, 0.0), [(0.1, (30.0, 5.0, 0.0))], 0.6)
+    single = cp.run(scenario, engine="pinocchio", warn=False).data
+    require_same_samples(BatchSimulator().run([scenario]).result(0).data, single)
 
 
 @pytest.mark.slow

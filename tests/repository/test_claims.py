@@ -15,6 +15,7 @@ from scipy.optimize import brentq
 
 import coop_pin as cp
 from coop_pin.comparison import controllers_for
+from coop_pin.comparison.measures import measures
 from coop_pin.comparison.trials import benchmark_scenario
 from coop_pin.control import anchor_gain_bound
 from coop_pin.simulation.build_controller import build_controller
@@ -450,6 +451,8 @@ def test_what_follows_from_the_benchmark_is_in_its_table():
     biased = {"anchored": 0.17, "zeroed-leaky": 1.2, "payload-pi": 7.5, "printed": 11.0, "mean-pose": 0.78}
     for name, most in biased.items():
         assert_allclose(extremes(force, name, "bias 1 mm")[1], most, rtol=0.05)
+    assert_allclose(extremes(force, "dead-zone", "bias 1 mm")[1], 1.25, rtol=0.01)
+    assert_allclose(extremes(track, "dead-zone", "mass x2"), (0.10, 1.47), rtol=0.05)
     change = force.loc[("mean-pose", "bias 1 mm")] / force.loc[("mean-pose", "nominal")]
     assert change.max() < 1.04
     for name, most in (("anchored", 0.774), ("mean-pose", 0.024), ("computed-torque", 1.37)):
@@ -471,6 +474,41 @@ def test_what_follows_from_the_benchmark_is_in_its_table():
         ratio = frame.loc[("anchored", "wrist lost at half time")] / frame.loc[("anchored", "nominal")]
         assert_allclose((ratio.min(), ratio.max()), expected, rtol=0.02)
     assert_allclose(extremes(force, "anchored", "wrist lost at half time")[1], 1.03, rtol=0.01)
+
+
+WRONG_MODEL = {
+    cell: [[float(number) for number in pair.split("/")] for pair in pairs.split("|")]
+    for cell, pairs in re.findall(
+        r"^\| `([\w-]+)` \| ([\d.e/| -]+) \|$",
+        (CONCEPTS.parent / "studies" / "benchmark.md")
+        .read_text(encoding="utf-8")
+        .partition("## The wrong model")[2]
+        .partition("\n## ")[0],
+        re.M,
+    )
+}
+"""Tracking error and internal force of computed torque in a cell: three nominal pairs, three of a bias."""
+
+
+@pytest.mark.parametrize("cell", WRONG_MODEL)
+def test_the_exact_and_the_wrong_model_with_gains_of_their_own_are_those_of_the_table(cell):
+    table = benchmark_table()
+    pairs = np.array(WRONG_MODEL[cell]).reshape(2, 3, 2)
+    for told, trial in zip(pairs, ("nominal", "bias 1 mm"), strict=True):
+        for pair, name in zip(told, ("computed-torque", "computed-torque-wrong-model"), strict=False):
+            stored = table.loc[(name, trial, cell), ["tracking_rms_mm", "force_N"]].astype(float)
+            assert_allclose(pair, stored, rtol=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cell", ["adept-anchored", "two-pandas-box"])
+def test_the_wrong_model_with_the_gains_of_the_exact_one(cell):
+    base = benchmark_scenario(cp.Scenario.load(cell))
+    laws = controllers_for(base, ["computed-torque", "computed-torque-wrong-model"])
+    law = laws["computed-torque"] | {"model": laws["computed-torque-wrong-model"]["model"]}
+    values = measures(cp.run(base.override({"controller": law}), warn=False))
+    force = np.hypot(values["axial_rms_N"], values["shear_rms_N"])
+    assert_allclose((values["tracking_rms_mm"], force), WRONG_MODEL[cell][2], rtol=0.05)
 
 
 def test_the_fronts_conclusions_are_in_its_tables():

@@ -348,25 +348,27 @@ def test_the_benchmark_has_every_controller_and_the_page_says_how_many_runs():
 
 
 (T_LAMBDA,) = re.findall(
-    r"\(sampled damping holds below 2\):\n\n(.*?)\n\n<!-- end of tables", TABLES, re.DOTALL
+    r"\(sampled damping holds below 2\):\n\n(.*?)\n\nSmallest damping ratio", TABLES, re.DOTALL
 )
-"""T lambda of every controller in every cell, as the page has it."""
+(DAMPING,) = re.findall(r"counts as no integral\):\n\n(.*?)\n\n<!-- end of tables", TABLES, re.DOTALL)
+"""T lambda and damping ratio of every controller in every cell, as the page has them."""
 
 
 @pytest.mark.usefixtures("draw")
 def test_the_text_of_the_benchmark_is_that_of_its_table(monkeypatch):
-    """But for T lambda, which the next test computes."""
+    """But for T lambda and damping ratios, which the next test computes."""
     import benchmark
     from pages import with_block
 
-    monkeypatch.setattr(benchmark, "stability", lambda *_: T_LAMBDA)
+    tables = {benchmark.t_lambda: T_LAMBDA, benchmark.damping: DAMPING}
+    monkeypatch.setattr(benchmark, "stability", lambda *arguments: tables[arguments[-1]])
     text = benchmark.text(Comparison.load(benchmark.DATA), None)
     assert with_block(BENCHMARK, "benchmark", text) == BENCHMARK
     assert with_block(TABLES, "tables", benchmark.tables(Comparison.load(benchmark.DATA))) == TABLES
 
 
-def damping(table):
-    """A table of T lambda: a row for each controller, a column for each cell."""
+def numbers_of(table):
+    """A table of stability: a row for each controller, a column for each cell."""
     head, _, *rows = ([word.strip("` ") for word in line.split("|")[1:-1]] for line in table.splitlines())
     return pd.DataFrame(rows, columns=head).set_index("controller").astype(float)
 
@@ -381,15 +383,16 @@ def damping(table):
     ],
     ids=["planar", "spatial", "all"],
 )
-def test_t_lambda_on_the_page_of_the_benchmark_is_that_of_the_stored_gains(names, cells):
+def test_stability_on_the_page_of_the_benchmark_is_that_of_the_stored_gains(names, cells):
     """Eigenvalues at a tie of the last printed digit round up on one processor and down on another."""
     import benchmark
 
     names, cells = names or controller_names(), cells or benchmark.tuned_cells()
-    found, told = damping(benchmark.stability(names, cells)), damping(T_LAMBDA)
-    assert list(told.index) == list(controller_names())
-    assert_allclose(found, told.loc[names, cells], atol=0.0101)
-    assert told.max().max() < 1.0
+    for of, table in ((benchmark.t_lambda, T_LAMBDA), (benchmark.damping, DAMPING)):
+        solved, told = numbers_of(benchmark.stability(names, cells, of)), numbers_of(table)
+        assert list(told.index) == list(controller_names())
+        assert_allclose(solved, told.loc[names, cells], atol=0.0101)
+    assert numbers_of(T_LAMBDA).max().max() < 1.0
 
 
 def test_verdicts_follow_from_the_runs(claims):
