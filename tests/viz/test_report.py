@@ -101,7 +101,7 @@ def test_the_figures_are_images_of_vectors_without_addresses(name):
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_every_metric_has_a_row_in_the_table(name):
-    text = "".join(page(name).text)
+    text = "".join(page(name).text).replace("\xa0", " ")  # a unit stays in the line of its number
     rows = metrics_table(result(name))
     applying = {metric for metric, value in result(name).metrics().items() if not np.isnan(value)}
     assert {row.name for row in rows} == applying - {"simulation_sound", "task_kept"}
