@@ -11,7 +11,8 @@ sgn = {
 }
 # A scenario holds its law; overrides change its fields.
 laws = {
-    "printed, alpha = 0.2": ("adept-paper", {}),
+    "printed, alpha = 0.002": ("adept-paper", {}),
+    "printed, alpha = 0.2": ("adept-paper", {"controller.gains.sign_gain": 0.2}),
     "printed, alpha = 0": ("adept-paper", {"controller.gains.sign_gain": 0.0}),
     "payload-space, sgn": ("adept-anchored", unsensed | sgn),
     "payload-space, no sensor": ("adept-anchored", unsensed),

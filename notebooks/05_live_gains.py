@@ -97,9 +97,8 @@ notebook_view(result)
 
 # %% [markdown]
 # ## Try
-# - **sign gain** to 0: the internal force settles at the desired value, and the steady tracking error grows
-#   from 0.04 to 0.3 mm; nothing then carries an unknown load. To 1: a push moves the bar less, but the
-#   internal-force error is 19 N instead of 2 N.
+# - **sign gain** to 0: the steady tracking error grows from 0.01 to 0.2 mm, and nothing carries an unknown
+#   load. To 1: a push moves the bar less, but the internal-force error is 17 N instead of 0.1 N.
 # - `cp.Scenario.load("adept-anchored")` in the first cell: the law that keeps both small. Its **anchor gain**
 #   says how fast the measured internal wrench corrects the integral: at 0.1 the error is gone in a second.
 # - **squeeze** to 30 N: the internal force grows, and the motion stays the same.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import pandas as pd
 from matplotlib.axes import Axes
@@ -13,7 +12,8 @@ from coop_pin.figures import palette
 from coop_pin.figures.style import label, styled
 
 COLOURS = {
-    "printed": palette.INTERNAL,
+    "printed, α = 0.002": palette.INTERNAL,
+    "printed, α = 0.2": palette.EXTERNAL,
     "printed, α = 0": palette.MEASURED,
     "zeroed leaky": palette.LOAD,
     "anchored": palette.ACTUAL,
@@ -22,14 +22,12 @@ DRAWN = [(law, trial) for trial in ("as published", "bias 0.1 mm") for law in CO
 """Runs whose errors over time are kept."""
 
 
-def figure(tables: Mapping[str, pd.DataFrame], force_gain: str, alpha: str, rate: str) -> Figure:
+def figure(tables: Mapping[str, pd.DataFrame], force_gain: str) -> Figure:
     """Return the figure.
 
     Args:
         tables: of the study, by name.
         force_gain: column of the force gain.
-        alpha: column of alpha.
-        rate: column of the control rate.
     """
     with styled():
         drawn = Figure(figsize=(12.0, 6.6), layout="constrained")
@@ -38,7 +36,7 @@ def figure(tables: Mapping[str, pd.DataFrame], force_gain: str, alpha: str, rate
         over_time(fourth, tables["series"], "as published", "force_N", "internal-force error, N")
         over_time(second, tables["series"], "bias 0.1 mm", "position_mm", "")
         over_time(fifth, tables["series"], "bias 0.1 mm", "force_N", "")
-        over_alpha(third, tables["alpha"], alpha, rate)
+        over_alpha(third, tables["curve"])
         over_force_gain(sixth, tables["force_gain"], force_gain)
         drawn.legend(*first.get_legend_handles_labels(), loc="outside upper center", ncols=len(COLOURS))
     return drawn
@@ -55,14 +53,14 @@ def over_time(panel: Axes, series: pd.DataFrame, trial: str, column: str, unit: 
     label(panel, trial, unit)
 
 
-def over_alpha(panel: Axes, runs: pd.DataFrame, alpha: str, rate: str) -> None:
-    """Draw the internal-force error of the printed law over alpha."""
-    for (hertz, mine), shape in zip(runs.groupby(rate), "os", strict=True):
-        style: Any = {"color": palette.INTERNAL, "linestyle": "-" if shape == "o" else "--"}
-        panel.plot(mine[alpha], mine["force_N"], marker=shape, label=f"{hertz:g} Hz", **style)
-    panel.set(yscale="log", xlabel="α")
+def over_alpha(panel: Axes, curve: pd.DataFrame) -> None:
+    """Draw both errors of the printed law over alpha, without event."""
+    runs = curve["quiet"].loc[curve.index > 0.0]
+    panel.plot(runs.index, runs["force_N"], "o-", color=palette.INTERNAL, label="internal force, N rms")
+    panel.plot(runs.index, runs["position_mm"], "s--", color=palette.ACTUAL, label="position, mm rms")
+    panel.set(xscale="log", yscale="log", xlabel="α")
     panel.legend()
-    label(panel, "printed, 4 to 10 s", "internal-force error, N rms")
+    label(panel, "printed, 4 to 10 s", "")
 
 
 def over_force_gain(panel: Axes, runs: pd.DataFrame, gain: str) -> None:

@@ -42,6 +42,7 @@ def judged(result: cp.RunResult) -> dict[str, float]:
         "force_in_band_s": _last(time, force > FORCE_BAND, before),
         "end_position_mm": 1e3 * _rms(position[end]),
         "end_force_N": _rms(force[end]),
+        "end_axial_N": float(data.internal_axial.values[end].mean()),
     }
     if before.all():
         return values

@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import bias
 import force_gain
-import internal_force
 import one_millimetre
 import payload
 from matplotlib.figure import Figure
@@ -42,7 +41,6 @@ STUDIES = {
     "force_gain": Study("study-force-gain", force_gain.figure, force_gain.numbers),
     "payload": Study("study-payload", payload.figure, payload.numbers),
     "bias": Study("study-bias", bias.figure, bias.numbers),
-    "internal_force": Study("internal-force", internal_force.figure, internal_force.numbers),
     "one_millimetre": Study("printed-and-anchored", one_millimetre.figure, one_millimetre.numbers),
 }
 

@@ -13,7 +13,7 @@ from coop_pin.base.arrays import Array
 from coop_pin.figures import palette
 from coop_pin.figures.style import label, styled
 
-COLOURS = (palette.INTERNAL, palette.MEASURED, palette.ACTUAL)
+COLOURS = (palette.EXTERNAL, palette.INTERNAL, palette.MEASURED, palette.ACTUAL)
 
 
 def curves(result: cp.SweepResult) -> Iterator[tuple[str, Array, Array, Array]]:

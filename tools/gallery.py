@@ -39,8 +39,8 @@ BIAS: dict[str, Any] = {
     "cell.arms.left.calibration_error.tip.xyz": [1e-3, 0.0, 0.0],
 }
 FOUR_LAWS: dict[str, tuple[str, dict[str, Any]]] = {
-    "printed": ("adept-paper", {}),
-    "printed, α = 0": ("adept-paper", {"controller.gains.sign_gain": 0.0}),
+    "printed, α = 0.2": ("adept-paper", {"controller.gains.sign_gain": 0.2}),
+    "printed, α = 0.002": ("adept-paper", {}),
     "no sensor": ("adept-anchored", {"controller.force_path.kind": "none"}),
     "anchored": ("adept-anchored", {}),
 }

@@ -27,6 +27,7 @@ LARGE_CELLS = ["baxter-box", "four-ur5-plate", "three-driven-ur5"]  # tested in 
 for other in [
     "adept-paper",
     "adept-compliant",
+    "adept-paper-fit",
     "three-ur5-handover",
     "human-partner",
     "two-pandas-palms",

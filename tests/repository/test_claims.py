@@ -350,8 +350,8 @@ def test_unequal_pose_gains_drive_the_internal_force_by_the_integral():
 # ---------------------------------------------------------------- numbers of the pages
 
 
-def test_gains_of_the_papers_experiment_do_what_the_readme_says():
-    """T lambda_max of 0.55 to 0.83; 2.8 % of the position error after 2 s; seven times closer by alpha."""
+def test_gains_of_the_papers_experiment_do_what_its_page_says():
+    """T lambda_max of 0.55 to 0.83; 2.1 % of the position error after 2 s."""
     scenario = cp.Scenario.load("adept-paper")
     K_d = np.diag(scenario.controller.gains.damping_gain)
     gains, rates = dict.fromkeys(scenario.cell.arms, K_d), []
@@ -361,10 +361,22 @@ def test_gains_of_the_papers_experiment_do_what_the_readme_says():
     assert_allclose([min(rates), max(rates)], [0.55, 0.83], atol=0.005)
     error = cp.run(scenario, {"events": [], "duration": 2.1}, warn=False).data.pose_error
     first, later = (np.linalg.norm(error.sel(time=t, method="nearest").values[:2]) for t in (0.0, 2.0))
-    assert_allclose(later / first, 0.028, atol=5e-4)
-    alphas = pd.read_csv(STUDIES / "paper_claims" / "alpha.csv")
-    at_80 = alphas[alphas["clock.rate_hz"] == 80].set_index("controller.gains.sign_gain")["position_mm"]
-    assert_allclose([at_80[0.0] / at_80[0.2], at_80[0.0] / at_80[0.05]], [7.0, 15.0], rtol=0.05)
+    assert_allclose(later / first, 0.021, atol=5e-4)
+
+
+def curve(rate, trial, measure):
+    """Medians of the printed law over alpha, of studies/alpha.csv."""
+    table = pd.read_csv(STUDIES / "alpha.csv")
+    chosen = (table["rate_hz"] == rate) & (table["trial"] == trial) & (table["measure"] == measure)
+    return table[chosen].set_index("alpha")["median"]
+
+
+def test_the_papers_alpha_serves_its_experiment_best():
+    """Of all that track within 0.02 mm, the one with the least internal force; none is closer by 15 %."""
+    position, force = (curve(80.0, "quiet", name) for name in ("position_mm", "force_N"))
+    alpha = cp.Scenario.load("adept-paper").controller.gains.sign_gain
+    assert force[position < 0.02].idxmin() == alpha
+    assert position[alpha] < 1.15 * position.min()
 
 
 def test_a_squeeze_at_the_tips_lowers_the_torque_at_rest():
@@ -387,7 +399,7 @@ def test_a_stiffer_stabilisation_leaves_a_larger_closure_error_at_large_steps(na
         for omega in (10.0, 50.0)
     ]
     least, most = (max(run.closure_error_max()) for run in runs)
-    assert_allclose(most / least, ratio, rtol=0.05)
+    assert_allclose(most / least, ratio, rtol=0.06)
 
 
 def test_bounds_of_a_filter_a_lag_and_both():
@@ -411,12 +423,11 @@ def test_one_millimetre_is_one_table():
     """Every row of the table is in the data it names, or a test of its own holds it."""
     page = (CONCEPTS.parent / "studies" / "measurements.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| ([^|]+) \| [^|]+ \| ([^|]+) \| ([^|]+) \| ([\d.]+) \| `([^`]+)` \|$", page, re.M)
-    assert len(rows) == 12
+    assert len(rows) == 14
     claims = pd.read_csv(STUDIES / "paper_claims" / "laws.csv").set_index(["law", "trial"])
     front = pd.read_csv(STUDIES / "front" / "adept-judged.csv").set_index(["law", "trial"])
-    names = {"printed, α = 0.2": "printed"}
     for law, _, judged, shown, source in rows:
-        name = names.get(law, law)
+        name = law.replace(", tuned", "")
         if source.endswith("benchmark.csv"):
             value = benchmark_table().loc[(name, "bias 1 mm", "adept-anchored"), "force_N"]
         elif source.endswith("laws.csv"):

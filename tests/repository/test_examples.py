@@ -7,14 +7,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 from built_once import built_once
 from test_docs import missing_names
 
 FOLDER = Path(__file__).parents[2] / "examples"
 EXAMPLES = sorted(FOLDER.glob("*.py"))
-LONG = {"compare_laws", "four_bar", "motions", "one_draw", "sweep_force_gain"}
+LONG = {"compare_laws", "four_bar", "motions", "sweep_force_gain"}
 """Examples of many or long runs: two thirds of the time of all. What they call runs in tests of its own."""
 QUICK = {"ik_branches", "internal_force_split"}
 """Examples that run in the default tier, too."""
@@ -107,14 +106,6 @@ def laws_side_by_side(out, _folder):
     for name, *shown in rows:
         for text, value in zip(shown, found[name], strict=False):
             assert float(f"{value:.{len(text.partition('.')[2])}f}") == float(text), name
-
-
-def range_of_the_page(out, _folder):
-    """The paper's page gives the printed law's force as this range; without the integral it is one number."""
-    rows = np.array([[float(word) for word in line.split()] for line in out.splitlines()[1:]])
-    shown = re.findall(r"([\d.]+) to ([\d.]+) N over starts moved by −3 to 2 mm", PAPER)
-    assert shown == [(f"{rows[:, 1].min():.1f}", f"{rows[:, 1].max():.1f}")]
-    assert np.ptp(rows[:, 2]) < 1e-3
 
 
 def squeezed_without_motion(out, _folder):
@@ -220,7 +211,6 @@ PROMISES = {
     "four_arms": forces_that_cancel,
     "internal_force_definitions": definitions_as_on_their_page,
     "run_paper": metrics_and_files,
-    "one_draw": range_of_the_page,
     "sweep_force_gain": static_factor_and_bound,
     "own_controller": tracking_and_squeeze,
     "compare_laws": laws_side_by_side,
