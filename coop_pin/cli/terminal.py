@@ -11,7 +11,7 @@ from typing import Self
 
 _NARROWEST, _WIDEST = 80, 99
 """Columns of the narrowest terminal that lines are wrapped for, and of the longest line."""
-_QUIET_S, _EVERY_S = 1.0, 1.0
+QUIET_S, EVERY_S = 1.0, 1.0
 """Time until the first line about what goes on, and between two, s."""
 
 
@@ -51,13 +51,13 @@ class Working:
         self._text = text
 
     def _write(self) -> None:
-        wait = _QUIET_S
+        wait = QUIET_S
         while not self._over.wait(wait):
             line = f"coop-pin: {self._text}, {time.monotonic() - self._start:.0f} s"
             # The cursor goes back: whatever is printed next takes the line.
             sys.stderr.write(f"\x1b[K{line[: columns() - 1]}\r")
             sys.stderr.flush()
-            wait = _EVERY_S
+            wait = EVERY_S
 
     def __enter__(self) -> Self:
         self._thread = threading.Thread(target=self._write, name="coop_pin working", daemon=True)

@@ -70,8 +70,8 @@ class Screen(io.StringIO):
 
 
 def test_what_takes_its_time_is_told_on_a_terminal_and_taken_back(monkeypatch):
-    monkeypatch.setattr(terminal, "_QUIET_S", 0.05)
-    monkeypatch.setattr(terminal, "_EVERY_S", 0.05)
+    monkeypatch.setattr(terminal, "QUIET_S", 0.05)
+    monkeypatch.setattr(terminal, "EVERY_S", 0.05)
     for screen, quiet, tells in (
         (Screen(), False, True),
         (Screen(), True, False),
