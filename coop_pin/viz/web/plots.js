@@ -112,6 +112,7 @@ function coopPinPlots(place, page, runs, seek) {
   }
 
   function add(holder, curves, { bare = false, first = false, last = false, unit = "", name = "" } = {}) {
+    const timed = first || last; // the times are at the first plot, too, which is always in sight
     const drawn = [...curves].sort((a, b) => (a.role === "actual") - (b.role === "actual"));
     const styled = (curve) => ({
       stroke: curve.colour, width: bare ? 1 : curve.role === "actual" ? 1.4 : 1.2, points: { show: false }, spanGaps: true,
@@ -131,11 +132,11 @@ function coopPinPlots(place, page, runs, seek) {
     const axis = { font: FONT, stroke: "#52606d", grid: { stroke: "#e6e9ed", width: 1 }, ticks: { show: false } };
     const line = document.createElement("i"), cursor = (one) => { line.style.left = `${one.valToPos(now, "x")}px`; };
     const u = new uPlot({
-      width: holder.clientWidth || 300, height: holder.clientHeight || 90, legend: { show: false }, padding: bare ? [2, 0, 2, 0] : [first ? 0 : 6, 14, last ? 0 : 4, 0],
+      width: holder.clientWidth || 300, height: holder.clientHeight || 90, legend: { show: false }, padding: bare ? [2, 0, 2, 0] : [6, 14, timed ? 0 : 4, 0],
       cursor: { show: !bare, y: false, points: { show: false }, drag: { x: !bare, y: false }, ...(bare ? {} : { sync: { key: "time" } }) },
       scales: { x: { time: false }, y: { distr: 100, fwd: (v) => forward(v, y), bwd: (v) => backward(v, y), range } },
       axes: [
-        { ...axis, show: !bare, side: first ? 0 : 2, size: first || last ? 22 : 4, values: (_, all) => all.map((time) => (first || last ? `${time} s` : "")) }, // the last may be out of sight
+        { ...axis, show: !bare, size: timed ? 22 : 4, values: (_, all) => all.map((time) => (timed ? `${time} s` : "")) },
         { ...axis, show: !bare, size: 42, splits: () => ticks(y), values: (_, all) => all.map((tick) => (tick === y.low || tick === y.high ? coopPinNumber : coopPinTick)(tick)), filter: (_, all) => all },
       ],
       series: [{}, ...drawn.map(styled)],
