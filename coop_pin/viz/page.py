@@ -120,6 +120,7 @@ def page_parts(
             "instants": [],
             "start": 0.0,
             "live": False,
+            "still": "",
             "pushes": True,
             "peak": thickest,
         },
@@ -130,7 +131,7 @@ def page_parts(
         style=web_file("uplot/uPlot.min.css") + web_file("page.css"),
         licences=page_licences(),
         scripts=SCRIPTS,
-        player=web_file("player.js"),
+        player=(web_file("push.js") if kind == "live" else "") + web_file("player.js"),
         title=html.escape(title),
         summary=html.escape(summary),
         verdict=verdict,
@@ -144,7 +145,7 @@ def page_parts(
 
 def page_scripts() -> str:
     """Return the scripts that a page runs before its data are read."""
-    scripts = ("uplot/uPlot.iife.min.js", "labels.js", "stage.js", "plots.js", "push.js")
+    scripts = ("uplot/uPlot.iife.min.js", "labels.js", "stage.js", "plots.js")
     return "\n".join((_viewer_file("main.min.js"), *map(web_file, scripts)))
 
 
