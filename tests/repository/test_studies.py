@@ -458,6 +458,31 @@ def test_no_alpha_takes_a_load_up_fast_and_ramps_slowly(alpha):
     assert product[np.isfinite(product)].min() == shown.min()
 
 
+def test_the_pages_have_the_curves_numbers(alpha):
+    """Of the text of the page over alpha and of the table of laws on the paper's page."""
+    table, page = pd.read_csv(alpha.DATA), alpha.PAGE.read_text(encoding="utf-8")
+
+    def median(trial, measure, at):
+        return alpha.at(table, 80.0, trial, measure).loc[at, "median"]
+
+    force, taken = "end_force_N", "settled_again_narrow_s"
+    for text, value in {
+        r"after ([\d.]+) s. At 0.002 that": median("load", taken, 0.2),
+        r"At 0.002 that takes (\d+) s": median("load", taken, 0.002),
+        r"off by up to (\d+) mm": median("load", "event_peak_mm", 0.002),
+        r"off by ([\d.]+) N at 0.002": median("bias 1 mm", force, 0.002),
+        r"and by (\d+) N at 0.2": median("bias 1 mm", force, 0.2),
+        r"internal force\*\*: ([\d.]+) N there": median("quiet", "force_N", 0.005),
+        r"N there, (\d+) N at 1": median("quiet", "force_N", 1.0),
+        r"leave, and ([\d.]+) N": alpha.at(table, 80.0, "quiet", "force_N").loc[:0.002, "median"].max(),
+    }.items():
+        (shown,) = re.findall(text, page)
+        assert float(f"{value:.{len(shown.partition('.')[2])}f}") == float(shown), text
+    for at, shown in ((0.002, "7.7"), (0.2, "607")):
+        assert f"ramps, {shown} N after 20 s at 1 mm" in PAPER_PAGE
+        assert float(f"{median('bias 1 mm', force, at):.3g}") == pytest.approx(float(shown), rel=0.01)
+
+
 def test_every_plan_over_alpha_is_a_scenario(alpha):
     for name, rate, by_start in alpha.plans():
         scenario = by_start["1"].scenario(1)
