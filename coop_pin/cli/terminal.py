@@ -44,7 +44,8 @@ class Working:
 
     def __init__(self, text: str, *, quiet: bool = False) -> None:
         self._text, self._start, self._over = text, time.monotonic(), threading.Event()
-        self._writes = not quiet and sys.stderr.isatty()
+        self._stream = sys.stderr
+        self._writes = not quiet and self._stream.isatty()
 
     def tell(self, text: str) -> None:
         """Say that something else goes on."""
@@ -55,8 +56,8 @@ class Working:
         while not self._over.wait(wait):
             line = f"coop-pin: {self._text}, {time.monotonic() - self._start:.0f} s"
             # The cursor goes back: whatever is printed next takes the line.
-            sys.stderr.write(f"\x1b[K{line[: columns() - 1]}\r")
-            sys.stderr.flush()
+            self._stream.write(f"\x1b[K{line[: columns() - 1]}\r")
+            self._stream.flush()
             wait = _EVERY_S
 
     def __enter__(self) -> Self:
@@ -69,5 +70,5 @@ class Working:
         self._over.set()
         if self._writes:
             self._thread.join()
-            sys.stderr.write("\x1b[K")
-            sys.stderr.flush()
+            self._stream.write("\x1b[K")
+            self._stream.flush()

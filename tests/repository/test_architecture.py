@@ -143,7 +143,18 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     ),
     "figures": ({"comparison", "description", "results", "stability", "sweeps"}, {"matplotlib", "xarray"}),
     "viz": (
-        {"description", "figures", "grasps", "model", "reference", "results", "running", "simulation"},
+        {
+            "comparison",
+            "description",
+            "figures",
+            "grasps",
+            "model",
+            "reference",
+            "results",
+            "running",
+            "simulation",
+            "sweeps",
+        },
         {
             "fast_simplification",
             "imageio_ffmpeg",
