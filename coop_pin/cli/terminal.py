@@ -11,7 +11,7 @@ from typing import Self
 
 _NARROWEST, _WIDEST = 80, 99
 """Columns of the narrowest terminal that lines are wrapped for, and of the longest line."""
-QUIET_S, EVERY_S = 1.0, 1.0
+_QUIET_S, _EVERY_S = 1.0, 1.0
 """Time until the first line about what goes on, and between two, s."""
 
 
@@ -44,20 +44,21 @@ class Working:
 
     def __init__(self, text: str, *, quiet: bool = False) -> None:
         self._text, self._start, self._over = text, time.monotonic(), threading.Event()
-        self._writes = not quiet and sys.stderr.isatty()
+        self._stream = sys.stderr
+        self._writes = not quiet and self._stream.isatty()
 
     def tell(self, text: str) -> None:
         """Say that something else goes on."""
         self._text = text
 
     def _write(self) -> None:
-        wait = QUIET_S
+        wait = _QUIET_S
         while not self._over.wait(wait):
             line = f"coop-pin: {self._text}, {time.monotonic() - self._start:.0f} s"
             # The cursor goes back: whatever is printed next takes the line.
-            sys.stderr.write(f"\x1b[K{line[: columns() - 1]}\r")
-            sys.stderr.flush()
-            wait = EVERY_S
+            self._stream.write(f"\x1b[K{line[: columns() - 1]}\r")
+            self._stream.flush()
+            wait = _EVERY_S
 
     def __enter__(self) -> Self:
         self._thread = threading.Thread(target=self._write, name="coop_pin working", daemon=True)
@@ -69,5 +70,5 @@ class Working:
         self._over.set()
         if self._writes:
             self._thread.join()
-            sys.stderr.write("\x1b[K")
-            sys.stderr.flush()
+            self._stream.write("\x1b[K")
+            self._stream.flush()

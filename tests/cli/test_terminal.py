@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import pty
@@ -70,25 +71,26 @@ class Screen(io.StringIO):
 
 
 def test_what_takes_its_time_is_told_on_a_terminal_and_taken_back(monkeypatch):
-    monkeypatch.setattr(terminal, "QUIET_S", 0.05)
-    monkeypatch.setattr(terminal, "EVERY_S", 0.05)
-    for screen, quiet, tells in (
-        (Screen(), False, True),
-        (Screen(), True, False),
-        (io.StringIO(), False, False),
-    ):
-        monkeypatch.setattr(sys, "stderr", screen)
-        with terminal.Working("first", quiet=quiet) as working:
-            time.sleep(0.12)
-            working.tell("second")
-            time.sleep(0.12)
+    screens = [(Screen(), False, True), (Screen(), True, False), (io.StringIO(), False, False)]
+    with contextlib.ExitStack() as stack:
+        working = []
+        for screen, quiet, _ in screens:
+            monkeypatch.setattr(sys, "stderr", screen)
+            working.append(stack.enter_context(terminal.Working("first", quiet=quiet)))
+        time.sleep(1.5)
+        working[0].tell("second")
+        time.sleep(1.2)
+    for screen, _, tells in screens:
         written = screen.getvalue()
-        assert ("coop-pin: first, 0 s" in written, "coop-pin: second, 0 s" in written) == (tells, tells)
+        assert ("coop-pin: first, 1 s" in written, "coop-pin: second, 2 s" in written) == (tells, tells)
         assert written.endswith("\x1b[K") == tells
-    monkeypatch.setattr(sys, "stderr", short := Screen())
+
+
+def test_nothing_is_told_of_what_is_over_at_once(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", screen := Screen())
     with terminal.Working("a moment"):
         pass
-    assert short.getvalue() == "\x1b[K"
+    assert screen.getvalue() == "\x1b[K"
 
 
 @pytest.mark.slow

@@ -287,7 +287,11 @@ def test_the_page_and_the_figures_show_every_cell_and_load_nothing(table, folder
     page = (folder / "comparison.html").read_text()
     cells = page_data(page)
     assert len(cells["unsound"]) == table.table.shape[0]
-    for measure, name in zip(cells["measures"], COLUMNS, strict=True):
+    by_text = {measure["text"]: measure for measure in cells["measures"]}
+    assert [measure["force"] for measure in cells["measures"]] == [True] * 2 + [False] * (len(COLUMNS) - 2)
+    assert np.array(cells["wanted"], float) == pytest.approx(10.0, rel=0.5)  # every cell's squeeze is known
+    for name, text in COLUMNS.items():
+        measure = by_text[text]
         values = table.table[name].to_numpy()
         assert_allclose(np.array(measure["values"], float), np.where(np.isinf(values), np.nan, values), 1e-4)
     assert "http" not in page
