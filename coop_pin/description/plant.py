@@ -100,6 +100,20 @@ class Stabilisation(Description):
 Formulation = Literal["auto", "proximal", "kkt"]
 
 
+class MujocoOptions(Description):
+    """Steps and welds of the engine "mujoco".
+
+    Attributes:
+        steps: steps of MuJoCo in an integration step of the plant.
+        time_constant: time in which the error of a weld decays (``solref``), in steps.
+        impedance: d of the welds (``solimp``): they bear d of what a rigid grasp would.
+    """
+
+    steps: int = Field(default=1, ge=1, le=1000)
+    time_constant: float = Field(default=2.0, ge=1.0, le=1000.0)
+    impedance: float = Field(default=0.9999, gt=0.0, le=0.9999)
+
+
 class PlantOptions(Description):
     """Formulation and integration of the plant.
 
@@ -112,6 +126,7 @@ class PlantOptions(Description):
         stabilisation: Baumgarte stabilisation of the loop closures.
         project: times at which positions and velocities are projected onto the closed chain: at the "start"
             only, or after every integration "step".
+        mujoco: what the engine "mujoco" takes in place of formulation, integrator and stabilisation.
     """
 
     payload: Literal["welded", "free"] = "welded"
@@ -119,3 +134,4 @@ class PlantOptions(Description):
     integrator: Literal["rk4", "semi-implicit-euler"] = "rk4"
     stabilisation: Stabilisation = Stabilisation()
     project: Literal["start", "step"] = "start"
+    mujoco: MujocoOptions = MujocoOptions()
