@@ -1,4 +1,4 @@
-"""Choice of the engine of runs: Pinocchio, or compiled code of the plant or of whole runs."""
+"""Choice of the engine of runs: Pinocchio, compiled code of the plant or of whole runs, or MuJoCo."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from coop_pin.compiled.engines import Engine, Way
 from coop_pin.compiled.kind import Kind, law_reason, pinocchio_reason, plant_reason
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.pinocchio_model import load_arm_model
-from coop_pin.simulation.mujoco_plant import MujocoPlant, mujoco_reason
+from coop_pin.simulation.mujoco_plant import MujocoPlant, require_mujoco
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.plant import PlantMaker
 
@@ -97,10 +97,11 @@ def _named(scenario: Scenario | ScenarioError, engine: Literal["pinocchio", "muj
 
     Raises:
         FieldError: MuJoCo does not have the scenario's plant or an event.
+        MissingExtraError: mujoco is not installed.
+        CoopPinError: an arm cannot be loaded.
     """
     if engine == "mujoco" and isinstance(scenario, Scenario):
-        if reason := mujoco_reason(scenario.cell, scenario.plant, scenario.events):
-            raise FieldError(f"is 'mujoco', but {reason}; choose 'pinocchio' or 'auto'", "engine")
+        require_mujoco(scenario.cell, scenario.plant, scenario.events)
     return EngineChoice(engine)
 
 

@@ -1,7 +1,8 @@
-"""MuJoCo model of a cell's tree: joints and inertias of Pinocchio's, and a weld for each closed grasp."""
+"""MuJoCo model of a cell's tree: its joints, its inertias, and a soft weld for each loop closure."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
@@ -10,100 +11,178 @@ import numpy as np
 import pinocchio as pin
 
 from coop_pin.base.arrays import Array
+from coop_pin.base.errors import needs_extra
+from coop_pin.description.plant import MujocoOptions
+from coop_pin.model.pinocchio_model import frame_id
 
-_PLACEHOLDER = "1 1 1"
+_LEAST = "1e-14"
+"""Mass, kg, and inertia, kg m^2, of links that have none: MuJoCo refuses moving bodies without any."""
+_INTEGRATORS = {"rk4": "RK4", "semi-implicit-euler": "Euler"}
+_SAME = 1e-9
 
 
-class Weld(NamedTuple):
-    """Two frames of the tree that a soft weld keeps together.
+class WeldForces(NamedTuple):
+    """Accelerations and forces of welds at a state.
 
     Attributes:
-        joints: indices of the joints that carry them, in the tree.
-        poses: their poses on these, SE3.
+        a: acceleration of the tree, shape (nv,).
+        wrenches: wrench on the first frame of each weld, about it in its axes.
     """
 
-    joints: tuple[int, int]
-    poses: tuple[pin.SE3, pin.SE3]
+    a: Array
+    wrenches: list[pin.Force]
 
 
 def unlike_mujoco(tree: pin.Model) -> str:
-    """Return the name of the first joint that is not a single turn or slide; empty if all are."""
-    joints = zip(tree.names[1:], tree.joints[1:], strict=True)
-    return next((str(name) for name, joint in joints if joint.nv != 1), "")
+    """Return what of a tree MuJoCo does not have; empty if it has all."""
+    for name, joint, inertia in list(zip(tree.names, tree.joints, tree.inertias, strict=True))[1:]:
+        if joint.nv != 1:
+            return f"joint {name!r} is neither a single turn nor a slide"
+        least, middle, largest = np.linalg.eigvalsh(inertia.inertia)
+        if least + middle < largest - _SAME * abs(largest):
+            return f"the inertia behind joint {name!r} breaks the triangle inequality"
+    return ""
 
 
-def mjcf(tree: pin.Model, welds: Sequence[Weld], *, time_constant: float, impedance: float) -> str:
-    """Return the model of a tree of turning and sliding joints, as MJCF.
+def mjcf(
+    tree: pin.Model,
+    welds: Sequence[tuple[str, str]],
+    options: MujocoOptions,
+    *,
+    step: float,
+    integrator: str = "rk4",
+    start: Array | None = None,
+) -> str:
+    """Return the model of a cell's tree as MJCF; ``unlike_mujoco`` says what cannot be.
 
-    Bodies stand in the frames of Pinocchio's joints and have their names; torques are applied by
-    ``qfrc_applied``. Contacts, limits and friction of joints are off. Inertias are set by ``set_inertias``.
+    Bodies stand in the frames of the joints and have their names, frames that are welded, and P, are sites.
+    Contacts and limits are off; torques are generalised forces, ``qfrc_applied``.
 
     Args:
-        tree: Pinocchio tree whose joints have one degree of freedom.
-        welds: Pairs of frames that are welded.
-        time_constant: Time in which a weld's error decays, s.
-        impedance: d of the welds (``solimp``), which MuJoCo keeps below 0.9999.
+        tree: Pinocchio tree.
+        welds: Names of two frames each.
+        options: Stiffness of the welds.
+        step: Time step, s.
+        integrator: Integrator, as of PlantOptions.
+        start: Configuration of key frame "start", shape (nq,).
     """
     root = ET.Element("mujoco")
-    ET.SubElement(root, "compiler", angle="radian", autolimits="false", boundmass="1e-9", boundinertia="1e-9")
-    option = ET.SubElement(
-        root,
-        "option",
-        integrator="RK4",
-        jacobian="dense",
-        tolerance="1e-15",
-        iterations="200",
-        gravity=_text(tree.gravity.linear),
-    )
-    off = ("contact", "limit", "frictionloss", "clampctrl", "refsafe")
-    ET.SubElement(option, "flag", dict.fromkeys(off, "disable"))
+    ET.SubElement(root, "compiler", angle="radian", autolimits="false", boundmass=_LEAST, boundinertia=_LEAST)
+    solver = {"jacobian": "dense", "tolerance": "1e-15", "iterations": "200"}
+    motion = {"timestep": repr(step), "integrator": _INTEGRATORS[integrator]}
+    option = ET.SubElement(root, "option", motion | solver, gravity=_text(tree.gravity.linear))
+    ET.SubElement(option, "flag", dict.fromkeys(("contact", "limit"), "disable"))
     bodies = [ET.SubElement(root, "worldbody")]
     data = tree.createData()
     pin.forwardKinematics(tree, data, pin.neutral(tree), np.zeros(tree.nv))
     for number in range(1, tree.njoints):
         parent, name = bodies[tree.parents[number]], str(tree.names[number])
-        body = ET.SubElement(parent, "body", _placed(tree.jointPlacements[number]), name=name)
+        body = ET.SubElement(parent, "body", _pose(tree.jointPlacements[number]), name=name)
         S = np.asarray(data.joints[number].S).ravel()
-        turns = bool(S[3:].any())
-        kind, axis = ("hinge", S[3:]) if turns else ("slide", S[:3])
+        kind, axis = ("hinge", S[3:]) if S[3:].any() else ("slide", S[:3])
         ET.SubElement(body, "joint", name=name, type=kind, axis=_text(axis))
-        ET.SubElement(body, "inertial", pos="0 0 0", mass="1", diaginertia=_PLACEHOLDER)
+        moments, pose = _principal(tree.inertias[number])
+        mass = _text([tree.inertias[number].mass])
+        ET.SubElement(body, "inertial", _pose(pose), mass=mass, diaginertia=_text(moments))
         bodies.append(body)
-    equality = ET.SubElement(root, "equality") if welds else None
-    for number, weld in enumerate(welds):
-        sites = [f"weld{number}/{side}" for side in "ab"]
-        for site, joint, pose in zip(sites, *weld, strict=True):
-            ET.SubElement(bodies[joint], "site", _placed(pose), name=site)
+    for name in dict.fromkeys(("payload", *itertools.chain(*welds))):
+        frame = tree.frames[frame_id(tree, name)]
+        ET.SubElement(bodies[frame.parentJoint], "site", _pose(frame.placement), name=name)
+    for a, b in welds:
+        equality = root.find("equality")
         ET.SubElement(
-            equality,
+            ET.SubElement(root, "equality") if equality is None else equality,
             "weld",
-            site1=sites[0],
-            site2=sites[1],
-            solref=_text((time_constant, 1.0)),
-            solimp=_text((impedance, impedance, 1e-3, 0.5, 2.0)),
+            site1=a,
+            site2=b,
+            solref=_text((options.time_constant * step, 1.0)),
+            solimp=_text((options.impedance, options.impedance, 1e-3, 0.5, 2.0)),
+            torquescale=_text([options.torque_scale]),
         )
+    if start is not None:
+        x = pin.difference(tree, pin.neutral(tree), start)
+        ET.SubElement(ET.SubElement(root, "keyframe"), "key", name="start", qpos=_text(x))
+    ET.indent(root)
     return ET.tostring(root, encoding="unicode")
 
 
-def set_inertias(model: Any, tree: pin.Model) -> None:
-    """Set mass, centre and inertia of every body as in the tree, by principal axes.
+def mujoco_module() -> Any:
+    """Return MuJoCo.
 
-    Args:
-        model: MjModel that ``mjcf`` describes.
-        tree: Its tree.
+    Raises:
+        MissingExtraError: it is not installed.
     """
-    import mujoco
-
-    for body, inertia in enumerate(tree.inertias.tolist()[1:], start=1):
-        moments, axes = np.linalg.eigh(inertia.inertia)
-        axes[:, 2] *= np.sign(np.linalg.det(axes))
-        model.body_mass[body], model.body_ipos[body] = inertia.mass, inertia.lever
-        model.body_inertia[body], model.body_iquat[body] = moments, _quaternion(axes)
-    model.opt.gravity[:] = tree.gravity.linear
-    mujoco.mj_setConst(model, mujoco.MjData(model))
+    with needs_extra("mujoco", "mujoco", "for the engine 'mujoco'"):
+        import mujoco
+    return mujoco
 
 
-def _placed(pose: pin.SE3) -> dict[str, str]:
+class MujocoModel:
+    """Tree with soft welds in MuJoCo: accelerations and forces of welds."""
+
+    def __init__(self, tree: pin.Model, text: str, options: MujocoOptions) -> None:
+        """Compile a model.
+
+        Args:
+            tree: Pinocchio tree, which may change its inertias.
+            text: Its model, as of ``mjcf``.
+            options: Stiffness of the welds.
+
+        Raises:
+            MissingExtraError: mujoco is not installed.
+        """
+        self._mujoco, self._tree, self._options = mujoco_module(), tree, options
+        self.model = self._mujoco.MjModel.from_xml_string(text)
+        self.data, self._neutral = self._mujoco.MjData(self.model), pin.neutral(tree)
+        self._jacobians = np.zeros((4, 3, tree.nv))
+
+    def reweigh(self, joint: int) -> None:
+        """Take over gravity, and the inertia that a joint of the tree carries."""
+        model, inertia = self.model, self._tree.inertias[joint]
+        model.body_inertia[joint], pose = _principal(inertia)
+        model.body_mass[joint], model.body_ipos[joint] = inertia.mass, inertia.lever
+        model.body_iquat[joint] = _quaternion(pose.rotation)
+        model.opt.gravity[:] = self._tree.gravity.linear
+        self._mujoco.mj_setConst(model, self._mujoco.MjData(model))
+
+    def soften(self, step: float) -> None:
+        """Let the errors of the welds decay in the time constant for a time step, s."""
+        self.model.eq_solref[:, 0] = self._options.time_constant * step
+
+    def acceleration(self, q: Array, v: Array, tau: Array) -> Array:
+        """Return the acceleration under a generalised force, shape (nv,), until the next call."""
+        self.data.qpos[:] = pin.difference(self._tree, self._neutral, q)
+        self.data.qvel[:], self.data.qfrc_applied[:] = v, tau
+        self._mujoco.mj_forward(self.model, self.data)
+        a: Array = self.data.qacc
+        return a
+
+    def forces(self, q: Array, v: Array, tau: Array) -> WeldForces:
+        """Return accelerations and forces of welds under a generalised force.
+
+        The generalised force J^T f of a weld's rows is (J_1 - J_2)^T F with the Jacobians of its two sites,
+        linear and angular, in the world; of the wrenches F on the first one it is the smallest.
+        """
+        a, model, data = self.acceleration(q, v, tau).copy(), self.model, self.data
+        rows, wrenches = data.efc_J.reshape(-1, model.nv), list[pin.Force]()
+        for weld, sites in enumerate(zip(model.eq_obj1id, model.eq_obj2id, strict=True)):
+            for site, jacobian in zip(sites, self._jacobians.reshape(2, 2, 3, -1), strict=True):
+                self._mujoco.mj_jacSite(model, data, *jacobian, site)
+            J = np.concatenate(self._jacobians[:2] - self._jacobians[2:])
+            at, R = slice(6 * weld, 6 * weld + 6), data.site_xmat[sites[0]].reshape(3, 3)
+            F = np.linalg.lstsq(J.T, rows[at].T @ data.efc_force[at], rcond=_SAME)[0]
+            wrenches.append(pin.Force(F[:3] @ R, F[3:] @ R))
+        return WeldForces(a, wrenches)
+
+
+def _principal(inertia: pin.Inertia) -> tuple[Array, pin.SE3]:
+    """Return the principal moments of inertia, and the pose of their axes in the joint's frame."""
+    moments, axes = np.linalg.eigh(inertia.inertia)
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    return moments, pin.SE3(axes, inertia.lever)
+
+
+def _pose(pose: pin.SE3) -> dict[str, str]:
     """Return position and quaternion of a pose as attributes."""
     return {"pos": _text(pose.translation), "quat": _text(_quaternion(pose.rotation))}
 
