@@ -146,7 +146,11 @@ class MujocoModel:
         self._mujoco.mj_setConst(model, self._mujoco.MjData(model))
 
     def soften(self, step: float) -> None:
-        """Let the errors of the welds decay in the time constant for a time step, s."""
+        """Let the gaps of the welds close in the time constant for a time step, s.
+
+        MuJoCo takes no time constant below two of its own steps.
+        """
+        self.model.opt.timestep = step
         self.model.eq_solref[:, 0] = self._options.time_constant * step
 
     def acceleration(self, q: Array, v: Array, tau: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -12,6 +13,7 @@ from cells import planar_scenario, spatial_scenario
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
+from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError, MissingExtraError
 from coop_pin.cli import main
 from coop_pin.compiled.engine_choice import choose_engine, choose_engines
@@ -71,7 +73,7 @@ def test_a_run_with_events_has_the_samples_of_pinocchio(name):
     assert apart["position"] < 1e-7
     assert apart["orientation"] < 5e-7
     assert apart["force"] < 1e-3
-    assert apart["moment"] < 1e-3
+    assert apart["moment"] < 5e-3
     assert theirs.engine == "mujoco"
     assert theirs.simulation_sound
     assert ours.energy_balance_max() < theirs.energy_balance_max() < 2e-6  # what the welds store and lose
@@ -97,61 +99,81 @@ def test_without_closures_accelerations_are_those_of_the_articulated_body_algori
         assert_allclose(model.acceleration(q, v, tau), expected, rtol=0.0, atol=1e-9 * abs(expected).max())
 
 
+class WeldRows(NamedTuple):
+    """Rows of a weld of MuJoCo at a state, by Pinocchio's frames: J, e with e' = J v, and Jdot v.
+
+    The error is [p_E - p_G, s log(R_E^T R_G) / 2] with the scale s of rotations, for small angles.
+    """
+
+    J: Array
+    e: Array
+    drift: Array
+
+    @classmethod
+    def at(cls, tree, data, frames, scale, q, v) -> WeldRows:
+        """The rows between a tip E and a grasp G."""
+        E, G = (tree.getFrameId(frame) for frame in frames)
+        pin.computeJointJacobians(tree, data, q)
+        pin.forwardKinematics(tree, data, q, v, np.zeros(tree.nv))
+        pin.updateFramePlacements(tree, data)
+        world = pin.LOCAL_WORLD_ALIGNED
+        J_E, J_G = (pin.getFrameJacobian(tree, data, frame, world) for frame in (E, G))
+        w_E, w_G = ((J @ v)[3:] for J in (J_E, J_G))
+        a_E, a_G = (pin.getFrameClassicalAcceleration(tree, data, f, world).vector for f in (E, G))
+        X_WE, X_WG, J, drift = data.oMf[E], data.oMf[G], J_E - J_G, a_E - a_G
+        turned = -0.5 * scale * X_WE.rotation.T
+        J[3:] = turned @ J[3:]
+        drift[3:] = turned @ (drift[3:] - np.cross(0.5 * (w_E + w_G), w_E - w_G))
+        angle = pin.log3(X_WE.rotation.T @ X_WG.rotation)
+        return cls(J, np.concatenate((X_WE.translation - X_WG.translation, 0.5 * scale * angle)), drift)
+
+
 @pytest.mark.parametrize("name", ["planar", "spatial"])
 def test_with_welds_accelerations_and_wrenches_are_those_of_a_regularised_kkt(name):
-    """M a - J^T f = tau - h and J a + R f = -b J v - k e, with M, h and J of Pinocchio and R of MuJoCo.
+    """M a - J^T f = tau - h and J a + R f = -Jdot v - b J v - k e, with MuJoCo's R, all else of Pinocchio.
 
-    A weld of time constant T and impedance d has b = 2 / (d T) and k = 1 / (d T^2).
+    A weld of time constant T and impedance d has b = 2 / (d T) and k = 1 / (d T^2). With R = 0 the forces are
+    those of rigid grasps that are stabilised alike: the difference is what "soft" means.
     """
     scenario, rng, step = CASES[name][0](), np.random.default_rng(1), 1e-3
     chain, options = CellChain(scenario.cell), MujocoOptions()
-    tree, frames = chain.model.model, [("right/grasp", "payload/right")]
-    model, data = MujocoModel(tree, mjcf(tree, frames, options, step=step), options), tree.createData()
+    tree, frames = chain.model.model, ("right/grasp", "payload/right")
+    model, data = MujocoModel(tree, mjcf(tree, [frames], options, step=step), options), tree.createData()
     T, d, scale = options.time_constant * step, options.impedance, options.torque_scale
-    tip, grasp = (tree.getFrameId(frame) for frame in frames[0])
-    q_start, softness = chain.configuration(scenario.start.matrix), 0.0
+    q_start, nv, softness = chain.configuration(scenario.start.matrix), tree.nv, 0.0
     for _ in range(STATES):
-        q = chain.mechanism.project_configuration(q_start + 0.03 * rng.normal(size=tree.nv))
-        v = chain.mechanism.project_velocity(q, rng.normal(size=tree.nv)) + 1e-3 * rng.normal(size=tree.nv)
-        tau = 20.0 * rng.normal(size=tree.nv)
+        q = chain.mechanism.project_configuration(q_start + 0.03 * rng.normal(size=nv))
+        v = chain.mechanism.project_velocity(q, rng.normal(size=nv)) + 1e-3 * rng.normal(size=nv)
+        tau = 20.0 * rng.normal(size=nv)
         a, (on_tip,) = model.forces(q, v, tau)
-        M, h = pin.crba(tree, data, q), pin.nonLinearEffects(tree, data, q, v)
-        M = np.triu(M) + np.triu(M, 1).T
-        pin.computeJointJacobians(tree, data, q)
-        pin.updateFramePlacements(tree, data)
-        axes = [pin.getFrameJacobian(tree, data, frame, pin.LOCAL_WORLD_ALIGNED) for frame in (tip, grasp)]
-        X_WE, X_WG = data.oMf[tip], data.oMf[grasp]
-        turned = 0.5 * scale * X_WE.rotation.T
-        J = axes[0] - axes[1]
-        J[3:] = turned @ J[3:]
-        e = np.concatenate((X_WE.translation - X_WG.translation, np.zeros(3)))
-        R = np.diag(model.data.efc_R)
-        right = np.concatenate((tau - h, -2.0 / (d * T) * (J @ v) - e / (d * T**2)))
-        solution = np.linalg.solve(np.block([[M, -J.T], [J, R]]), right)
-        assert_allclose(a, solution[: tree.nv], rtol=0.0, atol=1e-9 * abs(solution[: tree.nv]).max())
-        f = solution[tree.nv :]
-        F = np.concatenate((f[:3], turned.T @ f[3:]))
-        (rows,) = np.nonzero(np.abs(axes[0] - axes[1]).max(axis=1) > 1e-9)  # the others cause no torques
-        found = np.concatenate((X_WE.rotation @ on_tip.linear, X_WE.rotation @ on_tip.angular))
-        assert_allclose(found[rows], F[rows], rtol=0.0, atol=1e-6 * abs(F).max())
-        rigid = np.linalg.pinv(J @ np.linalg.solve(M, J.T), rcond=1e-10, hermitian=True) @ (
-            right[tree.nv :] - J @ np.linalg.solve(M, tau - h)
-        )
-        softness = max(softness, abs(rigid[:3] - f[:3]).max() / abs(rigid[:3]).max())
+        M, h = np.triu(pin.crba(tree, data, q)), pin.nonLinearEffects(tree, data, q, v)
+        M += np.triu(M, 1).T
+        J, e, drift = WeldRows.at(tree, data, frames, scale, q, v)
+        pull = -drift - 2.0 / (d * T) * (J @ v) - e / (d * T**2)
+        blocks = np.block([[M, -J.T], [J, np.diag(model.data.efc_R)]])
+        parts = np.split(np.linalg.solve(blocks, np.concatenate((tau - h, pull))), [nv])
+        assert_allclose(a, parts[0], rtol=0.0, atol=1e-9 * abs(parts[0]).max())
+        torques, local = J.T @ parts[1], WeldRows.at(tree, data, frames, -2.0, q, v).J
+        local[:3] = data.oMf[tree.getFrameId(frames[0])].rotation.T @ local[:3]  # all rows in axes of the tip
+        assert_allclose(local.T @ on_tip.vector, torques, rtol=0.0, atol=1e-7 * abs(torques).max())
+        mobility = J @ np.linalg.solve(M, J.T)
+        rigid = np.linalg.lstsq(mobility, pull - J @ np.linalg.solve(M, tau - h), rcond=1e-10)[0]
+        softness = max(softness, abs(J.T @ rigid - torques).max() / abs(torques).max())
     assert 1e-6 < softness < 4e-3
 
 
 @pytest.mark.parametrize("name", ["planar", "spatial"])
-def test_the_difference_to_rigid_grasps_falls_with_the_square_of_the_step(name):
+def test_the_difference_to_rigid_grasps_falls_with_the_step(name):
     scenario = CASES[name][0]().replace(events=(), duration=CASES[name][1])
-    apart = []
+    apart, gaps = [], []
     for steps in (2, 4, 8):
         changed = scenario.override({"clock.steps_per_tick": steps})
         runs = [cp.run(changed, engine=engine, warn=False) for engine in ("pinocchio", "mujoco")]
-        apart.append((differences(*runs)["position"], runs[1].closure_error_max()[0]))
-    orders = np.log2(np.array(apart)[:-1] / np.array(apart)[1:])
-    print(name, apart, orders)
-    assert (orders[:, 1] > 1.8).all()
+        apart.append(differences(*runs)["position"])
+        gaps.append(runs[1].closure_error_max()[0])
+    orders = [np.log2(np.divide(each[:-1], each[1:])) for each in (apart, gaps)]
+    assert orders[0].mean() > 0.85
+    assert orders[1].min() > 1.9  # what a weld bears at rest opens it by T^2
 
 
 @pytest.mark.parametrize("name", ["planar", "spatial", "three"])
@@ -212,6 +234,36 @@ def test_without_mujoco_the_engine_names_its_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(MissingExtraError, match="mujoco"):
         cp.run("adept-paper", engine="mujoco", warn=False)
+
+
+def test_sweeps_and_comparisons_take_it_and_refuse_what_it_lacks(tmp_path):
+    execution = cp.Execution(workers=0, engine="mujoco", quiet=True)
+    short = {"duration": 0.05, "events": ()}
+    swept = cp.sweep(
+        "adept-anchored", {"seed": [1, 2]}, out=tmp_path / "s", changes=short, execution=execution
+    )
+    assert [record.engine for record in swept.store.records()] == ["mujoco", "mujoco"]
+    table = cp.compare(
+        "adept-anchored", ["anchored"], ["nominal"], out=tmp_path / "c", duration=0.05, execution=execution
+    )
+    assert len(table.table) == 1
+    release = {"kind": "lose-arm", "time": 0.02, "arm": "left"}
+    cases = {"all": {"events": []}, "lost": {"events": [release]}}
+    mixed = cp.sweep(
+        "adept-anchored", out=tmp_path / "m", changes={"duration": 0.05}, cases=cases, execution=execution
+    )
+    assert sorted(record.failure for record in mixed.store.records()) == ["", "FieldError"]
+    with pytest.raises(FieldError, match="does not have"):
+        cp.sweep("adept-compliant", {"seed": [1, 2]}, out=tmp_path / "r", changes=short, execution=execution)
+    with pytest.raises(FieldError, match="does not have"):
+        cp.compare(
+            "adept-compliant",
+            ["anchored"],
+            ["nominal"],
+            out=tmp_path / "d",
+            duration=0.05,
+            execution=execution,
+        )
 
 
 def test_auto_does_not_choose_it():
