@@ -17,8 +17,11 @@ from coop_pin.grasps.observation import Observation
 from coop_pin.model.mujoco_model import MujocoModel, mjcf, mujoco_module, unlike_mujoco
 from coop_pin.model.pinocchio_model import load_arm_model
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
+from coop_pin.simulation.plant import PlantState
 
 _EVENTS = "payload-change", "wrench-pulse", "gravity-turn", "partner"
+_STEP = 1e-3
+"""Step before the first one, s."""
 
 
 def unlike_plant(cell: Cell, options: PlantOptions, events: Sequence[PayloadEvent] = ()) -> str:
@@ -86,7 +89,7 @@ class MujocoPlant(PinocchioPlant):
             FieldError: MuJoCo does not have the cell or an option.
         """
         require_mujoco(chain.cell, options)
-        text = cell_mjcf(chain, options, step=1e-3)  # the step of every call counts
+        text, self._longest = cell_mjcf(chain, options, _STEP), 0.0
         self._tree = MujocoModel(chain.model.model, text, options.mujoco)
         self._determinate, self._apart = chain.rigid.determinate_rows(q), np.zeros(6)
         super().__init__(chain, options, q)
@@ -113,9 +116,26 @@ class MujocoPlant(PinocchioPlant):
         self.release(arm)
 
     def advance(self, t: float, h: float) -> None:
-        """Integrate from time t over h seconds."""
-        self._tree.soften(h)
+        """Integrate from time t over h seconds.
+
+        The welds are as stiff as the longest step so far allows: a gap that bears a load under one time
+        constant would bear another one under that of a step which ends at an event.
+        """
+        if h > self._longest:
+            self._longest = h
+            self._tree.soften(h)
         super().advance(t, h)
+
+    def state(self) -> PlantState:
+        """Return the state."""
+        state = super().state()
+        return state._replace(memory=(state.memory, self._longest))
+
+    def restore(self, state: PlantState) -> None:
+        """Return to a state, or to one with other q, v, work, force or surroundings."""
+        memory, self._longest = state.memory
+        self._tree.soften(self._longest or _STEP)
+        super().restore(state._replace(memory=memory))
 
     def _rate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the acceleration, shape (nv,), and powers in the order of ``work``, the first of them."""

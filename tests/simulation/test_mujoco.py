@@ -22,7 +22,10 @@ from coop_pin.description.cell.arm import JointFriction
 from coop_pin.description.plant import MujocoOptions, PlantOptions
 from coop_pin.grasps import CellChain
 from coop_pin.model.mujoco_model import MujocoModel, mjcf
+from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.mujoco_plant import MujocoPlant, unlike_plant
+from coop_pin.simulation.simulation import Simulation
+from coop_pin.viz.report import scenario_facts
 
 CASES = {
     "planar": (planar_scenario, 0.5),
@@ -84,6 +87,8 @@ def test_a_run_with_events_has_the_samples_of_pinocchio(name):
         assert ours.data[work][-1] != 0.0
     assert "soft welds of MuJoCo: wrenches within" in theirs.summary()
     assert "MuJoCo" not in ours.summary()
+    assert dict(scenario_facts(theirs))["engine"].startswith("mujoco; grasps were soft welds")
+    assert "engine" not in dict(scenario_facts(ours))
 
 
 @pytest.mark.parametrize("name", ["planar", "spatial", "continuous"])
@@ -301,6 +306,24 @@ def test_a_grasp_neither_opens_nor_closes():
     for change in (plant.release, plant.grasp, plant.brake):
         with pytest.raises(FieldError, match="neither open nor close"):
             change(1)
+
+
+@pytest.mark.parametrize("name", ["planar", "spatial"])
+def test_a_run_that_is_resumed_goes_on_bit_for_bit(name):
+    scenario = eventful(name)
+    whole, begun, resumed = (
+        Simulation(scenario, build_controller(scenario), plant=MujocoPlant) for _ in range(3)
+    )
+    half = scenario.clock.ticks(scenario.duration) // 2
+    for simulation in (whole, begun):
+        for _ in range(half):
+            simulation.tick()
+    resumed.restore(begun.state())
+    for simulation in (whole, resumed):
+        for _ in range(5):
+            simulation.tick()
+    assert (whole.plant.q == resumed.plant.q).all()
+    assert (whole.plant.v == resumed.plant.v).all()
 
 
 RIGID = (
