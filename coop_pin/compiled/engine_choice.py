@@ -1,4 +1,4 @@
-"""Choice of the engine of runs: Pinocchio, or compiled code of the plant or of whole runs."""
+"""Choice of the engine of runs: Pinocchio, compiled code of the plant or of whole runs, or MuJoCo."""
 
 from __future__ import annotations
 
@@ -12,10 +12,16 @@ from coop_pin.compiled.engines import Engine, Way
 from coop_pin.compiled.kind import Kind, law_reason, pinocchio_reason, plant_reason
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.pinocchio_model import load_arm_model
+from coop_pin.simulation.mujoco_plant import MujocoPlant, require_mujoco
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.plant import PlantMaker
 
-_HOW = {"pinocchio": "", "plant": ", plant under an interpreted law", "lanes": ", whole runs as lanes"}
+_HOW = {
+    "pinocchio": "",
+    "mujoco": "",
+    "plant": ", plant under an interpreted law",
+    "lanes": ", whole runs as lanes",
+}
 _TICKS_PER_JOINT = 250
 """Ticks of single runs that take as long as tracing and compiling does for each joint of a cell.
 
@@ -74,7 +80,7 @@ def choose_engines(
             be traced, and whoever simulates it finds out.
     """
     if engine != "auto" and engine != "compiled":
-        return [EngineChoice(engine)] * len(scenarios)
+        return [_named(each, engine) for each in scenarios]
     kinds = [str(each) if isinstance(each, ScenarioError) else Kind.of_scenario(each) for each in scenarios]
     ticks, choices = defaultdict[str | Kind, float](float), dict[str | Kind, EngineChoice]()
     for kind, scenario, count in zip(kinds, scenarios, runs, strict=True):
@@ -84,6 +90,19 @@ def choose_engines(
             weighed = ticks[kind] if engine == "auto" else None
             choices[kind] = _choice(scenario, weighed, traces_user_code)
     return [choices[kind] for kind in kinds]
+
+
+def _named(scenario: Scenario | ScenarioError, engine: Literal["pinocchio", "mujoco"]) -> EngineChoice:
+    """Return the choice of an engine by name.
+
+    Raises:
+        FieldError: MuJoCo does not have the scenario's plant or an event.
+        MissingExtraError: mujoco is not installed.
+        CoopPinError: an arm cannot be loaded.
+    """
+    if engine == "mujoco" and isinstance(scenario, Scenario):
+        require_mujoco(scenario.cell, scenario.plant, scenario.events)
+    return EngineChoice(engine)
 
 
 def _ticks(scenario: Scenario) -> float:
@@ -148,7 +167,7 @@ def choose_engine(scenario: Scenario, engine: Engine = "auto", *, is_live: bool 
         CoopPinError: an arm cannot be loaded.
     """
     if engine != "auto" and engine != "compiled":
-        return EngineChoice(engine)
+        return _named(scenario, engine)
     if (choice := _by_plant(scenario).require(engine)).way == "pinocchio":
         return choice
     if engine == "auto":
@@ -198,6 +217,8 @@ def plant_of(engine: str) -> PlantMaker:
     match engine:
         case "pinocchio":
             return PinocchioPlant
+        case "mujoco":
+            return MujocoPlant
         case "compiled":
             from coop_pin.compiled.plant.compiled_plant import CompiledPlant  # slow to load
 

@@ -100,6 +100,24 @@ class Stabilisation(Description):
 Formulation = Literal["auto", "proximal", "kkt"]
 
 
+class MujocoOptions(Description):
+    """Welds of the engine "mujoco", which are soft.
+
+    A weld that is to bear f lets accelerations differ by (1 - impedance) / impedance of about what f alone
+    would cause, until the gap that this opens bears it. Its rows of rotation are half an angle times the
+    scale: at 1, MuJoCo's default, they are the softest.
+
+    Attributes:
+        time_constant: time in which the gap of a weld closes (``solref``), in integration steps.
+        impedance: part of the force that a weld bears at once (``solimp``); MuJoCo allows 0.9999.
+        torque_scale: factor of the rows of rotation (``torquescale``).
+    """
+
+    time_constant: float = Field(default=2.0, ge=2.0, le=1000.0)
+    impedance: float = Field(default=0.9999, gt=0.0, le=0.9999)
+    torque_scale: float = Field(default=10.0, gt=0.0, le=1000.0)
+
+
 class PlantOptions(Description):
     """Formulation and integration of the plant.
 
@@ -112,6 +130,7 @@ class PlantOptions(Description):
         stabilisation: Baumgarte stabilisation of the loop closures.
         project: times at which positions and velocities are projected onto the closed chain: at the "start"
             only, or after every integration "step".
+        mujoco: what the engine "mujoco" takes in place of formulation and stabilisation.
     """
 
     payload: Literal["welded", "free"] = "welded"
@@ -119,3 +138,4 @@ class PlantOptions(Description):
     integrator: Literal["rk4", "semi-implicit-euler"] = "rk4"
     stabilisation: Stabilisation = Stabilisation()
     project: Literal["start", "step"] = "start"
+    mujoco: MujocoOptions = MujocoOptions()

@@ -78,6 +78,24 @@ class CellDynamics(CellKinematics):
         wrenches = self._wrenches(self.mechanism.solver.forces, push, *elements)
         return require_finite("the interaction wrenches", wrenches)
 
+    def moved_wrenches(
+        self, q: Array, v: Array, a: Array, of_closures: Sequence[pin.Force], push: Array
+    ) -> Array:
+        """Return the interaction wrenches of a motion and wrenches on tips, as another engine has them.
+
+        Args:
+            q: configuration, shape (nq,).
+            v: velocity, shape (nv,).
+            a: acceleration, shape (nv,).
+            of_closures: wrench on the tip of each rigid grasp that is a closure, about it in its axes.
+            push: wrench on the payload about P in world axes, shape (6,).
+
+        Raises:
+            OutOfRangeError: a wrench is not finite.
+        """
+        self._frames.move(q, v, a)
+        return require_finite("the interaction wrenches", self._wrenches(of_closures, push))
+
     def observe(self, q: Array, v: Array, tau: Array, push: Array) -> Observation:
         """Return poses, wrenches and energy at n states.
 

@@ -57,8 +57,8 @@ class RunResult:
     EVERY_TICK = "every_tick"
     """Attribute of ``data`` of runs that keep every n-th tick: what is known of all ticks, as JSON."""
     FINDINGS, REMARKS = "findings", "remarks"
-    """Attributes of ``data``, if any: errors and warnings that the run began with, as JSON; what the law's
-    last state says of the run, a sentence a line."""
+    """Attributes of ``data``, if any: errors and warnings that the run began with, as JSON; what plant and
+    law say of the run at its end, a sentence a line."""
 
     def __init__(
         self, scenario: Scenario, data: xr.Dataset | Samples, attributes: Mapping[str, str] | None = None
@@ -96,7 +96,7 @@ class RunResult:
 
     @property
     def engine(self) -> str:
-        """What computed the run: "pinocchio" or "compiled"."""
+        """What computed the run: "pinocchio", "compiled" or "mujoco"."""
         return str(self._texts.get(self.ENGINE, self.USUAL_ENGINE))
 
     @property

@@ -176,6 +176,10 @@ class PinocchioPlant:
         """Return the distance that each arm's patch has slid, m, shape (p,)."""
         return self.chain.patches.slips
 
+    def remarks(self) -> list[str]:
+        """Return nothing: what the plant is stands in the scenario."""
+        return []
+
     def interaction_wrenches(self) -> Array:
         """Return the wrench on each arm by the payload, about P in world axes, shape (m, 6)."""
         push = self.payload_wrench(self.q, self.v, self.time)

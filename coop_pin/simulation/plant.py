@@ -111,6 +111,9 @@ class Plant(Protocol):
     def slips(self) -> Array:
         """Return the distance that each arm's patch has slid, m, shape (p,)."""
 
+    def remarks(self) -> list[str]:
+        """Return what the summary of the run says of the plant, a sentence each."""
+
     def observe(self, q: Array, v: Array, force: Array, time: Array) -> Observation:
         """Return what is recorded of n states in the present surroundings.
 

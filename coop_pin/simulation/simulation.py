@@ -152,11 +152,12 @@ class Simulation(TickLoop):
         summary = "; ".join((self.scenario.summary, *self._replaced)).removeprefix("; ")
         scenario = self.scenario.replace(summary=summary) if self._replaced else self.scenario
         result = self.recorder.result(scenario)
+        remarks = [*map(str, self.missed), *self.plant.remarks()]
         if self.controller_state is not None:
             pose = self.motion.at(result.end).X_WP_d
-            remarks = [*map(str, self.missed), *self.controller.remarks(pose, self.controller_state)]
-            if remarks:
-                result.data.attrs[RunResult.REMARKS] = "\n".join(remarks)
+            remarks += self.controller.remarks(pose, self.controller_state)
+        if remarks:
+            result.data.attrs[RunResult.REMARKS] = "\n".join(remarks)
         return result
 
     def add_event(self, event: Event) -> None:

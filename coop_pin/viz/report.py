@@ -98,6 +98,9 @@ def scenario_facts(result: RunResult) -> list[tuple[str, str]]:
         if (text := table_text(stated(value)))
     ]
     facts += [("event", value_text(event)) for event in scenario.events]
+    if result.engine != RunResult.USUAL_ENGINE:
+        remarks = result.data.attrs.get(RunResult.REMARKS, "").splitlines()
+        facts.append(("engine", "; ".join((result.engine, *remarks))))
     return facts
 
 

@@ -200,6 +200,10 @@ class CompiledPlant:
         """Return no slip: no arm has a patch, shape (0,)."""
         return np.zeros(0)
 
+    def remarks(self) -> list[str]:
+        """Return nothing: what the plant is stands in the scenario."""
+        return []
+
     def closure_errors(self) -> list[ClosureError]:
         """Return the closure error between tip and grasp of each arm."""
         return [ClosureError(*error) for error in self._observed()["closure_errors"].tolist()]

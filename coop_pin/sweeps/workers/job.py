@@ -27,6 +27,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.results.netcdf import to_netcdf
 from coop_pin.results.run_result import RunResult
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.mujoco_plant import require_mujoco
 from coop_pin.simulation.simulate import simulate
 from coop_pin.sweeps.run_key import Code, require_unchanged
 
@@ -251,6 +252,8 @@ def run_job(job: Job) -> Outcome:
         engine = EngineChoice(job.way).engine
         if engine == "compiled" and pinocchio_reason(scenario):
             engine = "pinocchio"
+        if engine == "mujoco":
+            require_mujoco(scenario.cell, scenario.plant, scenario.events)
         return simulate(scenario, build_controller(scenario), progress=progress, plant=plant_of(engine))
 
     outcome = outcome_of(job, compute)

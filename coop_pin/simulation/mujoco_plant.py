@@ -1,0 +1,172 @@
+"""Plant by MuJoCo: tree, drives, friction and pushes are those of Pinocchio's, grasps are soft welds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NoReturn
+
+import numpy as np
+
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import FieldError
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.events import PayloadEvent, Surroundings
+from coop_pin.description.plant import PlantOptions
+from coop_pin.grasps.cell_chain import CellChain
+from coop_pin.grasps.observation import Observation
+from coop_pin.model.mujoco_model import MujocoModel, mjcf, mujoco_module, unlike_mujoco
+from coop_pin.model.pinocchio_model import load_arm_model
+from coop_pin.simulation.pinocchio_plant import PinocchioPlant
+from coop_pin.simulation.plant import PlantState
+
+_EVENTS = "payload-change", "wrench-pulse", "gravity-turn", "partner"
+_STEP = 1e-3
+"""Step before the first one, s."""
+
+
+def unlike_plant(cell: Cell, options: PlantOptions, events: Sequence[PayloadEvent] = ()) -> str:
+    """Return the first thing in a cell, its plant and events that MuJoCo's plant lacks; empty if it has all.
+
+    Raises:
+        CoopPinError: an arm cannot be loaded.
+    """
+    without = [f"grasp of {name!r} is not rigid" for name in cell.unclosed]
+    without += [f"table {name!r}" for name in cell.tables]
+    if options.payload == "free":
+        without.append("payload is 'free' (plant.payload)")
+    without += [f"event is {event.kind!r}" for event in events if event.kind not in _EVENTS]
+    for name, arm in cell.arms.items() if not without else ():
+        without += [f"{text} of arm {name!r}" for text in [unlike_mujoco(load_arm_model(arm))] if text]
+    return next(iter(without), "")
+
+
+def require_mujoco(cell: Cell, options: PlantOptions, events: Sequence[PayloadEvent] = ()) -> None:
+    """Refuse the engine for what it lacks.
+
+    Raises:
+        FieldError: ``unlike_plant`` is something.
+        MissingExtraError: mujoco is not installed.
+        CoopPinError: an arm cannot be loaded.
+    """
+    mujoco_module()
+    if text := unlike_plant(cell, options, events):
+        raise FieldError(f"is 'mujoco', which does not have this: {text}; choose 'pinocchio'", "engine")
+
+
+def cell_mjcf(chain: CellChain, options: PlantOptions, step: float, q: Array | None = None) -> str:
+    """Return the model of a cell as MJCF, its payload in the hand of the first arm.
+
+    Args:
+        chain: Closed chain of the cell.
+        options: Integrator, and stiffness of the welds.
+        step: Time step, s.
+        q: Configuration of key frame "start", shape (nq,).
+    """
+    welds = [(closure.frame_a, closure.frame_b) for closure in chain.rigid.mechanism.closures.closures]
+    return mjcf(chain.model.model, welds, options.mujoco, step=step, integrator=options.integrator, start=q)
+
+
+class MujocoPlant(PinocchioPlant):
+    """Cell in motion by MuJoCo, a ``Plant``: accelerations and forces of welds are MuJoCo's.
+
+    The tree has the payload in the first arm's hand. Torques, friction and the push act as generalised
+    forces, and the integrator is that of the options. A weld is a stiff, critically damped constraint. What
+    it stores and loses is not booked: the energy balance shows it.
+    """
+
+    engine = "mujoco"
+
+    def __init__(self, chain: CellChain, options: PlantOptions, q: Array) -> None:
+        """Start at rest, without torques.
+
+        Args:
+            chain: Closed chain of the cell.
+            options: Integrator, and stiffness of the welds.
+            q: Configuration on the closures, shape (nq,).
+
+        Raises:
+            MissingExtraError: mujoco is not installed.
+            FieldError: MuJoCo does not have the cell or an option.
+        """
+        require_mujoco(chain.cell, options)
+        text, self._longest = cell_mjcf(chain, options, _STEP), 0.0
+        self._tree = MujocoModel(chain.model.model, text, options.mujoco)
+        self._determinate, self._apart = chain.rigid.determinate_rows(q), np.zeros(6)
+        super().__init__(chain, options, q)
+
+    def surround(self, surroundings: Surroundings) -> None:
+        """Replace the surroundings from now on; the energy that this adds counts as work."""
+        super().surround(surroundings)
+        self._tree.reweigh(self.chain.model.payload_joint)
+
+    def release(self, arm: int) -> NoReturn:
+        """Refuse to open a grasp.
+
+        Raises:
+            FieldError: always.
+        """
+        raise FieldError(f"is 'mujoco', whose welds neither open nor close: arm {arm}", "engine")
+
+    def grasp(self, arm: int, *, is_nominal: bool = False) -> NoReturn:
+        """Refuse to close a grasp, as ``release``."""
+        self.release(arm)
+
+    def brake(self, arm: int) -> NoReturn:
+        """Refuse to hold the joints of an arm, as ``release``."""
+        self.release(arm)
+
+    def advance(self, t: float, h: float) -> None:
+        """Integrate from time t over h seconds.
+
+        The welds are as stiff as the longest step so far allows: a gap that bears a load under one time
+        constant would bear another one under that of a step which ends at an event.
+        """
+        if h > self._longest:
+            self._longest = h
+            self._tree.soften(h)
+        super().advance(t, h)
+
+    def state(self) -> PlantState:
+        """Return the state."""
+        state = super().state()
+        return state._replace(memory=(state.memory, self._longest))
+
+    def restore(self, state: PlantState) -> None:
+        """Return to a state, or to one with other q, v, work, force or surroundings."""
+        memory, self._longest = state.memory
+        self._tree.soften(self._longest or _STEP)
+        super().restore(state._replace(memory=memory))
+
+    def _rate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return the acceleration, shape (nv,), and powers in the order of ``work``, the first of them."""
+        tau, power = self._force(t, q, v), self._forces.dot(v)
+        return self._tree.acceleration(q, v, tau), power
+
+    def interaction_wrenches(self) -> Array:
+        """Return the wrench on each arm by the payload, about P in world axes, shape (m, 6)."""
+        push = self.payload_wrench(self.q, self.v, self.time)
+        return self._wrenches(self.q, self.v, self.generalised_force(), push)
+
+    def observe(self, q: Array, v: Array, force: Array, time: Array) -> Observation:
+        """Return what is recorded of n states in the present surroundings, as of Plant."""
+        observation = super().observe(q, v, force, time)
+        push, states = observation.external_wrench, zip(q, v, force, strict=True)
+        tau = [held + self.transmission.friction(rates) for _, rates, held in states]
+        tau = [each + self.chain.payload_jacobian(x).T @ F for each, x, F in zip(tau, q, push, strict=True)]
+        wrenches = np.array([self._wrenches(*state) for state in zip(q, v, tau, push, strict=True)])
+        apart = np.abs(wrenches - observation.interaction_wrench).max(axis=(0, 1), initial=0.0)
+        self._apart = np.fmax(self._apart, np.where(self._determinate, apart, 0.0))
+        return observation._replace(interaction_wrench=wrenches)
+
+    def remarks(self) -> list[str]:
+        """Return how far wrenches were from those of rigid grasps at the same states, in words."""
+        force, moment = self._apart.reshape(2, 3).max(axis=1)
+        return [
+            f"grasps were soft welds of MuJoCo: wrenches within {force:.2g} N and {moment:.2g} N m of those"
+            " of rigid grasps at the same states"
+        ]
+
+    def _wrenches(self, q: Array, v: Array, tau: Array, push: Array) -> Array:
+        """Return the interaction wrenches under a generalised force."""
+        a, on_tips = self._tree.forces(q, v, tau)
+        return self.chain.moved_wrenches(q, v, a, on_tips, push)
