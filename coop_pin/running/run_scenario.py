@@ -64,13 +64,15 @@ def run(
             and drives where they can be compiled and nothing is to be done at every tick, otherwise of the
             plant alone; the log says which. A run of the first kind that breaks off is repeated as one of the
             second, which tells its error. "auto" takes the fastest for this length; see ``choose_engine``.
+            "mujoco" has the accelerations and grasp forces of MuJoCo, whose welds are soft.
         warn: whether to look for what makes the run doubtful; that takes a part of a second. An edit of the
             user's code after it was loaded is always warned of.
 
     Raises:
         ScenarioError: the scenario has mistakes.
         CodeRefusedError: it names code of a module that is neither the user's nor listed.
-        FieldError: engine "compiled" does not have the scenario's plant or one of its events.
+        FieldError: the engine that is named does not have the scenario's plant or one of its events.
+        MissingExtraError: engine "mujoco" without mujoco.
         CoopPinError: the run could not start, or broke off; ``error.result`` holds what was computed.
     """
     if not isinstance(scenario, Scenario):
