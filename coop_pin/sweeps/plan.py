@@ -133,10 +133,10 @@ class SweepPlan(Description):
         memory_limit_gb: memory of a worker, GB; a run that needs more fails. Neither batches of laws of the
             package nor runs in this process have a limit.
         keep: runs whose full results are stored: their places in the plan, or "all", or "none".
-        engine: "pinocchio", each run alone; "compiled", runs of one kind together, or each alone on a
-            compiled plant if the first run's law cannot be compiled, and on Pinocchio those that cannot be
-            either; or "auto": "compiled" if the first run can be together with others and there are enough of
-            them to be worth compiling, decided when the sweep first starts.
+        engine: "pinocchio" or "mujoco", each run alone; "compiled", runs of one kind together, or each alone
+            on a compiled plant if the first run's law cannot be compiled, and on Pinocchio those that cannot
+            be either; or "auto": "compiled" if the first run can be together with others and there are enough
+            of them to be worth compiling, decided when the sweep first starts.
         steps_error_m: limit of the error with which "auto" as ``clock.steps_per_tick`` in ``changes`` is
             chosen, m; see ``fewest_steps``.
         repeats: number of runs of each point, with the scenario's ``seed`` 0, 1, 2, ...: the last dimension
