@@ -95,10 +95,8 @@ def of_all_runs(targets: Sequence[str]) -> Contents:
 def random_numbers() -> Contents:
     """Return the states of the random numbers that belong to nobody."""
     states = np.random.get_state(legacy=False), random.getstate()  # noqa: NPY002
-    return {
-        f"the random numbers of {name}": content_of(state, {})
-        for name, state in zip(_RANDOM, states, strict=True)
-    }
+    named = zip(_RANDOM, states, strict=True)
+    return {f"the random numbers of {name}": content_of(state, {}) for name, state in named}
 
 
 def names_random_numbers(kind: Any) -> bool:

@@ -305,19 +305,12 @@ class Scenario(Description):
         Args:
             commented: leave out fields at their defaults, and comment each table and field with its meaning.
         """
-        require_type("commented", commented, bool)
-        return scenario_file.commented_toml(self) if commented else scenario_file.resolved_toml(self)
+        return scenario_file.toml_text(self, commented)
 
     def save(self, path: str | Path, *, commented: bool = False) -> None:
-        """Write the scenario to a TOML file, as ``to_toml`` returns it, with paths from the file's folder.
-
-        The names of robots stay names. A file that has no folder but the root in common with the scenario's
-        keeps its whole path.
-        """
+        """Write the scenario to a TOML file, as ``to_toml`` returns it, with paths from the file's folder."""
         require_path("path", path)
-        require_type("commented", commented, bool)
-        write = scenario_file.commented_toml if commented else scenario_file.resolved_toml
-        Path(path).write_text(write(self, Path(path).parent), encoding="utf-8")
+        Path(path).write_text(scenario_file.toml_text(self, commented, Path(path).parent), encoding="utf-8")
 
 
 @functools.lru_cache(maxsize=64)

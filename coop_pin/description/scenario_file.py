@@ -13,6 +13,7 @@ from typing import Any
 import tomli_w
 from pydantic import BaseModel
 
+from coop_pin.base.arrays import require_type
 from coop_pin.base.errors import NameNotFoundError, ScenarioWarning
 from coop_pin.base.schema.changes import stated
 from coop_pin.base.schema.meanings import kinds, meanings
@@ -128,9 +129,16 @@ def _portable(path: Any, folder: Path) -> Any:
     return Path(os.path.relpath(file, start)).as_posix()
 
 
-def resolved_toml(scenario: BaseModel, folder: Path | None = None) -> str:
-    """Return every field with its value, as TOML; paths from a folder if there is one."""
-    return _dumps(_dumped(scenario, folder))
+def toml_text(scenario: BaseModel, commented: bool, folder: Path | None = None) -> str:
+    """Return a scenario as TOML: every field with its value, or those not at their defaults with comments.
+
+    Args:
+        scenario: Scenario.
+        commented: Whether the second.
+        folder: Folder from which paths are; as they are stated if omitted.
+    """
+    require_type("commented", commented, bool)
+    return _commented(scenario, folder) if commented else _dumps(_dumped(scenario, folder))
 
 
 def _dumped(scenario: BaseModel, folder: Path | None) -> dict[str, Any]:
@@ -140,7 +148,7 @@ def _dumped(scenario: BaseModel, folder: Path | None) -> dict[str, Any]:
     return table
 
 
-def commented_toml(scenario: BaseModel, folder: Path | None = None) -> str:
+def _commented(scenario: BaseModel, folder: Path | None) -> str:
     """Return the fields that are not at their defaults, with the meanings of tables and fields as comments.
 
     The meanings are those of the docstrings; a table also names the kinds there are and its other fields.
