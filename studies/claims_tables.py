@@ -209,8 +209,9 @@ def robust(curve: pd.DataFrame) -> Claim:
     calm = curve["quiet"]
     factors = position / calm["position_mm"], strain / calm["force_N"]
     return Claim(
-        "It is robust whatever the dynamics (abstract)",
-        "exact kinematics; masses, inertias and friction are unknown but bounded",
+        "It is robust in the face of varying dynamics (abstract)",
+        "exact kinematics; masses, inertias and friction are unknown but bounded; no compensation of external"
+        " disturbances (section 4.1)",
         (
             over_alpha(
                 f"under other masses, friction and load at most {SMALL_MM:g} mm rms",
