@@ -38,7 +38,7 @@ class Working:
     Nothing is written elsewhere, as into a pipe or a log file, and nothing is left when it is over.
 
     Args:
-        text: what goes on.
+        text: activity, a few words.
         quiet: write nothing at all.
     """
 

@@ -122,7 +122,7 @@ class Comparison:
         if self.folder is not None:
             command = f'coop-pin compare --out "{self.folder.as_posix()}" --replay {{cells}}'
         first = {name: text for name, text in COLUMNS.items() if name in _FORCES}  # what the motion hides
-        wanted = self._wanted(table["scenario"].unique())
+        squeezes = self._wanted(table["scenario"].unique())
         write_heat_map(
             table,
             Path(path),
@@ -131,7 +131,7 @@ class Comparison:
             rivals=["controller"],
             measures=first | COLUMNS,
             forces=_FORCES,
-            wanted=[wanted.get(tuple(cell), np.nan) for cell in table[list(CELL)].to_numpy()],
+            squeezes=[squeezes.get(tuple(cell), np.nan) for cell in table[list(CELL)].to_numpy()],
             filters=["information", *(["merged"] if table["merged"].any() else [])],
             notes=("gains", *_COUNTS, *_VERDICTS),
             command=command,
@@ -139,7 +139,7 @@ class Comparison:
 
     def _wanted(self, scenarios: Sequence[str]) -> dict[tuple[str, ...], float]:
         """Return the squeeze that is wanted in each cell whose scenario is known, N."""
-        wanted = dict[tuple[str, ...], float]()
+        squeezes = dict[tuple[str, ...], float]()
         for name in scenarios:
             plans = [] if self.folder is None else sorted((self.folder / name).glob("*/plan.json"))
             for file in plans:
@@ -148,8 +148,8 @@ class Comparison:
                 for case, changes in plan.cases["run"].items():
                     is_other = any(path.split(".")[0] == "squeeze" for path in changes)
                     part = plan.part([case], plan.engine) if is_other else None
-                    wanted[name, *cell_names(case)] = wanted_squeeze(part.scenario(0)) if part else base
-        return wanted
+                    squeezes[name, *cell_names(case)] = wanted_squeeze(part.scenario(0)) if part else base
+        return squeezes
 
     def ranks(self, measure: str = "tracking_rms_mm", *, seed: int = 0) -> pd.DataFrame:
         """Return the mean rank of each controller over all scenarios and trials, with its 95 % interval.

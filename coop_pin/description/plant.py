@@ -130,7 +130,7 @@ class PlantOptions(Description):
         stabilisation: Baumgarte stabilisation of the loop closures.
         project: times at which positions and velocities are projected onto the closed chain: at the "start"
             only, or after every integration "step".
-        mujoco: what the engine "mujoco" takes in place of formulation and stabilisation.
+        mujoco: options that the engine "mujoco" takes in place of formulation and stabilisation.
     """
 
     payload: Literal["welded", "free"] = "welded"

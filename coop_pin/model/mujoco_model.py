@@ -125,7 +125,7 @@ class MujocoModel:
 
         Args:
             tree: Pinocchio tree, which may change its inertias.
-            text: Its model, as of ``mjcf``.
+            text: MJCF of it, as of ``mjcf``.
             options: Stiffness of the welds.
 
         Raises:

@@ -61,7 +61,7 @@ def write_heat_map(
     filters: Sequence[str] = (),
     notes: Sequence[str] = (),
     forces: Sequence[str] = (),
-    wanted: Sequence[float] = (),
+    squeezes: Sequence[float] = (),
     command: str,
     replay: str = "{cells}",
 ) -> None:
@@ -84,7 +84,7 @@ def write_heat_map(
         filters: further columns that cells can be chosen by.
         notes: further columns that are shown with a cell.
         forces: measures that are errors of the internal force, N.
-        wanted: squeeze that is wanted in each row, N; NaN where none is known.
+        squeezes: squeeze that is wanted in each row, N; NaN where none is known.
         command: command of a cell; "{scenario}" stands for that name or note of the cell, "{cells}" for the
             text of the cell, or of two, "{numbers}" for the note "number" likewise.
         replay: file of the replay, in the same way.
@@ -101,7 +101,7 @@ def write_heat_map(
             {"text": text, "force": name in forces, **_numbers(table, name)}
             for name, text in measures.items()
         ],
-        "wanted": [float(f"{force:.5g}") if force > 0.0 else None for force in wanted],
+        "wanted": [float(f"{force:.5g}") if force > 0.0 else None for force in squeezes],
         "command": command,
         "replay": replay,
         "replays": sorted(file.name for file in (path.parent / REPLAYS).glob("*.html")),

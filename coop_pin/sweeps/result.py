@@ -111,7 +111,7 @@ class SweepResult(SweepTable):
             forces=[
                 name for name in shown if "internal" in name and name.endswith(("error_N", "error_max_N"))
             ],
-            wanted=self._wanted(runs["number"].to_list()),
+            squeezes=self._wanted(runs["number"].to_list()),
             notes=(
                 *(str(name) for name in self.data.coords if name not in dims),
                 "number",

@@ -171,7 +171,7 @@ class VerdictLine(NamedTuple):
     Attributes:
         text: the verdict, and why it is bad.
         is_good: whether task or simulation is as it should be.
-        numbers: what was judged, with the thresholds.
+        numbers: judged values, with the thresholds.
     """
 
     text: str

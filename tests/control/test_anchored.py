@@ -71,7 +71,7 @@ def test_the_papers_experiment_keeps_its_internal_force(papers_experiment):
 
 def test_both_experiments_differ_by_the_controller_alone():
     paper, anchored = (Scenario.load(name).model_dump() for name in ("adept-paper", "adept-anchored"))
-    assert {key for key in paper if paper[key] != anchored[key]} == {"name", "summary", "controller", "task"}
+    assert {key for key in paper if paper[key] != anchored[key]} == {"name", "summary", "controller"}
     assert paper["controller"]["kind"] == "sliding-mode"
 
 

@@ -446,7 +446,7 @@ REPAIR = {"controller": {"kind": "payload-space", "gains": GAINS}}
 
 def test_repair_keeps_the_papers_internal_force_small():
     """At the same alpha: less internal-force error than the printed law, tracking below 0.5 mm, settled."""
-    printed = cp.run("adept-paper", warn=False)
+    printed = cp.run("adept-paper", {"controller.gains.sign_gain": GAINS["sign_gain"]}, warn=False)
     repaired = cp.run("adept-paper", REPAIR, warn=False)
     assert repaired.internal_force().force_rms_error < 0.6 * printed.internal_force().force_rms_error
     assert repaired.position_rms() < 0.5e-3

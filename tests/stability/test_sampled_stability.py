@@ -316,7 +316,7 @@ def test_check_and_run_tell_friction_that_the_steps_cannot_integrate(tmp_path, c
     fine.save(tmp_path / "fine.toml")
     assert main(["check", str(tmp_path / "fine.toml"), "--poses", "3"]) == 0
     assert main(["check", str(tmp_path / "stiff.toml"), "--poses", "3"]) == 1
-    assert "Raise clock.steps_per_tick from 2 to" in capsys.readouterr().out
+    assert "Raise clock.steps_per_tick from 2 to" in " ".join(capsys.readouterr().out.split())
     out = ["--out", str(tmp_path / "out"), "--quiet", "--no-replay", "--no-figures", "--duration", "0.05"]
     with pytest.warns(ScenarioWarning, match="friction of"):
         assert main(["run", str(tmp_path / "stiff.toml"), *out]) in (3, 4)
@@ -435,7 +435,7 @@ def test_sgn_has_no_linear_integral_and_check_says_the_lag(tmp_path, capsys):
     scenario = pushed("planar", 0.2)
     scenario.save(tmp_path / "lagging.toml")
     assert main(["check", str(tmp_path / "lagging.toml"), "--poses", "3"]) == 1
-    assert "unstable (stable with lags up to" in capsys.readouterr().out
+    assert "unstable (stable with lags up to" in " ".join(capsys.readouterr().out.split())
     slow = loop_of(paper({"clock.rate_hz": 25.0}))
     assert (slow.ok, slow.largest_lag) == (False, 0.0)
     assert "without any lag" in slow.summary()

@@ -165,7 +165,7 @@ def test_the_page_opens_on_the_internal_force_and_its_colour_is_the_share_of_the
         rivals=("law",),
         measures=texts,
         forces=("force",),
-        wanted=(10.0, 10.0, 10.0, float("nan")),
+        squeezes=(10.0, 10.0, 10.0, float("nan")),
         command="run {cell}",
     )
     page.set_viewport_size({"width": 1400, "height": 900})

@@ -151,7 +151,7 @@ def test_events_and_windows_are_on_the_clock_of_the_run(planar: Replay) -> None:
     assert (push["start"], push["end"]) == (10.0, 10.2)
     assert "(200, 100, 0) N" in push["text"]
     windows = [(span["start"], span["end"]) for span in planar.data["spans"] if span["kind"] == "window"]
-    assert windows == [pytest.approx((2.25, 9.9875)), pytest.approx((12.2125, 20.0))]
+    assert windows == [pytest.approx((2.0875, 9.9875)), pytest.approx((12.2125, 20.0))]
     assert windows == [*planar.result.windows_of("moving")]
 
 

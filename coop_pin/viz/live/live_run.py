@@ -33,7 +33,7 @@ class Change(NamedTuple):
     Attributes:
         start: s.
         end: s; of a push later than the start.
-        text: what was changed, and to which value.
+        text: change, with the new value.
     """
 
     start: float

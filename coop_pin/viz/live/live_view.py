@@ -111,7 +111,7 @@ class LiveView:
         """Return the page with the latest snapshot.
 
         Args:
-            channel: what frames come through: "server", "notebook", or "none" for a still image.
+            channel: way by which frames come: "server", "notebook", or "none" for a still image.
             still: reason shown on a still image.
             most_push: largest force with which a person can push the payload, N; 0 if they cannot.
         """

@@ -27,7 +27,7 @@ class LiveWidget(AnyWidget):
     Attributes:
         page: HTML of the page.
         height: pixels.
-        changes: what was changed in the run: "start" and "end", s, and "text".
+        changes: list of the changes of the run: "start" and "end", s, and "text".
         on_push: function of a point on the payload, m, and a force on it, N, in world axes; None where pushes
             are ignored.
     """
