@@ -224,7 +224,7 @@ class MotionLoop:
             np.einsum("ia,ijk,ib->ajbk", bodies, each, bodies).reshape(n * k, -1)
             for bodies, each in ((self.give, K), (self.give, D), (self.held, B))
         )
-        f_r = self.f_r[np.searchsorted(self.ticks, self.times[pose])]
+        f_r = self.f_r[min(np.searchsorted(self.ticks, self.times[pose]), len(self.ticks) - 1)]
         turns, levers, shifts = changes_under_load(self.rows, f_r + self.load, self.r @ self.R[pose].T)
         turns_wanted, _, _ = changes_under_load(self.rows, f_r, self.r)
         carried = self.give.any(axis=1)[:, None] * np.eye(n)[0]

@@ -165,9 +165,8 @@ def test_the_metrics_of_a_batch_have_the_bits_of_those_of_each_run():
     """With steady windows before and after an event, own trust thresholds, and a run that diverges."""
     event = {"kind": "payload-change", "time": 5.0, "mass": 2.0}
     changes = {"duration": 10.0, "events": [event], "clock.record_every": 7, "beyond_bound": True}
-    base = cp.Scenario.load("adept-paper", changes)
-    every_tick = simulate_batch([base.override({"clock.record_every": 1})]).samples
-    largest = float(every_tick["jacobian_condition"].max())
+    base = cp.Scenario.load("adept-paper", changes | {"controller.gains.sign_gain": 0.2, "task.moment": 0.7})
+    largest = float(simulate_batch([base]).samples["jacobian_condition"].max())
     scenarios = [
         base,
         *(base.override({"trust.jacobian_condition": f * largest}) for f in (1.0 - 1e-6, 1.0 + 1e-6)),
