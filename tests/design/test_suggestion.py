@@ -359,7 +359,7 @@ def test_closures_that_lose_rank_at_the_start_are_told_and_refused(tmp_path, cap
     assert refused(level) == "singularity"
     level.save(tmp_path / "level.toml")
     assert main(["check", str(tmp_path / "level.toml"), "--poses", "5"]) == 1
-    assert "rank 5 there and 6 nearby" in capsys.readouterr().out
+    assert "rank 5 there and 6 nearby" in " ".join(capsys.readouterr().out.split())
 
 
 def test_on_positional_rows_the_payload_turns_as_the_closed_chain_lets_it():

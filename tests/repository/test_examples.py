@@ -150,7 +150,7 @@ def all_the_same(out, folder):
 
 def bound_of_a_late_force_path(out, folder):
     boundary = out.split("last_stable")[1].splitlines()[2:]
-    assert [line.split() for line in boundary] == [["80", "1.0", "1.25"], ["160", "1.0", "1.25"]]
+    assert [line.split() for line in boundary] == [["80", "0.75", "1.00"], ["160", "1.00", "1.25"]]
     assert (folder / "out" / "stability" / "table.csv").is_file()
 
 

@@ -618,7 +618,7 @@ def corners_of(item: dict, replay: Replay, k: int) -> np.ndarray:
 
 @pytest.mark.gate
 def test_a_payload_that_travels_is_followed_and_its_bases_are_in_view_at_the_opening_instant() -> None:
-    page = Replay(run("three-driven-ur5", {"duration": 4.0}, warn=False))
+    page = Replay(run("three-driven-ur5", {"duration": 5.0}, warn=False))
     camera = page.run["scene"]["camera"]
     k = int(np.argmin(np.abs(page.block("time")[:, 0] - page.data["start"])))
     assert_allclose(camera["follows"], page.poses("payload")[k, :3], atol=1e-6)
