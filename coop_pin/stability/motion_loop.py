@@ -123,10 +123,10 @@ class MotionLoop:
         )
         load = np.array([Q_0 @ part @ Q_0.T @ self.rows.select(weight) for part in self.split])
         self.load = load
-        f_0 = borne = load + is_pressed * squeeze[0] @ Q_0.T
+        borne = load + is_pressed * squeeze[0] @ Q_0.T
         x = self.rows.pose_error(start, begin)
-        borne = borne @ Q_0 * ~self.is_rigid[:, :, 0]
-        off, self.r, self.K = give_way(scenario.cell, self.K, borne)
+        sprung = borne @ Q_0 * ~self.is_rigid[:, :, 0]  # in payload axes
+        off, self.r, self.K = give_way(scenario.cell, self.K, sprung)
         view = x + off @ Q_0.T
         e = np.exp(-self.laws[0].gains.transient_rate * self.ticks)[:, None, None]
         Q, f_d = self._at_ticks(self.Q), self._at_ticks(squeeze)
@@ -147,13 +147,13 @@ class MotionLoop:
             self._at_ticks(a),
             self._at_ticks(push),
             np.tile(load, (len(e), 1, 1)),
-            np.einsum("nij,mj->nmi", Q, borne),
+            np.einsum("nij,mj->nmi", Q, sprung),
         )
         self.inputs = np.concatenate([each.reshape(len(e), -1) for each in every], axis=1)
         self.input_shapes = [each.shape[1:] for each in every]
-        internal = f_0 - np.einsum("mij,j->mi", Q_0 @ self.split @ Q_0.T, f_0.sum(axis=0))
+        internal = borne - np.einsum("mij,j->mi", Q_0 @ self.split @ Q_0.T, borne.sum(axis=0))
         zero = np.zeros((m, self.k))
-        of_result = self._internal(f_0, load)
+        of_result = self._internal(borne, load)
         states = x, np.tile(velocity, (self.n, 1)), zero, internal, self.f_r[0], zero, of_result
         self.first = np.concatenate(
             [np.broadcast_to(*pair).ravel() for pair in zip(states, self.shapes, strict=True)]

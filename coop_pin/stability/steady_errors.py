@@ -59,9 +59,9 @@ class SteadyErrors(NamedTuple):
             inf if the payload is lost; NaN likewise, and where no force is measured.
         unreachable: largest such force error against which the payload is held, N; inf for any; NaN likewise.
         sag: position error that the load leaves, m; inf if it is dropped; NaN likewise.
-        product: c (1 - c) b D, N m. Of equal laws, each on its own view, the largest force times (largest
-            held sag + bias) over all histories of loads up to D and biases up to b is not below; with a
-            static characteristic at rest already. Force times sag of a linear law is exactly this.
+        product: c (1 - c) b D, N m. Of equal laws that are continuous in the error, the largest force times
+            (largest held sag + bias) over all histories of loads up to D and biases up to b is not below;
+            with a static characteristic at rest already. Force times sag of a linear law is exactly this.
         balanced: the anchor gain with which the load sags as far as the bias moves the payload, c b, which
             leaves (1 - c) D of internal force; NaN but for the own-wrist law.
     """
@@ -130,7 +130,10 @@ class SteadyErrors(NamedTuple):
                 f"at rest no equal laws with a static characteristic, each on its own view, have {product}"
             )
             if _NEEDED["start pose"] not in self.needs:  # a law that knows its start needs no other
-                lines.append(f"over all histories of such loads no laws with memory keep {product} either")
+                lines.append(
+                    "over all histories of such loads no equal laws with memory that are continuous in the"
+                    f" error keep {product} either"
+                )
         return "\n".join(lines)
 
 
