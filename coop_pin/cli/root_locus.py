@@ -54,11 +54,12 @@ def root_locus(
     import numpy as np  # slow to load
 
     from coop_pin import stability
-    from coop_pin.base.arrays import as_count, as_positive
+    from coop_pin.base.arrays import as_positive
+    from coop_pin.base.memory import as_fitting_count
 
     base = load_scenario(scenario, fields, code)
     ends = as_positive("low", low), as_positive("high", high)
-    factors = np.geomspace(*ends, as_count("count", count, 1))
+    factors = np.geomspace(*ends, as_fitting_count("count", count, 1, 1024.0))
     with Working("linearising the closed loop"):
         here = stability.eigenvalues(base, time=time).summary()
         locus = stability.root_locus(base, field_path(gain, base.cell.arms), factors, time=time)

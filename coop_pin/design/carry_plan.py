@@ -10,8 +10,9 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from coop_pin.base.arrays import Array, as_count, as_number, require_path, require_type
+from coop_pin.base.arrays import Array, as_number, require_path, require_type
 from coop_pin.base.errors import ArgumentError, FileReadError, InfeasibleMotionError, OutOfRangeError
+from coop_pin.base.memory import as_fitting_count
 from coop_pin.base.schema.base import Description, Matrix, NotNegative, Positive
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.user_files import read_user_file
@@ -28,6 +29,8 @@ from coop_pin.reference.squeeze import ConstantSqueeze, Squeeze, SqueezeReferenc
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 
+_PLACE = 8192.0
+"""Memory of a place of the path, bytes."""
 _MOST_BYTES = 50_000_000
 _LATER = 0.5
 """Part of a tick by which torques held over it are later than the tick."""
@@ -181,12 +184,13 @@ def plan_carry(
         raise OutOfRangeError("reserve", reserve, "from 0 up to, but not, 1")
     if not (smoothing := as_number("smoothing", smoothing)) > 0.0:
         raise OutOfRangeError("smoothing", smoothing)
+    places = as_fitting_count("places", places, 21, _PLACE)
     line = TimedLineMotion(start=start, goal=goal, times=(0.0, 1.0), fractions=(0.0, 1.0))
     squeeze = ConstantSqueeze() if squeeze is None else squeeze
     require_type("squeeze", squeeze, SqueezeReference)
     squeeze.check_arms(cell.grasps)
     chain = CarriedLine(cell, line)
-    path = chain.dynamics(np.linspace(0.0, 1.0, as_count("places", places, 21)), squeeze.at(0.0, cell.grasps))
+    path = chain.dynamics(np.linspace(0.0, 1.0, places), squeeze.at(0.0, cell.grasps))
     limits = CarryLimits.of(cell, path, reserve)
     limits.require_rest(cell)
     best, quintic = limits.least_time(line, smoothing), limits.stretched(line)

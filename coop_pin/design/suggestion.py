@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.base.arrays import as_count, require_type
+from coop_pin.base.arrays import require_type
 from coop_pin.base.errors import ArgumentError, InfeasibleMotionError, ScenarioWarning
+from coop_pin.base.memory import as_fitting_count
 from coop_pin.control.laws.payload_space import SLIP_GUARD, PayloadSpace
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceGains
 from coop_pin.description.scenario import Scenario
@@ -36,7 +37,7 @@ from coop_pin.feasibility.motion_feasibility import (
     squeeze_part,
     with_best_postures,
 )
-from coop_pin.feasibility.reachability import Reachability, reachability
+from coop_pin.feasibility.reachability import POSE_SIZE, Reachability, reachability
 from coop_pin.feasibility.statics import statics_along
 from coop_pin.feasibility.table_force import TABLE_ERROR, table_force
 from coop_pin.feasibility.task_inertia import with_spare_motion
@@ -146,7 +147,7 @@ def suggest(
     if isinstance(scenario, str | Path):
         scenario = Scenario.load(scenario, draft=True)
     require_type("scenario", scenario, Scenario)
-    poses = as_count("poses", poses, 5)
+    poses = as_fitting_count("poses", poses, 5, POSE_SIZE)
     cell, pressed = scenario.cell, tuple[str, ...]()
     if cell.has_contacts and len(cell.patches) < len(cell.arms):
         names = [*cell.patches, *cell.tables]

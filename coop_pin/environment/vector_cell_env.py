@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, cast
 
@@ -11,7 +10,7 @@ import numpy as np
 from coop_pin.base.arrays import Array, Mask, as_count, require_type
 from coop_pin.base.disk_cache import DiskCache
 from coop_pin.base.errors import ArgumentError, InvalidStateError, TracingError, needs_extra
-from coop_pin.base.memory import require_memory
+from coop_pin.base.memory import as_fitting_count
 from coop_pin.compiled.kind import law_reason
 from coop_pin.compiled.laws.support import require_traceable
 from coop_pin.compiled.preparation import Prepared
@@ -80,8 +79,7 @@ class VectorCellEnv(VectorEnv[Array, Array, Array]):
         for index, scenario in enumerate(runs):
             require_type(f"scenarios[{index}]", scenario, Scenario)
         if len(runs) == 1:
-            lanes = 1 if num_envs is None else as_count("num_envs", num_envs, 1)
-            require_memory(f"{lanes} lanes", min(lanes, sys.maxsize) * _LANE, "take fewer")
+            lanes = 1 if num_envs is None else as_fitting_count("num_envs", num_envs, 1, _LANE)
             runs *= lanes
         if not runs or (num_envs or len(runs)) != len(runs):
             raise ArgumentError(

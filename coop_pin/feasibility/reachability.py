@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coop_pin.base.arrays import Array, as_count, frozen, require_type
+from coop_pin.base.arrays import Array, frozen, require_type
 from coop_pin.base.errors import NameNotFoundError, UnreachablePoseError
-from coop_pin.base.memory import require_memory
+from coop_pin.base.memory import as_fitting_count
 from coop_pin.base.spatial.task_rows import joint_shortage
 from coop_pin.control.terms import CONDITION_LIMIT
 from coop_pin.description.scenario import Scenario
@@ -25,6 +25,9 @@ from coop_pin.feasibility.path_following import (
 )
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.inverse_kinematics import solve_ik
+
+POSE_SIZE = 4096.0
+"""Memory of a pose of a motion that is looked at, bytes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,8 +173,7 @@ def reachability(
             of a name.
     """
     require_type("scenario", scenario, Scenario)
-    poses = as_count("poses", poses, 2)
-    require_memory(f"{poses:.3g} poses", 4096.0 * poses, "lower poses")
+    poses = as_fitting_count("poses", poses, 2, POSE_SIZE)
     path = payload_path(scenario, poses)
     if scenario.cell.rows == "positional":
         path = with_free_turn(scenario, path)

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from coop_pin.base.arrays import Array, as_count, as_number
+from coop_pin.base.arrays import Array, as_number
 from coop_pin.base.errors import FieldError, OutOfRangeError
-from coop_pin.base.memory import require_memory
+from coop_pin.base.memory import as_fitting_count, require_memory
 from coop_pin.base.schema.base import Description
+
+_VALUE = 64.0
+"""Memory of a value, bytes."""
 
 
 def linspace(first: float, last: float, count: int) -> list[float]:
@@ -25,7 +27,7 @@ def linspace(first: float, last: float, count: int) -> list[float]:
         ArgumentError: the count is below 1 or beyond the memory, or an end is not finite.
     """
     ends = as_number("first", first), as_number("last", last)
-    return np.linspace(*ends, _fitting(count)).tolist()
+    return np.linspace(*ends, as_fitting_count("count", count, 1, _VALUE)).tolist()
 
 
 def logspace(first: float, last: float, count: int) -> list[float]:
@@ -40,19 +42,13 @@ def logspace(first: float, last: float, count: int) -> list[float]:
     ends = as_number("first", first), as_number("last", last)
     if min(ends) <= 0.0:
         raise OutOfRangeError("an end of a logarithmic scale", min(ends))
-    return np.geomspace(*ends, _fitting(count)).tolist()
+    return np.geomspace(*ends, as_fitting_count("count", count, 1, _VALUE)).tolist()
 
 
 def _range(start: float, stop: float, step: float) -> list[float]:
     """Return start, start + step, ... up to stop, which is excluded."""
-    return [start + i * step for i in range(_fitting(math.ceil((stop - start) / step - 1e-9)))]
-
-
-def _fitting(count: int) -> int:
-    """Return a number of values that fits into the memory."""
-    count = as_count("count", count, 1)
-    require_memory(f"{count} values", 64.0 * min(count, sys.maxsize), "lower the count")
-    return count
+    count = math.ceil((stop - start) / step - 1e-9)
+    return [start + i * step for i in range(as_fitting_count("count", count, 1, _VALUE))]
 
 
 _SPACINGS = {"linspace": linspace, "logspace": logspace, "range": _range}
@@ -209,7 +205,7 @@ class Sample(Description):
             NotEnoughMemoryError: they do not fit into the memory.
         """
         d, random = len(self.fields), np.random.default_rng(self.seed)
-        require_memory(f"{self.count} points", 64.0 * self.count * d * (d + 2), "lower the count")
+        require_memory(f"{self.count} points", _VALUE * self.count * d * (d + 2), "lower the count")
         if self.method == "random":
             return random.random((self.count, d))
         from scipy.stats import qmc  # slow to load

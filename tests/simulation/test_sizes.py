@@ -11,6 +11,7 @@ import pytest
 from cells import SCENARIOS
 from linkages import bennett
 
+import coop_pin as cp
 from coop_pin.base import errors
 from coop_pin.base.memory import free_memory
 from coop_pin.chain.trajectory import time_grid
@@ -76,6 +77,24 @@ def test_a_motion_of_a_billion_steps_is_refused():
     chain, start = bennett("full")
     with pytest.raises(errors.NotEnoughMemoryError):
         chain.integrate(*start, duration=1e9, step=1e-9)
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_counts_beyond_the_memory_are_refused(cell):
+    scenario = SCENARIOS[cell]().replace(events=())
+    shift = cp.Pose(xyz=(0.0, 0.02, 0.0))
+    goal = cp.Pose.from_matrix(scenario.start.matrix @ shift.matrix)
+    for count in (10**12, 10**40):
+        for function in (
+            lambda: cp.carry.plan_carry(scenario.cell, scenario.start, goal, places=count),  # noqa: B023
+            lambda: cp.suggest(scenario, poses=count),  # noqa: B023
+            lambda: cp.feasibility.reachability(scenario, poses=count),  # noqa: B023
+            lambda: cp.gym.VectorCellEnv(scenario, num_envs=count),  # noqa: B023
+            lambda: cp.sweeps.linspace(0.0, 1.0, count),  # noqa: B023
+        ):
+            with pytest.raises(errors.NotEnoughMemoryError) as caught:
+                function()
+            assert caught.value.needed > caught.value.free
 
 
 def test_a_time_grid_needs_its_times_and_what_goes_with_them(leave_free):
