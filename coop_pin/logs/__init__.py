@@ -1,0 +1,22 @@
+"""Logs: records of arms that held a payload, from CSV, MCAP or a run, and what leaves for other programs.
+
+Open first: ``record`` (``cp.Record``: joints and wrists by arm, each with its own clock), ``log_findings``
+(gaps, resets and units that do not fit). The table ``log`` of a scenario says which topic is which arm.
+
+``topics`` has samples by the field names of ROS; ``csv_log`` and ``mcap_log`` read and write them,
+``mcap_export`` writes a run, ``lerobot_export`` episodes of runs.
+
+Imports ``base``, ``description``, ``model`` and ``results``.
+"""
+
+import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
+from coop_pin import lazy_names
+
+__all__, __getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "ArmRecord": "logs.record",
+        "Topic": "logs.topics",
+        "log_findings": "logs.log_findings",
+    },
+)
