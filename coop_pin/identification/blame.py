@@ -71,19 +71,25 @@ class Blame:
         """
         changes: dict[str, Any] = {}
         for name in self.scenario.cell.arms if self.kinematics is not None else ():
-            tip, base, joint, link = (_values(self.kinematics, name, part) for part in ("tip", "base", "joint", "link"))
+            tip, base, joint, link = (
+                _values(self.kinematics, name, part) for part in ("tip", "base", "joint", "link")
+            )
             error = {
                 "tip": {"xyz": _row(tip, "xyz"), "rpy": _row(tip, ("rx", "ry", "rz"))},
                 "base": {"xyz": _row(base, "xyz"), "rpy": _row(base, ("rx", "ry", "rz"))},
             }
-            joints = [one.removeprefix("arm/") for one in CellArm(self.scenario.cell, name).limits.joints.names]
+            joints = [
+                one.removeprefix("arm/") for one in CellArm(self.scenario.cell, name).limits.joints.names
+            ]
             error |= {"joint_offset": _row(joint, joints), "link_length": _row(link, joints)}
             changes[f"cell.arms.{name}.calibration_error"] = error
             if self.payload is not None:
                 zero = _values(self.payload, name, "wrist")
                 sensors = self.scenario.sensors_of(name).model_dump(exclude_none=True)
                 offset = {"force": _row(zero, "xyz"), "moment": _row(zero, ("rx", "ry", "rz"))}
-                changes[f"arm_sensors.{name}"] = sensors | {"wrist": sensors.get("wrist", {}) | {"offset": offset}}
+                changes[f"arm_sensors.{name}"] = sensors | {
+                    "wrist": sensors.get("wrist", {}) | {"offset": offset}
+                }
         return changes
 
     def corrected(self) -> Scenario:
@@ -95,16 +101,22 @@ class Blame:
         lines = [f"{'!' if one.severity != 'note' else ' '} {one}" for one in self.findings]
         if self.kinematics is None:
             return "\n".join(["no answer:", *lines])
-        lines.append(f"the views of the arms differ as noise does: chi {self.kinematics.chi:.2f} of tips, bases, joints and clocks")
+        lines.append(
+            f"the views of the arms differ as noise does: chi {self.kinematics.chi:.2f} of tips, bases, joints and clocks"
+        )
         if self.payload is not None:
             mass = self.payload.x[0] + self.scenario.cell.payload.mass
-            lines.append(f"payload {mass:.3f} kg +- {1.96 * self.payload.sd[0]:.3f}; chi {self.payload.chi:.2f}")
+            lines.append(
+                f"payload {mass:.3f} kg +- {1.96 * self.payload.sd[0]:.3f}; chi {self.payload.chi:.2f}"
+            )
         if self.uncovered:
             lines.append(f"newtons are not known: {self.uncovered}")
         else:
             low, high = self.views[1:]
             lines.append("internal force by cause, norm, mean over the log (95 %):")
-            lines.append(f"  {self.views[0]:6.2f} N ({low:.2f} to {high:.2f})  all that the arms see differently")
+            lines.append(
+                f"  {self.views[0]:6.2f} N ({low:.2f} to {high:.2f})  all that the arms see differently"
+            )
             shown = [cause for cause in self.causes if cause.newtons > _FLOOR or cause.high > 10.0 * _FLOOR]
             lines += [f"  {cause}{_words(cause)}" for cause in shown]
             if self.share:
@@ -134,7 +146,10 @@ def _row(values: Mapping[str, float], axes: Any) -> list[float]:
 
 
 def blame(
-    log: Record | RunResult | str | Path, scenario: Scenario | str | Path | None = None, *, priors: Priors | None = None
+    log: Record | RunResult | str | Path,
+    scenario: Scenario | str | Path | None = None,
+    *,
+    priors: Priors | None = None,
 ) -> Blame:
     """Return who pulls the object apart: which parameter, by how many newtons, with intervals.
 
@@ -163,7 +178,9 @@ def blame(
     if any(one.severity == "error" for one in found):
         return Blame(scenario, record, Findings(scenario.name, sorted_findings(found)))
     kinematics = closure.fit()
-    late = {one.arm: float(kinematics.x[k]) for k, one in enumerate(kinematics.parameters) if one.part == "clock"}
+    late = {
+        one.arm: float(kinematics.x[k]) for k, one in enumerate(kinematics.parameters) if one.part == "clock"
+    }
     samples, payload, friction = filtered(record, late), None, list[DriveFriction]()
     if all(len(record.arms[name].wrench_time) for name in arms):
         payload = payload_fit(record, scenario, arms, samples, priors)
@@ -203,7 +220,7 @@ def _stated_noise(scenario: Scenario, arms: Mapping[str, CellArm]) -> dict[str, 
         sd = np.hypot(np.array(encoder.resolution) / np.sqrt(12.0), np.array(encoder.noise))
         if not np.any(sd):
             return None
-        noise[name] = np.abs(arm.from_drive) @ np.broadcast_to(sd, arm.nv)
+        noise[name] = np.sqrt(arm.from_drive**2 @ np.broadcast_to(sd, arm.nv) ** 2)
     return noise
 
 
@@ -227,7 +244,14 @@ def _answer(
     wrists = [payload.parameters[k] for k in kept] if payload is not None else []
     parameters: list[Parameter] = [*kinematics.parameters, *wrists]
     grasps = scenario.cell.grasps
-    made = effects(record, closure, LawResponse.of(scenario, c), parameters, seen, lambda t: scenario.squeeze.at(t, grasps))
+    made = effects(
+        record,
+        closure,
+        LawResponse.of(scenario, c),
+        parameters,
+        seen,
+        lambda t: scenario.squeeze.at(t, grasps),
+    )
     p, n = len(kinematics.x), len(made.parameters)
     x, covariance = np.zeros(n), np.zeros((n, n))
     x[:p], covariance[:p, :p] = kinematics.x, kinematics.covariance
@@ -247,7 +271,9 @@ def _answer(
 def _shares(scenario: Scenario) -> Array:
     """Return the load shares that the law ran with, shape (m,)."""
     stated = {} if scenario.log is None else scenario.log.shares
-    return np.array([stated[name] for name in scenario.cell.arms]) if stated else np.array(scenario.cell.shares)
+    return (
+        np.array([stated[name] for name in scenario.cell.arms]) if stated else np.array(scenario.cell.shares)
+    )
 
 
 def _left(
@@ -257,14 +283,21 @@ def _left(
     names, grasps = [*closure.arms], scenario.cell.grasps
     first = samples[names[0]]
     R = closure.view(names[0], first.time).pose[:, :3, :3]
-    force = np.array([R @ closure.arms[name].X_PE[:3, :3] @ samples[name].wrench[:, :3, None] for name in names])
+    force = np.array(
+        [R @ closure.arms[name].X_PE[:3, :3] @ samples[name].wrench[:, :3, None] for name in names]
+    )
     force = np.moveaxis(force[..., 0], 0, 1)[:, :, [k for k in closure.rows.indices if k < 3]]
     total = force.sum(axis=1, keepdims=True)
     f_d = np.array([scenario.squeeze.at(time, grasps)[:, :3] for time in first.time.tolist()])
     f_d = np.einsum("nij,naj->nai", R, f_d)[:, :, [k for k in closure.rows.indices if k < 3]]
     read = force - c[:, None] * total - f_d
     predicted = np.tensordot(made.reading, x, 1)
-    expected = np.array([[np.interp(first.time, made.times, row) for row in of_arm] for of_arm in np.moveaxis(predicted, 0, 2)])
+    expected = np.array(
+        [
+            [np.interp(first.time, made.times, row) for row in of_arm]
+            for of_arm in np.moveaxis(predicted, 0, 2)
+        ]
+    )
     settled = first.time > first.time[0] + 3.0 / scenario.controller.gains.transient_rate
     left = (read - np.moveaxis(expected, 2, 0))[settled]
     noise = sum((samples[name].noise[:3] ** 2).sum() for name in names) / 4.0
@@ -278,9 +311,18 @@ def _left(
 
 def _trust(kinematics: Fit, payload: Fit | None) -> list[Finding]:
     """Return whether the residuals are those of noise; what exceeds it has widened the intervals."""
-    fits = {"the views of the arms": kinematics} | ({} if payload is None else {"the sum of the wrenches": payload})
+    fits = {"the views of the arms": kinematics} | (
+        {} if payload is None else {"the sum of the wrenches": payload}
+    )
     return [
-        Finding("log", "", "warning", f"chi of {name} is {fit.chi:.2f}, beyond {_BELIEVED}: intervals are wider by it", fit.chi, _BELIEVED)
+        Finding(
+            "log",
+            "",
+            "warning",
+            f"chi of {name} is {fit.chi:.2f}, beyond {_BELIEVED}: intervals are wider by it",
+            fit.chi,
+            _BELIEVED,
+        )
         for name, fit in fits.items()
         if fit.chi > _BELIEVED
     ]

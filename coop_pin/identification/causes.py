@@ -10,8 +10,8 @@ from coop_pin.base.arrays import Array
 from coop_pin.identification.closure import Parameter
 from coop_pin.identification.effects import Effects
 
-_CANCELS = 0.25
-"""Part of the variance of two forces that cancels in their sum from which on their parameters are one cause."""
+_SHARED = 0.25
+"""Part of the variances of two forces that is common to both from which on their parameters are one cause."""
 _SMALL = 0.01
 """Standard deviation of a force below which it is told apart, N."""
 _DRAWS = 400
@@ -65,8 +65,8 @@ def _axes(axes: list[str]) -> str:
 def ranked_causes(effects: Effects, x: Array, covariance: Array) -> tuple[Cause, ...]:
     """Return causes by their force, the largest first.
 
-    Two sets of parameters are one cause where more than a quarter of the variances of their forces cancels in
-    the sum: the log then shows their sum, and not which of them it is.
+    Two sets of parameters are one cause where their forces share more than a quarter of their variances. If
+    these cancel, the log shows the sum, and not which of them it is; if they add up, it shows neither.
 
     Args:
         effects: forces of all parameters.
@@ -81,11 +81,11 @@ def ranked_causes(effects: Effects, x: Array, covariance: Array) -> tuple[Cause,
     while len(sets) > 1:
         alone = np.diag(V)
         pairs = alone[:, None] + alone
-        cancels = np.where(pairs > 0.0, -2.0 * V / np.maximum(pairs, 1e-30), 0.0)
+        common = 2.0 * np.abs(V) / np.maximum(pairs, 1e-30)
         counts = np.minimum(alone[:, None], alone) > _SMALL**2
         np.fill_diagonal(counts, False)
-        i, j = divmod(int(np.argmax(np.where(counts, cancels, -1.0))), len(sets))
-        if not counts[i, j] or cancels[i, j] < _CANCELS:
+        i, j = divmod(int(np.argmax(np.where(counts, common, -1.0))), len(sets))
+        if not counts[i, j] or common[i, j] < _SHARED:
             break
         i, j = sorted((i, j))
         V[i] += V[j]

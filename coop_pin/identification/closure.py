@@ -64,7 +64,9 @@ class Parameter(NamedTuple):
 
     def __str__(self) -> str:
         """Return its name as text."""
-        return " ".join(filter(None, self))[: -len(self.unit) - 1] if self.unit else " ".join(filter(None, self))
+        return (
+            " ".join(filter(None, self))[: -len(self.unit) - 1] if self.unit else " ".join(filter(None, self))
+        )
 
 
 class Fit(NamedTuple):
@@ -108,10 +110,14 @@ def kinematic_parameters(arms: Mapping[str, CellArm], priors: Priors) -> tuple[l
         joints = [joint.removeprefix("arm/") for joint in arm.limits.joints.names]
         for part, prior in (("tip", priors.tip), ("base", priors.base)):
             units = ("m",) * 3 + ("rad",) * 3
-            parameters += [Parameter(name, part, axis, unit) for axis, unit in zip(FRAME_AXES, units, strict=True)]
+            parameters += [
+                Parameter(name, part, axis, unit) for axis, unit in zip(FRAME_AXES, units, strict=True)
+            ]
             sds += [*np.repeat(prior, 3)]
         units = arm.limits.joints.units
-        parameters += [Parameter(name, "joint", joint, unit) for joint, unit in zip(joints, units, strict=True)]
+        parameters += [
+            Parameter(name, "joint", joint, unit) for joint, unit in zip(joints, units, strict=True)
+        ]
         parameters += [Parameter(name, "link", joint, "1") for joint in joints]
         sds += [priors.joint] * arm.nv + [priors.link] * arm.nv
     for name in [*arms][1:]:

@@ -123,13 +123,14 @@ def _turned_squeeze(bias: Array, f_d: Array, rows: Sequence[int]) -> Array:
     """Return what f_d gains as each arm turns it by its own view, shape (n, m, k_0, p)."""
     whole, force = np.zeros((*bias.shape[:2], 6, bias.shape[3])), np.zeros((*f_d.shape[:2], 6))
     whole[:, :, rows], force[:, :, rows] = bias, f_d
-    turned = [np.cross(whole[:, :, 3:], part[..., None], axisa=2, axisb=2, axisc=2) for part in (force[..., :3], force[..., 3:])]
+    turned = [
+        np.cross(whole[:, :, 3:], part[..., None], axisa=2, axisb=2, axisc=2)
+        for part in (force[..., :3], force[..., 3:])
+    ]
     return np.concatenate(turned, axis=2)[:, :, rows]
 
 
-def _friction_wrench(
-    closure: Closure, name: str, view: View, times: Array, friction: DriveFriction
-) -> Array:
+def _friction_wrench(closure: Closure, name: str, view: View, times: Array, friction: DriveFriction) -> Array:
     """Return what the friction of a drive does to the wrench of its arm, by the dynamic inverse, (n, k_0)."""
     arm, rows = closure.arms[name], list(closure.rows.indices)
     q, v = closure.joints(name, times)

@@ -54,7 +54,9 @@ class LawResponse(NamedTuple):
         law: Any = scenario.controller
         name, arm = next(iter(scenario.cell.arms.items()))
         controlled = controlled_arm(scenario, ArmModel(arm, name=name))
-        one: Any = law.controller_of(controlled, law.gains_of(name).sized(controlled.rows.size, controlled.drives), scenario)
+        one: Any = law.controller_of(
+            controlled, law.gains_of(name).sized(controlled.rows.size, controlled.drives), scenario
+        )
         gains, every = one.gains, max((wrist.every for wrist in scenario.wrists), default=1)
         return cls(
             gamma=gains.pose_gain,
@@ -108,7 +110,8 @@ def uncovered(scenario: Scenario) -> str:
         "gains differ between the arms": bool(law.arm_gains),
         "the integral's switching is not smooth": not law.switching.is_smooth,
         "the integral has a dead zone": any(law.integral_dead_zone),
-        "each arm measures its own wrench alone": law.payload_mass is not None and not law.force_path.measures,
+        "each arm measures its own wrench alone": law.payload_mass is not None
+        and not law.force_path.measures,
         "arms have servos or a feed-forward": scenario.has_servos or scenario.feed_forward is not None,
         "grasps give, open or close": bool(scenario.cell.unclosed or scenario.has_grasp_plan),
     }

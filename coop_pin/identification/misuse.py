@@ -52,7 +52,9 @@ def kinematic_findings(closure: Closure, record: Record, scenario: Scenario) -> 
 def _apart(closure: Closure) -> tuple[float, float]:
     """Return the median mismatch of the views, m and rad."""
     r, linear = closure.mismatch(), np.tile(closure.rows.are_linear, len(closure.arms) - 1)
-    norms = [np.median(np.linalg.norm(r[:, part], axis=1)) if part.any() else 0.0 for part in (linear, ~linear)]
+    norms = [
+        np.median(np.linalg.norm(r[:, part], axis=1)) if part.any() else 0.0 for part in (linear, ~linear)
+    ]
     return float(norms[0]), float(norms[1])
 
 
@@ -100,18 +102,26 @@ def wrench_findings(
                 for name, other, sign in zip(arms, order, signs, strict=True)
             }
             taken = {
-                name: replace(record.arms[name], wrench_time=record.arms[other].wrench_time, wrench=sign * record.arms[other].wrench)
+                name: replace(
+                    record.arms[name],
+                    wrench_time=record.arms[other].wrench_time,
+                    wrench=sign * record.arms[other].wrench,
+                )
                 for name, other, sign in zip(arms, order, signs, strict=True)
             }
             other_strain = _strain(payload_fit(replace(record, arms=taken), scenario, arms, read, priors))
             if other_strain < 0.5 * best:
                 best = other_strain
                 turned = [name for name, sign in zip(arms, signs, strict=True) if sign < 0.0]
-                moved = [f"the wrist of {a} is logged as {b}" for a, b in zip(arms, order, strict=True) if a != b]
+                moved = [
+                    f"the wrist of {a} is logged as {b}" for a, b in zip(arms, order, strict=True) if a != b
+                ]
                 hint = "; ".join([*moved, *[f"the wrench of {name} has the other sign" for name in turned]])
                 remedy = {f"log.arms.{name}.wrench_sign": -1 for name in turned} if not moved else {}
     severity = "error" if best < 0.5 * strain else "warning"
-    sentence = f"the wrenches do not carry the payload (chi {fit.chi:.3g}, {strain:.3g} with the priors): {hint}"
+    sentence = (
+        f"the wrenches do not carry the payload (chi {fit.chi:.3g}, {strain:.3g} with the priors): {hint}"
+    )
     yield Finding("log", "wrench", severity, sentence, strain, _CHI, remedy)  # type: ignore[arg-type]
 
 

@@ -46,10 +46,16 @@ def payload_fit(
     rows = list(scenario.cell.task_rows.indices)
     parameters = [Parameter("", *one) for one in _PAYLOAD]
     for name in names:
-        parameters += [Parameter(name, "wrist", axis, "N" if k < 3 else "N m") for k, axis in enumerate(FRAME_AXES)]
+        parameters += [
+            Parameter(name, "wrist", axis, "N" if k < 3 else "N m") for k, axis in enumerate(FRAME_AXES)
+        ]
     inertia = np.diag(payload.inertia_matrix)
     mean = pin.Inertia(payload.mass, np.zeros(3), np.array(payload.inertia_matrix)).toDynamicParameters()
-    sds = [priors.mass * payload.mass, *[priors.centre * payload.mass] * 3, *[priors.inertia * inertia.max()] * 6]
+    sds = [
+        priors.mass * payload.mass,
+        *[priors.centre * payload.mass] * 3,
+        *[priors.inertia * inertia.max()] * 6,
+    ]
     prior = np.array(sds + [*np.repeat(priors.wrist, 3)] * len(names))
     first, X = samples[names[0]], [pin.SE3(arm.X_PE).toDualActionMatrix() for arm in arms.values()]
     Y = _regressors(arms[names[0]], first, np.array(scenario.cell.gravity))

@@ -4,7 +4,7 @@ Open first: ``record`` (``cp.Record``: joints and wrists by arm, each with its o
 (gaps, resets and units that do not fit). The table ``log`` of a scenario says which topic is which arm.
 
 ``topics`` has samples by the field names of ROS; ``csv_log`` and ``mcap_log`` read and write them,
-``mcap_export`` writes a run, ``lerobot_export`` episodes of runs.
+``run_export`` writes a run for ROS, ``lerobot_export`` episodes of runs.
 
 Imports ``base``, ``description``, ``model`` and ``results``.
 """
@@ -18,5 +18,7 @@ __all__, __getattr__, __dir__ = lazy_names(
         "ArmRecord": "logs.record",
         "Topic": "logs.topics",
         "log_findings": "logs.log_findings",
+        "write_episodes": "logs.lerobot_export",
+        "write_run": "logs.run_export",
     },
 )

@@ -32,17 +32,27 @@ def read_csv(file: Path, topics: Iterable[str], second: float = 1.0) -> dict[str
     except (ValueError, UnicodeDecodeError) as error:
         raise FileReadError(f"is no CSV file: {error}", str(file)) from None
     if "time" not in table:
-        raise FileReadError(f"has no column 'time'; its first columns are {list(table.columns[:6])}", str(file))
+        raise FileReadError(
+            f"has no column 'time'; its first columns are {list(table.columns[:6])}", str(file)
+        )
     values = table.apply(pd.to_numeric, errors="coerce")
     read = {}
     for name in topics:
         columns = [column for column in values if str(column).startswith(f"{name}.")]
         if columns:
-            read[name] = _topic(name, {str(one).removeprefix(f"{name}."): values[one].to_numpy() for one in columns}, values["time"].to_numpy(), second, file)
+            read[name] = _topic(
+                name,
+                {str(one).removeprefix(f"{name}."): values[one].to_numpy() for one in columns},
+                values["time"].to_numpy(),
+                second,
+                file,
+            )
     return read
 
 
-def _topic(name: str, columns: Mapping[str, np.ndarray], time: np.ndarray, second: float, file: Path) -> Topic:
+def _topic(
+    name: str, columns: Mapping[str, np.ndarray], time: np.ndarray, second: float, file: Path
+) -> Topic:
     """Return a topic of its columns."""
     fields: dict[str, dict[str, np.ndarray]] = {}
     for column, values in columns.items():
@@ -53,7 +63,9 @@ def _topic(name: str, columns: Mapping[str, np.ndarray], time: np.ndarray, secon
     if kind is None and "position" in fields:
         kind = "JointState"
     if kind is None:
-        raise FileReadError(f"topic {name!r} has the fields {sorted(fields)}; it must have those of {FIELDS}", str(file))
+        raise FileReadError(
+            f"topic {name!r} has the fields {sorted(fields)}; it must have those of {FIELDS}", str(file)
+        )
     components = tuple(fields[[*FIELDS[kind]][0]]) if kind == "JointState" else ()
     topic = Topic(kind, time * second, {}, components)
     read = {}
@@ -83,6 +95,8 @@ def write_csv(topics: Mapping[str, Topic], file: Path) -> None:
         if not np.array_equal(topic.time, longest.time):
             columns[f"{name}.stamp"] = topic.time
         for field, values in topic.values.items():
-            columns |= {f"{name}.{field}.{part}": values[:, k] for k, part in enumerate(topic.components(field))}
+            columns |= {
+                f"{name}.{field}.{part}": values[:, k] for k, part in enumerate(topic.components(field))
+            }
     table = pd.DataFrame({name: pd.Series(values) for name, values in columns.items()})
     write_atomically(file, lambda part: table.to_csv(part, index=False))

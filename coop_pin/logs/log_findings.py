@@ -36,7 +36,9 @@ def log_findings(record: Record, scenario: Scenario) -> Iterator[Finding]:
         yield from _times(name, arm)
         yield from _joints(name, arm, JointLimits(scenario.cell.arms[name], name))
         if not len(arm.wrench_time):
-            yield Finding("log", name, "note", f"no wrench of {name} is logged: its wrist and the payload are not seen")
+            yield Finding(
+                "log", name, "note", f"no wrench of {name} is logged: its wrist and the payload are not seen"
+            )
     if record.free is None:
         sentence = "no interval log.free with free hands: the zero of the squeeze is its prior alone"
         yield Finding("log", "free", "note", sentence)
@@ -54,7 +56,9 @@ def _times(name: str, arm: ArmRecord) -> Iterator[Finding]:
         sentence = f"stamps of {name} step by {usual:.3g} s: their unit is another one"
         yield Finding("log", name, "error", sentence, usual, _STEPS[1], {"log.time": unit})
     elif (largest := float(steps.max())) > _GAP * usual:
-        sentence = f"{name} has a gap of {largest:.3g} s at {arm.time[int(steps.argmax())]:.3g} s; it is left out"
+        sentence = (
+            f"{name} has a gap of {largest:.3g} s at {arm.time[int(steps.argmax())]:.3g} s; it is left out"
+        )
         yield Finding("log", name, "warning", sentence, largest, _GAP * usual)
 
 
@@ -66,7 +70,15 @@ def _joints(name: str, arm: ArmRecord, limits: JointLimits) -> Iterator[Finding]
         is_degrees = not ((degrees < lower) | (degrees > upper)).any()
         hint = ": they are degrees" if is_degrees else ""
         sentence = f"joints of {name} are beyond their limits, up to {worst:.4g} rad{hint}"
-        yield Finding("log", name, "error", sentence, worst, float(upper.max()), {"log.angle": "deg"} if is_degrees else {})
+        yield Finding(
+            "log",
+            name,
+            "error",
+            sentence,
+            worst,
+            float(upper.max()),
+            {"log.angle": "deg"} if is_degrees else {},
+        )
     moved = np.abs(np.gradient(arm.position, axis=0) / np.gradient(arm.time)[:, None])
     if np.isfinite(arm.velocity).all() and (arm.velocity != 0.0).any():
         ratio = float(moved.mean() / np.abs(arm.velocity).mean())

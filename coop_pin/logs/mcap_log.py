@@ -11,7 +11,7 @@ import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.atomic_write import write_atomically
-from coop_pin.base.errors import FileReadError, needs_extra
+from coop_pin.base.errors import ArgumentError, FileReadError, needs_extra
 from coop_pin.base.spatial import quaternions
 from coop_pin.logs.topics import FIELDS, Kind, Topic
 
@@ -136,7 +136,9 @@ def _of_messages(kind: Kind, messages: list[Any]) -> Topic:
     if kind == "JointState":
         names = tuple(messages[0].name)
         read = {field: [getattr(message, field) for message in messages] for field in FIELDS[kind]}
-        of_all = {field: values for field, values in read.items() if all(len(x) == len(names) for x in values)}
+        of_all = {
+            field: values for field, values in read.items() if all(len(x) == len(names) for x in values)
+        }
         values = {field: np.array(each, dtype=float) for field, each in of_all.items()}
         return Topic(kind, time, values, names)
     inside = [getattr(message, _INSIDE[kind]) for message in messages]
@@ -158,8 +160,11 @@ def write_mcap(
         frames: stamps and poses in the world of frames by name, shapes (n,) and (n, 4, 4).
 
     Raises:
+        ArgumentError: stamps are negative, which MCAP does not have.
         MissingExtraError: the extra 'logs' is not installed.
     """
+    if (first := min(float(topic.time.min()) for topic in topics.values())) < 0.0:
+        raise ArgumentError(f"stamps begin at {first:.3g} s; those of MCAP are not negative")
     write_atomically(file, lambda part: _write(part, topics, frames or {}))
 
 
@@ -178,7 +183,9 @@ def _write(file: Path, topics: Mapping[str, Topic], frames: Mapping[str, tuple[A
         ]
     with file.open("wb") as stream:
         writer = Writer(stream)
-        schemas = {name: writer.register_msgdef(name, _text(name)) for name in {entry[1] for entry in entries}}
+        schemas = {
+            name: writer.register_msgdef(name, _text(name)) for name in {entry[1] for entry in entries}
+        }
         for time, kind, name, message in sorted(entries, key=lambda entry: entry[0]):
             at = round(time * 1e9)
             writer.write_message(name, schemas[kind], message, log_time=at, publish_time=at)
@@ -201,14 +208,21 @@ def _message(topic: Topic, k: int) -> dict[str, Any]:
     header = {"header": _header(topic.time[k], topic.frame)}
     values = {field: each[k].tolist() for field, each in topic.values.items()}
     if topic.kind == "JointState":
-        return header | {"name": [*topic.joints]} | {field: values.get(field, []) for field in FIELDS["JointState"]}
-    inside = {field: dict(zip(FIELDS[topic.kind][field], each, strict=True)) for field, each in values.items()}
+        return (
+            header
+            | {"name": [*topic.joints]}
+            | {field: values.get(field, []) for field in FIELDS["JointState"]}
+        )
+    inside = {
+        field: dict(zip(FIELDS[topic.kind][field], each, strict=True)) for field, each in values.items()
+    }
     return header | {_INSIDE[topic.kind]: inside}
 
 
 def _transform(name: str, time: float, X: Array) -> dict[str, Any]:
     translation, rotation = (
-        dict(zip(axes, each.tolist(), strict=False)) for axes, each in (("xyz", X[:3, 3]), ("xyzw", quaternions(X[None, :3, :3])[0]))
+        dict(zip(axes, each.tolist(), strict=False))
+        for axes, each in (("xyz", X[:3, 3]), ("xyzw", quaternions(X[None, :3, :3])[0]))
     )
     transform = {"translation": translation, "rotation": rotation}
     return {"header": _header(time, "world"), "child_frame_id": name, "transform": transform}

@@ -78,7 +78,7 @@ class Record:
         require_type("result", result, RunResult)
         data, scenario, arms = result.data, result.scenario, {}
         time = data.time.values
-        X_WP = _poses(data.payload_position.values, data.payload_quaternion.values)
+        X_WP = poses_of(data.payload_position.values, data.payload_quaternion.values)
         for name in scenario.cell.arms:
             arm, of_arm = CellArm(scenario.cell, name), data.sel(arm=name)
             n, T = arm.nv, arm.drive
@@ -90,7 +90,7 @@ class Record:
             F = np.nan_to_num((of_arm.measured_wrench if has_wrist else of_arm.interaction_wrench).values)
             wrench = at_tip(F, X_WP, scenario.cell.grasps[name].matrix)
             arms[name] = ArmRecord(time, q, v, of_arm.torque.values[:, :n] @ T, time, wrench)
-        return cls(arms, time, _poses(data.desired_position.values, data.desired_quaternion.values))
+        return cls(arms, time, poses_of(data.desired_position.values, data.desired_quaternion.values))
 
     @classmethod
     def load(cls, path: str | Path, scenario: Scenario) -> Self:
@@ -118,9 +118,7 @@ class Record:
             raise ArgumentError(f"{scenario.name!r} has no table [log], which says which topic is which arm")
         named = [topic for arm in log.arms.values() for topic in (arm.joints, arm.wrench)] + [log.desired]
         named = [topic for topic in named if topic]
-        topics = (
-            read_csv(file, named, SECONDS[log.time]) if file.suffix == ".csv" else read_mcap(file, named)
-        )
+        topics = read_csv(file, named, SECONDS[log.time]) if file.suffix == ".csv" else read_mcap(file, named)
         if missing := [topic for topic in named if topic not in topics]:
             known = f"; it has {', '.join(sorted(topics))}" if topics else ""
             raise FileReadError(f"has no topic {missing[0]!r}, which the table log names{known}", str(file))
@@ -151,12 +149,14 @@ class Record:
             time, wrench = np.empty(0), np.empty((0, 6))
             if wrist is not None:
                 time = wrist.time - zero
-                wrench = stated.wrench_sign * np.hstack([wrist.values[part] for part in FIELDS["WrenchStamped"]])
+                wrench = stated.wrench_sign * np.hstack(
+                    [wrist.values[part] for part in FIELDS["WrenchStamped"]]
+                )
             arms[name] = ArmRecord(joints.time - zero, q * scale, v * scale, tau, time, wrench)
         desired, X_d = np.empty(0), np.empty((0, 4, 4))
         if log.desired:
             poses = topics[log.desired]
-            desired, X_d = poses.time - zero, _poses(poses.values["position"], poses.values["orientation"])
+            desired, X_d = poses.time - zero, poses_of(poses.values["position"], poses.values["orientation"])
         return cls(arms, desired, X_d, log.free)
 
     def topics(self, scenario: Scenario) -> dict[str, Topic]:
@@ -192,7 +192,7 @@ def _order(logged: tuple[str, ...], joints: tuple[str, ...], place: str) -> list
     raise FileReadError(f"has no joint {missing[0]!r}; it has {', '.join(logged)}", place)
 
 
-def _poses(position: Array, orientation: Array) -> Array:
+def poses_of(position: Array, orientation: Array) -> Array:
     """Return poses of positions and quaternions x, y, z, w, shape (n, 4, 4)."""
     X = np.tile(np.eye(4), (len(position), 1, 1))
     X[:, :3, :3], X[:, :3, 3] = rotations(orientation), position

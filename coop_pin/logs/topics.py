@@ -44,5 +44,7 @@ def table_of(scenario: Scenario) -> LogTable:
     """Return the table ``log`` of a scenario, or the topics that a record is written with if it has none."""
     if scenario.log is not None:
         return scenario.log
-    arms = {name: ArmLog(joints=f"/{name}/joint_states", wrench=f"/{name}/wrench") for name in scenario.cell.arms}
+    arms = {
+        name: ArmLog(joints=f"/{name}/joint_states", wrench=f"/{name}/wrench") for name in scenario.cell.arms
+    }
     return LogTable(arms=arms, desired="/desired_pose")

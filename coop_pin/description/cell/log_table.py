@@ -55,5 +55,7 @@ class LogTable(Description):
     @model_validator(mode="after")
     def _free_ends_after_its_start(self) -> Self:
         if self.free is not None and not 0.0 <= self.free[0] < self.free[1]:
-            raise FieldError(f"is {list(self.free)}; it starts at 0 or later and ends after its start", "free")
+            raise FieldError(
+                f"is {list(self.free)}; it starts at 0 or later and ends after its start", "free"
+            )
         return self
