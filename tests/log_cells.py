@@ -1,4 +1,4 @@
-"""Logs of made-up arms: runs with drawn causes, as the arms would log them, with free hands and late clocks."""
+"""Logs of made-up arms: runs with drawn causes, as the arms would log them."""
 
 from dataclasses import replace
 

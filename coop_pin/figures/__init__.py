@@ -9,8 +9,8 @@ lines, Pareto fronts), ``style`` (parts that all share).
 
 Names are loaded on first use: matplotlib takes its time, and ``palette`` does not need it.
 
-Imports ``base``, ``comparison``, ``description``, ``identification``, ``model``, ``results``, ``stability`` and
-``sweeps``.
+Imports ``base``, ``comparison``, ``description``, ``identification``, ``model``, ``results``, ``stability``
+and ``sweeps``.
 """
 
 from coop_pin import lazy_names

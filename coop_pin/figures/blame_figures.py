@@ -40,7 +40,7 @@ def blame_figure(answer: Blame) -> Figure:
 
 @typed
 def views_figure(answer: Blame) -> Figure:
-    """Return how far the views of the arms are from that of the first one, over time, before and after the fit.
+    """Return how far the views of the arms are from that of the first one, before and after the fit.
 
     Args:
         answer: answer with estimates.

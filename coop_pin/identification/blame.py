@@ -1,4 +1,4 @@
-"""``cp.blame``: who pulls the object apart, from a record of arms: causes ranked by newtons, with intervals."""
+"""``cp.blame``: who pulls the object apart, from a record of arms: ranked causes with intervals."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class Blame:
         if self.kinematics is None:
             return "\n".join(["no answer:", *lines])
         lines.append(
-            f"the views of the arms differ as noise does: chi {self.kinematics.chi:.2f} of tips, bases, joints and clocks"
+            f"views of the arms: chi {self.kinematics.chi:.2f} with tips, bases, joints and clocks fitted"
         )
         if self.payload is not None:
             mass = self.payload.x[0] + self.scenario.cell.payload.mass
@@ -174,7 +174,7 @@ def blame(
     found = [*log_findings(record, scenario)]
     if not any(one.severity == "error" for one in found):
         closure = Closure(record, arms, priors, noise=_stated_noise(scenario, arms))
-        found += kinematic_findings(closure, record, scenario)
+        found += kinematic_findings(closure, record)
     if any(one.severity == "error" for one in found):
         return Blame(scenario, record, Findings(scenario.name, sorted_findings(found)))
     kinematics = closure.fit()

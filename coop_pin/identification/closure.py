@@ -1,4 +1,4 @@
-"""Closure of the kinematics: tips, bases, joints, links and clocks of the arms from their views of the payload."""
+"""Closure of the kinematics: tips, bases, joints, links and clocks from the views of the payload."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ class Fit(NamedTuple):
 
 
 def kinematic_parameters(arms: Mapping[str, CellArm], priors: Priors) -> tuple[list[Parameter], Array]:
-    """Return tip, base, joints and links of all arms, then the clocks of all but the first, and their priors."""
+    """Return tip, base, joints and links of all arms, then clocks of all but the first, and the priors."""
     parameters, sds = [], []
     for name, arm in arms.items():
         joints = [joint.removeprefix("arm/") for joint in arm.limits.joints.names]

@@ -54,7 +54,7 @@ def filtered(record: Record, late: Mapping[str, float]) -> dict[str, Filtered]:
     if record.free is not None:
         start = max(start, record.free[1])
     step = max(float(np.median(np.diff(arm.time))) for arm in record.arms.values())
-    width = max(int(round(WINDOW / step)), 4)
+    width = max(round(WINDOW / step), 4)
     kernel = np.hanning(width + 2)[1:-1]
     kernel /= kernel.sum()
     grid = np.arange(start, end, step)

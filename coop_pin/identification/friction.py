@@ -43,7 +43,7 @@ class DriveFriction(NamedTuple):
 
 
 def friction_fit(arm: CellArm, samples: Filtered, zero: Array, sd: Array) -> list[DriveFriction]:
-    """Return the friction of every drive, by ``tau - M a - h + J^T F = viscous v + coulomb tanh(v / w) + const``.
+    """Return the friction of every drive: tau - M a - h + J^T F = viscous v + coulomb tanh(v / w) + const.
 
     Inertias are those of the URDF; a drive with gravity compensation of its own must log its whole torque.
     F is without the zero of the wrist, and what is not known of it is fitted beside the friction.

@@ -1,4 +1,4 @@
-"""Response of the payload-space law to what its arms see wrong: the internal wrench, linear, along a record."""
+"""Response of the payload-space law to what its arms see wrong: the internal wrench along a record."""
 
 from __future__ import annotations
 

@@ -24,13 +24,12 @@ _BEYOND = 4.0
 """Prior standard deviations from which on an estimate is doubtful."""
 
 
-def kinematic_findings(closure: Closure, record: Record, scenario: Scenario) -> Iterator[Finding]:
+def kinematic_findings(closure: Closure, record: Record) -> Iterator[Finding]:
     """Yield that the arms do not hold one object, and which reading of the joints would.
 
     Args:
         closure: views of the arms.
         record: record of the arms.
-        scenario: cell.
     """
     apart, angle = _apart(closure)
     if apart < _APART_M and angle < _APART_RAD:
@@ -145,7 +144,7 @@ def prior_findings(kinematics: Fit, payload: Fit | None) -> Iterator[Finding]:
         if far[worst] > _BEYOND:
             one = fit.parameters[worst]
             sentence = (
-                f"{one} would be {fit.x[worst]:.3g} {one.unit}, {far[worst]:.1f} times its prior: state a larger"
-                " prior, or the cell is another one (bases, grasps, payload)"
+                f"{one} would be {fit.x[worst]:.3g} {one.unit}, {far[worst]:.1f} times its prior: state a"
+                " larger prior, or the cell is another one (bases, grasps, payload)"
             )
             yield Finding("log", str(one), "warning", sentence, float(far[worst]), _BEYOND)

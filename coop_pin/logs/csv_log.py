@@ -66,7 +66,7 @@ def _topic(
         raise FileReadError(
             f"topic {name!r} has the fields {sorted(fields)}; it must have those of {FIELDS}", str(file)
         )
-    components = tuple(fields[[*FIELDS[kind]][0]]) if kind == "JointState" else ()
+    components = tuple(fields[next(iter(FIELDS[kind]))]) if kind == "JointState" else ()
     topic = Topic(kind, time * second, {}, components)
     read = {}
     for field in FIELDS[kind]:
@@ -75,7 +75,7 @@ def _topic(
             if missing := [part for part in parts if part not in fields[field]]:
                 raise FileReadError(f"has no column {name}.{field}.{missing[0]}", str(file))
             read[field] = np.stack([fields[field][part] for part in parts], axis=1)
-    first = read[[*FIELDS[kind]][0]]
+    first = read[next(iter(FIELDS[kind]))]
     has = np.isfinite(first).all(axis=1) & np.isfinite(time)
     return topic._replace(time=topic.time[has], values={field: values[has] for field, values in read.items()})
 

@@ -1,4 +1,4 @@
-"""Findings of a record before anything is fitted: gaps, resets, clocks that never meet, units that do not fit."""
+"""Findings of a record before anything is fitted: gaps, resets, clocks and units that do not fit."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def log_findings(record: Record, scenario: Scenario) -> Iterator[Finding]:
     """
     start, end = record.span
     if end - start < _SHORTEST:
-        sentence = f"all arms have samples together for {end - start:.3g} s only: their clocks, or their unit, differ"
+        sentence = f"all arms have samples together for {end - start:.3g} s only: clocks or units differ"
         yield Finding("log", "time", "error", sentence, end - start, _SHORTEST)
     for name, arm in record.arms.items():
         yield from _times(name, arm)
@@ -49,7 +49,8 @@ def _times(name: str, arm: ArmRecord) -> Iterator[Finding]:
     usual = float(np.median(steps)) if len(steps) else 0.0
     if (steps < 0.0).any():
         back = float(steps.min())
-        sentence = f"stamps of {name} go back by {-back:.3g} s, {int((steps < 0.0).sum())} times: split the log there"
+        times = int((steps < 0.0).sum())
+        sentence = f"stamps of {name} go back by {-back:.3g} s, {times} times: split the log there"
         yield Finding("log", name, "error", sentence, back, 0.0)
     elif not _STEPS[0] <= usual <= _STEPS[1]:
         unit = "ms" if usual > _STEPS[1] else "s"

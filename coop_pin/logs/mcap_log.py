@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -63,7 +64,7 @@ def read_mcap(file: Path, topics: Iterable[str]) -> dict[str, Topic]:
             for schema, channel, message in make_reader(stream).iter_messages([*topics]):
                 kinds[channel.topic] = schema, channel
                 messages.setdefault(channel.topic, []).append(message.data)
-    except (McapError, EOFError) as error:
+    except (McapError, EOFError, struct.error) as error:
         raise FileReadError(f"is no whole MCAP file: {error}", str(file)) from None
     return {name: _topic(*kinds[name], each, file) for name, each in messages.items()}
 

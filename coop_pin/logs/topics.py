@@ -15,7 +15,7 @@ FIELDS: dict[Kind, dict[str, str]] = {
     "WrenchStamped": {"force": "xyz", "torque": "xyz"},
     "PoseStamped": {"position": "xyz", "orientation": "xyzw"},
 }
-"""Fields of the messages that are read, with the names of their components; joints have names of their own."""
+"""Fields of the messages that are read, with their components; joints have names of their own."""
 
 
 class Topic(NamedTuple):
