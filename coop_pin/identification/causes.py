@@ -12,7 +12,7 @@ from coop_pin.identification.effects import Effects
 
 _SHARED = 0.25
 """Part of the variances of two forces that is common to both from which on their parameters are one cause."""
-_SMALL = 0.01
+_SMALL = 0.04
 """Standard deviation of a force below which it is told apart, N."""
 _DRAWS = 400
 _LEVELS = (2.5, 97.5)
@@ -42,7 +42,7 @@ class Cause(NamedTuple):
     @property
     def is_known(self) -> bool:
         """Whether the log, and not what was known before, says how much it makes."""
-        return self.high - self.low < max(self.newtons, 5.0 * _SMALL)
+        return self.high - self.low < max(self.newtons, _SMALL)
 
     @property
     def name(self) -> str:

@@ -171,7 +171,7 @@ def write_mcap(
 
 def _write(file: Path, topics: Mapping[str, Topic], frames: Mapping[str, tuple[Array, Array]]) -> None:
     with needs_extra("mcap-ros2-support", "logs", "to write MCAP files"):
-        from mcap_ros2.writer import Writer
+        import mcap_ros2.writer as ros2
     entries = [
         (float(time), _TYPES[topic.kind], name, _message(topic, k))
         for name, topic in topics.items()
@@ -183,7 +183,7 @@ def _write(file: Path, topics: Mapping[str, Topic], frames: Mapping[str, tuple[A
             for time, X in zip(stamps, poses, strict=True)
         ]
     with file.open("wb") as stream:
-        writer = Writer(stream)
+        writer: Any = ros2.Writer(stream)
         schemas = {
             name: writer.register_msgdef(name, _text(name)) for name in {entry[1] for entry in entries}
         }
