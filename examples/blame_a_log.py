@@ -1,6 +1,6 @@
 """Who pulls the object apart: the log of a pair of arms, the causes by newtons, and the cell that has them.
 
-    python examples/blame_a_log.py
+python examples/blame_a_log.py
 """
 
 from pathlib import Path

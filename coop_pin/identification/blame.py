@@ -74,7 +74,7 @@ class Blame:
             tip, base, joint, link = (
                 _values(self.kinematics, name, part) for part in ("tip", "base", "joint", "link")
             )
-            error = {
+            error: dict[str, Any] = {
                 "tip": {"xyz": _row(tip, "xyz"), "rpy": _row(tip, ("rx", "ry", "rz"))},
                 "base": {"xyz": _row(base, "xyz"), "rpy": _row(base, ("rx", "ry", "rz"))},
             }
@@ -281,6 +281,7 @@ def _left(
 ) -> dict[str, float]:
     """Return what the wrists read of the internal force beyond its causes, and what other shares make."""
     names, grasps = [*closure.arms], scenario.cell.grasps
+    law: Any = scenario.controller
     first = samples[names[0]]
     R = closure.view(names[0], first.time).pose[:, :3, :3]
     force = np.array(
@@ -298,7 +299,7 @@ def _left(
             for of_arm in np.moveaxis(predicted, 0, 2)
         ]
     )
-    settled = first.time > first.time[0] + 3.0 / scenario.controller.gains.transient_rate
+    settled = first.time > first.time[0] + 3.0 / law.gains.transient_rate
     left = (read - np.moveaxis(expected, 2, 0))[settled]
     noise = sum((samples[name].noise[:3] ** 2).sum() for name in names) / 4.0
     off = float(np.abs(c - np.array(scenario.cell.shares)).max())

@@ -253,7 +253,7 @@ class Closure:
         n = len(self.times)
         residual = solution.fun[: -len(self.prior)].reshape(n, -1)
         chi = float(np.sqrt((residual**2).sum() / max(residual.size - (len(H) - np.trace(H)), 1.0)))
-        covariance = max(chi, 1.0) ** 2 * H * np.outer(self.prior, self.prior)
+        covariance = np.asarray(max(chi, 1.0) ** 2 * H * np.outer(self.prior, self.prior), dtype=np.float64)
         return Fit(self.parameters, solution.x * self.prior, covariance, self.prior, chi, residual)
 
 

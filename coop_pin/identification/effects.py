@@ -70,9 +70,9 @@ def effects(
                 wrist[:, number, :, k] = at_P[:, :, FRAME_AXES.index(one.axis)]
             elif one.arm == name:
                 bias[:, number, :, k] = of_arm[:, :, _column(one, arm)]
-        for k, one in enumerate(friction, len(parameters)):
-            if one.arm == name:
-                torque[:, number, :, k] = _friction_wrench(closure, name, views[name], times, one)
+        for k, drive_friction in enumerate(friction, len(parameters)):
+            if drive_friction.arm == name:
+                torque[:, number, :, k] = _friction_wrench(closure, name, views[name], times, drive_friction)
     Q, f_d = _turns(first, rows), np.array([squeeze(time) for time in times.tolist()])[:, :, rows]
     turned = _turned_squeeze(bias, np.einsum("nij,naj->nai", Q, f_d), rows)
     phi = response.wrenches(times, Q, bias, wrist - turned, torque + turned)
