@@ -9,7 +9,7 @@ from coop_pin.base.arrays import typed
 from coop_pin.figures import palette
 from coop_pin.figures.style import as_written, label, legend_above, plain_figure
 from coop_pin.identification.blame import Blame
-from coop_pin.identification.closure import Closure, Priors
+from coop_pin.identification.closure import Priors, ViewClosure
 from coop_pin.model.cell_arm import CellArm
 
 _BARS = 14
@@ -46,7 +46,7 @@ def views_figure(answer: Blame) -> Figure:
         answer: answer with estimates.
     """
     cell = answer.scenario.cell
-    closure = Closure(answer.record, {name: CellArm(cell, name) for name in cell.arms}, Priors())
+    closure = ViewClosure(answer.record, {name: CellArm(cell, name) for name in cell.arms}, Priors())
     known = (
         {}
         if answer.kinematics is None

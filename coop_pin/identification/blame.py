@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from coop_pin.base.arrays import Array, require_type
+from coop_pin.base.errors import ArgumentError
 from coop_pin.description.scenario import Scenario
 from coop_pin.identification.causes import Cause, force_interval, ranked_causes
-from coop_pin.identification.closure import Closure, Fit, Parameter, Priors
+from coop_pin.identification.closure import Fit, Parameter, Priors, ViewClosure
 from coop_pin.identification.effects import Effects, effects
 from coop_pin.identification.filtering import Filtered, filtered
 from coop_pin.identification.friction import DriveFriction, friction_fit
@@ -173,7 +174,7 @@ def blame(
     arms = {name: CellArm(scenario.cell, name) for name in scenario.cell.arms}
     found = [*log_findings(record, scenario)]
     if not any(one.severity == "error" for one in found):
-        closure = Closure(record, arms, priors, noise=_stated_noise(scenario, arms))
+        closure = ViewClosure(record, arms, priors, noise=_stated_noise(scenario, arms))
         found += kinematic_findings(closure, record)
     if any(one.severity == "error" for one in found):
         return Blame(scenario, record, Findings(scenario.name, sorted_findings(found)))
@@ -203,6 +204,8 @@ def _read(log: Any, scenario: Any) -> tuple[Record, Scenario]:
         scenario = log.scenario if scenario is None else scenario
     if isinstance(scenario, str | Path):
         scenario = Scenario.load(scenario)
+    if scenario is None:
+        raise ArgumentError("a log or a record needs its scenario: the cell and the law that ran")
     require_type("scenario", scenario, Scenario)
     if isinstance(log, RunResult):
         return Record.of_run(log), scenario
@@ -225,7 +228,7 @@ def _stated_noise(scenario: Scenario, arms: Mapping[str, CellArm]) -> dict[str, 
 
 
 def _answer(
-    closure: Closure,
+    closure: ViewClosure,
     record: Record,
     scenario: Scenario,
     kinematics: Fit,
@@ -277,7 +280,12 @@ def _shares(scenario: Scenario) -> Array:
 
 
 def _left(
-    made: Effects, x: Array, scenario: Scenario, closure: Closure, samples: Mapping[str, Filtered], c: Array
+    made: Effects,
+    x: Array,
+    scenario: Scenario,
+    closure: ViewClosure,
+    samples: Mapping[str, Filtered],
+    c: Array,
 ) -> dict[str, float]:
     """Return what the wrists read of the internal force beyond its causes, and what other shares make."""
     names, grasps = [*closure.arms], scenario.cell.grasps

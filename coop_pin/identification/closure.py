@@ -143,7 +143,7 @@ def position_noise(record: ArmRecord) -> Array:
     return np.array(sds)
 
 
-class Closure:
+class ViewClosure:
     """Closure of the views of all arms, as a least-squares problem.
 
     With r_i = [p_i - p_1, log(R_i R_1^T)] of the views without the errors x, at a time of the first arm's

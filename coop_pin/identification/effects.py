@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.base.arrays import Array
-from coop_pin.identification.closure import Closure, Parameter
+from coop_pin.identification.closure import Parameter, ViewClosure
 from coop_pin.identification.friction import WIDTH, DriveFriction
 from coop_pin.identification.law_response import LawResponse
 from coop_pin.identification.views import FRAME_AXES, View, columns
@@ -38,7 +38,7 @@ class Effects(NamedTuple):
 
 def effects(
     record: Record,
-    closure: Closure,
+    closure: ViewClosure,
     response: LawResponse,
     parameters: Sequence[Parameter],
     friction: Sequence[DriveFriction],
@@ -130,7 +130,9 @@ def _turned_squeeze(bias: Array, f_d: Array, rows: Sequence[int]) -> Array:
     return np.concatenate(turned, axis=2)[:, :, rows]
 
 
-def _friction_wrench(closure: Closure, name: str, view: View, times: Array, friction: DriveFriction) -> Array:
+def _friction_wrench(
+    closure: ViewClosure, name: str, view: View, times: Array, friction: DriveFriction
+) -> Array:
     """Return what the friction of a drive does to the wrench of its arm, by the dynamic inverse, (n, k_0)."""
     arm, rows = closure.arms[name], list(closure.rows.indices)
     q, v = closure.joints(name, times)

@@ -84,4 +84,5 @@ def _filtered(arm: ArmRecord, grid: Array, kernel: Array, kept: slice, late: flo
     if len(arm.wrench_time):
         wrench, noise = smooth(arm.wrench_time, arm.wrench), scatter(arm.wrench)
     values = (grid, q, v, a, smooth(arm.time, arm.effort), wrench)
-    return Filtered(*[each[kept] for each in values], noise, scatter(arm.effort))
+    time, *kept_values = (each[kept] for each in values)
+    return Filtered(time, *kept_values, noise, scatter(arm.effort))

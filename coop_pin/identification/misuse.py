@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from coop_pin.description.scenario import Scenario
-from coop_pin.identification.closure import Closure, Fit, Priors
+from coop_pin.identification.closure import Fit, Priors, ViewClosure
 from coop_pin.identification.filtering import Filtered
 from coop_pin.identification.payload import payload_fit
 from coop_pin.logs.record import Record
@@ -24,7 +24,7 @@ _BEYOND = 4.0
 """Prior standard deviations from which on an estimate is doubtful."""
 
 
-def kinematic_findings(closure: Closure, record: Record) -> Iterator[Finding]:
+def kinematic_findings(closure: ViewClosure, record: Record) -> Iterator[Finding]:
     """Yield that the arms do not hold one object, and which reading of the joints would.
 
     Args:
@@ -38,7 +38,7 @@ def kinematic_findings(closure: Closure, record: Record) -> Iterator[Finding]:
     readings = {"degrees": _scaled(record, np.pi / 180.0)} | _swapped(record)
     for name, reading in readings.items():
         try:
-            off = _apart(Closure(reading, closure.arms, Priors()))
+            off = _apart(ViewClosure(reading, closure.arms, Priors()))
         except (ValueError, np.linalg.LinAlgError):
             continue
         if off[0] < _APART_M and off[1] < _APART_RAD:
@@ -48,7 +48,7 @@ def kinematic_findings(closure: Closure, record: Record) -> Iterator[Finding]:
     yield Finding("log", "arms", "error", sentence, apart, _APART_M, remedy)
 
 
-def _apart(closure: Closure) -> tuple[float, float]:
+def _apart(closure: ViewClosure) -> tuple[float, float]:
     """Return the median mismatch of the views, m and rad."""
     r, linear = closure.mismatch(), np.tile(closure.rows.are_linear, len(closure.arms) - 1)
     norms = [
@@ -113,7 +113,9 @@ def wrench_findings(
                 best = other_strain
                 turned = [name for name, sign in zip(arms, signs, strict=True) if sign < 0.0]
                 moved = [
-                    f"the wrist of {a} is logged as {b}" for a, b in zip(arms, order, strict=True) if a != b
+                    f"the wrist of {b} fits the joints of {a}: wrists or joints are swapped"
+                    for a, b in zip(arms, order, strict=True)
+                    if a != b
                 ]
                 hint = "; ".join([*moved, *[f"the wrench of {name} has the other sign" for name in turned]])
                 remedy = {f"log.arms.{name}.wrench_sign": -1 for name in turned} if not moved else {}

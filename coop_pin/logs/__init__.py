@@ -1,10 +1,10 @@
 """Logs: records of arms that held a payload, from CSV, MCAP or a run, and what leaves for other programs.
 
-Open first: ``record`` (``cp.Record``: joints and wrists by arm, each with its own clock), ``log_findings``
-(gaps, resets and units that do not fit). The table ``log`` of a scenario says which topic is which arm.
+Open first: ``record`` (joints and wrists by arm, each with its own clock), ``topics`` (samples by the field
+names of ROS), ``log_findings`` (gaps, resets and units that do not fit).
 
-``topics`` has samples by the field names of ROS; ``csv_log`` and ``mcap_log`` read and write them,
-``run_export`` writes a run for ROS, ``lerobot_export`` episodes of runs.
+``csv_log`` and ``mcap_log`` read and write topics, ``run_export`` writes a run for ROS, ``lerobot_export``
+episodes of runs. A table of the scenario says which topic is which arm.
 
 Imports ``base``, ``description``, ``model`` and ``results``.
 """

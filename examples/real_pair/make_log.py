@@ -2,7 +2,7 @@
 
     python examples/real_pair/make_log.py
 
-The right base stands 2 mm from where the cell has it, an encoder of the left arm has an offset of 0.5 mrad, the
+The right base stands 2 mm from where the cell has it, an encoder of the left arm is off by 0.5 mrad, the
 left wrist a zero of 1.5 N, and the right arm's stamps are 3 ms late. ``cell.toml`` knows of none of it.
 """
 
