@@ -40,7 +40,6 @@ _PUBLIC = {
     "PatchGrasp": "description.cell.contact",
     "Payload": "description.cell.payload",
     "Pose": "base.schema.pose",
-    "Record": "logs.record",
     "RunResult": "results.run_result",
     "Scenario": "description.scenario",
     "Sensors": "description.sensors",

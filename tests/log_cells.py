@@ -126,7 +126,7 @@ def logged(scenario, causes, seed=0, free=True):
     """What the arms log of a run with causes, and the cell as its user believes it."""
     changed = with_causes(scenario, causes).override({"seed": seed})
     result = cp.run(changed, warn=False)
-    record = cp.Record.of_run(result)
+    record = cp.logs.Record.of_run(result)
     if free:
         record = free_hands(record, causes, np.random.default_rng(seed))
     return late_clocks(record, causes), changed.override({"cell.payload": scenario.cell.payload})

@@ -5,7 +5,7 @@ of the payload), ``payload`` (its mass and the wrists' zeros), ``causes`` (what 
 
 - ``friction`` of the drives; ``filtering`` of samples; ``views`` of the payload and their derivatives.
 - ``law_response``: internal force by what the arms see wrong; ``effects``: that of every parameter.
-- ``misuse``: swapped topics, signs and units.
+- ``answer`` has all of it, and the correction; ``misuse`` tells swapped topics, signs and units.
 
 Imports ``base``, ``description``, ``logs``, ``model``, ``results`` and ``simulation``.
 """
@@ -16,7 +16,7 @@ from coop_pin import lazy_names
 __all__, __getattr__, __dir__ = lazy_names(
     __name__,
     {
-        "Blame": "identification.blame",
+        "Blame": "identification.answer",
         "Cause": "identification.causes",
         "DriveFriction": "identification.friction",
         "Fit": "identification.closure",

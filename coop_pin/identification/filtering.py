@@ -83,6 +83,6 @@ def _filtered(arm: ArmRecord, grid: Array, kernel: Array, kept: slice, late: flo
     wrench, noise = np.full((len(grid), 6), np.nan), np.full(6, np.nan)
     if len(arm.wrench_time):
         wrench, noise = smooth(arm.wrench_time, arm.wrench), scatter(arm.wrench)
-    values = (grid, q, v, a, smooth(arm.time, arm.effort), wrench)
-    time, *kept_values = (each[kept] for each in values)
-    return Filtered(time, *kept_values, noise, scatter(arm.effort))
+    tau = smooth(arm.time, arm.effort)
+    time, q, v, a, tau, wrench = (each[kept] for each in (grid, q, v, a, tau, wrench))
+    return Filtered(time, q, v, a, tau, wrench, noise, scatter(arm.effort))

@@ -16,6 +16,7 @@ __all__, __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "ArmRecord": "logs.record",
+        "Record": "logs.record",
         "Topic": "logs.topics",
         "log_findings": "logs.log_findings",
         "write_episodes": "logs.lerobot_export",

@@ -10,7 +10,7 @@ import numpy as np
 
 from coop_pin.base.arrays import typed
 from coop_pin.figures.blame_figures import blame_figure, views_figure
-from coop_pin.identification.blame import Blame
+from coop_pin.identification.answer import Blame
 from coop_pin.identification.closure import Fit
 from coop_pin.viz.page import save_page, web_file
 from coop_pin.viz.report import figure_image

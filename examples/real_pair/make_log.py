@@ -54,9 +54,9 @@ def real(cell: cp.Scenario) -> cp.Scenario:
     )
 
 
-def logged(cell: cp.Scenario) -> cp.Record:
+def logged(cell: cp.Scenario) -> cp.logs.Record:
     """Return the record of a run, behind an interval in which the hands were free."""
-    record = cp.Record.of_run(cp.run(real(cell), engine="mujoco", warn=False))
+    record = cp.logs.Record.of_run(cp.run(real(cell), engine="mujoco", warn=False))
     rng, arms = np.random.default_rng(1), {}
     for name, arm in record.arms.items():
         before = np.arange(0.0, FREE, 0.01)

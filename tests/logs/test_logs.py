@@ -32,7 +32,7 @@ def made(scenario, seed=0):
         arms[name] = ArmRecord(time, q, np.gradient(q, time, axis=0), rng.normal(size=q.shape), slow, noise)
     X = np.tile(np.eye(4), (50, 1, 1))
     X[:, 0, 3] = np.linspace(0.0, 1.0, 50)
-    return cp.Record(arms, 100.0 + np.arange(50) * 0.05, X)
+    return cp.logs.Record(arms, 100.0 + np.arange(50) * 0.05, X)
 
 
 def same(one, other, zero=0.0, tolerance=0.0):
@@ -49,7 +49,7 @@ def same(one, other, zero=0.0, tolerance=0.0):
 def test_csv_there_and_back_has_the_same_numbers(scenario, tmp_path):
     record = made(scenario)
     write_csv(record.topics(scenario), tmp_path / "log.csv")
-    same(record, cp.Record.load(tmp_path / "log.csv", scenario), 100.0)
+    same(record, cp.logs.Record.load(tmp_path / "log.csv", scenario), 100.0)
 
 
 def test_mcap_there_and_back_has_the_same_numbers(scenario, tmp_path, monkeypatch):
@@ -57,9 +57,9 @@ def test_mcap_there_and_back_has_the_same_numbers(scenario, tmp_path, monkeypatc
     pytest.importorskip("mcap_ros2")
     record = made(scenario)
     mcap_log.write_mcap(record.topics(scenario), tmp_path / "log.mcap")
-    by_bytes = cp.Record.load(tmp_path / "log.mcap", scenario)
+    by_bytes = cp.logs.Record.load(tmp_path / "log.mcap", scenario)
     monkeypatch.setattr(mcap_log, "_of_equal", lambda *_: None)
-    by_library = cp.Record.load(tmp_path / "log.mcap", scenario)
+    by_library = cp.logs.Record.load(tmp_path / "log.mcap", scenario)
     for loaded in (by_bytes, by_library):
         for name, arm in record.arms.items():
             for part in PARTS[1:4] + PARTS[5:]:
@@ -92,7 +92,7 @@ def test_messages_of_other_lengths_and_json_are_read(scenario, tmp_path):
     stated = table_of(scenario)
     arms = {name: arm.replace(wrench="") for name, arm in stated.arms.items()}
     cell = scenario.replace(log=stated.replace(arms=arms, desired=""))
-    left = cp.Record.load(tmp_path / "log.mcap", cell).arms["left"]
+    left = cp.logs.Record.load(tmp_path / "log.mcap", cell).arms["left"]
     assert left.position.tolist() == [[1, 2 + k, 3] for k in range(5)]
     assert np.isnan(left.velocity).all()
     assert len(left.wrench_time) == 0
@@ -114,7 +114,7 @@ def test_the_table_has_degrees_milliseconds_and_the_sign_of_the_wrench(scenario,
         other[name] = topic._replace(time=1e3 * topic.time, values=values)
     write_csv(other, tmp_path / "log.csv")
     changes = {"log.angle": "deg", "log.time": "ms", "log.arms.right.wrench_sign": -1}
-    loaded = cp.Record.load(tmp_path / "log.csv", scenario.override(changes))
+    loaded = cp.logs.Record.load(tmp_path / "log.csv", scenario.override(changes))
     same(record, loaded, 100.0, 1e-12)
 
 
@@ -122,18 +122,18 @@ def test_what_a_file_does_not_have_is_named(scenario, tmp_path):
     record, path = made(scenario), tmp_path / "log.csv"
     write_csv(record.topics(scenario), path)
     with pytest.raises(FileReadError, match="/left/joints"):
-        cp.Record.load(path, scenario.override({"log.arms.left.joints": "/left/joints"}))
+        cp.logs.Record.load(path, scenario.override({"log.arms.left.joints": "/left/joints"}))
     with pytest.raises(ArgumentError, match="log"):
-        cp.Record.load(path, scenario.replace(log=None))
+        cp.logs.Record.load(path, scenario.replace(log=None))
     with pytest.raises(FileReadError):
-        cp.Record.load(tmp_path / "none.csv", scenario)
+        cp.logs.Record.load(tmp_path / "none.csv", scenario)
     text = path.read_text()
     path.write_text(text.replace(".joint_1", ".elbow"))
     with pytest.raises(FileReadError, match="joint_1"):
-        cp.Record.load(path, scenario)
+        cp.logs.Record.load(path, scenario)
     path.write_text(text.replace("time", "t", 1))
     with pytest.raises(FileReadError, match="time"):
-        cp.Record.load(path, scenario)
+        cp.logs.Record.load(path, scenario)
 
 
 def test_an_mcap_file_that_is_cut_or_foreign_is_refused(scenario, tmp_path):
@@ -142,10 +142,10 @@ def test_an_mcap_file_that_is_cut_or_foreign_is_refused(scenario, tmp_path):
     mcap_log.write_mcap(made(scenario).topics(scenario), path)
     path.write_bytes(path.read_bytes()[:-4000])
     with pytest.raises(FileReadError):
-        cp.Record.load(path, scenario)
+        cp.logs.Record.load(path, scenario)
     path.write_bytes(b"nothing")
     with pytest.raises(FileReadError):
-        cp.Record.load(path, scenario)
+        cp.logs.Record.load(path, scenario)
     early = {
         "/x": Topic(
             "WrenchStamped", np.array([-1.0]), {"force": np.zeros((1, 3)), "torque": np.zeros((1, 3))}
