@@ -26,7 +26,13 @@ class LawResponse(NamedTuple):
     than one over beta, and the delay of the measured wrench, are not in it.
 
     Attributes:
-        gamma, K, k_I, K_f, beta, leak, kappa: gains on the task rows.
+        gamma: pose gain on the task rows, 1/s, shape (k_0, k_0).
+        K: sliding gain on the task rows, shape (k_0, k_0).
+        k_I: rate of the integral, 1/s, shape (k_0,).
+        K_f: force gain.
+        beta: rate at which a measured wrench is taken out of the integral, 1/s.
+        leak: rate at which the integral forgets without one, 1/s.
+        kappa: rate at which the start decays, 1/s.
         shares: c_i, shape (m,).
         turns: whether K turns with the payload.
         is_zeroed: whether the arms place their payload frames at the start pose.
