@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from coop_pin.base.arrays import Array
+from coop_pin.base.arrays import Array, typed
 from coop_pin.base.atomic_write import write_atomically
 from coop_pin.base.errors import ArgumentError, needs_extra
 from coop_pin.results.friction import friction_use
@@ -20,6 +20,7 @@ _FIRST = _FILE.format(chunk_index=0, file_index=0)
 _INDICES = ("frame_index", "episode_index", "index", "task_index")
 
 
+@typed
 def write_episodes(results: Iterable[RunResult], folder: str | Path) -> int:
     """Write runs as episodes of one data set, and return its number of frames.
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from coop_pin.base.arrays import typed
 from coop_pin.description.scenario import Scenario
 from coop_pin.logs.record import ArmRecord, Record
 from coop_pin.model.joint_limits import JointLimits
@@ -21,6 +22,7 @@ _SHORTEST = 1.0
 """Time that all arms must share, s."""
 
 
+@typed
 def log_findings(record: Record, scenario: Scenario) -> Iterator[Finding]:
     """Yield what is wrong with a record, or doubtful.
 

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from coop_pin.base.arrays import require_path, require_type
+from coop_pin.base.arrays import typed
 from coop_pin.logs.mcap_log import write_mcap
 from coop_pin.logs.record import Record, at_tip, poses_of
 from coop_pin.logs.topics import Topic
 from coop_pin.results.run_result import RunResult
 
 
+@typed
 def write_run(result: RunResult, file: str | Path) -> None:
     """Write joint states, wrenches, the internal wrench in axes of P, desired pose and TF of a run as MCAP.
 
@@ -23,8 +24,6 @@ def write_run(result: RunResult, file: str | Path) -> None:
     Raises:
         MissingExtraError: the extra 'logs' is not installed.
     """
-    require_type("result", result, RunResult)
-    require_path("file", file)
     data, scenario = result.data, result.scenario
     topics = Record.of_run(result).topics(scenario)
     time, X_WP = data.time.values, poses_of(data.payload_position.values, data.payload_quaternion.values)
