@@ -56,12 +56,12 @@ def blame(
     priors = priors or Priors()
     require_type("priors", priors, Priors)
     arms = {name: CellArm(scenario.cell, name) for name in scenario.cell.arms}
-    found = [*log_findings(record, scenario)]
-    if not any(one.severity == "error" for one in found):
+    noted = [*log_findings(record, scenario)]
+    if not any(one.severity == "error" for one in noted):
         closure = ViewClosure(record, arms, priors, noise=_stated_noise(scenario, arms))
-        found += kinematic_findings(closure, record)
-    if any(one.severity == "error" for one in found):
-        return Blame(scenario, record, Findings(scenario.name, sorted_findings(found)))
+        noted += kinematic_findings(closure, record)
+    if any(one.severity == "error" for one in noted):
+        return Blame(scenario, record, Findings(scenario.name, sorted_findings(noted)))
     kinematics = closure.fit()
     late = {
         one.arm: float(kinematics.x[k]) for k, one in enumerate(kinematics.parameters) if one.part == "clock"
@@ -69,13 +69,13 @@ def blame(
     samples, payload, friction = filtered(record, late), None, list[DriveFriction]()
     if all(len(record.arms[name].wrench_time) for name in arms):
         payload = payload_fit(record, scenario, arms, samples, priors)
-        found += wrench_findings(payload, record, scenario, arms, samples, priors)
+        noted += wrench_findings(payload, record, scenario, arms, samples, priors)
         for name, arm in arms.items():
             zeros = payload.of(name, "wrist")
             friction += friction_fit(arm, samples[name], payload.x[zeros], payload.sd[zeros])
-    found += prior_findings(kinematics, payload)
+    noted += prior_findings(kinematics, payload)
     answer = _answer(closure, record, scenario, kinematics, payload, friction, samples)
-    findings = Findings(scenario.name, sorted_findings([*found, *_trust(kinematics, payload)]))
+    findings = Findings(scenario.name, sorted_findings([*noted, *_trust(kinematics, payload)]))
     if not findings.ok:
         return Blame(scenario, record, findings)
     return Blame(scenario, record, findings, kinematics, payload, tuple(friction), **answer)

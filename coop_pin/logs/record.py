@@ -181,7 +181,7 @@ class Record:
         return topics
 
 
-def _order(logged: tuple[str, ...], joints: tuple[str, ...], place: str) -> list[int]:
+def _order(logged: tuple[str, ...], joints: tuple[str, ...], source: str) -> list[int]:
     """Return where the joints of an arm stand in a message; without any of their names by their number."""
     names = [name.removeprefix("arm/") for name in joints]
     missing = [name for name in names if name not in logged]
@@ -189,7 +189,7 @@ def _order(logged: tuple[str, ...], joints: tuple[str, ...], place: str) -> list
         return [logged.index(name) for name in names]
     if len(missing) == len(names) == len(logged):
         return [*range(len(names))]
-    raise FileReadError(f"has no joint {missing[0]!r}; it has {', '.join(logged)}", place)
+    raise FileReadError(f"has no joint {missing[0]!r}; it has {', '.join(logged)}", source)
 
 
 def poses_of(position: Array, orientation: Array) -> Array:

@@ -151,12 +151,12 @@ def test_at_rest_the_law_holds_what_its_steady_state_says():
 def test_the_corrected_cell_has_the_force_of_the_log():
     scenario, causes, _, cell, answer = answered("adept", 2)
     quiet = {f"arm_sensors.{name}.wrist.noise": {} for name in cell.cell.arms}
-    wanted = cp.run(with_causes(scenario, causes).override(quiet), warn=False).data
+    expected = cp.run(with_causes(scenario, causes).override(quiet), warn=False).data
     corrected = cp.run(
         answer.corrected().override(quiet | {"cell.payload": cell.cell.payload}), warn=False
     ).data
-    off = (wanted.internal_wrench - corrected.internal_wrench).sel(arm="left").values[80:, :2]
-    uncorrected = (wanted.internal_wrench - wanted.desired_internal_wrench).sel(arm="left").values[80:, :2]
+    off = (expected.internal_wrench - corrected.internal_wrench).sel(arm="left").values[80:, :2]
+    uncorrected = (expected.internal_wrench - wanted.desired_internal_wrench).sel(arm="left").values[80:, :2]
     assert np.linalg.norm(off, axis=1).mean() < 0.1 * np.linalg.norm(uncorrected, axis=1).mean()
 
 
