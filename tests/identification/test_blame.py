@@ -156,7 +156,9 @@ def test_the_corrected_cell_has_the_force_of_the_log():
         answer.corrected().override(quiet | {"cell.payload": cell.cell.payload}), warn=False
     ).data
     off = (expected.internal_wrench - corrected.internal_wrench).sel(arm="left").values[80:, :2]
-    uncorrected = (expected.internal_wrench - wanted.desired_internal_wrench).sel(arm="left").values[80:, :2]
+    uncorrected = (
+        (expected.internal_wrench - expected.desired_internal_wrench).sel(arm="left").values[80:, :2]
+    )
     assert np.linalg.norm(off, axis=1).mean() < 0.1 * np.linalg.norm(uncorrected, axis=1).mean()
 
 
