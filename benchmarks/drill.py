@@ -33,7 +33,7 @@ import psutil
 
 from coop_pin import Execution, SweepPlan, SweepResult, sweep
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.workers.job import Record
+from coop_pin.sweeps.workers.job import JobRecord
 
 HERE = ("kill", "interrupt", "second", "lock-removed", "file-size", "flip-bits", "foreign")
 """Faults of a sweep in one process, which starts faster than workers."""
@@ -183,7 +183,7 @@ class Drill:
         """Return the number of stored records."""
         return sum(path.read_bytes().count(b'{"sha256"') for path in self.segments())
 
-    def records(self) -> dict[str, Record]:
+    def records(self) -> dict[str, JobRecord]:
         """Return every undamaged record, without times."""
         records = SweepStore(self.folder).records()
         return {record.key: dataclasses.replace(record, wall_s=0.0, cpu_s=0.0) for record in records}

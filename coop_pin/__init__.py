@@ -48,6 +48,7 @@ _PUBLIC = {
     "SweepResult": "sweeps.result",
     "Table": "description.cell.contact",
     "UserController": "description.controller",
+    "blame": "identification.blame",
     "check": "running.check",
     "compare": "comparison.benchmark",
     "new_cell": "design.new_cell",
@@ -162,8 +163,8 @@ _NAMESPACES: dict[str, tuple[str, dict[str, str]]] = {
 """Namespaces that are no packages: text, and names by file; "" for all that the file or package lists."""
 
 _PACKAGES = (
-    *("chain", "comparison", "compiled", "design", "feasibility", "figures", "grasps", "model"),
-    *("model_based", "proof", "results", "stability", "sweeps", "viz"),
+    *("chain", "comparison", "compiled", "design", "feasibility", "figures", "grasps", "identification"),
+    *("logs", "model", "model_based", "proof", "results", "stability", "sweeps", "viz"),
 )
 """Packages that are namespaces."""
 _MOVED = {

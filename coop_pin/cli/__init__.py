@@ -3,15 +3,15 @@
 Open first: ``parsing`` (all commands), ``run`` (``coop-pin run``; its folder is written by ``run_folder``),
 ``overrides`` (fields of a scenario as typed).
 
-- Commands: ``check``, ``inspect`` (list, show, suggest, new), ``root_locus``, ``export``, ``sweep`` (also
-  ``tune``, and options of commands with many runs), ``compare``, ``view``; ``field_list`` is what ``fields``
-  prints.
+- Commands: ``check``, ``blame``, ``inspect`` (list, show, suggest, new), ``root_locus``, ``export``,
+  ``sweep`` (also ``tune``, and options of commands with many runs), ``compare``, ``view``; ``field_list`` is
+  what ``fields`` prints.
 - ``exit_codes`` lists how a command ends; ``terminal`` wraps lines and tells what goes on.
 
 What is slow to load is imported in the command that needs it.
 
 Imports ``base``, ``comparison``, ``compiled``, ``description``, ``design``, ``feasibility``, ``figures``,
-``results``, ``running``, ``stability``, ``sweeps`` and ``viz``.
+``identification``, ``logs``, ``results``, ``running``, ``stability``, ``sweeps`` and ``viz``.
 """
 
 from __future__ import annotations

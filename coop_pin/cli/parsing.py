@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 import tyro
 
 from coop_pin.base.errors import FieldError
+from coop_pin.cli.blame import blame
 from coop_pin.cli.check import check
 from coop_pin.cli.compare import compare
 from coop_pin.cli.export import export
@@ -30,6 +31,7 @@ COMMANDS: dict[str, Callable[..., int | None]] = {
     "report": report,
     "show": show,
     "check": check,
+    "blame": blame,
     "suggest": suggest,
     "root-locus": root_locus,
     "new": new,

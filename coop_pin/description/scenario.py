@@ -24,6 +24,7 @@ from coop_pin.description.actuators import Actuators
 from coop_pin.description.catalogue import name_by_summary
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.grasp_plan import GraspPlan, grasp_plan
+from coop_pin.description.cell.log_table import LogTable
 from coop_pin.description.controller import Controller
 from coop_pin.description.events import Partner, Surroundings, event_differences, of_kind, surroundings_at
 from coop_pin.description.grasp_events import Event, GraspEvent, PutDown
@@ -65,6 +66,7 @@ class Scenario(Description):
         seed: seed of the random sources; every source draws from a generator of its own.
         network: messages between the arms; without one, none cross.
         feed_forward: torques that are added to those of the law.
+        log: topics of a log of the real cell, for ``coop-pin blame``; a run does not read it.
     """
 
     name: Name
@@ -90,6 +92,7 @@ class Scenario(Description):
     seed: int = Field(default=0, ge=0, lt=2**63)
     network: Network | None = None
     feed_forward: FeedForward | None = None
+    log: LogTable | None = None
 
     # Each validator needs only the fields that it reads, so that a mistake in one hides none in another.
 
@@ -113,6 +116,14 @@ class Scenario(Description):
         if "cell" in earlier.data:
             squeeze.check_arms(earlier.data["cell"].grasps)
         return squeeze
+
+    @field_validator("log")
+    @classmethod
+    def _logs_every_arm(cls, log: LogTable | None, earlier: ValidationInfo) -> LogTable | None:
+        if log is not None and "cell" in earlier.data:
+            check_arm_names(log.arms, earlier.data["cell"].arms, "arms")
+            check_arm_names(log.shares or log.arms, earlier.data["cell"].arms, "shares")
+        return log
 
     @field_validator("feed_forward")
     @classmethod

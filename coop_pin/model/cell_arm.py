@@ -19,6 +19,7 @@ class CellArm(ArmModel):
         description: Arm in the description of the cell.
         share: Load share c.
         rows: Task rows of the cell.
+        X_PE: Pose of the tip in the payload frame, by its grasp.
     """
 
     def __init__(self, cell: Cell, name: str) -> None:
@@ -36,14 +37,14 @@ class CellArm(ArmModel):
         require_type("name", name, str)
         if name not in cell.arms:
             raise NameNotFoundError("arm", name, cell.arms, "the cell")
-        self.description, self._X_PE = cell.arms[name], cell.grasps[name].matrix
-        super().__init__(self.description, self._X_PE, cell.gravity, name=name)
+        self.description, self.X_PE = cell.arms[name], cell.grasps[name].matrix
+        super().__init__(self.description, self.X_PE, cell.gravity, name=name)
         self.share, self.rows = cell.share(name), cell.task_rows
 
     @cached_property
     def kinematics(self) -> ArmKinematics:
         """Kinematics as the arm's controller sees them: with its calibration error, without inertias."""
-        return ArmKinematics(self.description, self._X_PE, self.rows)
+        return ArmKinematics(self.description, self.X_PE, self.rows)
 
     @cached_property
     def posture_configuration(self) -> Array:

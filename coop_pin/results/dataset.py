@@ -159,9 +159,10 @@ def with_names(data: xr.Dataset) -> xr.Dataset:
 
 
 def _index(values: NDArray[Any]) -> pd.Index[Any]:
-    """Return the index of labels: times and numbers, or names."""
-    index = pd.Index(values)
-    return _Names._simple_new(index._values) if values.dtype.kind in "OU" else index
+    """Return the index of labels: times and numbers, or names, which pyarrow would turn into its strings."""
+    if values.dtype.kind not in "OU":
+        return pd.Index(values)
+    return _Names._simple_new(pd.Index(values, dtype=object)._values)
 
 
 def _coordinates(labels: Mapping[str, NDArray[Any]]) -> xr.Coordinates:

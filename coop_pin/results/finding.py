@@ -37,6 +37,7 @@ Kind = Literal[
     "internal moment",
     "steady error",
     "user code",
+    "log",
 ]
 """What a finding is about."""
 LEFT_TO_CHECK: tuple[Kind, ...] = ("closed loop", "lost arm", "internal moment", "steady error")

@@ -35,7 +35,7 @@ from coop_pin.sweeps.store import TRANSIENT, SweepStore
 from coop_pin.sweeps.table import Columns, require_own_names
 from coop_pin.sweeps.workers.backend import LocalBackend, outcomes, outcomes_here
 from coop_pin.sweeps.workers.execution import Execution
-from coop_pin.sweeps.workers.job import Job, Outcome, Record
+from coop_pin.sweeps.workers.job import Job, JobRecord, Outcome
 
 _LOG = logging.getLogger("coop_pin.sweeps")
 
@@ -165,7 +165,7 @@ class Session:
                 )
                 self._store(plan, self._singly(plan, members))
             elif not {outcome.record.failure for outcome in singles} & {*TRANSIENT}:
-                self.store.append([Outcome(Record(family))])
+                self.store.append([Outcome(JobRecord(family))])
 
     def _singly(self, plan: SweepPlan, numbers: Sequence[int]) -> list[Outcome]:
         """Return the outcomes of single runs of a plan's points."""
@@ -209,7 +209,7 @@ class Session:
             again = retry_failed and kind in TRANSIENT
             if isinstance(scenario, ScenarioError):
                 if kind is None:
-                    refused.append(Outcome(Record.of_failure(key, point.changes, scenario)))
+                    refused.append(Outcome(JobRecord.of_failure(key, point.changes, scenario)))
                 self.bar.count(failed=1, old=True)
             elif kind is not None and not again and (kind or not keep or self.store.read_result(key)):
                 self.bar.count(failed=bool(kind), old=True)
@@ -250,7 +250,7 @@ def _job(plan: SweepPlan, keyed: KeyedPoint, way: Way) -> Job:
     return Job(keyed.key, cast(Scenario, keyed.example), *options, keyed.pattern, keyed.numbers)
 
 
-def _difference(stored: Mapping[str, Record], singles: Sequence[Record]) -> str:
+def _difference(stored: Mapping[str, JobRecord], singles: Sequence[JobRecord]) -> str:
     """Return how stored runs differ from single ones; nothing of those that lacked time or memory."""
     from coop_pin.compiled.laws.support import difference  # slow to load
 

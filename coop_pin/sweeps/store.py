@@ -31,7 +31,7 @@ from coop_pin.base.source_code import named_digests
 from coop_pin.base.user_files import read_user_file
 from coop_pin.results.run_result import RunResult
 from coop_pin.sweeps.plan import SweepPlan
-from coop_pin.sweeps.workers.job import Outcome, Record, StoredRun, checked_content, checksummed
+from coop_pin.sweeps.workers.job import JobRecord, Outcome, StoredRun, checked_content, checksummed
 
 _LOG = logging.getLogger("coop_pin.sweeps")
 Read = TypeVar("Read")
@@ -122,13 +122,13 @@ class SweepStore:
 
     # ------------------------------------------------------------ runs
 
-    def records(self, damaged: list[bytes] | None = None) -> Iterator[Record]:
+    def records(self, damaged: list[bytes] | None = None) -> Iterator[JobRecord]:
         """Yield all records in the order they were written; of several with one key the last is valid.
 
         Args:
             damaged: takes the lines that are no records.
         """
-        return self._read(Record.from_line, damaged)
+        return self._read(JobRecord.from_line, damaged)
 
     def _read(self, read: Callable[[bytes], Read], damaged: list[bytes] | None) -> Iterator[Read]:
         """Yield what a function reads of each line."""
@@ -152,7 +152,7 @@ class SweepStore:
         last = {record.key: record.family for record in self.records()}
         return {key: family for key, family in last.items() if family}
 
-    def read_records(self, keys: Collection[str]) -> dict[str, Record]:
+    def read_records(self, keys: Collection[str]) -> dict[str, JobRecord]:
         """Return the records of some runs by key."""
         return {record.key: record for record in self.records() if record.key in keys}
 
@@ -176,7 +176,7 @@ class SweepStore:
                     os.fsync(file.fileno())
         self.known |= {outcome.record.key: outcome.record.failure for outcome in outcomes}
 
-    def missing_of(self, other: SweepStore, keys: Collection[str]) -> dict[str, Record]:
+    def missing_of(self, other: SweepStore, keys: Collection[str]) -> dict[str, JobRecord]:
         """Return what another folder has of some runs and this one does not, by key; say how many there are.
 
         Damaged lines there count as missing. Failures that may not occur again are left out, and so are
@@ -187,7 +187,7 @@ class SweepStore:
         """
         if not (other.folder / "runs").is_dir():
             raise FileReadError(f"{other.folder} holds no sweep: there is no folder 'runs' in it")
-        damaged, missing, records, count = list[bytes](), {*keys} - {*self.known}, dict[str, Record](), 0
+        damaged, missing, records, count = list[bytes](), {*keys} - {*self.known}, dict[str, JobRecord](), 0
         for record in other.records(damaged):
             count += 1
             if record.key in missing and record.failure not in TRANSIENT:

@@ -19,7 +19,7 @@ from coop_pin.sweeps.dimensions import label
 from coop_pin.sweeps.plan import COLUMNS, SweepPlan
 from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.workers.job import Record
+from coop_pin.sweeps.workers.job import JobRecord
 
 _LOG = logging.getLogger("coop_pin.sweeps")
 OK, FAILED, MISSING = "ok", "failed", "missing"
@@ -74,7 +74,7 @@ class Columns:
         return {*self.numbers} - {*_NUMBERS}
 
     @classmethod
-    def of(cls, records: Iterable[Record], keys: Collection[str]) -> Self:
+    def of(cls, records: Iterable[JobRecord], keys: Collection[str]) -> Self:
         """Return the columns of the records that have one of some keys."""
         columns, runs = cls(len(keys)), {*keys}
         known = (record for record in records if record.key in runs)
@@ -82,7 +82,7 @@ class Columns:
             columns.add(chunk)
         return columns
 
-    def add(self, records: Sequence[Record]) -> None:
+    def add(self, records: Sequence[JobRecord]) -> None:
         """Take over records."""
         at = np.array([self.places.setdefault(record.key, len(self.places)) for record in records], dtype=int)
         parts = (

@@ -137,7 +137,9 @@ def report_html(result: RunResult) -> str:
         text for name, (text, *_) in METRIC_TEXTS.items() if math.isnan(metrics.get(name, 0.0))
     )
     if scenario.cell.padded:
-        friction = _image(friction_figure(result), "friction used, and normal force beyond what it needs")
+        friction = figure_image(
+            friction_figure(result), "friction used, and normal force beyond what it needs"
+        )
     return Template(web_file("report.html")).substitute(
         title=html.escape(scenario.name),
         summary=html.escape(scenario.caption),
@@ -160,18 +162,18 @@ def report_html(result: RunResult) -> str:
         ),
         left_out=f"Left out, because it does not apply to this run: {html.escape(absent)}." if absent else "",
         replay=html.escape(replay_html(result).replace('class="replay"', 'class="replay inside"', 1)),
-        motion=_image(motion_figure(result), "paths of payload and tips"),
-        tracking=_image(
+        motion=figure_image(motion_figure(result), "paths of payload and tips"),
+        tracking=figure_image(
             tracking_figure(result), "payload pose against the desired one, and the axial internal force"
         ),
-        internal=_image(
+        internal=figure_image(
             internal_force_figure(result),
             "axial force, shear force and moment of the internal wrench on each arm",
         ),
         friction=f"<figure>{friction}</figure>" if friction else "",
-        torque=_image(torque_figure(result), "drive torques of every joint"),
-        errors=_image(error_figure(result), "pose errors, closure drift and energy balance"),
-        singularity=_image(singularity_figure(result), "condition number of each payload Jacobian"),
+        torque=figure_image(torque_figure(result), "drive torques of every joint"),
+        errors=figure_image(error_figure(result), "pose errors, closure drift and energy balance"),
+        singularity=figure_image(singularity_figure(result), "condition number of each payload Jacobian"),
         limits=_limits(result),
         toml=html.escape(scenario.to_toml()),
     )
@@ -239,7 +241,7 @@ def _limits(result: RunResult) -> str:
     return f'<div class="scroll"><table class="list"><thead>{head}</thead><tbody>{rows}</tbody></table></div>'
 
 
-def _image(figure: Figure, text: str) -> str:
+def figure_image(figure: Figure, text: str) -> str:
     """Return a figure as an image element; inline SVGs would share their ids."""
     figure.suptitle("")  # the page has its own headings
     figure.supxlabel("")

@@ -78,6 +78,11 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {"chain", "control", "description", "feasibility", "grasps", "model", "simulation"},
         {"pinocchio", "scipy"},
     ),
+    "logs": ({"description", "model", "results"}, {"mcap", "mcap_ros2", "pandas", "pyarrow"}),
+    "identification": (
+        {"description", "logs", "model", "results", "simulation"},
+        {"pinocchio", "scipy"},
+    ),
     "running": (
         {"compiled", "control", "description", "feasibility", "model", "results", "simulation", "stability"},
         set(),
@@ -141,13 +146,17 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         },
         {"pandas", "xarray"},
     ),
-    "figures": ({"comparison", "description", "results", "stability", "sweeps"}, {"matplotlib", "xarray"}),
+    "figures": (
+        {"comparison", "description", "identification", "model", "results", "stability", "sweeps"},
+        {"matplotlib", "xarray"},
+    ),
     "viz": (
         {
             "comparison",
             "description",
             "figures",
             "grasps",
+            "identification",
             "model",
             "reference",
             "results",
@@ -175,6 +184,8 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "design",
             "feasibility",
             "figures",
+            "identification",
+            "logs",
             "results",
             "running",
             "stability",
@@ -193,6 +204,7 @@ IMPORTED_AS = {
     "imageio-ffmpeg": "imageio_ffmpeg",
     "fast-simplification": "fast_simplification",
     "pycollada": "collada",
+    "mcap-ros2-support": "mcap_ros2",
 }
 COMES_WITH = {
     "h5py": "h5netcdf",

@@ -15,7 +15,7 @@ from coop_pin.sweeps.run_key import keyed_points
 from coop_pin.sweeps.store import SweepStore
 from coop_pin.sweeps.table import Columns
 from coop_pin.sweeps.workers.execution import Execution
-from coop_pin.sweeps.workers.job import Outcome, Record
+from coop_pin.sweeps.workers.job import JobRecord, Outcome
 
 GAIN, RATE, MASS = "controller.gains.sign_gain", "clock.rate_hz", "cell.payload.mass"
 SPAN = {"low": -np.pi, "high": np.pi}
@@ -28,7 +28,7 @@ def filled(folder, plan, metrics, fails=lambda _: False):
     runs = []
     for point, key, *_ in keyed_points(plan):
         failure = ("DivergedError", "gone", 0.5) if fails(point.parameters) else ()
-        runs.append(Outcome(Record(key, {}, {} if failure else metrics(point.parameters), *failure)))
+        runs.append(Outcome(JobRecord(key, {}, {} if failure else metrics(point.parameters), *failure)))
     store.append(runs)
     return SweepResult.load(folder)
 
@@ -180,7 +180,7 @@ def test_a_summary_quotes_the_first_run_of_each_kind_of_failure_and_keeps_its_li
         (1, "ScenarioError", "2 mistakes:\n  a\n  b"),
         (2, "ScenarioError", "no"),
     ):
-        store.append([Outcome(Record(keys[number], {}, {}, kind, message))])
+        store.append([Outcome(JobRecord(keys[number], {}, {}, kind, message))])
     lines = SweepResult(plan, store).summary().splitlines()
     assert lines[-4:] == [
         "  2 ScenarioError; run 1: 2 mistakes:",
@@ -269,11 +269,11 @@ def test_the_posture_of_six_joint_arms_is_told_to_have_no_effect_and_that_of_sev
 
 @pytest.mark.parametrize("at_once", [1, 3])
 def test_of_records_with_one_key_the_last_counts_with_all_it_has(at_once):
-    failed = Record("a", {}, {}, "DivergedError", "gone", 0.5)
-    ok = Record("a", {}, {"f": 1.0, "g": 2.0})
+    failed = JobRecord("a", {}, {}, "DivergedError", "gone", 0.5)
+    ok = JobRecord("a", {}, {"f": 1.0, "g": 2.0})
     for records, f, g in (
-        ([ok, Record("b", {}, {"f": 3.0}), failed], [np.nan, 3.0], [np.nan, np.nan]),
-        ([failed, Record("b", {}, {"f": 3.0}), ok], [1.0, 3.0], [2.0, np.nan]),
+        ([ok, JobRecord("b", {}, {"f": 3.0}), failed], [np.nan, 3.0], [np.nan, np.nan]),
+        ([failed, JobRecord("b", {}, {"f": 3.0}), ok], [1.0, 3.0], [2.0, np.nan]),
     ):
         columns = Columns(2)
         for first in range(0, 3, at_once):
@@ -286,7 +286,7 @@ def test_of_records_with_one_key_the_last_counts_with_all_it_has(at_once):
 def test_the_order_of_metrics_does_not_depend_on_which_run_ended_first(tmp_path):
     plan = SweepPlan(base="adept-paper", axes={GAIN: [0.1, 0.2]})
     runs = [
-        Outcome(Record(each.key, {}, metrics))
+        Outcome(JobRecord(each.key, {}, metrics))
         for each, metrics in zip(
             keyed_points(plan), ({"b": 1.0, "a": 2.0}, {"c": 1.0, "a": 3.0}), strict=True
         )
@@ -306,7 +306,7 @@ def test_tables_as_text_have_every_number_and_text_as_it_is(tmp_path):
     store, keys = SweepStore(tmp_path), [each.key for each in keyed_points(plan)]
     for key, number, text in zip(keys, numbers, texts, strict=True):
         failed = {"failure": "DivergedError", "message": text} if text else {}
-        store.append([Outcome(Record(key, {}, {"a": number, "b, c": np.nan}, **failed))])
+        store.append([Outcome(JobRecord(key, {}, {"a": number, "b, c": np.nan}, **failed))])
     result = SweepResult(plan, store)
     result.write_tables()
     with (tmp_path / "table.csv").open(newline="", encoding="utf-8") as file:

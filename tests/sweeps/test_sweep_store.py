@@ -18,12 +18,12 @@ from coop_pin.sweeps.engine import sweep
 from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.result import SweepResult
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.workers.job import Outcome, Record, StoredRun, checked_content, checksummed
+from coop_pin.sweeps.workers.job import JobRecord, Outcome, StoredRun, checked_content, checksummed
 
 KEY, OTHER = "ab" + 62 * "0", "cd" + 62 * "1"
 NUMBERS = {"a": 1.0 / 3.0, "b": -5e-324, "c": float("inf"), "d": -float("inf"), "e": 1.7976931348623157e308}
-RECORD = Record(KEY, {"name": "a"}, NUMBERS, wall_s=0.1, cpu_s=0.2)
-FAILED = Record(OTHER, {}, {}, "DivergedError", "it ran away: \u03b1 \u2192 \u221e", 0.5)
+RECORD = JobRecord(KEY, {"name": "a"}, NUMBERS, wall_s=0.1, cpu_s=0.2)
+FAILED = JobRecord(OTHER, {}, {}, "DivergedError", "it ran away: \u03b1 \u2192 \u221e", 0.5)
 
 
 @pytest.fixture
@@ -36,11 +36,11 @@ def store(tmp_path):
 
 @pytest.mark.parametrize("record", [RECORD, FAILED], ids=["finished", "failed"])
 def test_a_record_reads_back_bit_for_bit(record):
-    assert Record.from_line(record.to_line()) == record
+    assert JobRecord.from_line(record.to_line()) == record
 
 
 def test_not_a_number_survives():
-    assert np.isnan(Record.from_line(replace(RECORD, metrics={"a": float("nan")}).to_line()).metrics["a"])
+    assert np.isnan(JobRecord.from_line(replace(RECORD, metrics={"a": float("nan")}).to_line()).metrics["a"])
 
 
 @pytest.mark.parametrize("record", [RECORD, FAILED], ids=["finished", "failed"])
@@ -50,7 +50,7 @@ def test_any_flipped_bit_is_seen(record):
         damaged = bytearray(data)
         damaged[place] ^= 1 << (place % 8)
         with pytest.raises(FileReadError):
-            Record.from_line(bytes(damaged))
+            JobRecord.from_line(bytes(damaged))
 
 
 @pytest.mark.parametrize("record", [RECORD, FAILED], ids=["finished", "failed"])
@@ -90,15 +90,15 @@ def test_any_cut_is_seen_and_so_are_other_files():
         checksummed(b"{"),
     ):
         with pytest.raises(FileReadError):
-            Record.from_line(foreign)
+            JobRecord.from_line(foreign)
 
 
 def test_a_failure_keeps_numbers_and_never_the_result():
     error = DivergedError(0.5, "speed", 1e4, 1e3)
     error.result = object()
-    record = Record.of_failure(KEY, {}, error)
-    assert record == Record(KEY, {}, {}, "DivergedError", str(error), 0.5)
-    assert "ZeroDivisionError" in Record.of_failure(KEY, {}, ZeroDivisionError("x")).trace
+    record = JobRecord.of_failure(KEY, {}, error)
+    assert record == JobRecord(KEY, {}, {}, "DivergedError", str(error), 0.5)
+    assert "ZeroDivisionError" in JobRecord.of_failure(KEY, {}, ZeroDivisionError("x")).trace
 
 
 # ---------------------------------------------------------------- the folder
@@ -109,7 +109,7 @@ def segments(store):
 
 
 def many(count):
-    return [Outcome(Record(f"{i:064x}", {"gain": i}, {"a": float(i)})) for i in range(count)]
+    return [Outcome(JobRecord(f"{i:064x}", {"gain": i}, {"a": float(i)})) for i in range(count)]
 
 
 def keys(store):

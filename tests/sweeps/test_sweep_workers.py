@@ -20,7 +20,7 @@ from coop_pin.sweeps.plan import SweepPlan
 from coop_pin.sweeps.workers import backend
 from coop_pin.sweeps.workers.backend import LocalBackend, Worker, outcomes
 from coop_pin.sweeps.workers.batch_job import IN_PYTHON
-from coop_pin.sweeps.workers.job import Job, Outcome, Record
+from coop_pin.sweeps.workers.job import Job, JobRecord, Outcome
 
 PLAN = SweepPlan(
     base="adept-paper",
@@ -229,7 +229,7 @@ def test_short_runs_travel_in_batches_of_a_quarter_of_a_second(wall_s, largest):
         def submit(self, batch):
             batches.append(len(batch))
             future = Future()
-            future.set_result([Outcome(Record(job.key, wall_s=wall_s)) for job in batch])
+            future.set_result([Outcome(JobRecord(job.key, wall_s=wall_s)) for job in batch])
             return future
 
     jobs = (Job(str(i), "{}") for i in range(2000))
@@ -252,7 +252,7 @@ def batch_jobs(count):
 
 
 def test_threads_draw_batches_by_themselves_and_at_most_two_each_beyond_what_is_taken(monkeypatch):
-    monkeypatch.setattr(backend, "_batch_here", lambda batch, _: [[Outcome(Record(j.key)) for j in batch]])
+    monkeypatch.setattr(backend, "_batch_here", lambda batch, _: [[Outcome(JobRecord(j.key)) for j in batch]])
     drawn, jobs = batch_jobs(4000)
     with contextlib.closing(LocalBackend(2)) as pool, contextlib.closing(pool.outcomes(jobs)) as found:
         taken = next(found)

@@ -24,7 +24,7 @@ from pebble import ProcessExpired
 from coop_pin.base.errors import CoopPinError, RunTimeoutError, WorkerDiedError, WorkersLostError
 from coop_pin.compiled.engines import Way
 from coop_pin.sweeps.workers import worker_host
-from coop_pin.sweeps.workers.job import CtrlC, Job, Outcome, Record, run_job
+from coop_pin.sweeps.workers.job import CtrlC, Job, JobRecord, Outcome, run_job
 
 BATCH_S = 0.25
 """Intended duration of a batch of short runs, s."""
@@ -171,7 +171,7 @@ class Worker:
             return [outcome for job in jobs for outcome in self.compute([job], deaths)]
         code = getattr(error, "exitcode", code)
         end = RunTimeoutError(limit_s) if is_late else WorkerDiedError(deaths, code)
-        return [Outcome(Record.of_failure(jobs[0].key, jobs[0].changes, end))]
+        return [Outcome(JobRecord.of_failure(jobs[0].key, jobs[0].changes, end))]
 
     def close(self) -> None:
         """End the worker for good; called by any thread."""

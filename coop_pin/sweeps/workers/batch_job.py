@@ -25,8 +25,8 @@ from coop_pin.sweeps.run_key import require_unchanged
 from coop_pin.sweeps.workers.job import (
     CtrlC,
     Job,
+    JobRecord,
     Outcome,
-    Record,
     has_options,
     outcome_of,
     run_job,
@@ -248,7 +248,7 @@ def _together(
             record = dataclasses.replace(outcome.record, **shared | more)
             outcomes.append(outcome._replace(record=record))
         else:
-            record = Record(job.key, dict(job.changes), metrics[index], **shared)
+            record = JobRecord(job.key, dict(job.changes), metrics[index], **shared)
             outcomes.append(Outcome(record, line=record.to_line()))
     batch.release()
     return outcomes

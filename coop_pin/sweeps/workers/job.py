@@ -59,7 +59,7 @@ def checked_content(line: bytes) -> bytes:
 
 
 @dataclasses.dataclass(frozen=True)
-class Record:
+class JobRecord:
     """Stored record of one run, finished or failed; what is read is validated, what is made here is not.
 
     Attributes:
@@ -132,7 +132,7 @@ class Record:
         return checksummed(_RECORD.serializer.to_json(self))
 
     @classmethod
-    def from_line(cls, line: bytes) -> Record:
+    def from_line(cls, line: bytes) -> JobRecord:
         """Read a record.
 
         Raises:
@@ -163,7 +163,7 @@ class StoredRun:
         return _read(_STORED, line)
 
 
-_RECORD, _STORED = TypeAdapter(Record), TypeAdapter(StoredRun)
+_RECORD, _STORED = TypeAdapter(JobRecord), TypeAdapter(StoredRun)
 
 
 def _read(adapter: TypeAdapter[Read], line: bytes) -> Read:
@@ -223,7 +223,7 @@ class Outcome(NamedTuple):
         remarks: sentences on what the run has left to the next ones of its process.
     """
 
-    record: Record
+    record: JobRecord
     result: bytes | None = None
     line: bytes = b""
     remarks: Sequence[str] = ()
@@ -284,11 +284,11 @@ def outcome_of(
                 for key, value in load_function(name, {})(result).items():
                     require_type("name of a metric", key, str)
                     metrics[key] = float(value)
-        record = Record(job.key, dict(job.changes), metrics, engine=result.engine)
+        record = JobRecord(job.key, dict(job.changes), metrics, engine=result.engine)
     except BaseException as error:  # user code may raise anything, SystemExit as well: it is recorded
         if CtrlC in (type(error), type(error.__context__)):
             raise
-        record = Record.of_failure(job.key, job.changes, error)
+        record = JobRecord.of_failure(job.key, job.changes, error)
     wall_s, cpu_s = (times() - start).tolist()
     if job.keep and not record.failure:
         content = bytes(to_netcdf(result.data, result.scenario.to_toml()))

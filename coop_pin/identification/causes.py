@@ -1,0 +1,116 @@
+"""Causes: parameters that a log cannot tell apart as one, ranked by the internal force that they make."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from coop_pin.base.arrays import Array
+from coop_pin.identification.closure import Parameter
+from coop_pin.identification.effects import Effects
+
+_SHARED = 0.25
+"""Part of the variances of two forces that is common to both from which on their parameters are one cause."""
+_SMALL = 0.04
+"""Standard deviation of a force below which it is told apart, N."""
+_DRAWS = 400
+_LEVELS = (2.5, 97.5)
+"""Percentiles of an interval."""
+
+
+class Cause(NamedTuple):
+    """Cause of internal force: one parameter, or several of which the log shows a combination alone.
+
+    Attributes:
+        members: its parameters.
+        newtons: norm of the force on an arm, mean over the record, at the estimate, N.
+        low: 2.5 % of it, N.
+        high: 97.5 % of it, N.
+    """
+
+    members: tuple[Parameter, ...]
+    newtons: float
+    low: float
+    high: float
+
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """Names of its arms."""
+        return tuple(dict.fromkeys(one.arm for one in self.members))
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the log, and not what was known before, says how much it makes."""
+        return self.high - self.low < max(self.newtons, _SMALL)
+
+    @property
+    def name(self) -> str:
+        """Its parts as text: "left tip or right tip"."""
+        parts: dict[tuple[str, str], list[str]] = {}
+        for one in self.members:
+            parts.setdefault((one.arm, one.part), []).append(one.axis)
+        return " or ".join(f"{arm} {part}{_axes(axes)}" for (arm, part), axes in parts.items())
+
+    def __str__(self) -> str:
+        """Return the cause as text."""
+        return f"{self.newtons:6.2f} N ({self.low:.2f} to {self.high:.2f})  {self.name}"
+
+
+def _axes(axes: list[str]) -> str:
+    named = [axis for axis in axes if axis]
+    return f" {', '.join(named)}" if 0 < len(named) < 6 else ""
+
+
+def ranked_causes(effects: Effects, x: Array, covariance: Array) -> tuple[Cause, ...]:
+    """Return causes by their force, the largest first.
+
+    Two sets of parameters are one cause where their forces share more than a quarter of their variances. If
+    these cancel, the log shows the sum, and not which of them it is; if they add up, it shows neither.
+
+    Args:
+        effects: forces of all parameters.
+        x: estimates, shape (p,).
+        covariance: of them, shape (p, p).
+    """
+    columns = effects.force.reshape(-1, len(x))
+    gram = columns.T @ columns / (effects.force.shape[0] * effects.force.shape[1])
+    shared = gram * covariance
+    sets = [[k] for k in range(len(x))]
+    V = shared.copy()  # variance of the force of each set, and what pairs add to it
+    while len(sets) > 1:
+        alone = np.diag(V)
+        pairs = alone[:, None] + alone
+        common = 2.0 * np.abs(V) / np.maximum(pairs, 1e-30)
+        counts = np.minimum(alone[:, None], alone) > _SMALL**2
+        np.fill_diagonal(counts, False)
+        i, j = divmod(int(np.argmax(np.where(counts, common, -1.0))), len(sets))
+        if not counts[i, j] or common[i, j] < _SHARED:
+            break
+        i, j = sorted((i, j))
+        V[i] += V[j]
+        V[:, i] += V[:, j]
+        V = np.delete(np.delete(V, j, axis=0), j, axis=1)
+        sets[i] += sets.pop(j)
+    causes = [_cause(effects, sorted(one), x, covariance) for one in sets]
+    return tuple(sorted(causes, key=lambda cause: -cause.newtons))
+
+
+def force_interval(force: Array, x: Array, covariance: Array) -> tuple[float, float, float]:
+    """Return the mean norm of a force at the estimate, and the percentiles of it by the covariance, N.
+
+    Args:
+        force: force on each arm by parameter, shape (n, m, rows, p).
+        x: estimates, shape (p,).
+        covariance: of them, shape (p, p).
+    """
+    draws = np.random.default_rng(0).multivariate_normal(x, covariance, _DRAWS, method="eigh")
+    forces = np.tensordot(force, np.vstack((x, draws)).T, 1)
+    norms = np.linalg.norm(forces, axis=2).max(axis=1).mean(axis=0)
+    low, high = np.percentile(norms[1:], _LEVELS)
+    return float(norms[0]), float(low), float(high)
+
+
+def _cause(effects: Effects, members: list[int], x: Array, covariance: Array) -> Cause:
+    of_members = effects.force[..., members], x[members], covariance[np.ix_(members, members)]
+    return Cause(tuple(effects.parameters[k] for k in members), *force_interval(*of_members))

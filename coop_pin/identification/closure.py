@@ -1,0 +1,287 @@
+"""Closure of the kinematics: tips, bases, joints, links and clocks from the views of the payload."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
+
+from coop_pin.base.arrays import Array
+from coop_pin.base.spatial import log3
+from coop_pin.identification.views import FRAME_AXES, View, columns, moved, view_of
+from coop_pin.logs.record import ArmRecord, Record
+from coop_pin.model.cell_arm import CellArm
+
+_SAMPLES = 600
+"""Poses that are fitted."""
+_MARGIN = 0.05
+"""Time at both ends of a record that clocks may shift, s."""
+
+
+class Priors(NamedTuple):
+    """Standard deviations of what is known before a log is read; they decide where it says nothing.
+
+    Attributes:
+        tip: position and rotation of a tip, m and rad.
+        base: position and rotation of a base, m and rad.
+        joint: offset of a joint, rad or m.
+        link: relative error of a link's length. No residual shows 0.02 % of a link.
+        clock: offset of a clock against that of the first arm, s.
+        wrist: zero of a wrist's force and moment, N and N m.
+        mass: relative error of the payload's mass.
+        centre: error of its centre, m.
+        inertia: relative error of its inertia.
+    """
+
+    tip: tuple[float, float] = (5e-4, 5e-4)
+    base: tuple[float, float] = (1e-3, 1e-3)
+    joint: float = 5e-4
+    link: float = 2e-4
+    clock: float = 1e-2
+    wrist: tuple[float, float] = (2.0, 0.2)
+    mass: float = 0.1
+    centre: float = 1e-2
+    inertia: float = 0.3
+
+
+class Parameter(NamedTuple):
+    """A number that a log is asked for.
+
+    Attributes:
+        arm: name of the arm; empty for the payload.
+        part: "tip", "base", "joint", "link", "clock", "wrist" or a part of the payload.
+        axis: axis, or name of the joint.
+        unit: unit of its value.
+    """
+
+    arm: str
+    part: str
+    axis: str
+    unit: str
+
+    def __str__(self) -> str:
+        """Return its name as text."""
+        return (
+            " ".join(filter(None, self))[: -len(self.unit) - 1] if self.unit else " ".join(filter(None, self))
+        )
+
+
+class Fit(NamedTuple):
+    """Gaussian estimate of parameters.
+
+    Attributes:
+        parameters: what was fitted.
+        x: estimates, shape (n,).
+        covariance: of them, shape (n, n).
+        prior: standard deviations before, shape (n,).
+        chi: root mean square of the whitened residual; 1 if noise and prior explain it.
+        residual: residual in units of its noise, shape (samples, rows).
+    """
+
+    parameters: tuple[Parameter, ...]
+    x: Array
+    covariance: Array
+    prior: Array
+    chi: float
+    residual: Array
+
+    @property
+    def sd(self) -> Array:
+        """Standard deviations, shape (n,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def seen(self) -> Array:
+        """1 - posterior / prior variance: 0 where the log says nothing, shape (n,)."""
+        return 1.0 - np.diag(self.covariance) / self.prior**2
+
+    def of(self, arm: str, part: str) -> list[int]:
+        """Return the indices of the parameters of a part of an arm."""
+        return [i for i, one in enumerate(self.parameters) if (one.arm, one.part) == (arm, part)]
+
+
+def kinematic_parameters(arms: Mapping[str, CellArm], priors: Priors) -> tuple[list[Parameter], Array]:
+    """Return tip, base, joints and links of all arms, then clocks of all but the first, and the priors."""
+    parameters, sds = [], []
+    for name, arm in arms.items():
+        joints = [joint.removeprefix("arm/") for joint in arm.limits.joints.names]
+        for part, prior in (("tip", priors.tip), ("base", priors.base)):
+            units = ("m",) * 3 + ("rad",) * 3
+            parameters += [
+                Parameter(name, part, axis, unit) for axis, unit in zip(FRAME_AXES, units, strict=True)
+            ]
+            sds += [*np.repeat(prior, 3)]
+        units = arm.limits.joints.units
+        parameters += [
+            Parameter(name, "joint", joint, unit) for joint, unit in zip(joints, units, strict=True)
+        ]
+        parameters += [Parameter(name, "link", joint, "1") for joint in joints]
+        sds += [priors.joint] * arm.nv + [priors.link] * arm.nv
+    for name in [*arms][1:]:
+        parameters.append(Parameter(name, "clock", "", "s"))
+        sds.append(priors.clock)
+    return parameters, np.array(sds)
+
+
+def position_noise(record: ArmRecord) -> Array:
+    """Return the standard deviation of the positions of a record: of their counts, or of what is not smooth.
+
+    Counts are seen if most steps are multiples of the smallest one.
+    """
+    sds = []
+    for q in record.position.T:
+        steps = np.abs(np.diff(q))
+        steps = steps[steps > 1e-12]
+        rough = float(np.median(np.abs(np.diff(q, 3)))) / 0.6745 / np.sqrt(20.0) if len(q) > 3 else 0.0
+        count = float(steps.min()) if len(steps) else 0.0
+        ratios = steps / count if count else np.ones(1)
+        is_counted = bool(np.mean(np.abs(ratios - np.round(ratios)) < 0.02) > 0.98)
+        sds.append(max(count / np.sqrt(12.0), 1e-9) if is_counted else max(rough, 1e-9))
+    return np.array(sds)
+
+
+class ViewClosure:
+    """Closure of the views of all arms, as a least-squares problem.
+
+    With r_i = [p_i - p_1, log(R_i R_1^T)] of the views without the errors x, at a time of the first arm's
+    clock, and W W^T the inverse of its covariance by the encoders' noise, x minimises the sum of |W r|^2 and
+    of |x / prior|^2.
+
+    Attributes:
+        times: times that are fitted, s, shape (n,).
+        parameters: parameters that move a view.
+        prior: their standard deviations.
+    """
+
+    def __init__(
+        self,
+        record: Record,
+        arms: Mapping[str, CellArm],
+        priors: Priors,
+        *,
+        noise: Mapping[str, Array] | None = None,
+    ) -> None:
+        """Choose samples by how far the joints move, and look at how errors move the views there."""
+        self.arms, self.rows = arms, next(iter(arms.values())).rows
+        self._splines = {name: _spline(record.arms[name]) for name in arms}
+        self.times = sample_times(record)
+        self._noise = noise or {name: position_noise(record.arms[name]) for name in arms}
+        everything, sds = kinematic_parameters(arms, priors)
+        _, J = self._evaluate(np.zeros(len(sds)), np.ones(len(sds), dtype=bool))
+        self._is_free = (np.abs(J).max(axis=(0, 1)) > 1e-9) & (sds > 0.0)
+        self.parameters = tuple(one for one, free in zip(everything, self._is_free, strict=True) if free)
+        self.prior = sds[self._is_free]
+        self._whiten = self._whitening()
+
+    def view(self, name: str, times: Array, offset: Array | float = 0.0, late: float = 0.0) -> View:
+        """Return the view of an arm at times of the first clock."""
+        return view_of(self.arms[name], self._splines[name](times + late) - offset)
+
+    def joints(self, name: str, times: Array) -> tuple[Array, Array]:
+        """Return joint positions and velocities of an arm at times, shape (n, nv)."""
+        return self._splines[name](times), self._splines[name](times, 1)
+
+    def _evaluate(self, x: Array, is_free: Array) -> tuple[Array, Array]:
+        """Return residuals and their derivatives, shapes (n, r) and (n, r, all parameters)."""
+        rows, at, poses, derivatives = list(self.rows.indices), 0, [], []
+        full = np.zeros(len(is_free))
+        full[is_free] = x
+        clocks = full[len(full) - len(self.arms) + 1 :]
+        for number, (name, arm) in enumerate(self.arms.items()):
+            n = arm.nv
+            tip, base, offset, links = np.split(full[at : at + 12 + 2 * n], (6, 12, 12 + n))
+            late = clocks[number - 1] if number else 0.0
+            view = self.view(name, self.times, offset, late)
+            pose = moved(view, arm, tip, base, links)
+            speed = self._splines[name](self.times + late, 1)
+            poses.append(pose)
+            of_arm = -columns(view._replace(pose=pose), arm)
+            derivatives.append((of_arm, np.einsum("nij,nj->ni", view.jacobian, speed)))
+            at += 12 + 2 * n
+        size = len(rows)
+        r = np.empty((len(self.times), size * (len(poses) - 1)))
+        J = np.zeros((*r.shape, len(full)))
+        first = derivatives[0][0]
+        at = first.shape[2]
+        for number, (pose, (of_arm, speed)) in enumerate(zip(poses[1:], derivatives[1:], strict=True)):
+            part = slice(size * number, size * (number + 1))
+            turned = log3(pose[:, :3, :3] @ np.swapaxes(poses[0][:, :3, :3], 1, 2))
+            r[:, part] = np.hstack((pose[:, :3, 3] - poses[0][:, :3, 3], turned))[:, rows]
+            J[:, part, : first.shape[2]] = -first[:, rows]
+            J[:, part, at : at + of_arm.shape[2]] = of_arm[:, rows]
+            J[:, part, len(full) - len(poses) + 1 + number] = speed[:, rows]
+            at += of_arm.shape[2]
+        return r, J
+
+    def _whitening(self) -> Array:
+        """Return W at every time: noise of the first arm is in all residuals."""
+        rows = list(self.rows.indices)
+        of_arms = []
+        for name in self.arms:
+            J = self.view(name, self.times).jacobian[:, rows] * self._noise[name]
+            of_arms.append(J @ np.swapaxes(J, 1, 2))
+        m, size = len(of_arms) - 1, len(rows)
+        C = np.tile(of_arms[0], (1, m, m))
+        for i, of_arm in enumerate(of_arms[1:]):
+            C[:, size * i : size * (i + 1), size * i : size * (i + 1)] += of_arm
+        floor = 1e-18 * np.eye(size * m)
+        return np.linalg.inv(np.linalg.cholesky(C + floor))
+
+    def mismatch(self, x: Array | None = None) -> Array:
+        """Return the residuals without errors x, m and rad, shape (n, r)."""
+        x = np.zeros(len(self.prior)) if x is None else x
+        return self._evaluate(x, self._is_free)[0]
+
+    def fit(self) -> Fit:
+        """Return the estimate of all parameters, iterated until it rests."""
+
+        def residuals(z: Array) -> Array:
+            r = self._evaluate(z * self.prior, self._is_free)[0]
+            return np.concatenate((np.einsum("nij,nj->ni", self._whiten, r).ravel(), z))
+
+        def jacobian(z: Array) -> Array:
+            J = self._evaluate(z * self.prior, self._is_free)[1][:, :, self._is_free]
+            whitened = (self._whiten @ J).reshape(-1, len(z)) * self.prior
+            return np.vstack((whitened, np.eye(len(z))))
+
+        solution = least_squares(residuals, np.zeros(len(self.prior)), jac=jacobian, method="lm", max_nfev=60)
+        J = jacobian(solution.x)
+        H = np.linalg.inv(J.T @ J)
+        n = len(self.times)
+        residual = solution.fun[: -len(self.prior)].reshape(n, -1)
+        chi = float(np.sqrt((residual**2).sum() / max(residual.size - (len(H) - np.trace(H)), 1.0)))
+        covariance = np.asarray(max(chi, 1.0) ** 2 * H * np.outer(self.prior, self.prior), dtype=np.float64)
+        return Fit(self.parameters, solution.x * self.prior, covariance, self.prior, chi, residual)
+
+
+def _spline(record: ArmRecord) -> CubicSpline:
+    """Return the joint positions as functions of the arm's time; stamps that repeat are left out."""
+    time, kept = np.unique(record.time, return_index=True)
+    return CubicSpline(time, record.position[kept])
+
+
+def sample_times(record: Record, most: int = _SAMPLES) -> Array:
+    """Return times that are spread over the movement of the joints, without gaps and free hands.
+
+    Equal parts of the path of all joints: at rest, errors of counts would repeat.
+    """
+    start, end = record.span
+    if record.free is not None:
+        start = max(start, record.free[1])
+    first = next(iter(record.arms.values())).time
+    grid = np.linspace(start + _MARGIN, end - _MARGIN, 4 * most)
+    is_near = np.ones(len(grid), dtype=bool)
+    path = np.zeros(len(grid))
+    for arm in record.arms.values():
+        after = np.clip(np.searchsorted(arm.time, grid), 1, len(arm.time) - 1)
+        is_near &= arm.time[after] - arm.time[after - 1] < 5.0 * float(np.median(np.diff(arm.time)))
+        q = np.array([np.interp(grid, arm.time, one) for one in arm.position.T])
+        path[1:] += np.abs(np.diff(q, axis=1)).sum(axis=0)
+    path = np.cumsum(path) + 1e-9 * (grid - grid[0]) / max(float(np.ptp(first)), 1e-9)
+    equal = np.interp(np.linspace(0.0, path[-1], most), path, grid)
+    kept = np.interp(equal, grid, is_near) == 1.0
+    stamps = np.unique(first)  # where nothing is interpolated
+    return np.unique(stamps[np.clip(np.searchsorted(stamps, equal[kept]), 0, len(stamps) - 1)])

@@ -1,0 +1,146 @@
+"""Effects: the internal force that every parameter of a log makes under the law that ran."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from coop_pin.base.arrays import Array
+from coop_pin.identification.closure import Parameter, ViewClosure
+from coop_pin.identification.friction import WIDTH, DriveFriction
+from coop_pin.identification.law_response import LawResponse
+from coop_pin.identification.views import FRAME_AXES, View, columns
+from coop_pin.logs.record import Record
+from coop_pin.model.cell_arm import CellArm
+
+_TIMES = 160
+"""Times at which forces are computed."""
+
+
+class Effects(NamedTuple):
+    """Internal forces by parameter.
+
+    Attributes:
+        times: s, shape (n,).
+        parameters: the parameters, in the order of the columns.
+        force: force on each arm by a unit of each parameter, N, shape (n, m, rows, p); rows of moments are
+            left out.
+        reading: what the wrists would read of the internal force by it, likewise: with their zeros in it.
+    """
+
+    times: Array
+    parameters: tuple[Parameter, ...]
+    force: Array
+    reading: Array
+
+
+def effects(
+    record: Record,
+    closure: ViewClosure,
+    response: LawResponse,
+    parameters: Sequence[Parameter],
+    friction: Sequence[DriveFriction],
+    squeeze: Callable[[float], Array],
+) -> Effects:
+    """Return the forces of unit errors, linear about the record.
+
+    Args:
+        record: record of the arms.
+        closure: views of the arms.
+        response: law that ran.
+        parameters: parameters of kinematics and wrists.
+        friction: friction of drives; its columns follow those of the parameters, one each.
+        squeeze: f_d of all arms in payload axes by the time, N and N m, shape (m, 6).
+    """
+    start, end = record.span
+    start = start if record.free is None else max(start, record.free[1])
+    times = np.linspace(start, end, _TIMES)
+    rows, arms = list(closure.rows.indices), closure.arms
+    views = {name: closure.view(name, times) for name in arms}
+    p, first = len(parameters) + len(friction), next(iter(views.values()))
+    shape = (len(times), len(arms), len(rows), p)
+    bias, wrist, torque = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    for number, (name, arm) in enumerate(arms.items()):
+        of_arm = _columns(views[name], arm, times)[:, rows]
+        at_P = _wrenches_at_payload(first, arm)[:, rows]
+        for k, one in enumerate(parameters):
+            if one.arm == name and one.part == "wrist":
+                wrist[:, number, :, k] = at_P[:, :, FRAME_AXES.index(one.axis)]
+            elif one.arm == name:
+                bias[:, number, :, k] = of_arm[:, :, _column(one, arm)]
+        for k, drive_friction in enumerate(friction, len(parameters)):
+            if drive_friction.arm == name:
+                torque[:, number, :, k] = _friction_wrench(closure, name, views[name], times, drive_friction)
+    Q, f_d = _turns(first, rows), np.array([squeeze(time) for time in times.tolist()])[:, :, rows]
+    turned = _turned_squeeze(bias, np.einsum("nij,naj->nai", Q, f_d), rows)
+    phi = response.wrenches(times, Q, bias, wrist - turned, torque + turned)
+    c = response.shares[:, None, None]
+    reading = phi + wrist - c * wrist.sum(axis=1, keepdims=True)
+    linear = closure.rows.are_linear
+    drives = tuple(Parameter(one.arm, "friction", f"drive {one.drive + 1}", "") for one in friction)
+    return Effects(times, (*parameters, *drives), phi[:, :, linear], reading[:, :, linear])
+
+
+def _columns(view: View, arm: CellArm, times: Array) -> Array:
+    """Return how errors of a model and of the arm's clock move its view against the desired motion."""
+    speed = np.gradient(view.pose[:, :3, 3], times, axis=0)
+    turn = np.gradient(view.pose[:, :3, :3], times, axis=0) @ np.swapaxes(view.pose[:, :3, :3], 1, 2)
+    spin = np.stack((turn[:, 2, 1], turn[:, 0, 2], turn[:, 1, 0]), axis=1)
+    late = -np.concatenate((speed, spin), axis=1)[:, :, None]
+    return np.concatenate((columns(view, arm), late), axis=2)
+
+
+def _column(parameter: Parameter, arm: CellArm) -> int:
+    """Return the column of a parameter among tip, base, joints, links and clock."""
+    if parameter.part == "clock":
+        return 12 + 2 * arm.nv
+    if parameter.part in ("tip", "base"):
+        return FRAME_AXES.index(parameter.axis) + 6 * (parameter.part == "base")
+    joints = [name.removeprefix("arm/") for name in arm.limits.joints.names]
+    return 12 + joints.index(parameter.axis) + arm.nv * (parameter.part == "link")
+
+
+def _wrenches_at_payload(view: View, arm: CellArm) -> Array:
+    """Return the matrices from wrenches at the tip in its axes to those about P in world axes, (n, 6, 6)."""
+    R = view.pose[:, :3, :3] @ arm.X_PE[:3, :3]
+    lever = view.pose[:, :3, :3] @ arm.X_PE[:3, 3]
+    W = np.zeros((len(R), 6, 6))
+    W[:, :3, :3] = W[:, 3:, 3:] = R
+    W[:, 3:, :3] = np.cross(lever[:, :, None], R, axisa=1, axisb=1, axisc=1)
+    return W
+
+
+def _turns(view: View, rows: Sequence[int]) -> Array:
+    """Return the matrices that turn task rows from payload to world axes, shape (n, k_0, k_0)."""
+    Q = np.zeros((len(view.pose), 6, 6))
+    Q[:, :3, :3] = Q[:, 3:, 3:] = view.pose[:, :3, :3]
+    return Q[:, rows][:, :, rows]
+
+
+def _turned_squeeze(bias: Array, f_d: Array, rows: Sequence[int]) -> Array:
+    """Return what f_d gains as each arm turns it by its own view, shape (n, m, k_0, p)."""
+    whole, force = np.zeros((*bias.shape[:2], 6, bias.shape[3])), np.zeros((*f_d.shape[:2], 6))
+    whole[:, :, rows], force[:, :, rows] = bias, f_d
+    turned = [
+        np.cross(whole[:, :, 3:], part[..., None], axisa=2, axisb=2, axisc=2)
+        for part in (force[..., :3], force[..., 3:])
+    ]
+    return np.concatenate(turned, axis=2)[:, :, rows]
+
+
+def _friction_wrench(
+    closure: ViewClosure, name: str, view: View, times: Array, friction: DriveFriction
+) -> Array:
+    """Return what the friction of a drive does to the wrench of its arm, by the dynamic inverse, (n, k_0)."""
+    arm, rows = closure.arms[name], list(closure.rows.indices)
+    q, v = closure.joints(name, times)
+    wrench = np.empty((len(times), len(rows)))
+    for k in range(len(times)):
+        speed = float(arm.drive[friction.drive] @ v[k])
+        torque = friction.viscous * speed + friction.coulomb * np.tanh(speed / WIDTH)
+        J = view.jacobian[k][rows]
+        weighted = np.linalg.solve(arm.mass_matrix(arm.configuration(q[k])), J.T)
+        wrench[k] = np.linalg.solve(J @ weighted, weighted.T @ arm.drive[friction.drive]) * torque
+    return wrench

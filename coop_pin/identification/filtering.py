@@ -1,0 +1,88 @@
+"""Filtered samples of a record: positions, wrenches and torques through one low-pass, with derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from coop_pin.base.arrays import Array
+from coop_pin.logs.record import ArmRecord, Record
+
+WINDOW = 0.2
+"""Width of the Hann kernel, s; what is faster is in no equation of motion that is fitted."""
+_SPACING = 0.6
+"""Distance of the samples that are kept, in windows: their noise is nearly independent."""
+
+
+class Filtered(NamedTuple):
+    """Samples of one arm that went through the same kernel.
+
+    Attributes:
+        time: s, shape (n,).
+        q: joint positions, shape (n, nv).
+        v: joint velocities, shape (n, nv).
+        a: joint accelerations, shape (n, nv).
+        tau: joint torques, shape (n, nv).
+        wrench: wrench of the wrist, shape (n, 6).
+        noise: standard deviation of the filtered wrench, shape (6,).
+        torque_noise: that of the filtered torques, shape (nv,).
+    """
+
+    time: Array
+    q: Array
+    v: Array
+    a: Array
+    tau: Array
+    wrench: Array
+    noise: Array
+    torque_noise: Array
+
+
+def filtered(record: Record, late: Mapping[str, float]) -> dict[str, Filtered]:
+    """Return filtered samples of all arms at common times.
+
+    A sum of wrenches equals a rate of momentum at every frequency; filtered alike, both sides stay equal, and
+    what noise in the loop shakes at high frequency drops out.
+
+    Args:
+        record: record of the arms.
+        late: by how much the clock of each arm reads late, s.
+    """
+    start, end = record.span
+    if record.free is not None:
+        start = max(start, record.free[1])
+    step = max(float(np.median(np.diff(arm.time))) for arm in record.arms.values())
+    width = max(round(WINDOW / step), 4)
+    kernel = np.hanning(width + 2)[1:-1]
+    kernel /= kernel.sum()
+    grid = np.arange(start, end, step)
+    kept = slice(width, max(len(grid) - width, width + 1), max(int(_SPACING * width), 1))
+    return {
+        name: _filtered(arm, grid, kernel, kept, late.get(name, 0.0)) for name, arm in record.arms.items()
+    }
+
+
+def _filtered(arm: ArmRecord, grid: Array, kernel: Array, kept: slice, late: float) -> Filtered:
+    step = float(grid[1] - grid[0])
+
+    def smooth(time: Array, values: Array) -> Array:
+        columns = [np.interp(grid + late, time, column) for column in values.T]
+        return np.array([np.convolve(column, kernel, "same") for column in columns]).T
+
+    def scatter(values: Array) -> Array:
+        differences = np.abs(np.diff(values, axis=0))
+        spread = np.median(differences, axis=0) / 0.6745 / np.sqrt(2.0)
+        return np.asarray(np.maximum(spread, 1e-6) * np.sqrt((kernel**2).sum()))
+
+    q = smooth(arm.time, arm.position)
+    v = np.gradient(q, step, axis=0)
+    a = np.zeros_like(q)
+    a[1:-1] = np.diff(q, 2, axis=0) / step**2
+    wrench, noise = np.full((len(grid), 6), np.nan), np.full(6, np.nan)
+    if len(arm.wrench_time):
+        wrench, noise = smooth(arm.wrench_time, arm.wrench), scatter(arm.wrench)
+    tau = smooth(arm.time, arm.effort)
+    time, q, v, a, tau, wrench = (each[kept] for each in (grid, q, v, a, tau, wrench))
+    return Filtered(time, q, v, a, tau, wrench, noise, scatter(arm.effort))

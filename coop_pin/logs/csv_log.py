@@ -1,0 +1,102 @@
+"""CSV files of a log: a column "time", and columns TOPIC.FIELD.COMPONENT, such as /left/wrench.force.x."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from coop_pin.base.atomic_write import write_atomically
+from coop_pin.base.errors import FileReadError
+from coop_pin.logs.topics import FIELDS, Kind, Topic
+
+
+def read_csv(file: Path, topics: Iterable[str], second: float = 1.0) -> dict[str, Topic]:
+    """Return topics of a CSV file that has them.
+
+    A cell may be empty where a topic has no sample at a time. A column TOPIC.stamp is the topic's own clock.
+
+    Args:
+        file: the file.
+        topics: names of topics.
+        second: unit of its times, s.
+
+    Raises:
+        FileReadError: it is no table of numbers, or has no column "time".
+    """
+    import pandas as pd  # slow to load
+
+    try:
+        table = pd.read_csv(file)
+    except (ValueError, UnicodeDecodeError) as error:
+        raise FileReadError(f"is no CSV file: {error}", str(file)) from None
+    if "time" not in table:
+        raise FileReadError(
+            f"has no column 'time'; its first columns are {list(table.columns[:6])}", str(file)
+        )
+    values = table.apply(pd.to_numeric, errors="coerce")
+    read = {}
+    for name in topics:
+        columns = [column for column in values if str(column).startswith(f"{name}.")]
+        if columns:
+            read[name] = _topic(
+                name,
+                {str(one).removeprefix(f"{name}."): values[one].to_numpy() for one in columns},
+                values["time"].to_numpy(),
+                second,
+                file,
+            )
+    return read
+
+
+def _topic(
+    name: str, columns: Mapping[str, np.ndarray], time: np.ndarray, second: float, file: Path
+) -> Topic:
+    """Return a topic of its columns."""
+    fields: dict[str, dict[str, np.ndarray]] = {}
+    for column, values in columns.items():
+        field, _, component = column.partition(".")
+        fields.setdefault(field, {})[component] = values
+    time = fields.pop("stamp", {}).get("", time)
+    kind: Kind | None = next((kind for kind in reversed(FIELDS) if [*FIELDS[kind]][-1] in fields), None)
+    if kind is None and "position" in fields:
+        kind = "JointState"
+    if kind is None:
+        raise FileReadError(
+            f"topic {name!r} has the fields {sorted(fields)}; it must have those of {FIELDS}", str(file)
+        )
+    components = tuple(fields[next(iter(FIELDS[kind]))]) if kind == "JointState" else ()
+    topic = Topic(kind, time * second, {}, components)
+    read = {}
+    for field in FIELDS[kind]:
+        if field in fields:
+            parts = topic.components(field)
+            if missing := [part for part in parts if part not in fields[field]]:
+                raise FileReadError(f"has no column {name}.{field}.{missing[0]}", str(file))
+            read[field] = np.stack([fields[field][part] for part in parts], axis=1)
+    first = read[next(iter(FIELDS[kind]))]
+    has = np.isfinite(first).all(axis=1) & np.isfinite(time)
+    return topic._replace(time=topic.time[has], values={field: values[has] for field, values in read.items()})
+
+
+def write_csv(topics: Mapping[str, Topic], file: Path) -> None:
+    """Write topics; those with other stamps than the first share its rows by their number, with a stamp.
+
+    Args:
+        topics: topics by name.
+        file: the file.
+    """
+    import pandas as pd  # slow to load
+
+    longest = max(topics.values(), key=lambda topic: len(topic.time))
+    columns = {"time": longest.time}
+    for name, topic in topics.items():
+        if not np.array_equal(topic.time, longest.time):
+            columns[f"{name}.stamp"] = topic.time
+        for field, values in topic.values.items():
+            columns |= {
+                f"{name}.{field}.{part}": values[:, k] for k, part in enumerate(topic.components(field))
+            }
+    table = pd.DataFrame({name: pd.Series(values) for name, values in columns.items()})
+    write_atomically(file, lambda part: table.to_csv(part, index=False))

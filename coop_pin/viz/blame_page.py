@@ -1,0 +1,61 @@
+"""Page of a blame: ranked causes, the arms' views, every estimate with its interval, and the correction."""
+
+from __future__ import annotations
+
+import html
+from pathlib import Path
+from string import Template
+
+import numpy as np
+
+from coop_pin.base.arrays import typed
+from coop_pin.figures.blame_figures import blame_figure, views_figure
+from coop_pin.identification.answer import Blame
+from coop_pin.identification.closure import Fit
+from coop_pin.viz.page import save_page, web_file
+from coop_pin.viz.report import figure_image
+
+
+@typed
+def blame_html(answer: Blame) -> str:
+    """Return one self-contained page of an answer.
+
+    Args:
+        answer: answer with estimates.
+    """
+    causes = ""
+    if answer.causes:
+        causes = figure_image(blame_figure(answer), "causes of internal force with intervals")
+    fits = [fit for fit in (answer.kinematics, answer.payload) if fit is not None]
+    return Template(web_file("blame.html")).substitute(
+        title=html.escape(answer.scenario.name),
+        summary=html.escape(answer.scenario.caption),
+        style=web_file("report.css"),
+        causes=causes,
+        text=html.escape(answer.summary()),
+        views=figure_image(views_figure(answer), "views of the arms over time"),
+        estimates="\n".join(map(_rows, fits)),
+        correction=html.escape(answer.corrected().to_toml(commented=True)),
+    )
+
+
+@typed
+def save_blame(answer: Blame, path: str | Path) -> None:
+    """Write the page of an answer; if writing fails, an older file at that path stays.
+
+    Args:
+        answer: answer with estimates.
+        path: the file, for example "blame.html".
+    """
+    save_page(blame_html(answer), path)
+
+
+def _rows(fit: Fit) -> str:
+    """Return the estimates of a fit as rows of a table."""
+    columns = (fit.x, 1.96 * fit.sd, fit.prior, fit.seen)
+    return "\n".join(
+        f'<tr><td>{html.escape(str(one))}</td><td class="number">{x:.4g} {one.unit}</td>'
+        f'<td class="number">{interval:.2g}</td><td class="number">{prior:.2g}</td>'
+        f'<td class="number">{np.clip(seen, 0.0, 1.0):.2f}</td></tr>'
+        for one, x, interval, prior, seen in zip(fit.parameters, *columns, strict=True)
+    )

@@ -1,0 +1,146 @@
+"""Logs of made-up arms: runs with drawn causes, as the arms would log them."""
+
+from dataclasses import replace
+
+import numpy as np
+
+import coop_pin as cp
+from coop_pin.identification.views import FRAME_AXES
+
+NOISE = {"force": 0.5, "moment": 0.02}
+COUNT = 1e-5
+TURNS = ((0, 0, 0), (0.2, 0.1, 0.2), (-0.2, 0.15, -0.1), (0.1, -0.2, 0.25), (-0.1, -0.15, -0.2), (0, 0, 0))
+SHIFTS = (
+    (0, 0, 0),
+    (0.05, 0.05, 0.05),
+    (-0.05, 0.08, 0.1),
+    (0.05, -0.08, 0.02),
+    (-0.05, -0.05, 0.1),
+    (0, 0, 0),
+)
+TIMES = (0.5, 3.0, 4.5, 6.0, 8.0, 10.0)
+RICH = {
+    "duration": 11.0,
+    "motion": {
+        "kind": "waypoints",
+        "points": [
+            {"time": time, "xyz": [x, y, 0.4 + z], "rpy": list(turn)}
+            for time, (x, y, z), turn in zip(TIMES, SHIFTS, TURNS, strict=True)
+        ],
+    },
+}
+SDS = {"tip": 5e-4, "base": 1e-3, "joint": 5e-4, "clock": 3e-3, "force": 2.0, "moment": 0.1, "mass": 0.1}
+
+
+def scenario_of(kind):
+    """The cells: two Pandas on their line or turning, the planar pair."""
+    if kind == "adept":
+        return cp.Scenario.load("adept-anchored", {"events": []})
+    return cp.Scenario.load("two-pandas-box", RICH if kind == "turning" else {})
+
+
+def drawn(rng, scenario, scales):
+    """Causes of every arm by (arm, part), as the parameters of a fit have them; scales by part."""
+    planar, causes = scenario.cell.rows == "planar", {}
+    for name in scenario.cell.arms:
+        n = 3 if planar else 7
+        for part in ("tip", "base"):
+            causes[name, part] = rng.normal(0.0, SDS[part] * scales.get(part, 1.0), 6)
+        causes[name, "joint"] = rng.normal(0.0, SDS["joint"] * scales.get("joint", 1.0), n)
+        causes[name, "link"] = rng.normal(0.0, scales.get("link", 0.0), n)
+        sds = np.repeat((SDS["force"], SDS["moment"]), 3) * scales.get("wrist", 1.0)
+        causes[name, "wrist"] = rng.normal(0.0, sds)
+        causes[name, "clock"] = rng.normal(0.0, SDS["clock"] * scales.get("clock", 1.0), 1)
+        if planar:
+            for part in ("tip", "base", "wrist"):
+                causes[name, part][2:5] = 0.0
+    causes[next(iter(scenario.cell.arms)), "clock"][:] = 0.0
+    causes["", "mass"] = rng.normal(0.0, SDS["mass"] * scales.get("mass", 1.0), 1)
+    return causes
+
+
+def with_causes(scenario, causes):
+    """The scenario whose plant has a payload, and whose arms have models and wrists, that are off."""
+    payload = scenario.cell.payload
+    heavier = 1.0 + float(causes["", "mass"][0])
+    changes = {
+        "cell.payload.mass": heavier * payload.mass,
+        "cell.payload.inertia": [heavier * value for value in payload.inertia],
+    }
+    for name in scenario.cell.arms:
+        poses = {
+            part: {"xyz": causes[name, part][:3].tolist(), "rpy": causes[name, part][3:].tolist()}
+            for part in ("tip", "base")
+        }
+        rest = {
+            "joint_offset": causes[name, "joint"].tolist(),
+            "link_length": causes[name, "link"].tolist(),
+        }
+        changes[f"cell.arms.{name}.calibration_error"] = poses | rest
+        zero = causes[name, "wrist"].tolist()
+        wrist = {"noise": NOISE, "offset": {"force": zero[:3], "moment": zero[3:]}}
+        changes[f"arm_sensors.{name}"] = {"encoder": {"resolution": COUNT}, "wrist": wrist}
+    return scenario.override(changes)
+
+
+def free_hands(record, causes, rng, duration=1.0):
+    """The record behind an interval at rest in which the wrists read their zeros."""
+    step = float(np.median(np.diff(next(iter(record.arms.values())).time)))
+    before = np.arange(0.0, duration, step)
+    arms = {}
+    for name, arm in record.arms.items():
+        n, sds = len(before), np.repeat((NOISE["force"], NOISE["moment"]), 3)
+        zero = causes[name, "wrist"] + rng.normal(size=(n, 6)) * sds
+        arms[name] = replace(
+            arm,
+            time=np.append(before, arm.time + duration),
+            position=np.vstack((np.tile(arm.position[0], (n, 1)), arm.position)),
+            velocity=np.vstack((np.zeros((n, arm.velocity.shape[1])), arm.velocity)),
+            effort=np.vstack((np.tile(arm.effort[1], (n, 1)), arm.effort)),
+            wrench_time=np.append(before, arm.wrench_time + duration),
+            wrench=np.vstack((zero, arm.wrench)),
+        )
+    free = (0.1 * duration, 0.9 * duration)
+    return replace(record, arms=arms, desired_time=record.desired_time + duration, free=free)
+
+
+def late_clocks(record, causes):
+    """The record whose clocks read late."""
+    arms = {}
+    for name, arm in record.arms.items():
+        late = float(causes[name, "clock"][0])
+        arms[name] = replace(arm, time=arm.time + late, wrench_time=arm.wrench_time + late)
+    return replace(record, arms=arms)
+
+
+def stamped(record, zero):
+    """The record with stamps that begin at another time."""
+    arms = {
+        name: replace(arm, time=arm.time + zero, wrench_time=arm.wrench_time + zero)
+        for name, arm in record.arms.items()
+    }
+    return replace(record, arms=arms, desired_time=record.desired_time + zero)
+
+
+def logged(scenario, causes, seed=0, free=True):
+    """What the arms log of a run with causes, and the cell as its user believes it."""
+    changed = with_causes(scenario, causes).override({"seed": seed})
+    result = cp.run(changed, warn=False)
+    record = cp.logs.Record.of_run(result)
+    if free:
+        record = free_hands(record, causes, np.random.default_rng(seed))
+    return late_clocks(record, causes), changed.override({"cell.payload": scenario.cell.payload})
+
+
+def truth(fit, causes, mass=0.0):
+    """The true values of the parameters of a fit, NaN for those of the payload beside its mass."""
+    values = []
+    for one in fit.parameters:
+        if not one.arm:
+            values.append(mass * float(causes["", "mass"][0]) if one.part == "mass" else np.nan)
+        elif one.part in ("tip", "base", "wrist"):
+            values.append(causes[one.arm, one.part][FRAME_AXES.index(one.axis)])
+        else:
+            same = [other.axis for other in fit.parameters if (other.arm, other.part) == (one.arm, one.part)]
+            values.append(causes[one.arm, one.part][same.index(one.axis)])
+    return np.array(values)
