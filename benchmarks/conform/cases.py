@@ -64,8 +64,9 @@ class Hand:
 
     def force(self, q: Any, v: Any) -> np.ndarray:
         """Return the forces along the guides at their positions and rates, shape (n,)."""
-        u, q_0, K, D = (np.array(each)[[*self.guides]] for each in
-                        (self.drive, self.anchor, self.stiffness, self.damping))
+        u, q_0, K, D = (
+            np.array(each)[[*self.guides]] for each in (self.drive, self.anchor, self.stiffness, self.damping)
+        )
         return u - K * (np.asarray(q) - q_0) - D * np.asarray(v)
 
     @property
@@ -204,7 +205,7 @@ _BIAS, _TURN = 1e-3, 2e-3
 
 def bias_spring(space: _Space) -> Case:
     """At rest between two springs, one anchored d apart: f = d / (1/k_1 + 1/k_2)."""
-    u = np.concatenate((np.zeros(3), space.moment(0.0, 0.0, 0.3)))
+    u = np.array((0.0, 0.0, 0.0, 0.0, 0.0, 0.3)) * space.is_planar
     anchor = (-_BIAS, 0.0, 0.0, 0.0 if space.is_planar else _TURN, 0.0, 0.0)
     hands = [
         space.hand(0, drive=u, anchor=anchor, stiffness=_K, damping=_D),
@@ -327,7 +328,7 @@ def free_fall(space: _Space) -> Case:
 
 
 def half_mass(space: _Space) -> Case:
-    """Drives carry twice the payload's mass m: all rises with a = g m / (m + sum m_i), f_i = m (g + a) / 2."""
+    """Drives carry twice the payload's mass m: a = g m / (m + sum m_i) upwards, f_i = m (g + a) / 2."""
     m, tips = 0.5 * _MASS, np.array(((-_A, 0.0, 0.0), (_A, 0.0, 0.0)))
     a = G * m / (m + 2.0 * _HAND)
     hands, wrenches = [], []

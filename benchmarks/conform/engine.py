@@ -35,11 +35,11 @@ class Engine(Protocol):
         """Return the wrench of each hand on the payload about P in payload axes at ``case.time``, (m, 6).
 
         Raises:
-            Refused: the engine cannot have the case.
+            RefusedError: the engine cannot have the case.
         """
 
 
-class Refused(Exception):
+class RefusedError(Exception):
     """The engine cannot have a case; the text says why."""
 
 
@@ -71,10 +71,12 @@ def numbers(values: Any) -> str:
 
 def body(name: str, mass: float, inertia: Sequence[float]) -> str:
     """Return a link with its centre of mass at its origin."""
-    moments = " ".join(f'i{axis}{axis}="{float(value)!r}"' for axis, value in zip("xyz", inertia, strict=True))
+    moments = " ".join(
+        f'i{axis}{axis}="{float(value)!r}"' for axis, value in zip("xyz", inertia, strict=True)
+    )
     return (
-        f'<link name="{name}"><inertial><mass value="{float(mass)!r}"/><inertia {moments} ixy="0" ixz="0" iyz="0"/>'
-        "</inertial></link>"
+        f'<link name="{name}"><inertial><mass value="{float(mass)!r}"/>'
+        f'<inertia {moments} ixy="0" ixz="0" iyz="0"/></inertial></link>'
     )
 
 
@@ -102,6 +104,26 @@ def hand_urdf(hand: Hand, name: str, origin: Any = (0.0, 0.0, 0.0)) -> str:
     tip = f'<link name="{name}_tip"/><joint name="{name}_end" type="fixed"><parent link="{name}"/>'
     tip += f'<child link="{name}_tip"/>{rpy}</joint>'
     return guided(name, hand.mass, hand.inertia, hand.guides, origin) + tip
+
+
+def about_P(hand: Hand, f: np.ndarray, m: np.ndarray) -> np.ndarray:
+    """Return force and moment at a tip, in axes of the grasp frame, as a wrench about P, shape (6,)."""
+    f, m = hand.rotation @ f, hand.rotation @ m
+    return np.concatenate((f, m + np.cross(hand.tip, f)))
+
+
+def load(case: Case, R_P: np.ndarray, twist: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+    """Return the wrench that moves the payload against gravity, about P in its axes, shape (6,).
+
+    Args:
+        case: case.
+        R_P: axes of the payload, shape (3, 3).
+        twist: twist at P in world axes, shape (6,).
+        acceleration: its time derivative, shape (6,).
+    """
+    w, inertia = R_P.T @ twist[3:], np.diag(case.inertia)
+    moment = inertia @ (R_P.T @ acceleration[3:]) + np.cross(w, inertia @ w)
+    return np.concatenate((case.mass * (R_P.T @ (acceleration[:3] - np.array(case.gravity))), moment))
 
 
 def robot(*parts: str) -> str:
@@ -158,8 +180,8 @@ class Sprung(NamedTuple):
 def spring(hand: Hand, tip: Sequence[Any], payload: Sequence[Any]) -> Sprung:
     """Return the wrenches of a compliant grasp, for engines without springs of six rows.
 
-    With the displacement p of the tip from the grasp frame, its rotation vector r and its relative twist V, in
-    axes of the grasp frame, the wrench on the hand is -K [p, r] - D V.
+    With the displacement p of the tip from the grasp frame, its rotation vector r and its relative twist V,
+    in axes of the grasp frame, the wrench on the hand is -K [p, r] - D V.
 
     Args:
         hand: hand of the grasp.

@@ -1,14 +1,13 @@
-"""coop_pin: a cell on Pinocchio's plant and on MuJoCo's."""
+"""coop_pin: a cell on its plant, by Pinocchio."""
 
 import tempfile
 from pathlib import Path
 
 import numpy as np
 from cases import Case
-from engine import Refused, hand_urdf, has_hinges, has_short_arms, in_payload_axes, robot
+from engine import RefusedError, hand_urdf, has_hinges, has_short_arms, in_payload_axes, robot
 
 import coop_pin as cp
-from coop_pin.simulation.mujoco_plant import MujocoPlant
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 
 RATE, STEPS = 1000.0, 2
@@ -38,7 +37,7 @@ class CoopPin:
 
     def wrenches(self, case: Case) -> np.ndarray:
         if has_short_arms(case) or has_hinges(case):
-            raise Refused("hinges and arms of fewer joints than rows make a mechanism, not a cell")
+            raise RefusedError("hinges and arms of fewer joints than rows make a mechanism, not a cell")
         with tempfile.TemporaryDirectory() as folder:
             return self.cell(case, Path(folder))
 
@@ -69,7 +68,7 @@ class CoopPin:
         try:
             run = cp.Simulation(scenario, Drives(case), plant=self.plant)
         except cp.CoopPinError as error:
-            raise Refused(str(error)) from None
+            raise RefusedError(str(error)) from None
         rates = np.concatenate([case.start_rates(hand) for hand in case.hands])
         v = np.zeros_like(run.plant.v)
         v[: len(rates)] = rates
@@ -77,14 +76,3 @@ class CoopPin:
         for _ in range(round(case.time * RATE)):
             run.tick()
         return in_payload_axes(-run.plant.interaction_wrenches(), run.plant.payload_pose()[:3, :3])
-
-
-class CoopPinMujoco(CoopPin):
-    """Plant of MuJoCo."""
-
-    name = f"coop_pin {cp.__version__}, engine mujoco"
-    settings = f"RK4, {1 / RATE / STEPS:g} s, torques held over {1 / RATE:g} s; plant.mujoco as shipped"
-    plant = MujocoPlant
-
-    def __init__(self) -> None:
-        import mujoco  # noqa: F401

@@ -2,7 +2,7 @@
 
 import numpy as np
 from cases import Case
-from engine import Refused, cell_urdf, joints, start
+from engine import RefusedError, cell_urdf, joints, start
 
 import coop_pin as cp
 
@@ -15,13 +15,17 @@ class CoopPinMechanism:
 
     name = f"coop_pin {cp.__version__}, ClosedChain"
     settings = f"RK4, {H:g} s; projection onto the closures after each step"
-    reading = "`closure_wrenches` of `forward_dynamics`: on the first body of a closure, at its frame, in its axes"
+    reading = (
+        "`closure_wrenches` of `forward_dynamics`: on the first body of a closure, at its frame, in its axes"
+    )
 
     def wrenches(self, case: Case) -> np.ndarray:
         if "spring" in [hand.grasp for hand in case.hands]:
-            raise Refused("a mechanism has no compliant grasps")
+            raise RefusedError("a mechanism has no compliant grasps")
         hands = [(f"hand{k}", hand) for k, hand in enumerate(case.hands)]
-        closures = [cp.Closure(f"{name}_tip", "payload", ROWS[hand.grasp], X_BC=hand.pose) for name, hand in hands]
+        closures = [
+            cp.Closure(f"{name}_tip", "payload", ROWS[hand.grasp], X_BC=hand.pose) for name, hand in hands
+        ]
         chain = cp.ClosedChain.from_urdf(cell_urdf(case), closures, gravity=case.gravity)
         number = {name: chain.model.idx_vs[k] for k, name in enumerate(chain.model.names)}
         at = [[number[each] for each in joints(hand, name)] for name, hand in hands]

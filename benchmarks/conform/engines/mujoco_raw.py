@@ -12,10 +12,8 @@ class Mujoco:
     """Hands and payload in one tree, with the dense Jacobian."""
 
     name = f"MuJoCo {mujoco.__version__}"
-    settings = f"Euler, {H:g} s; solref {SOLREF:g} steps, solimp {SOLIMP:g}, torquescale {TORQUES:g}, dense Jacobian"
-    reading = (
-        "`efc_J`^T `efc_force` of a grasp's rows, at the payload's joints, as wrench about P through `mj_jacBody`"
-    )
+    settings = f"Euler, {H:g} s; solref {SOLREF:g} steps, solimp {SOLIMP:g}, torquescale {TORQUES:g}, dense"
+    reading = "`efc_J`^T `efc_force` of a grasp's rows at the payload's joints, as a wrench by `mj_jacBody`"
 
     def wrenches(self, case: Case) -> np.ndarray:
         spec, rows, hands = mujoco.MjSpec.from_string(cell_urdf(case)), [], list(enumerate(case.hands))
@@ -33,7 +31,9 @@ class Mujoco:
                 mujoco.mju_rotVecQuat(along, np.array((0.0, 0.0, z)), quat)
                 spec.body("payload").add_site(name=f"grasp{k}{z}", pos=along + hand.tip, quat=quat)
                 spec.body(f"hand{k}_tip").add_site(name=f"tip{k}{z}", pos=(0.0, 0.0, z))
-                each = spec.add_equality(objtype=mujoco.mjtObj.mjOBJ_SITE, name1=f"grasp{k}{z}", name2=f"tip{k}{z}")
+                each = spec.add_equality(
+                    objtype=mujoco.mjtObj.mjOBJ_SITE, name1=f"grasp{k}{z}", name2=f"tip{k}{z}"
+                )
                 each.type = mujoco.mjtEq.mjEQ_WELD if is_weld else mujoco.mjtEq.mjEQ_CONNECT
                 each.solref, each.solimp = [SOLREF * H, 1.0], [SOLIMP, SOLIMP, 1e-3, 0.5, 2.0]
                 each.data[10] = TORQUES

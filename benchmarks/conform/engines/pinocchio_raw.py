@@ -15,7 +15,9 @@ class Pinocchio:
 
     name = f"Pinocchio {importlib.metadata.version('pin')}"
     settings = f"RK4, {H:g} s; Baumgarte Kp {KP:g}, Kd {KD:g}; ProximalSettings(1e-14, 1e-8, 50)"
-    reading = "`contact_force` of a constraint's data: on the body of its first joint, in the frame there (LOCAL)"
+    reading = (
+        "`contact_force` of a constraint's data: on the body of its first joint, in the frame there (LOCAL)"
+    )
 
     def wrenches(self, case: Case) -> np.ndarray:
         model = pin.buildModelFromXML(cell_urdf(case))
@@ -23,7 +25,9 @@ class Pinocchio:
         data, P, held, rows = model.createData(), model.getJointId("payload_rz"), [], []
         hands = list(enumerate(case.hands))
         tips = [model.getFrameId(f"hand{k}_tip") for k, _ in hands]
-        at = [[model.idx_vs[model.getJointId(name)] for name in joints(hand, f"hand{k}")] for k, hand in hands]
+        at = [
+            [model.idx_vs[model.getJointId(name)] for name in joints(hand, f"hand{k}")] for k, hand in hands
+        ]
         for k, hand in hands:
             tip, is_weld = model.frames[tips[k]], hand.grasp == "rigid"
             kind = pin.ContactType.CONTACT_6D if is_weld else pin.ContactType.CONTACT_3D

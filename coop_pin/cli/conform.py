@@ -1,0 +1,42 @@
+"""Command ``conform``: the internal force of several engines beside closed forms."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from coop_pin.base.errors import FieldError
+
+_FOLDER = Path(__file__).parents[2] / "benchmarks" / "conform"
+"""Cases and engines, in a checkout: other engines are no part of what one run needs."""
+
+
+def conform(
+    engine: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME")] = (),
+    case: Annotated[tuple[str, ...], tyro.conf.arg(metavar="WORD")] = (),
+    page: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+) -> int:
+    """Compare the internal force of several engines with closed forms, in digits of force and moment.
+
+    Twelve cases in a plane and in space. An engine that is not installed is a column of "-". It needs a
+    checkout: pip install -e '.[bench]'.
+
+    Args:
+        engine: names of benchmarks/conform/engines, files or folders of your own, or module:Class; all of
+            that folder when omitted.
+        case: words that the names of cases must have; all cases when omitted.
+        page: page in which the text between its comments "conform" is replaced by the table.
+
+    Raises:
+        FieldError: coop_pin is installed without its checkout.
+    """
+    if not _FOLDER.is_dir():
+        remedy = "git clone the repository, and in it: pip install -e '.[bench]'"
+        raise FieldError(f"is a benchmark, which only a checkout has; {remedy}", "conform")
+    options = {"--engine": engine, "--case": case, "--page": () if page is None else (str(page),)}
+    words = [word for option, values in options.items() if values for word in (option, *values)]
+    return subprocess.run([sys.executable, str(_FOLDER), *words], check=False).returncode
