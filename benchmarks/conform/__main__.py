@@ -10,6 +10,7 @@ import sys
 import warnings
 from pathlib import Path
 
+import traps
 from cases import all_cases
 from engine import HERE
 from table import columns, markdown, text, with_block
@@ -28,7 +29,7 @@ def main() -> int:
         " engines/ when omitted",
     )
     parser.add_argument("--case", nargs="+", default=[], help="words of cases; all when omitted")
-    parser.add_argument("--page", type=Path, help="page whose block 'conform' is replaced")
+    parser.add_argument("--page", type=Path, help="page whose blocks 'conform' and 'traps' are replaced")
     asked = parser.parse_args()
     warnings.simplefilter("ignore")  # of readers of URDF: the inner links of guides have no mass
     cases = [case for case in all_cases() if all(word in case.label for word in asked.case)]
@@ -37,8 +38,8 @@ def main() -> int:
     table = columns(asked.engine or [str(HERE)], cases)
     print(text(table, cases))
     if asked.page:
-        page = asked.page.read_text(encoding="utf-8")
-        asked.page.write_text(with_block(page, "conform", markdown(table, cases)), encoding="utf-8")
+        page = with_block(asked.page.read_text(encoding="utf-8"), "conform", markdown(table, cases))
+        asked.page.write_text(with_block(page, "traps", traps.markdown()), encoding="utf-8")
     return int(any(column.failures for column in table))
 
 

@@ -12,7 +12,8 @@ plant.AddJoint(PrismaticJoint("slide", plant.world_frame(), hand.body_frame(), [
 grasp = plant.AddJoint(WeldJoint("grasp", hand.body_frame(), load.body_frame(), RigidTransform()))
 plant.Finalize()
 simulator = Simulator(plant)
-for name, time in (("comes:", 0.0), ("right:", 1e-3)):
-    simulator.AdvanceTo(time)
+simulator.Initialize()
+for name in ("comes:", "right:"):
     forces = plant.get_reaction_forces_output_port().Eval(simulator.get_context())
     print(name, forces[int(grasp.index())].translational().round(4).tolist(), "N")
+    simulator.AdvanceTo(1e-3)

@@ -12,7 +12,7 @@ marker = mbs.AddMarker(MarkerBodyRigid(bodyNumber=body))
 mbs.AddLoad(LoadTorqueVector(markerNumber=marker, loadVector=[0.5, -0.3, 0.2]))  # the joint holds against it
 mbs.Assemble()
 settings = exu.SimulationSettings()
-settings.timeIntegration.endTime, settings.solutionSettings.writeSolutionToFile = 0.1, False
+settings.timeIntegration.endTime, settings.solution.file.write = 0.1, False
 mbs.SolveDynamic(settings, storeSolver=False)
 m = mbs.GetObjectOutput(joint, exu.OutputVariableType.TorqueLocal)
 print("comes:", m.round(6).tolist(), "N m on the ground")

@@ -3,7 +3,8 @@
 import mujoco
 
 BODY = '<body name="a"><joint axis="0 0 1"/><geom size=".1"/></body>'
-text = f'<mujoco><worldbody>{BODY}</worldbody><equality><weld body1="a" solimp=".9999 .9999"/></equality></mujoco>'
+WELD = '<weld body1="a" solimp=".9999 .9999"/>'
+text = f"<mujoco><worldbody>{BODY}</worldbody><equality>{WELD}</equality></mujoco>"
 data = mujoco.MjData(model := mujoco.MjModel.from_xml_string(text))
 data.qfrc_applied[:] = 1.0  # N m, which the weld bears
 mujoco.mj_step(model, data, 1000)

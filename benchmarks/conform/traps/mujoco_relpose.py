@@ -2,7 +2,8 @@
 
 import mujoco
 
-BODIES = '<body name="a"><freejoint/><geom size=".1"/></body><body name="b" pos="1 0 0"><freejoint/><geom size=".1"/></body>'
+BODY = '<body pos="{0} 0 0" name="{1}"><freejoint/><geom size=".1"/></body>'
+BODIES = BODY.format(0, "a") + BODY.format(1, "b")
 for x in (1.0, 0.8):  # of body 2, at rest as it stands; of the anchor, 0.2 m before it
     weld = f'<weld body1="a" body2="b" anchor="-0.2 0 0" relpose="{x} 0 0 1 0 0 0"/>'
     text = f"<mujoco><worldbody>{BODIES}</worldbody><equality>{weld}</equality></mujoco>"

@@ -1,9 +1,11 @@
-"""MuJoCo, RK4: with a short `solref` the force of a weld that turns reads low at every step, however short."""
+"""MuJoCo, RK4: with a short `solref` the force of a weld that turns reads low, however short the step."""
 
 import mujoco
 
-HAND = '<body pos="0.25 0 0"><freejoint/><inertial pos="0 0 0" mass="2" diaginertia=".1 .1 .1"/><site name="b"/></body>'
-LOAD = '<body><joint axis="0 0 1"/><inertial pos="0 0 0" mass="5" diaginertia=".1 .1 .1"/><site name="a" pos="0.25 0 0"/></body>'
+INERTIAL = '<inertial pos="0 0 0" mass="2" diaginertia=".1 .1 .1"/>'
+BODY = '<body pos="{0} 0 0">{1}{4}<site name="{2}" pos="{3} 0 0"/></body>'
+HAND = BODY.format(0.25, "<freejoint/>", "b", 0, INERTIAL)
+LOAD = BODY.format(0, '<joint axis="0 0 1"/>', "a", 0.25, INERTIAL)
 for steps in (2, 8):  # of the time constant; the hand turns at 3 rad/s: 2 kg 0.25 m (3/s)^2 = 4.5 N
     weld = f'<weld site1="a" site2="b" solref="{steps * 1e-4} 1" solimp=".9999 .9999"/>'
     option = '<option timestep="1e-4" integrator="RK4" gravity="0 0 0" jacobian="dense"/>'

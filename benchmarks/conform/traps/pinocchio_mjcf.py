@@ -1,11 +1,12 @@
-"""Pinocchio, reader of MJCF: of the bodies of the world the first one is kept, the others vanish in silence."""
+"""Pinocchio, reader of MJCF: the first body of the world is kept, the others vanish in silence."""
 
 import tempfile
 from pathlib import Path
 
 import pinocchio as pin
 
-BODY = '<body name="{0}"><joint name="{0}" axis="0 0 1"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>'
+INERTIAL = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+BODY = f'<body name="{{0}}"><joint name="{{0}}" axis="0 0 1"/>{INERTIAL}</body>'
 BODIES = "".join(map(BODY.format, "abc"))
 for name, world in (("comes:", BODIES), ("right:", f'<body name="all">{BODIES}</body>')):
     with tempfile.TemporaryDirectory() as folder:
