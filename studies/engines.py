@@ -130,7 +130,7 @@ def side_by_side(both: pd.DataFrame) -> str:
 
 
 def _cell(row: pd.Series) -> str:
-    """Return "tracking / force" of ours, and of MuJoCo behind an arrow where three digits are not the same."""
+    """Return "tracking / force" of ours; MuJoCo's behind an arrow where three digits are not the same."""
     ours, others = (
         " / ".join(_rounded(row[f"{name}{suffix}"]) for name in MEASURES.values())
         for suffix in ("", "_mujoco")
@@ -150,7 +150,7 @@ def summary(both: pd.DataFrame) -> str:
         parts = (both[f"{name}_apart"] / both[name]).replace([np.inf], np.nan)
         same = [part[name].rank().tolist() == part[f"{name}_mujoco"].rank().tolist() for _, part in places]
         lines.append(
-            f"- {name}: medians apart by {parts.median():.1g} of the value in the middle, {parts.max():.2g} at most;"
+            f"- {name}: medians are apart by {parts.median():.1g} of the value, at most by {parts.max():.2g};"
             f" the same order of the laws in {sum(same)} of {len(same)} places."
         )
     return "\n".join(lines)
