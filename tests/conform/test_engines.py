@@ -37,7 +37,9 @@ def conform_modules():
     yield {"cases": cases, "engine": engine, "table": table}
     sys.path.remove(str(CONFORM))
     for name in set(sys.modules) - before:
-        if str(CONFORM) in str(getattr(sys.modules[name], "__file__", "")):
+        if name.partition(".")[0] == "engines" or str(CONFORM) in str(
+            getattr(sys.modules[name], "__file__", "")
+        ):
             del sys.modules[name]
 
 

@@ -1,10 +1,10 @@
 """The comparison and the paper's experiment on both engines: medians side by side, and why they differ.
 
-Runs what is missing in out/studies/engines, and writes the tables in studies/engines/, the blocks of
-docs/studies/engines.md, and in the folder of the runs comparison.html, the explorer with both engines. A
+Runs what is missing in out/studies/both_engines, and writes the tables in studies/both_engines/, the blocks
+of docs/studies/engines.md, and in the folder of the runs comparison.html, the explorer with both engines. A
 trial that MuJoCo's plant does not have (palms) is left out.
 
-Usage: python studies/engines.py [--duration SECONDS] [--seeds N] [--out FOLDER] [--only ENGINE] [--draw]
+Usage: python studies/both_engines.py [--duration SECONDS] [--seeds N] [--out FOLDER] [--only ENGINE] [--draw]
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from coop_pin.comparison.measures import measures
 from coop_pin.comparison.trials import changes_of
 
 HERE = Path(__file__).parent
-DATA = HERE / "engines"
+DATA = HERE / "both_engines"
 PAGE = HERE.parent / "docs" / "studies" / "engines.md"
 ENGINES = {"auto": "Pinocchio", "mujoco": "MuJoCo"}
 """Engines as asked for, and what computes the motion; "auto" has compiled code of the same dynamics."""
@@ -156,6 +156,20 @@ def summary(both: pd.DataFrame) -> str:
     return "\n".join(lines)
 
 
+def blocks() -> dict[str, str]:
+    """Return the blocks of the page, from the tables."""
+    tables = {
+        name: pd.read_csv(DATA / f"{name}.csv", keep_default_na=False) for name in ("comparison", "paper")
+    }
+    shown = {name: f"{summary(both)}\n\n{side_by_side(both)}" for name, both in tables.items()}
+    rows = [
+        (*(str(row[key]) for key in KEY), _cell(row), row["reason"])
+        for _, row in tables["comparison"].query("reason != ''").iterrows()
+    ]
+    table = markdown((*KEY, "tracking, mm / force, N", "reason"), rows)
+    return shown | {"reasons": table if rows else "No median is apart by more than that."}
+
+
 def explorer(out: Path) -> None:
     """Write the explorer of both engines."""
     tables = []
@@ -174,7 +188,7 @@ def main() -> None:
     )
     parser.add_argument("--duration", type=float, help="of every run, s; the scenarios' own when omitted")
     parser.add_argument("--seeds", type=int, default=5, help="of random trials")
-    parser.add_argument("--out", type=Path, default=Path("out") / "studies" / "engines")
+    parser.add_argument("--out", type=Path, default=Path("out") / "studies" / "both_engines")
     parser.add_argument("--only", choices=list(ENGINES), help="run one engine, and write nothing")
     parser.add_argument("--draw", action="store_true", help="only write the blocks, from the tables")
     asked = parser.parse_args()
@@ -196,13 +210,8 @@ def main() -> None:
             ]
             both.to_csv(DATA / f"{name}.csv", index=False, float_format="%.6g", lineterminator="\n")
         explorer(asked.out)
-    for name in ("comparison", "paper"):
-        both = pd.read_csv(DATA / f"{name}.csv", keep_default_na=False)
-        write_block(PAGE, name, f"{summary(both)}\n\n{side_by_side(both)}")
-    reasons = pd.read_csv(DATA / "comparison.csv", keep_default_na=False).query("reason != ''")
-    rows = [(*(str(row[key]) for key in KEY), _cell(row), row["reason"]) for _, row in reasons.iterrows()]
-    table = markdown((*KEY, "tracking, mm / force, N", "reason"), rows)
-    write_block(PAGE, "reasons", table if rows else "No median is apart by more than that.")
+    for name, block in blocks().items():
+        write_block(PAGE, name, block)
 
 
 if __name__ == "__main__":
