@@ -4,7 +4,8 @@ Runs what is missing in out/studies/both_engines, and writes the tables in studi
 of docs/studies/engines.md, and in the folder of the runs comparison.html, the explorer with both engines. A
 trial that MuJoCo's plant does not have (palms) is left out.
 
-Usage: python studies/both_engines.py [--duration SECONDS] [--seeds N] [--out FOLDER] [--only ENGINE] [--draw]
+Usage: python studies/both_engines.py [--cells NAME ...] [--duration SECONDS] [--seeds N] [--only ENGINE]
+    [--out FOLDER] [--draw]
 """
 
 from __future__ import annotations
@@ -39,13 +40,13 @@ ALIKE, FLOORS = 0.01, {"tracking": 1e-4, "force": 1e-3}
 PATCHED = "held by palms"
 
 
-def compared(engine: str, out: Path, duration: float | None, seeds: int) -> pd.DataFrame:
+def compared(engine: str, out: Path, cells: list[str], duration: float | None, seeds: int) -> pd.DataFrame:
     """Return the medians of the comparison on an engine: a row for each scenario, law and trial."""
-    bases = [benchmark_scenario(cp.Scenario.load(cell)) for cell in CELLS]
+    bases = [benchmark_scenario(cp.Scenario.load(cell)) for cell in cells]
     known = {name: None for base in bases for name in standard_trials(base) if name != PATCHED}
     execution = cp.Execution(workers=0, engine=engine, quiet=True)
     options: dict[str, Any] = {"duration": duration, "seeds": seeds, "execution": execution}
-    table = cp.compare(CELLS, list(LAWS), list(known), out=out / engine, **options).table.reset_index()
+    table = cp.compare(cells, list(LAWS), list(known), out=out / engine, **options).table.reset_index()
     names = {"controller": "law"} | MEASURES
     return table.rename(columns=names)[[*KEY, *MEASURES.values(), "runs", "finished"]]
 
@@ -144,8 +145,13 @@ def _rounded(value: float) -> str:
 
 def summary(both: pd.DataFrame) -> str:
     """Return how far medians are apart, and how often the order of the laws is the same."""
-    lines = []
     places = both.groupby(["scenario", "trial"], sort=False)
+    cells, lengths = (
+        ", ".join(f"`{name}`" for name in dict.fromkeys(both["scenario"])),
+        set(both["duration_s"]),
+    )
+    length = f"of {lengths.pop()} s" if all(lengths) else "of their scenarios' own length"
+    lines = [f"- {cells}: {int(both['runs'].sum())} runs on each engine, {length}."]
     for name in MEASURES.values():
         parts = (both[f"{name}_apart"] / both[name]).replace([np.inf], np.nan)
         same = [part[name].rank().tolist() == part[f"{name}_mujoco"].rank().tolist() for _, part in places]
@@ -187,23 +193,27 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--duration", type=float, help="of every run, s; the scenarios' own when omitted")
+    parser.add_argument("--cells", nargs="+", default=list(CELLS), help="cells of the comparison")
     parser.add_argument("--seeds", type=int, default=5, help="of random trials")
     parser.add_argument("--out", type=Path, default=Path("out") / "studies" / "both_engines")
     parser.add_argument("--only", choices=list(ENGINES), help="run one engine, and write nothing")
     parser.add_argument("--draw", action="store_true", help="only write the blocks, from the tables")
     asked = parser.parse_args()
     if asked.only:
-        compared(asked.only, asked.out, asked.duration, asked.seeds)
+        compared(asked.only, asked.out, asked.cells, asked.duration, asked.seeds)
         published(asked.only, asked.out)
         return
     if not asked.draw:
         tables = {
-            "comparison": {name: compared(name, asked.out, asked.duration, asked.seeds) for name in ENGINES},
+            "comparison": {
+                name: compared(name, asked.out, asked.cells, asked.duration, asked.seeds) for name in ENGINES
+            },
             "paper": {name: published(name, asked.out) for name in ENGINES},
         }
         DATA.mkdir(exist_ok=True)
         for name, each in tables.items():
             both = joined(each)
+            both["duration_s"] = asked.duration if name == "comparison" else None
             both["reason"] = [
                 reason(row, asked.duration) if name == "comparison" and is_apart(row) else ""
                 for _, row in both.iterrows()

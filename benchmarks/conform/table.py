@@ -104,7 +104,7 @@ def notes(table: Sequence[Column], tick: str) -> list[str]:
         for kind, told in ((REFUSED, column.refusals), (FAILED, column.failures)):
             for reason in dict.fromkeys(told.values()):
                 names = dict.fromkeys(label.partition(",")[0] for label, why in told.items() if why == reason)
-                lines.append(f"  {kind}: {', '.join(names)}: {reason}")
+                lines.append(f"  {kind}: {', '.join(names)}: {reason}.")
     return lines
 
 
