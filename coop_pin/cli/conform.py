@@ -11,9 +11,6 @@ import tyro
 
 from coop_pin.base.errors import FieldError
 
-_FOLDER = Path(__file__).parents[2] / "benchmarks" / "conform"
-"""Cases and engines, in a checkout: other engines are no part of what one run needs."""
-
 
 def conform(
     engine: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME")] = (),
@@ -34,9 +31,23 @@ def conform(
     Raises:
         FieldError: coop_pin is installed without its checkout.
     """
-    if not _FOLDER.is_dir():
-        remedy = "git clone the repository, and in it: pip install -e '.[bench]'"
-        raise FieldError(f"is a benchmark, which only a checkout has; {remedy}", "conform")
+    folder = conform_folder(Path(__file__).parents[2])
     options = {"--engine": engine, "--case": case, "--page": () if page is None else (str(page),)}
     words = [word for option, values in options.items() if values for word in (option, *values)]
-    return subprocess.run([sys.executable, str(_FOLDER), *words], check=False).returncode
+    return subprocess.run([sys.executable, str(folder), *words], check=False).returncode
+
+
+def conform_folder(checkout: Path) -> Path:
+    """Return the folder of cases and engines: other engines are no part of what one run needs.
+
+    Args:
+        checkout: Folder of the repository, if coop_pin runs from one.
+
+    Raises:
+        FieldError: it is none.
+    """
+    folder = checkout / "benchmarks" / "conform"
+    if not folder.is_dir():
+        remedy = "git clone the repository, and in it: pip install -e '.[bench]'"
+        raise FieldError(f"is a benchmark, which only a checkout has; {remedy}", "conform")
+    return folder

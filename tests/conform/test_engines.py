@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from coop_pin.cli import conform as command
+from coop_pin.base.errors import FieldError
 from coop_pin.cli import main
+from coop_pin.cli.conform import conform_folder
 
 REPOSITORY = Path(__file__).parents[2]
 CONFORM = REPOSITORY / "benchmarks" / "conform"
@@ -108,10 +109,10 @@ def test_an_engine_that_is_not_installed_is_a_column_of_dashes(tmp_path, capfd):
     assert lines[-1] == "- absent: not installed."
 
 
-def test_without_a_checkout_the_command_says_what_it_needs(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(sys.modules[command.__module__], "_FOLDER", tmp_path / "none")
-    assert main(["conform"]) == 2
-    assert "checkout" in capsys.readouterr().err
+def test_without_a_checkout_the_command_says_what_it_needs(tmp_path):
+    assert conform_folder(REPOSITORY) == CONFORM
+    with pytest.raises(FieldError, match="checkout"):
+        conform_folder(tmp_path)
 
 
 def part(title: str, parts: str) -> str:
