@@ -68,7 +68,8 @@ def published(engine: str, out: Path) -> pd.DataFrame:
 def joined(tables: dict[str, pd.DataFrame]) -> pd.DataFrame:
     """Return a row for each scenario, law and trial, with the measures of both engines and what is apart."""
     first, second = (tables[engine].set_index(KEY) for engine in ENGINES)
-    both = first.join(second, rsuffix="_mujoco").reset_index()
+    suffixes = ("", "_mujoco")
+    both = first.merge(second, left_index=True, right_index=True, suffixes=suffixes).reset_index()
     for name in MEASURES.values():
         values = both[[name, f"{name}_mujoco"]].to_numpy(float)
         with np.errstate(invalid="ignore"):
@@ -150,7 +151,7 @@ def summary(both: pd.DataFrame) -> str:
         ", ".join(f"`{name}`" for name in dict.fromkeys(both["scenario"])),
         set(both["duration_s"]),
     )
-    length = f"of {lengths.pop()} s" if all(lengths) else "of their scenarios' own length"
+    length = f"of {lengths.pop():g} s" if all(lengths) else "of their scenarios' own length"
     lines = [f"- {cells}: {int(both['runs'].sum())} runs on each engine, {length}."]
     for name in MEASURES.values():
         parts = (both[f"{name}_apart"] / both[name]).replace([np.inf], np.nan)
