@@ -86,18 +86,22 @@ class Mine:
     [("case.wrenches", "12+ / 12+", 0), ("case.wrenches * np.nan", "0 / 0", 0), ("1 / 0", "failed", 1)],
 )
 def test_an_engine_of_ones_own_is_a_file_a_folder_or_a_class(answer, cell, code, tmp_path, conform_modules):
-    (tmp_path / "mine.py").write_text(MINE.format(answer))
+    (tmp_path / "engine_of_ones_own.py").write_text(MINE.format(answer))
     table, cases = conform_modules["table"], conform_modules["cases"].all_cases()[:2]
     sys.path.insert(0, str(tmp_path))
     try:
-        for words in ([str(tmp_path / "mine.py")], [str(tmp_path)], ["mine:Mine"]):
+        for words in (
+            [str(tmp_path / "engine_of_ones_own.py")],
+            [str(tmp_path)],
+            ["engine_of_ones_own:Mine"],
+        ):
             (column,) = table.columns(words, cases)
             assert list(column.cells.values()) == ["refused", cell]
             assert bool(column.failures) == bool(code)
             assert "no plane" in table.text([column], cases)
     finally:
         sys.path.remove(str(tmp_path))
-        del sys.modules["mine"]
+        del sys.modules["engine_of_ones_own"]
 
 
 def test_an_engine_that_is_not_installed_is_a_column_of_dashes(tmp_path, capfd):

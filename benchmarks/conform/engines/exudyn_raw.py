@@ -28,14 +28,13 @@ class Exudyn:
         payload = self.body(mbs, case, case.mass, case.inertia, np.zeros(3))
         for hand in case.hands:
             bodies.append(body := self.body(mbs, case, hand.mass, hand.inertia, hand.tip))
-            marker = mbs.AddMarker(MarkerBodyRigid(bodyNumber=body, localPosition=[0.0, 0.0, 0.0]))
             u = [value if axis in hand.guides else 0.0 for axis, value in enumerate(hand.drive)]
-            mbs.AddLoad(LoadForceVector(markerNumber=marker, loadVector=u[:3]))
-            mbs.AddLoad(LoadTorqueVector(markerNumber=marker, loadVector=u[3:]))
+            marker = mbs.AddMarker(MarkerBodyRigid(bodyNumber=body))
+            for kind, load in ((LoadForceVector, u[:3]), (LoadTorqueVector, u[3:])):
+                mbs.AddLoad(kind(markerNumber=marker, loadVector=load))
             tip, origin = list(hand.tip), [0.0, 0.0, 0.0]
             joint = {"position": tip, "useGlobalFrame": True, "show": False}
-            standing = [int(axis not in hand.guides) for axis in range(6)]
-            if any(standing):
+            if any(standing := [int(axis not in hand.guides) for axis in range(6)]):
                 mbs.CreateGenericJoint(itemNumbers=[ground, body], constrainedAxes=standing, **joint)
             if np.any(hand.stiffness):
                 at = {"itemNumbers": [ground, body], "localPosition0": tip, "localPosition1": origin}
@@ -69,14 +68,12 @@ class Exudyn:
         return np.array(wrenches)
 
     def turn(self, mbs: exu.MainSystem, body: object) -> np.ndarray:
-        return np.reshape(
-            mbs.GetObjectOutputBody(body, exu.OutputVariableType.RotationMatrix, [0, 0, 0]), (3, 3)
-        )
+        kind = exu.OutputVariableType.RotationMatrix
+        return np.reshape(mbs.GetObjectOutputBody(body, kind, [0, 0, 0]), (3, 3))
 
     def body(self, mbs: exu.MainSystem, case: Case, mass: float, inertia: object, tip: object) -> object:
         omega = np.array((0.0, 0.0, case.spin))
         velocity, inertia = np.cross(omega, tip), RigidBodyInertia(mass, np.diag(inertia))
         start = {"initialVelocity": list(velocity), "initialAngularVelocity": list(omega)}
-        return mbs.CreateRigidBody(
-            inertia=inertia, referencePosition=list(tip), gravity=list(case.gravity), **start
-        )
+        start |= {"referencePosition": list(tip), "gravity": list(case.gravity)}
+        return mbs.CreateRigidBody(inertia=inertia, **start)
