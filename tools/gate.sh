@@ -15,7 +15,7 @@ stage() {
     "$VENV_PYTHON" -m "$@" </dev/null
 }
 
-setup_environment test,docs,bench
+setup_environment test,docs
 setup_browser
 stage "format" ruff format --check .
 stage "lint" ruff check .

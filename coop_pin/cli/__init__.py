@@ -4,8 +4,8 @@ Open first: ``parsing`` (all commands), ``run`` (``coop-pin run``; its folder is
 ``overrides`` (fields of a scenario as typed).
 
 - Commands: ``check``, ``blame``, ``inspect`` (list, show, suggest, new), ``root_locus``, ``export``,
-  ``sweep`` (also ``tune``, and options of commands with many runs), ``compare``, ``view``; ``field_list`` is
-  what ``fields`` prints.
+  ``sweep`` (also ``tune``, and options of commands with many runs), ``compare``, ``conform``, ``view``;
+  ``field_list`` is what ``fields`` prints.
 - ``exit_codes`` lists how a command ends; ``terminal`` wraps lines and tells what goes on.
 
 What is slow to load is imported in the command that needs it.

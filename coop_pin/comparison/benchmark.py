@@ -266,6 +266,7 @@ def _cells(part: _Part, result: SweepResult) -> pd.DataFrame:
     )
     values: dict[str, Any] = {
         **pd.DataFrame([part.labels[controller] for controller, _ in part.cells]).to_dict("list"),
+        "engine": part.plan.engine,
         "runs": finished.shape[1],
         "finished": finished.sum(axis=1),
         "sound": sound.sum(axis=1),

@@ -28,7 +28,7 @@ _RESAMPLES = 1000
 _VERDICTS = ("sound", "kept")
 """Numbers of good verdicts; NaN in a table of runs that had none."""
 _COUNTS = ("runs", "finished", DROPPED, "merged")
-_TEXTS = (*CELL, "information", "gains", "failure")
+_TEXTS = (*CELL, "information", "gains", "engine", "failure")
 _BYTES = 1 << 28
 """Largest table that is read."""
 
@@ -41,9 +41,9 @@ class Comparison:
             ``<measure>_high``, the bootstrap interval of the median at 95 %; numbers of ``runs``, of those
             ``finished``, of ``sound`` simulations, of tasks ``kept``, ``dropped`` those that lost a payload
             held by friction, ``merged`` those taken over from other folders; ``information`` is what the law
-            has besides its own arm's joints, ``gains`` is "tuned", "untuned" or "given", ``failure`` the
-            first failed run's error; dimensions scenario, controller, trial. A failed run has the measure
-            inf, a cell that was not run nan.
+            has besides its own arm's joints, ``gains`` is "tuned", "untuned" or "given", ``engine`` what
+            computed the runs, ``failure`` the first failed run's error; dimensions scenario, controller,
+            trial. A failed run has the measure inf, a cell that was not run nan.
         folder: folder of the runs; None if there is only the table.
     """
 
@@ -69,7 +69,8 @@ class Comparison:
         content = read_user_file(file, limit=_BYTES, kind="the table of a comparison")
         try:
             cells = pd.read_csv(io.BytesIO(content), keep_default_na=False, dtype=dict.fromkeys(_TEXTS, str))
-            cells = cells.assign(**{name: np.nan for name in _VERDICTS if name not in cells})
+            absent = {"engine": "", **dict.fromkeys(_VERDICTS, np.nan)}
+            cells = cells.assign(**{name: value for name, value in absent.items() if name not in cells})
             cells = cells.astype(dict.fromkeys((*_COUNTS, *_VERDICTS, *COLUMNS), float))
             return cls.of_cells(cells.set_index(list(CELL)), folder)
         except (KeyError, ValueError) as error:
@@ -121,6 +122,7 @@ class Comparison:
         command = "coop-pin compare {scenario} --controllers {controller} --trials {trial}"
         if self.folder is not None:
             command = f'coop-pin compare --out "{self.folder.as_posix()}" --replay {{cells}}'
+        several = {"merged": table["merged"].any(), "engine": table["engine"].nunique() > 1}
         first = {name: text for name, text in COLUMNS.items() if name in _FORCES}  # what the motion hides
         squeezes = self._wanted(table["scenario"].unique())
         write_heat_map(
@@ -132,8 +134,8 @@ class Comparison:
             measures=first | COLUMNS,
             forces=_FORCES,
             squeezes=[squeezes.get(tuple(cell), np.nan) for cell in table[list(CELL)].to_numpy()],
-            filters=["information", *(["merged"] if table["merged"].any() else [])],
-            notes=("gains", *_COUNTS, *_VERDICTS),
+            filters=["information", *(name for name, is_told in several.items() if is_told)],
+            notes=("gains", "engine", *_COUNTS, *_VERDICTS),
             command=command,
         )
 

@@ -333,10 +333,28 @@ RIGID = (
 )
 
 
+def test_noise_delay_and_servo_have_the_same_draws():
+    """Another seed is another run; another engine is not."""
+    late = {"sensors.wrist.delay": 2, "sensors.encoder.noise": 1e-5, "duration": 0.2, "seed": 3}
+    scenario = cp.Scenario.load("two-ur5-admittance", late)
+    ours, theirs = (cp.run(scenario, engine=engine, warn=False) for engine in ("pinocchio", "mujoco"))
+    other = cp.run(scenario.replace(seed=4), warn=False)
+    apart, seeds = differences(ours, theirs), differences(ours, other)
+    assert apart["position"] < 2e-6
+    assert apart["force"] < 1e-2
+    for name in ("position", "force"):
+        assert apart[name] < 0.02 * seeds[name]
+
+
+FINER = {"adept-paper": {"clock.steps_per_tick": 10}}
+"""Twice the steps where a sign in the law turns 1e-8 m into another instant of switching."""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RIGID)
 def test_every_rigid_scenario_of_the_catalogue_moves_as_on_pinocchio(name):
-    ours, theirs = (cp.run(name, engine=engine, warn=False) for engine in ("pinocchio", "mujoco"))
+    scenario = cp.Scenario.load(name, FINER.get(name, {}))
+    ours, theirs = (cp.run(scenario, engine=engine, warn=False) for engine in ("pinocchio", "mujoco"))
     apart = differences(ours, theirs)
     assert apart["position"] < 1e-6
     assert apart["orientation"] < 2e-6

@@ -1,0 +1,229 @@
+"""The comparison and the paper's experiment on both engines: medians side by side, and why they differ.
+
+Runs what is missing in out/studies/both_engines, and writes the tables in studies/both_engines/, the blocks
+of docs/studies/engines.md, and in the folder of the runs comparison.html, the explorer with both engines. A
+trial that MuJoCo's plant does not have (palms) is left out.
+
+Usage: python studies/both_engines.py [--cells NAME ...] [--duration SECONDS] [--seeds N] [--only ENGINE]
+    [--out FOLDER] [--draw]
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from pages import markdown, write_block
+from paper_claims import METRIC, plans
+
+import coop_pin as cp
+from coop_pin.comparison import Comparison, benchmark_scenario, controllers_for, standard_trials
+from coop_pin.comparison.measures import measures
+from coop_pin.comparison.trials import changes_of
+
+HERE = Path(__file__).parent
+DATA = HERE / "both_engines"
+PAGE = HERE.parent / "docs" / "studies" / "engines.md"
+ENGINES = {"auto": "Pinocchio", "mujoco": "MuJoCo"}
+"""Engines as asked for, and what computes the motion; "auto" has compiled code of the same dynamics."""
+CELLS = ("adept-anchored", "two-pandas-box", "three-ur5-plate")
+LAWS = ("printed", "zeroed-leaky", "anchored", "computed-torque")
+PAPER = ("printed, α = 0.002", "printed, α = 0.2", "zeroed leaky", "anchored")
+MEASURES = {"tracking_rms_mm": "tracking", "axial_rms_N": "force"}
+PAPER_MEASURES = {"position_mm": "tracking", "force_N": "force"}
+KEY = ["scenario", "law", "trial"]
+ALIKE, FLOORS = 0.01, {"tracking": 1e-4, "force": 1e-3}
+"""Part by which medians may differ without a reason, and smallest difference that has one, mm and N."""
+PATCHED = "held by palms"
+
+
+def compared(engine: str, out: Path, cells: list[str], duration: float | None, seeds: int) -> pd.DataFrame:
+    """Return the medians of the comparison on an engine: a row for each scenario, law and trial."""
+    bases = [benchmark_scenario(cp.Scenario.load(cell)) for cell in cells]
+    known = {name: None for base in bases for name in standard_trials(base) if name != PATCHED}
+    execution = cp.Execution(workers=0, engine=engine, quiet=True)
+    options: dict[str, Any] = {"duration": duration, "seeds": seeds, "execution": execution}
+    table = cp.compare(cells, list(LAWS), list(known), out=out / engine, **options).table.reset_index()
+    names = {"controller": "law"} | MEASURES
+    return table.rename(columns=names)[[*KEY, *MEASURES.values(), "runs", "finished"]]
+
+
+def published(engine: str, out: Path) -> pd.DataFrame:
+    """Return the paper's experiment on an engine, in the same form."""
+    plan = plans()["laws"]
+    cases = {name: case for name, case in plan.cases["run"].items() if name.split(" | ")[0] in PAPER}
+    plan = cp.SweepPlan(base=plan.base["adept-paper"], cases={"run": cases}, metrics=(METRIC,))
+    execution = cp.Execution(workers=0, engine=engine, quiet=True)
+    table = cp.sweep(plan, out=out / f"paper-{engine}", execution=execution).table
+    table[["law", "trial"]] = table["run"].str.split(" | ", regex=False, expand=True)
+    ran = table.rename(columns=PAPER_MEASURES).assign(scenario="adept-paper", runs=1)
+    return ran.assign(finished=(ran["status"] == "ok").astype(int))[
+        [*KEY, *MEASURES.values(), "runs", "finished"]
+    ]
+
+
+def joined(tables: dict[str, pd.DataFrame]) -> pd.DataFrame:
+    """Return a row for each scenario, law and trial, with the measures of both engines and what is apart."""
+    first, second = (tables[engine].set_index(KEY) for engine in ENGINES)
+    suffixes = ("", "_mujoco")
+    both = first.merge(second, left_index=True, right_index=True, suffixes=suffixes).reset_index()
+    for name in MEASURES.values():
+        values = both[[name, f"{name}_mujoco"]].to_numpy(float)
+        with np.errstate(invalid="ignore"):
+            apart = np.abs(values[:, 0] - values[:, 1])
+        both[f"{name}_apart"] = np.where(np.isinf(values).all(axis=1), 0.0, apart)
+    return both
+
+
+def is_apart(row: pd.Series) -> bool:
+    """Return whether a median differs by more than it may without a reason."""
+    return any(
+        not row[f"{name}_apart"] <= max(ALIKE * row[name], FLOORS[name])  # NaN and inf, too
+        for name in MEASURES.values()
+    )
+
+
+def reason(row: pd.Series, duration: float | None) -> str:
+    """Return what makes a place differ: both engines again with half the step, softer welds, no friction.
+
+    A difference that halves with the step is the step's; one that doubles with twice the time constant of the
+    welds is the welds'; one that goes without friction is the friction's.
+    """
+    base = benchmark_scenario(cp.Scenario.load(row["scenario"]), duration)
+    law = controllers_for(cp.Scenario.load(row["scenario"]), [row["law"]])[row["law"]]
+    scenario = base.override(changes_of(base, standard_trials(base)[row["trial"]], law))
+    arms = {f"cell.arms.{name}.friction": "none" for name in scenario.cell.arms}
+    changes = {
+        "as is": {},
+        "step": {"clock.steps_per_tick": 2 * scenario.clock.steps_per_tick},
+        "weld": {"plant.mujoco.time_constant": 2.0 * scenario.plant.mujoco.time_constant},
+        "friction": arms,
+    }
+    apart = {}
+    for name, fields in changes.items():
+        runs = [
+            cp.run(scenario.override(fields), engine=each, warn=False) for each in ("pinocchio", "mujoco")
+        ]
+        values = [measures(run) for run in runs]
+        apart[name] = max(
+            abs(values[0][measure] - values[1][measure]) / max(values[0][measure], 1e-12)
+            for measure in MEASURES
+        )
+    ratios = ", ".join(f"{name} {apart[name] / apart['as is']:.2g}" for name in list(changes)[1:])
+    found = {
+        "step": apart["step"] < 0.7 * apart["as is"],
+        "weld": apart["weld"] > 1.4 * apart["as is"],
+        "friction": apart["friction"] < 0.3 * apart["as is"],
+    }
+    return f"{' and '.join(name for name, holds in found.items() if holds) or 'none of them'} ({ratios})"
+
+
+def side_by_side(both: pd.DataFrame) -> str:
+    """Return trials by laws with both engines' medians, tracking in mm and axial force in N."""
+    laws = list(dict.fromkeys(both["law"]))
+    rows = []
+    for (scenario, trial), part in both.groupby(["scenario", "trial"], sort=False):
+        cells = part.set_index("law")
+        rows.append((f"`{scenario}`", str(trial), *(_cell(cells.loc[law]) for law in laws)))
+    return markdown(("scenario", "trial", *(f"`{law}`" for law in laws)), rows)
+
+
+def _cell(row: pd.Series) -> str:
+    """Return "tracking / force" of ours; MuJoCo's behind an arrow where three digits are not the same."""
+    ours, others = (
+        " / ".join(_rounded(row[f"{name}{suffix}"]) for name in MEASURES.values())
+        for suffix in ("", "_mujoco")
+    )
+    return ours if ours == others else f"{ours} → {others}"
+
+
+def _rounded(value: float) -> str:
+    return f"{float(f'{value:.3g}'):g}" if np.isfinite(value) else "failed"
+
+
+def summary(both: pd.DataFrame) -> str:
+    """Return how far medians are apart, and how often the order of the laws is the same."""
+    places = both.groupby(["scenario", "trial"], sort=False)
+    cells, lengths = (
+        ", ".join(f"`{name}`" for name in dict.fromkeys(both["scenario"])),
+        set(both["duration_s"]),
+    )
+    length = f"of {lengths.pop():g} s" if all(lengths) else "of their scenarios' own length"
+    lines = [f"- {cells}: {int(both['runs'].sum())} runs on each engine, {length}."]
+    for name in MEASURES.values():
+        parts = (both[f"{name}_apart"] / both[name]).replace([np.inf], np.nan)
+        same = [part[name].rank().tolist() == part[f"{name}_mujoco"].rank().tolist() for _, part in places]
+        lines.append(
+            f"- {name}: medians are apart by {parts.median():.1g} of the value, at most by {parts.max():.2g};"
+            f" the same order of the laws in {sum(same)} of {len(same)} places."
+        )
+    return "\n".join(lines)
+
+
+def blocks() -> dict[str, str]:
+    """Return the blocks of the page, from the tables."""
+    tables = {
+        name: pd.read_csv(DATA / f"{name}.csv", keep_default_na=False) for name in ("comparison", "paper")
+    }
+    shown = {name: f"{summary(both)}\n\n{side_by_side(both)}" for name, both in tables.items()}
+    rows = [
+        (*(str(row[key]) for key in KEY), _cell(row), row["reason"])
+        for _, row in tables["comparison"].query("reason != ''").iterrows()
+    ]
+    table = markdown((*KEY, "tracking, mm / force, N", "reason"), rows)
+    return shown | {"reasons": table if rows else "No median is apart by more than that."}
+
+
+def explorer(out: Path) -> None:
+    """Write the explorer of both engines."""
+    tables = []
+    for engine, name in ENGINES.items():
+        table = Comparison.load(out / engine).table.reset_index()
+        table["controller"] += "" if engine == "auto" else f", {name}"
+        tables.append(table)
+    both = pd.concat(tables).set_index(["scenario", "controller", "trial"])
+    Comparison.of_cells(both).write_html(out / "comparison.html")
+
+
+def main() -> None:
+    """Run what is missing, unless only told to draw, and write tables and blocks."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--duration", type=float, help="of every run, s; the scenarios' own when omitted")
+    parser.add_argument("--cells", nargs="+", default=list(CELLS), help="cells of the comparison")
+    parser.add_argument("--seeds", type=int, default=5, help="of random trials")
+    parser.add_argument("--out", type=Path, default=Path("out") / "studies" / "both_engines")
+    parser.add_argument("--only", choices=list(ENGINES), help="run one engine, and write nothing")
+    parser.add_argument("--draw", action="store_true", help="only write the blocks, from the tables")
+    asked = parser.parse_args()
+    if asked.only:
+        compared(asked.only, asked.out, asked.cells, asked.duration, asked.seeds)
+        published(asked.only, asked.out)
+        return
+    if not asked.draw:
+        tables = {
+            "comparison": {
+                name: compared(name, asked.out, asked.cells, asked.duration, asked.seeds) for name in ENGINES
+            },
+            "paper": {name: published(name, asked.out) for name in ENGINES},
+        }
+        DATA.mkdir(exist_ok=True)
+        for name, each in tables.items():
+            both = joined(each)
+            both["duration_s"] = asked.duration if name == "comparison" else None
+            both["reason"] = [
+                reason(row, asked.duration) if name == "comparison" and is_apart(row) else ""
+                for _, row in both.iterrows()
+            ]
+            both.to_csv(DATA / f"{name}.csv", index=False, float_format="%.6g", lineterminator="\n")
+        explorer(asked.out)
+    for name, block in blocks().items():
+        write_block(PAGE, name, block)
+
+
+if __name__ == "__main__":
+    main()
