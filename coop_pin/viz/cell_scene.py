@@ -138,7 +138,10 @@ def _hand(samples: Samples, R: Array, p: Array, partners: Sequence[Partner]) -> 
 
     The deflection of the handle H from the point G is in axes of G: R_WG = R_WH exp(r)^T, p_G = p_H - R_WG p.
     """
-    time, deflection = samples["time"], samples.get("partner_deflection", np.zeros((len(p), 6)))
+    time, deflection = (
+        samples["time"],
+        np.nan_to_num(samples.get("partner_deflection", np.zeros((len(p), 6)))),
+    )
     poses, is_held = _poses(p, R), np.zeros(len(p), dtype=bool)
     for partner in partners:
         holds = (time >= partner.time) & (time <= partner.end)

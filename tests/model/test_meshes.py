@@ -120,7 +120,9 @@ def test_pinocchio_numbers_the_second_material_by_the_points_of_the_first(writte
 
 def arm_with(folder, mesh, material=""):
     visual = f'<visual><geometry><mesh filename="{mesh}"/></geometry>{material}</visual>'
-    inertial = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    inertial = (
+        '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
     path = folder / "arm.urdf"
     path.write_text(
         f'<robot name="r"><link name="l"/><link name="m">{visual}'
@@ -136,7 +138,9 @@ def arm_with(folder, mesh, material=""):
 def test_a_users_arm_is_drawn_in_the_colours_of_its_files_or_in_that_of_its_urdf(written, tmp_path):
     name = written(tmp_path).name
     (body,) = CellVisuals(arm_with(tmp_path, name), "free").bodies
-    assert_boxes([(visual.shape, visual.colour) for visual in body.visuals if "vertices" in dir(visual.shape)])
+    assert_boxes(
+        [(visual.shape, visual.colour) for visual in body.visuals if "vertices" in dir(visual.shape)]
+    )
     red = '<material name="red"><color rgba="1 0 0 1"/></material>'
     (body,) = CellVisuals(arm_with(tmp_path, name, red), "free").bodies
     whole = next(visual for visual in body.visuals if "vertices" in dir(visual.shape))

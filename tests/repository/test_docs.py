@@ -481,7 +481,7 @@ def test_a_site_of_one_page_builds_with_the_settings_of_all(tmp_path):
     pytest.importorskip("sphinx", reason="sphinx is not installed (extra 'docs')")
     docs = tmp_path / "repository" / "docs"
     docs.mkdir(parents=True)
-    for name in ("conf.py", "_site.py"):
+    for name in ("conf.py", "_site.py", "_replays.py"):
         shutil.copy(DOCS / name, docs)
     (docs / "_static").mkdir()
     shutil.copy(DOCS / "_static" / "site.css", docs / "_static")
