@@ -40,7 +40,7 @@ def benchmark_run(scenario: str, controller: str, trial: str) -> RunResult:
 
 
 def runs() -> dict[str, Callable[[], RunResult]]:
-    """Return what makes the run of each replay, by its file below the static files; the longest runs first."""
+    """Return what makes the run of each replay, by its file below the static files, long runs first."""
     first = ("pick-carry-place", "two-pandas-palms", "three-ur5-handover")
     names = (*first, *(name for name in scenario_names() if name not in first))
     table = {f"{REPLAYS}/{name}.html": partial(cp.run, name, warn=False) for name in names}

@@ -28,7 +28,7 @@ def quads(first):
 
 
 def wavefront(folder, library=MATERIALS):
-    """Two boxes of their own materials, of squares; the first corner of the second is the ninth of the file."""
+    """Two boxes of squares, each of a material; the first corner of the second is the ninth of the file."""
     text = "mtllib a.mtl\n"
     for name, edges in EDGES.items():
         signs = np.array([[k & 1, k >> 1 & 1, k >> 2] for k in range(8)]) - 0.5
