@@ -72,7 +72,7 @@ def gallery() -> str:
     figures = []
     for name in reversed(scenario_names()):
         text = html.escape(f"{cp.Scenario.load(name).summary}.".replace("..", "."))
-        image = f'<img src="_static/gallery/{name}.webp" alt="" loading="lazy" width="480" height="320">'
+        image = f'<img src="_static/gallery/{name}.webp" alt="replay of {name}" loading="lazy" width="480" height="320">'
         figures += [
             f'<figure id="{name}"><a href="_static/replays/{name}.html">{image}</a>',
             f"<figcaption>{text}<br><code>coop-pin run {name}</code></figcaption></figure>",
