@@ -123,10 +123,11 @@ class Comparison:
             command = f'coop-pin compare --out "{self.folder.as_posix()}" --replay {{cells}}'
         first = {name: text for name, text in COLUMNS.items() if name in _FORCES}  # what the motion hides
         squeezes = self._wanted(table["scenario"].unique())
+        tuned = ", each with gains tuned for its cell" * bool((table["gains"] == "tuned").all())
         write_heat_map(
             table,
             Path(path),
-            title=f"{self.data.sizes['controller']} controllers compared",
+            title=f"{self.data.sizes['controller']} controllers compared{tuned}",
             names=CELL,
             rivals=["controller"],
             measures=first | COLUMNS,

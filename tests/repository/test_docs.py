@@ -353,7 +353,7 @@ def test_the_controller_of_the_page_runs_as_a_file(scenario, tmp_path, monkeypat
 
 
 def sentences(text):
-    """Sentences of a page: without code, formulas, tables, markup, targets of links, emphasis and headings."""
+    """Sentences of a page: without code, formulas, tables, markup, targets of links and headings."""
     text = re.sub(r"```.*?```|\$\$.*?\$\$|<!--.*?-->", "", text, flags=re.DOTALL)
     text = re.sub(r"^(#|\||!\[|<).*$", "", text, flags=re.MULTILINE)
     text = re.sub(r"`[^`]*`|\$[^$]*\$", "x", re.sub(r"\]\([^)]*\)", "]", text))
