@@ -14,7 +14,7 @@ import coop_pin as cp
 from coop_pin import RunResult, Scenario, scenario_names
 from coop_pin.comparison import Comparison, benchmark_scenario, controllers_for, standard_trials
 from coop_pin.comparison.trials import changes_of
-from coop_pin.sweeps.heat_map import REPLAYS, replay_file
+from coop_pin.sweeps.heat_map import REPLAYS, replay_file, wanted_squeeze
 from coop_pin.viz import save_replay
 
 TELLING = (
@@ -67,8 +67,12 @@ def write_drafts(static: Path) -> None:
 
 def write_explorer(static: Path) -> None:
     """Write the explorer of the benchmark, after the replays that it links to."""
-    table = Path(__file__).parents[1] / "studies" / "benchmark.csv"
-    Comparison.load(table).write_html(static / "comparison.html")
+    found = Comparison.load(Path(__file__).parents[1] / "studies" / "benchmark.csv")
+    scenarios = {
+        str(name): benchmark_scenario(Scenario.load(str(name))) for name in found.data["scenario"].values
+    }
+    squeezes = {name: wanted_squeeze(scenario) for name, scenario in scenarios.items()}
+    found.write_html(static / "comparison.html", squeezes=squeezes)
 
 
 def main(static: Path, cache: Path) -> None:
