@@ -85,6 +85,47 @@ def _write_texts(app: Any, problem: Exception | None) -> None:
         file.write_text(f"const coopPinTexts = {json.dumps(texts)};\n", encoding="utf-8")
 
 
+_BACK = re.compile(r'(class="viewcode-back" href=")([^"#]+)#([^"]+)"')
+
+
+def mend_back_links(folder: Path) -> None:
+    """Lead the links from pages of source back to the anchors that there are.
+
+    Sphinx writes those of a module by the first name under which something of it is documented; others of it
+    are documented under other names.
+
+    Args:
+        folder: the built site.
+    """
+    ids: dict[Path, set[str]] = {}
+    for page in sorted((folder / "_modules").rglob("*.html")):
+
+        def mended(link: re.Match[str], page: Path = page) -> str:
+            target = (page.parent / link[2]).resolve()
+            if target not in ids:
+                ids[target] = set(re.findall(r'\bid="([^"]+)"', target.read_text(encoding="utf-8")))
+            return f'{link[1]}{link[2]}#{_anchor(link[3], ids[target])}"'
+
+        text = page.read_text(encoding="utf-8")
+        page.write_text(_BACK.sub(mended, text), encoding="utf-8")
+
+
+def _anchor(name: str, ids: set[str]) -> str:
+    """Return the anchor of a name, or else the shortest of those that share most of its end."""
+    parts = name.split(".")
+    for start in range(len(parts)):
+        ends = (".".join(parts[start:]), "." + ".".join(parts[start:]))
+        found = [one for one in ids if one == ends[0] or one.endswith(ends[1])]
+        if found:
+            return min(found, key=len)
+    return name
+
+
+def _mend_back_links(app: Any, problem: Exception | None) -> None:
+    if app.builder.format == "html" and problem is None:
+        mend_back_links(Path(app.outdir))
+
+
 def _search_scripts(app: Any, name: str, template: str, context: Any, page: Any) -> None:
     if name == "search":
         for file in ("search_texts.js", "offline_search.js"):
@@ -96,6 +137,7 @@ def setup(app: Any) -> dict[str, bool]:
     app.connect("builder-inited", _start_replays)
     app.connect("build-finished", _await_replays)
     app.connect("build-finished", _write_texts)
+    app.connect("build-finished", _mend_back_links)
     app.connect("html-page-context", _search_scripts)
     app.connect("autodoc-skip-member", _skip)
     app.connect("autodoc-process-signature", _signature)

@@ -513,6 +513,27 @@ def test_a_site_of_one_page_builds_with_the_settings_of_all(tmp_path):
     assert (tmp_path / "html" / "_static" / "replay.html").is_file()
 
 
+def test_pages_of_source_lead_back_to_anchors_that_there_are(tmp_path, monkeypatch):
+    """Also to names under which only others of their module are documented, and to their members."""
+    pytest.importorskip("sphinx", reason="sphinx is not installed (extra 'docs')")
+    monkeypatch.syspath_prepend(DOCS)
+    from _site import mend_back_links
+
+    (tmp_path / "_modules").mkdir()
+    back = '<a class="viewcode-back" href="../api.html#{}">[docs]</a>'
+    names = {
+        "coop_pin.one.Thing": "coop_pin.one.Thing",
+        "coop_pin.one.Other": "coop_pin.two.Other",
+        "coop_pin.one.Other.part": "coop_pin.two.Other.part",
+        "coop_pin.one.gone": "coop_pin.one.gone",
+    }
+    ids = ("coop_pin.one.Thing", "coop_pin.two.Other", "coop_pin.two.Other.part", "coop_pin.two.deep.AnOther")
+    (tmp_path / "api.html").write_text("".join(f'<dt id="{one}">' for one in ids))
+    (tmp_path / "_modules" / "m.html").write_text("".join(map(back.format, names)))
+    mend_back_links(tmp_path)
+    assert (tmp_path / "_modules" / "m.html").read_text() == "".join(map(back.format, names.values()))
+
+
 FROM_ELSEWHERE = r"""@import\s*(?:url\()?\s*['"]?(?:https?:)?//|url\(\s*['"]?(?:https?:)?//"""
 HOST = r"[\w-]+(\.[\w-]+)+(:\d+)?"
 
