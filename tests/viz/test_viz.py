@@ -60,7 +60,7 @@ from coop_pin.viz.page import page_scripts
 from coop_pin.viz.replay import run_names, shared_caption
 from coop_pin.viz.scene import TYPICAL_M, recorded_scales
 
-SCRIPTS = ("labels.js", "stage.js", "plots.js", "player.js")
+SCRIPTS = ("labels.js", "forces.js", "stage.js", "plots.js", "player.js")
 FLOAT32 = 3e-7
 """Frames are single precision: relative error of a number."""
 
