@@ -74,7 +74,8 @@ def gallery() -> str:
         text = html.escape(f"{cp.Scenario.load(name).summary}.".replace("..", "."))
         image = f'<img src="_static/gallery/{name}.webp" alt="replay of {name}" loading="lazy"'
         figures += [
-            f'<figure id="{name}"><a href="_static/replays/{name}.html">{image} width="480" height="320"></a>',
+            f'<figure id="{name}"><a href="_static/replays/{name}.html">',
+            f'{image} width="480" height="320"></a>',
             f"<figcaption>{text}<br><code>coop-pin run {name}</code></figcaption></figure>",
         ]
     return "\n".join(['<div class="loops">', *figures, "</div>"])

@@ -10,8 +10,7 @@ from test_sweep_result import filled
 from coop_pin.base.errors import FieldError, NameNotFoundError
 from coop_pin.cli import main
 from coop_pin.figures import pareto_figure, sweep_figure
-from coop_pin.figures.sweep_figures import apart
-from coop_pin.figures.sweep_figures import map_figure
+from coop_pin.figures.sweep_figures import apart, map_figure
 from coop_pin.sweeps.plan import SweepPlan
 
 GAIN, RATE, MASS = "controller.gains.sign_gain", "clock.rate_hz", "cell.payload.mass"
