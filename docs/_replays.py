@@ -67,12 +67,12 @@ def write_drafts(static: Path) -> None:
 
 def write_explorer(static: Path) -> None:
     """Write the explorer of the benchmark, after the replays that it links to."""
-    found = Comparison.load(Path(__file__).parents[1] / "studies" / "benchmark.csv")
+    comparison = Comparison.load(Path(__file__).parents[1] / "studies" / "benchmark.csv")
     scenarios = {
-        str(name): benchmark_scenario(Scenario.load(str(name))) for name in found.data["scenario"].values
+        str(name): benchmark_scenario(Scenario.load(str(name))) for name in comparison.data["scenario"].values
     }
     squeezes = {name: wanted_squeeze(scenario) for name, scenario in scenarios.items()}
-    found.write_html(static / "comparison.html", squeezes=squeezes)
+    comparison.write_html(static / "comparison.html", squeezes=squeezes)
 
 
 def main(static: Path, cache: Path) -> None:

@@ -115,9 +115,9 @@ def _anchor(name: str, ids: set[str]) -> str:
     parts = name.split(".")
     for start in range(len(parts)):
         ends = (".".join(parts[start:]), "." + ".".join(parts[start:]))
-        found = [one for one in ids if one == ends[0] or one.endswith(ends[1])]
-        if found:
-            return min(found, key=len)
+        anchors = [one for one in ids if one == ends[0] or one.endswith(ends[1])]
+        if anchors:
+            return min(anchors, key=len)
     return name
 
 
