@@ -650,6 +650,7 @@ def site(tmp_path_factory):
     copy = tmp_path_factory.mktemp("site")
     for folder in ("docs", "notebooks"):
         shutil.copytree(REPOSITORY / folder, copy / folder)
+    (copy / "studies").symlink_to(REPOSITORY / "studies")
     done = subprocess.run(
         [sys.executable, "-m", "sphinx", "-b", "html", "-q", str(copy / "docs"), str(copy / "html")],
         capture_output=True,
