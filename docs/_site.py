@@ -4,18 +4,17 @@
 import inspect
 import json
 import re
-import shutil
-from functools import partial
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
+import _replays
+from _replays import write_drafts, write_explorer
 from docutils import nodes
+from sphinx.errors import ExtensionError
 
-import coop_pin
-from coop_pin import Scenario, scenario_names
-from coop_pin.comparison import Comparison, benchmark_scenario, controllers_for, standard_trials
-from coop_pin.comparison.trials import changes_of
-from coop_pin.sweeps.heat_map import REPLAYS, replay_file
+from coop_pin.sweeps.heat_map import REPLAYS
 
 _NOT_OURS = {"model_config", "model_post_init", "model_fields", "model_computed_fields"}
 
@@ -48,51 +47,29 @@ def _constructor(app: Any, what: str, name: str, obj: Any, options: Any, lines: 
         lines += ["", *inspect.cleandoc(texts).splitlines(), ""]
 
 
-TELLING = (
-    *(("adept-anchored", law, "bias 1 mm") for law in ("printed", "zeroed-leaky", "anchored")),
-    *(
-        ("two-pandas-box", law, "bias 1 mm")
-        for law in ("printed", "computed-torque", "mean-pose", "anchored")
-    ),
-    *(("two-pandas-box", "anchored", trial) for trial in ("push", "torque of an arm lost")),
-    *(("three-ur5-plate", law, "bias 1 mm") for law in ("leader-follower", "anchored")),
-    ("panda-ur5-bar", "anchored", "wrist lost at half time"),
-)
-"""Cells of the comparison whose replays the site has: scenario, controller, trial."""
+def _start_replays(app: Any) -> None:
+    """Start the process that writes the replays while Sphinx reads and writes pages; drafts need none."""
+    static = Path(app.outdir) / "_static"
+    if app.builder.format != "html":
+        return
+    (static / REPLAYS).mkdir(parents=True, exist_ok=True)
+    if app.tags.has("draft"):
+        write_drafts(static)
+        write_explorer(static)
+        return
+    cache = Path(app.config.nb_execution_cache_path).parent / "replays"
+    app.replays = subprocess.Popen([sys.executable, _replays.__file__, str(static), str(cache)])
 
 
-def benchmark_run(scenario: str, controller: str, trial: str) -> coop_pin.RunResult:
-    """Return the run of a cell of the benchmark, with its stored gains."""
-    base = benchmark_scenario(Scenario.load(scenario))
-    law = controllers_for(base, [controller])[controller]
-    return coop_pin.run(base, changes_of(base, standard_trials(base)[trial], law), warn=False)
-
-
-def write_replays(folder: Path, *, is_draft: bool) -> None:
-    """Write the replay that a page embeds, those of the gallery, and the explorer with its own.
-
-    Args:
-        folder: static files of the site.
-        is_draft: one short replay stands for all, which take a third of the time of a site.
-    """
-    first, replays = folder / "replay.html", folder / REPLAYS
-    changes = {"duration": 0.1, "events": ()} if is_draft else {"duration": 12.0}
-    coop_pin.viz.save_replay(coop_pin.run("adept-paper", changes, warn=False), first)
-    replays.mkdir(parents=True, exist_ok=True)
-    shown = {f"{name}.html": partial(coop_pin.run, name, warn=False) for name in scenario_names()}
-    shown |= {replay_file([cell]): partial(benchmark_run, *cell) for cell in TELLING}
-    for name, run in shown.items():
-        if is_draft:
-            shutil.copy(first, replays / name)
-        else:
-            coop_pin.viz.save_replay(run(), replays / name)
-    table = Path(__file__).parents[1] / "studies" / "benchmark.csv"
-    Comparison.load(table).write_html(folder / "comparison.html")
-
-
-def _write_replays(app: Any) -> None:
-    if app.builder.format == "html":
-        write_replays(Path(app.outdir) / "_static", is_draft=app.tags.has("draft"))
+def _await_replays(app: Any, problem: Exception | None) -> None:
+    """Wait for the replays; a page without its replay fails the build."""
+    process = getattr(app, "replays", None)
+    if process is None:
+        return
+    if problem is not None:
+        process.terminate()
+    if process.wait() != 0 and problem is None:
+        raise ExtensionError("the replays could not be written: their messages are above")
 
 
 def _write_texts(app: Any, problem: Exception | None) -> None:
@@ -108,6 +85,47 @@ def _write_texts(app: Any, problem: Exception | None) -> None:
         file.write_text(f"const coopPinTexts = {json.dumps(texts)};\n", encoding="utf-8")
 
 
+_BACK = re.compile(r'(class="viewcode-back" href=")([^"#]+)#([^"]+)"')
+
+
+def mend_back_links(folder: Path) -> None:
+    """Lead the links from pages of source back to the anchors that there are.
+
+    Sphinx writes those of a module by the first name under which something of it is documented; others of it
+    are documented under other names.
+
+    Args:
+        folder: the built site.
+    """
+    ids: dict[Path, set[str]] = {}
+    for page in sorted((folder / "_modules").rglob("*.html")):
+
+        def mended(link: re.Match[str], page: Path = page) -> str:
+            target = (page.parent / link[2]).resolve()
+            if target not in ids:
+                ids[target] = set(re.findall(r'\bid="([^"]+)"', target.read_text(encoding="utf-8")))
+            return f'{link[1]}{link[2]}#{_anchor(link[3], ids[target])}"'
+
+        text = page.read_text(encoding="utf-8")
+        page.write_text(_BACK.sub(mended, text), encoding="utf-8")
+
+
+def _anchor(name: str, ids: set[str]) -> str:
+    """Return the anchor of a name, or else the shortest of those that share most of its end."""
+    parts = name.split(".")
+    for start in range(len(parts)):
+        ends = (".".join(parts[start:]), "." + ".".join(parts[start:]))
+        anchors = [one for one in ids if one == ends[0] or one.endswith(ends[1])]
+        if anchors:
+            return min(anchors, key=len)
+    return name
+
+
+def _mend_back_links(app: Any, problem: Exception | None) -> None:
+    if app.builder.format == "html" and problem is None:
+        mend_back_links(Path(app.outdir))
+
+
 def _search_scripts(app: Any, name: str, template: str, context: Any, page: Any) -> None:
     if name == "search":
         for file in ("search_texts.js", "offline_search.js"):
@@ -116,8 +134,10 @@ def _search_scripts(app: Any, name: str, template: str, context: Any, page: Any)
 
 def setup(app: Any) -> dict[str, bool]:
     """Register the callbacks with Sphinx."""
-    app.connect("builder-inited", _write_replays)
+    app.connect("builder-inited", _start_replays)
+    app.connect("build-finished", _await_replays)
     app.connect("build-finished", _write_texts)
+    app.connect("build-finished", _mend_back_links)
     app.connect("html-page-context", _search_scripts)
     app.connect("autodoc-skip-member", _skip)
     app.connect("autodoc-process-signature", _signature)

@@ -55,7 +55,7 @@ myst_heading_anchors = 3
 nb_execution_mode = "cache"
 # The cache compares the text of a notebook, not the package that it uses: each state of the package has a
 # cache of its own.
-nb_execution_cache_path = str(REPOSITORY / "out" / "docs-cache" / package_digest())
+nb_execution_cache_path = str(REPOSITORY / "out" / "docs-cache" / package_digest() / "notebooks")
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_execution_in_temp = True

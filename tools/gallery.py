@@ -1,8 +1,8 @@
-"""Draw the loops of the gallery, and write its table into the front page of the documentation.
+"""Draw the loops of the gallery, and write its page of the documentation.
 
     python tools/gallery.py                      # every cell of the catalogue, and the four laws
-    python tools/gallery.py two-pandas-box       # some of them; the table is always written
-    python tools/gallery.py --table              # the table alone
+    python tools/gallery.py two-pandas-box       # some of them; the page is always written
+    python tools/gallery.py --page               # the page alone
 
 A loop is a whole run in six seconds, drawn by a headless browser with the network off.
 """
@@ -10,6 +10,7 @@ A loop is a whole run in six seconds, drawn by a headless browser with the netwo
 from __future__ import annotations
 
 import argparse
+import html
 import io
 import sys
 from pathlib import Path
@@ -66,19 +67,18 @@ def save_loop(name: str, *runs: RunResult, names: tuple[str, ...] = (), width: i
     return file
 
 
-def gallery(images: str, replays: str) -> str:
-    """Return the table of the catalogue, robots of today first: sentence, command, links to loop and replay.
-
-    Args:
-        images: folder of the loops, as the page addresses it.
-        replays: folder of the replays likewise.
-    """
-    lines = ["| cell | command | |", "| --- | --- | --- |"]
+def gallery() -> str:
+    """Return the loops of the catalogue, robots of today first, each a link to its replay on the site."""
+    figures = []
     for name in reversed(scenario_names()):
-        text = f"{cp.Scenario.load(name).summary}.".replace("..", ".")
-        links = f'<a href="{images}/{name}.webp">loop</a>, <a href="{replays}/{name}.html">replay</a>'
-        lines.append(f"| {text} | `coop-pin run {name}` | {links} |")
-    return "\n".join(lines)
+        text = html.escape(f"{cp.Scenario.load(name).summary}.".replace("..", "."))
+        image = f'<img src="_static/gallery/{name}.webp" alt="replay of {name}" loading="lazy"'
+        figures += [
+            f'<figure id="{name}"><a href="_static/replays/{name}.html">',
+            f'{image} width="480" height="320"></a>',
+            f"<figcaption>{text}<br><code>coop-pin run {name}</code></figcaption></figure>",
+        ]
+    return "\n".join(['<div class="loops">', *figures, "</div>"])
 
 
 def main() -> None:
@@ -87,16 +87,16 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("names", nargs="*", choices=[*scenario_names(), LAWS, []])
-    parser.add_argument("--table", action="store_true")
+    parser.add_argument("--page", action="store_true")
     options = parser.parse_args()
-    for name in () if options.table else options.names or (*scenario_names(), LAWS):
+    for name in () if options.page else options.names or (*scenario_names(), LAWS):
         if name == LAWS:
             runs = [cp.run(scenario, BIAS | changes) for scenario, changes in FOUR_LAWS.values()]
             file = save_loop(name, *runs, names=tuple(FOUR_LAWS), width=1280, height=760)
         else:
             file = save_loop(name, cp.run(name), width=480, height=320)
         print(f"{file.relative_to(REPOSITORY)}: {file.stat().st_size / 1e6:.2f} MB", flush=True)
-    write_block(REPOSITORY / "docs" / "index.md", "gallery", gallery("_static/gallery", "_static/replays"))
+    write_block(REPOSITORY / "docs" / "gallery.md", "loops", gallery())
 
 
 if __name__ == "__main__":

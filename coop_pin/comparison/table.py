@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -114,8 +114,14 @@ class Comparison:
         require_path("path", path)
         self.table.to_csv(path, float_format="%.9g", lineterminator="\n")
 
-    def write_html(self, path: str | Path) -> None:
-        """Write the table as one page that is explored: a heat map with filters, which loads nothing."""
+    def write_html(self, path: str | Path, *, squeezes: Mapping[str, float] | None = None) -> None:
+        """Write the table as one page that is explored: a heat map with filters, which loads nothing.
+
+        Args:
+            path: the page.
+            squeezes: desired internal force by scenario, N, of which errors of the force are shown as shares;
+                where it is omitted, and for others, that of the folder's runs.
+        """
         require_path("path", path)
         table = self.table.reset_index()
         table["unsound"], table["unkept"] = table["sound"] < table["runs"], table["kept"] < table["runs"]
@@ -124,16 +130,20 @@ class Comparison:
             command = f'coop-pin compare --out "{self.folder.as_posix()}" --replay {{cells}}'
         several = {"merged": table["merged"].any(), "engine": table["engine"].nunique() > 1}
         first = {name: text for name, text in COLUMNS.items() if name in _FORCES}  # what the motion hides
-        squeezes = self._wanted(table["scenario"].unique())
+        desired = self._wanted(table["scenario"].unique())
+        stated = squeezes or {}
+        tuned = ", each with gains tuned for its cell" * bool((table["gains"] == "tuned").all())
         write_heat_map(
             table,
             Path(path),
-            title=f"{self.data.sizes['controller']} controllers compared",
+            title=f"{self.data.sizes['controller']} controllers compared{tuned}",
             names=CELL,
             rivals=["controller"],
             measures=first | COLUMNS,
             forces=_FORCES,
-            squeezes=[squeezes.get(tuple(cell), np.nan) for cell in table[list(CELL)].to_numpy()],
+            squeezes=[
+                stated.get(cell[0], desired.get(tuple(cell), np.nan)) for cell in table[list(CELL)].to_numpy()
+            ],
             filters=["information", *(name for name, is_told in several.items() if is_told)],
             notes=("gains", "engine", *_COUNTS, *_VERDICTS),
             command=command,

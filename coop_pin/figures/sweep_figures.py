@@ -253,6 +253,23 @@ def sweep_figure(result: SweepResult, metric: str, over: str | None = None) -> F
     return lines_figure(table, over or max(fields, key=lambda name: table.sizes[name]))
 
 
+_LABEL_PT = np.array((16.0, 9.0))
+"""Room of a label, points."""
+
+
+def apart(points: Array) -> list[int]:
+    """Return the points that have room for a label: both ends, and then those whose boxes are free.
+
+    Args:
+        points: points of a front in its order, in points of the figure, shape (n, 2).
+    """
+    order, labelled = range(len(points)), list[int]()
+    for k in (*order[:1], *order[:0:-1][:1], *order[1:-1]):
+        if all((np.abs(points[k] - points[other]) >= _LABEL_PT).any() for other in labelled):
+            labelled.append(k)
+    return sorted(labelled)
+
+
 @typed
 def pareto_figure(result: SweepResult, metric_a: str, metric_b: str) -> Figure:
     """Return all runs by two metrics, for example tracking and internal force, with their Pareto front.
@@ -275,10 +292,11 @@ def pareto_figure(result: SweepResult, metric_a: str, metric_b: str) -> Figure:
     with plain_figure(5.4, 3.8) as (figure, panel):
         panel.plot(a[shown], b[shown], "o", label=f"{np.count_nonzero(shown)} runs", **dots)
         panel.step(edge[:, 0], edge[:, 1], where="post", label="front", **line)
-        for run, (x, y) in zip(front, edge, strict=True):
-            panel.annotate(f"{run.number}", (x, y), xytext=(4, 4), textcoords="offset points", fontsize=7.0)
         scale_to_metric(panel, "x", a[shown])
         scale_to_metric(panel, "y", b[shown])
+        for k in apart(panel.transData.transform(edge) * 72.0 / figure.dpi):
+            style: Any = {"xytext": (4, 4), "textcoords": "offset points", "fontsize": 7.0}
+            panel.annotate(f"{front[k].number}", edge[k], **style)
         panel.set_xlabel(as_written(measure_text(metric_a)))
         label(panel, "numbers at the front: runs of the sweep", as_written(measure_text(metric_b)))
         panel.legend(loc="best")

@@ -6,7 +6,7 @@ and the payload), ``inverse_kinematics`` (solution nearest to a posture, branche
 - ``pinocchio_model`` and ``mechanism_model``: trees from URDF, safe access to frames and joints.
 - ``cell_arm``: an arm of a cell with grasp and load share. ``transmission``: drives, joints and friction.
 - ``joint_limits``, ``joint_angles`` (continuous joints).
-- ``visuals``, ``geometry``, ``shapes``: what is drawn.
+- ``visuals``, ``geometry``, ``meshes`` (files of several colours), ``shapes``: what is drawn.
 
 Importing this package imports Pinocchio and checks its version. Packages that use Pinocchio import it first,
 so that a missing or unsuitable Pinocchio raises a helpful error.

@@ -1,4 +1,4 @@
-"""Visual geometry of a URDF, and a process that tries whether Pinocchio can read it.
+"""Visual geometry of a URDF, and a process that tries whether it can be read.
 
 Pinocchio's reader of meshes (Assimp) has no limits: some damaged files end its process, others take forever.
 The process runs this file through ``limited_process``.
@@ -6,16 +6,19 @@ The process runs this file through ``limited_process``.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import pinocchio as pin
 
 from coop_pin.base import limited_process
+from coop_pin.base.errors import FileReadError
 from coop_pin.description.urdf.find import UrdfFile
 from coop_pin.description.urdf.meshes import meshes
 from coop_pin.description.urdf.xml import Element, read_document, text_of
+from coop_pin.model.meshes import SUFFIXES, MeshFile, coloured_meshes
 
 _MEMORY = 4 * 2**30
 _CPU_S, _BYTES_PER_S = 3, 5_000_000
@@ -23,8 +26,6 @@ _CPU_S, _BYTES_PER_S = 3, 5_000_000
 _PATIENCE_S = 120.0
 _MESHES = pin.coal.CachedMeshLoader(pin.coal.NODE_TYPE.BV_OBB)
 """Reads a file again only if it has changed, and builds the tree for collisions that costs least."""
-ColouredMesh: TypeAlias = tuple[Path, tuple[float, ...]]
-"""File of a mesh and its scale along x, y, z."""
 _UNREADABLE = ValueError, RuntimeError, MemoryError
 
 
@@ -65,7 +66,7 @@ def visual_geometry(model: pin.Model, text: str) -> tuple[list[Any], dict[str, s
 
 
 def can_be_read(text: str, size: int) -> bool:
-    """Return whether visual_geometry ends in a process with limits of time and memory.
+    """Return whether reading all meshes ends in a process with limits of time and memory.
 
     Args:
         text: the URDF, with the paths of its meshes.
@@ -85,30 +86,30 @@ def without_meshes(text: str) -> str:
     return text_of(robot)
 
 
-def without_coloured_meshes(text: str) -> tuple[str, dict[str, ColouredMesh]]:
-    """Return a URDF with points in place of COLLADA meshes that the URDF gives no material, and these meshes.
+def without_mesh_files(text: str) -> tuple[str, dict[str, MeshFile]]:
+    """Return a URDF with points in place of the meshes that ``model.meshes`` reads, and these meshes.
 
     Args:
         text: the URDF, with the paths of its meshes.
 
     Returns:
-        The URDF, and file and scale of the meshes by Pinocchio's names of their visuals.
+        The URDF, and the meshes by Pinocchio's names of their visuals.
     """
     robot = read_document(text.encode())
-    coloured: dict[str, ColouredMesh] = {}
+    files: dict[str, MeshFile] = {}
     for link in robot.iter("link"):
         for number, visual in enumerate(link.findall("visual")):
             mesh = visual.find("geometry/mesh[@filename]")
-            if mesh is None or visual.find("material") is not None:
+            if mesh is None:
                 continue
             path = Path(mesh.get("filename", ""))
-            if path.suffix.lower() == ".dae" and path.is_file():
+            if path.suffix.lower() in SUFFIXES and path.is_file():
                 scale = tuple(map(float, mesh.get("scale", "1 1 1").split()))
-                coloured[f"{link.get('name')}_{number}"] = path, scale
+                files[f"{link.get('name')}_{number}"] = MeshFile(path, scale, visual.find("material") is None)
                 mesh.tag = "sphere"
                 mesh.attrib.clear()
                 mesh.set("radius", "0")
-    return text_of(robot), coloured
+    return text_of(robot), files
 
 
 def _with_visuals_of(name: str, text: str) -> str:
@@ -132,7 +133,11 @@ def _build(model: pin.Model, text: str) -> list[Any]:
 
 
 def _try(text: str) -> bytes:
-    visual_geometry(pin.buildModelFromXML(text), text)
+    rest, files = without_mesh_files(text)
+    for path, scale, _ in files.values():
+        with contextlib.suppress(FileReadError):  # which drawings of the other links survive
+            coloured_meshes(path, scale)
+    visual_geometry(pin.buildModelFromXML(text), rest)
     return b""
 
 

@@ -4,34 +4,27 @@ from __future__ import annotations
 
 import itertools
 import warnings
-from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
-from functools import lru_cache
-from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from collections.abc import Collection, Hashable, Mapping, Sequence
+from typing import Any, NamedTuple
 
-import collada
 import numpy as np
 import pinocchio as pin
 
 from coop_pin.base.arrays import Array, as_array
-from coop_pin.base.errors import UrdfWarning
+from coop_pin.base.errors import FileReadError, UrdfWarning
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell
 from coop_pin.model.cell_model import CellModel, PayloadAttachment
 from coop_pin.model.geometry import (
-    ColouredMesh,
     can_be_read,
     visual_geometry,
     with_located_meshes,
-    without_coloured_meshes,
+    without_mesh_files,
     without_meshes,
 )
+from coop_pin.model.meshes import Colour, MeshFile, colour_of, coloured_meshes
 from coop_pin.model.pinocchio_model import UnreducedArm, joint_id, load_unreduced_arm
-from coop_pin.model.shapes import Mesh, Shape, half_extents, joined, shape_of
-
-Colour: TypeAlias = tuple[float, float, float, float]
-_GREY = (0.9, 0.9, 0.9, 1.0)
-"""Colour of meshes that have none, which is Pinocchio's, too."""
+from coop_pin.model.shapes import Shape, half_extents, joined, shape_of
 
 
 class Visual(NamedTuple):
@@ -131,7 +124,7 @@ def _visuals_by_joint(arm: Arm, without: Collection[str]) -> dict[str, tuple[Vis
     """
     whole = load_unreduced_arm(arm)
     model, geometry = whole.model, pin.GeometryModel()
-    parts, coloured = _geometries(whole, arm)
+    parts, files = _geometries(whole, arm)
     for part in parts:
         if not any(model.names[joint] in without for joint in model.supports[part.parentJoint]):
             geometry.addGeometryObject(part)
@@ -140,17 +133,24 @@ def _visuals_by_joint(arm: Arm, without: Collection[str]) -> dict[str, tuple[Vis
     visuals: dict[str, tuple[Visual, ...]] = {}
     for part in geometry.geometryObjects:
         pose, joint = np.array(part.placement.homogeneous), str(model.names[part.parentJoint])
-        drawn = (Visual(part.name, shape, pose, colour) for shape, colour in _pieces(part, arm, coloured))
+        drawn = (Visual(part.name, shape, pose, colour) for shape, colour in _pieces(part, arm, files))
         visuals[joint] = (*visuals.get(joint, ()), *drawn)
     return visuals
 
 
-def _pieces(part: Any, arm: Arm, coloured: Mapping[str, ColouredMesh]) -> Sequence[tuple[Shape, Colour]]:
+def _pieces(part: Any, arm: Arm, files: Mapping[str, MeshFile]) -> Sequence[tuple[Shape, Colour]]:
     """Return the shapes of a geometry object with their colours; none, with a warning, if it is not drawn."""
-    if part.name in coloured:
-        pieces = coloured_meshes(*coloured[part.name])
+    if part.name in files:
+        path, scale, is_coloured = files[part.name]
+        try:
+            pieces = coloured_meshes(path, scale)
+        except FileReadError as error:
+            _warn(arm.urdf, part.name, str(error))
+            return []
         if not pieces:
             _warn(arm.urdf, part.name, "the materials of its mesh cannot be read")
+        elif not is_coloured:
+            return [(joined([mesh for mesh, _ in pieces]), colour_of(part.meshColor))]
         return pieces
     shape = shape_of(part.geometry)
     if shape is None:
@@ -158,62 +158,27 @@ def _pieces(part: Any, arm: Arm, coloured: Mapping[str, ColouredMesh]) -> Sequen
     elif not np.isfinite(half_extents(shape)).all():
         _warn(arm.urdf, part.name, "its size is not finite")
     else:
-        return [(shape, _colour(part.meshColor))]
+        return [(shape, colour_of(part.meshColor))]
     return []
 
 
-@lru_cache(maxsize=256)
-def coloured_meshes(path: Path, scale: tuple[float, ...]) -> Sequence[tuple[Mesh, Colour]]:
-    """Return the pieces of a COLLADA file by their colours, which Pinocchio does not read.
-
-    Args:
-        path: the .dae file.
-        scale: factors of x, y, z.
-    """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PendingDeprecationWarning)  # pycollada uses numpy's matrices
-        scene = collada.Collada(str(path), ignore=[collada.common.DaeError]).scene
-        primitives = [primitive for part in scene.objects("geometry") for primitive in part.primitives()]
-        parts = [part.triangleset() if hasattr(part, "triangleset") else part for part in primitives]
-    pieces: dict[Colour, list[Mesh]] = {}
-    for triangles in parts:
-        if isinstance(triangles, collada.triangleset.BoundTriangleSet):
-            diffuse = triangles.material.effect.diffuse if triangles.material else None
-            flat = diffuse if isinstance(diffuse, tuple) else _GREY  # of a texture, or of none
-            colour = _colour(np.rint(np.multiply(flat, 255)) / 255)
-            used, faces = np.unique(triangles.vertex_index, return_inverse=True)
-            piece = Mesh(triangles.vertex[used] * np.array(scale), faces.reshape(-1, 3))
-            pieces.setdefault(colour, []).append(piece)
-    return [(joined(meshes), colour) for colour, meshes in pieces.items()]
-
-
-def _colour(shares: Iterable[float]) -> Colour:
-    red, green, blue, opacity = map(float, shares)
-    return red, green, blue, opacity
-
-
-def _geometries(whole: UnreducedArm, arm: Arm) -> tuple[list[Any], dict[str, ColouredMesh]]:
-    """Return Pinocchio's visual geometry objects that can be read, and meshes left to others.
-
-    Files of users are left to Pinocchio: the process that tries them tries its reader only.
-    """
-    file, coloured = arm.file, dict[str, ColouredMesh]()
-    text, files = with_located_meshes(whole.text, file)
-    if file.origin == "user":
-        if files and not can_be_read(text, sum(path.stat().st_size for path in files)):
-            names = ", ".join(sorted({path.name for path in files}))
-            _warn(
-                arm.urdf,
-                names,
-                "reading one of these meshes ends the process or takes too long or too much memory",
-            )
-            text = without_meshes(text)
-    else:
-        text, coloured = without_coloured_meshes(text)
+def _geometries(whole: UnreducedArm, arm: Arm) -> tuple[list[Any], dict[str, MeshFile]]:
+    """Return Pinocchio's visual geometry objects that can be read, and meshes that it does not read."""
+    text, paths = with_located_meshes(whole.text, arm.file)
+    size = sum(path.stat().st_size for path in paths)
+    if arm.file.origin == "user" and paths and not can_be_read(text, size):
+        names = ", ".join(sorted({path.name for path in paths}))
+        _warn(
+            arm.urdf,
+            names,
+            "reading one of these meshes ends the process or takes too long or too much memory",
+        )
+        text = without_meshes(text)
+    text, files = without_mesh_files(text)
     objects, problems = visual_geometry(whole.model, text)
     for link, problem in problems.items():
         _warn(arm.urdf, f"link {link!r}", problem)
-    return objects, coloured
+    return objects, files
 
 
 def _warn(urdf: str, what: str, why: str) -> None:

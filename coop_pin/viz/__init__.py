@@ -1,7 +1,7 @@
 """Views of runs in 3-D, with the forces drawn: replay, live view, images, videos, Jupyter panel, report.
 
-Open first: ``cell_scene`` (what is drawn of a cell and its contacts), ``web/stage.js`` (draws the arrows of
-forces), ``replay`` (a recorded run as one HTML file).
+Open first: ``cell_scene`` (what is drawn of a cell and its contacts), ``web/stage.js`` (draws it;
+``web/forces.js`` the arrows), ``replay`` (a recorded run as one HTML file).
 
 - Scene: ``scene`` (drawables, scales of arrows), ``camera``, ``frames`` (numbers of an instant).
 - Page: ``page``, ``curves`` (plots in time), ``highlights`` (worst instants).

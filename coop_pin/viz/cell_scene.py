@@ -138,10 +138,11 @@ def _hand(samples: Samples, R: Array, p: Array, partners: Sequence[Partner]) -> 
 
     The deflection of the handle H from the point G is in axes of G: R_WG = R_WH exp(r)^T, p_G = p_H - R_WG p.
     """
-    time, deflection = samples["time"], samples.get("partner_deflection", np.zeros((len(p), 6)))
+    time, none = samples["time"], np.zeros((len(p), 6))
+    deflection = np.nan_to_num(samples.get("partner_deflection", none))  # NaN in rows of no task
     poses, is_held = _poses(p, R), np.zeros(len(p), dtype=bool)
     for partner in partners:
-        holds = (time >= partner.time) & (time <= partner.end)
+        holds = (time >= partner.time) & (time < partner.end)
         X_PH, is_held = partner.handle.matrix, is_held | holds
         R_WG = R @ X_PH[:3, :3] @ np.swapaxes(np.stack([exp3(r) for r in deflection[:, 3:]]), 1, 2)
         p_G = p + R @ X_PH[:3, 3] - (R_WG @ deflection[:, :3, None])[..., 0]

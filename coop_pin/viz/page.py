@@ -145,7 +145,7 @@ def page_parts(
 
 def page_scripts() -> str:
     """Return the scripts that a page runs before its data are read."""
-    scripts = ("uplot/uPlot.iife.min.js", "labels.js", "stage.js", "plots.js")
+    scripts = ("uplot/uPlot.iife.min.js", "labels.js", "forces.js", "stage.js", "plots.js")
     return "\n".join((_viewer_file("main.min.js"), *map(web_file, scripts)))
 
 

@@ -162,6 +162,14 @@ def test_the_page_replays_a_cell_from_the_folder_of_its_runs_if_there_is_one(fol
     assert ("--controllers {controller}" in page) == (folder is None)
 
 
+def test_the_page_of_a_table_alone_has_shares_of_the_squeezes_that_are_stated(tmp_path):
+    table = table_of(failure=["", "", ""])
+    table.write_html(tmp_path / "page.html")
+    assert '"wanted":[null,null,null]' in (tmp_path / "page.html").read_text()
+    table.write_html(tmp_path / "page.html", squeezes={"cell": 12.5, "other": 1.0})
+    assert '"wanted":[12.5,12.5,12.5]' in (tmp_path / "page.html").read_text()
+
+
 def test_gains_that_the_cell_sets_are_parts_of_its_own(scenario):
     K = np.broadcast_to(scenario.controller.gains.sliding_gain, scenario.cell.task_rows.size)
     names = ["printed", "leader-follower", "prescribed-performance", "anchored"]

@@ -50,7 +50,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
         {"control", "reference"},
         {"lxml", "pydantic", "tomli_w", "trimesh", "xacrodoc", "yourdfpy"},
     ),
-    "model": ({"description"}, {"collada", "mujoco", "pinocchio", "scipy"}),
+    "model": ({"description"}, {"collada", "mujoco", "pinocchio", "scipy", "trimesh"}),
     "chain": ({"description", "model", "tracing"}, {"pinocchio", "scipy"}),
     "results": ({"description"}, {"h5py", "pandas", "xarray"}),
     "grasps": ({"chain", "description", "model", "tracing"}, {"clarabel", "pinocchio", "scipy"}),

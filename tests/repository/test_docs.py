@@ -353,9 +353,9 @@ def test_the_controller_of_the_page_runs_as_a_file(scenario, tmp_path, monkeypat
 
 
 def sentences(text):
-    """Sentences of a page: without code, formulas, tables, links' targets, emphasis and headings."""
+    """Sentences of a page: without code, formulas, tables, markup, targets of links and headings."""
     text = re.sub(r"```.*?```|\$\$.*?\$\$|<!--.*?-->", "", text, flags=re.DOTALL)
-    text = re.sub(r"^(#|\||!\[).*$", "", text, flags=re.MULTILINE)
+    text = re.sub(r"^(#|\||!\[|<).*$", "", text, flags=re.MULTILINE)
     text = re.sub(r"`[^`]*`|\$[^$]*\$", "x", re.sub(r"\]\([^)]*\)", "]", text))
     for paragraph in re.split(r"\n\s*\n|\n\s*(?:-|\d+\.) ", text):
         yield from re.split(r"(?<=[.?!])\s+", " ".join(paragraph.replace("*", "").split()))
@@ -388,6 +388,24 @@ def test_sentences_have_at_most_35_words(page):
         for sentence in sentences(page.read_text(encoding="utf-8"))
     }
     assert {sentence: length for sentence, length in lengths.items() if length > 35} == {}
+
+
+MOST_WORDS = 28_000
+
+
+def prose(text):
+    """Words of a page outside code, formulas and targets of links."""
+    text = re.sub(r"```.*?```|\$\$.*?\$\$|<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r"`[^`]*`|\$[^$]*\$", "", re.sub(r"\]\([^)]*\)", "]", text))
+    return [word for word in text.split() if re.search(r"[A-Za-z]{2}|\d", word)]
+
+
+def test_explanations_and_how_to_pages_are_short():
+    """Formulas and code, a third of what ``wc -w`` counts, are not read as words."""
+    pages = [page for folder in ("concepts", "howto") for page in (DOCS / folder).glob("*.md")]
+    assert sum(len(prose(page.read_text(encoding="utf-8"))) for page in pages) <= MOST_WORDS
+    shown = "Two [arms](a-b.md#c) hold `one bar` of $2$ kg:\n\n$$x y z$$\n\n```sh\nno word\n```\n| 3 N |"
+    assert prose(shown) == ["Two", "[arms]", "hold", "of", "kg:", "3"]
 
 
 def test_a_release_has_at_most_60_lines_in_the_changelog():
@@ -481,7 +499,7 @@ def test_a_site_of_one_page_builds_with_the_settings_of_all(tmp_path):
     pytest.importorskip("sphinx", reason="sphinx is not installed (extra 'docs')")
     docs = tmp_path / "repository" / "docs"
     docs.mkdir(parents=True)
-    for name in ("conf.py", "_site.py"):
+    for name in ("conf.py", "_site.py", "_replays.py"):
         shutil.copy(DOCS / name, docs)
     (docs / "_static").mkdir()
     shutil.copy(DOCS / "_static" / "site.css", docs / "_static")
@@ -493,6 +511,27 @@ def test_a_site_of_one_page_builds_with_the_settings_of_all(tmp_path):
     assert "coop_pin.squeezes.ConstantSqueeze" in page.ids
     assert [target for target in page.loaded if urlparse(target).netloc] == []
     assert (tmp_path / "html" / "_static" / "replay.html").is_file()
+
+
+def test_pages_of_source_lead_back_to_anchors_that_there_are(tmp_path, monkeypatch):
+    """Also to names under which only others of their module are documented, and to their members."""
+    pytest.importorskip("sphinx", reason="sphinx is not installed (extra 'docs')")
+    monkeypatch.syspath_prepend(DOCS)
+    from _site import mend_back_links
+
+    (tmp_path / "_modules").mkdir()
+    back = '<a class="viewcode-back" href="../api.html#{}">[docs]</a>'
+    names = {
+        "coop_pin.one.Thing": "coop_pin.one.Thing",
+        "coop_pin.one.Other": "coop_pin.two.Other",
+        "coop_pin.one.Other.part": "coop_pin.two.Other.part",
+        "coop_pin.one.gone": "coop_pin.one.gone",
+    }
+    ids = ("coop_pin.one.Thing", "coop_pin.two.Other", "coop_pin.two.Other.part", "coop_pin.two.deep.AnOther")
+    (tmp_path / "api.html").write_text("".join(f'<dt id="{one}">' for one in ids))
+    (tmp_path / "_modules" / "m.html").write_text("".join(map(back.format, names)))
+    mend_back_links(tmp_path)
+    assert (tmp_path / "_modules" / "m.html").read_text() == "".join(map(back.format, names.values()))
 
 
 FROM_ELSEWHERE = r"""@import\s*(?:url\()?\s*['"]?(?:https?:)?//|url\(\s*['"]?(?:https?:)?//"""

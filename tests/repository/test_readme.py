@@ -2,6 +2,7 @@
 
 import functools
 import re
+import runpy
 import shlex
 import subprocess
 import sys
@@ -168,8 +169,10 @@ def test_importing_the_package_and_asking_for_help_load_nothing_heavy():
 def test_python_in_the_readme_runs(tmp_path, monkeypatch):
     """All blocks one after the other, as somebody who pastes them."""
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "pasted.py").write_text("\n".join(blocks("python")), encoding="utf-8")
     with matplotlib.rc_context({"backend": "Agg"}):
-        exec(compile("\n".join(blocks("python")), "README.md", "exec"), {"__name__": "__main__"})
+        shown = runpy.run_path("pasted.py", run_name="__main__")
+    assert shown["mine"].simulation_sound
     plt.close("all")
     assert (tmp_path / "run.nc").is_file()
 

@@ -106,6 +106,15 @@ def test_the_site_is_built_with_warnings_as_errors(workshop):
     assert use(workshop, "docs.sh", fails="sphinx")[1].returncode != 0
 
 
+def test_the_workflow_publishes_what_the_tool_builds():
+    """One command, and the folder that it writes."""
+    workflow = (REPOSITORY / ".github" / "workflows" / "pages.yml").read_text(encoding="utf-8")
+    commands = re.findall(r"^ +- run: (.*)$", workflow, re.MULTILINE)
+    assert commands == ["bash tools/docs.sh"]
+    (folder,) = re.findall(r"upload-pages-artifact@v\d+\n +with:\n +path: (\S+)$", workflow, re.MULTILINE)
+    assert f" docs {folder} " in (REPOSITORY / "tools" / "docs.sh").read_text(encoding="utf-8")
+
+
 @pytest.mark.gate
 def test_the_papers_experiment_is_written_where_the_user_stands(workshop, tmp_path):
     elsewhere = tmp_path / "elsewhere"

@@ -10,7 +10,7 @@ from test_sweep_result import filled
 from coop_pin.base.errors import FieldError, NameNotFoundError
 from coop_pin.cli import main
 from coop_pin.figures import pareto_figure, sweep_figure
-from coop_pin.figures.sweep_figures import map_figure
+from coop_pin.figures.sweep_figures import apart, map_figure
 from coop_pin.sweeps.plan import SweepPlan
 
 GAIN, RATE, MASS = "controller.gains.sign_gain", "clock.rate_hz", "cell.payload.mass"
@@ -161,6 +161,14 @@ def test_the_front_is_that_of_the_sweep(grid):
     assert_allclose(front.get_xdata(), [place.metrics["g"] for place in places])
     assert_allclose(front.get_ydata(), [place.metrics[METRIC] for place in places])
     assert len(runs.get_xdata()) == grid.counts()["ok"]
+
+
+def test_labels_of_a_front_stand_apart():
+    """16 points sideways or 9 upwards; both ends have theirs."""
+    points = np.array([(0.0, 0.0), (5.0, 3.0), (17.0, 0.0), (20.0, 8.0), (20.0, 9.5), (100.0, 50.0)])
+    assert apart(points) == [0, 2, 4, 5]
+    assert apart(points[:2]) == [0]
+    assert (apart(points[:1]), apart(points[:0])) == ([0], [])
 
 
 def test_sweep_show_writes_both_kinds_of_figure(grid, tmp_path, capsys):

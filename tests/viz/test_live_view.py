@@ -204,6 +204,29 @@ def test_a_frame_has_the_wrenches_poses_and_curves_of_its_snapshot(scenario):
         )
 
 
+def test_the_hand_of_a_partner_is_at_the_point_that_it_moves_while_it_holds(scenario):
+    """Where the handle would be if the payload moved as the partner wants; before and after there is none."""
+    tilt = (0.0, 0.0, 0.5) if scenario.cell.rows == "planar" else (0.3, -0.2, 0.5)
+    start, handle = scenario.start, cp.Pose(xyz=(0.05, -0.08, 0.0), rpy=tilt)
+    motion = cp.motions.TurnMotion(pose=start, axis=(0, 0, 1), angle=0.05, duration=0.3)
+    partner = cp.events.Partner(
+        time=0.1, duration=0.2, motion=motion, handle=handle, stiffness=6 * (80.0,), damping=6 * (1.0,)
+    )
+    scenario = scenario.replace(events=(partner,))
+    scene, (seen, _) = LiveScene(initial_scene(scenario)), snapshots(scenario)
+    moved = 0.0
+    for snapshot in seen[:: len(seen) // 10]:
+        blocks, _ = unpacked(scene, scene.frame(snapshot))
+        pose = dict(zip(scene.frames.nodes, blocks["poses"].reshape(-1, 7), strict=True))["hand"]
+        holds = partner.time <= snapshot.time < partner.end
+        assert (blocks["warnings"][scene.frames.nodes.index("hand")] == 0) == holds  # else none is drawn
+        if holds:
+            X_WG = motion.at(snapshot.time).X_WP_d @ handle.matrix
+            assert_allclose(pose[:3], X_WG[:3, 3], atol=1e-6)
+            moved = max(moved, np.linalg.norm(pose[:3] - (snapshot.payload_pose @ handle.matrix)[:3, 3]))
+    assert moved > 1e-4
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", scenario_names())
 def test_a_view_draws_the_first_ticks_of_every_scenario(name):

@@ -36,7 +36,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.description.urdf import find_urdf
 from coop_pin.figures import palette
 from coop_pin.grasps.spring_damper import partner_state
-from coop_pin.model import geometry, visuals
+from coop_pin.model import geometry, meshes
 from coop_pin.model.pinocchio_model import load_unreduced_arm
 from coop_pin.model.shapes import Mesh, half_extents
 from coop_pin.model.visuals import CellVisuals
@@ -60,7 +60,7 @@ from coop_pin.viz.page import page_scripts
 from coop_pin.viz.replay import run_names, shared_caption
 from coop_pin.viz.scene import TYPICAL_M, recorded_scales
 
-SCRIPTS = ("labels.js", "stage.js", "plots.js", "player.js")
+SCRIPTS = ("labels.js", "forces.js", "stage.js", "plots.js", "player.js")
 FLOAT32 = 3e-7
 """Frames are single precision: relative error of a number."""
 
@@ -782,7 +782,7 @@ def test_the_pieces_of_a_link_have_its_bounds_and_the_colours_of_its_file() -> N
     located, _ = geometry.with_located_meshes(whole.text, arm.file)
     objects, _ = geometry.visual_geometry(whole.model, located)
     (link,) = (part for part in objects if part.name == "panda_link0_0")
-    pieces = visuals.coloured_meshes(Path(link.meshPath), tuple(link.meshScale.ravel()))
+    pieces = meshes.coloured_meshes(Path(link.meshPath), tuple(link.meshScale.ravel()))
     vertices, known = np.concatenate([mesh.vertices for mesh, _ in pieces]), link.geometry.vertices()
     assert_allclose(vertices.min(axis=0), known.min(axis=0), atol=1e-6)
     assert_allclose(vertices.max(axis=0), known.max(axis=0), atol=1e-6)
@@ -800,7 +800,7 @@ def test_the_pieces_of_a_link_have_its_bounds_and_the_colours_of_its_file() -> N
 def test_a_mesh_without_a_plain_colour_is_drawn_whole(file) -> None:
     folders = Arm(urdf="panda", tip="panda_hand_tcp").file.package_dirs
     (path,) = {one for folder in folders for one in folder.glob(f"**/{file}")}
-    vertices = np.concatenate([mesh.vertices for mesh, _ in visuals.coloured_meshes(path, (1.0, 1.0, 1.0))])
+    vertices = np.concatenate([mesh.vertices for mesh, _ in meshes.coloured_meshes(path, (1.0, 1.0, 1.0))])
     known = trimesh.load_scene(path, process=False).bounds
     assert_allclose((vertices.min(axis=0), vertices.max(axis=0)), known, atol=1e-6)
 

@@ -11,6 +11,7 @@ import numpy as np
 from coop_pin.base.arrays import Array, require_type
 from coop_pin.base.spatial import rotate_vector6
 from coop_pin.description.cell.cell import Cell
+from coop_pin.description.events import Partner
 from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario import Scenario
 from coop_pin.grasps.cell_chain import CellChain
@@ -38,6 +39,7 @@ class InitialScene(NamedTuple):
         plant: options of the plant; they fix the layout of q.
         snapshot: initial snapshot; wrenches are zero, and NaN in rows that are not statically determinate.
         desired_path: desired path of P, m, shape (n, 3).
+        partners: partners that hold the payload at some time.
     """
 
     name: str
@@ -45,6 +47,7 @@ class InitialScene(NamedTuple):
     plant: PlantOptions
     snapshot: Snapshot
     desired_path: Array
+    partners: tuple[Partner, ...] = ()
 
 
 def initial_scene(source: Cell | Scenario | RunResult | str | Path) -> InitialScene:
@@ -74,7 +77,7 @@ def initial_scene(source: Cell | Scenario | RunResult | str | Path) -> InitialSc
     )
     if GROUPS["force path"](scenario):  # f_m[0] = f_d
         snapshot = snapshot._replace(measured_internal_wrench=snapshot.desired_internal_wrench)
-    return InitialScene(scenario.name, scenario.cell, scenario.plant, snapshot, path)
+    return InitialScene(scenario.name, scenario.cell, scenario.plant, snapshot, path, scenario.partners)
 
 
 def _payload_pose(cell: Cell) -> Array:
@@ -129,14 +132,14 @@ class LiveScene:
 
     def __init__(self, initial: InitialScene) -> None:
         """Build the scene around the initial state of a cell."""
-        cell, first = initial.cell, initial.snapshot
+        cell, first, partners = initial.cell, initial.snapshot, initial.partners
         self._cell = cell
-        self.frames = CellFrames(cell, CellVisuals(cell, initial.plant.payload))
+        self.frames = CellFrames(cell, CellVisuals(cell, initial.plant.payload), partners)
         self.scales = expected_scales(cell, first)
         limits = {"torque_limit": padded([JointLimits(arm, name).torque for name, arm in cell.arms.items()])}
         self.curves = cell_curves({**snapshot_samples(first, cell), **limits}, cell)
         self._desired_path, bodies = initial.desired_path, self.frames.visuals.bodies
-        self.scene = cell_scene(cell, bodies, tips=first.tip_position, path=initial.desired_path)
+        self.scene = cell_scene(cell, bodies, partners, tips=first.tip_position, path=initial.desired_path)
 
     @property
     def push_normal(self) -> list[float] | None:
