@@ -450,6 +450,7 @@ class MutationRun:
         """Measure the tests, then run them for each mutant."""
         sys.settrace(None)
         self.items = {item.nodeid: item for item in session.items}
+        gc.unfreeze()  # what conftest.py has frozen is not listed
         self.functions = [one for one in gc.get_objects() if isinstance(one, FunctionType)]
         gc.freeze()  # children share this memory
         start = time.monotonic()
