@@ -73,7 +73,7 @@ TESTS = {
     "running": "check consistency known_before plausibility",
     "simulation": "actuators batch_sensing grasp_events gravity_turn invariants network plant realtime"
     " reference_plant sensing servo simulation sizes stepping",
-    "stability": "closed_loop forecast loaded_grasps product_over_histories regrasp sampled_stability"
+    "stability": "closed_loop forecast loaded_grasps network product_over_histories regrasp sampled_stability"
     " steady_errors step_size",
     "sweeps": "cases edited_laws feasible_runs sweep_batch sweep_code sweep_engine sweep_plan sweep_result"
     " sweep_store sweep_template tune",

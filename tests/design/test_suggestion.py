@@ -412,14 +412,15 @@ def test_the_command_prints_and_writes_a_proposal_that_passes_its_check(six, sug
     (tmp_path / "six.toml").write_text(tomli_w.dumps(fields))
     with pytest.raises(cp.errors.FieldError, match="gains"):
         cp.Scenario.load(tmp_path / "six.toml")
-    words = ["suggest", str(tmp_path / "six.toml"), "--poses", "21", "--out", str(tmp_path / "new.toml")]
+    poses = ["--poses", "21"]
+    words = ["suggest", str(tmp_path / "six.toml"), *poses, "--out", str(tmp_path / "new.toml")]
     assert main(words) == 0
     assert unwrapped(capsys.readouterr().out).startswith(unwrapped(suggestion.summary()))
     assert cp.Scenario.load(tmp_path / "new.toml") == suggestion.scenario
-    assert main(["check", str(tmp_path / "new.toml"), "--poses", "21"]) == 0
+    assert main(["check", str(tmp_path / "new.toml"), *poses]) == 0
     assert "0 errors" in capsys.readouterr().out
     carry("so100", [SO100] * 2).save(tmp_path / "so100.toml")
-    assert main(["suggest", str(tmp_path / "so100.toml")]) == 1
+    assert main(["suggest", str(tmp_path / "so100.toml"), *poses]) == 1
     assert "rank" in capsys.readouterr().err
 
 

@@ -150,6 +150,7 @@ def test_an_arm_that_the_plan_loses_is_an_error_where_the_others_cannot_carry():
         assert {finding.severity for finding in lost if finding.place == "right"} == {"note"}
 
 
+@pytest.mark.gate
 def test_what_is_suggested_passes_its_check():
     suggestion = cp.suggest(cell_of("spatial"), poses=11)
     assert len(suggestion.findings().of("error", "warning")) == 0

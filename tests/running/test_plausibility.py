@@ -144,7 +144,7 @@ def test_no_squeeze_is_told_of_several_arms(kind):
 
 
 def test_run_check_and_suggest_tell_alike(tmp_path, capsys):
-    wrong = cp.Scenario.load("panda-ur5-bar", SHORT | {"squeeze": {}})
+    wrong = cp.Scenario.load("adept-anchored", SHORT | {"squeeze": {}})
     (finding,) = (finding for finding in implausible_numbers(wrong) if finding.kind == "squeeze")
     wrong.save(tmp_path / "wrong.toml")
     main(["check", str(tmp_path / "wrong.toml"), "--poses", "3"])
