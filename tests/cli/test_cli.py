@@ -661,6 +661,7 @@ def test_a_check_loads_no_library_of_results():
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.gate
 def test_a_run_with_all_its_files_loads_no_library_that_it_does_not_use(tmp_path):
     """Each takes 0.1 to 0.5 s: dask through xarray, fonts for PDF, the server of meshcat, mesh readers."""
     code = (

@@ -313,7 +313,7 @@ def test_a_grasp_is_turned_where_that_opens_a_joint_and_it_says_so(tmp_path):
         np.testing.assert_allclose(grasp.matrix, grasps[name].matrix, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
+@pytest.mark.parametrize("name", ["adept-anchored", pytest.param("two-pandas-box", marks=pytest.mark.gate)])
 def test_what_it_proposes_holds_the_spare_joints_along_the_motion(name):
     """The command of the documentation: check calls no proposal unstable, and the elbows come to rest."""
     suggestion = cp.suggest(name, poses=5)

@@ -30,6 +30,7 @@ def run_moments(scenario, start=0.0):
 @pytest.mark.parametrize(
     "arms", [pytest.param(arms, marks=[pytest.mark.slow] * ("six" in arms)) for arms in POSITIONAL]
 )
+@pytest.mark.gate
 def test_the_moment_that_no_row_controls_is_that_of_a_run(arms):
     scenario = short(carry("positional", POSITIONAL[arms], by=(0.0, 0.03, 0.05), rows="positional"))
     suggestion = cp.suggest(scenario, poses=21)

@@ -78,7 +78,7 @@ TROUBLES = ("rate", "steps", "mm", "degrees", "squeeze", "record")
     ("trouble", "kind"),
     [
         *((trouble, "planar") for trouble in TROUBLES),
-        ("steps", "spatial"),
+        pytest.param("steps", "spatial", marks=pytest.mark.gate),
         *(pytest.param(each, "spatial", marks=pytest.mark.slow) for each in TROUBLES if each != "steps"),
     ],
 )

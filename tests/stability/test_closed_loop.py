@@ -269,7 +269,7 @@ def test_the_figure_shows_every_eigenvalue_the_own_ones_and_the_bounds():
     assert locus.bounds[0] in [line.get_xdata()[0] for line in radius.lines]
 
 
-@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
+@pytest.mark.parametrize("name", ["adept-anchored", pytest.param("two-pandas-box", marks=pytest.mark.gate)])
 def test_failures_of_arms_are_left_out(name):
     """A loss of torque or commands later in the run: the loop of the sound arms, to the bit."""
     scenario = cp.Scenario.load(name, {"events": []})

@@ -395,8 +395,16 @@ FILTERED = {
 LAGGING = {"planar": {"actuators.lag": 0.1}, "spatial": {"actuators.lag": 0.01}}
 
 
-@pytest.mark.parametrize("changes", [{}, FILTERED, LAGGING], ids=["plain", "filtered", "lagging"])
-@pytest.mark.parametrize("cell", SCENARIOS)
+@pytest.mark.parametrize(
+    ("cell", "changes"),
+    [
+        *(("planar", {}), ("planar", FILTERED), ("spatial", LAGGING)),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (("planar", LAGGING), ("spatial", {}), ("spatial", FILTERED))
+        ),
+    ],
+)
 def test_the_fastest_growth_and_the_least_damping_are_those_of_a_run(cell, changes):
     """Of a push; the planar cell's motion grows with its lag. Gains that differ between rows."""
     gains = np.array(ANCHORED[cell].gains.sliding_gain)
