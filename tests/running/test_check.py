@@ -1,6 +1,7 @@
 """Findings of ``cp.check``: severities, remedies that work, and the part of them that a run lists."""
 
 import json
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -85,6 +86,17 @@ TROUBLES = ("rate", "steps", "mm", "degrees", "squeeze", "record")
 def test_a_remedy_cures_its_finding_and_brings_no_other_error(kind, trouble):
     """Field and value of each are executed; a run lists the same findings."""
     assert_a_remedy_works(*doubtful(kind, trouble))
+
+
+def test_what_is_known_before_a_long_run_takes_no_memory_of_its_record():
+    scenario, *_ = doubtful("planar", "record")
+    simulation = Simulation(scenario, build_controller(scenario))
+    tracemalloc.start()
+    quick_findings(simulation)
+    cp.stability.eigenvalues(scenario)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 0.05 * simulation.recorder.memory
 
 
 @pytest.mark.parametrize(
