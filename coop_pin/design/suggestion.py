@@ -12,7 +12,6 @@ from coop_pin.base.arrays import as_count, require_type
 from coop_pin.base.errors import ArgumentError, InfeasibleMotionError, ScenarioWarning
 from coop_pin.control.laws.payload_space import PayloadSpace
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceGains
-from coop_pin.description.cell.cell import Cell
 from coop_pin.description.scenario import Scenario
 from coop_pin.design.own_inertia import held_by_squeeze
 from coop_pin.design.proposal_limits import (
@@ -132,7 +131,12 @@ def suggest(
     require_type("scenario", scenario, Scenario)
     poses = as_count("poses", poses, 5)
     cell, pressed = scenario.cell, tuple[str, ...]()
-    _require_alike(cell)
+    if cell.has_contacts and len(cell.patches) < len(cell.arms):
+        names = [*cell.patches, *cell.tables]
+        raise ArgumentError(
+            "suggest is for cells whose grasps are all patches, or that have none and no tables;"
+            f" {names} hold or bear by friction beside others"
+        )
     keeps_law = scenario.controller.kind in LAWS and not cell.patches
     changes, scenario = ((), scenario) if keeps_law else _with_law(scenario)
     if cell.patches:
@@ -174,20 +178,6 @@ def suggest(
         f"plant: {suggested.clock.steps_per_tick} steps in a tick; {start_stability(simulation).summary()}",
     )
     return Suggestion(suggested, proposal, lines, (*changes, *pressed), errors)
-
-
-def _require_alike(cell: Cell) -> None:
-    """Refuse patches beside other grasps, and tables under others.
-
-    Raises:
-        ArgumentError: the cell has them.
-    """
-    if cell.has_contacts and len(cell.patches) < len(cell.arms):
-        names = [*cell.patches, *cell.tables]
-        raise ArgumentError(
-            "suggest is for cells whose grasps are all patches, or that have none and no tables;"
-            f" {names} hold or bear by friction beside others"
-        )
 
 
 def _squeezed(scenario: Scenario, statics: StaticTorques) -> tuple[Scenario, float]:
