@@ -780,7 +780,7 @@ def test_check_ends_with_the_verdict(tmp_path, capsys):
     [
         ["list"],
         ["check", "adept-paper", "--poses", "5"],
-        pytest.param(["suggest", "two-pandas-box"], marks=pytest.mark.gate),
+        pytest.param(["suggest", "two-pandas-box"], marks=pytest.mark.slow),
     ],
 )
 def test_texts_have_lines_of_at_most_99_columns_and_all_their_words(words, capsys):
