@@ -329,7 +329,7 @@ def test_what_it_proposes_holds_the_spare_joints_along_the_motion(name):
 @pytest.mark.gate
 def test_the_spring_is_raised_until_it_holds_or_the_cell_is_refused(monkeypatch):
     def suggested(rate, stiffest):
-        module = importlib.import_module("coop_pin.design.suggestion")
+        module = importlib.import_module("coop_pin.design.stable_gains")
         monkeypatch.setattr(module, "_SPARE_RATE", rate)
         monkeypatch.setattr(module, "_STIFFEST", stiffest)
         return cp.suggest("two-pandas-box", poses=5)

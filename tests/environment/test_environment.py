@@ -2,6 +2,7 @@
 
 import time
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -62,6 +63,19 @@ def with_noise(name, action=""):
 @pytest.mark.parametrize("task", [*TASKS.values(), GAINS], ids=[*TASKS, "gains"])
 def test_gymnasium_finds_nothing_wrong(name, task):
     check(with_noise(name, task.action), task)
+
+
+@pytest.mark.parametrize("arms", [2, 3])
+@pytest.mark.parametrize("lead", [(), (4,)])
+def test_an_action_on_the_squeeze_loads_the_payload_nowhere(arms, lead):
+    """Each arm but the last presses as the agent says, within the scale; the last takes the sum."""
+    law = SimpleNamespace(squeeze=np.zeros((arms, 3)), commands=[np.zeros(3)] * arms)
+    action = np.random.default_rng(2).normal(size=(*lead, (arms - 1) * 3))
+    squeeze, commands = TASKS["squeeze"].additions(action, law)
+    expected = 5.0 * np.clip(action, -1.0, 1.0).reshape(*lead, arms - 1, 3)
+    np.testing.assert_array_equal(squeeze[..., : arms - 1, :], expected)
+    np.testing.assert_allclose(squeeze.sum(axis=-2), 0.0, atol=1e-14)
+    assert not any(command.any() for command in commands)
 
 
 def check(scenario, task):
