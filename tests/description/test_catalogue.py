@@ -65,6 +65,13 @@ def smallest_singular_value(result):
     return min(values)
 
 
+@pytest.mark.parametrize(
+    ("name", "turns"), [("adept-paper", True), ("two-pandas-box", True), ("five-joint-pair", False)]
+)
+def test_positional_rows_alone_control_no_turn(name, turns):
+    assert cp.Scenario.load(name).cell.controls_turns is turns
+
+
 def test_cell_does_its_work(result):
     assert result.end == 10.0
     moved = np.ptp(result.data.payload_position.values, axis=0)
