@@ -1,6 +1,9 @@
 """What all tests share."""
 
+import gc
+import os
 import signal
+import sys
 
 import pytest
 from built_once import top_folder
@@ -9,6 +12,16 @@ from matplotlib import get_cachedir
 # A shell starts background jobs with Ctrl-C ignored, and children inherit that; several tests send it to
 # children.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# Bytecode is kept, as in tools/gate.sh: tests start hundreds of processes, and compiling is half an import.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
+
+def pytest_collection_finish():
+    """Leave modules and tests, which live as long as the process, out of each later search for garbage."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True, scope="session")

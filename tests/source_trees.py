@@ -16,6 +16,12 @@ def parsed(file):
         gc.enable()
 
 
+@functools.cache
+def nodes(tree):
+    """All nodes of a tree, which is walked once: most of what several tests do with it."""
+    return tuple(ast.walk(tree))
+
+
 class SourceTrees(Mapping):
     """Files and their syntax trees."""
 

@@ -33,7 +33,7 @@ import time
 import tomllib
 import warnings
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import CodeType, FrameType, FunctionType, ModuleType
@@ -54,14 +54,31 @@ TESTS = {
     "compiled": "adversaries batch batch_laws batch_sensing c_export engines gravity_turn"
     " reference_plant sweep_batch traced_springs tracing",
     "chain": "closed_chain closures integrators mechanisms projection reference_plant sizes traced_springs",
+    "cli": "cli messages strangers_code sweep_cli terminal",
     "comparison": "benchmarks compare comparison_figures",
     "control": "baseline_laws bounds interface payload_space redundant_sliding_mode sensing sliding_mode",
+    "description": "adept_urdf bring_your_own catalogue delays errors friction_grasps gravity_turn"
+    " known_before network pick_and_place robots_as_files scenario urdf_check urdf_files",
+    "design": "carry_optimum carry_plan new_cell own_inertia random_cells suggestion",
+    "environment": "environment environment_arguments stepping",
+    "feasibility": "cell_summary friction_margins internal_moment reachability statics suggestion",
+    "figures": "comparison_figures figures sweep_figures",
     "grasps": "cell_chain compliant_grasps contact_patches friction_cones friction_grasps grasp_events"
     " partner reference_plant rigid_grasps traced_springs",
     "model": "arm_model branches ik_solver inverse_kinematics limits",
     "model_based": "batch_laws compare model_based",
+    "proof": "over_alpha theorem_monitor",
+    "reference": "joint_motion motion reference",
     "results": "internal_wrench_definitions metrics results trust user_files",
+    "running": "check consistency known_before plausibility",
+    "simulation": "actuators batch_sensing grasp_events gravity_turn invariants network plant realtime"
+    " reference_plant sensing servo simulation sizes stepping",
+    "stability": "closed_loop forecast loaded_grasps network product_over_histories regrasp sampled_stability"
+    " steady_errors step_size",
+    "sweeps": "cases edited_laws feasible_runs sweep_batch sweep_code sweep_engine sweep_plan sweep_result"
+    " sweep_store sweep_template tune",
     "tracing": "batch batch_laws c_export sweep_batch tracing",
+    "viz": "explorer export live_view live_widget report viz",
 }
 """Test files that are run for each package; others hardly judge it, and take longer."""
 LONGEST = 8.0
@@ -77,7 +94,9 @@ class Mutant(NamedTuple):
         text: the first of these lines.
         old: text of what is changed.
         new: text of what it becomes.
-        source: the whole file with the change.
+        whole: the whole file without the change.
+        span: where the change is in it.
+        written: what stands there with it.
     """
 
     file: str
@@ -85,7 +104,14 @@ class Mutant(NamedTuple):
     text: str
     old: str
     new: str
-    source: str
+    whole: bytes
+    span: slice
+    written: str
+
+    @property
+    def source(self) -> str:
+        """The whole file with the change: thousands of mutants share the one without."""
+        return (self.whole[: self.span.start] + self.written.encode() + self.whole[self.span.stop :]).decode()
 
     @property
     def key(self) -> tuple[str, str, str, str]:
@@ -181,9 +207,8 @@ def mutants(file: str, text: str) -> Iterator[Mutant]:
             old, becomes = ast.unparse(place), ast.unparse(new)
             first = starts[place.lineno - 1] + place.col_offset
             last = starts[place.end_lineno - 1] + place.end_col_offset
-            source = data[:first] + f"({becomes})".encode() + data[last:]
-            span = range(place.lineno, place.end_lineno + 1)
-            yield Mutant(file, span, lines[place.lineno - 1].strip(), old, becomes, source.decode())
+            numbers, line = range(place.lineno, place.end_lineno + 1), lines[place.lineno - 1].strip()
+            yield Mutant(file, numbers, line, old, becomes, data, slice(first, last), f"({becomes})")
 
 
 def files() -> dict[str, Path]:
@@ -192,9 +217,10 @@ def files() -> dict[str, Path]:
     return {str(path.relative_to(PACKAGE)): path for path in paths}
 
 
-def all_mutants() -> list[Mutant]:
-    """Return every mutant of the packages."""
-    return [mutant for file, path in files().items() for mutant in mutants(file, path.read_text())]
+def all_mutants(under: Iterable[str] = ("",)) -> list[Mutant]:
+    """Return every mutant of the packages, or of those packages and files whose names begin so."""
+    chosen = {file: path for file, path in files().items() if file.startswith(tuple(under))}
+    return [mutant for file, path in chosen.items() for mutant in mutants(file, path.read_text())]
 
 
 def planted() -> list[Mutant]:
@@ -211,7 +237,9 @@ def planted() -> list[Mutant]:
             raise ValueError(f"{old!r} stands {len(after)} times in {file}")
         first = before.count("\n") + 1
         lines = range(first, first + old.count("\n") + 1)
-        found.append(Mutant(file, lines, what, old, new, before + new + after[0]))
+        start = len(before.encode())
+        span = slice(start, start + len(old.encode()))
+        found.append(Mutant(file, lines, what, old, new, (before + old + after[0]).encode(), span, new))
     return found
 
 
@@ -270,10 +298,14 @@ def _work_as_a_child(work: Callable[[], Any], limit: float, folder: Path) -> Non
 
 
 @contextlib.contextmanager
-def executed_lines() -> Iterator[set[tuple[str, Any]]]:
-    """Collect the lines and functions of the packages that are executed: file and number, file and name."""
+def executed_lines(among: Container[str] | None = None) -> Iterator[set[tuple[str, Any]]]:
+    """Collect the lines and functions of files that are executed: file and number, file and name.
+
+    Args:
+        among: the files by their names under coop_pin; all of the packages when omitted.
+    """
     lines: set[tuple[str, Any]] = set()
-    names = {str(path): file for file, path in files().items()}
+    names = {str(path): file for file, path in files().items() if among is None or file in among}
     calls: Counter[CodeType] = Counter()
 
     def line(frame: FrameType, _event: str, _argument: object) -> Any:
@@ -403,6 +435,7 @@ class MutationRun:
 
     def __init__(self, chosen: list[Mutant], budget: float, workers: int, verbose: bool) -> None:
         self.chosen, self.budget, self.workers, self.verbose = chosen, budget, workers, verbose
+        self.files = {mutant.file for mutant in chosen}
         self.alive: list[Mutant] = []
         self.at_import: set[tuple[str, Any]] = set()
         self.seconds: dict[str, float] = {}
@@ -417,6 +450,7 @@ class MutationRun:
         """Measure the tests, then run them for each mutant."""
         sys.settrace(None)
         self.items = {item.nodeid: item for item in session.items}
+        gc.unfreeze()  # what conftest.py has frozen is not listed
         self.functions = [one for one in gc.get_objects() if isinstance(one, FunctionType)]
         gc.freeze()  # children share this memory
         start = time.monotonic()
@@ -451,7 +485,7 @@ class MutationRun:
         items = [item for name, item in self.items.items() if _file(name) == file]
         for item, following in zip(items, [*items[1:], None], strict=True):
             start = time.process_time()
-            with executed_lines() as self.current:
+            with executed_lines(self.files) as self.current:
                 passed = not first_failure([item], following)
             found[item.nodeid] = passed, time.process_time() - start, self.current | self.shared
         return found
@@ -537,8 +571,8 @@ def measured_run(chosen: list[Mutant], tests: str, budget: float, workers: int, 
     profile = settings(derandomize=True, database=None, phases=[Phase.explicit, Phase.generate])
     settings.register_profile("mutate", profile)  # no search for a simpler example once one fails
     settings.load_profile("mutate")
-    with executed_lines() as run.at_import:
-        for file in {mutant.file for mutant in chosen}:
+    with executed_lines(run.files) as run.at_import:
+        for file in run.files:
             importlib.import_module("coop_pin." + file.removesuffix(".py").replace("/", "."))
         tests = tests or " ".join(TESTS[package] for package in {mutant.package for mutant in chosen})
         files = {file.stem: str(file) for file in Path("tests").rglob("test_*.py")}
@@ -562,11 +596,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--planted", action="store_true", help="the faults of planted_faults.toml")
     parser.add_argument("--verbose", action="store_true", help="name the test that notices each mutant, too")
     given = parser.parse_args(arguments)
-    found, left_out = all_mutants(), equivalent()
-    for row in sorted(left_out - {mutant.key for mutant in found}):
-        print("no such mutant:", json.dumps(row, ensure_ascii=False))
-    among = planted() if given.planted else found
-    chosen = [mutant for mutant in among if mutant.file.startswith(tuple(given.under))]
+    under, left_out = tuple(given.under), equivalent()
+    among = planted() if given.planted else all_mutants(under)
+    chosen = [mutant for mutant in among if mutant.file.startswith(under)]
     if given.sample is not None:
         chosen = random.Random(given.seed).sample(chosen, min(given.sample, len(chosen)))
     start = time.monotonic()

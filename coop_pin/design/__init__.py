@@ -6,7 +6,8 @@ least time).
 
 - Of a carry: ``carried_path`` (joint paths and torques), ``carry_limits`` (limits along it),
   ``path_parameterization`` (least time under them, TOPP-RA).
-- Of gains: ``posture_gains``, ``proposal_limits``; ``own_inertia`` for grasps however soft.
+- Of gains: ``posture_gains``, ``proposal_limits``, ``stable_gains`` (those that hold); ``own_inertia`` for
+  grasps however soft.
 
 Public names of carries are in ``cp.carry``; ``suggest`` and ``new_cell`` are in ``cp``.
 

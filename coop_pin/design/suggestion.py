@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from coop_pin.base.arrays import require_type
 from coop_pin.base.errors import ArgumentError, InfeasibleMotionError, ScenarioWarning
 from coop_pin.base.memory import as_fitting_count
-from coop_pin.control.laws.payload_space import SLIP_GUARD, PayloadSpace
+from coop_pin.control.laws.payload_space import PayloadSpace
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceGains
 from coop_pin.description.scenario import Scenario
-from coop_pin.design.own_inertia import held_by_squeeze, own_inertia_proposal
-from coop_pin.design.posture_gains import rounded_down
+from coop_pin.design.own_inertia import held_by_squeeze
 from coop_pin.design.proposal_limits import (
     friction_limits,
     gain_limits,
@@ -27,8 +22,8 @@ from coop_pin.design.proposal_limits import (
     null_space_limits,
     posture_limit,
 )
-from coop_pin.design.stable_gains import LAWS, with_stable_gains
-from coop_pin.design.tuning_rule import GainProposal, anchored_enough, force_path_of, gain_proposal
+from coop_pin.design.stable_gains import LAWS, stable_proposal, with_stable_gains
+from coop_pin.design.tuning_rule import GainProposal, anchored_enough, force_path_of
 from coop_pin.feasibility.least_squeeze import least_squeeze, with_enough_squeeze
 from coop_pin.feasibility.motion_feasibility import (
     posture_margins,
@@ -37,32 +32,20 @@ from coop_pin.feasibility.motion_feasibility import (
     squeeze_part,
     with_best_postures,
 )
-from coop_pin.feasibility.reachability import POSE_SIZE, Reachability, reachability
-from coop_pin.feasibility.statics import statics_along
+from coop_pin.feasibility.reachability import POSE_SIZE, reachability
+from coop_pin.feasibility.statics import StaticTorques, statics_along
 from coop_pin.feasibility.table_force import TABLE_ERROR, table_force
-from coop_pin.feasibility.task_inertia import with_spare_motion
 from coop_pin.results.finding import Findings
 from coop_pin.running.check import check
 from coop_pin.running.plausibility import implausible_numbers
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.forecast import Forecast, forecast
-from coop_pin.stability.grasp_stability import grasp_stability
-from coop_pin.stability.loop_stability import LoopStability, loop_stability
 from coop_pin.stability.sampled_stability import start_stability
-from coop_pin.stability.step_size import step_stability
+from coop_pin.stability.step_size import StepStability, step_stability
 
-_SPARE_RATE = 1.0
-"""Least decay of the spare joints, 1/s: what they are off after a motion is gone in a few seconds."""
-_SOFTEST, _STIFFEST = 5.0, 640.0
-"""Springs of the posture that are tried, N m/rad."""
 _STEP_PART = 0.9
 """Part of the stability limit of the plant's steps that friction may take at the poses that are looked at."""
-_LEAST_ANCHOR = 0.01
-"""Anchor gain below which it is not lowered further for the stability on springs."""
-_AWAY = 0.3
-"""Largest angle of a spare motion away from the path of the inverse kinematics, rad."""
-
 _NO_FORECAST = Forecast()
 
 
@@ -166,13 +149,7 @@ def suggest(
     cell_reach = reachability(scenario, poses=poses)
     statics = statics_along(scenario, cell_reach)
     require_feasible(scenario, cell_reach, statics)
-    part = squeeze_part(statics)
-    if part < 1.0:
-        scenario = scenario.replace(squeeze=scenario.squeeze.scaled(part))
-        if (least := least_squeeze(scenario)) is not None and not least.ok:
-            raise InfeasibleMotionError(
-                "torque", f"{least.summary().removeprefix('! ')}; the drives hold no more"
-            )
+    scenario, part = _squeezed(scenario, statics)
     cut = f"squeeze CUT to {part:.2f} of what is stated: all that the drives hold beside weight and load"
     pressed = (*pressed, *([cut] if part < 1.0 else []), *turned)
     margins = [posture_limit(arm) for arm in posture_margins(scenario, cell_reach, statics)]
@@ -183,24 +160,13 @@ def suggest(
             detail = f"no gains of the law {scenario.controller.kind!r} were found with which it is stable"
             raise InfeasibleMotionError("stability", detail)
         changes, scenario = _with_law(scenario)
-    propose: Callable[..., GainProposal] = gain_proposal
-    if cell.unclosed:
-        propose = partial(own_inertia_proposal, table_error=table_error)
-    try:
-        proposal, suggested, loop = _held(scenario, cell_reach, propose)
-    except InfeasibleMotionError as error:
-        if not cell.unclosed or error.cause != "stability":
-            raise
-        proposal, suggested, loop = _held(scenario, cell_reach, partial(propose, tips_give=True))
+    proposal, suggested, loop = stable_proposal(scenario, cell_reach, table_error)
     if cell.unclosed:
         suggested, too_large = held_by_squeeze(suggested, cell_reach)
         pressed = (*pressed, *too_large)
     suggested, errors = anchored_enough(suggested, cell_reach)
     simulation = Simulation(suggested, build_controller(suggested))
-    steps = step_stability(simulation, cell_reach)
-    count = math.ceil(steps.steps_per_tick * steps.value / (_STEP_PART * steps.limit))
-    if count > steps.steps_per_tick:
-        suggested = suggested.override({"clock.steps_per_tick": count})
+    suggested = _with_steps(suggested, step_stability(simulation, cell_reach))
     pressed_table = table_force(suggested, table_error=table_error, lag=proposal.tracking)
     lines = (
         *gain_limits(scenario, proposal, suggested),
@@ -215,6 +181,28 @@ def suggest(
     return Suggestion(suggested, proposal, lines, (*changes, *pressed), errors)
 
 
+def _squeezed(scenario: Scenario, statics: StaticTorques) -> tuple[Scenario, float]:
+    """Return the scenario with the part of its squeeze that the drives hold, and that part.
+
+    Raises:
+        InfeasibleMotionError: cause "torque": patches carry the payload only with more.
+    """
+    part = squeeze_part(statics)
+    if part < 1.0:
+        scenario = scenario.replace(squeeze=scenario.squeeze.scaled(part))
+        if (least := least_squeeze(scenario)) is not None and not least.ok:
+            raise InfeasibleMotionError(
+                "torque", f"{least.summary().removeprefix('! ')}; the drives hold no more"
+            )
+    return scenario, part
+
+
+def _with_steps(scenario: Scenario, steps: StepStability) -> Scenario:
+    """Return the scenario with as many steps in a tick as friction asks for."""
+    count = math.ceil(steps.steps_per_tick * steps.value / (_STEP_PART * steps.limit))
+    return scenario.override({"clock.steps_per_tick": count}) if count > steps.steps_per_tick else scenario
+
+
 def _with_law(scenario: Scenario) -> tuple[tuple[str, ...], Scenario]:
     """Return a sentence if the law is another one, and the scenario with the one that is proposed."""
     stated, gives = scenario.controller, bool(scenario.cell.unclosed)
@@ -223,86 +211,3 @@ def _with_law(scenario: Scenario) -> tuple[tuple[str, ...], Scenario]:
     law = PayloadSpace(gains=ones, force_path=force_path_of(scenario), zero_at_grasp=is_zeroed)
     changed = f"law CHANGED from {stated.kind!r} to {law.kind!r}: no gains of it are proposed, or none hold"
     return (changed,) * (stated.kind != law.kind), scenario.replace(controller=law)
-
-
-def _held(
-    scenario: Scenario, cell_reach: Reachability, propose: Callable[..., GainProposal]
-) -> tuple[GainProposal, Scenario, LoopStability]:
-    """Return the proposal whose spring holds the spare joints along the motion, its scenario and its loop.
-
-    Raises:
-        InfeasibleMotionError: cause "stability": the sampled motion grows, or no spring holds them.
-    """
-    stiffness = 0.0
-    while True:
-        proposal = propose(scenario, cell_reach, least_stiffness=stiffness)
-        suggested = _with_gains(scenario, proposal)
-        rigid = (
-            suggested.replace(cell=suggested.cell.rigid, events=()) if suggested.cell.unclosed else suggested
-        )
-        loop = loop_stability(Simulation(rigid, build_controller(rigid)), cell_reach)
-        if (
-            loop.ok
-            and loop.spare_rate >= _SPARE_RATE
-            and _spare_angle(suggested, cell_reach, proposal) < _AWAY
-        ):
-            return (*_stable_on_springs(proposal, suggested), loop)
-        tried = float(np.max(proposal.posture.stiffness))
-        is_held = tried < stiffness  # on positional rows the drives hold no stiffer one
-        stiffness = max(_SOFTEST, 2.0 * tried)
-        if is_held or stiffness > _STIFFEST or not (loop.ok or loop.spare):
-            detail = loop.summary()
-            if loop.ok:
-                limit = f"the {tried:g} N m/rad that the drives hold" if is_held else f"{_STIFFEST:g} N m/rad"
-                detail = f"no spring up to {limit} keeps the spare joints on their path"
-            raise InfeasibleMotionError("stability", detail)
-
-
-def _stable_on_springs(proposal: GainProposal, scenario: Scenario) -> tuple[GainProposal, Scenario]:
-    """Return them with g lowered until the sampled loop of springs, arms and law is stable.
-
-    Raises:
-        InfeasibleMotionError: cause "stability": it is not.
-    """
-    while scenario.cell.unclosed:
-        stability = grasp_stability(Simulation(scenario, build_controller(scenario)))
-        g = proposal.gains.anchor_gain
-        if stability.ok:
-            break
-        if proposal.law is None or g < _LEAST_ANCHOR:
-            raise InfeasibleMotionError("stability", stability.summary().partition("\n")[0])
-        proposal = proposal.with_anchor_gain(g / 2.0)
-        scenario = _with_gains(scenario, proposal)
-    return proposal, scenario
-
-
-def _spare_angle(scenario: Scenario, cell_reach: Reachability, proposal: GainProposal) -> float:
-    """Return by how much spare joints move away from the path of the inverse kinematics, rad."""
-    moved = with_spare_motion(scenario, cell_reach, proposal.posture)
-    pairs = zip(cell_reach.arms, moved.arms, strict=True)
-    return max(float(np.abs(path.q - reach.q).max()) for reach, path in pairs)
-
-
-def _with_gains(scenario: Scenario, proposal: GainProposal) -> Scenario:
-    clock, law = scenario.clock, proposal.law or PayloadSpace(gains=proposal.gains)
-    steps = max(2, math.ceil(clock.steps_per_tick * clock.rate_hz / proposal.rate_hz))
-    steps = clock.steps_per_tick if proposal.rate_hz == clock.rate_hz else steps
-    controller = law.replace(
-        posture=proposal.posture,
-        force_path=force_path_of(scenario),
-        zero_at_grasp=scenario.controller.near_rest.is_zeroed,
-        **_on_patches(scenario),
-    )
-    clock = clock.replace(rate_hz=proposal.rate_hz, steps_per_tick=steps)
-    return scenario.replace(controller=controller, clock=clock)
-
-
-def _on_patches(scenario: Scenario) -> dict[str, Any]:
-    """Return the fields of the law that patches ask for."""
-    fields, least = dict[str, Any](), least_squeeze(scenario)
-    if scenario.cell.patches and least is not None:
-        reach = min(float(grasp.reach.min()) for grasp in scenario.cell.patches.values())
-        fields["slip_guard"] = min(SLIP_GUARD, reach / 2.0)
-        if len(scenario.wrists) == len(scenario.cell.arms):
-            fields["normal_guard"] = rounded_down(least.stated / 4.0)
-    return fields

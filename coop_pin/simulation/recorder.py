@@ -178,14 +178,15 @@ class Recorder:
     def restore(self, state: RecordState, scenario: Scenario) -> None:
         """Return to earlier samples of a scenario; what was handed out stays as it is."""
         self.scenario = scenario
-        if self._is_shared or not self._samples:
+        if self._is_shared or (state.samples and not self._samples):
             self._allocate()
         self.count, self._thinned = state.size, state.thinned
         self._held_from, self._observed = state.held_from, state.observed
         self._angles = list(state.angles)
         self._monitor, self._running = copy.deepcopy((state.monitor, state.running))
-        for table, samples in zip(self._tables(), state.samples, strict=False):  # none before the first tick
-            table[: self.count] = samples
+        if state.samples:  # none before the first tick
+            for table, samples in zip(self._tables(), state.samples, strict=True):
+                table[: self.count] = samples
 
     def _tables(self) -> list[NDArray[Any]]:
         return [*self._samples.values(), *self._jacobians, *self._turned.values(), self._forces]

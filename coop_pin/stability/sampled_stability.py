@@ -155,11 +155,11 @@ def _stability_at(simulation: Simulation, q: Array, time: float) -> SampledStabi
     if network is None or not (late := network.oldest_of(list(simulation.scenario.cell.arms), clock)):
         return stability
     D_now = damping_matrix(simulation, q, lambda v: torque(v, hears_rest=True))
-    factor = _delayed_factor(clock.period * D_now, clock.period * (D - D_now), late)
+    factor = delayed_factor(clock.period * D_now, clock.period * (D - D_now), late)
     return stability._replace(limit=factor * stability.value, delay=late) if factor < np.inf else stability
 
 
-def _delayed_factor(now: Array, late: Array, delay: int) -> float:
+def delayed_factor(now: Array, late: Array, delay: int) -> float:
     """Return the factor of both at which v[k+1] = v[k] - now v[k] - late v[k-D] stops to decay.
 
     For one late mode alone that is 2 sin(pi / (4 D + 2)) / late (Levin and May, 1976); inf where nothing is

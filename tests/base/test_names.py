@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from cells import SCENARIOS, planar_scenario
-from source_trees import SourceTrees
+from source_trees import SourceTrees, nodes
 
 import coop_pin as cp
 from coop_pin import figures
@@ -104,7 +104,7 @@ TREES = SourceTrees(sorted(PACKAGE.rglob("*.py")))
 
 def documented(tree):
     """Lines of the lists of arguments and attributes in the docstrings of a module."""
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
             for part in re.findall(
                 r"^(?:Args|Attributes):\n((?:    .*\n?)+)", ast.get_docstring(node) or "", re.M
@@ -114,9 +114,9 @@ def documented(tree):
 
 def local_names(tree):
     """Names of arguments and of variables that a module assigns; fields of classes are none."""
-    classes = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    classes = [node for node in nodes(tree) if isinstance(node, ast.ClassDef)]
     fields = {part.target for node in classes for part in node.body if isinstance(part, ast.AnnAssign)}
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         if node in fields:
             continue
         if isinstance(node, ast.arg):

@@ -15,7 +15,8 @@ import pytest
 from coop_pin.cli import main, terminal
 from coop_pin.description.catalogue import scenario_names
 
-QUICK = ("adept-paper", "two-pandas-box", "three-ur5-handover")
+QUICK = {"show": ("adept-paper", "three-ur5-handover"), "check": ("adept-paper",), "suggest": ()}
+"""Cells that are looked at in the default tier, too, by the command."""
 
 
 def too_long(text: str) -> list[str]:
@@ -28,12 +29,10 @@ def too_long(text: str) -> list[str]:
     [
         ("list",),
         ("show", "ur5"),
-        *[(command, name) for name in QUICK for command in ("show", "check")],
         *[
-            pytest.param((command, name), marks=pytest.mark.slow)
+            pytest.param((command, name), marks=[pytest.mark.slow] * (name not in QUICK[command]))
+            for command in QUICK
             for name in scenario_names()
-            for command in ("show", "check", "suggest")
-            if command == "suggest" or name not in QUICK
         ],
     ],
     ids=" ".join,

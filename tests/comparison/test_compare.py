@@ -261,6 +261,7 @@ def test_a_search_covers_several_scenarios_and_its_table_is_used_and_marked(sear
         controllers_for(scenario, names, gains=gains)
 
 
+@pytest.mark.gate
 def test_gains_beyond_the_sampled_bound_are_not_taken(scenarios, tmp_path):
     """K of the spatial cell has T lambda over 1 along the motion, whatever the pose gain."""
     execution = cp.Execution(workers=0, quiet=True)

@@ -14,9 +14,8 @@ import coop_pin as cp
 from coop_pin.compiled import simulate_batch, support
 
 QUICK_SETTINGS = [
-    *[("planar", setting, "printed") for setting in ("observer", "everything of drives")],
-    *[("planar", setting, "anchored") for setting in ("counting encoders", "one wrist, lost", "slow wrists")],
-    ("planar", "one wrist, stuck", "anchored"),
+    ("planar", "everything of drives", "printed"),
+    *[("planar", setting, "anchored") for setting in ("counting encoders", "one wrist, stuck")],
     ("spatial", "commands lost", "printed"),
     ("spatial", "everything at once", "anchored"),
 ]

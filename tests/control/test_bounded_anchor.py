@@ -625,7 +625,7 @@ def test_two_pandas_keep_twice_and_three_times_the_mass():
         assert (position < 1.5e-3, force < 1.5) == (True, True)
 
 
-@pytest.mark.parametrize("name", ["adept-anchored", "three-ur5-plate"])
+@pytest.mark.parametrize("name", ["adept-anchored", pytest.param("three-ur5-plate", marks=pytest.mark.slow)])
 def test_a_run_that_ends_at_the_bound_says_so(name, tmp_path):
     calm = Scenario.load(name).replace(events=(), duration=2.0)
     arms = list(calm.cell.arms)
@@ -746,7 +746,7 @@ def attacked(base, seed):
 @pytest.mark.parametrize(
     ("name", "seeds"),
     [
-        *(("adept-anchored", (0, 3, 6)), ("three-ur5-far", (0, 3))),
+        *(("adept-anchored", (0, 3, 6)), pytest.param("three-ur5-far", (0, 3), marks=pytest.mark.gate)),
         *(pytest.param(name, range(72), marks=pytest.mark.slow) for name in CELLS),
     ],
 )

@@ -26,6 +26,7 @@ from coop_pin.control import CellController
 from coop_pin.control.controller import CellCommand
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell, grasps_from_configuration
+from coop_pin.description.cell.contact import corners
 from coop_pin.description.cell.payload import Payload
 from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario_file import anchor_files
@@ -346,6 +347,7 @@ def test_a_mesh_of_a_box_is_the_box_wherever_its_file_puts_it(tmp_path):
         assert_allclose(payload.inertia, box.inertia, rtol=1e-6, atol=1e-9)
         assert_allclose(payload.size, box.size, rtol=1e-6)
         assert_allclose(payload.shape_pose.xyz, (-0.05, -0.02, 0.03), atol=1e-8)
+        assert_allclose(corners(payload), corners(box), rtol=1e-6)
 
 
 def test_a_cylinder_has_the_inertia_of_its_mesh(tmp_path):

@@ -21,8 +21,8 @@ QUIET = {"events": [], "duration": 10.0}
 CHANGES = {name: {} if name in CATALOGUE_CELLS else QUIET for name in cp.scenario_names()}
 QUICK_PLANTS = ["adept-paper", "adept-anchored", "five-joint-pair", "two-pandas-box", "human-partner"]
 """Cells that run on every plant in the default tier, too: in a plane, in space, on positional rows, held."""
-QUICK_CELLS = ["adept-anchored", "two-pandas-box"]
-"""Cells that do their work in the default tier, too: in a plane and in space."""
+QUICK_CELLS, TIERS = ["adept-anchored"], {"two-pandas-box": pytest.mark.gate}
+"""Cells that do their work in the default tier, too, and in the gate; shorter runs are of more cells."""
 LARGE_CELLS = ["baxter-box", "four-ur5-plate", "three-driven-ur5"]  # tested in test_robots
 for other in [
     "adept-paper",
@@ -41,7 +41,10 @@ for other in [
 
 @pytest.fixture(
     scope="module",
-    params=[pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK_CELLS)) for name in CHANGES],
+    params=[
+        pytest.param(name, marks=[TIERS.get(name, pytest.mark.slow)] * (name not in QUICK_CELLS))
+        for name in CHANGES
+    ],
 )
 def result(request):
     return cp.run(request.param, CHANGES[request.param])
@@ -60,6 +63,13 @@ def smallest_singular_value(result):
             np.linalg.svd(rows.select(model.payload_jacobian(q)), compute_uv=False)[-1] for q in angles
         ]
     return min(values)
+
+
+@pytest.mark.parametrize(
+    ("name", "turns"), [("adept-paper", True), ("two-pandas-box", True), ("five-joint-pair", False)]
+)
+def test_positional_rows_alone_control_no_turn(name, turns):
+    assert cp.Scenario.load(name).cell.controls_turns is turns
 
 
 def test_cell_does_its_work(result):
@@ -289,7 +299,10 @@ cp.run(sys.argv[1], {"duration": 0.2}, warn=False).save(sys.argv[2])
 """
 
 
-@pytest.mark.parametrize("kernel", [pytest.param("Nehalem", marks=pytest.mark.slow), "Haswell"])
+@pytest.mark.parametrize(
+    "kernel",
+    [pytest.param("Nehalem", marks=pytest.mark.slow), pytest.param("Haswell", marks=pytest.mark.gate)],
+)
 def test_another_openblas_kernel_gives_the_same_run_but_for_rounding(kernel, tmp_path):
     """What another processor does: OpenBLAS sums in another order. Where it knows no such kernel, nothing."""
     file = tmp_path / "result.nc"

@@ -33,9 +33,13 @@ CELLS = {
 }
 
 
+LONG = {"unlike": "gate", "three": "slow"}
+"""Cells whose proposals take long, and the tiers of their tests."""
+
+
 @pytest.fixture(
     scope="module",
-    params=[pytest.param(name, marks=[pytest.mark.slow] * (name == "three")) for name in CELLS],
+    params=["planar", *(pytest.param(name, marks=getattr(pytest.mark, mark)) for name, mark in LONG.items())],
 )
 def made(request):
     arms, options = CELLS[request.param]

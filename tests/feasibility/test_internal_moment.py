@@ -30,6 +30,7 @@ def run_moments(scenario, start=0.0):
 @pytest.mark.parametrize(
     "arms", [pytest.param(arms, marks=[pytest.mark.slow] * ("six" in arms)) for arms in POSITIONAL]
 )
+@pytest.mark.gate
 def test_the_moment_that_no_row_controls_is_that_of_a_run(arms):
     scenario = short(carry("positional", POSITIONAL[arms], by=(0.0, 0.03, 0.05), rows="positional"))
     suggestion = cp.suggest(scenario, poses=21)
@@ -43,6 +44,7 @@ def test_the_moment_that_no_row_controls_is_that_of_a_run(arms):
 
 
 @pytest.mark.parametrize("arms", ["two of five joints", pytest.param("six and five", marks=pytest.mark.slow)])
+@pytest.mark.gate
 def test_the_torques_on_positional_rows_are_those_of_a_run_and_the_drives_hold_the_spring(arms):
     """At rest, where the closures hold the spare joints against springs and squeeze."""
     scenario = short(carry("positional", POSITIONAL[arms], by=(0.0, 0.05, 0.15), rows="positional"))
@@ -60,6 +62,7 @@ def test_the_torques_on_positional_rows_are_those_of_a_run_and_the_drives_hold_t
         assert np.all(np.abs(torques) <= 0.905 * limits)  # at more poses than the 21 of the proposal
 
 
+@pytest.mark.gate
 def test_springs_of_single_joints_and_the_squeeze_count(capsys):
     """The cell of the catalogue has no spring on its first joints, and tip forces with moments about P."""
     scenario = cp.Scenario.load("five-joint-pair", {"duration": 4.0})
@@ -71,7 +74,7 @@ def test_springs_of_single_joints_and_the_squeeze_count(capsys):
     assert f"{found.moment:.3g} N m" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("cell", SCENARIOS)
+@pytest.mark.parametrize("cell", ["planar", pytest.param("spatial", marks=pytest.mark.gate)])
 def test_the_moment_that_the_anchor_controls_is_expected_like_its_force(cell):
     """Along a slow line, over time: weights, friction that changes its sign, and the anchor's lag."""
     start = SCENARIOS[cell]().start

@@ -267,6 +267,7 @@ def test_an_arm_that_cannot_hold_the_start_is_not_said_to_have_no_limits():
     assert StaticTorques((left,)).summary().endswith("not computed")
 
 
+@pytest.mark.gate
 def test_check_fails_where_a_drive_cannot_hold(capsys):
     words = ["check", "two-pandas-box", "--poses", "3"]
     assert main(words) == 0

@@ -46,7 +46,9 @@ def distance(model, q, near):
     return float(np.linalg.norm(pin.difference(model.model, q, near)))
 
 
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "xarm7")) for name in ARMS]
+)
 def test_every_branch_closes_within_the_limits_and_the_nearest_comes_first(models, name):
     model = models[name]
     limits = model.limits
@@ -219,7 +221,7 @@ def test_out_of_reach_no_joint_is_blamed(narrow):
     assert_allclose(caught.value.distance, 0.3, rtol=1e-4)
 
 
-@pytest.mark.parametrize("name", ["ur5", "panda"])
+@pytest.mark.parametrize("name", ["ur5", pytest.param("panda", marks=pytest.mark.slow)])
 def test_the_gap_of_a_spatial_arm_is_the_least_distance_first_and_then_the_least_angle(models, name):
     """No angles found by brute force come nearer to the grasp than the gap says."""
     model = models[name]

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cells import SCENARIOS
-from source_trees import SourceTrees
+from source_trees import SourceTrees, nodes
 
 import coop_pin
 from coop_pin.cli.parsing import COMMANDS
@@ -238,10 +238,11 @@ def module_of(node: ast.ImportFrom, file: Path) -> str:
     return ".".join((*folder, *filter(None, [node.module])))
 
 
+@functools.cache
 def imports_of(file: Path) -> list[tuple[str, list[str]]]:
     """Module and names of every import of a file, inside functions and by ``import_module`` too."""
     found: list[tuple[str, list[str]]] = []
-    for node in ast.walk(TREES[file]):
+    for node in nodes(TREES[file]):
         if isinstance(node, ast.Import):
             found += [(alias.name, []) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -277,8 +278,8 @@ def test_files_are_in_a_package_of_the_table_and_import_by_full_name_without_esc
         if module == "coop_pin" and not set(names) <= FROM_THE_TOP
     ]
     assert offenders == []
-    nodes = [(file, node) for file, tree in TREES.items() for node in ast.walk(tree)]
-    relative = {(package_of(file), node.level) for file, node in nodes if getattr(node, "level", 0)}
+    entries = [(file, node) for file, tree in TREES.items() for node in nodes(tree)]
+    relative = {(package_of(file), node.level) for file, node in entries if getattr(node, "level", 0)}
     assert relative == {(COPIED, 1)}
     assert {package_of(file) for file in TREES} == {*PACKAGES, "__init__"}
 
@@ -288,7 +289,7 @@ def test_only_libraries_that_are_slow_to_load_are_imported_for_types_alone():
     for_types = {
         f"{file.relative_to(PACKAGE)}: {ast.unparse(statement)}"
         for file, tree in TREES.items()
-        for block in ast.walk(tree)
+        for block in nodes(tree)
         if isinstance(block, ast.If) and "TYPE_CHECKING" in ast.unparse(block.test)
         for statement in block.body
         if isinstance(statement, ast.Import | ast.ImportFrom)
@@ -402,7 +403,7 @@ def test_a_package_says_what_to_open_first_and_what_it_imports(folder):
 def test_no_class_name_stands_twice_in_the_package():
     files = collections.defaultdict(list)
     for file, tree in TREES.items():
-        for node in ast.walk(tree):
+        for node in nodes(tree):
             if isinstance(node, ast.ClassDef):
                 files[node.name].append(str(file.relative_to(PACKAGE)))
     assert {name: names for name, names in files.items() if len(names) > 1} == {}
@@ -630,11 +631,12 @@ def is_private(name: str) -> bool:
     return name.startswith("_") and not name.endswith("__") and name not in {"_", *PROTOCOLS}
 
 
+@functools.cache
 def given_names(tree: ast.AST) -> set[str]:
     """The names of functions, classes, variables and attributes that a file gives."""
     return {
         node.id if isinstance(node, ast.Name) else node.attr if isinstance(node, ast.Attribute) else node.name
-        for node in ast.walk(tree)
+        for node in nodes(tree)
         if isinstance(node, ast.FunctionDef | ast.ClassDef)
         or (isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store))
     }
@@ -653,10 +655,11 @@ def replaced_by(call: ast.Call) -> list[ast.expr]:
     return []
 
 
+@functools.cache
 def imported(tree: ast.AST, *, ours: bool) -> set[str]:
     """The names that a file imports of the package, or of others."""
     names = set()
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         if isinstance(node, ast.Import | ast.ImportFrom):
             for alias in node.names:
                 module = node.module if isinstance(node, ast.ImportFrom) else alias.name
@@ -670,7 +673,7 @@ def private_uses(tree: ast.Module, private: set[str]) -> list[str]:
     of_package = imported(tree, ours=True)
     overriding = [
         node
-        for node in ast.walk(tree)
+        for node in nodes(tree)
         if isinstance(node, ast.ClassDef)
         and any(ast.unparse(base).partition(".")[0] in of_package for base in node.bases)
     ]
@@ -678,9 +681,9 @@ def private_uses(tree: ast.Module, private: set[str]) -> list[str]:
         method.name for kind in overriding for method in kind.body if isinstance(method, ast.FunctionDef)
     ]
     found = [name for name in overrides if name in private]
-    own = given_names(tree) - set(overrides)
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute) and node.attr in private - own:
+    foreign = private - (given_names(tree) - set(overrides))
+    for node in nodes(tree):
+        if isinstance(node, ast.Attribute) and node.attr in foreign:
             found.append(node.attr)
         elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("coop_pin"):
             found += [alias.name for alias in node.names if is_private(alias.name)]
@@ -693,7 +696,7 @@ def private_uses(tree: ast.Module, private: set[str]) -> list[str]:
 def patched_parts(tree: ast.Module) -> list[str]:
     """What a file replaces, but for parts of other libraries and of scripts."""
     others, found = imported(tree, ours=False) | SCRIPTS, []
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         if isinstance(node, ast.Call) and (replaced := replaced_by(node)):
             if isinstance(replaced[0], ast.Constant):
                 is_ours = str(replaced[0].value).startswith("coop_pin")
@@ -740,6 +743,6 @@ def test_private_uses_and_replacements_are_counted(text, private, patched):
 def test_tests_import_one_another_only_within_their_folder():
     """What tests of several packages share is in modules beside the folders."""
     for file, tree in TESTS.items():
-        for node in ast.walk(tree):
+        for node in nodes(tree):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("test_"):
                 assert (file.parent / f"{node.module}.py").is_file(), (file.name, node.module)

@@ -494,6 +494,7 @@ A force $f$ and a motion.
 """
 
 
+@pytest.mark.slow
 def test_a_site_of_one_page_builds_with_the_settings_of_all(tmp_path):
     """With a formula and a part of the reference; its folder is a copy, in which no notebooks stand."""
     pytest.importorskip("sphinx", reason="sphinx is not installed (extra 'docs')")

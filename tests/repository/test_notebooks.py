@@ -100,14 +100,8 @@ def in_short(path):
     return notebook
 
 
-QUICK = "03_closing_the_chain"
-"""The notebook that runs in the default tier, too."""
-
-
-@pytest.mark.parametrize(
-    "path",
-    [pytest.param(path, marks=[pytest.mark.gate] * (path.stem != QUICK), id=path.stem) for path in NOTEBOOKS],
-)
+@pytest.mark.gate
+@pytest.mark.parametrize("path", [pytest.param(path, id=path.stem) for path in NOTEBOOKS])
 def test_a_notebook_runs_in_its_short_mode_and_shows_what_is_stored(path, tmp_path, kernel):
     assert_it_runs_and_shows_what_is_stored(in_short(path), tmp_path, kernel)
 

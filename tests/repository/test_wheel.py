@@ -108,6 +108,7 @@ def wheel_files(wheel):
 # ---------------------------------------------------------------- contents
 
 
+@pytest.mark.gate
 def test_the_wheel_holds_the_package_its_data_and_the_robots_and_nothing_else(wheel):
     names = set(wheel_files(wheel))
     info = f"coop_pin-{coop_pin.__version__}.dist-info"

@@ -289,8 +289,16 @@ def test_a_wrong_name_in_a_result_is_told_with_the_names_there_are(result, tmp_p
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda it: pickle.loads(pickle.dumps(it))])
-@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
-@pytest.mark.parametrize("cell", SCENARIOS)
+@pytest.mark.parametrize(
+    ("cell", "engine"),
+    [
+        *(("planar", "compiled"), ("spatial", "pinocchio")),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (("planar", "pinocchio"), ("spatial", "compiled"))
+        ),
+    ],
+)
 def test_results_and_the_errors_that_carry_them_are_copied_and_pickled(cell, engine, copied):
     """As between processes of a pool: labelled and not."""
     scenario = SCENARIOS[cell]().override({"duration": 0.1, "events": []})

@@ -1,6 +1,7 @@
 """Findings of ``cp.check``: severities, remedies that work, and the part of them that a run lists."""
 
 import json
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from test_plausibility import DEGREES, SOUND, cell_of
 import coop_pin as cp
 from coop_pin.cli import main
 from coop_pin.results.finding import LEFT_TO_CHECK
+from coop_pin.running.cell_findings import lost_arm_findings
 from coop_pin.running.check import quick_findings
 from coop_pin.running.plausibility import implausible_numbers
 from coop_pin.simulation.build_controller import build_controller
@@ -70,14 +72,36 @@ def assert_a_remedy_works(scenario, kind, severity):
     assert (kind, severity) in doubts
 
 
-@pytest.mark.parametrize("kind", SOUND)
-@pytest.mark.parametrize("trouble", ["rate", "steps", "mm", "degrees", "squeeze", "record"])
+TROUBLES = ("rate", "steps", "mm", "degrees", "squeeze", "record")
+
+
+@pytest.mark.parametrize(
+    ("trouble", "kind"),
+    [
+        *((trouble, "planar") for trouble in TROUBLES),
+        pytest.param("steps", "spatial", marks=pytest.mark.gate),
+        *(pytest.param(each, "spatial", marks=pytest.mark.slow) for each in TROUBLES if each != "steps"),
+    ],
+)
 def test_a_remedy_cures_its_finding_and_brings_no_other_error(kind, trouble):
     """Field and value of each are executed; a run lists the same findings."""
     assert_a_remedy_works(*doubtful(kind, trouble))
 
 
-@pytest.mark.parametrize("case", range(5))
+def test_what_is_known_before_a_long_run_takes_no_memory_of_its_record():
+    scenario, *_ = doubtful("planar", "record")
+    simulation = Simulation(scenario, build_controller(scenario))
+    tracemalloc.start()
+    quick_findings(simulation)
+    cp.stability.eigenvalues(scenario)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 0.05 * simulation.recorder.memory
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=[pytest.mark.slow] * (case in (0, 1, 3))) for case in range(5)]
+)
 def test_a_remedy_of_spare_joints_loads_friction_and_servos_works(case):
     assert_a_remedy_works(*[*spatial_cases()][case])
 
@@ -129,12 +153,16 @@ def test_an_arm_that_the_plan_loses_is_an_error_where_the_others_cannot_carry():
     )
     drives = pandas.actuators.replace(torque_lost_at=1.0)
     by_drives = pandas.replace(arm_actuators={"left": drives})
+    reach = cp.feasibility.reachability(pandas, poses=POSES)
+    listed = [finding for finding in cp.check(limp, poses=POSES) if finding.kind == "lost arm"]
+    assert sorted(map(str, listed)) == sorted(map(str, lost_arm_findings(limp, reach)))
     for scenario, severity in ((pandas, "note"), (limp, "error"), (by_drives, "error"), (braked, "note")):
-        lost = [finding for finding in cp.check(scenario, poses=POSES) if finding.kind == "lost arm"]
+        lost = [*lost_arm_findings(scenario, reach)]
         assert {finding.severity for finding in lost if finding.place == "left"} == {severity}
         assert {finding.severity for finding in lost if finding.place == "right"} == {"note"}
 
 
+@pytest.mark.gate
 def test_what_is_suggested_passes_its_check():
     suggestion = cp.suggest(cell_of("spatial"), poses=11)
     assert len(suggestion.findings().of("error", "warning")) == 0
@@ -148,6 +176,7 @@ def test_the_catalogue_has_no_errors(name):
     assert {finding.kind for finding in findings.of("warning")} <= {"grasp frame"}
 
 
+@pytest.mark.gate
 def test_a_drive_that_the_motion_overloads_later_is_named_by_a_run():
     """At the start every drive of this Baxter holds; two seconds later a wrist is at its limit."""
     scenario = cp.Scenario.load("baxter-box", {"cell.payload.mass": 4.73, "events": [], "duration": 6.0})

@@ -23,8 +23,16 @@ def short(kind):
     return cell.replace(duration=0.1, events=(), motion=cp.motions.HoldMotion(pose=cell.start))
 
 
-@pytest.mark.parametrize("engine", ["pinocchio", "compiled"])
-@pytest.mark.parametrize("kind", WEAK)
+@pytest.mark.parametrize(
+    ("kind", "engine"),
+    [
+        *(("planar", "compiled"), ("spatial", "pinocchio")),
+        *(
+            pytest.param(*others, marks=pytest.mark.slow)
+            for others in (("planar", "pinocchio"), ("spatial", "compiled"))
+        ),
+    ],
+)
 def test_what_a_run_warns_of_stays_with_its_result_and_its_pages(kind, engine, tmp_path):
     scenario = weak(kind)
     with pytest.warns(cp.errors.ScenarioWarning):

@@ -144,7 +144,7 @@ def test_no_squeeze_is_told_of_several_arms(kind):
 
 
 def test_run_check_and_suggest_tell_alike(tmp_path, capsys):
-    wrong = cp.Scenario.load("panda-ur5-bar", SHORT | {"squeeze": {}})
+    wrong = cp.Scenario.load("adept-anchored", SHORT | {"squeeze": {}})
     (finding,) = (finding for finding in implausible_numbers(wrong) if finding.kind == "squeeze")
     wrong.save(tmp_path / "wrong.toml")
     main(["check", str(tmp_path / "wrong.toml"), "--poses", "3"])
@@ -164,6 +164,7 @@ def test_a_path_that_leaves_the_reach_is_told_before_the_run():
     assert warnings_of(far.replace(duration=0.2)) == []
 
 
+@pytest.mark.gate
 def test_a_run_tells_the_elbow_that_its_spring_does_not_hold_as_check_does(tmp_path, capsys):
     soft = cp.Scenario.load("two-pandas-box", SHORT | {"controller.posture.stiffness": 3.0})
     (said,) = (said for said in warnings_of(soft) if "the motion" not in said)

@@ -201,7 +201,7 @@ def test_graphs():
     [
         ("two planar", "all arms"),
         pytest.param("two planar", "far", marks=pytest.mark.gate),
-        ("two spatial", "far"),
+        pytest.param("two spatial", "far", marks=pytest.mark.gate),
     ],
 )
 def test_a_batch_has_the_same_network(cell, network):

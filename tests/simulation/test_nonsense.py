@@ -141,7 +141,7 @@ def test_bases_and_plans_that_make_no_sense_are_refused():
 
 def test_a_new_cell_says_what_it_is_at():
     stages = []
-    cp.new_cell(["ur5", "ur5"], distance=0.7, progress=stages.append)
+    cp.new_cell(["adept_3dof"] * 2, payload="bar", size=(0.24, 0.03, 0.03), progress=stages.append)
     assert len(stages) == 2
     assert all("2 arms" in stage for stage in stages)
 

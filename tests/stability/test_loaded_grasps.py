@@ -70,6 +70,7 @@ def test_wrenches_of_loaded_grasps_turn_as_those_of_the_plant(name):
     assert np.abs(by_load - (T - L - S)).max() < 0.05 * np.abs(by_load).max()
 
 
+@pytest.mark.gate
 def test_growth_by_the_squeeze_is_that_of_the_linearised_tick():
     """Two palms of the catalogue hold 60 N; at 120 N they push each other sidewards."""
     for part, is_stable in ((1.0, True), (2.0, False)):

@@ -37,7 +37,7 @@ def missed(scenario):
     return simulation.missed[0]
 
 
-@pytest.mark.parametrize("name", ["adept-compliant", SPATIAL])
+@pytest.mark.parametrize("name", ["adept-compliant", pytest.param(SPATIAL, marks=pytest.mark.gate)])
 def test_the_gap_is_that_of_the_run(name):
     """Within a third: the arms' own errors, some 0.3 mm here, are not in it."""
     scenario = regrasping(name, 1e-7)
@@ -47,7 +47,10 @@ def test_the_gap_is_that_of_the_run(name):
     assert not gap.ok
 
 
-@pytest.mark.parametrize("name", ["adept-compliant", pytest.param(SPATIAL, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param("adept-compliant", marks=pytest.mark.gate), pytest.param(SPATIAL, marks=pytest.mark.slow)],
+)
 def test_a_take_hold_that_will_miss_is_an_error_whose_remedy_holds(name):
     scenario = regrasping(name, 5e-4)
     before = [finding for finding in cp.check(scenario, poses=5) if finding.kind == "take-hold"]

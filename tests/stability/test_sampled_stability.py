@@ -30,6 +30,7 @@ from coop_pin.stability import (
     sampled_stability,
     step_stability,
 )
+from coop_pin.stability.sampled_stability import delayed_factor
 from coop_pin.stability.step_size import REAL_STABILITY
 
 QUIET = {"controller.gains.sign_gain": 0.0, "events": [], "duration": 1.5}
@@ -157,6 +158,27 @@ def test_of_a_single_arm_it_is_the_fastest_mode_and_its_joints(damping):
     share = np.abs(modes[:, worst]) / np.abs(modes[:, worst]).max()
     names = [chain.model.arms[0].angles.names[joint] for joint in np.argsort(-share) if share[joint] >= 0.3]
     assert list(found.joints) == names
+
+
+@pytest.mark.parametrize("D", [1, 4])
+def test_of_one_late_mode_the_limit_is_that_of_levin_and_may(D):
+    """Beside a motion that nothing damps; without anything late there is none."""
+    late = 0.25 * np.outer((0.6, 0.8), (0.6, 0.8))
+    expected = 2.0 * np.sin(np.pi / (4.0 * D + 2.0)) / 0.25
+    assert_allclose(delayed_factor(0.0 * late, late, D), expected, rtol=2e-3)
+    assert delayed_factor(late, 0.0 * late, D) == np.inf
+
+
+def test_late_damping_decays_below_its_limit_and_grows_above():
+    """v[k+1] = v[k] - now v[k] - late v[k-D], tick by tick."""
+    now, late, D = np.array([[0.10, 0.02], [0.02, 0.05]]), np.array([[0.20, 0.05], [0.05, 0.30]]), 3
+    factor, sizes = delayed_factor(now, late, D), []
+    for part in (0.97, 1.03):
+        v = [np.array([1.0, -0.4])] * (D + 1)
+        for _ in range(1000):
+            v.append(v[-1] - part * factor * (now @ v[-1] + late @ v[-1 - D]))
+        sizes.append(np.abs(v[-20:]).max())
+    assert sizes[0] < 0.05 < 5.0 < sizes[1]
 
 
 class Following(ArmController):
@@ -373,8 +395,16 @@ FILTERED = {
 LAGGING = {"planar": {"actuators.lag": 0.1}, "spatial": {"actuators.lag": 0.01}}
 
 
-@pytest.mark.parametrize("changes", [{}, FILTERED, LAGGING], ids=["plain", "filtered", "lagging"])
-@pytest.mark.parametrize("cell", SCENARIOS)
+@pytest.mark.parametrize(
+    ("cell", "changes"),
+    [
+        *(("planar", {}), ("planar", FILTERED), ("spatial", LAGGING)),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (("planar", LAGGING), ("spatial", {}), ("spatial", FILTERED))
+        ),
+    ],
+)
 def test_the_fastest_growth_and_the_least_damping_are_those_of_a_run(cell, changes):
     """Of a push; the planar cell's motion grows with its lag. Gains that differ between rows."""
     gains = np.array(ANCHORED[cell].gains.sliding_gain)

@@ -109,10 +109,13 @@ def test_the_pareto_front_is_what_nothing_beats(tmp_path):
     assert [place.parameters[GAIN] for place in result.pareto("up", "down")] == [0.0, 0.25, 0.5]
 
 
-def test_sobol_indices_of_the_ishigami_function_are_the_known_ones(tmp_path):
+@pytest.mark.parametrize(
+    ("count", "allowed", "wide"), [(256, 0.13, 0.6), pytest.param(1024, 0.03, 0.25, marks=pytest.mark.gate)]
+)
+def test_sobol_indices_of_the_ishigami_function_are_the_known_ones(count, allowed, wide, tmp_path):
     """f = sin x + 7 sin^2 y + 0.1 z^4 sin x: first 0.3139, 0.4424, 0; total 0.5576, 0.4424, 0.2437."""
     fields = {"motion.constant.0": SPAN, "motion.constant.1": SPAN, "motion.constant.2": SPAN}
-    plan = SweepPlan(base="adept-paper", sample={"fields": fields, "count": 1024, "method": "saltelli"})
+    plan = SweepPlan(base="adept-paper", sample={"fields": fields, "count": count, "method": "saltelli"})
 
     def ishigami(p):
         x, y, z = (p[name] for name in fields)
@@ -120,13 +123,13 @@ def test_sobol_indices_of_the_ishigami_function_are_the_known_ones(tmp_path):
 
     found = filled(tmp_path, plan, ishigami).sobol_indices("f", resamples=100)
     assert list(found.index) == list(fields)
-    assert_allclose(found["first"], [0.3139, 0.4424, 0.0], rtol=0, atol=0.03)
-    assert_allclose(found["total"], [0.5576, 0.4424, 0.2437], rtol=0, atol=0.03)
+    assert_allclose(found["first"], [0.3139, 0.4424, 0.0], rtol=0, atol=allowed)
+    assert_allclose(found["total"], [0.5576, 0.4424, 0.2437], rtol=0, atol=allowed)
     for name in ("first", "total"):
         low, value, high = found[f"{name}_low"], found[name], found[f"{name}_high"]
         assert (low <= value).all()
         assert (value <= high).all()
-        assert (high - low < 0.25).all()
+        assert (high - low < wide).all()
 
 
 def test_samples_are_a_dimension_whose_fields_are_coordinates(tmp_path):
