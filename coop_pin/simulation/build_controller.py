@@ -18,6 +18,11 @@ def build_controller(scenario: Scenario) -> CellController:
             arm.
         NameNotFoundError: a user's module or class does not exist.
     """
+    if scenario.cell.jointed and not scenario.controller.controls_grasps:
+        which = f"those of {list(scenario.cell.jointed)} are joints"
+        detail = f"is {scenario.controller.kind!r}, which does not control the rows of grasps, and {which};"
+        remedy = "choose 'payload-space', or 'sliding-mode-redundant' for arms with joints to spare"
+        raise FieldError(f"{detail} {remedy}", "controller.kind")
     arms = [controlled_arm(scenario, ArmModel(arm, name=name)) for name, arm in scenario.cell.arms.items()]
     law, added = scenario.controller.build(scenario, arms), scenario.feed_forward
     if added is None:
@@ -49,4 +54,5 @@ def controlled_arm(scenario: Scenario, model: ArmModel) -> ControlledArm:
         oldest_wrench=scenario.oldest_wrench,
         base_drives=model.base_joints,
         way_out=cell.way_out(name) if name in cell.patches else None,
+        grasp=cell.grasp_rows(name) if name in cell.jointed else None,
     )
