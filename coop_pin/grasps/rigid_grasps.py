@@ -136,9 +136,9 @@ class RigidGrasps:
         p_WP = data.oMf[self._tree.payload_frame].translation
         determinate = np.ones(6, dtype=bool)
         for (tip, _), wrench_map in zip(closed.sides, state.wrench_map, strict=True):
-            X_WE = data.oMf[tip.named]
-            in_world = rotate_vector6(X_WE.rotation, (wrench_map @ null_space).T)
-            about_P = shift_wrench(in_world, X_WE.translation - p_WP)
+            X_WC = tip.pose(data)
+            in_world = rotate_vector6(X_WC.rotation, (wrench_map @ null_space).T)
+            about_P = shift_wrench(in_world, X_WC.translation - p_WP)
             determinate &= np.abs(about_P).max(axis=0, initial=0.0) < _INDETERMINATE
         return determinate
 

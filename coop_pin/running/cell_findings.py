@@ -187,6 +187,8 @@ def stability_findings(
         is_along = along and reach is not None
         damping = motion_stability(simulation, reach) if is_along else start_stability(simulation)  # type: ignore[arg-type]
         yield _of("sampled damping", ", ".join(damping.joints), damping, damping.value, damping.limit)
+        if scenario.cell.jointed:  # the closed loop by differences knows the rows of their laws
+            return
         loop = loop_stability(simulation, reach)
         field = loop.remedy if loop.mode.is_spare and loop.remedy else "controller.gains"
         yield _of("loop stability", field, loop, loop.radius, 1.0)
@@ -215,7 +217,12 @@ def _closed_loop(scenario: Scenario) -> Iterator[Finding]:
 
 
 def lost_arm_findings(scenario: Scenario, reach: Reachability) -> Iterator[Finding]:
-    """Yield arms whose loss the others do not bear: an error where the scenario plans to lose them."""
+    """Yield arms whose loss the others do not bear: an error where the scenario plans to lose them.
+
+    Nothing beside joints, which do not transmit every wrench.
+    """
+    if scenario.cell.jointed:
+        return
     for arm, (limp, carried) in loads_without_an_arm(scenario, reach).items():
         if limp > 1.0:
             sentence = (
@@ -238,6 +245,10 @@ def steady_findings(
     """Yield what the law measures, what a bias and an unknown load leave, and the errors to expect."""
     scenario = simulation.scenario
     law: Any = scenario.controller
+    if scenario.cell.jointed:
+        why = "errors at rest and the loss of an arm are not forecast beside grasps that are joints"
+        yield Finding("steady error", "controller", "note", why)
+        return
     if not scenario.cell.controls_turns and "holding torque" in law.needs:
         moment = internal_moment(scenario, reach, law.posture)
         yield Finding("internal moment", moment.arm, "note", moment.summary(), moment.moment)

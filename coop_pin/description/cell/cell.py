@@ -154,8 +154,8 @@ class Cell(Description):
         if strangers := unknown_arms(pads, earlier.data.get("arms", pads)):
             raise strangers[0]
         for name in pads:
-            if isinstance(grasps.get(name), PatchGrasp):
-                raise FieldError("is of a grasp held by friction, which has a patch of its own", name)
+            if isinstance(grasps.get(name), PatchGrasp | JointGrasp):
+                raise FieldError("is of a grasp that is a joint, or has a patch of its own", name)
         return pads
 
     @model_validator(mode="after")
