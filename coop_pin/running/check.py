@@ -200,13 +200,10 @@ def _candidates(scenario: Scenario, finding: Finding, poses: int) -> Iterator[di
 def _calmer(scenario: Scenario, finding: Finding) -> Iterator[dict[str, Any]]:
     """Yield stiffer springs of spare joints, where the finding is about them, and higher rates."""
     rate, spring = scenario.clock.rate_hz, scenario.controller.spare_spring
-    damping: Any = getattr(getattr(scenario.controller, "posture", None), "damping", None)
-    if finding.kind == "sampled damping" and scenario.cell.jointed and np.ndim(damping) == 0 and damping:
+    posture: Any = getattr(scenario.controller, "posture", None)
+    if finding.kind == "sampled damping" and scenario.cell.jointed and np.ndim(posture.damping) == 0:
         part = _HALF * finding.limit / finding.value  # joints that a grasp makes spare move the wrist alone
-        yield {
-            f"controller.posture.{name}": math.floor(1e3 * part * gain) / 1e3
-            for name, gain in scenario.controller.posture
-        }
+        yield {f"controller.posture.{gain}": math.floor(1e3 * part * value) / 1e3 for gain, value in posture}
     if spring and finding.place == spring:
         node: Any = scenario
         for part in spring.split("."):

@@ -127,12 +127,12 @@ def transmitted_loads(wrenches: Sequence[Array], shares: Array, task: TaskRows, 
     return L
 
 
-def transmitted(wrenches: Sequence[Array], F: Array) -> bool:
-    """Return whether grasps transmit wrenches on their arms, up to rounding.
+def transmits(B: Array, F: Array) -> bool:
+    """Return whether a grasp transmits wrenches on its arm, up to rounding.
 
     Args:
-        wrenches: B_i of all arms in the axes of F, shape (k_0, k_i) each.
-        F: wrench on each arm about P, task rows, shape (m, k_0).
+        B: wrenches of ``GraspRows`` in the axes of F, shape (k_0, k).
+        F: wrenches about P on the task rows, shape (k_0,) or (k_0, n).
     """
-    left = [f - B @ np.linalg.lstsq(B, f, rcond=None)[0] for B, f in zip(wrenches, F, strict=True)]
+    left = F - B @ np.linalg.lstsq(B, F, rcond=None)[0]
     return bool(np.linalg.norm(left) <= _RANK * (1.0 + np.linalg.norm(F)))

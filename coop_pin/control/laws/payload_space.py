@@ -196,7 +196,14 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
         )
 
     def gains_in(self, grasp: GraspRows, gains: PayloadSpaceGains) -> PayloadSpaceGains:
-        """Return sized gains on the rows of a grasp, with K as the grasp transmits it."""
+        """Return sized gains on the rows of a grasp, with K as the grasp transmits it.
+
+        Raises:
+            FieldError: the law reads its own wrist, whose load a joint does not bear by its share.
+        """
+        if self.payload_mass is not None:
+            detail = f"is {self.payload_mass:g} kg, but a grasp is a joint, which bears no load share"
+            raise FieldError(f"{detail}; measure the internal wrench: force_path", "controller.payload_mass")
         return gains_in_grasp(gains, grasp, self.gain_axes == "payload", "sliding_gain")
 
     def _zone(self, rows: TaskRows, gains: PayloadSpaceGains) -> Array:

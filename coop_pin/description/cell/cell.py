@@ -23,7 +23,7 @@ from coop_pin.base.schema.base import (
 )
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import inverse_pose, rotate_vector6, shift_wrench
-from coop_pin.base.spatial.grasp_rows import GraspRows, transmitted_loads, unheld_motion
+from coop_pin.base.spatial.grasp_rows import GraspRows, transmits, transmitted_loads, unheld_motion
 from coop_pin.base.spatial.task_rows import RowsName, TaskRows, task_rows
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.closure import NamedRows, row_mask
@@ -196,6 +196,21 @@ class Cell(Description):
             shown = ", ".join(f"{axis} {value:g}" for axis, value in rows.items() if value)
             detail = f"leave the payload a motion that nobody holds: about P in its axes {shown}"
             raise FieldError(f"{detail}. Make a grasp rigid, or turn an axis", path)
+
+    def require_transmitted(self, wrenches: Array) -> None:
+        """Refuse internal wrenches that a joint does not transmit.
+
+        Args:
+            wrenches: wrench on each arm about P in payload axes, N and N m, shape (m, 6).
+
+        Raises:
+            FieldError: with the arm.
+        """
+        rows = list(self.task_rows.indices)
+        for name, B, F in zip(self.arms, self.transmitted(), wrenches, strict=True):
+            if not transmits(B, F[rows]):
+                detail = f"is {F.tolist()} about P, which the {self.jointed[name].kind} does not transmit"
+                raise FieldError(f"{detail}; state tip forces: kind = 'tip-force' or 'tip-wrench'", name)
 
     @field_validator("load_shares")
     @classmethod
