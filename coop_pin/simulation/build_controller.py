@@ -42,7 +42,7 @@ def _require_grasp_rows(scenario: Scenario) -> None:
     """
     law, path = scenario.controller, scenario.controller.force_path
     which = f"grasps of {list(scenario.cell.jointed)} are joints"
-    if not law.controls_grasps:
+    if not (law.controls_grasps or law.user_code):
         remedy = "choose 'payload-space', or 'sliding-mode-redundant' for arms with joints to spare"
         raise FieldError(
             f"is {law.kind!r}, but {which}, whose rows it does not control; {remedy}", "controller.kind"
