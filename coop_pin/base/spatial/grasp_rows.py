@@ -12,10 +12,10 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.spatial.pose import log3, rotate_vector6, shift_wrench
 from coop_pin.base.spatial.task_rows import FullRows, TaskRows
 
-_ALONG = 1e-9
+_ALONG = 1e-6
 """Sine of an angle that counts as zero."""
-_RANK = 1e-9
-"""Ratio of singular values below which a row is one that nobody holds."""
+_RANK = 1e-6
+"""Ratio below which singular values and parts of wrenches are zero; stated angles are rounded."""
 
 
 @dataclass(frozen=True, eq=False)
