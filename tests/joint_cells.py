@@ -22,10 +22,11 @@ CALM = {
 def jointed(name: str, kinds: dict[str, str], axes=None, **changes) -> cp.Scenario:
     """A scenario of the catalogue with joints for some grasps."""
     scenario = cp.Scenario.load(name)
+    stated = axes or ACROSS.get(name, {})
     joints = {
         arm: {
             "kind": kind,
-            "axis": (axes or ACROSS.get(name, {})).get(arm, (0.0, 0.0, 1.0)),
+            "axis": stated.get(arm, (0.0, 0.0, 1.0)),
             **scenario.cell.grasps[arm].model_dump(),
         }
         for arm, kind in kinds.items()

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from coop_pin.base.arrays import Array, as_array, as_number, as_pose, require_finite, require_type
 from coop_pin.base.errors import NameNotFoundError, OpenClosureError
-from coop_pin.base.spatial import rotate_vector6, weight_wrench
+from coop_pin.base.spatial import inverse_pose, rotate_vector6, shift_wrench, weight_wrench
 from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.description.cell.cell import Cell
@@ -193,9 +193,12 @@ class CellKinematics:
         weight = weight_wrench(self.cell.payload.mass, self.cell.gravity)
         loads = self.cell.shares[:, None] * weight
         if self.cell.jointed:
-            R = self.payload_pose(q)[:3, :3]
-            L = self.cell.loads_within([True] * len(loads))
-            return rotate_vector6(R, L.dot(rotate_vector6(R.T, weight)))
+            frames = self._at(self._q(q))
+            R, L = frames.payload.rotation, self.cell.loads_within([True] * len(loads))
+            grasps = (inverse_pose(grasp.matrix)[:3, 3] for grasp in self.cell.grasps.values())
+            seen = np.array([X_WE.act(p_EP) for X_WE, p_EP in zip(frames.tips, grasps, strict=True)])
+            loads = rotate_vector6(R, L.dot(rotate_vector6(R.T, weight)))
+            return shift_wrench(loads, frames.payload.translation - seen)
         for part in self._parts:
             loads = part.loads(self._q(q), loads)
         return loads
