@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from coop_pin.base.arrays import Array, as_array, as_number, as_pose, require_finite, require_type
 from coop_pin.base.errors import NameNotFoundError, OpenClosureError
 from coop_pin.base.spatial import inverse_pose, rotate_vector6, shift_wrench, weight_wrench
+from coop_pin.base.spatial.grasp_rows import GraspRows
 from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.description.cell.cell import Cell
@@ -79,6 +80,12 @@ class CellKinematics:
         return self.rigid.mechanism
 
     @cached_property
+    def _joint_rows(self) -> dict[str, GraspRows]:
+        """Rows of the grasps that are joints, by arm."""
+        rows = ((name, self.cell.grasp_rows(name)) for name in self.cell.jointed)
+        return {name: each for name, each in rows if each is not None}
+
+    @cached_property
     def arms(self) -> tuple[CellArm, ...]:
         """Model of each arm, without the payload."""
         return tuple(CellArm(self.cell, name) for name in self.cell.arms)
@@ -122,8 +129,7 @@ class CellKinematics:
         """Return the closure error between tip and grasp; of a joint in the rows that it holds."""
         if arm not in self.rigid.joints:
             return ClosureError.of(X_WG.actInv(X_WE))
-        rows, X_EC = self.cell.grasp_rows(self.model.arms[arm].name), self.rigid.joints[arm]
-        assert rows is not None  # the cell has refused it
+        rows, X_EC = self._joint_rows[self.model.arms[arm].name], self.rigid.joints[arm]
         error = rows.expand(rows.pose_error((X_WE * X_EC).homogeneous, (X_WG * X_EC).homogeneous))
         return ClosureError(float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:])))
 

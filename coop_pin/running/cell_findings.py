@@ -15,6 +15,7 @@ from coop_pin.base.memory import free_memory
 from coop_pin.base.schema.user_code import code_of
 from coop_pin.description.arm_events import LoseArm
 from coop_pin.description.scenario import Scenario
+from coop_pin.feasibility.freedoms import freedoms
 from coop_pin.feasibility.internal_moment import internal_moment
 from coop_pin.feasibility.least_squeeze import least_squeeze
 from coop_pin.feasibility.motion_feasibility import closure_problem
@@ -92,6 +93,10 @@ def task_findings(
     yield from reach_findings(reach)
     yield from torque_findings(statics_along(scenario, reach))
     yield from force_findings(scenario, table_error)
+    if scenario.cell.jointed and all(arm.start_error is None for arm in reach.arms):
+        leave = freedoms(scenario)
+        severity: Any = "note" if leave.ok else "error"
+        yield Finding("freedom", "motion", severity, leave.summary(), leave.left, leave.asked)
     if reach.ok and (singular := closure_problem(scenario)):
         yield Finding("closure rank", "cell.grasps", "error", singular)
     if simulation is not None and reach.ok:
