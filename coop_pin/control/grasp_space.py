@@ -136,7 +136,7 @@ def gains_in_grasp(gains: G, rows: GraspRows, in_payload: bool, feedback: str = 
             raise FieldError(f"{detail}, and one for all rotations", path)
         if name == feedback:
             B = rows.wrenches
-            arrays[name] = np.linalg.inv(B.T @ np.linalg.inv(gain) @ B)
+            arrays[name] = np.array(np.linalg.inv(B.T @ np.linalg.inv(gain) @ B), dtype=np.float64)
         else:
             of_kind = np.where(of_grasp, diagonal[linear][0], diagonal[~linear][0])
             arrays[name] = np.diag(of_kind)

@@ -49,8 +49,8 @@ class CellArm(ArmModel):
         if isinstance(grasp, JointGrasp) and self.nv < self.rows.size:
             to_C = np.kron(np.eye(2), grasp.X_EC[:3, :3].T)
             self.to_held_rows = np.diag(np.array(row_mask(grasp.closes), dtype=float)) @ to_C
-            *others, X_PE = self.key
-            self.key = (*others, X_PE + self.to_held_rows.tobytes())
+            model, tip, X_WB, X_PE = self.key
+            self.key = (model, tip, X_WB, X_PE + self.to_held_rows.tobytes())
 
     @cached_property
     def kinematics(self) -> ArmKinematics:

@@ -203,11 +203,11 @@ def _calmer(scenario: Scenario, finding: Finding) -> Iterator[dict[str, Any]]:
     posture: Any = getattr(scenario.controller, "posture", None)
     if finding.kind == "sampled damping" and scenario.cell.jointed and np.ndim(posture.damping) == 0:
         part = _HALF * finding.limit / finding.value  # joints that a grasp makes spare move the wrist alone
-        yield {f"controller.posture.{gain}": math.floor(1e3 * part * value) / 1e3 for gain, value in posture}
+        yield {f"controller.posture.{gain}": math.floor(1e3 * part * each) / 1e3 for gain, each in posture}
     if spring and finding.place == spring:
         node: Any = scenario
-        for part in spring.split("."):
-            node = getattr(node, part)
+        for field in spring.split("."):
+            node = getattr(node, field)
         if np.ndim(node) == 0:
             yield from ({spring: factor * float(node)} for factor in (2.0, 4.0, 8.0))
     if finding.kind == "sampled damping" and math.isfinite(finding.value):

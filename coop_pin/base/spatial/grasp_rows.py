@@ -33,7 +33,7 @@ class GraspRows(TaskRows):
 
     task: TaskRows
     X_PC: Array
-    indices: tuple[int, ...]  # type: ignore[misc]
+    indices: tuple[int, ...]
 
     name: Any = "grasp"
 
