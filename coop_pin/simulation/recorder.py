@@ -122,7 +122,7 @@ class Recorder:
         self._forces = np.zeros((count, self._sizes["v"]))
 
     def record(
-        self, time: float, inputs: TickInputs, applied: Applied, shares: Array, split: Array | None
+        self, time: float, inputs: TickInputs, applied: Applied, shares: Array, split: Array | None = None
     ) -> None:
         """Record one tick; the plant already holds its torques.
 
