@@ -32,7 +32,6 @@ _PUBLIC = {
     "ClosedChain": "chain.closed_chain",
     "Closure": "description.cell.closure",
     "CompliantGrasp": "description.cell.grasp",
-    "JointGrasp": "description.cell.grasp",
     "CoopPinError": "base.errors",
     "Execution": "sweeps.workers.execution",
     "MobileBase": "description.cell.mobile_base",

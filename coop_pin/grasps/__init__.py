@@ -24,6 +24,7 @@ __all__, __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "CellChain": "grasps.cell_chain",
+        "JointGrasp": "description.cell.grasp",
         "grasps_from_configuration": "description.cell.cell",
     },
 )

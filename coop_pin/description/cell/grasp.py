@@ -99,7 +99,7 @@ class JointGrasp(Pose):
         axis: Axis of a hinge or cylinder in grasp axes, of any length; a ball has none.
     """
 
-    kind: Literal["hinge", "ball", "cylinder"]
+    kind: Literal["hinge", "ball", "cylinder"] = "hinge"
     axis: Annotated[Vector3, AfterValidator(_not_zero)] = (0.0, 0.0, 1.0)
 
     @property
