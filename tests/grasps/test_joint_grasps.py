@@ -280,6 +280,15 @@ def test_the_task_is_kept_with_joints(case, zeroed):
     assert result.task.state == "kept"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["adept-hinges", "two-pandas-hinges"])
+def test_the_cells_of_the_catalogue_keep_their_task(name):
+    result = cp.run(name)
+    assert result.simulation_sound
+    assert result.task.state == "kept"
+    assert not [each for each in cp.check(name) if each.severity == "error"]
+
+
 FIVE_JOINTS = Path(__file__).parent.parent / "data" / "five-joint-hinges.toml"
 
 
