@@ -324,3 +324,30 @@ def test_arms_of_four_joints_with_hinges_keep_four_freedoms_and_are_refused_by_n
     assert (left.left, left.rows) == (4, 6)
     with pytest.raises(FieldError, match="joints"):
         cp.run(scenario)
+
+
+def test_the_redundant_printed_law_runs_in_the_rows_of_hinges():
+    """K_d acts on the spare wrist as well: at the paper's 10 N m s/rad T lambda is far beyond 2."""
+    gains = {"pose_gain": 2.0, "sign_gain": 0.0, "damping_gain": (60.0, 60.0, 0.5), "transient_rate": 5.0}
+    law = {
+        "kind": "sliding-mode-redundant",
+        "gains": gains,
+        "force_path": {"kind": "late"},
+        "posture": {"stiffness": 5.0, "damping": 0.1},
+    }
+    scenario = jointed("adept-anchored", {"left": "hinge", "right": "hinge"}, controller=law, duration=3.0)
+    data = cp.run(scenario).data
+    assert np.abs(data["pose_error"].values[-1, :2]).max() < 1e-4
+    error = (data["internal_wrench"] - data["desired_internal_wrench"]).values[-1]
+    assert np.nanmax(np.abs(error)) < 0.05
+
+
+def test_a_hinge_hands_its_load_over_and_what_it_alone_would_hold_is_refused():
+    leave = {"kind": "hand-over", "time": 0.1, "arm": "right", "duration": 0.2}
+    free = {"plant.payload": "free", "duration": 0.4}
+    scenario = jointed("two-pandas-box", {"right": "hinge"}, **free, events=[leave])
+    data = cp.run(scenario).data
+    assert_allclose(data["interaction_wrench"].values[-1, 1], 0.0, atol=0)
+    assert_allclose(data["internal_wrench"].values.sum(axis=1), 0.0, atol=1e-9)
+    with pytest.raises(FieldError, match="nobody holds"):
+        jointed("two-pandas-box", {"right": "hinge"}, **free, events=[leave | {"arm": "left"}])
