@@ -293,9 +293,10 @@ FIVE_JOINTS = Path(__file__).parent.parent / "data" / "five-joint-hinges.toml"
 
 
 def test_hinges_in_place_of_a_joint_keep_all_freedoms_and_the_task():
-    scenario = cp.Scenario.load(FIVE_JOINTS).override({"motion.start_time": 0.05, "motion.duration": 0.4})
+    scenario = cp.Scenario.load(FIVE_JOINTS).override({"motion.start_time": 0.05, "squeeze.force": 0.0})
     scenario = scenario.override(
-        {"motion.goal.xyz": (0.004, 0.005, 0.356), "motion.goal.rpy": (0.02, 0.0, 0.01)}
+        {"motion.goal.xyz": (4e-3, 5e-3, 0.356), "motion.goal.rpy": (0.02, 0.0, 0.01)}
+        | {"motion.duration": 0.4}
     )
     assert freedoms(scenario)[:2] == (6, 6)
     assert freedoms(scenario).ok
