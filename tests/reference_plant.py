@@ -53,6 +53,16 @@ def turned(R: np.ndarray, six: np.ndarray) -> np.ndarray:
     return np.concatenate((R @ six[:3], R @ six[3:]))
 
 
+JOINT_ROWS = {"hinge": ((0, 1, 2), (0, 1)), "ball": ((0, 1, 2), ()), "cylinder": ((0, 1), (0, 1))}
+"""Axes along which a joint holds positions, and those that it keeps across its z, by kind."""
+
+
+def turned_to(axis: Any) -> np.ndarray:
+    """Return a rotation whose z is along an axis."""
+    z = np.array(axis) / np.linalg.norm(axis)
+    return pin.Quaternion.FromTwoVectors(np.array((0.0, 0.0, 1.0)), z).matrix()
+
+
 class Moving(NamedTuple):
     """Frame in motion: its pose, and velocity of its origin and angular velocity in world axes."""
 
@@ -330,7 +340,13 @@ class ReferencePlant:
         self.grasps = [se3(cell.grasps[name]) for name in self.names]
         kinds = [getattr(cell.grasps[name], "kind", "rigid") for name in self.names]
         self.carrier = kinds.index("rigid") if payload == "welded" and "rigid" in kinds else None
-        self.closed = {i: X for i, X in enumerate(self.grasps) if kinds[i] == "rigid" and i != self.carrier}
+        closing = {"rigid", *JOINT_ROWS}
+        self.closed = {i: X for i, X in enumerate(self.grasps) if kinds[i] in closing and i != self.carrier}
+        self.axes = {
+            i: (kind, turned_to(cell.grasps[self.names[i]].axis))
+            for i, kind in enumerate(kinds)
+            if kind in JOINT_ROWS
+        }
         self.is_rigid = [kind == "rigid" for kind in kinds]
         self.mass, self.gravity = cell.payload.mass, np.array(cell.gravity)
         self.inertia = np.array(cell.payload.inertia_matrix)
@@ -519,22 +535,34 @@ class ReferencePlant:
         right += J.T @ (F + weight - six @ b)
         if not self.closed:
             return np.linalg.solve(M, right), {}
-        rows, drift, wanted = self._closures(state, moved, P)
+        rows, drift, wanted, maps = self._closures(state, moved, P)
         free, mobility = np.linalg.solve(M, right), rows @ np.linalg.solve(M, rows.T)
         multipliers = np.linalg.lstsq(mobility, wanted - drift - rows @ free, rcond=1e-11)[0]
         a = free + np.linalg.solve(M, rows.T @ multipliers)
-        return a, dict(zip(self.closed, multipliers.reshape(-1, 6), strict=True))
+        parts = np.split(multipliers, np.cumsum([each.shape[1] for each in maps])[:-1])
+        return a, {i: each @ part for i, each, part in zip(self.closed, maps, parts, strict=True)}
 
     def _closures(
         self, state: State, moved: list[SimpleNamespace], P: Moving
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return J and drift of the closures' e'' = J a + drift, and the e'' that Baumgarte's terms want."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[np.ndarray]]:
+        """Return J and drift of the closures' e'' = J a + drift, and the e'' that Baumgarte's terms want.
+
+        Beside them maps from the multipliers to the wrench on the tip of each in its axes.
+        """
         J_P, b_P = self._payload_jacobian(moved, P)
-        rows, drift, wanted = [], [], []
+        rows, drift, wanted, maps = [], [], [], []
         omega, zeta = self.decay, self.decay_ratio
         for i, X_PG in self.closed.items():
             tip, J_E = moved[i].tip, np.zeros((6, self.nv))
             J_E[:, self.columns[i]] = moved[i].J
+            if i in self.axes:
+                J, b, e, on_tip = self._joint(i, moved[i], P, P.fixed(X_PG), J_E, J_P, b_P)
+                rows.append(J)
+                drift.append(b)
+                wanted.append(-2.0 * zeta * omega * (J @ state.v) - omega**2 * e)
+                maps.append(np.kron(np.eye(2), tip.X.rotation.T) @ on_tip)
+                continue
+            maps.append(np.eye(6))
             E, to_tip = tip.X, np.kron(np.eye(2), tip.X.rotation.T)
             to_payload = np.kron(np.eye(2), P.X.rotation.T)
             X_EP = E.actInv(P.X)
@@ -548,7 +576,42 @@ class ReferencePlant:
             drift.append(A_E - X_EP.toActionMatrix() @ A_P + between)
             e = -pin.log6(E.actInv(P.X * X_PG)).vector
             wanted.append(-2.0 * zeta * omega * (J @ state.v) - omega**2 * e)
-        return np.concatenate(rows), np.concatenate(drift), np.concatenate(wanted)
+        return np.concatenate(rows), np.concatenate(drift), np.concatenate(wanted), maps
+
+    def _joint(
+        self, arm: int, at: Any, P: Moving, G: Moving, J_E: np.ndarray, J_P: np.ndarray, b_P: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
+        """Return J, drift and error of a joint between tip E and grasp G, and its unit wrenches on the tip.
+
+        With d an axis that is held, r from G to E and z the axis on the payload: d . r = 0, and d . z = 0.
+        """
+        kind, R_EC = self.axes[arm]
+        (slides, turns), E = JOINT_ROWS[kind], at.tip
+        lever = G.X.translation - P.X.translation
+        J_G, b_G = shifted(J_P, lever), shifted(b_P, lever)
+        b_G[:3] += cross(P.w, cross(P.w, lever))
+        (a_E, alpha_E), (a_G, alpha_G) = np.split(at.bias, 2), np.split(b_G, 2)
+        R, z = E.X.rotation @ R_EC, G.X.rotation @ R_EC[:, 2]
+        w, alpha = (E.w, alpha_E) if turns else (np.zeros(3), np.zeros(3))  # those of a ball do not turn
+        r, between = E.X.translation - G.X.translation, E.v - G.v
+        rows, drift, error, wrenches = [], [], [], []
+        for k in slides:
+            d = R[:, k]
+            rate = cross(w, d)
+            leverage = cross(d, r) if turns else np.zeros(3)
+            rows.append(d @ (J_E[:3] - J_G[:3]) + leverage @ J_E[3:])
+            second = cross(alpha, d) + cross(w, rate)
+            drift.append(d @ (a_E - a_G) + 2.0 * rate @ between + second @ r)
+            error.append(d @ r)
+            wrenches.append(np.concatenate((d, leverage)))
+        for k in turns:
+            d = R[:, k]
+            n, rate = cross(d, z), cross(cross(E.w, d), z) + cross(d, cross(G.w, z))
+            rows.append(n @ (J_E[3:] - J_G[3:]))
+            drift.append(n @ (alpha_E - alpha_G) + rate @ (E.w - G.w))
+            error.append(d @ z)
+            wrenches.append(np.concatenate((np.zeros(3), n)))
+        return np.array(rows), np.array(drift), np.array(error), np.array(wrenches).T
 
     # ------------------------------------------------------------ steps
 

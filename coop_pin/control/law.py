@@ -13,6 +13,7 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import Description, unknown_arms
 from coop_pin.base.schema.parts import fields_of
+from coop_pin.base.spatial.grasp_rows import GraspRows
 from coop_pin.base.spatial.task_rows import TaskRows, joint_shortage
 from coop_pin.control.bounds import (
     CellTiming,
@@ -25,6 +26,7 @@ from coop_pin.control.bounds import (
 from coop_pin.control.controller import ArmController, CellController, DecentralisedController
 from coop_pin.control.force_paths.force_path import INSIST, NoForcePath
 from coop_pin.control.gains import Gains
+from coop_pin.control.grasp_space import GraspSpaceController, gains_in_grasp
 from coop_pin.control.law_wrapper import ZeroedController
 from coop_pin.control.measurement import ControlledArm
 from coop_pin.control.steady_state import NearRest, SteadyDirection
@@ -56,6 +58,8 @@ class Law(Description):
 
     uses: ClassVar[tuple[str, ...]] = ()
     """Quantities that the law uses where they are measured, in addition to kinematics."""
+    controls_grasps: ClassVar[bool] = False
+    """Whether each arm controls the rows of its own grasp, where that is a joint."""
     spare_spring: ClassVar[str] = ""
     """Path of the field with the spring of spare joints; empty if the law has none."""
 
@@ -241,6 +245,10 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
             scenario: Scenario to run, for laws that build a model.
         """
 
+    def gains_in(self, grasp: GraspRows, gains: G) -> G:
+        """Return sized gains on the rows of a grasp, from those on the task rows."""
+        return gains_in_grasp(gains, grasp, in_payload=False)
+
     def build(self, scenario: Any, arms: Iterable[ControlledArm]) -> CellController:
         """Return the controller; see Law."""
         return DecentralisedController(self.controllers(scenario, arms))
@@ -249,12 +257,18 @@ class DecentralisedLaw(ParametricLaw[G], Generic[G]):
         """Return the controllers of all arms by name; arguments and errors as of ``build``."""
         laws, sized = dict[str, ArmController](), dict[tuple[int, ...], G]()
         for arm in arms:
-            self._require_joints(arm)
+            seat = arm if arm.grasp is None else arm._replace(rows=arm.grasp)
+            self._require_joints(seat)
             path = f"controller.arm_gains.{arm.name}" if arm.name in self.arm_gains else "controller.gains"
             gains, size = self.gains_of(arm.name), (arm.rows.size, arm.drives)
             if (key := (id(gains), *size)) not in sized:  # equal arms share them
                 sized[key] = gains.sized(*size, path)
-            law = self.controller_of(arm, sized[key], scenario)
+            if arm.grasp is None:
+                law = self.controller_of(arm, sized[key], scenario)
+            else:
+                law = GraspSpaceController(
+                    self.controller_of(seat, self.gains_in(arm.grasp, sized[key]), scenario), arm.grasp
+                )
             law = self.force_path.wrapped(law, arm, scenario)
             laws[arm.name] = ZeroedController(law, arm.rows, arm.start_pose) if self.zero_at_grasp else law
         return laws

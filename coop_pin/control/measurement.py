@@ -8,6 +8,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from coop_pin.base.arrays import Array, Mask
+from coop_pin.base.spatial.grasp_rows import GraspRows
 from coop_pin.base.spatial.task_rows import TaskRows
 
 
@@ -116,6 +117,7 @@ class ControlledArm(NamedTuple):
         base_drives: Number of its first drives that move a mobile base.
         way_out: Normal of the face on which it holds the payload by friction, out of it in payload axes,
             shape (3,): it starts with the squeeze on. None with another grasp.
+        grasp: Rows of its grasp, where that is a joint.
     """
 
     name: str
@@ -130,6 +132,7 @@ class ControlledArm(NamedTuple):
     oldest_wrench: int
     base_drives: int = 0
     way_out: Array | None = None
+    grasp: GraspRows | None = None
 
     @property
     def pressed(self) -> bool:

@@ -302,6 +302,11 @@ def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
             detail = f"is {event.arm!r}, which {state} at {event.time:g} s"
             problems.append(FieldError(detail, f"{path}.arm"))
         holding[event.arm], since[event.arm] = event.holds, event.end
+        if cell.jointed and any(holding.values()):
+            try:
+                cell.require_payload_held(list(holding.values()), f"{path}.arm")
+            except FieldError as problem:
+                problems.append(problem)
         if not any(holding.values()) and event.time < laid:
             detail = f"is {event.arm!r}, the last arm that holds the payload"
             problems.append(FieldError(f"{detail}: one must hold it until it is put down", f"{path}.arm"))

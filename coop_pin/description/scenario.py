@@ -114,7 +114,10 @@ class Scenario(Description):
     @classmethod
     def _names_the_arms(cls, squeeze: Squeeze, earlier: ValidationInfo) -> Squeeze:
         if "cell" in earlier.data:
-            squeeze.check_arms(earlier.data["cell"].grasps)
+            cell = earlier.data["cell"]
+            squeeze.check_arms(cell.grasps)
+            if cell.jointed:
+                cell.require_transmitted(squeeze.at(0.0, cell.grasps))
         return squeeze
 
     @field_validator("log")

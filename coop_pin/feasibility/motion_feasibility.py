@@ -68,7 +68,10 @@ def closure_problem(scenario: Scenario) -> str:
     q = chain.posed_configuration(stated, X_WP) if stated else chain.configuration(X_WP)
     model = chain.mechanism.model
     away = _NEARBY * np.random.default_rng(0).normal(size=model.nv)
-    here, nearby = (chain.mechanism.rank(at) for at in (q, pin.integrate(model, q, away)))
+    near = pin.integrate(model, q, away)
+    if scenario.cell.jointed:  # a payload on joints alone must stay in the plane of planar arms
+        near = chain.mechanism.project_configuration(near)
+    here, nearby = (chain.mechanism.rank(at) for at in (q, near))
     if here >= nearby:
         return ""
     return (

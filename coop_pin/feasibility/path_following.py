@@ -10,6 +10,7 @@ import pinocchio as pin
 from coop_pin.base.arrays import Array, frozen
 from coop_pin.base.bisection import edge
 from coop_pin.base.errors import UnreachablePoseError
+from coop_pin.base.spatial import FullRows
 from coop_pin.description.scenario import Scenario
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.cell_arm import CellArm
@@ -213,12 +214,17 @@ class PathFollowing:
         self._reached = np.array([solution.is_closed for solution in self._solutions])
         rows = model.rows
         self._jacobians = np.stack([model.task_jacobian(q) for q in self.q])
-        sigma = np.zeros((len(self.q), rows.size))
+        sigma = np.zeros((len(self.q), self._jacobians.shape[1]))
         sigma[:, : model.nv] = np.linalg.svd(self._jacobians, compute_uv=False)
         self.sigma_min = frozen(sigma[:, -1])
         with np.errstate(divide="ignore"):
             self.condition = frozen(sigma[:, 0] / sigma[:, -1])
         V = np.stack([rows.select(twist) for twist in path.twists])
+        if (grasp := model.grasp_rows) is not None:  # with the payload as desired
+            about = [X[:3, :3] @ grasp.X_PC[:3, 3] for X in path.poses]
+            turned = [np.kron(np.eye(2), (model.payload_pose(q) @ grasp.X_PC)[:3, :3].T) for q in self.q]
+            moved = [FullRows().twist_shift(r) @ twist for r, twist in zip(about, path.twists, strict=True)]
+            V = np.stack([grasp.select(R @ twist) for R, twist in zip(turned, moved, strict=True)])
         drive_rates = np.linalg.pinv(self._jacobians) @ V[..., None]
         self._rates = drive_rates[..., 0] @ model.from_drive.T
 

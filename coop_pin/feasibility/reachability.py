@@ -186,6 +186,8 @@ def reachability(
 
 def _arm_reach(scenario: Scenario, name: str, path: PayloadPath) -> ArmReach:
     model, rows = CellArm(scenario.cell, name), scenario.cell.task_rows.size
+    if model.grasp_rows is not None:
+        rows = model.grasp_rows.size
     shortage = joint_shortage(model.nv, rows) if model.nv < rows else ""
     try:
         q = solve_ik(model, path.poses[0], posture=model.description.posture)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.base.arrays import Array, frozen, typed
+from coop_pin.base.spatial import rotate_vector6, shift_wrench, weight_wrench
 from coop_pin.description.scenario import Scenario
 from coop_pin.feasibility.reachability import Reachability, reachability
 from coop_pin.model.cell_arm import CellArm
@@ -214,6 +215,7 @@ def _arm_statics(scenario: Scenario, name: str, times: Array, configurations: Ar
     cell, model = scenario.cell, CellArm(scenario.cell, name)
     index, rows, rest = list(cell.arms).index(name), model.rows, np.zeros(model.nv)
     parts = np.zeros((3, len(times), model.nv))
+    L = cell.loads_within([True] * len(cell.arms))[index] if cell.jointed else None
     for at, (time, q) in enumerate(zip(times, configurations, strict=True)):
         J, X_WP = model.payload_jacobian(q), model.payload_pose(q)
         f_d = rows.turn(X_WP, rows.select(scenario.squeeze.at(float(time), cell.grasps)[index]))
@@ -221,6 +223,13 @@ def _arm_statics(scenario: Scenario, name: str, times: Array, configurations: Ar
         model.model.gravity.linear = surroundings.gravity
         F_load = model.share * surroundings.mass * surroundings.gravity
         parts[:, at] = model.nonlinear_effects(q, rest), -J[:3].T @ F_load, -rows.select(J).T @ f_d
+        if L is not None:
+            X_WP_d = scenario.payload_motion.at(float(time)).X_WP_d  # the joint may have turned in its view
+            R, W = X_WP_d[:3, :3], weight_wrench(surroundings.mass, surroundings.gravity)
+            f_d = rotate_vector6(R, scenario.squeeze.at(float(time), cell.grasps)[index])
+            F_load = rotate_vector6(R, L @ rotate_vector6(R.T, W))
+            r = X_WP_d[:3, 3] - X_WP[:3, 3]
+            parts[1, at], parts[2, at] = (-J.T @ shift_wrench(F, r) for F in (F_load, f_d))
     weight, load, squeeze = (frozen(part) for part in parts @ model.from_drive)
     joints = model.limits.joints
     units = tuple("N m" if unit == "rad" else "N" for unit in joints.units)

@@ -2,7 +2,7 @@
 
 Open first: ``cell_chain`` (closed chain of a cell; ``cell_dynamics`` has its interaction wrenches),
 ``force_elements`` (wrenches between frames: what a new kind of grasp that gives would be), ``rigid_grasps``
-(closures that come and go).
+(closures that come and go, hinges and balls among them).
 
 - Springs: ``grasp_springs`` (compliant grasps), ``spring_damper`` (law, also of a partner's hand).
 - Friction: ``contact_points`` (friction force of a point that sticks or slides), ``contact_patches`` (palms
@@ -24,6 +24,7 @@ __all__, __getattr__, __dir__ = lazy_names(
     __name__,
     {
         "CellChain": "grasps.cell_chain",
+        "JointGrasp": "description.cell.grasp",
         "grasps_from_configuration": "description.cell.cell",
     },
 )

@@ -87,7 +87,8 @@ class CellDynamics(CellKinematics):
             q: configuration, shape (nq,).
             v: velocity, shape (nv,).
             a: acceleration, shape (nv,).
-            of_closures: wrench on the tip of each rigid grasp that is a closure, about it in its axes.
+            of_closures: wrench on the tip of each rigid grasp that is a closure, about it in its axes; of a
+                joint about C.
             push: wrench on the payload about P in world axes, shape (6,).
 
         Raises:
@@ -167,7 +168,9 @@ class CellDynamics(CellKinematics):
         X_WP, tips, welded = self._frames.payload, self._frames.tips, self._frames.welded
         in_payload = np.zeros((len(tips), 6))
         for index, F_E in zip(self.rigid.closed, of_closures, strict=False):
-            in_payload[index] = X_WP.actInv(tips[index]).act(F_E).vector
+            X_EC = self.rigid.joints.get(index)
+            X_WC = tips[index] if X_EC is None else tips[index] * X_EC
+            in_payload[index] = X_WP.actInv(X_WC).act(F_E).vector
         if grasps is not None:
             in_payload[self.springs.arms] = [X_WP.actInv(pin.Force(F)).vector for F in grasps.on_body]
         by_tables = _NO_WRENCH

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 
 from coop_pin.base.arrays import Array, as_array, as_number, as_pose, require_finite, require_type
 from coop_pin.base.errors import NameNotFoundError, OpenClosureError
-from coop_pin.base.spatial import weight_wrench
+from coop_pin.base.spatial import inverse_pose, rotate_vector6, shift_wrench, weight_wrench
+from coop_pin.base.spatial.grasp_rows import GraspRows
 from coop_pin.chain.closed_chain import ClosedChain
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.description.cell.cell import Cell
@@ -79,6 +80,12 @@ class CellKinematics:
         return self.rigid.mechanism
 
     @cached_property
+    def _joint_rows(self) -> dict[str, GraspRows]:
+        """Rows of the grasps that are joints, by arm."""
+        rows = ((name, self.cell.grasp_rows(name)) for name in self.cell.jointed)
+        return {name: each for name, each in rows if each is not None}
+
+    @cached_property
     def arms(self) -> tuple[CellArm, ...]:
         """Model of each arm, without the payload."""
         return tuple(CellArm(self.cell, name) for name in self.cell.arms)
@@ -116,7 +123,15 @@ class CellKinematics:
     def gap(self, arm: int, q: Array) -> ClosureError:
         """Return distance and angle of an arm's tip from its nominal grasp."""
         frames = self._at(q)
-        return ClosureError.of(frames.grasps[arm].actInv(frames.tips[arm]))
+        return self._gap(arm, frames.tips[arm], frames.grasps[arm])
+
+    def _gap(self, arm: int, X_WE: pin.SE3, X_WG: pin.SE3) -> ClosureError:
+        """Return the closure error between tip and grasp; of a joint in the rows that it holds."""
+        if arm not in self.rigid.joints:
+            return ClosureError.of(X_WG.actInv(X_WE))
+        rows, X_EC = self._joint_rows[self.model.arms[arm].name], self.rigid.joints[arm]
+        error = rows.expand(rows.pose_error((X_WE * X_EC).homogeneous, (X_WG * X_EC).homogeneous))
+        return ClosureError(float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:])))
 
     def brake(self, arm: int, q: Array) -> None:
         """Hold the joints of an arm, by its index, at a configuration from now on."""
@@ -179,9 +194,17 @@ class CellKinematics:
     def loads(self, q: ArrayLike) -> Array:
         """Return the wrench on each arm at rest about P as the arm's own kinematics see it, shape (m, 6).
 
-        Rigid grasps have their load shares, F_i = c_i [m_0 g, 0].
+        Rigid grasps have their load shares, F_i = c_i [m_0 g, 0]; beside joints L_i [m_0 g, 0].
         """
-        loads = self.cell.shares[:, None] * weight_wrench(self.cell.payload.mass, self.cell.gravity)
+        weight = weight_wrench(self.cell.payload.mass, self.cell.gravity)
+        loads = self.cell.shares[:, None] * weight
+        if self.cell.jointed:
+            frames = self._at(self._q(q))
+            R, L = frames.payload.rotation, self.cell.loads_within([True] * len(loads))
+            grasps = (inverse_pose(grasp.matrix)[:3, 3] for grasp in self.cell.grasps.values())
+            seen = np.array([X_WE.act(p_EP) for X_WE, p_EP in zip(frames.tips, grasps, strict=True)])
+            loads = rotate_vector6(R, L.dot(rotate_vector6(R.T, weight)))
+            return shift_wrench(loads, frames.payload.translation - seen)
         for part in self._parts:
             loads = part.loads(self._q(q), loads)
         return loads
@@ -212,8 +235,8 @@ class CellKinematics:
             OpenClosureError: with the arm and its closure error.
         """
         frames, X_WP, allowed = self._at(self._q(q)), as_pose("X_WP", X_WP), as_number("allowed", allowed)
-        for arm, X_WE in zip(self.model.arms, frames.tips, strict=True):
-            gap = ClosureError.of(X_WE.actInv(pin.SE3(X_WP @ self.cell.grasps[arm.name].matrix)))
+        for index, (arm, X_WE) in enumerate(zip(self.model.arms, frames.tips, strict=True)):
+            gap = self._gap(index, X_WE, pin.SE3(X_WP @ self.cell.grasps[arm.name].matrix))
             if not max(gap) <= allowed:
                 raise OpenClosureError(f"grasp of arm {arm.name}", gap.distance, gap.angle, allowed)
 
@@ -235,7 +258,13 @@ class CellKinematics:
 
     def closure_errors(self, q: ArrayLike) -> list[ClosureError]:
         """Return the closure error between tip and grasp of each arm."""
-        return self._at(self._q(q)).closure_errors(self.rigid.closed)
+        frames = self._at(self._q(q))
+        errors = frames.closure_errors(self.rigid.closed)
+        for arm, X_GE in self.rigid.closed.items() if self.rigid.joints else ():
+            if arm in self.rigid.joints:
+                X_WG = frames.grasps[arm] if X_GE is None else frames.grasps[arm] * X_GE
+                errors[arm] = self._gap(arm, frames.tips[arm], X_WG)
+        return errors
 
     def _q(self, q: ArrayLike) -> Array:
         return as_array("q", q, self.mechanism.model.nq)

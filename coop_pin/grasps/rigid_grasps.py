@@ -50,6 +50,7 @@ class RigidGrasps:
         closed: arms of the closures in their order, with the pose of the tip in its nominal grasp if it was
             closed elsewhere.
         brakes: closures of the joints that a brake holds.
+        joints: X_EC of the grasps that are joints, by index of their arms; wrenches of closures are about C.
         mechanism: the tree with the closures of those that hold, brakes last.
     """
 
@@ -63,6 +64,10 @@ class RigidGrasps:
         """
         self._rows = {name: rows for name, rows in cell.closing.items() if name not in tree.closed_by_tree}
         self.arms = [index for index, name in enumerate(cell.arms) if name in self._rows]
+        self._X_EC = {name: grasp.X_EC for name, grasp in cell.jointed.items()}
+        self.joints = {
+            index: pin.SE3(self._X_EC[name]) for index, name in enumerate(cell.arms) if name in self._X_EC
+        }
         self._tree, self._options, self._data = tree, options, tree.model.createData()
         self._nominal = np.array([cell.grasps[tree.arms[index].name].matrix for index in self.arms])
         self._nominal = self._nominal.reshape(-1, 4, 4)
@@ -82,7 +87,7 @@ class RigidGrasps:
         }
         names, options = [self._tree.arms[index].name for index in self.closed], self._options
         grasps = [
-            Closure(f"{name}/grasp", f"payload/{name}", self._rows[name], X_BC=X and X.homogeneous)
+            self._closure(name, X and X.homogeneous)
             for name, X in zip(names, self.closed.values(), strict=True)
         ]
         self.mechanism = ClosedChain(
@@ -91,6 +96,12 @@ class RigidGrasps:
             stabilisation=options.stabilisation,
             formulation=options.formulation,
         )
+
+    def _closure(self, name: str, X_GE: Array | None) -> Closure:
+        """Return the closure of an arm's tip at a pose in its nominal grasp; about C of a joint."""
+        X_EC = self._X_EC.get(name)
+        X_GC = X_GE if X_EC is None else X_EC if X_GE is None else X_GE @ X_EC
+        return Closure(f"{name}/grasp", f"payload/{name}", self._rows[name], X_AC=X_EC, X_BC=X_GC)
 
     def release(self, number: int) -> None:
         """Open a grasp."""
@@ -125,9 +136,9 @@ class RigidGrasps:
         p_WP = data.oMf[self._tree.payload_frame].translation
         determinate = np.ones(6, dtype=bool)
         for (tip, _), wrench_map in zip(closed.sides, state.wrench_map, strict=True):
-            X_WE = data.oMf[tip.named]
-            in_world = rotate_vector6(X_WE.rotation, (wrench_map @ null_space).T)
-            about_P = shift_wrench(in_world, X_WE.translation - p_WP)
+            X_WC = tip.pose(data)
+            in_world = rotate_vector6(X_WC.rotation, (wrench_map @ null_space).T)
+            about_P = shift_wrench(in_world, X_WC.translation - p_WP)
             determinate &= np.abs(about_P).max(axis=0, initial=0.0) < _INDETERMINATE
         return determinate
 

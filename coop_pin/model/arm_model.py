@@ -44,7 +44,11 @@ class ArmModel:
         base_joints: number of its first joints, which move its mobile base.
         drive: Drive matrix (transmission) T with q_drive = T q, shape (nv, nv).
         from_drive: Inverse transmission T^-1, with v = T^-1 qdot, shape (nv, nv).
+        to_held_rows: map of a gap in tip axes to the rows that a joint holds, shape (6, 6), where inverse
+            kinematics leave the others free; None where they hold all.
     """
+
+    to_held_rows: Array | None = None
 
     def __init__(
         self,

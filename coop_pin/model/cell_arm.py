@@ -8,7 +8,10 @@ import numpy as np
 
 from coop_pin.base.arrays import Array, require_type
 from coop_pin.base.errors import NameNotFoundError
+from coop_pin.base.spatial import FullRows
 from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.closure import row_mask
+from coop_pin.description.cell.grasp import JointGrasp
 from coop_pin.model.arm_model import ArmKinematics, ArmModel
 
 
@@ -20,6 +23,8 @@ class CellArm(ArmModel):
         share: Load share c.
         rows: Task rows of the cell.
         X_PE: Pose of the tip in the payload frame, by its grasp.
+        grasp_rows: Rows of its grasp where that is a joint. With fewer joints than task rows, inverse
+            kinematics leave the turns of that joint free; else they keep its grasp frame.
     """
 
     def __init__(self, cell: Cell, name: str) -> None:
@@ -40,6 +45,13 @@ class CellArm(ArmModel):
         self.description, self.X_PE = cell.arms[name], cell.grasps[name].matrix
         super().__init__(self.description, self.X_PE, cell.gravity, name=name)
         self.share, self.rows = cell.share(name), cell.task_rows
+        grasp = cell.grasps[name]
+        self.grasp_rows = cell.grasp_rows(name) if isinstance(grasp, JointGrasp) else None
+        if isinstance(grasp, JointGrasp) and self.nv < self.rows.size:
+            to_C = np.kron(np.eye(2), grasp.X_EC[:3, :3].T)
+            self.to_held_rows = np.diag(np.array(row_mask(grasp.closes), dtype=float)) @ to_C
+            model, tip, X_WB, X_PE = self.key
+            self.key = (model, tip, X_WB, X_PE + self.to_held_rows.tobytes())
 
     @cached_property
     def kinematics(self) -> ArmKinematics:
@@ -52,7 +64,15 @@ class CellArm(ArmModel):
         return self.posture(self.description.posture)
 
     def task_jacobian(self, q: Array) -> Array:
-        """Return J = S J_WP T^-1 with V_WP = J qdot on the task rows S, shape (k_0, nv)."""
+        """Return J = S J_WP T^-1 with V_WP = J qdot on the task rows S, shape (k_0, nv).
+
+        Of a grasp that is a joint it is J_i on the rows that this holds, about C in its axes, shape (k, nv).
+        """
+        if self.grasp_rows is not None:
+            X_WP, X_PC = self.payload_pose(q), self.grasp_rows.X_PC
+            to_C = FullRows().twist_shift(X_WP[:3, :3] @ X_PC[:3, 3])
+            turned = np.kron(np.eye(2), (X_WP @ X_PC)[:3, :3].T)
+            return self.grasp_rows.select(turned @ to_C @ self.payload_jacobian(q)) @ self.from_drive
         return self.rows.select(self.payload_jacobian(q)) @ self.from_drive
 
     def null_space(self, q: Array) -> Array:

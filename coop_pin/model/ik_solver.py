@@ -22,7 +22,8 @@ class IKSolution(NamedTuple):
 
     Attributes:
         q: configuration, shape (nq,).
-        gap: pose of the target in the tip's frame: [p, log R] of X_EE_d, m and rad, shape (6,).
+        gap: pose of the target in the tip's frame: [p, log R] of X_EE_d, m and rad, shape (6,); of a joint in
+            axes of C, zero in the rows that it leaves free.
     """
 
     q: Array
@@ -91,6 +92,7 @@ class IKSolver:
         self._tip = frame_id(arm.model, "tip")
         X_JE, X_JP = (arm.model.frames[frame_id(arm.model, name)].placement for name in ("tip", "payload"))
         self._X_PE = X_JP.actInv(X_JE)
+        self._to_held = arm.to_held_rows
         A = self._gap(pin.SE3.Identity(), self.limits.random_configurations(1)[0], _UNWEIGHTED)[1]
         self.is_redundant = bool(np.linalg.matrix_rank(A, tol=_RANK_TOLERANCE) < self.model.nv)
 
@@ -256,6 +258,8 @@ class IKSolver:
         A = np.empty_like(J)
         A[:3] = J[:3] - pin.skew(X_EE_d.translation) @ J[3:]
         A[3:] = pin.Jlog3(X_EE_d.rotation.T) @ J[3:]
+        if self._to_held is not None:
+            gap, A = self._to_held @ gap, self._to_held @ A
         return gap * weights, A * weights[:, None]
 
 

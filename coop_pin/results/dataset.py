@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from xarray.indexes import PandasIndex
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import ArgumentError, suggestion
 from coop_pin.base.spatial import internal_wrenches
+from coop_pin.base.spatial.grasp_rows import transmits
 from coop_pin.base.spatial.internal_wrench import (
     constraint_consistent_internal_wrenches,
     determinate_grasp,
@@ -22,7 +23,7 @@ from coop_pin.base.spatial.internal_wrench import (
     symmetric_internal_wrenches,
     virtual_linkage_internal_wrenches,
 )
-from coop_pin.description.cell.payload import Payload
+from coop_pin.description.cell.cell import Cell
 from coop_pin.description.scenario import Scenario
 from coop_pin.results.quantities import Samples, computed, quantities
 
@@ -171,33 +172,58 @@ def _coordinates(labels: Mapping[str, NDArray[Any]]) -> xr.Coordinates:
     return xr.Coordinates({dim: index.create_variables()[dim] for dim, index in indexes.items()}, indexes)
 
 
-def internal_wrench_definitions(data: xr.Dataset, load_shares: Array, payload: Payload) -> xr.Dataset:
+def internal_wrench_definitions(data: xr.Dataset, cell: Cell) -> xr.Dataset:
     """Return the internal wrench by every definition of the literature, about P in world axes.
 
     Rows that rigid bodies do not determine count as zero, and the tips then lie in the plane of the others.
     The virtual bodies of the constraint-consistent definition share the payload's mass, and the third of the
-    trace of its inertia, by the load shares.
+    trace of its inertia, by the load shares. Beside joints a definition whose load a grasp does not transmit
+    is NaN, with its ``reason``, and ``transmitted`` is the split within what all grasps do.
 
     Args:
         data: data of a run.
-        load_shares: c_i, shape (m,).
-        payload: payload, for the virtual bodies.
+        cell: cell of the run.
     """
     r = data["tip_position"].values - data["payload_position"].values[:, None]
-    is_determined = data["wrench_is_determined"].values
+    is_determined, c = data["wrench_is_determined"].values, cell.shares
     F, r = determinate_grasp(data["interaction_wrench"].values, r)
-    inertia = float(np.trace(payload.inertia_matrix)) / 3.0
-    definitions = {
-        "load_shares": internal_wrenches(F, load_shares),
-        "minimum_norm": minimum_norm_internal_wrenches(F, r),
-        "nonsqueezing": nonsqueezing_internal_wrenches(F, r),
-        "virtual_linkage": virtual_linkage_internal_wrenches(F, r),
-        "constraint_consistent": constraint_consistent_internal_wrenches(
-            F, r, load_shares * payload.mass, load_shares * inertia
-        ),
+    masses, inertias = c * cell.payload.mass, c * float(np.trace(cell.payload.inertia_matrix)) / 3.0
+    definitions: dict[str, Callable[[Array, Array], Array]] = {
+        "load_shares": lambda F, _: internal_wrenches(F, c),
+        "minimum_norm": minimum_norm_internal_wrenches,
+        "nonsqueezing": nonsqueezing_internal_wrenches,
+        "virtual_linkage": virtual_linkage_internal_wrenches,
+        "constraint_consistent": lambda F, r: constraint_consistent_internal_wrenches(F, r, masses, inertias),
     }
     if F.shape[1] == 2:
-        definitions["symmetric"] = symmetric_internal_wrenches(F)
-    dims = data["interaction_wrench"].dims
-    labelled = {name: (dims, np.where(is_determined, value, np.nan)) for name, value in definitions.items()}
+        definitions["symmetric"] = lambda F, _: symmetric_internal_wrenches(F)
+    dims, labelled = data["interaction_wrench"].dims, dict[str, Any]()
+    for name, definition in definitions.items():
+        arms = _not_transmitting(definition, cell)
+        values = np.full(F.shape, np.nan) if arms else definition(F, r)
+        reason = (
+            {"reason": f"the grasps of {arms} do not transmit the load that it gives them"} if arms else {}
+        )
+        labelled[name] = (dims, np.where(is_determined, values, np.nan), reason)
+    if cell.jointed:
+        labelled["transmitted"] = (dims, data["internal_wrench"].values)
     return type(data)(labelled, {dim: data[dim] for dim in dims}, {"units": "N, N m"})
+
+
+def _not_transmitting(definition: Callable[[Array, Array], Array], cell: Cell) -> list[str]:
+    """Return the arms whose grasps do not transmit the load part of a definition; none without joints.
+
+    The load parts depend on the resultant alone: those of a unit of each task row are looked at.
+    """
+    if not cell.jointed:
+        return []
+    rows, m = list(cell.task_rows.indices), len(cell.arms)
+    F = np.tile(np.eye(6)[rows][:, None] / m, (1, m, 1))
+    tips = np.array([grasp.xyz for grasp in cell.grasps.values()])
+    tips[:, [row for row in range(3) if row not in rows]] = 0.0
+    loads = (F - definition(F, np.broadcast_to(tips, (len(rows), m, 3))))[..., rows]
+    return [
+        name
+        for index, (name, B) in enumerate(zip(cell.arms, cell.transmitted(), strict=True))
+        if not transmits(B, loads[:, index].T)
+    ]

@@ -23,6 +23,7 @@ Kind = Literal[
     "record size",
     "reach",
     "closure rank",
+    "freedom",
     "static torque",
     "friction",
     "table force",

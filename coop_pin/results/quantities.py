@@ -69,6 +69,16 @@ def _pose_errors(X: Array, X_d: Array) -> Array:
     return np.concatenate((X[..., :3, 3] - X_d[..., :3, 3], rotation), axis=-1)
 
 
+def _internal_wrenches(samples: Samples) -> Array:
+    """Return f_i = F_i - c_i sum_j F_j, beside joints with R L_i R^T in place of c_i, shape (..., m, 6)."""
+    F, L = samples["interaction_wrench"], samples.get("load_split")
+    if L is None:
+        return internal_wrenches(F, samples["load_share"])
+    R = samples["payload_pose"][..., None, :3, :3]
+    load = rotate_vector6(np.swapaxes(R, -1, -2), np.nan_to_num(F).sum(axis=-2, keepdims=True))
+    return F - rotate_vector6(R, (L @ load[..., None])[..., 0])
+
+
 def _axial_directions(tips: Array) -> Array:
     """Return unit vectors from each tip to the middle of the other tips, shape (..., m, 3); NaN for one."""
     if tips.shape[-2] == 1:
@@ -169,8 +179,10 @@ QUANTITIES = (
     Quantity("saturated", "arm joint", "1", "whether the torque was cut at its limit", fill=False,
              read=lambda _, applied: applied.saturated),
     Quantity("interaction_wrench", "arm axis", "N, N m", "F_i on the arm by the payload, about P"),
-    Quantity("internal_wrench", "arm axis", "N, N m", "f_i = F_i - c_i sum_j F_j",
-             lambda s: internal_wrenches(s["interaction_wrench"], s["load_share"])),
+    Quantity("load_split", "arm load_row load_column", "", "L_i of the split beside joints, payload axes",
+             stored=False, group="joints"),
+    Quantity("internal_wrench", "arm axis", "N, N m", "f_i = F_i - c_i sum_j F_j, L_i for c_i beside joints",
+             lambda s: _internal_wrenches(s)),
     Quantity("desired_internal_wrench", "arm axis", "N, N m", "f_d_i turned by the payload",
              lambda s: rotate_vector6(s["payload_pose"][..., None, :3, :3], s["desired_squeeze"])),
     Quantity("axial_direction", "arm position", "1", "unit vector from tip to middle of the other tips",
@@ -237,7 +249,15 @@ QUANTITIES = (
 )
 # fmt: on
 
-_FIXED_SIZES = {"axis": 6, "position": 3, "quaternion": 4, "row": 4, "column": 4}
+_FIXED_SIZES = {
+    "axis": 6,
+    "position": 3,
+    "quaternion": 4,
+    "row": 4,
+    "column": 4,
+    "load_row": 6,
+    "load_column": 6,
+}
 
 GROUPS: dict[str, Callable[[Scenario], bool]] = {
     "compensation": lambda scenario: any(
@@ -246,6 +266,7 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     "servo": lambda scenario: scenario.has_servos,
     "grasps": lambda scenario: bool(scenario.cell.compliant),
     "plan": lambda scenario: bool(scenario.cell.compliant or scenario.has_grasp_plan),
+    "joints": lambda scenario: bool(scenario.cell.jointed),
     "partner": lambda scenario: bool(scenario.partners),
     "patches": lambda scenario: scenario.cell.has_contacts,
     "elements": lambda scenario: scenario.cell.has_force_elements,

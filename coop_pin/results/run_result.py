@@ -235,11 +235,12 @@ class RunResult:
         """Return the internal wrench of every arm at every sample by each definition of the literature.
 
         Variables ``load_shares`` (the paper's, eqs. (7)-(12)), ``minimum_norm``, ``nonsqueezing``,
-        ``virtual_linkage``, ``constraint_consistent``, ``symmetric``: see spatial.internal_wrench.
+        ``virtual_linkage``, ``constraint_consistent``, ``symmetric``: see spatial.internal_wrench. Beside
+        joints those whose load a grasp does not transmit are NaN, and ``transmitted`` is the run's own.
         """
         from coop_pin.results.dataset import internal_wrench_definitions  # slow to load
 
-        return internal_wrench_definitions(self.data, self.scenario.cell.shares, self.scenario.cell.payload)
+        return internal_wrench_definitions(self.data, self.scenario.cell)
 
     def closure_error_max(self) -> tuple[float, float]:
         """Return the largest distance (m) and angle (rad) between a tip and its grasp over the whole run."""

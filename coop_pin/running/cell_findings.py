@@ -15,6 +15,7 @@ from coop_pin.base.memory import free_memory
 from coop_pin.base.schema.user_code import code_of
 from coop_pin.description.arm_events import LoseArm
 from coop_pin.description.scenario import Scenario
+from coop_pin.feasibility.freedoms import freedoms
 from coop_pin.feasibility.internal_moment import internal_moment
 from coop_pin.feasibility.least_squeeze import least_squeeze
 from coop_pin.feasibility.motion_feasibility import closure_problem
@@ -92,6 +93,10 @@ def task_findings(
     yield from reach_findings(reach)
     yield from torque_findings(statics_along(scenario, reach))
     yield from force_findings(scenario, table_error)
+    if scenario.cell.jointed and all(arm.start_error is None for arm in reach.arms):
+        leave = freedoms(scenario)
+        severity: Any = "note" if leave.ok else "error"
+        yield Finding("freedom", "motion", severity, leave.summary(), leave.left, leave.asked)
     if reach.ok and (singular := closure_problem(scenario)):
         yield Finding("closure rank", "cell.grasps", "error", singular)
     if simulation is not None and reach.ok:
@@ -187,6 +192,8 @@ def stability_findings(
         is_along = along and reach is not None
         damping = motion_stability(simulation, reach) if is_along else start_stability(simulation)  # type: ignore[arg-type]
         yield _of("sampled damping", ", ".join(damping.joints), damping, damping.value, damping.limit)
+        if scenario.cell.jointed:  # the closed loop by differences knows the rows of their laws
+            return
         loop = loop_stability(simulation, reach)
         field = loop.remedy if loop.mode.is_spare and loop.remedy else "controller.gains"
         yield _of("loop stability", field, loop, loop.radius, 1.0)
@@ -215,7 +222,12 @@ def _closed_loop(scenario: Scenario) -> Iterator[Finding]:
 
 
 def lost_arm_findings(scenario: Scenario, reach: Reachability) -> Iterator[Finding]:
-    """Yield arms whose loss the others do not bear: an error where the scenario plans to lose them."""
+    """Yield arms whose loss the others do not bear: an error where the scenario plans to lose them.
+
+    Nothing beside joints, which do not transmit every wrench.
+    """
+    if scenario.cell.jointed:
+        return
     for arm, (limp, carried) in loads_without_an_arm(scenario, reach).items():
         if limp > 1.0:
             sentence = (
@@ -238,6 +250,10 @@ def steady_findings(
     """Yield what the law measures, what a bias and an unknown load leave, and the errors to expect."""
     scenario = simulation.scenario
     law: Any = scenario.controller
+    if scenario.cell.jointed:
+        why = "errors at rest and the loss of an arm are not forecast beside grasps that are joints"
+        yield Finding("steady error", "controller", "note", why)
+        return
     if not scenario.cell.controls_turns and "holding torque" in law.needs:
         moment = internal_moment(scenario, reach, law.posture)
         yield Finding("internal moment", moment.arm, "note", moment.summary(), moment.moment)

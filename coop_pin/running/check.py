@@ -41,8 +41,9 @@ from coop_pin.stability.admittance_stability import admittance_stability
 
 _PATH_POSES, _LOOP_POSES = 41, 3
 """Poses at which a run looks for reach, and for stability."""
-_ABOVE, _WIDER = 1.05, 1.5
-"""Factors beyond a limit of a proposed value, and beyond the gap at which a tip takes hold."""
+_ABOVE, _WIDER, _HALF = 1.05, 1.5, 0.45
+"""Factors beyond a limit of a proposed value, and beyond the gap at which a tip takes hold; part of a limit
+at which sampled damping is proposed."""
 
 
 def check(
@@ -199,10 +200,14 @@ def _candidates(scenario: Scenario, finding: Finding, poses: int) -> Iterator[di
 def _calmer(scenario: Scenario, finding: Finding) -> Iterator[dict[str, Any]]:
     """Yield stiffer springs of spare joints, where the finding is about them, and higher rates."""
     rate, spring = scenario.clock.rate_hz, scenario.controller.spare_spring
+    posture: Any = getattr(scenario.controller, "posture", None)
+    if finding.kind == "sampled damping" and scenario.cell.jointed and np.ndim(posture.damping) == 0:
+        part = _HALF * finding.limit / finding.value  # joints that a grasp makes spare move the wrist alone
+        yield {f"controller.posture.{gain}": math.floor(1e3 * part * each) / 1e3 for gain, each in posture}
     if spring and finding.place == spring:
         node: Any = scenario
-        for part in spring.split("."):
-            node = getattr(node, part)
+        for field in spring.split("."):
+            node = getattr(node, field)
         if np.ndim(node) == 0:
             yield from ({spring: factor * float(node)} for factor in (2.0, 4.0, 8.0))
     if finding.kind == "sampled damping" and math.isfinite(finding.value):

@@ -18,6 +18,8 @@ def build_controller(scenario: Scenario) -> CellController:
             arm.
         NameNotFoundError: a user's module or class does not exist.
     """
+    if scenario.cell.jointed:
+        _require_grasp_rows(scenario)
     arms = [controlled_arm(scenario, ArmModel(arm, name=name)) for name, arm in scenario.cell.arms.items()]
     law, added = scenario.controller.build(scenario, arms), scenario.feed_forward
     if added is None:
@@ -30,6 +32,24 @@ def build_controller(scenario: Scenario) -> CellController:
             detail = f"adds torques, but the law commands {law.commands_of(arm.name)!r} to arm {arm.name!r}"
             raise FieldError(detail, "feed_forward")
     return FeedForwardController(law, lambda time, _: added.at(time))
+
+
+def _require_grasp_rows(scenario: Scenario) -> None:
+    """Refuse laws and force paths that know no rows of grasps.
+
+    Raises:
+        FieldError: with the law or the path.
+    """
+    law, path = scenario.controller, scenario.controller.force_path
+    which = f"grasps of {list(scenario.cell.jointed)} are joints"
+    if not (law.controls_grasps or law.user_code):
+        remedy = "choose 'payload-space', or 'sliding-mode-redundant' for arms with joints to spare"
+        raise FieldError(
+            f"is {law.kind!r}, but {which}, whose rows it does not control; {remedy}", "controller.kind"
+        )
+    if path.measures and not path.by_sensors:
+        detail = f"is {path.kind!r}, which splits by load shares, but {which}; choose 'late' or 'low-pass'"
+        raise FieldError(detail, "controller.force_path.kind")
 
 
 def controlled_arm(scenario: Scenario, model: ArmModel) -> ControlledArm:
@@ -49,4 +69,5 @@ def controlled_arm(scenario: Scenario, model: ArmModel) -> ControlledArm:
         oldest_wrench=scenario.oldest_wrench,
         base_drives=model.base_joints,
         way_out=cell.way_out(name) if name in cell.patches else None,
+        grasp=cell.grasp_rows(name) if name in cell.jointed else None,
     )

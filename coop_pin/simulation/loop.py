@@ -95,7 +95,10 @@ class TickLoop:
         self.actuation = Actuation(scenario, self.plant, self.slots, chain.arms, chain.loads(q))
         if controller is not None:
             self.actuation.require_taken(controller)
-        holding, loads = self.actuation.holding_commands, chain.loads if chain.patches.arms else None
+        holding, loads = (
+            self.actuation.holding_commands,
+            chain.loads if chain.patches.arms or scenario.cell.jointed else None,
+        )
         self.sensing = Sensing(scenario, self.slots, chain.arms, holding_torques=holding, loads=loads)
         self.exchange = Exchange(scenario)
         self.motion: PoseReference = scenario.payload_motion  # reads a CSV table again
@@ -174,7 +177,8 @@ class TickLoop:
                     self._applied = applied = actuation.apply(time, command, inputs.signals.missed)
                     plant.drive(applied.torques)
                 case "record":
-                    self.recorder.record(time, inputs, applied, self.sensing.sensors.shares)
+                    sensors = self.sensing.sensors
+                    self.recorder.record(time, inputs, applied, sensors.shares, sensors.loads)
                     self.ticks_done, self._inputs = tick + 1, None
                 case "happen":
                     self._happen(time)

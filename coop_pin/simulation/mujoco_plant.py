@@ -30,7 +30,7 @@ def unlike_plant(cell: Cell, options: PlantOptions, events: Sequence[PayloadEven
     Raises:
         CoopPinError: an arm cannot be loaded.
     """
-    without = [f"grasp of {name!r} is not rigid" for name in cell.unclosed]
+    without = [f"grasp of {name!r} is not rigid" for name in [*cell.unclosed, *cell.jointed]]
     without += [f"table {name!r}" for name in cell.tables]
     if options.payload == "free":
         without.append("payload is 'free' (plant.payload)")

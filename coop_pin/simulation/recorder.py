@@ -121,7 +121,9 @@ class Recorder:
         self._turned = {index: np.zeros((count, len(arms[index].drive))) for index in turning}
         self._forces = np.zeros((count, self._sizes["v"]))
 
-    def record(self, time: float, inputs: TickInputs, applied: Applied, shares: Array) -> None:
+    def record(
+        self, time: float, inputs: TickInputs, applied: Applied, shares: Array, split: Array | None = None
+    ) -> None:
         """Record one tick; the plant already holds its torques.
 
         Args:
@@ -129,6 +131,7 @@ class Recorder:
             inputs: Inputs of the controller.
             applied: Torques of the drives.
             shares: Load share of each arm, shape (m,).
+            split: L_i of each arm beside joints, shape (m, 6, 6).
         """
         if self._running is not None and self.count - self._thinned == _BLOCK:
             self._thin(self._running)
@@ -150,6 +153,8 @@ class Recorder:
             samples[name][sample] = value
         if "load_share" in samples:
             samples["load_share"][sample] = shares
+        if "load_split" in samples:
+            samples["load_split"][sample] = split
         for read, columns, entries in self._read:
             at = sample if entries is None else (sample, entries)
             for column, value in zip(columns, read(measurements, applied), strict=True):

@@ -126,11 +126,17 @@ def configurations_along(
     """
     model, reaches = simulation.chain.model, cell_reach.arms
     lead = CellArm(simulation.scenario.cell, reaches[0].arm)
+
+    def X_WP(time: float, k: int) -> Array:  # which an arm does not see beyond a joint
+        if simulation.scenario.cell.jointed:
+            return simulation.scenario.payload_motion.at(time).X_WP_d
+        return lead.payload_pose(reaches[0].q[k])
+
     # Of the poses at t = 0, which lead to the reference, the last.
     samples = list({time: sample for sample, time in enumerate(reaches[0].times.tolist())}.items())
     chosen = np.unique(np.linspace(0, len(samples) - 1, most).astype(int)).tolist()
     return [
-        (time, model.configuration([reach.q[k] for reach in reaches], lead.payload_pose(reaches[0].q[k])))
+        (time, model.configuration([reach.q[k] for reach in reaches], X_WP(time, k)))
         for time, k in (samples[index] for index in chosen)
     ]
 

@@ -29,6 +29,9 @@ _HAND_M, _HANDLE_M = 0.045, 0.022
 _LIMBS = ((0.28, 0.036, 0.2), (0.3, 0.046, 0.75))
 """Length and radius of a partner's forearm and upper arm, m, and how far they rise, as sines."""
 
+_BALL_M, _PIN_M, _PINS_M = 0.018, 0.006, {"hinge": 0.12, "cylinder": 0.24}
+"""Radii of balls and pins; lengths of pins, along which a cylinder slides."""
+
 HOLDS, SLIDES, ABSENT = 0, 4, 5
 """Codes of a contact, as those of warning colours: it sticks or would, it slides or would, there is none."""
 
@@ -285,7 +288,15 @@ def _payload_items(cell: Cell) -> tuple[Item, ...]:
         Item("desired", ghost, palette.DESIRED, X_PS, "desired", 0.35, lit=False),
         *(Item("payload", Axes(_TRIAD_M), "", X_PG.matrix, "path") for X_PG in cell.grasps.values()),
         *_rods(shape, X_PS, cell),
+        *_pins(cell),
     )
+
+
+def _pins(cell: Cell) -> Iterator[Item]:
+    """Yield the axis of every hinge and cylinder on the payload, and a sphere for a ball."""
+    for grasp in cell.jointed.values():
+        shape = Sphere(_BALL_M) if grasp.kind == "ball" else Cylinder(_PIN_M, _PINS_M[grasp.kind])
+        yield Item("payload", shape, palette.LOAD, grasp.matrix @ grasp.X_EC)
 
 
 def _rods(shape: Shape, X_PS: Array, cell: Cell) -> Iterator[Item]:

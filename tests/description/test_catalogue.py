@@ -33,6 +33,8 @@ for other in [
     "two-pandas-palms",
     "two-ur5-admittance",
     "pick-carry-place",
+    "adept-hinges",
+    "two-pandas-hinges",
     *FAR_CELLS,
     *LARGE_CELLS,
 ]:  # it has the printed law; others have tests below

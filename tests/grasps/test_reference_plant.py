@@ -77,6 +77,20 @@ def held(name: str, arms: Any = None, *events, **changes) -> cp.Scenario:
     return shaken(scenario, 5.0, *changing(name), *events, **{"clock.steps_per_tick": STEPS[name]} | changes)
 
 
+def jointed(name: str, kinds: dict[str, str], axis: Any = None, *events, **changes) -> cp.Scenario:
+    """A run with joints for grasps, about an axis that is askew to grasp, payload and world in space."""
+    scenario, turns = SCENARIOS[name](), {"planar": (0.0, 0.0, 2.0), "spatial": (0.4, -0.7, 0.5)}
+    joints = {
+        f"cell.grasps.{arm}": {
+            "kind": kind,
+            "axis": turns[name] if axis is None else axis,
+            **scenario.cell.grasps[arm].model_dump(),
+        }
+        for arm, kind in kinds.items()
+    }
+    return shaken(scenario, 5.0, *changing(name), *events, **{"squeeze": {}, **joints} | changes)
+
+
 def opening(rest: str) -> list[Any]:
     """The right grasp opens within a tick, and closes again."""
     back = {"duration": 0.01, "approach_time": 0.01, "wait": 0.0, "tolerance": 0.05, "angle_tolerance": 0.5}
@@ -187,6 +201,19 @@ OTHERS = {
     "spatial, rigid": lambda: held("spatial", []),
     "planar, rigid, reopened": lambda: held("planar", [], *opening("found"), **{"plant.payload": "free"}),
     "spatial, rigid, reopened": lambda: held("spatial", [], *opening("found"), **{"plant.payload": "free"}),
+    "planar, a hinge": lambda: jointed("planar", {"right": "hinge"}),
+    "planar, two hinges": lambda: jointed("planar", {"left": "hinge", "right": "hinge"}),
+    "planar, a slider": lambda: jointed("planar", {"right": "cylinder"}, (1.0, 0.4, 0.0)),
+    "spatial, a hinge": lambda: jointed("spatial", {"right": "hinge"}),
+    "spatial, a hinge at a free payload": lambda: jointed(
+        "spatial", {"right": "hinge"}, **{"plant.payload": "free"}
+    ),
+    "spatial, a ball": lambda: jointed("spatial", {"left": "ball"}),
+    "spatial, a cylinder": lambda: jointed("spatial", {"right": "cylinder"}),
+    "spatial, hinge and cylinder": lambda: jointed("spatial", {"left": "hinge", "right": "cylinder"}),
+    "spatial, a hinge, reopened": lambda: jointed(
+        "spatial", {"right": "hinge"}, None, *opening("found"), **{"plant.payload": "free"}
+    ),
     "springs over a table": lambda: over_table(None, 1.2e-3),
     "rigid over a table": lambda: over_table([], 1e-4),
     "springs beside a table": under_table,

@@ -16,8 +16,10 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import NotNegative, Positive, number_or_row
 from coop_pin.base.spatial import TaskRows, weight_wrench
+from coop_pin.base.spatial.grasp_rows import GraspRows
 from coop_pin.control.bounds import SampledLoop
 from coop_pin.control.controller import ArmController
+from coop_pin.control.grasp_space import gains_in_grasp
 from coop_pin.control.law import LoadTransfer
 from coop_pin.control.laws.anchored_integral import AnchoredIntegral
 from coop_pin.control.laws.bounded_anchor import BoundedAnchor
@@ -89,6 +91,7 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
         "anchor_gain": "else the anchors move the payload: it needs one g",
     }
 
+    controls_grasps: ClassVar[bool] = True
     spare_spring: ClassVar[str] = "controller.posture.stiffness"
 
     kind: Literal["payload-space"] = "payload-space"
@@ -191,6 +194,17 @@ class PayloadSpace(SurfaceLaw[PayloadSpaceGains]):
             guard=guard,
             dead_zone=self._zone(rows, gains) if any(self.integral_dead_zone) else None,
         )
+
+    def gains_in(self, grasp: GraspRows, gains: PayloadSpaceGains) -> PayloadSpaceGains:
+        """Return sized gains on the rows of a grasp, with K as the grasp transmits it.
+
+        Raises:
+            FieldError: the law reads its own wrist, whose load a joint does not bear by its share.
+        """
+        if self.payload_mass is not None:
+            detail = f"is {self.payload_mass:g} kg, but a grasp is a joint, which bears no load share"
+            raise FieldError(f"{detail}; measure the internal wrench: force_path", "controller.payload_mass")
+        return gains_in_grasp(gains, grasp, self.gain_axes == "payload", "sliding_gain")
 
     def _zone(self, rows: TaskRows, gains: PayloadSpaceGains) -> Array:
         """Return gamma delta, shape (k_0,)."""

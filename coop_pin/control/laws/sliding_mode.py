@@ -184,6 +184,7 @@ class RedundantSlidingMode(SurfaceLaw[SlidingModeGains]):
         inverse_damping: Damping of the pseudo-inverse; 0 is exact, anything else biases the tracking.
     """
 
+    controls_grasps: ClassVar[bool] = True
     spare_spring: ClassVar[str] = "controller.posture.stiffness"
 
     kind: Literal["sliding-mode-redundant"] = "sliding-mode-redundant"

@@ -1,7 +1,7 @@
 """Cell: arms, payload and what holds it, as a scenario states them.
 
 Open first: ``cell`` (all parts, and grasps from a configuration), ``arm`` (URDF, base, tip, friction,
-calibration error), ``grasp`` (rigid, compliant, patch).
+calibration error), ``grasp`` (rigid, joint, compliant, patch).
 
 ``contact`` has pads, patches and tables, ``grasp_plan`` who bears which part of the load when, ``closure`` a
 loop closure, ``payload`` the body, ``mobile_base`` a driven platform under an arm,

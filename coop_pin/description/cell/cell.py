@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.base.arrays import Array, as_array, as_pose, require_type
 from coop_pin.base.errors import ArgumentError, FieldError, NameNotFoundError
 from coop_pin.base.schema.base import (
     Description,
     Name,
+    Positive,
     Vector3,
     check_arm_names,
     plain_name,
@@ -22,11 +23,12 @@ from coop_pin.base.schema.base import (
 )
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import inverse_pose, rotate_vector6, shift_wrench
+from coop_pin.base.spatial.grasp_rows import GraspRows, transmits, transmitted_loads, unheld_motion
 from coop_pin.base.spatial.task_rows import RowsName, TaskRows, task_rows
 from coop_pin.description.cell.arm import Arm
-from coop_pin.description.cell.closure import NamedRows
+from coop_pin.description.cell.closure import NamedRows, row_mask
 from coop_pin.description.cell.contact import Pad, PatchGrasp, Table
-from coop_pin.description.cell.grasp import CompliantGrasp, Grasp
+from coop_pin.description.cell.grasp import CompliantGrasp, Grasp, JointGrasp
 from coop_pin.description.cell.payload import Payload
 from coop_pin.description.events import Surroundings
 
@@ -68,7 +70,8 @@ class Cell(Description):
         payload: the held object.
         payload_pose: payload pose X_WP that belongs to the arms' postures; for "as-posed" grasps only.
         grasps: pose X_PE of each arm's tip in the payload frame, in the order of the arms; with ``kind =
-            "compliant"`` a spring and damper holds the tip there, with ``kind = "patch"`` friction alone.
+            "compliant"`` a spring and damper holds the tip there, with ``kind = "patch"`` friction alone,
+            with "hinge", "ball" or "cylinder" a joint.
             "as-posed" computes rigid ones from ``payload_pose`` and the postures, and the cell stores the
             result.
         rows: task rows: "full" (6), "planar" (x, y and the rotation about z, for arms that move in the
@@ -77,6 +80,8 @@ class Cell(Description):
         load_shares: load share c_i of each arm, summing to one; equal when omitted.
         tables: tables that the payload may lie on, by name.
         pads: pads of arms with rigid or compliant grasps, by which results tell whether friction would hold.
+        split_length: l, m, of the split of the load beside grasps of fewer rows: a moment over l counts as
+            much as a force. Motion terms of K leave no internal wrench at l^2 = K_rotation / K_position.
     """
 
     arms: dict[str, Arm] = Field(min_length=1)
@@ -88,6 +93,7 @@ class Cell(Description):
     load_shares: dict[str, float] | None = None
     tables: dict[Name, Table] = Field(default={})
     pads: dict[str, Pad] = Field(default={})
+    split_length: Positive = 0.1
 
     @field_validator("arms")
     @classmethod
@@ -148,9 +154,63 @@ class Cell(Description):
         if strangers := unknown_arms(pads, earlier.data.get("arms", pads)):
             raise strangers[0]
         for name in pads:
-            if isinstance(grasps.get(name), PatchGrasp):
-                raise FieldError("is of a grasp held by friction, which has a patch of its own", name)
+            if isinstance(grasps.get(name), PatchGrasp | JointGrasp):
+                raise FieldError("is of a grasp that is a joint, or has a patch of its own", name)
         return pads
+
+    @model_validator(mode="after")
+    def _joints_hold(self) -> Self:
+        if self.jointed:
+            self._require_joints()
+        return self
+
+    def _require_joints(self) -> None:
+        """Refuse joints whose rows the cell does not have, or which leave the payload a motion.
+
+        Raises:
+            FieldError: with the arm, or the motion that no grasp holds.
+        """
+        if self.rows == "positional" or self.unclosed or self.tables:
+            detail = "has joints; they go with rigid grasps, in task rows 'full' or 'planar', without tables"
+            raise FieldError(detail, "grasps")
+        for name in self.jointed:
+            if self.grasp_rows(name) is None:
+                raise FieldError(
+                    "has its axis askew to the plane; it must be in it or across", f"grasps.{name}"
+                )
+        self.require_payload_held([True] * len(self.arms), "grasps")
+
+    def require_payload_held(self, holds: Sequence[bool], path: str) -> None:
+        """Refuse grasps that leave the payload a motion.
+
+        Args:
+            holds: which arms hold.
+            path: field of the error.
+
+        Raises:
+            FieldError: with a twist that no grasp holds.
+        """
+        V = unheld_motion(self.transmitted(holds))
+        if V is not None:
+            rows = dict(zip(self.task_rows.axes, np.round(V / np.abs(V).max(), 3).tolist(), strict=True))
+            shown = ", ".join(f"{axis} {value:g}" for axis, value in rows.items() if value)
+            detail = f"leave the payload a motion that nobody holds: about P in its axes {shown}"
+            raise FieldError(f"{detail}. Make a grasp rigid, or turn an axis", path)
+
+    def require_transmitted(self, wrenches: Array) -> None:
+        """Refuse internal wrenches that a joint does not transmit.
+
+        Args:
+            wrenches: wrench on each arm about P in payload axes, N and N m, shape (m, 6).
+
+        Raises:
+            FieldError: with the arm.
+        """
+        rows = list(self.task_rows.indices)
+        for name, B, F in zip(self.arms, self.transmitted(), wrenches, strict=True):
+            if not transmits(B, F[rows]):
+                detail = f"is {F.tolist()} about P, which the {self.jointed[name].kind} does not transmit"
+                raise FieldError(f"{detail}; state tip forces: kind = 'tip-force' or 'tip-wrench'", name)
 
     @field_validator("load_shares")
     @classmethod
@@ -217,7 +277,38 @@ class Cell(Description):
     @property
     def closing(self) -> dict[str, NamedRows]:
         """Rows of the loop that each rigid grasp closes, by arm, in their order."""
-        return {name: "full" for name in self.grasps if name not in self.compliant | self.patches}
+        return {
+            name: grasp.closes if isinstance(grasp, JointGrasp) else "full"
+            for name, grasp in self.grasps.items()
+            if not isinstance(grasp, CompliantGrasp | PatchGrasp)
+        }
+
+    @property
+    def jointed(self) -> dict[str, JointGrasp]:
+        """Grasps of fewer rows by arm, in their order."""
+        return {name: grasp for name, grasp in self.grasps.items() if isinstance(grasp, JointGrasp)}
+
+    def grasp_rows(self, arm: str) -> GraspRows | None:
+        """Return the rows that an arm's grasp holds, all of them of one that is no joint.
+
+        None if the axis of a joint is askew to the plane of a planar cell.
+        """
+        grasp = self.grasps[arm]
+        if isinstance(grasp, JointGrasp):
+            return GraspRows.of(self.task_rows, grasp.matrix @ grasp.X_EC, row_mask(grasp.closes))
+        return GraspRows.of(self.task_rows, np.eye(4), (True,) * 6)
+
+    def transmitted(self, holds: Sequence[bool] | None = None) -> list[Array]:
+        """Return B_i of ``GraspRows.wrenches`` of the arms that hold, all by default, shape (k_0, k) each."""
+        rows = map(self.grasp_rows, itertools.compress(self.arms, holds or itertools.repeat(True)))
+        return [each.wrenches for each in rows if each is not None]
+
+    def loads_within(self, holds: Sequence[bool]) -> Array:
+        """Return L_i of ``transmitted_loads`` of the arms that hold, shape (n, 6, 6)."""
+        shares = self.shares[list(holds)]
+        return transmitted_loads(
+            self.transmitted(holds), shares / shares.sum(), self.task_rows, self.split_length
+        )
 
     @property
     def unclosed(self) -> list[str]:
@@ -250,6 +341,7 @@ class Cell(Description):
             ArgumentError: a grasp is compliant or held by friction, with the arms; or there is a table.
         """
         for names, are in (
+            (list(self.jointed), "those of {} are joints"),
             (list(self.compliant), "those of {} are compliant"),
             (list(self.patches), "those of {} are held by friction"),
             (list(self.tables), "the cell has tables {}"),

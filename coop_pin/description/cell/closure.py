@@ -13,14 +13,20 @@ from coop_pin.base.arrays import as_pose, frozen, require_type
 from coop_pin.base.errors import FieldError
 
 RowMask = tuple[bool, bool, bool, bool, bool, bool]
-NamedRows = Literal["full", "point", "planar", "axis"]
+NamedRows = Literal["full", "point", "planar", "axis", "cylinder"]
 
 _MASKS: dict[str, RowMask] = {
     "full": (True,) * 6,
     "point": (True, True, True, False, False, False),
     "planar": (True, True, False, False, False, True),
     "axis": (True, True, True, True, True, False),
+    "cylinder": (True, True, False, True, True, False),
 }
+
+
+def row_mask(rows: NamedRows) -> RowMask:
+    """Return which of the six rows a name holds."""
+    return _MASKS[rows]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +38,8 @@ class Closure:
     attached to B. When the closure is closed, X_WA X_AC = X_WB X_BC in the held rows.
 
     The rows refer to the axes of frame a: "full" (a weld), "point" (a ball joint), "planar" (x, y and the
-    rotation about z), "axis" (a hinge about z), or six booleans, linear first: (True, False, False, False,
-    False, False) holds x alone.
+    rotation about z), "axis" (a hinge about z), "cylinder" (turns about z and slides along it), or six
+    booleans, linear first: (True, False, False, False, False, False) holds x alone.
 
     Attributes:
         frame_a: name of frame A; "world" or "universe" is the world.

@@ -1,4 +1,4 @@
-"""Grasp of an arm on the payload: rigid, a spring and damper between tip and payload, or a pressed patch."""
+"""Grasp of an arm on the payload: rigid, a joint, a spring and damper between tip and payload, or a patch."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike
 from pydantic import AfterValidator, Discriminator, Tag
 
 from coop_pin.base.arrays import Array, as_array
-from coop_pin.base.errors import OutOfRangeError
-from coop_pin.base.schema.base import Positive, Vector6, by_name, not_negative, positive
+from coop_pin.base.errors import FieldError, OutOfRangeError
+from coop_pin.base.schema.base import Positive, Vector3, Vector6, by_name, not_negative, positive
 from coop_pin.base.schema.pose import Pose
+from coop_pin.description.cell.closure import NamedRows
 from coop_pin.description.cell.contact import PatchGrasp
 
 STIFFNESSES = {
@@ -75,16 +76,57 @@ class CompliantGrasp(Pose):
         return cls(stiffness=tuple(stiffness.tolist()), **fields)
 
 
+def _not_zero(axis: tuple[float, ...]) -> tuple[float, ...]:
+    if not any(axis):
+        raise FieldError("is zero; an axis has a direction")
+    return axis
+
+
+class JointGrasp(Pose):
+    """Grasp of fewer rows: an ideal joint between the arm's tip and the payload, without friction.
+
+    Its frame C is the grasp frame with z turned onto the axis. In axes of C the rows of wrenches that it
+    transmits are those of the relative motions that it holds:
+
+    - "hinge": all but the turn about z;
+    - "ball": the three forces;
+    - "cylinder": neither the turn about z nor the slide along it.
+
+    Attributes:
+        xyz: Position of the grasp frame in payload axes, m.
+        rpy: Roll, pitch, yaw of the grasp frame, rad.
+        kind: "hinge", "ball" or "cylinder".
+        axis: Axis of a hinge or cylinder in grasp axes, of any length; a ball has none.
+    """
+
+    kind: Literal["hinge", "ball", "cylinder"] = "hinge"
+    axis: Annotated[Vector3, AfterValidator(_not_zero)] = (0.0, 0.0, 1.0)
+
+    @property
+    def X_EC(self) -> Array:
+        """Pose of C in the grasp frame, shape (4, 4)."""
+        return Pose.model_validate({"approach": self.axis}).matrix
+
+    @property
+    def closes(self) -> NamedRows:
+        """Rows of the closure, in axes of C."""
+        rows: dict[str, NamedRows] = {"hinge": "axis", "ball": "point", "cylinder": "cylinder"}
+        return rows[self.kind]
+
+
+_KINDS = {"patch": "patch", "hinge": "joint", "ball": "joint", "cylinder": "joint"}
+
+
 def _kind(value: Any) -> str:
-    if not isinstance(value, dict):
-        return value.kind if isinstance(value, CompliantGrasp | PatchGrasp) else "rigid"
-    return "patch" if value.get("kind") == "patch" else "compliant" if "kind" in value else "rigid"
+    kind = value.get("kind", "") if isinstance(value, dict) else getattr(value, "kind", "")
+    return _KINDS.get(kind, "compliant") if isinstance(kind, str) and kind else "rigid"
 
 
 Grasp = Annotated[
     Annotated[Pose, Tag("rigid")]
+    | Annotated[JointGrasp, Tag("joint")]
     | Annotated[CompliantGrasp, Tag("compliant")]
     | Annotated[PatchGrasp, Tag("patch")],
     Discriminator(_kind),
 ]
-"""Pose X_PE of a rigid grasp, a compliant one, or a patch."""
+"""Pose X_PE of a rigid grasp, a joint, a compliant grasp, or a patch."""

@@ -34,8 +34,8 @@ class GraspPlan(NamedTuple):
         retreats: distance of each tip from its grasp along the axis on which it retreats, m, and its two time
             derivatives, shape (m, 3).
         borne: part of the load that the arms bear; tables bear the rest.
-        linkage: L_i of ``linkage_loads`` in payload axes, of the arms that bear a load, shape (m, 6, 6); None
-            where load shares split it.
+        linkage: L_i of ``linkage_loads``, or of ``transmitted_loads`` beside joints, in payload axes, of the
+            arms that bear a load, shape (m, 6, 6); None where load shares split it.
     """
 
     holds: Mask
@@ -93,7 +93,7 @@ def grasp_plan(
     if loads.any():
         shares = shares / shares.sum()
     borne = min((event.borne(time) for event in events), default=1.0)
-    linkage = _linkage(cell, loads) if split == "virtual-linkage" else None
+    linkage = _linkage(cell, loads) if cell.jointed or split == "virtual-linkage" else None
     return GraspPlan(holds, loads, shares, retreats, borne, linkage)
 
 
@@ -114,8 +114,9 @@ def _linkage(cell: Cell, loads: Array) -> Array:
 
         L = sum over sets S of arms  prod_{i in S} l_i  prod_{i not in S} (1 - l_i)  L^S
 
-    with the L^S of the virtual linkage of S alone: the L_i sum to one, change smoothly with the loads, and
-    are those of the arms that hold where each l_i is 0 or 1. Without any load they are zero.
+    with the L^S of the virtual linkage of S alone, or beside joints of what the grasps of S transmit: the L_i
+    sum to one, change smoothly with the loads, and are those of the arms that hold where each l_i is 0 or 1.
+    Without any load they are zero.
     """
     tips = tuple(grasp.xyz for grasp in cell.grasps.values())
     moving, whole = np.flatnonzero((loads > 0.0) & (loads < 1.0)).tolist(), np.flatnonzero(loads == 1.0)
@@ -126,7 +127,9 @@ def _linkage(cell: Cell, loads: Array) -> Array:
         )
         bearing = sorted([*whole.tolist(), *itertools.compress(moving, chosen)])
         if bearing:
-            L[bearing] += part * _linkage_of(tuple(tips[i] for i in bearing))
+            bear = [i in bearing for i in range(len(tips))]
+            of_all = cell.loads_within(bear) if cell.jointed else _linkage_of(tuple(tips[i] for i in bearing))
+            L[bearing] += part * of_all
             total += float(part)
     return L / total if total else L
 

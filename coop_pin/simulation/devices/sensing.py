@@ -118,7 +118,7 @@ class Sensing:
         self.sensors = cell_sensors(scenario, slots)
         self._holds, self._slips = np.ones(len(slots), dtype=bool), SlipSensors.of(scenario)
         self._patched = [index for index, slot in enumerate(slots) if slot.name in scenario.cell.patches]
-        self._payload = scenario.cell.surroundings
+        self._payload, self._start = scenario.cell.surroundings, scenario.start.matrix
         self.state: SensingState | None = None
 
     def follow(self, plan: GraspPlan) -> None:
@@ -139,6 +139,8 @@ class Sensing:
         R_WP = _NONE
         if self.sensors.wrists:
             R_WP = self._arms[0].payload_pose(q[self._slots[0].q_slice])[:3, :3]
+        if self.sensors.has_joints:  # whose turns the first arm does not see
+            R_WP = self._start[:3, :3]
         truth, view = self._truth(0.0, q, v, signals, applied, loads, R_WP), partial(self._view, q)
         measured = self._step(self.sensors.start(truth, view, references), truth, view, self._slips.start())
         return [
@@ -154,7 +156,7 @@ class Sensing:
         """Return the measurements of a later tick, after the torques of the tick before."""
         q = plant.q
         wrenches = plant.interaction_wrenches() if self.sensors.needs_wrenches else _NONE
-        R_WP = plant.payload_pose()[:3, :3] if self.sensors.wrists else _NONE
+        R_WP = plant.payload_pose()[:3, :3] if self.sensors.needs_pose else _NONE
         assert self.state is not None  # start() came first
         truth = self._truth(time, q, plant.v, signals, applied, wrenches, R_WP)
         slips, slip = self.state.slips, None

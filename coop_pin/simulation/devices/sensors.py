@@ -9,7 +9,6 @@ import numpy as np
 
 from coop_pin.base.arrays import Array, frozen
 from coop_pin.base.spatial import TaskRows, rotate_vector6
-from coop_pin.base.spatial.internal_wrench import linkage_loads
 from coop_pin.control import ArmMeasurement, ArmReference
 from coop_pin.description.scenario import Scenario
 from coop_pin.model.arm_model import PayloadKinematics
@@ -46,7 +45,7 @@ class Truth(NamedTuple):
         applied: torques of the drives at the last tick; those at rest at the first.
         wrenches: F_i on each arm by the payload about P in world axes, just before the tick, shape (m, 6);
             not read unless ``CellSensors.needs_wrenches``.
-        R_WP: orientation of the payload, shape (3, 3); not read without wrist sensors.
+        R_WP: orientation of the payload, shape (3, 3); not read without wrist sensors or joints.
     """
 
     time: Any
@@ -105,6 +104,8 @@ class CellSensors(NamedTuple):
         shares: c_i, shape (m,).
         path: force path; None if the controllers get no internal wrenches.
         loads: L_i of ``linkage_loads`` in payload axes, shape (m, 6, 6); None for load shares.
+        has_joints: Whether a grasp is a joint, beyond which an arm does not see how the payload is turned:
+            load parts and wrists then turn with it as all arms together see it, without a bias.
     """
 
     arms: tuple[ArmSensors, ...]
@@ -113,11 +114,17 @@ class CellSensors(NamedTuple):
     shares: Array
     path: ForcePath | None
     loads: Array | None = None
+    has_joints: bool = False
 
     @property
     def needs_wrenches(self) -> bool:
         """Whether anything of the wrenches is measured."""
         return bool(self.wrists) or self.path is not None
+
+    @property
+    def needs_pose(self) -> bool:
+        """Whether the orientation of the payload is read."""
+        return bool(self.wrists) or self.has_joints
 
     def at_rest(self, mass: float, gravity: Array) -> Array:
         """Return F_i = c_i [m_0 g, 0], what arms carry at rest without internal wrench, shape (m, 6)."""
@@ -150,10 +157,11 @@ class CellSensors(NamedTuple):
         joints, encoders = self._joints(state, truth, view)
         signals, wrenches, wrists, path = truth.signals, truth.wrenches, state.wrists, state.path
         if wrists:
-            wrists = self._wrists(state, truth, [payload.pose for payload, _, _ in joints])
+            seen = [truth.R_WP if self.has_joints else payload.pose[:3, :3] for payload, _, _ in joints]
+            wrists = self._wrists(state, truth, seen)
             wrenches = frozen(np.stack([wrist.wrench for wrist in wrists]))
         if self.path is not None and path is not None:
-            internal = self._internal(wrenches, joints[0][0].pose)
+            internal = self._internal(wrenches, truth.R_WP if self.has_joints else joints[0][0].pose[:3, :3])
             path = self.path.step(path, self.rows.select(internal.T).T, signals.arrived)
             frozen(path.measured)
         measured = [
@@ -172,13 +180,13 @@ class CellSensors(NamedTuple):
         ]
         return measured, SensorState(encoders, wrists, path)
 
-    def _internal(self, wrenches: Array, X_WP: Array) -> Array:
-        """Return the internal wrenches, shape (m, 6), with the payload where the first arm sees it."""
+    def _internal(self, wrenches: Array, R_WP: Array) -> Array:
+        """Return the internal wrenches, shape (m, 6), with the payload as it is seen."""
         resultant = wrenches.sum(axis=0)
         if self.loads is None:
             return wrenches - self.shares[:, None] * resultant
-        in_payload = self.loads.dot(rotate_vector6(X_WP[:3, :3].T, resultant))
-        return wrenches - rotate_vector6(X_WP[:3, :3], in_payload)
+        in_payload = self.loads.dot(rotate_vector6(R_WP.T, resultant))
+        return wrenches - rotate_vector6(R_WP, in_payload)
 
     def _joints(
         self, state: SensorState, truth: Truth, view: View
@@ -195,13 +203,13 @@ class CellSensors(NamedTuple):
             memories.append(memory)
         return joints, tuple(memories)
 
-    def _wrists(self, state: SensorState, truth: Truth, poses: Sequence[Array]) -> tuple[Wrist, ...]:
+    def _wrists(self, state: SensorState, truth: Truth, seen: Sequence[Array]) -> tuple[Wrist, ...]:
         """Return the wrists after a tick."""
         in_payload = rotate_vector6(truth.R_WP.T, truth.wrenches)
         return tuple(
-            wrist.step(F_P, signals.wrist_error, pose[:3, :3], signals.wrist_arrived, arm.delays)
-            for arm, wrist, F_P, pose, signals in zip(
-                self.arms, state.wrists, in_payload, poses, truth.signals.arms, strict=True
+            wrist.step(F_P, signals.wrist_error, R_WP, signals.wrist_arrived, arm.delays)
+            for arm, wrist, F_P, R_WP, signals in zip(
+                self.arms, state.wrists, in_payload, seen, truth.signals.arms, strict=True
             )
         )
 
@@ -228,9 +236,8 @@ def cell_sensors(scenario: Scenario, slots: Sequence[ArmPlace]) -> CellSensors:
     rows, shares, transport = scenario.cell.task_rows, scenario.cell.shares, None
     if path.by_sensors:
         transport = ForcePath(path.pole, np.zeros((path.delay, len(arms), rows.size)))
-    tips = np.array([grasp.matrix[:3, 3] for grasp in scenario.cell.grasps.values()])
-    loads = linkage_loads(tips) if path.split == "virtual-linkage" else None
-    return CellSensors(tuple(arms), at_rest, rows, shares, transport, loads)
+    loads, has_joints = scenario.grasp_plan_at(0.0).linkage, bool(scenario.cell.jointed)
+    return CellSensors(tuple(arms), at_rest, rows, shares, transport, loads, has_joints)
 
 
 def sensors_path(scenario: Scenario, arm: str) -> str:

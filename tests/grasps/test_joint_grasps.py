@@ -1,0 +1,354 @@
+"""Grasps of fewer rows: what they transmit, the split of the load within it, closed forms and laws."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from joint_cells import H, bias_wrenches, jointed
+from law_cells import stated
+from numpy.testing import assert_allclose
+
+import coop_pin as cp
+from coop_pin.base.errors import FieldError
+from coop_pin.base.spatial import task_rows
+from coop_pin.base.spatial.grasp_rows import (
+    GraspRows,
+    internal_dimension,
+    transmits,
+    transmitted_loads,
+    unheld_motion,
+)
+from coop_pin.control.grasp_space import gains_in_grasp
+from coop_pin.control.laws.payload_space_controller import PayloadSpaceGains
+from coop_pin.feasibility.freedoms import freedoms
+from coop_pin.grasps import CellChain
+
+FULL = task_rows("full")
+HELD = {"rigid": (0, 1, 2, 3, 4, 5), "hinge": (0, 1, 2, 3, 4), "cylinder": (0, 1, 3, 4), "ball": (0, 1, 2)}
+LEFT, RIGHT = (-0.2, 0.03, 0.05), (0.25, -0.04, 0.02)
+DIMENSIONS = {
+    ("rigid", "rigid"): 6,
+    ("rigid", "hinge"): 5,
+    ("rigid", "cylinder"): 4,
+    ("rigid", "ball"): 3,
+    ("hinge", "hinge"): 4,
+    ("hinge", "cylinder"): 3,
+    ("hinge", "ball"): 2,
+    ("cylinder", "cylinder"): 2,
+    ("cylinder", "ball"): 1,
+    ("ball", "ball"): 1,
+}
+"""Dimension of the internal wrenches of two grasps with axes askew."""
+
+
+def rows(kind: str, p, axis=(0.0, 0.0, 1.0), task=FULL) -> GraspRows:
+    X = pin.SE3(
+        pin.Quaternion.FromTwoVectors(np.array((0.0, 0.0, 1.0)), np.array(axis)).matrix(), np.array(p)
+    )
+    grasp = GraspRows.of(task, X.homogeneous, [k in HELD[kind] for k in range(6)])
+    assert grasp is not None
+    return grasp
+
+
+def pair(first: str, second: str) -> list[np.ndarray]:
+    return [rows(first, LEFT, (0.3, 0.8, -0.1)).wrenches, rows(second, RIGHT, (-0.6, 0.2, 0.7)).wrenches]
+
+
+@pytest.mark.parametrize("kinds", [*itertools.combinations_with_replacement(HELD, 2)])
+def test_internal_wrenches_of_two_grasps_have_the_dimension_of_null_g(kinds):
+    wrenches = pair(*kinds)
+    lost = kinds == ("ball", "ball")
+    assert internal_dimension(wrenches) == DIMENSIONS[tuple(sorted(kinds, key=list(HELD).index))]
+    assert (unheld_motion(wrenches) is not None) == lost
+
+
+def test_what_two_balls_or_two_hinges_on_one_line_leave_free_is_the_turn_about_it():
+    line = np.subtract(RIGHT, LEFT)
+    for kind in ("ball", "hinge"):
+        V = unheld_motion([rows(kind, LEFT, line).wrenches, rows(kind, RIGHT, line).wrenches])
+        u = line / np.linalg.norm(line)
+        turn = np.concatenate((np.cross(LEFT, u), u))
+        assert abs(V @ turn) / np.linalg.norm(turn) == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["ball", "hinge"])
+def test_a_cell_that_leaves_the_payload_a_turn_is_refused(kind):
+    line = {"left": (H, -H, 0.0), "right": (H, -H, 0.0)}
+    with pytest.raises(FieldError, match="nobody holds"):
+        jointed("two-pandas-box", {"left": kind, "right": kind}, line)
+
+
+@pytest.mark.parametrize("kinds", [kinds for kinds in DIMENSIONS if kinds != ("ball", "ball")])
+def test_the_split_is_the_cheapest_load_that_grasps_transmit(kinds):
+    wrenches, shares, length = pair(*kinds), np.array((0.3, 0.7)), 0.15
+    L = transmitted_loads(wrenches, shares, FULL, length)
+    assert_allclose(L.sum(axis=0), np.eye(6), rtol=0, atol=1e-12)
+    assert all(transmits(B, load) for B, load in zip(wrenches, L, strict=True))
+    Q = np.diag([1.0, 1.0, 1.0, *[length**-2] * 3])
+    G = np.hstack(wrenches)
+    null = np.linalg.svd(G)[2][np.linalg.matrix_rank(G, 1e-9) :]
+    W = np.array((3.0, -2.0, 9.0, 0.4, 0.7, -0.2))
+    for internal in null:
+        parts = np.split(internal, [wrenches[0].shape[1]])
+        slope = sum(
+            (B @ h) @ Q @ (load @ W) / c for B, h, load, c in zip(wrenches, parts, L, shares, strict=True)
+        )
+        assert abs(slope) < 1e-9
+
+
+def test_of_rigid_grasps_the_split_is_that_by_load_shares():
+    shares = np.array((0.3, 0.7))
+    L = transmitted_loads(pair("rigid", "rigid"), shares, FULL, 0.07)
+    assert_allclose(L, shares[:, None, None] * np.eye(6), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("kinds", [kinds for kinds in DIMENSIONS if kinds != ("ball", "ball")])
+def test_motion_terms_leave_no_internal_wrench_where_the_length_is_that_of_the_gains(kinds):
+    stiff, twist, shares = 800.0, 60.0, np.array((0.4, 0.6))
+    gains = PayloadSpaceGains(
+        pose_gain=5.0, sliding_gain=(*[stiff] * 3, *[twist] * 3), sign_gain=0.25, transient_rate=5.0
+    ).sized(6, 0)
+    grasps = [rows(kinds[0], LEFT, (0.3, 0.8, -0.1)), rows(kinds[1], RIGHT, (-0.6, 0.2, 0.7))]
+    x, F, felt = np.array((1e-3, -2e-3, 5e-4, 3e-3, 1e-3, -2e-3)), [], np.zeros((6, 6))
+    for grasp, c in zip(grasps, shares, strict=True):
+        K_i = gains_in_grasp(gains, grasp, in_payload=False, feedback="sliding_gain").sliding_gain
+        felt += c * grasp.wrenches @ K_i @ grasp.wrenches.T
+        F.append(c * grasp.wrenches @ K_i @ grasp.wrenches.T @ x)
+    L = transmitted_loads([grasp.wrenches for grasp in grasps], shares, FULL, (twist / stiff) ** 0.5)
+    assert_allclose(F, L @ np.sum(F, axis=0), rtol=0, atol=1e-12)
+    assert np.linalg.eigvalsh(gains.sliding_gain - felt).min() > -1e-9
+
+
+def test_an_axis_askew_to_the_plane_and_a_squeeze_that_a_hinge_does_not_transmit_are_refused():
+    with pytest.raises(FieldError, match="askew"):
+        jointed("adept-anchored", {"right": "hinge"}, {"right": (0.0, 0.3, 1.0)})
+    with pytest.raises(FieldError, match="does not transmit"):
+        jointed("adept-anchored", {"right": "hinge"}, **{"squeeze": MOMENT})
+
+
+MOMENT = {"left": (-10.0, 0.0, 0.0, 0.0, 0.0, -1.0), "right": (10.0, 0.0, 0.0, 0.0, 0.0, 1.0)}
+
+
+@pytest.mark.parametrize(
+    ("name", "kinds", "kept"),
+    [
+        ("two-pandas-box", {"right": "hinge"}, {"virtual_linkage"}),
+        ("two-pandas-box", {"left": "hinge", "right": "hinge"}, {"virtual_linkage"}),
+        ("two-pandas-box", {"right": "ball"}, set()),
+        ("adept-anchored", {"right": "hinge"}, {"virtual_linkage"}),
+    ],
+)
+def test_definitions_whose_load_a_grasp_does_not_transmit_are_nan_and_say_why(name, kinds, kept):
+    scenario = jointed(name, kinds)
+    result = cp.run(scenario.override({"duration": 2.0 / scenario.clock.rate_hz}))
+    definitions = result.internal_wrench_definitions()
+    known = {str(name) for name in definitions if np.isfinite(definitions[name].values).any()}
+    assert known == kept | {"transmitted"}
+    for lost in {*map(str, definitions)} - known:
+        assert next(iter(kinds)) in definitions[lost].attrs["reason"]
+    if kept:  # both are internal, and transmitted
+        f = definitions["virtual_linkage"].values.sum(axis=1)
+        assert_allclose(f[np.isfinite(f)], 0.0, atol=1e-9)
+
+
+def test_a_three_hinged_arch_has_the_thrust_of_its_closed_form():
+    """Two rods to the crown at (a, h): H = m g a / (2 h), V = m g; by a hinge closure about z."""
+    a, h, m, g = 1.3, 0.4, 2.0, 9.81
+    length, model, parent, X = float(np.hypot(a, h)), pin.Model(), 0, pin.SE3.Identity()
+    model.gravity.linear = np.array((0.0, -g, 0.0))
+    for name in ("rise", "fall"):
+        parent = model.addJoint(parent, pin.JointModelRZ(), X, name)
+        inertia = np.diag((1e-3, m * length**2 / 12.0, m * length**2 / 12.0))
+        model.appendBodyToJoint(
+            parent, pin.Inertia(m, np.array((length / 2, 0.0, 0.0)), inertia), X.Identity()
+        )
+        X = pin.SE3(np.eye(3), np.array((length, 0.0, 0.0)))
+    model.addFrame(pin.Frame("end", parent, 0, X, pin.FrameType.OP_FRAME))
+    support = np.eye(4)
+    support[0, 3] = 2.0 * a
+    chain = cp.ClosedChain(model, [cp.Closure("end", "world", "axis", X_BC=support)])
+    slope = np.arctan2(h, a)
+    dynamics = chain.forward_dynamics(np.array((slope, -2.0 * slope)), np.zeros(2), np.zeros(2))
+    assert_allclose(dynamics.acceleration, 0.0, atol=1e-11)
+    turn = pin.SE3(pin.exp3(np.array((0.0, 0.0, -slope))), np.zeros(3))
+    force = turn.rotation @ np.asarray(dynamics.closure_wrenches[0][:3])
+    assert_allclose(force, (-m * g * a / (2.0 * h), m * g, 0.0), rtol=0, atol=1e-12 * m * g * a / h)
+
+
+@pytest.mark.parametrize(("engine", "text"), [("compiled", "joints"), ("mujoco", "not rigid")])
+def test_engines_without_joints_refuse_them_by_name(engine, text):
+    with pytest.raises(FieldError, match=text):
+        cp.run(jointed("two-pandas-box", {"right": "hinge"}), engine=engine)
+
+
+@pytest.mark.parametrize("kind", ["mean-pose", "own wrench"])
+def test_laws_and_force_paths_that_know_no_rows_of_grasps_are_refused_by_name(kind):
+    changes = {"controller.payload_mass": 3.0, "controller.force_path": {"kind": "none"}}
+    if kind == "mean-pose":
+        changes = {"controller": stated("mean-pose")}
+    with pytest.raises(FieldError):
+        cp.run(jointed("two-pandas-box", {"right": "hinge"}, **changes))
+
+
+def at_rest(result) -> tuple[np.ndarray, np.ndarray]:
+    """Error of the internal wrenches about P in payload axes, and R_WP, at the last sample."""
+    data = result.data
+    R = pin.Quaternion(data["payload_quaternion"].values[-1]).matrix()
+    error = np.nan_to_num((data["internal_wrench"] - data["desired_internal_wrench"]).values[-1])
+    return np.concatenate((error[:, :3] @ R, error[:, 3:] @ R), axis=1), R
+
+
+@pytest.mark.parametrize("kinds", [{"right": "hinge"}, {"left": "hinge", "right": "hinge"}], ids=len)
+def test_a_bias_leaves_the_internal_force_of_its_formula_on_planar_hinges(kinds):
+    bias = (1e-3, 0.0, 0.0)
+    pose = cp.Scenario.load("adept-anchored").start.model_dump()
+    still = {"motion": {"kind": "hold", "pose": pose}, "duration": 6.0, "squeeze": {}, "start_angles": {}}
+    scenario = jointed(
+        "adept-anchored", kinds, **still, **{"cell.arms.right.calibration_error.tip.xyz": bias}
+    )
+    result = cp.run(scenario)
+    error, R = at_rest(result)
+    right = CellChain(scenario.cell, scenario.plant)
+    q = result.data["configuration"].values[-1]
+    X_WE = next(arm for arm in right.arms if arm.name == "right").tip_pose(q[right.model.arms[1].q_slice])
+    rows_ = list(scenario.cell.task_rows.indices)
+    expected = bias_wrenches(scenario, R, X_WE[:3, :3], 1, bias)
+    assert np.abs(expected).max() > 0.1
+    assert_allclose(np.abs(error[:, rows_]), np.abs(expected), rtol=1e-2, atol=1e-3)
+    assert result.simulation_sound
+
+
+def test_a_light_wrist_that_a_hinge_makes_spare_is_a_finding_with_a_remedy_that_works():
+    scenario = jointed("adept-anchored", {"right": "hinge"}, duration=1.0).override(
+        {"controller.posture.damping": 8.0, "controller.posture.stiffness": 40.0}
+    )
+    findings = [each for each in cp.check(scenario, poses=21) if each.kind == "sampled damping"]
+    assert findings[0].severity == "error"
+    assert findings[0].place == "right/joint_3"
+    cured = cp.check(scenario.override(findings[0].remedy), poses=21)
+    assert not [each for each in cured if each.severity == "error"]
+
+
+LIGHT_WRIST = {"controller.posture.stiffness": 15.0, "controller.posture.damping": 3.0}
+"""Of four joints that a ball makes spare: T lambda is 2.48 at 8 N m s/rad, and the force grew to 4 N."""
+RESTING = {
+    "Adepts, a hinge": ("adept-anchored", {"right": "hinge"}),
+    "Adepts, two hinges": ("adept-anchored", {"left": "hinge", "right": "hinge"}),
+    "Pandas, a hinge": ("two-pandas-box", {"right": "hinge"}),
+    "Pandas, two hinges": ("two-pandas-box", {"left": "hinge", "right": "hinge"}),
+    "Pandas, a cylinder": ("two-pandas-box", {"right": "cylinder"}),
+    "Pandas, a ball": ("two-pandas-box", {"right": "ball"}),
+    "three UR5, balls": ("three-ur5-plate", {"first": "ball", "second": "ball", "third": "ball"}),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", RESTING)
+def test_a_bias_at_rest_leaves_what_its_formula_says(case):
+    name, kinds = RESTING[case]
+    scenario, bias, arms = cp.Scenario.load(name), (6e-4, -3e-4, 2e-4), cp.Scenario.load(name).cell.arms
+    biased = list(arms).index([*kinds][-1])
+    pose, arm = scenario.start.model_dump(), [*kinds][-1]
+    still = {"motion": {"kind": "hold", "pose": pose}, "duration": 3.0, "events": ()}
+    scenario = jointed(name, kinds, **still, **{f"cell.arms.{arm}.calibration_error.tip.xyz": bias})
+    scenario = scenario.override(LIGHT_WRIST if "a ball" in case else {})
+    scenario = scenario.override({"controller.anchor_bias": "none"})
+    result = cp.run(scenario)
+    error, R = at_rest(result)
+    chain, q = CellChain(scenario.cell, scenario.plant), result.data["configuration"].values[-1]
+    X_WE = chain.arms[biased].tip_pose(q[chain.model.arms[biased].q_slice])
+    expected = bias_wrenches(scenario, R, X_WE[:3, :3], biased, bias)
+    used = list(scenario.cell.task_rows.indices)
+    assert np.abs(expected).max() > 0.02
+    assert_allclose(
+        error[:, used], np.sign(np.vdot(error[:, used], expected)) * expected, rtol=1e-2, atol=1e-3
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", RESTING)
+@pytest.mark.parametrize("zeroed", [False, True])
+def test_the_task_is_kept_with_joints(case, zeroed):
+    name, kinds = RESTING[case]
+    changes = (LIGHT_WRIST if "a ball" in case else {}) | {"controller.zero_at_grasp": zeroed}
+    result = cp.run(jointed(name, kinds, **changes))
+    assert result.simulation_sound
+    assert result.task.state == "kept"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["adept-hinges", "two-pandas-hinges"])
+def test_the_cells_of_the_catalogue_keep_their_task(name):
+    result = cp.run(name)
+    assert result.simulation_sound
+    assert result.task.state == "kept"
+    assert not [each for each in cp.check(name) if each.severity == "error"]
+
+
+FIVE_JOINTS = Path(__file__).parent.parent / "data" / "five-joint-hinges.toml"
+
+
+def test_hinges_in_place_of_a_joint_keep_all_freedoms_and_the_task():
+    scenario = cp.Scenario.load(FIVE_JOINTS).override({"motion.start_time": 0.05, "squeeze.force": 0.0})
+    scenario = scenario.override(
+        {"motion.goal.xyz": (4e-3, 5e-3, 0.356), "motion.goal.rpy": (0.02, 0.0, 0.01)}
+        | {"motion.duration": 0.4}
+    )
+    assert freedoms(scenario)[:2] == (6, 6)
+    assert freedoms(scenario).ok
+    result = cp.run(scenario.override({"duration": 0.6}))
+    assert result.data["joint_position"].sizes["joint"] == 5
+    assert np.abs(result.data["pose_error"].values).max() < 2e-3
+    error = (result.data["internal_wrench"] - result.data["desired_internal_wrench"]).values
+    assert np.abs(error[len(error) // 2 :]).max() < 0.1
+
+
+def test_arms_of_four_joints_with_hinges_keep_four_freedoms_and_are_refused_by_name():
+    scenario = cp.Scenario.load(FIVE_JOINTS)
+    aside, above = (0.0, 0.15, 0.35), (0.0, 0.15, 0.4)  # where the arms' parallel axes are askew
+    lifted = {"start.xyz": aside, "motion.start.xyz": aside, "motion.goal.xyz": above}
+    lifted["motion.goal.rpy"] = (0.0, 0.0, 0.0)
+    arms = {
+        f"cell.arms.{arm}": {
+            "locked": {"wrist_3_joint": 0.0, "wrist_2_joint": -1.5707963267948966},
+            "posture": (-0.2, -1.445, 1.518, 4.64),
+        }
+        for arm in scenario.cell.arms
+    }
+    changes = {f"{arm}.{field}": value for arm, table in arms.items() for field, value in table.items()}
+    scenario = scenario.override(changes | lifted)
+    left = freedoms(scenario)
+    assert (left.left, left.rows) == (4, 6)
+    with pytest.raises(FieldError, match="joints"):
+        cp.run(scenario)
+
+
+def test_the_redundant_printed_law_runs_in_the_rows_of_hinges():
+    """K_d acts on the spare wrist as well: at the paper's 10 N m s/rad T lambda is far beyond 2."""
+    gains = {"pose_gain": 2.0, "sign_gain": 0.0, "damping_gain": (60.0, 60.0, 0.5), "transient_rate": 5.0}
+    law = {
+        "kind": "sliding-mode-redundant",
+        "gains": gains,
+        "force_path": {"kind": "late"},
+        "posture": {"stiffness": 5.0, "damping": 0.1},
+    }
+    scenario = jointed("adept-anchored", {"left": "hinge", "right": "hinge"}, controller=law, duration=3.0)
+    data = cp.run(scenario).data
+    assert np.abs(data["pose_error"].values[-1, :2]).max() < 1e-4
+    error = (data["internal_wrench"] - data["desired_internal_wrench"]).values[-1]
+    assert np.nanmax(np.abs(error)) < 0.05
+
+
+def test_a_hinge_hands_its_load_over_and_what_it_alone_would_hold_is_refused():
+    leave = {"kind": "hand-over", "time": 0.1, "arm": "right", "duration": 0.2}
+    free = {"plant.payload": "free", "duration": 0.4}
+    scenario = jointed("two-pandas-box", {"right": "hinge"}, **free, events=[leave])
+    data = cp.run(scenario).data
+    assert_allclose(data["interaction_wrench"].values[-1, 1], 0.0, atol=0)
+    assert_allclose(data["internal_wrench"].values.sum(axis=1), 0.0, atol=1e-9)
+    with pytest.raises(FieldError, match="nobody holds"):
+        jointed("two-pandas-box", {"right": "hinge"}, **free, events=[leave | {"arm": "left"}])
