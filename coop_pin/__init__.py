@@ -67,7 +67,8 @@ _NAMESPACES: dict[str, tuple[str, dict[str, str]]] = {
         "What the drives of an arm do beside the commands: parts of ``cp.Actuators`` and ``cp.Arm``.",
         {
             "description.actuators": "GravityCompensation",
-            "description.cell.arm": "JointFriction",
+            "description.cell.armature": "Rotors",
+            "description.cell.joint_friction": "JointFriction",
             "description.servo": "SERVOS Servo",
         },
     ),
