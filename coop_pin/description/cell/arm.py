@@ -18,6 +18,7 @@ from coop_pin.base.errors import FieldError, UrdfError
 from coop_pin.base.schema.base import Description, Matrix, Vector, number_or_row, positive
 from coop_pin.base.schema.pose import Pose
 from coop_pin.description.cell.armature import Armature, Rotors
+from coop_pin.description.cell.end_stops import EndStops
 from coop_pin.description.cell.joint_friction import Friction, JointFriction
 from coop_pin.description.cell.miscalibration import Miscalibration
 from coop_pin.description.cell.mobile_base import MobileBase
@@ -91,6 +92,7 @@ class Arm(Description):
         impossible_inertia: treatment of inertias of moved links that no body has: "refuse" the arm, or
             "repair" them by the nearest possible ones, with a warning. Those of parts that ``locked`` fixes
             are repaired where need be.
+        stops: end stops of its joints in the plant; none when omitted: joints pass their position limits.
         calibration_error: errors of the arm's own kinematic model, which its controller sees.
         mobile_base: driven platform under the arm, whose three joints come before the arm's.
     """
@@ -108,6 +110,7 @@ class Arm(Description):
     locked: dict[str, float] = Field(default_factory=dict)
     mimic: Literal["refuse", "ignore"] = "refuse"
     impossible_inertia: Literal["refuse", "repair"] = "refuse"
+    stops: EndStops | None = None
     calibration_error: Miscalibration = Miscalibration()
     mobile_base: MobileBase | None = None
 
@@ -168,6 +171,8 @@ class Arm(Description):
             sizes |= {f"armature.{name}": value for name, value in self.armature}
         else:
             sizes["armature"] = self.armature
+        if self.stops is not None:
+            sizes["stops.stiffness"] = self.stops.stiffness
         counts = {name: len(value) for name, value in sizes.items() if isinstance(value, tuple)}
         if len(set(counts.values())) > 1:
             raise FieldError(
