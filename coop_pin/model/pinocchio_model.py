@@ -195,13 +195,18 @@ def load_arm_model(arm: Arm) -> pin.Model:
 
 def load_unreduced_arm(arm: Arm) -> UnreducedArm:
     """Return the model of an arm with all its joints, and those to lock; raises as load_arm_model."""
-    return _unreduced(arm.file, arm.locked, arm.mimic == "ignore")
+    return unreduced_of(model_key(arm))
+
+
+def unreduced_of(key: ModelKey) -> UnreducedArm:
+    """Return what ``load_unreduced_arm`` does, by the key of an arm."""
+    return _unreduced(key.file, dict(key.locked), key.ignores_mimic)
 
 
 @lru_cache(maxsize=64)
 def shared_arm_model(key: ModelKey) -> pin.Model:
     """Return the model that load_arm_model copies, which nobody may change."""
-    arm = _unreduced(key.file, dict(key.locked), key.ignores_mimic)
+    arm = unreduced_of(key)
     model = pin.buildReducedModel(arm.model, arm.locked, arm.configuration) if arm.locked else arm.model
     _require_moved_mass(model, key.file.path.name)
     model.armature = reflected(key.armature, int(model.nv), key.base_joints)

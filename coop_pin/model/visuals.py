@@ -21,7 +21,7 @@ from coop_pin.model.cell_model import CellModel, PayloadAttachment
 from coop_pin.model.geometry import (
     ColouredMesh,
     can_be_read,
-    visual_geometry,
+    geometry_objects,
     with_located_meshes,
     without_coloured_meshes,
     without_meshes,
@@ -210,7 +210,7 @@ def _geometries(whole: UnreducedArm, arm: Arm) -> tuple[list[Any], dict[str, Col
             text = without_meshes(text)
     else:
         text, coloured = without_coloured_meshes(text)
-    objects, problems = visual_geometry(whole.model, text)
+    objects, problems = geometry_objects(whole.model, text)
     for link, problem in problems.items():
         _warn(arm.urdf, f"link {link!r}", problem)
     return objects, coloured

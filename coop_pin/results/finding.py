@@ -37,9 +37,16 @@ Kind = Literal[
     "internal moment",
     "steady error",
     "user code",
+    "distance",
 ]
 """What a finding is about."""
-LEFT_TO_CHECK: tuple[Kind, ...] = ("closed loop", "lost arm", "internal moment", "steady error")
+LEFT_TO_CHECK: tuple[Kind, ...] = (
+    "closed loop",
+    "lost arm",
+    "internal moment",
+    "steady error",
+    "distance",
+)
 """Kinds that ``cp.run`` leaves to ``cp.check``, for time."""
 
 

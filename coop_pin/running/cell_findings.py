@@ -15,6 +15,7 @@ from coop_pin.base.memory import free_memory
 from coop_pin.base.schema.user_code import code_of
 from coop_pin.description.arm_events import LoseArm
 from coop_pin.description.scenario import Scenario
+from coop_pin.feasibility.distances import distances
 from coop_pin.feasibility.internal_moment import internal_moment
 from coop_pin.feasibility.least_squeeze import least_squeeze
 from coop_pin.feasibility.motion_feasibility import closure_problem
@@ -135,6 +136,15 @@ def reach_findings(reach: Reachability) -> Iterator[Finding]:
             yield Finding("reach", arm.arm, "error", f"arm {arm.arm!r} {problem}")
         if margins := "; ".join(arm.margins()):
             yield Finding("reach", arm.arm, "note", f"arm {arm.arm!r}: {margins}")
+
+
+def distance_findings(scenario: Scenario, reach: Reachability) -> Iterator[Finding]:
+    """Yield the least distance between arms, payload and tables: a warning below the clearance of the cell."""
+    found = distances(scenario, reach)
+    if (nearest := found.nearest) is not None:
+        severity: Any = "note" if found.ok else "warning"
+        place, limit = " - ".join(nearest.pair), found.clearance
+        yield Finding("distance", place, severity, found.sentence(), nearest.distance, limit)
 
 
 def torque_findings(statics: StaticTorques) -> Iterator[Finding]:
