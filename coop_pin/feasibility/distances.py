@@ -5,7 +5,6 @@ It finds what comes too close; it plans no way round it.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -98,20 +97,18 @@ class Distances:
         more = f"; {len(self.below) - 1} more pairs" if len(self.below) > 1 else ""
         asked = f"closer than the clearance of {1e3 * self.clearance:g} mm" if self.clearance else "overlap"
         return (
-            f"{nearest}: {asked}{more}. The plant lets bodies pass through each other; choose another posture,"
-            f" grasp or path, which is not planned here; {left_out}"
+            f"{nearest}: {asked}{more}. The plant lets bodies pass through each other, and no way round is"
+            f" planned here: choose another posture, grasp or path; {left_out}"
         )
 
     def summary(self) -> str:
         """Return the sentence, all pairs below the clearance, and all exempt pairs with their rule."""
-        counts = Counter(each.reason for each in self.exempt)
-        by_rule = (
-            f"  exempt, {reason}: {', '.join(' - '.join(each.pair) for each in self.exempt if each.reason == reason)}"
-            for reason in counts
-        )
-        return "\n".join(
-            (f"{self.scenario}: {self.sentence()}", *(f"  ! {each}" for each in self.below), *by_rule)
-        )
+        by_rule = dict[str, list[str]]()
+        for (one, other), reason in self.exempt:
+            by_rule.setdefault(reason, []).append(f"{one} - {other}")
+        lines = [f"{self.scenario}: {self.sentence()}", *(f"  ! {each}" for each in self.below)]
+        lines += [f"  exempt, {reason}: {', '.join(pairs)}" for reason, pairs in by_rule.items()]
+        return "\n".join(lines)
 
 
 def distances(

@@ -139,7 +139,7 @@ def reach_findings(reach: Reachability) -> Iterator[Finding]:
 
 
 def distance_findings(scenario: Scenario, reach: Reachability) -> Iterator[Finding]:
-    """Yield the least distance between arms, payload and tables: a warning below the clearance of the cell."""
+    """Yield the least distance between arms, payload and tables: a warning below the clearance."""
     found = distances(scenario, reach)
     if (nearest := found.nearest) is not None:
         severity: Any = "note" if found.ok else "warning"

@@ -59,8 +59,8 @@ def check(
 
     Numbers in a likely wrong unit; reach, singular poses, limits and static torques along the motion; rank of
     the closures; squeeze and table forces; stability of the plant's steps and of the law; what remains of a
-    bias, of an unknown load and without an arm; the least distance between bodies. Nothing is simulated. Each remedy of an error was applied:
-    the error is gone then, and none of another kind has come.
+    bias, of an unknown load and without an arm; the least distance between bodies. Nothing is simulated. Each
+    remedy of an error was applied: the error is gone then, and none of another kind has come.
 
     Args:
         scenario: a Scenario, a name in the catalogue, or the path of a TOML file.
