@@ -59,6 +59,7 @@ _PUBLIC = {
     "suggest": "design.suggestion",
     "sweep": "sweeps.engine",
     "tune": "sweeps.optimisation",
+    "with_distances": "running.recorded_distances",
 }
 """Names of ``cp`` itself, and the file of each."""
 

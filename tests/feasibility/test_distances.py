@@ -209,6 +209,29 @@ def test_fixed_parts_of_a_robot_with_two_arms_stand_once():
     assert len(bodies.rules) == 1
 
 
+# ------------------------------------------------------------ runs
+
+
+@pytest.mark.parametrize("name", ["planar", "spatial"])
+def test_a_run_records_distances_on_demand_and_the_replay_draws_the_pair(name, tmp_path):
+    scenario = SCENARIOS[name]().replace(events=()).override({"duration": 0.04})
+    result = cp.run(scenario, engine="pinocchio", warn=False)
+    assert "least_distance" not in result.data
+    measured = cp.with_distances(result)
+    least, points = (measured.data[key].values for key in ("least_distance", "nearest_points"))
+    assert_allclose(np.linalg.norm(points[:, 0] - points[:, 1], axis=1), np.abs(least), atol=2e-6)
+    bodies = CellDistances(scenario.cell)
+    poses = distances(scenario.replace(motion=cp.motions.HoldMotion(pose=scenario.start)), poses=2)
+    assert_allclose(least[0], poses.least[0], atol=1e-5)
+    assert tuple(measured.data["nearest_bodies"].values[0]) in bodies.pairs
+    measured.save(tmp_path / "run.nc")
+    loaded = cp.RunResult.load(tmp_path / "run.nc")
+    assert_allclose(loaded.data["least_distance"].values, least)
+    np.testing.assert_equal(loaded.metrics(), result.metrics())
+    pages = [cp.viz.replay_html(each) for each in (result, measured)]
+    assert ["nearest/first" in page for page in pages] == [False, True]
+
+
 # ------------------------------------------------------------ hulls and meshes
 
 
