@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from coal import Box
 
 from coop_pin.base.arrays import Array
 from coop_pin.description.cell.cell import Cell
@@ -96,7 +95,7 @@ class CellDistances:
         self._add(_Shape(PAYLOAD, -1, "", self._tree.payload_joint), X_PS, payload_geometry(payload))
         for name, table in cell.tables.items():
             top = pin.SE3(table.matrix) * pin.SE3(np.eye(3), np.array((0.0, 0.0, -0.5 * _THICK)))
-            self._add(_Shape(f"table/{name}", -1, "", 0), top, Box(*table.size, _THICK))
+            self._add(_Shape(f"table/{name}", -1, "", 0), top, pin.coal.Box(*table.size, _THICK))
         self.pairs, exempt = list[tuple[str, str]](), dict[Exemption, None]()
         for (i, one), (j, other) in itertools.combinations(enumerate(self._shapes), 2):
             pair = one.body, other.body

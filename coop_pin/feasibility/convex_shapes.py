@@ -7,7 +7,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import coal
 import numpy as np
 import pinocchio as pin
 
@@ -112,11 +111,11 @@ def payload_geometry(payload: Payload) -> Any:
     """Return the convex shape of a payload, centred at its ``shape_pose``."""
     match payload_shape(payload):
         case Box(size):
-            return coal.Box(*size)
+            return pin.coal.Box(*size)
         case Cylinder(radius, length):
-            return coal.Cylinder(radius, length)
+            return pin.coal.Cylinder(radius, length)
         case Mesh(vertices, faces):
-            mesh = coal.BVHModelOBBRSS()
+            mesh = pin.coal.BVHModelOBBRSS()
             mesh.beginModel(len(faces), len(vertices))
             mesh.addVertices(np.asarray(vertices, dtype=float))
             mesh.addTriangles(np.asarray(faces, dtype=np.int64))
