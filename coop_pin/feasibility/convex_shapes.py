@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Collection
 from functools import lru_cache
 from pathlib import Path
@@ -18,7 +19,7 @@ from coop_pin.description.cell.payload import Payload
 from coop_pin.description.urdf.xml import Element, read_document
 from coop_pin.model.geometry import Kind, can_be_read, geometry_objects, with_located_meshes, without_meshes
 from coop_pin.model.pinocchio_model import ModelKey, load_unreduced_arm, model_key, unreduced_of
-from coop_pin.model.shapes import Box, Cylinder, Mesh, payload_shape
+from coop_pin.model.shapes import Cylinder, Mesh, payload_shape
 
 _LARGEST_SRDF = 10_000_000
 FIXED = "universe"
@@ -108,10 +109,8 @@ def _convex(geometry: Any) -> Any:
 
 
 def payload_geometry(payload: Payload) -> Any:
-    """Return the convex shape of a payload, centred at its ``shape_pose``."""
+    """Return the convex shape of a payload, centred at its ``shape_pose``; its box if a mesh is flat."""
     match payload_shape(payload):
-        case Box(size):
-            return pin.coal.Box(*size)
         case Cylinder(radius, length):
             return pin.coal.Cylinder(radius, length)
         case Mesh(vertices, faces):
@@ -120,8 +119,9 @@ def payload_geometry(payload: Payload) -> Any:
             mesh.addVertices(np.asarray(vertices, dtype=float))
             mesh.addTriangles(np.asarray(faces, dtype=np.int64))
             mesh.endModel()
-            return _convex(mesh)
-    raise AssertionError("payloads are boxes, cylinders and meshes")
+            with contextlib.suppress(RuntimeError, ValueError):
+                return _convex(mesh)
+    return pin.coal.Box(*payload.size)
 
 
 def srdf_of(arm: Arm) -> Path | None:

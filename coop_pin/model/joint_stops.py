@@ -102,9 +102,9 @@ class CellStops:
         arms: stops of each arm; None where it has none.
     """
 
-    def __init__(self, cell: Cell, places: Sequence[ArmPlace], nv: int) -> None:
+    def __init__(self, cell: Cell, slots: Sequence[ArmPlace], nv: int) -> None:
         """Read the stops; raises as ``JointStops.of_arm``."""
-        self._cell, self._places, self._nv = cell, places, nv
+        self._cell, self._slots, self._nv = cell, slots, nv
         self.arms = [JointStops.of_arm(arm, name) for name, arm in cell.arms.items()]
 
     def __bool__(self) -> bool:
@@ -113,38 +113,37 @@ class CellStops:
 
     def damp(self, mobility: Array) -> None:
         """Set the damping, by the mobility of each joint, shape (nv,)."""
-        for index, (stops, place) in enumerate(zip(self.arms, self._places, strict=True)):
-            options = self._cell.arms[place.name].stops
+        for index, (stops, slot) in enumerate(zip(self.arms, self._slots, strict=True)):
+            options = self._cell.arms[slot.name].stops
             if stops is not None and options is not None:
-                self.arms[index] = stops.damped(options.damping_ratio, mobility[place.v_slice])
+                self.arms[index] = stops.damped(options.damping_ratio, mobility[slot.v_slice])
 
     def rates(self, mobility: Array) -> Array:
         """Return sqrt(k W) of each joint on its stop, 1/s, shape (nv,)."""
         rates = np.zeros(self._nv)
-        for stops, place in zip(self.arms, self._places, strict=True):
+        for stops, slot in zip(self.arms, self._slots, strict=True):
             if stops is not None:
-                rates[place.v_slice] = np.sqrt(stops.stiffness * mobility[place.v_slice])
+                rates[slot.v_slice] = np.sqrt(stops.stiffness * mobility[slot.v_slice])
         return rates
 
     def state(self, q: Array, v: Array) -> StopState:
         """Return the stops at a state of the tree; forces of shape (nv,)."""
         force, energy, power = np.zeros(self._nv), 0.0, 0.0
-        for arm, place in zip(self._states(q, v), self._places, strict=True):
+        for arm, slot in zip(self._states(q, v), self._slots, strict=True):
             if arm is not None:
-                force[place.v_slice] = arm.force
+                force[slot.v_slice] = arm.force
                 energy, power = energy + float(arm.energy), power + float(arm.power)
         return StopState(force, energy, power)
 
     def quantities(self, q: Array, v: Array) -> dict[str, Any]:
         """Return what is observed of the stops at a state, by name; nothing where no arm has any."""
-        values = stop_quantities(self._states(q, v), [len(place.drive) for place in self._places])
+        values = stop_quantities(self._states(q, v), [len(slot.drive) for slot in self._slots])
         return {name: np.asarray(value, dtype=float) for name, value in values.items()}
 
     def _states(self, q: Array, v: Array) -> list[StopState | None]:
-        pairs = zip(self.arms, self._places, strict=True)
+        pairs = zip(self.arms, self._slots, strict=True)
         return [
-            stops and stops.state(place.angles.of(q[place.q_slice]), v[place.v_slice])
-            for stops, place in pairs
+            stops and stops.state(slot.angles.of(q[slot.q_slice]), v[slot.v_slice]) for stops, slot in pairs
         ]
 
 

@@ -140,11 +140,11 @@ def reach_findings(reach: Reachability) -> Iterator[Finding]:
 
 def distance_findings(scenario: Scenario, reach: Reachability) -> Iterator[Finding]:
     """Yield the least distance between arms, payload and tables: a warning below the clearance."""
-    found = distances(scenario, reach)
-    if (nearest := found.nearest) is not None:
-        severity: Any = "note" if found.ok else "warning"
-        place, limit = " - ".join(nearest.pair), found.clearance
-        yield Finding("distance", place, severity, found.sentence(), nearest.distance, limit)
+    along = distances(scenario, reach)
+    if (nearest := along.nearest) is not None:
+        severity: Any = "note" if along.ok else "warning"
+        pair, limit = " - ".join(nearest.pair), along.clearance
+        yield Finding("distance", pair, severity, along.sentence(), nearest.distance, limit)
 
 
 def torque_findings(statics: StaticTorques) -> Iterator[Finding]:

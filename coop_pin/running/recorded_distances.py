@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coop_pin.base.arrays import typed
-from coop_pin.base.spatial import make_pose, rotations
+from coop_pin.base.spatial import rotations
 from coop_pin.feasibility.cell_distances import CellDistances
 from coop_pin.feasibility.distances import Distances, measured
 from coop_pin.model.cell_model import CellModel
@@ -25,13 +25,10 @@ def recorded_distances(result: RunResult) -> Distances:
     scenario, data = result.scenario, result.data
     slots = CellModel(scenario.cell, scenario.plant.payload).arms
     arms = [[q[slot.q_slice] for slot in slots] for q in data["configuration"].values]
-    places = zip(data["payload_position"].values, rotations(data["payload_quaternion"].values), strict=True)
-    payload = []
-    for p, R in places:
-        X_WP = make_pose(p)
-        X_WP[:3, :3] = R
-        payload.append(X_WP)
-    return measured(scenario, CellDistances(scenario.cell), data["time"].values, arms, payload)
+    turns = rotations(data["payload_quaternion"].values)
+    payload = np.zeros((len(turns), 4, 4))
+    payload[:, :3, :3], payload[:, :3, 3], payload[:, 3, 3] = turns, data["payload_position"].values, 1.0
+    return measured(scenario, CellDistances(scenario.cell), data["time"].values, arms, list(payload))
 
 
 @typed
@@ -44,10 +41,10 @@ def with_distances(result: RunResult) -> RunResult:
     Raises:
         UrdfError, NameNotFoundError: an arm cannot be built.
     """
-    found = recorded_distances(result)
+    along = recorded_distances(result)
     columns = {
-        "least_distance": (("time",), found.least, {"units": "m"}),
-        "nearest_points": (("time", "end", "position"), found.points, {"units": "m"}),
-        "nearest_bodies": (("time", "end"), np.array(found.pairs, dtype=str), {}),
+        "least_distance": (("time",), along.least, {"units": "m"}),
+        "nearest_points": (("time", "end", "position"), along.points, {"units": "m"}),
+        "nearest_bodies": (("time", "end"), np.array(along.pairs, dtype=str), {}),
     }
     return RunResult(result.scenario, result.data.assign(columns))

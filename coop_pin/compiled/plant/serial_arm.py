@@ -167,8 +167,8 @@ class SerialArm(NamedTuple):
             align = pin.SE3(_aligned(model.joints[joint], kind), np.zeros(3))
             X = turned.actInv(model.jointPlacements[joint]) * align
             inertia = align.actInv(last if joint == joints[-1] else model.inertias[joint])
-            rotor, own = float(model.armature[model.idx_vs[joint]]), RigidInertia.from_model(inertia)
-            bodies.append(Link(_snapped(X.rotation), X.translation.copy(), own, rotor))
+            rotor, body = float(model.armature[model.idx_vs[joint]]), RigidInertia.from_model(inertia)
+            bodies.append(Link(_snapped(X.rotation), X.translation.copy(), body, rotor))
             kinds.append(kind.startswith("JointModelR"))
             turned, parent = align, joint
         X = turned.actInv(X_JP)
