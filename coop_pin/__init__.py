@@ -60,6 +60,7 @@ _PUBLIC = {
     "suggest": "design.suggestion",
     "sweep": "sweeps.engine",
     "tune": "sweeps.optimisation",
+    "with_distances": "running.recorded_distances",
 }
 """Names of ``cp`` itself, and the file of each."""
 
@@ -68,7 +69,9 @@ _NAMESPACES: dict[str, tuple[str, dict[str, str]]] = {
         "What the drives of an arm do beside the commands: parts of ``cp.Actuators`` and ``cp.Arm``.",
         {
             "description.actuators": "GravityCompensation",
-            "description.cell.arm": "JointFriction",
+            "description.cell.armature": "Rotors",
+            "description.cell.end_stops": "EndStops",
+            "description.cell.joint_friction": "JointFriction",
             "description.servo": "SERVOS Servo",
         },
     ),

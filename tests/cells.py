@@ -16,8 +16,9 @@ from coop_pin.control import (
     SlidingModeGains,
 )
 from coop_pin.description.catalogue import scenario_names
-from coop_pin.description.cell.arm import Arm, JointFriction
+from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.joint_friction import JointFriction
 from coop_pin.description.cell.payload import Payload
 from coop_pin.description.scenario import Scenario
 from coop_pin.reference.motions import HoldMotion

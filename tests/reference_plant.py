@@ -253,8 +253,12 @@ class Arm:
 
     def __init__(self, description: Any) -> None:
         self.model, self.X_WB = load_arm_model(description), se3(description.base)
-        self.data, self.tip = self.model.createData(), self.model.getFrameId(description.tip)
         self.nq, self.nv = self.model.nq, self.model.nv
+        stated, self.model.armature = description.armature, np.zeros(self.nv)
+        if hasattr(stated, "gear_ratio"):
+            stated = np.square(stated.gear_ratio) * np.array(stated.inertia)
+        self.rotors = np.diag(np.zeros(self.nv) + stated)
+        self.data, self.tip = self.model.createData(), self.model.getFrameId(description.tip)
         self.lower = np.tril_indices(self.nv, -1)
         self.T = np.eye(self.nv) if description.drive is None else np.array(description.drive)
         friction = description.friction
@@ -293,7 +297,7 @@ class Arm:
         J = turned(R, J)
         twist = J @ v
         return SimpleNamespace(
-            M=M,
+            M=M + self.rotors,
             h=h,
             J=J,
             bias=turned(R, bias),

@@ -198,8 +198,8 @@ def new(
 ) -> None:
     """Write the scenario of a new cell, ready to run: arms placed around a payload, grasps, motion, gains.
 
-    The file says what each table and field is; what it leaves out has its default. Nothing is simulated, and
-    collisions are not considered.
+    The file says what each table and field is; what it leaves out has its default. Nothing is simulated;
+    'coop-pin check' then tells the least distance between bodies.
 
     Args:
         scenario: name of the scenario, or the file to write, which must not exist: NAME.toml.

@@ -28,6 +28,7 @@ def run(
     figures: bool = True,
     svg: bool = False,
     report: bool = False,
+    distances: bool = False,
     code: Code = ANY_CODE,
     fields: TypedFields = NO_FIELDS,
 ) -> int:
@@ -50,6 +51,7 @@ def run(
         figures: write the figures, as PNG.
         svg: write the figures as SVG as well.
         report: write report.html, the whole run on one page.
+        distances: record the least distance between bodies at every sample, which the replay draws.
         code: code that the scenario may name.
         fields: fields of the scenario, as typed.
 
@@ -80,6 +82,11 @@ def run(
         _warn(result, verbose)
         return INTERRUPTED if isinstance(error, RunInterruptedError) else _exit_code(result)
     timing = Timing.since(start, result)
+    if distances:
+        from coop_pin.running.recorded_distances import with_distances  # slow to load
+
+        with Working("measuring distances", quiet=quiet):
+            result = with_distances(result)
     formats: tuple[Literal["png", "svg"], ...] = ("png", "svg") if svg else ("png",)
     with Working(f"writing into {folder.path}", quiet=quiet):
         folder.write(result, timing, replay=replay, figures=formats if figures else ())

@@ -16,7 +16,6 @@ from coop_pin.compiled.constants import Desired
 from coop_pin.compiled.plant.plant_code import observation_field, observed
 from coop_pin.compiled.preparation import Prepared
 from coop_pin.compiled.prepared_plant import PreparedPlant
-from coop_pin.results.energies import WORK, WORK_OF_GRASPS
 from coop_pin.results.quantities import Samples, condition_numbers, padded
 from coop_pin.tracing.kernel import CACHE_LINE, Layout
 
@@ -229,7 +228,6 @@ class RunSamples(Mapping[str, Any]):
     def _state(self) -> dict[str, Callable[[], Any]]:
         """Return what gives the quantities that are read neither from measurements nor from others."""
         field, cell = self._field, self._plant.constants.cell
-        works = (*WORK, *WORK_OF_GRASPS)[: cell.sizes[2]]
         return {
             "time": lambda: self._desired(lambda desired: desired.time),
             "desired_pose": lambda: self._desired(lambda desired: desired.target.X_WP_d),
@@ -250,6 +248,6 @@ class RunSamples(Mapping[str, Any]):
             "closure_distance": lambda: field("closure_errors")[..., 0],
             "closure_angle": lambda: field("closure_errors")[..., 1],
             **{name: partial(self._observed, name) for name in observed(cell)},
-            **{name: partial(self._numbers, "work", index) for index, name in enumerate(works)},
+            **{name: partial(self._numbers, "work", index) for index, name in enumerate(cell.works)},
             **({"load_share": self._load_shares} if cell.compliant else {}),
         }

@@ -17,7 +17,7 @@ class ModelFactors(Description):
 
     Attributes:
         mass: Factor of the masses of all links and of the payload; gravity and first moments scale with them.
-        inertia: Factor of their rotational inertias about their centres of mass.
+        inertia: Factor of their rotational inertias about their centres of mass, and of those of rotors.
         friction: Factor of all friction coefficients.
     """
 

@@ -100,8 +100,9 @@ def suggest(
     sensor on every arm; otherwise it leaks (the law of an arm's own wrist is not proposed). The postures are
     the branches of the inverse kinematics with the largest margin of torque, position limits and singularity;
     a grasp is turned about its own z axis where that opens the range of a joint. The spring of spare joints
-    is raised until the sampled loop brings them to rest along the motion. The scenario's own gains are not
-    used; collisions are not considered. Implausible numbers of the scenario are told as ScenarioWarnings.
+    is raised until the sampled loop brings them to rest along the motion. Postures that keep the clearance of
+    the cell come first. The scenario's own gains are not used. Implausible numbers of the scenario are told
+    as ScenarioWarnings.
 
     The bound of the anchor, ``anchor_bias``, has what the measured wrenches move along the motion in it.
 

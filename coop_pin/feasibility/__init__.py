@@ -3,7 +3,7 @@
 Open first: ``reachability`` (reach, singular poses, joint limits and speeds of all arms along the motion),
 ``statics`` (torque of every drive at rest against its limit), ``motion_feasibility`` (all of it at once).
 
-- Paths: ``path_following`` (poses of the payload, one arm along them).
+- Paths: ``path_following`` (poses of the payload, one arm along them), ``distances`` of bodies along them.
 - Forces: ``least_squeeze`` (of friction), ``table_force``, ``internal_moment``.
 - ``task_inertia``: inertia and wrenches of the motion. ``cell_summary``: what a cell consists of.
 
@@ -14,7 +14,9 @@ Imports ``base``, ``control``, ``description``, ``grasps``, ``model``, ``referen
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin import lazy_names
+from coop_pin.feasibility.cell_distances import CellDistances, Exemption
 from coop_pin.feasibility.cell_summary import CellSummary, cell_summary, maximum_reach
+from coop_pin.feasibility.distances import Distances, Nearest, distances
 from coop_pin.feasibility.internal_moment import InternalMoment, internal_moment, positional_torques
 from coop_pin.feasibility.least_squeeze import LeastSqueeze, least_squeeze
 from coop_pin.feasibility.motion_feasibility import closure_problem
@@ -36,13 +38,17 @@ from coop_pin.feasibility.task_inertia import MotionWrenches, TaskInertia, motio
 __all__ = [
     "ArmReach",
     "ArmStatics",
+    "CellDistances",
     "CellSummary",
+    "Distances",
     "DriveTorque",
+    "Exemption",
     "FastestJoint",
     "InternalMoment",
     "JointLimitMargin",
     "LeastSqueeze",
     "MotionWrenches",
+    "Nearest",
     "NearlySingular",
     "Reachability",
     "StaticTorques",
@@ -51,6 +57,7 @@ __all__ = [
     "Unreachable",
     "cell_summary",
     "closure_problem",
+    "distances",
     "force_reserve",
     "internal_moment",
     "least_squeeze",

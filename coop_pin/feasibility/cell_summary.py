@@ -87,6 +87,8 @@ class ArmSummary(NamedTuple):
         locked: fixed joints.
         joints: moving joints.
         mass: mass of all moving links, kg.
+        armature: inertia of each joint's rotor as the joint feels it, kg m^2 or kg; all zero where none is
+            stated.
         maximum_reach: largest distance between its first joint and its tip, m.
         smallest_singular_value: least singular value of the payload Jacobian in task rows and drive
             coordinates.
@@ -99,6 +101,7 @@ class ArmSummary(NamedTuple):
     locked: tuple[str, ...]
     joints: tuple[JointSummary, ...]
     mass: float
+    armature: tuple[float, ...]
     maximum_reach: float
     smallest_singular_value: float
 
@@ -167,7 +170,7 @@ def cell_summary(cell: Cell, X_WP: ArrayLike) -> CellSummary:
 
 
 def _arm_summary(arm: CellArm, q: Array) -> ArmSummary:
-    description, limits = arm.description, arm.limits
+    description, limits, model = arm.description, arm.limits, load_arm_model(arm.description)
     columns = arm.joint_angles(q), limits.lower, limits.upper, limits.velocity, limits.torque
     rows = zip(limits.joints.names, limits.joints.units, *columns, strict=True)
     return ArmSummary(
@@ -177,7 +180,8 @@ def _arm_summary(arm: CellArm, q: Array) -> ArmSummary:
         base=description.base.xyz,
         locked=tuple(description.locked),
         joints=tuple(_joint(name, unit, *map(float, numbers)) for name, unit, *numbers in rows),
-        mass=float(sum(inertia.mass for inertia in list(load_arm_model(description).inertias)[1:])),
+        mass=float(sum(inertia.mass for inertia in list(model.inertias)[1:])),
+        armature=tuple(model.armature.tolist()),
         maximum_reach=maximum_reach(description),
         smallest_singular_value=float(np.linalg.svd(arm.task_jacobian(q), compute_uv=False)[-1]),
     )
@@ -194,8 +198,15 @@ def _arm_lines(arm: ArmSummary) -> tuple[str, ...]:
         f"├─ {arm.name}: {arm.urdf}, base at {_numbers(arm.base)} m, tip {arm.tip!r}{locked}",
         f"│  ├─ {len(arm.joints)} joints, {arm.mass:.3g} kg moving, reach {arm.maximum_reach:.3g} m,"
         f" sigma_min {arm.smallest_singular_value:.3g}",
+        f"│  ├─ rotors: {_rotors(arm.armature)}",
         *(_joint_line(joint, last=joint is arm.joints[-1]) for joint in arm.joints),
     )
+
+
+def _rotors(armature: tuple[float, ...]) -> str:
+    if not any(armature):
+        return "none stated (armature): the wrist may feel lighter than it is"
+    return f"{_numbers(armature)} kg m^2, as the joints feel them"
 
 
 def _joint_line(joint: JointSummary, last: bool) -> str:

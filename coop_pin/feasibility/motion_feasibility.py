@@ -17,6 +17,8 @@ from coop_pin.base.spatial import make_pose
 from coop_pin.base.spatial.task_rows import joint_shortage
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.scenario import Scenario
+from coop_pin.feasibility.cell_distances import CellDistances
+from coop_pin.feasibility.distances import measured
 from coop_pin.feasibility.reachability import ArmReach, Reachability, reachability
 from coop_pin.feasibility.statics import StaticTorques, statics_along
 from coop_pin.grasps.cell_chain import CellChain
@@ -200,14 +202,16 @@ def with_best_postures(scenario: Scenario, poses: int) -> tuple[Scenario, tuple[
     if scenario.start_angles:
         return scenario, ()
     count, turned = min(poses, _POSES), list[str]()
-    for name, reach in zip(scenario.cell.arms, reachability(scenario, poses=count).arms, strict=True):
+    reaches = {each.arm: each for each in reachability(scenario, poses=count).arms}
+    bodies = _Bodies(CellDistances(scenario.cell), reaches)
+    for name, reach in tuple(reaches.items()):
         if not isinstance(reach.start_error, JointLimitError):  # a turn may help against limits only
             _require_reach(reach)
-        best, stated = _best_posture(scenario, name, count)
+        best, stated = _best_posture(scenario, name, count, bodies)
         patch = scenario.cell.patches.get(name)
         may_turn = patch is None or (patch.size is None and patch.press in ("z", "-z"))  # about its normal
         for roll in _ROLLS if may_turn and stated.position < _NARROW else ():
-            tried, margin = _best_posture(_rolled(scenario, name, roll), name, count)
+            tried, margin = _best_posture(_rolled(scenario, name, roll), name, count, bodies)
             if margin.position > max(stated.position, 0.0) + _OPENED and margin.least > stated.least:
                 best = tried
                 before = f"{max(100.0 * stated.position, 0.0):.0f}"
@@ -219,15 +223,40 @@ def with_best_postures(scenario: Scenario, poses: int) -> tuple[Scenario, tuple[
         if best is None:
             _require_reach(reach)
         scenario = best or scenario
+        reaches |= {each.arm: each for each in reachability(scenario, poses=count, arms=[name]).arms}
     return scenario, tuple(turned)
 
 
-def _best_posture(scenario: Scenario, name: str, poses: int) -> tuple[Scenario | None, PostureMargin]:
+class _Bodies(NamedTuple):
+    """Bodies of a cell, and the reach of its arms on their present branches.
+
+    Attributes:
+        distances: distances of the bodies.
+        reaches: reach of each arm, with the same poses.
+    """
+
+    distances: CellDistances
+    reaches: dict[str, ArmReach]
+
+    def keep(self, scenario: Scenario, model: CellArm, reach: ArmReach) -> bool:
+        """Return whether they keep the clearance with an arm on another branch; True without all reaches."""
+        reaches = list((self.reaches | {model.name: reach}).values())
+        if len({len(each.q) for each in reaches}) > 1:
+            return True
+        poses = [model.payload_pose(q) for q in reach.q]
+        arms = [list(q) for q in zip(*(each.q for each in reaches), strict=True)]
+        return measured(scenario, self.distances, reach.times, arms, poses).ok
+
+
+def _best_posture(
+    scenario: Scenario, name: str, poses: int, bodies: _Bodies
+) -> tuple[Scenario | None, PostureMargin]:
     """Return the scenario with an arm on its branch with the largest margin; None if it has no branch.
 
-    A branch with a joint below the plane on which the arm is mounted comes after those without.
+    A branch with a joint below the plane on which the arm is mounted comes after those without, and then one
+    on which bodies come closer than the clearance.
     """
-    best, largest, best_is_clear = None, PostureMargin(name, -np.inf, -np.inf, -np.inf), False
+    best, largest, best_is_clear = None, PostureMargin(name, -np.inf, -np.inf, -np.inf), (False, False)
     model, arm = CellArm(scenario.cell, name), scenario.cell.arms[name]
     with contextlib.suppress(UnreachablePoseError):
         branches = ik_branches(model, scenario.start.matrix, posture=arm.posture or _middle(model))
@@ -235,7 +264,8 @@ def _best_posture(scenario: Scenario, name: str, poses: int) -> tuple[Scenario |
             tried = scenario.override({f"cell.arms.{name}.posture": model.joint_angles(q)})
             reach = reachability(tried, poses=poses, arms=[name])
             (margin,) = posture_margins(tried, reach, statics_along(tried, reach))
-            is_clear = min(joint_heights(model, q, arm.base.matrix).values()) >= 0.0
+            is_above = min(joint_heights(model, q, arm.base.matrix).values()) >= 0.0
+            is_clear = is_above, bodies.keep(tried, model, reach.arms[0])
             if best is None or (is_clear, margin.least) > (best_is_clear, largest.least):
                 best, largest, best_is_clear = tried, margin, is_clear
     return best, largest

@@ -134,6 +134,7 @@ class CellDynamics(CellKinematics):
             tip_position=frames.tip_positions(),
             interaction_wrench=self._wrenches(self.mechanism.solver.forces, push, *elements),
             **self._of_elements(*elements),
+            **self.stops.quantities(q, v),
         )
 
     def _of_elements(self, grasps: SpringState | None, contacts: ContactState | None) -> dict[str, Any]:

@@ -29,6 +29,8 @@ from coop_pin.grasps.rigid_grasps import ClosuresHeld, RigidGrasps
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.cell_model import CellModel
 from coop_pin.model.inverse_kinematics import solve_ik
+from coop_pin.model.joint_stops import CellStops
+from coop_pin.model.pinocchio_model import symmetric
 from coop_pin.model.transmission import Transmission
 
 
@@ -43,6 +45,7 @@ class CellKinematics:
         cell: the description.
         model: the tree, with the positions of arms and payload in it; ``surround`` changes it in place.
         transmission: transmission between drives and joints, with their friction.
+        stops: end stops of the arms' joints.
         springs: the compliant grasps in it.
         rigid: the rigid grasps in it that are closures.
         patches: patches of arms and tables in it.
@@ -66,6 +69,7 @@ class CellKinematics:
         self.cell = cell
         self.model = CellModel(cell, options.payload)
         self.transmission = Transmission(cell, self.model.arms, self.model.model.nv)
+        self.stops = CellStops(cell, self.model.arms, self.model.model.nv)
         self.rigid = RigidGrasps(cell, self.model, options)
         self.elements = ForceElements(self.model)
         self.springs = GraspSprings(cell, self.model, self.elements)
@@ -106,9 +110,20 @@ class CellKinematics:
         return chain
 
     def damp(self, q: Array) -> None:
-        """Set the damping of grasps that is stated as a ratio, by the mobility at a configuration."""
+        """Set the damping that is stated as a ratio, by the mobility at a configuration."""
         for part in self._parts:
             part.damp(q)
+        if self.stops:
+            self.stops.damp(self.joint_mobility(q))
+
+    def joint_mobility(self, q: Array) -> Array:
+        """Return the speed of each joint after a unit impulse on it in the closed chain, shape (nv,).
+
+        It is the diagonal of M^-1 - M^-1 J^T (J M^-1 J^T)^+ J M^-1.
+        """
+        model = self.model.model
+        M_inverse = np.linalg.inv(symmetric(pin.crba(model, model.createData(), q)))
+        return np.array([self.mechanism.project_velocity(q, v)[j] for j, v in enumerate(M_inverse)])
 
     def release(self, arm: int) -> None:
         """Open the grasp of an arm, by its index."""

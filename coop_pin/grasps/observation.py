@@ -33,6 +33,9 @@ class Observation(NamedTuple):
             plane in axes of the plane, N and N m, shape (..., p, 6); None without any.
         patch_points: number of points of each that touch, shape (..., p); likewise.
         patch_slip: distance that each has slid, m, shape (..., p); likewise.
+        stop_force: force of the end stops on the joints of each arm, N m or N, NaN for arms without, shape
+            (..., m, k); None where no arm has stops.
+        stop_energy: energy in the end stops, J, shape (...); likewise.
         partner_wrench: wrench of the partner that took hold last on the payload, about P in world axes, N
             and N m, shape (..., 6); None without one.
         partner_deflection: deflection of its handle in axes of its point, m and rad, likewise.
@@ -52,6 +55,8 @@ class Observation(NamedTuple):
     patch_wrench: Array | None = None
     patch_points: Array | None = None
     patch_slip: Array | None = None
+    stop_force: Array | None = None
+    stop_energy: Array | None = None
     partner_wrench: Array | None = None
     partner_deflection: Array | None = None
     partner_energy: Array | None = None

@@ -1,4 +1,4 @@
-"""Visual geometry of a URDF, and a process that tries whether it can be read.
+"""Visual and collision geometry of a URDF, and a process that tries whether it can be read.
 
 Pinocchio's reader of meshes (Assimp) has no limits: some damaged files end its process, others take forever.
 The process runs this file through ``limited_process``.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import pinocchio as pin
 
@@ -26,63 +26,73 @@ _CPU_S, _BYTES_PER_S = 3, 5_000_000
 _PATIENCE_S = 120.0
 _MESHES = pin.coal.CachedMeshLoader(pin.coal.NODE_TYPE.BV_OBB)
 """Reads a file again only if it has changed, and builds the tree for collisions that costs least."""
+Kind: TypeAlias = Literal["visual", "collision"]
+_TYPES = {"visual": pin.GeometryType.VISUAL, "collision": pin.GeometryType.COLLISION}
 _UNREADABLE = ValueError, RuntimeError, MemoryError
 
 
-def with_located_meshes(text: str, urdf: UrdfFile) -> tuple[str, list[Path]]:
-    """Return a URDF whose visual meshes are named by their paths, and these files.
+def with_located_meshes(text: str, urdf: UrdfFile, kind: Kind = "visual") -> tuple[str, list[Path]]:
+    """Return a URDF whose meshes of a kind are named by their paths, and these files.
 
     Args:
         text: the URDF.
         urdf: file of the robot.
+        kind: kind of the shapes.
     """
     robot, files = read_document(text.encode()), []
-    for mesh, path in meshes(robot, urdf):
+    for mesh, path in meshes(robot, urdf, kind):
         if path is not None:
             mesh.set("filename", str(path))
             files.append(path)
     return text_of(robot), files
 
 
-def visual_geometry(model: pin.Model, text: str) -> tuple[list[Any], dict[str, str]]:
-    """Return Pinocchio's visual geometry objects, and why those of a link cannot be read, by its name.
+def geometry_objects(model: pin.Model, text: str, kind: Kind = "visual") -> tuple[list[Any], dict[str, str]]:
+    """Return Pinocchio's geometry objects of a kind, and why those of a link cannot be read, by its name.
 
     Args:
         model: model of the URDF, with all its joints.
         text: the URDF, with the paths of its meshes.
+        kind: kind of the shapes.
     """
     try:
-        return _build(model, text), {}
+        return _build(model, text, kind), {}
     except _UNREADABLE:  # one bad mesh fails the whole file: read it link by link
         objects: list[Any] = []
         problems: dict[str, str] = {}
         for link in read_document(text.encode()).iter("link"):
             name = link.get("name", "")
             try:
-                objects += _build(model, _with_visuals_of(name, text))
+                objects += _build(model, _with_shapes_of(name, text, kind), kind)
             except _UNREADABLE as error:
                 problems[name] = str(error)
         return objects, problems
 
 
-def can_be_read(text: str, size: int) -> bool:
+def can_be_read(text: str, size: int, kind: Kind = "visual") -> bool:
     """Return whether reading all meshes ends in a process with limits of time and memory.
 
     Args:
         text: the URDF, with the paths of its meshes.
         size: size of all its meshes, bytes.
+        kind: kind of the shapes.
     """
     cpu_s = _CPU_S + size // _BYTES_PER_S
     code, _ = limited_process.ask(
-        Path(__file__), {"text": text}, cpu_s=cpu_s, memory=_MEMORY, patience_s=_PATIENCE_S, quiet=True
+        Path(__file__),
+        {"text": text, "kind": kind},
+        cpu_s=cpu_s,
+        memory=_MEMORY,
+        patience_s=_PATIENCE_S,
+        quiet=True,
     )
     return code in (0, limited_process.REFUSED)  # an exception of Python is none of a mesh
 
 
-def without_meshes(text: str) -> str:
-    """Return a URDF without the visuals that are meshes."""
+def without_meshes(text: str, kind: Kind = "visual") -> str:
+    """Return a URDF without the shapes of a kind that are meshes."""
     robot = read_document(text.encode())
-    _remove([visual for visual in robot.iter("visual") if visual.find("geometry/mesh") is not None])
+    _remove([shape for shape in robot.iter(kind) if shape.find("geometry/mesh") is not None])
     return text_of(robot)
 
 
@@ -112,32 +122,30 @@ def without_mesh_files(text: str) -> tuple[str, dict[str, MeshFile]]:
     return text_of(robot), files
 
 
-def _with_visuals_of(name: str, text: str) -> str:
+def _with_shapes_of(name: str, text: str, kind: Kind) -> str:
     robot = read_document(text.encode())
     others = [link for link in robot.iter("link") if link.get("name") != name]
-    _remove([visual for link in others for visual in link.findall("visual")])
+    _remove([shape for link in others for shape in link.findall(kind)])
     return text_of(robot)
 
 
-def _remove(visuals: Sequence[Element]) -> None:
-    for visual in visuals:
-        visual.getparent().remove(visual)
+def _remove(shapes: Sequence[Element]) -> None:
+    for shape in shapes:
+        shape.getparent().remove(shape)
 
 
-def _build(model: pin.Model, text: str) -> list[Any]:
+def _build(model: pin.Model, text: str, kind: Kind) -> list[Any]:
     # Without the geometry model as an argument, pin 4.1 warns that passing folders is deprecated.
-    geometry = pin.buildGeomFromUrdfString(
-        model, text, pin.GeometryType.VISUAL, pin.GeometryModel(), [], _MESHES
-    )
+    geometry = pin.buildGeomFromUrdfString(model, text, _TYPES[kind], pin.GeometryModel(), [], _MESHES)
     return list(geometry.geometryObjects)
 
 
-def _try(text: str) -> bytes:
-    rest, files = without_mesh_files(text)
+def _try(text: str, kind: Kind) -> bytes:
+    rest, files = without_mesh_files(text) if kind == "visual" else (text, {})
     for path, scale, _ in files.values():
         with contextlib.suppress(FileReadError):  # which drawings of the other links survive
             coloured_meshes(path, scale)
-    visual_geometry(pin.buildModelFromXML(text), rest)
+    geometry_objects(pin.buildModelFromXML(text), rest, kind)
     return b""
 
 

@@ -80,7 +80,9 @@ def mjcf(
         body = ET.SubElement(parent, "body", _pose(tree.jointPlacements[number]), name=name)
         S = np.asarray(data.joints[number].S).ravel()
         kind, axis = ("hinge", S[3:]) if S[3:].any() else ("slide", S[:3])
-        ET.SubElement(body, "joint", name=name, type=kind, axis=_text(axis))
+        rotor = tree.armature[tree.idx_vs[number]]
+        stated = {"armature": _text([rotor])} if rotor else {}
+        ET.SubElement(body, "joint", stated, name=name, type=kind, axis=_text(axis))
         moments, pose = _principal(tree.inertias[number])
         mass = _text([tree.inertias[number].mass])
         ET.SubElement(body, "inertial", _pose(pose), mass=mass, diaginertia=_text(moments))

@@ -17,6 +17,7 @@ import pinocchio as pin
 from coop_pin.base.arrays import Array, require_type
 from coop_pin.base.errors import MimicJointError, NameNotFoundError, UrdfError
 from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.armature import Rotors, reflected
 from coop_pin.description.urdf import UrdfFile, load_checked
 from coop_pin.description.urdf.report import listed
 from coop_pin.description.urdf.robot import Robot
@@ -90,6 +91,7 @@ def append_arm(tree: pin.Model, arm: pin.Model, prefix: str, X_WB: Array) -> pin
         frame.name = f"{prefix}/{frame.name}"
     joined = pin.appendModel(tree, named, 0, pin.SE3(X_WB))
     joined.gravity = tree.gravity  # appendModel resets it to the Earth's
+    joined.armature = np.concatenate((tree.armature, arm.armature))  # appendModel drops it
     return joined
 
 
@@ -105,7 +107,7 @@ def without_inertia(model: pin.Model) -> pin.Model:
     copy = model.copy()
     for joint in range(copy.njoints):
         copy.inertias[joint] = pin.Inertia.Zero()
-    copy.gravity.linear = np.zeros(3)
+    copy.armature, copy.gravity.linear = np.zeros(copy.nv), np.zeros(3)
     return copy
 
 
@@ -149,14 +151,32 @@ class UnreducedArm(NamedTuple):
     configuration: Array
 
 
-ModelKey = tuple[UrdfFile, tuple[int, int], tuple[tuple[str, float], ...], bool]
+class ModelKey(NamedTuple):
+    """What the model of an arm depends on.
+
+    Attributes:
+        file: its URDF.
+        version: time and size of the file.
+        locked: angles of the locked joints, by name.
+        ignores_mimic: whether followers of mimic joints move by themselves.
+        armature: inertia of rotors, as stated.
+        base_joints: number of its joints that move its mobile base.
+    """
+
+    file: UrdfFile
+    version: tuple[int, int]
+    locked: tuple[tuple[str, float], ...]
+    ignores_mimic: bool
+    armature: Rotors | float | tuple[float, ...]
+    base_joints: int
 
 
 def model_key(arm: Arm) -> ModelKey:
-    """Return what the model of an arm depends on: its file and the version of it, locked and mimic joints."""
-    file = arm.file
-    version = os.stat(file.path)  # noqa: PTH116
-    return file, (version.st_mtime_ns, version.st_size), tuple(arm.locked.items()), arm.mimic == "ignore"
+    """Return the key of an arm's model."""
+    file, locked = arm.file, tuple(arm.locked.items())
+    stamp = os.stat(file.path)  # noqa: PTH116
+    version = stamp.st_mtime_ns, stamp.st_size
+    return ModelKey(file, version, locked, arm.mimic == "ignore", arm.armature, arm.base_joints)
 
 
 def load_arm_model(arm: Arm) -> pin.Model:
@@ -175,16 +195,21 @@ def load_arm_model(arm: Arm) -> pin.Model:
 
 def load_unreduced_arm(arm: Arm) -> UnreducedArm:
     """Return the model of an arm with all its joints, and those to lock; raises as load_arm_model."""
-    return _unreduced(arm.file, arm.locked, arm.mimic == "ignore")
+    return unreduced_of(model_key(arm))
+
+
+def unreduced_of(key: ModelKey) -> UnreducedArm:
+    """Return what ``load_unreduced_arm`` does, by the key of an arm."""
+    return _unreduced(key.file, dict(key.locked), key.ignores_mimic)
 
 
 @lru_cache(maxsize=64)
 def shared_arm_model(key: ModelKey) -> pin.Model:
     """Return the model that load_arm_model copies, which nobody may change."""
-    file, _, locked, ignore_mimic = key
-    arm = _unreduced(file, dict(locked), ignore_mimic)
+    arm = unreduced_of(key)
     model = pin.buildReducedModel(arm.model, arm.locked, arm.configuration) if arm.locked else arm.model
-    _require_moved_mass(model, file.path.name)
+    _require_moved_mass(model, key.file.path.name)
+    model.armature = reflected(key.armature, int(model.nv), key.base_joints)
     return model
 
 

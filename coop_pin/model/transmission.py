@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from coop_pin.base.arrays import Array
-from coop_pin.description.cell.arm import Arm, JointFriction
+from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.joint_friction import JointFriction
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import per_joint
 from coop_pin.model.pinocchio_model import model_key, shared_arm_model

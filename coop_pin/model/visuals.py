@@ -17,7 +17,7 @@ from coop_pin.description.cell.cell import Cell
 from coop_pin.model.cell_model import CellModel, PayloadAttachment
 from coop_pin.model.geometry import (
     can_be_read,
-    visual_geometry,
+    geometry_objects,
     with_located_meshes,
     without_mesh_files,
     without_meshes,
@@ -175,7 +175,7 @@ def _geometries(whole: UnreducedArm, arm: Arm) -> tuple[list[Any], dict[str, Mes
         )
         text = without_meshes(text)
     text, files = without_mesh_files(text)
-    objects, problems = visual_geometry(whole.model, text)
+    objects, problems = geometry_objects(whole.model, text)
     for link, problem in problems.items():
         _warn(arm.urdf, f"link {link!r}", problem)
     return objects, files

@@ -19,7 +19,7 @@ class AdaptiveState(NamedTuple):
 
     Attributes:
         parameters: thetahat of the arm: ten for each link as Pinocchio's ``toDynamicParameters``, then
-            viscous and Coulomb friction of each drive, shape (12 k,).
+            viscous and Coulomb friction of each drive, then the rotors if there are any, shape (p,).
         payload: phihat, ten of the arm's share of the payload, shape (10,).
         disturbance: dhat, N m, shape (k,).
         force: state of the internal force integral, as of computed torque.

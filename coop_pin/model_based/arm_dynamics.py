@@ -65,6 +65,7 @@ class ArmDynamics:
             self.model.inertias[joint] = pin.Inertia(
                 factor.mass * body.mass, body.lever, factor.inertia * body.inertia
             )
+        self.model.armature = factor.inertia * self.model.armature
         if scenario.actuators_of(arm).gravity_compensation is not None:
             self.model.gravity.linear = np.zeros(3)
         self._friction, self._friction_factor = friction(cell.arms[arm], arm), factor.friction
@@ -112,18 +113,20 @@ class ArmDynamics:
     # ------------------------------------------------------------ linear in the parameters
 
     def parameters(self) -> tuple[Array, Array]:
-        """Return theta of the arm and phi of the payload by this model, shapes (12 k,) and (10,).
+        """Return theta of the arm and phi of the payload by this model, shapes (p,) and (10,).
 
         Ten for each link (mass, first moments, inertia about the joint), then viscous and Coulomb friction of
-        each drive; stiction is no part of them, and with a drive matrix friction must act at the drives.
+        each drive; stiction is no part of them, and with a drive matrix friction must act at the drives. Last
+        the inertia of each joint's rotor, if any has one.
         """
         links = [self.model.inertias[joint].toDynamicParameters() for joint in range(1, self.model.njoints)]
         rubbing = self._friction_factor * np.concatenate((self._friction.viscous, self._friction.coulomb))
         payload = pin.Inertia(self._payload.mass, np.zeros(3), self._payload.inertia_matrix)
-        return np.concatenate((*links, rubbing)), np.array(payload.toDynamicParameters())
+        rotors = self.model.armature if self.model.armature.any() else ()
+        return np.concatenate((*links, rubbing, rotors)), np.array(payload.toDynamicParameters())
 
     def regressor(self, measurement: ArmMeasurement, v_r: Array, a_r: Array) -> Array:
-        """Return Y with Y theta = M a_r + C(q, qdot) v_r + g + friction at v_r, shape (k, 12 k).
+        """Return Y with Y theta = M a_r + C(q, qdot) v_r + g + friction at v_r, shape (k, p).
 
         C is Christoffel's: the quadratic C(q, v) v is polarised, which is bilinear and symmetric.
 
@@ -142,7 +145,8 @@ class ArmDynamics:
 
         links = Y(still, back @ a_r) + (Y(v + w, still) - Y(v - w, still)) / 4.0
         sliding = np.tanh(measurement.v / self._friction.coulomb_velocity)
-        return np.hstack((back.T @ links, np.diag(v_r), np.diag(sliding)))
+        rotors = back.T @ np.diag(back @ a_r) if self.model.armature.any() else np.zeros((len(v), 0))
+        return np.hstack((back.T @ links, np.diag(v_r), np.diag(sliding), rotors))
 
     def payload_regressor(self, measurement: ArmMeasurement, V_r: Array, A_r: Array) -> Array:
         """Return Y_0 with Y_0 phi = M_0 A_r + V_r x* (M_0 V) + W_0 about P in world axes, shape (k_0, 10).

@@ -13,6 +13,7 @@ from coop_pin.results.metrics import DRIFT_S
 from coop_pin.results.quantities import Arrays
 
 Cause = Literal[
+    "end stop",
     "joint limit",
     "jacobian condition",
     "torque cut",
@@ -30,6 +31,7 @@ Cause = Literal[
 """What was breached. Of breaches at the same time, causes come before what usually follows from them."""
 
 _TEXTS: dict[Cause, str] = {
+    "end stop": "{who} hits its end stop from {time:.4g} s (it pushes back with up to {value:.4g} N m or N)",
     "joint limit": "{who} at its stop from {time:.4g} s (reaches {value:.4g}, limit {allowed:.4g})",
     "jacobian condition": "{who} near a singular pose from {time:.4g} s"
     " (condition number {value:.3g}, allowed {allowed:.3g})",
@@ -192,7 +194,7 @@ class LimitViolation(NamedTuple):
 
 
 def limit_violations(data: Arrays) -> tuple[LimitViolation, ...]:
-    """Return the limits that were exceeded, by arm, joint and kind; the plant stops no joint at its limit."""
+    """Return the limits that were exceeded, by arm, joint and kind; in an end stop a joint is beyond one."""
     violations = []
     for a, arm in enumerate(np.asarray(data["arm"])):
         for j, joint in enumerate(np.asarray(data["joint_name"])[a]):

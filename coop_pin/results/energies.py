@@ -11,13 +11,28 @@ WORK = ("work_actuation", "work_friction", "work_external", "work_payload_change
 """Work done since the start: by the three forces besides gravity; last by changes of payload and gravity."""
 WORK_OF_GRASPS = ("work_grasps",)
 """Work after that of WORK, in cells with compliant grasps, patches or tables."""
+WORK_OF_STOPS = ("work_stops",)
+"""Work after these, in cells whose arms have end stops."""
+
+
+def work_names(is_elastic: bool, has_stops: bool) -> tuple[str, ...]:
+    """Return the names of the works of a cell in their order.
+
+    Args:
+        is_elastic: Whether it has compliant grasps, patches or tables.
+        has_stops: Whether an arm of it has end stops.
+    """
+    return WORK + is_elastic * WORK_OF_GRASPS + has_stops * WORK_OF_STOPS
 
 
 def energies(data: Arrays) -> tuple[Array, list[Array]]:
     """Return the energy of a cell, J, and all work done on it, J, that its run records."""
     energy = np.asarray(data["kinetic_energy"]) + np.asarray(data["potential_energy"])
-    works = [np.asarray(data[name]) for name in (*WORK, *WORK_OF_GRASPS) if name in data]
-    return energy + np.asarray(data["elastic_energy"]) if "elastic_energy" in data else energy, works
+    works = [np.asarray(data[name]) for name in work_names(True, True) if name in data]
+    for name in ("elastic_energy", "stop_energy"):
+        if name in data:
+            energy = energy + np.asarray(data[name])
+    return energy, works
 
 
 def start_energy(data: Arrays) -> Array:

@@ -39,9 +39,16 @@ Kind = Literal[
     "steady error",
     "user code",
     "log",
+    "distance",
 ]
 """What a finding is about."""
-LEFT_TO_CHECK: tuple[Kind, ...] = ("closed loop", "lost arm", "internal moment", "steady error")
+LEFT_TO_CHECK: tuple[Kind, ...] = (
+    "closed loop",
+    "lost arm",
+    "internal moment",
+    "steady error",
+    "distance",
+)
 """Kinds that ``cp.run`` leaves to ``cp.check``, for time."""
 
 

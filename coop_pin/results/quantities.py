@@ -1,8 +1,7 @@
 """Quantities of a run, declared in one table.
 
-``QUANTITIES`` gives every quantity its name, dimensions, unit, meaning, source and group. The recorder
-allocates its arrays by the table and the dataset is labelled by it; snapshots, metrics and figures read what
-it computes.
+``QUANTITIES`` gives every quantity its name, dimensions, unit, meaning, source and group. By it the recorder
+allocates its arrays and the dataset is labelled; snapshots, metrics and figures read what it computes.
 """
 
 from __future__ import annotations
@@ -210,18 +209,19 @@ QUANTITIES = (
     Quantity("patch_wrench", "patch axis", "N, N m", "of each patch on the arm, of each table on the payload,"
              " about the middle of its plane in axes of the plane", group="patches"),
     Quantity("patch_points", "patch", "1", "number of points that touch", group="patches"),
-    Quantity("patch_slip", "patch", "m", "distance that the points have slid since the start, mean",
-             group="patches"),
+    Quantity("patch_slip", "patch", "m", "distance that its points have slid, mean", group="patches"),
     Quantity("load_share", "arm", "1", "c_i of the agreed plan, less what tables bear", group="plan"),
     Quantity("elastic_energy", "", "J", "in compliant grasps, patches and tables", group="elements"),
-    Quantity("work_grasps", "", "J", "done by dampers of compliant grasps, by friction of patches and tables,"
-             " since the start", group="elements"),
+    Quantity("work_grasps", "", "J", "done by dampers of compliant grasps, friction of patches and tables",
+             group="elements"),
+    Quantity("stop_force", "arm joint", "N m or N", "of the end stops on the joints", group="stops"),
+    Quantity("stop_energy", "", "J", "in the end stops", group="stops"),
+    Quantity("work_stops", "", "J", "done by dampers of the end stops since the start", group="stops"),
     Quantity("servo_command", "arm joint", "rad/s or rad", "velocities or positions that the controller asked"
              " servos for", read=lambda _, applied: applied.servo_commands, group="servo"),
-    Quantity("partner_wrench", "axis", "N, N m", "of the partner that holds the payload, about P",
+    Quantity("partner_wrench", "axis", "N, N m", "of the partner on the payload, about P", group="partner"),
+    Quantity("partner_deflection", "axis", "m, rad", "of the handle from the partner's point, in its axes",
              group="partner"),
-    Quantity("partner_deflection", "axis", "m, rad", "of the partner's handle from its point, in axes of the"
-             " point", group="partner"),
     Quantity("partner_energy", "", "J", "in the partner's spring", group="partner"),
     Quantity("requested_torque", "arm joint", "N m", "drive torques before their limits: the commands that"
              " arrived, and gravity compensation",
@@ -270,6 +270,7 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     "partner": lambda scenario: bool(scenario.partners),
     "patches": lambda scenario: scenario.cell.has_contacts,
     "elements": lambda scenario: scenario.cell.has_force_elements,
+    "stops": lambda scenario: any(arm.stops is not None for arm in scenario.cell.arms.values()),
     "encoder": lambda scenario: not all(s.joints_are_ideal for s in _sensors(scenario)),
     "kinematics": lambda scenario: (
         not all(s.joints_are_ideal for s in _sensors(scenario))

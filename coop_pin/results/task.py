@@ -155,6 +155,9 @@ class TaskMonitor:
         lengths, longest = self._torque_cuts(samples), scenario.task.torque_cut
         cuts = Series.at_most("torque cut", lengths, longest)
         series.append(cuts._replace(beyond=lengths > longest * (1.0 + 1e-9)))
+        if "stop_force" in samples:
+            force = np.abs(samples["stop_force"])
+            series.append(Series("end stop", force > 0.0, force, np.zeros(force.shape), force))
         if "patch_slip" in samples:
             slid = self._slid + bearing_slip(samples, scenario.cell, self._slip)
             self._slip, self._slid = np.asarray(samples["patch_slip"])[-1], slid[-1]

@@ -13,11 +13,14 @@ from coop_pin.description.thresholds import TrustThresholds
 from coop_pin.results.breaches import Breach, Series, in_time
 from coop_pin.results.energies import energies, start_energy, unexplained_energy
 
+STOP_SHARE = 2e-3
+"""Part of the energy that end stops take which a hit may leave unexplained: steps straddle the contact."""
+
 
 class TrustMonitor:
     """Search for breaches in successive samples: those of a whole run at once, or of each tick as it is done.
 
-    It keeps the gross work from one call to the next.
+    It keeps what the gross work allows from one call to the next.
     """
 
     def __init__(
@@ -67,6 +70,8 @@ class TrustMonitor:
         allowed, positions = self._allowed, samples["joint_position"]
         excess = np.fmax(positions - self._upper, self._lower - positions)  # NaN without a limit
         limits = np.where(positions > self._upper, self._upper, self._lower)
+        if "stop_force" in samples:  # depth in a stop is motion of the plant
+            excess = np.where(np.isfinite(samples["stop_force"][..., :1, :, :]), 0.0, excess)
         errors = np.maximum(samples["closure_distance"], samples["closure_angle"])
         return [
             Series("joint limit", excess > allowed.joint_slack, positions, limits, excess),
@@ -76,13 +81,17 @@ class TrustMonitor:
         ]
 
     def _energy(self, samples: Mapping[str, NDArray[Any]]) -> Series:
-        works = [*energies(samples)[1], samples["potential_energy"]]
+        share, works = self._allowed.energy_share, [*energies(samples)[1], samples["potential_energy"]]
+        shares = [share] * len(works)
+        if "stop_energy" in samples:
+            works += [samples["stop_energy"], samples["work_stops"]]
+            shares += [STOP_SHARE, STOP_SHARE]
         if self._last is None:
             self._last, self._start_energy = [work[..., :1] for work in works], start_energy(samples)
-        pairs = zip(works, self._last, strict=True)
-        steps = sum(np.abs(np.diff(work, prepend=last)) for work, last in pairs)
+        parts = zip(shares, works, self._last, strict=True)
+        steps = sum(part * np.abs(np.diff(work, prepend=last)) for part, work, last in parts)
         gross = self._gross + np.cumsum(steps, axis=-1)
         self._last, self._gross = [work[..., -1:] for work in works], gross[..., -1:]
         values = np.abs(unexplained_energy(samples, self._start_energy))
-        allowed = self._allowed.energy_floor + self._allowed.energy_share * gross
+        allowed = self._allowed.energy_floor + gross
         return Series.at_most("energy", values, allowed, values - allowed)

@@ -2,7 +2,8 @@
 
 Open first: ``run_scenario`` (``cp.run``), ``check`` (``cp.check``: all findings of a scenario, and the quick
 ones of a run; their class is in ``results.finding``). ``cell_findings`` has each subject, ``plausibility``
-numbers in a likely wrong unit, and ``engine_choice`` of ``compiled`` which engine runs.
+numbers in a likely wrong unit, ``recorded_distances`` the least distances of a finished run, and
+``engine_choice`` of ``compiled`` which engine runs.
 
 Imports ``base``, ``compiled``, ``control``, ``description``, ``feasibility``, ``model``, ``results``,
 ``simulation`` and ``stability``.

@@ -15,6 +15,7 @@ from coop_pin.base.memory import free_memory
 from coop_pin.base.schema.user_code import code_of
 from coop_pin.description.arm_events import LoseArm
 from coop_pin.description.scenario import Scenario
+from coop_pin.feasibility.distances import distances
 from coop_pin.feasibility.freedoms import freedoms
 from coop_pin.feasibility.internal_moment import internal_moment
 from coop_pin.feasibility.least_squeeze import least_squeeze
@@ -140,6 +141,15 @@ def reach_findings(reach: Reachability) -> Iterator[Finding]:
             yield Finding("reach", arm.arm, "error", f"arm {arm.arm!r} {problem}")
         if margins := "; ".join(arm.margins()):
             yield Finding("reach", arm.arm, "note", f"arm {arm.arm!r}: {margins}")
+
+
+def distance_findings(scenario: Scenario, reach: Reachability) -> Iterator[Finding]:
+    """Yield the least distance between arms, payload and tables: a warning below the clearance."""
+    along = distances(scenario, reach)
+    if (nearest := along.nearest) is not None:
+        severity: Any = "note" if along.ok else "warning"
+        pair, limit = " - ".join(nearest.pair), along.clearance
+        yield Finding("distance", pair, severity, along.sentence(), nearest.distance, limit)
 
 
 def torque_findings(statics: StaticTorques) -> Iterator[Finding]:

@@ -23,6 +23,7 @@ from coop_pin.feasibility.table_force import TABLE_ERROR
 from coop_pin.results.finding import LEFT_TO_CHECK, Finding, Findings, Kind, sorted_findings
 from coop_pin.running.cell_findings import (
     code_findings,
+    distance_findings,
     force_findings,
     gains_are_known,
     lost_arm_findings,
@@ -59,8 +60,8 @@ def check(
 
     Numbers in a likely wrong unit; reach, singular poses, limits and static torques along the motion; rank of
     the closures; squeeze and table forces; stability of the plant's steps and of the law; what remains of a
-    bias, of an unknown load and without an arm. Nothing is simulated. Each remedy of an error was applied:
-    the error is gone then, and none of another kind has come.
+    bias, of an unknown load and without an arm; the least distance between bodies. Nothing is simulated. Each
+    remedy of an error was applied: the error is gone then, and none of another kind has come.
 
     Args:
         scenario: a Scenario, a name in the catalogue, or the path of a TOML file.
@@ -86,6 +87,7 @@ def check(
         left = LEFT_TO_CHECK
     else:
         entries += [*record_findings(simulation), *lost_arm_findings(scenario, reach)]
+        entries += distance_findings(scenario, reach)
         if gains_are_known(scenario):
             entries += steady_findings(simulation, reach, bias, bias_turn, load)
     entries = _with_remedies(scenario, entries, poses, table_error)

@@ -140,6 +140,8 @@ class MujocoPlant(PinocchioPlant):
     def _rate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the acceleration, shape (nv,), and powers in the order of ``work``, the first of them."""
         tau, power = self._force(t, q, v), self._forces.dot(v)
+        if self._stops is not None:
+            power[-1] = self._stopped
         return self._tree.acceleration(q, v, tau), power
 
     def interaction_wrenches(self) -> Array:
@@ -150,9 +152,9 @@ class MujocoPlant(PinocchioPlant):
     def observe(self, q: Array, v: Array, force: Array, time: Array) -> Observation:
         """Return what is recorded of n states in the present surroundings, as of Plant."""
         observation = super().observe(q, v, force, time)
-        push, states = observation.external_wrench, zip(q, v, force, strict=True)
-        tau = [held + self.transmission.friction(rates) for _, rates, held in states]
-        tau = [each + self.chain.payload_jacobian(x).T @ F for each, x, F in zip(tau, q, push, strict=True)]
+        push, tau = observation.external_wrench, force + self.resistance(q, v)
+        pairs = zip(map(self.chain.payload_jacobian, q), push, strict=True)
+        tau = tau + np.array([J.T @ F for J, F in pairs])
         wrenches = np.array([self._wrenches(*state) for state in zip(q, v, tau, push, strict=True)])
         apart = np.abs(wrenches - observation.interaction_wrench).max(axis=(0, 1), initial=0.0)
         self._apart = np.fmax(self._apart, np.where(self._determinate, apart, 0.0))

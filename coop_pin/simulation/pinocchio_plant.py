@@ -21,7 +21,7 @@ from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.grasps.observation import Observation
 from coop_pin.grasps.spring_damper import PartnerState, partner_state
-from coop_pin.results.energies import WORK, WORK_OF_GRASPS
+from coop_pin.results.energies import WORK, work_names
 from coop_pin.simulation.plant import PlantState
 
 
@@ -36,7 +36,7 @@ class PinocchioPlant:
         v: velocity, shape (nv,).
         surroundings: payload, and what acts on it from outside.
         time: time, s.
-        work: done so far, in the order of WORK and, in cells with force elements, WORK_OF_GRASPS, J.
+        work: done so far, in the order of ``work_names``, J.
     """
 
     engine = "pinocchio"
@@ -52,11 +52,13 @@ class PinocchioPlant:
         model = chain.mechanism.model
         self.chain, self.transmission = chain, chain.transmission
         self._is_elastic = bool(chain.elements.elements)
-        works = len(WORK) + self._is_elastic * len(WORK_OF_GRASPS)
+        self._stops = chain.stops if chain.stops else None
+        works = len(work_names(self._is_elastic, self._stops is not None))
         self.q, self.v, self.work, self.time = q, np.zeros(model.nv), np.zeros(works), 0.0
         chain.damp(q)
         # Rows in the order of the works that a rate does, their sum, and what sums them.
-        self._forces = np.zeros((works if self._is_elastic else works - 1, model.nv))
+        self._forces = np.zeros((works if works > len(WORK) else works - 1, model.nv))
+        self._stopped = 0.0  # power of the stops' dampers at the last forces
         self._friction, self._sum, self._all = self._forces[1], np.zeros(model.nv), np.ones(len(self._forces))
         self._integrator = INTEGRATORS[options.integrator](model)
         self._project = options.project == "step"
@@ -150,9 +152,16 @@ class PinocchioPlant:
         """Return the generalised force of torques, friction and push at the present state, shape (nv,)."""
         return self._force(self.time, self.q, self.v).copy()
 
+    def resistance(self, q: Array, v: Array) -> Array:
+        """Return the generalised force of friction and end stops at n states, N m, shape (n, nv)."""
+        friction = np.array([self.transmission.friction(rates) for rates in v])
+        if self._stops is None:
+            return friction
+        return friction + [self._stops.state(*state).force for state in zip(q, v, strict=True)]
+
     def observe(self, q: Array, v: Array, force: Array, time: Array) -> Observation:
         """Return what is recorded of n states in the present surroundings, as of Plant."""
-        tau = force + np.array([self.transmission.friction(rates) for rates in v])
+        tau = force + self.resistance(q, v)
         states = list(zip(q, v, time.tolist(), strict=True))
         wrenches = np.array([self.payload_wrench(*state) for state in states])
         if self._pushed:
@@ -202,19 +211,23 @@ class PinocchioPlant:
             self.q = self.chain.mechanism.project_configuration(self.q)
             self.v = self.chain.mechanism.project_velocity(self.q, self.v)
         if self._is_elastic and len(self.chain.patches):
-            self.work[-1] -= self.chain.patches.settle(self.q)
+            self.work[len(WORK)] -= self.chain.patches.settle(self.q)
 
     def _rate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the acceleration, shape (nv,), and powers in the order of ``work``, the first of them."""
         tau, power = self._force(t, q, v), self._forces.dot(v)
+        if self._stops is not None:
+            power[-1] = self._stopped
         if not self._is_elastic:
             return self.chain.rigid.mechanism.solver.acceleration(q, v, tau), power
-        a, power[-1] = self.chain.acceleration(q, v, tau)
+        a, power[len(WORK)] = self.chain.acceleration(q, v, tau)
         return a, power
 
     def _force(self, t: float, q: Array, v: Array) -> Array:
         """Return the generalised force of drives, friction and payload wrench until the next call, (nv,)."""
         self.transmission.friction(v, self._friction)
+        if self._stops is not None:
+            self._forces[-1], _, self._stopped = self._stops.state(q, v)
         if self._pushed:
             self._forces[2] = self.chain.payload_jacobian(q).T.dot(self.payload_wrench(q, v, t))
         return self._all.dot(self._forces, self._sum)

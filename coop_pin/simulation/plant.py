@@ -70,7 +70,7 @@ class Plant(Protocol):
 
     @property
     def work(self) -> Array:
-        """Work so far, in the order of WORK and, in cells with force elements, WORK_OF_GRASPS, J."""
+        """Work so far, in the order of ``work_names``, J."""
 
     def state(self) -> PlantState:
         """Return the state."""

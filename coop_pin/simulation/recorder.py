@@ -18,7 +18,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.model.cell_model import ArmPlace
 from coop_pin.model.joint_limits import JointLimits
 from coop_pin.results.breaches import Breach
-from coop_pin.results.energies import WORK, WORK_OF_GRASPS
+from coop_pin.results.energies import work_names
 from coop_pin.results.quantities import Quantity, Samples, allocate, bytes_per_sample, computed, quantities
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.running_metrics import RunningMetrics
@@ -113,7 +113,8 @@ class Recorder:
         count, plant, arms = self._length, self._plant, self._arms
         self._samples, self._is_shared = allocate(self.table, count, self._sizes), False
         self._work = np.full((count, len(plant.work)), np.nan)
-        self._samples |= zip((*WORK, *WORK_OF_GRASPS)[: len(plant.work)], self._work.T, strict=True)
+        works = work_names("work_grasps" in self._samples, "work_stops" in self._samples)
+        self._samples |= zip(works, self._work.T, strict=True)
         self._read = [(each.read, *self._columns(each)) for each in self.table if each.read]
         rows = self._cell.task_rows.size
         self._jacobians = [np.zeros((count, rows, len(arm.drive))) for arm in arms]

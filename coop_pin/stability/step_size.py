@@ -145,6 +145,12 @@ _LONGEST, _LIMIT_ERROR = 4.0, 1e-4
 """Beyond the stability region of RK4; accuracy of its border."""
 
 
+_REMEDIES = {"friction": "lower the friction", "end stops": "lower stops.stiffness or raise stops.give"}
+_HIT = 0.12
+"""Largest ``h sqrt(k W)`` of a joint on its end stop with ``2 zeta <= 1``: steps straddle the first contact,
+and a hit then leaves at most 0.2 % of what it loses unexplained; stronger damping needs as much less."""
+
+
 class StepStability(NamedTuple):
     """Stability of the plant's integration under joint friction and compliant grasps, with the critical mode.
 
@@ -155,7 +161,8 @@ class StepStability(NamedTuple):
         steps_per_tick: plant steps in a tick.
         joints: the joints that move most in that mode, as arm/joint.
         time: time of the pose at which it is so, s.
-        cause: origin of the mode, "friction", "compliant grasps", "patches" or "partner".
+        cause: origin of the mode, "friction", "compliant grasps", "patches", "partner" or "end stops". Of a
+            stop, lambda is the rate of its joint on it, and the limit is that of its energy, see below.
     """
 
     value: float
@@ -177,9 +184,10 @@ class StepStability(NamedTuple):
         if self.ok:
             return f"{text} is within the stability limit {self.limit:.3g} of the plant's steps"
         steps = math.ceil(self.steps_per_tick * self.value / self.limit)
-        remedy = "lower the friction" if self.cause == "friction" else "use a softer or less damped element"
+        remedy = _REMEDIES.get(self.cause, "use a softer or less damped element")
+        of_what = "limit of the energy of a hit" if self.cause == "end stops" else "stability limit"
         return (
-            f"{text} exceeds the stability limit {self.limit:.3g} of the plant's steps."
+            f"{text} exceeds the {of_what}, {self.limit:.3g}, of the plant's steps."
             f" Raise clock.steps_per_tick from {self.steps_per_tick} to {steps}, or {remedy}"
         )
 
@@ -191,7 +199,7 @@ def step_stability(simulation: Simulation, cell_reach: Reachability | None = Non
     D is that of sampled_stability for the friction. With compliant grasps it is looked at for every payload
     that the events bring. Coulomb friction is steepest at rest, where its slope is
     coulomb / coulomb_velocity: a joint that turns back along the motion passes it. Beyond the limit energy
-    appears from nothing.
+    appears from nothing. End stops are looked at as if every joint could hit its own.
 
     Args:
         simulation: Simulation that has not begun.
@@ -203,6 +211,8 @@ def step_stability(simulation: Simulation, cell_reach: Reachability | None = Non
     scenario = simulation.scenario
     if scenario.cell.unclosed or scenario.partners:
         stabilities += [_grasp_steps_at(simulation, *pose) for pose in poses]
+    if simulation.chain.stops:
+        stabilities += [each for pose in poses for each in _stop_steps_at(simulation, *pose)]
     return max(stabilities, key=lambda stability: stability.value / stability.limit)
 
 
@@ -269,6 +279,23 @@ def _steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:
     eigenvalues, modes = np.linalg.eig(damping_matrix(simulation, q, lambda v: friction(_SLOW * v) / _SLOW))
     limits = np.full(len(modes), REAL_STABILITY[simulation.scenario.plant.integrator])
     return _critical(simulation, time, eigenvalues, modes, limits, "friction")
+
+
+def _stop_steps_at(simulation: Simulation, time: float, q: Array) -> list[StepStability]:
+    """Return how well the plant's steps follow a hit of each arm's joint whose end stop is fastest at a pose.
+
+    A joint on its stop swings at w = sqrt(k W), with W its mobility in the closed chain.
+    """
+    chain, clock, stabilities = simulation.chain, simulation.scenario.clock, list[StepStability]()
+    rates, h = chain.stops.rates(chain.joint_mobility(q)), clock.period / clock.steps_per_tick
+    for slot in simulation.slots:
+        if (stops := chain.cell.arms[slot.name].stops) is not None:
+            joint = int(np.argmax(rates[slot.v_slice]))
+            value, names = h * float(rates[slot.v_slice][joint]), (slot.angles.names[joint],)
+            limit = _HIT / max(1.0, 2.0 * stops.damping_ratio)
+            steps = clock.steps_per_tick
+            stabilities.append(StepStability(value, limit, steps, names, time, "end stops"))
+    return stabilities
 
 
 def _critical(

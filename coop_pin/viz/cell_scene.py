@@ -31,6 +31,8 @@ _LIMBS = ((0.28, 0.036, 0.2), (0.3, 0.046, 0.75))
 
 _BALL_M, _PIN_M, _PINS_M = 0.018, 0.006, {"hinge": 0.12, "cylinder": 0.24}
 """Radii of balls and pins; lengths of pins, along which a cylinder slides."""
+_NEAREST, _NEAR_M = ("nearest/first", "nearest/second"), 0.012
+"""Nodes of the nearest points of two bodies, and the radius of a point, m."""
 
 HOLDS, SLIDES, ABSENT = 0, 4, 5
 """Codes of a contact, as those of warning colours: it sticks or would, it slides or would, there is none."""
@@ -40,13 +42,13 @@ _SLID_M = 1e-7
 """Slip between two frames from which a patch slides, m."""
 
 
-def contact_nodes(cell: Cell, partners: Sequence[Partner]) -> tuple[str, ...]:
-    """Return the paths of the nodes that move: a cone and a needle for each patch or pad, and the hand."""
+def contact_nodes(cell: Cell, partners: Sequence[Partner], nearest: bool = False) -> tuple[str, ...]:
+    """Return the paths of the nodes that move: cones and needles of contacts, the hand, nearest points."""
     parts = (f"{part}/{name}" for name in cell.padded for part in ("cones", "needles"))
-    return (*parts, *["hand"] * bool(partners))
+    return (*parts, *["hand"] * bool(partners), *_NEAREST * nearest)
 
 
-def contact_items(cell: Cell, partners: Sequence[Partner]) -> Iterator[Item]:
+def contact_items(cell: Cell, partners: Sequence[Partner], nearest: bool = False) -> Iterator[Item]:
     """Yield pads on the payload's faces, friction cones of half angle atan(mu) with needles, handle and hand.
 
     The apex of a cone is in the middle of its patch; its axis is the normal out of the payload. The force of
@@ -65,6 +67,8 @@ def contact_items(cell: Cell, partners: Sequence[Partner]) -> Iterator[Item]:
         yield Item("payload", Sphere(_HANDLE_M), palette.EXTERNAL, partner.handle.matrix)
     for partner in partners[:1]:
         yield from _arm(partner)
+    for node in _NEAREST * nearest:
+        yield Item(node, Sphere(_NEAR_M), palette.SLIDES, np.eye(4), lit=False, over=True)
 
 
 def _arm(partner: Partner) -> Iterator[Item]:
@@ -107,6 +111,12 @@ def contact_poses(
         pose, is_held = _hand(samples, R, p, partners)
         poses.append(pose[:, None])
         codes.append(np.where(is_held, HOLDS, ABSENT)[:, None].astype(np.int8))
+    if "nearest_points" in samples:
+        points = samples["nearest_points"]
+        is_known = np.isfinite(points).all(axis=2)
+        turns = np.broadcast_to((0.0, 0.0, 0.0, 1.0), (*is_known.shape, 4))
+        poses.append(np.concatenate((np.nan_to_num(points), turns), axis=2))
+        codes.append(np.where(is_known, HOLDS, ABSENT).astype(np.int8))
     return np.concatenate(poses, axis=1), np.concatenate(codes, axis=1)
 
 
@@ -184,6 +194,7 @@ def cell_scene(
     bodies: tuple[Body, ...],
     partners: Sequence[Partner] = (),
     *,
+    nearest: bool = False,
     tips: Array,
     path: Array,
     at: Array | None = None,
@@ -195,6 +206,7 @@ def cell_scene(
         cell: the cell.
         bodies: visual shapes of the arms.
         partners: partners of the run.
+        nearest: whether the nearest points of two bodies are drawn.
         tips: positions of the tips at the instant that the camera frames, m, shape (m, 3).
         path: positions of the payload over time, m, shape (n, 3).
         at: position of the payload at the instant, m, shape (3,); the first of its path when omitted.
@@ -210,7 +222,7 @@ def cell_scene(
         *_tables(cell, floor),
         *arms,
         *_payload_items(cell),
-        *contact_items(cell, partners),
+        *contact_items(cell, partners, nearest),
     )
     return Scene(items, framing_camera(cell, tips, path, path[0] if at is None else at, shown), floor)
 

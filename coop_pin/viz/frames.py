@@ -45,10 +45,12 @@ class CellFrames:
         blocks: names and numbers of columns of the blocks of a row, in their order.
     """
 
-    def __init__(self, cell: Cell, visuals: CellVisuals, partners: Sequence[Partner] = ()) -> None:
+    def __init__(
+        self, cell: Cell, visuals: CellVisuals, partners: Sequence[Partner] = (), *, nearest: bool = False
+    ) -> None:
         self.visuals, self._cell, self._partners = visuals, cell, partners
         arms, warned = len(cell.arms), [f"arms/{body.name}" for body in visuals.bodies]
-        warned += contact_nodes(cell, partners)
+        warned += contact_nodes(cell, partners, nearest)
         self.nodes = (*warned, "payload", "desired")
         self.blocks = {
             "time": 1,

@@ -127,13 +127,18 @@ def _packed(
     """Return a run as the page reads it, with the frames of some instants; the camera frames the first."""
     cell, samples = result.scenario.cell, run_samples(result)
     partners = result.scenario.partners
-    frames = CellFrames(cell, CellVisuals(cell, result.scenario.plant.payload), partners)
+    nearest, visuals = "nearest_points" in samples, CellVisuals(cell, result.scenario.plant.payload)
+    frames = CellFrames(cell, visuals, partners, nearest=nearest)
     numbers = sum(frames.blocks.values()) + 1 + len(curves)
     rate = min(FRAMES_PER_SECOND, _MOST_NUMBERS / (numbers * max(result.end, 1.0)))
     kept = frame_samples(samples["time"], rate, instants)
     moving = {name: value[kept] for name, value in samples.items() if len(value) == len(samples["time"])}
     scene = cell_scene(
-        cell, frames.visuals.bodies, partners, **_framed(frames, result, samples, instants, scales)
+        cell,
+        frames.visuals.bodies,
+        partners,
+        nearest=nearest,
+        **_framed(frames, result, samples, instants, scales),
     )
     plotted = thinned_rows(curve_rows(curves, samples), kept.tolist())
     return packed_run(frames, scene, cell, samples["desired_position"], frames.rows(moving), plotted)

@@ -10,8 +10,9 @@ from coop_pin.base.errors import DivergedError, FieldError, ShapeError
 from coop_pin.base.schema.pose import Pose
 from coop_pin.control import CellController
 from coop_pin.control.controller import CellCommand
-from coop_pin.description.cell.arm import Arm, JointFriction
+from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.joint_friction import JointFriction
 from coop_pin.description.cell.payload import Payload
 from coop_pin.grasps import CellChain
 from coop_pin.model import ArmModel

@@ -18,7 +18,7 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError, MissingExtraError
 from coop_pin.cli import main
 from coop_pin.compiled.engine_choice import choose_engine, choose_engines
-from coop_pin.description.cell.arm import JointFriction
+from coop_pin.description.cell.joint_friction import JointFriction
 from coop_pin.description.plant import MujocoOptions, PlantOptions
 from coop_pin.grasps import CellChain
 from coop_pin.model.mujoco_model import MujocoModel, mjcf

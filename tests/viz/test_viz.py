@@ -780,7 +780,7 @@ def test_the_pieces_of_a_link_have_its_bounds_and_the_colours_of_its_file() -> N
     arm = Arm(urdf="panda", tip="panda_hand_tcp", locked=locked)
     whole = load_unreduced_arm(arm)
     located, _ = geometry.with_located_meshes(whole.text, arm.file)
-    objects, _ = geometry.visual_geometry(whole.model, located)
+    objects, _ = geometry.geometry_objects(whole.model, located)
     (link,) = (part for part in objects if part.name == "panda_link0_0")
     pieces = meshes.coloured_meshes(Path(link.meshPath), tuple(link.meshScale.ravel()))
     vertices, known = np.concatenate([mesh.vertices for mesh, _ in pieces]), link.geometry.vertices()

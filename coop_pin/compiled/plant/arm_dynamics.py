@@ -188,7 +188,7 @@ def newton_euler(
     tau, force = np.empty(len(q), dtype=object), np.zeros(6).astype(object)
     for k in reversed(range(len(q))):
         force = force + forces[k]
-        tau[k] = force[_axis(arm, k)]
+        tau[k] = force[_axis(arm, k)] + arm.bodies[k].armature * vdot[k]
         force = force_moved(*placed[k], force)
     return tau, a, alpha
 
@@ -204,6 +204,7 @@ def mass_matrix(arm: SerialArm, q: Numbers) -> tuple[Numbers, RigidInertia]:
         for j in reversed(range(k + 1)):
             M[k, j] = M[j, k] = force[_axis(arm, j)]
             force = force_moved(*placed[j], force)
+        M[k, k] = M[k, k] + arm.bodies[k].armature
     return M, inertia
 
 

@@ -33,7 +33,7 @@ from coop_pin.compiled.plant.serial_arm import (
 from coop_pin.description.events import Surroundings
 from coop_pin.grasps.observation import Observation, PayloadState, payload_quantities
 from coop_pin.grasps.spring_damper import MovingFrame, SpringState, spring_state
-from coop_pin.results.energies import WORK, WORK_OF_GRASPS
+from coop_pin.model.joint_stops import stop_quantities
 from coop_pin.tracing.elementary import polynomial
 from coop_pin.tracing.kernel import Kernel
 from coop_pin.tracing.tape import Number
@@ -49,8 +49,8 @@ class CellMotion(NamedTuple):
     """Accelerations and forces of a cell at a state, and what is observed of it.
 
     Attributes:
-        rates: accelerations of all joints and of a free payload, then powers in the order of WORK, whose last
-            is done at instants only, and of WORK_OF_GRASPS, shape (nv + 4,) or (nv + 5,).
+        rates: accelerations of all joints and of a free payload, then powers in the order of the works; those
+            of changes are done at instants only, shape (nv + works,).
         closure_errors: distance and angle between tip and grasp, shape (m, 2).
         moment: first moment of arms and payload about the world's origin, kg m, shape (3,).
         observation: quantities of the cell. Poses are without their last row, shape (3, 4); the deflections
@@ -104,6 +104,8 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
     payload, gravity = RigidInertia(acting.mass, np.zeros(3), acting.inertia), acting.gravity
     resistance = [friction.force(rates) for friction, rates in zip(cell.friction, v, strict=True)]
     tau = [drives + losses for drives, losses in zip(force, resistance, strict=True)]
+    stopped = [each and each.state(*arm) for each, *arm in zip(cell.stops, q, v, strict=True)]
+    tau = [force if stop is None else force + stop.force for force, stop in zip(tau, stopped, strict=True)]
     rows = cell.moving_rows(q)
     inputs, kept = cell.arm_inputs(payload, q, v, tau), "".join(map(str, rows))
     terms = [
@@ -141,8 +143,8 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
         "work_external": F_P @ V_WP,
         "work_payload_change": 0.0,
         "work_grasps": sum((spring.power for spring in springs.values()), 0.0),
+        "work_stops": sum((stop.power for stop in stopped if stop is not None), 0.0),
     }
-    works = WORK + WORK_OF_GRASPS if springs else WORK
     tips = np.stack([arm.p_WP + arm.R_WP @ tip for arm, tip in zip(terms, cell.tips, strict=True)])
     sizes = np.zeros((len(terms), 2)).astype(object)
     for i, error in errors.items():
@@ -152,7 +154,7 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
         "potential_energy": sum((-1.0 * (arm.moment @ plain(gravity)) for arm in terms), 0.0),
     }
     motion = CellMotion(
-        rates=np.concatenate((*accelerations, [powers[name] for name in works])),
+        rates=np.concatenate((*accelerations, [powers[name] for name in cell.works])),
         closure_errors=sizes,
         moment=sum((arm.moment for arm in terms), np.zeros(3)),
         observation=Observation(
@@ -161,6 +163,7 @@ def cell_motion(functions: SharedFunctions, cell: CellNumbers, state: CellState)
             tip_position=tips,
             interaction_wrench=np.stack([join(F[i][:3], F[i][3:] - cross(p, F[i][:3])) for i in sorted(F)]),
             **(_spring_quantities(cell, springs) if springs else {}),
+            **stop_quantities(stopped, [len(arm.bodies) for arm in cell.arms]),
         ),
     )
     return motion if cell.carrier is not None else _with_payload(motion, acting)

@@ -19,8 +19,9 @@ from coop_pin.compiled.plant.serial_arm import (
 from coop_pin.description.events import Surroundings
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.grasps.spring_damper import SpringDamper
+from coop_pin.model.joint_stops import JointStops
 from coop_pin.model.transmission import Friction, friction
-from coop_pin.results.energies import WORK, WORK_OF_GRASPS
+from coop_pin.results.energies import work_names
 from coop_pin.tracing.tape import Number, Traced
 from coop_pin.tracing.traced_array import parts, traced
 
@@ -59,6 +60,7 @@ class CellNumbers(NamedTuple):
         position_gain: omega^2 of Baumgarte's stabilisation, 1/s^2.
         velocity_gain: 2 zeta omega, 1/s.
         friction: friction of each arm.
+        stops: end stops of each arm; None where it has none.
         surroundings: payload, and what acts on it from outside.
     """
 
@@ -69,6 +71,7 @@ class CellNumbers(NamedTuple):
     position_gain: Number
     velocity_gain: Number
     friction: tuple[Friction, ...]
+    stops: tuple[JointStops | None, ...]
     surroundings: Surroundings
 
     @classmethod
@@ -93,6 +96,7 @@ class CellNumbers(NamedTuple):
             position_gain=gains.position_gain,
             velocity_gain=gains.velocity_gain,
             friction=tuple(friction(arm, name) for name, arm in cell.arms.items()),
+            stops=tuple(chain.stops.arms),
             surroundings=cell.surroundings,
         )
 
@@ -119,8 +123,13 @@ class CellNumbers(NamedTuple):
     @property
     def sizes(self) -> tuple[int, int, int]:
         """Sizes of configuration and velocity, a free payload's last, and number of works."""
-        N, is_free, is_elastic = self.joints, self.carrier is None, bool(self.compliant)
-        return N + 7 * is_free, N + 6 * is_free, len(WORK) + is_elastic * len(WORK_OF_GRASPS)
+        N, is_free = self.joints, self.carrier is None
+        return N + 7 * is_free, N + 6 * is_free, len(self.works)
+
+    @property
+    def works(self) -> tuple[str, ...]:
+        """Names of the works."""
+        return work_names(bool(self.compliant), any(stops is not None for stops in self.stops))
 
     def by_arm(self, values: Numbers) -> list[Numbers]:
         """Return the part of each arm of values of all joints or drives, without those of a free payload."""

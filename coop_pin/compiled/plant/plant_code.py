@@ -30,9 +30,12 @@ def observed(cell: CellNumbers) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the fields of an Observation that a cell has, by name."""
     m, n = len(cell.arms), len(cell.compliant)
     groups = ("", "grasps", "elements") if n else ("",)
+    if any(stops is not None for stops in cell.stops):
+        groups = (*groups, "stops")
+    k = max(len(arm.bodies) for arm in cell.arms)
     fields = [each for each in QUANTITIES if each.name in Observation._fields and each.group in groups]
     forms = {"payload_pose": (3, 4), "grasp_deflection": (n, 3, 4), "grasp_wrench": (n, 6)}
-    return {each.name: forms.get(each.name) or each.shape({"arm": m}) for each in fields}
+    return {each.name: forms.get(each.name) or each.shape({"arm": m, "joint": k}) for each in fields}
 
 
 def write_observed(kernel: Kernel, cell: CellNumbers, motion: CellMotion) -> None:

@@ -118,11 +118,13 @@ class Link(NamedTuple):
         R: orientation of the joint in the body before, shape (3, 3).
         p: position of the joint there, m, shape (3,).
         inertia: inertia of the body about its own origin.
+        armature: inertia of the joint's rotor as the joint feels it, kg m^2 or kg.
     """
 
     R: Numbers
     p: Numbers
     inertia: RigidInertia
+    armature: Number = 0.0
 
 
 class SerialArm(NamedTuple):
@@ -165,7 +167,8 @@ class SerialArm(NamedTuple):
             align = pin.SE3(_aligned(model.joints[joint], kind), np.zeros(3))
             X = turned.actInv(model.jointPlacements[joint]) * align
             inertia = align.actInv(last if joint == joints[-1] else model.inertias[joint])
-            bodies.append(Link(_snapped(X.rotation), X.translation.copy(), RigidInertia.from_model(inertia)))
+            rotor, body = float(model.armature[model.idx_vs[joint]]), RigidInertia.from_model(inertia)
+            bodies.append(Link(_snapped(X.rotation), X.translation.copy(), body, rotor))
             kinds.append(kind.startswith("JointModelR"))
             turned, parent = align, joint
         X = turned.actInv(X_JP)

@@ -11,79 +11,19 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import (
-    BeforeValidator,
-    Discriminator,
-    Field,
-    Tag,
-    ValidationInfo,
-    field_validator,
-    model_validator,
-)
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError, UrdfError
-from coop_pin.base.schema.base import (
-    Description,
-    Magnitude,
-    Matrix,
-    NumberOrVector,
-    Positive,
-    Vector,
-    number_or_row,
-    positive,
-)
+from coop_pin.base.schema.base import Description, Matrix, Vector, number_or_row, positive
 from coop_pin.base.schema.pose import Pose
+from coop_pin.description.cell.armature import Armature, Rotors
+from coop_pin.description.cell.end_stops import EndStops
+from coop_pin.description.cell.joint_friction import Friction, JointFriction
 from coop_pin.description.cell.miscalibration import Miscalibration
 from coop_pin.description.cell.mobile_base import MobileBase
 from coop_pin.description.urdf import UrdfFile, find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
-
-
-class JointFriction(Description):
-    """Viscous, smoothed Coulomb and Stribeck friction at the drives of an arm, in drive coordinates.
-
-        tau_friction = -(viscous v + level tanh(v / coulomb_velocity))
-        level = coulomb + (stiction - coulomb) exp(-(v / stribeck_velocity)^2)
-
-    A smooth law never sticks: below coulomb_velocity a load creeps. Keep stribeck_velocity several times
-    larger, otherwise the smoothing hides the peak of stiction.
-
-    Attributes:
-        viscous: N m s/rad, one value for all joints or one for each.
-        coulomb: N m, one value for all joints or one for each.
-        coulomb_velocity: speed within which Coulomb friction changes sign, rad/s. A discontinuity would
-            reduce the order of RK4.
-        stiction: level of the friction towards zero speed, N m, not below ``coulomb``; one value for all
-            joints or one for each; as ``coulomb`` when omitted.
-        stribeck_velocity: speed at which the level falls from stiction to Coulomb friction, rad/s.
-    """
-
-    viscous: Magnitude = 0.0
-    coulomb: Magnitude = 0.0
-    coulomb_velocity: Positive = 0.05
-    stiction: NumberOrVector | None = None
-    stribeck_velocity: Positive = 0.2
-
-    @field_validator("stiction")
-    @classmethod
-    def _not_below_coulomb(
-        cls, stiction: float | tuple[float, ...] | None, earlier: ValidationInfo
-    ) -> float | tuple[float, ...] | None:
-        coulomb = earlier.data.get("coulomb", 0.0)
-        sizes = {len(value) for value in (stiction, coulomb) if isinstance(value, tuple)}
-        # Sizes that disagree are left to the arm, which names all of them.
-        if stiction is not None and len(sizes) < 2 and np.less(stiction, coulomb).any():
-            raise FieldError(f"is {stiction}; it must be at least coulomb, {coulomb}")
-        return stiction
-
-
-# The tags separate the members: pydantic would report a mistake in a plain union once for each of them.
-Friction = Annotated[
-    Annotated[JointFriction, Tag("coefficients")] | Annotated[Literal["urdf", "none"], Tag("source")],
-    Discriminator(lambda value: "source" if isinstance(value, str) else "coefficients"),
-]
-"""Friction coefficients, "urdf" for those of the URDF's <dynamics>, or "none"."""
 
 
 def _source_or_numbers(value: Any) -> Any:
@@ -135,6 +75,10 @@ class Arm(Description):
         drive: transmission matrix T with q_drive = T q and tau = T^T tau_drive, rows; identity when omitted.
         friction: coefficients at the drives; or "urdf": at the joints, from <dynamics>, with Coulomb friction
             smoothed over JointFriction's default speed; or "none".
+        armature: inertia of the rotors as the joints feel it, kg m^2, or kg of a prismatic joint: one value
+            for the arm's joints, or one for each joint, those of a mobile base first; or rotors behind gears.
+            It adds to the diagonal of the mass matrix. None when omitted: the wrist may feel lighter than it
+            is. A ``drive`` that couples joints refuses it.
         torque_limits: drive torques at which the actuation saturates, N m; "none"; or "urdf": the effort
             limits of the joints. A joint with effort 0 beside joints with efforts is passive: no drive moves
             it, unless limits are stated here. Where all efforts are 0 they set no limit (the default of many
@@ -148,6 +92,7 @@ class Arm(Description):
         impossible_inertia: treatment of inertias of moved links that no body has: "refuse" the arm, or
             "repair" them by the nearest possible ones, with a warning. Those of parts that ``locked`` fixes
             are repaired where need be.
+        stops: end stops of its joints in the plant; none when omitted: joints pass their position limits.
         calibration_error: errors of the arm's own kinematic model, which its controller sees.
         mobile_base: driven platform under the arm, whose three joints come before the arm's.
     """
@@ -159,11 +104,13 @@ class Arm(Description):
     base: Pose = Pose()
     drive: Matrix | None = None
     friction: Friction = "urdf"
+    armature: Armature = 0.0
     torque_limits: TorqueLimits = "urdf"
     posture: Vector | None = None
     locked: dict[str, float] = Field(default_factory=dict)
     mimic: Literal["refuse", "ignore"] = "refuse"
     impossible_inertia: Literal["refuse", "repair"] = "refuse"
+    stops: EndStops | None = None
     calibration_error: Miscalibration = Miscalibration()
     mobile_base: MobileBase | None = None
 
@@ -220,11 +167,29 @@ class Arm(Description):
         }
         if isinstance(self.friction, JointFriction):
             sizes |= {f"friction.{name}": value for name, value in self.friction}
+        if isinstance(self.armature, Rotors):
+            sizes |= {f"armature.{name}": value for name, value in self.armature}
+        else:
+            sizes["armature"] = self.armature
+        if self.stops is not None:
+            sizes["stops.stiffness"] = self.stops.stiffness
         counts = {name: len(value) for name, value in sizes.items() if isinstance(value, tuple)}
         if len(set(counts.values())) > 1:
             raise FieldError(
                 f"entries per joint disagree: {counts}; all must equal the arm's number of joints"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _rotors_turn_with_joints(self) -> Self:
+        if self.drive is not None and self.armature != 0.0:
+            T = np.array(self.drive)
+            if np.any(np.diag(np.diagonal(T)) != T):
+                raise FieldError(
+                    "is stated beside a drive matrix that couples joints: rotors there turn with drives, and"
+                    " couple joints too; add their inertia to that of the links that turn with them",
+                    "armature",
+                )
         return self
 
     @classmethod

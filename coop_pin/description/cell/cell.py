@@ -15,6 +15,7 @@ from coop_pin.base.errors import ArgumentError, FieldError, NameNotFoundError
 from coop_pin.base.schema.base import (
     Description,
     Name,
+    NotNegative,
     Positive,
     Vector3,
     check_arm_names,
@@ -79,6 +80,8 @@ class Cell(Description):
         gravity: gravitational acceleration in world axes, m/s^2.
         load_shares: load share c_i of each arm, summing to one; equal when omitted.
         tables: tables that the payload may lie on, by name.
+        clearance: distance that bodies which may not touch should keep, m; ``check`` warns below it, and
+            proposed postures keep it where they can.
         pads: pads of arms with rigid or compliant grasps, by which results tell whether friction would hold.
         split_length: l, m, of the split of the load beside grasps of fewer rows: a moment over l counts as
             much as a force. Motion terms of K leave no internal wrench at l^2 = K_rotation / K_position.
@@ -92,6 +95,7 @@ class Cell(Description):
     gravity: Vector3 = (0.0, 0.0, -9.81)
     load_shares: dict[str, float] | None = None
     tables: dict[Name, Table] = Field(default={})
+    clearance: NotNegative = 0.0
     pads: dict[str, Pad] = Field(default={})
     split_length: Positive = 0.1
 

@@ -7,7 +7,7 @@ import os
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -43,8 +43,10 @@ def mesh_findings(robot: Element, urdf: UrdfFile) -> Iterator[UrdfFinding]:
             yield finding(link, "mesh_unreadable", f"the mesh {quoted(name)} {problem}", at=mesh)
 
 
-def meshes(robot: Element, urdf: UrdfFile) -> Iterator[tuple[Element, Path | None]]:
-    """Yield the <mesh> and its file, if there is one, of every visual that is a mesh.
+def meshes(
+    robot: Element, urdf: UrdfFile, kind: Literal["visual", "collision"] = "visual"
+) -> Iterator[tuple[Element, Path | None]]:
+    """Yield the <mesh> and its file, if there is one, of every visual or collision shape that is a mesh.
 
     package:// is a folder or the name of a package.xml, in the package folders; other paths are relative to
     the URDF's folder. Pipes and devices count as files, so that they are refused before Pinocchio opens them.
@@ -52,9 +54,10 @@ def meshes(robot: Element, urdf: UrdfFile) -> Iterator[tuple[Element, Path | Non
     Args:
         robot: the <robot> element.
         urdf: file of the robot.
+        kind: element of the shapes.
     """
     roots: dict[str, list[Path]] | None = None
-    for mesh in robot.findall("link/visual/geometry/mesh"):
+    for mesh in robot.findall(f"link/{kind}/geometry/mesh"):
         name = mesh.get("filename", "")
         paths = [urdf.path.parent / name.removeprefix("file://")]
         if name.startswith(_PACKAGES):

@@ -1,0 +1,210 @@
+"""Distances between the bodies of a cell at a configuration, by Pinocchio and coal on convex hulls."""
+
+from __future__ import annotations
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from coop_pin.base.arrays import Array
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.contact import Table, corners
+from coop_pin.feasibility.convex_shapes import (
+    FIXED,
+    ArmShapes,
+    arm_shapes,
+    disabled_pairs,
+    payload_geometry,
+    srdf_of,
+)
+from coop_pin.model.cell_model import CellModel
+from coop_pin.model.joint_limits import JointLimits
+from coop_pin.model.pinocchio_model import joint_id
+
+PAYLOAD = "payload"
+_THICK = 0.02
+"""Thickness of a table's top, m."""
+_LIES = 5e-3
+"""Largest height of the payload's lowest corner over a table, or below, at which it lies on it, m."""
+_NEAR = 2
+"""Joints between two bodies of one robot that are adjacent, where no SRDF says which pairs matter; with one,
+those with a single joint between them are."""
+
+
+_TRIED = 20
+"""Configurations at which shapes of one robot that always overlap are looked for."""
+
+
+class Exemption(NamedTuple):
+    """Pair of bodies that is not looked at.
+
+    Attributes:
+        pair: names of the bodies.
+        reason: "SRDF", "adjacent", "always overlap" or "holds it".
+    """
+
+    pair: tuple[str, str]
+    reason: str
+
+
+class _Shape(NamedTuple):
+    """Shape in the tree.
+
+    Attributes:
+        body: name of its link as arm/link, "payload", or table/name.
+        robot: number of its robot; -1 for payload and tables.
+        link: name in the URDF.
+        joint: index of the joint that moves it, 0 for none.
+    """
+
+    body: str
+    robot: int
+    link: str
+    joint: int
+
+
+class CellDistances:
+    """Distances between arms, payload and tables of a cell, whose payload is free in the tree.
+
+    Pairs that cannot move against each other are none. Exempt are, of one robot: pairs that its SRDF
+    disables, bodies with one joint between them (without an SRDF with one or two), and shapes that overlap at
+    each of 20 random configurations; and the bodies that hold the payload, from it. A payload that lies on a
+    table, by its lowest corner, is at no distance.
+
+    Attributes:
+        pairs: names of the bodies of each pair of shapes.
+        exempt: pairs of bodies that are not looked at.
+        rules: for each robot, what exempts pairs of it: the name of its SRDF, or adjacency.
+        omitted: links without a shape, as it cannot be read, with the reason.
+    """
+
+    def __init__(self, cell: Cell) -> None:
+        """Read the shapes of the arms; raises as ``load_arm_model``."""
+        self._cell, self._tree = cell, CellModel(cell, "free")
+        self._model, self._geometry = self._tree.model, pin.GeometryModel()
+        self._data, self._shapes = self._model.createData(), list[_Shape]()
+        self.omitted, self.rules, self._kinds = list[str](), dict[str, str](), dict[str, str]()
+        self._disabled = dict[int, frozenset[frozenset[str]] | None]()
+        self._tips = {self._model.frames[slot.tip].parentJoint for slot in self._tree.arms}
+        for name in cell.arms:
+            self._add_arm(name)
+        payload = cell.payload
+        X_PS = self._model.frames[self._tree.payload_frame].placement * pin.SE3(payload.shape_pose.matrix)
+        self._add(_Shape(PAYLOAD, -1, "", self._tree.payload_joint), X_PS, payload_geometry(payload))
+        for name, table in cell.tables.items():
+            top = pin.SE3(table.matrix) * pin.SE3(np.eye(3), np.array((0.0, 0.0, -0.5 * _THICK)))
+            self._add(_Shape(f"table/{name}", -1, "", 0), top, pin.coal.Box(*table.size, _THICK))
+        self.pairs, exempt = list[tuple[str, str]](), dict[Exemption, None]()
+        for (i, one), (j, other) in itertools.combinations(enumerate(self._shapes), 2):
+            pair = one.body, other.body
+            if one.joint == other.joint:
+                continue
+            if reason := self._reason(one, other):
+                exempt[Exemption(pair, reason)] = None
+            else:
+                self._geometry.addCollisionPair(pin.CollisionPair(i, j))
+                self.pairs.append(pair)
+        self.exempt = tuple(exempt)
+        self._results = self._geometry.createData()
+        self._lying: dict[int, Table] = {}
+        self._exempt_overlaps()
+        tables = {f"table/{name}": table for name, table in cell.tables.items()}
+        ends = [
+            (self._shapes[pair.first], self._shapes[pair.second]) for pair in self._geometry.collisionPairs
+        ]
+        self._lying = {
+            k: tables[other.body] for k, (one, other) in enumerate(ends) if one.robot == other.robot == -1
+        }
+
+    def _add_arm(self, name: str) -> None:
+        """Add the shapes of an arm, and of its robot's fixed part once."""
+        cell, slots = self._cell, {slot.name: slot for slot in self._tree.arms}
+        arm, siblings = cell.arms[name], cell.siblings(name)
+        names = list(cell.arms)
+        robot = min(map(names.index, (name, *siblings)))
+        is_first = robot == names.index(name)
+        without = {*itertools.chain(*(slots[other].joint_names for other in siblings))}
+        shapes: ArmShapes = arm_shapes(arm, without)
+        self.omitted += [f"{name}/{text}" for text in shapes.omitted]
+        self._kinds[name] = shapes.kind
+        if is_first:
+            srdf = srdf_of(arm)
+            self._disabled[robot] = None if srdf is None else disabled_pairs(srdf)
+            self.rules[name] = "adjacency" if srdf is None else srdf.name
+        X_WB = pin.SE3(arm.base.matrix)
+        for shape in shapes.shapes:
+            is_fixed = shape.joint == FIXED
+            if is_fixed and not is_first:
+                continue
+            joint = 0 if is_fixed else joint_id(self._model, f"{name}/{shape.joint}")
+            pose = X_WB * pin.SE3(shape.pose) if is_fixed else pin.SE3(shape.pose)
+            self._add(_Shape(f"{name}/{shape.link}", robot, shape.link, joint), pose, shape.geometry)
+
+    def _add(self, shape: _Shape, pose: pin.SE3, geometry: object) -> None:
+        name = f"{len(self._shapes)} {shape.body}"
+        self._geometry.addGeometryObject(pin.GeometryObject(name, shape.joint, pose, geometry))
+        self._shapes.append(shape)
+
+    def _reason(self, one: _Shape, other: _Shape) -> str:
+        """Return why a pair is exempt; empty if it is not."""
+        if PAYLOAD in (one.body, other.body):
+            return "holds it" if {one.joint, other.joint} & self._tips else ""
+        if one.robot != other.robot or one.robot < 0:
+            return ""
+        disabled = self._disabled[one.robot]
+        if disabled is not None and frozenset((one.link, other.link)) in disabled:
+            return "SRDF"
+        near = _NEAR if disabled is None else 1
+        return "adjacent" if self._between(one.joint, other.joint) <= near else ""
+
+    def _exempt_overlaps(self) -> None:
+        """Exempt the shapes of one robot that overlap at every one of some configurations."""
+        overlaps, q = np.ones(len(self.pairs), dtype=bool), pin.neutral(self._model)
+        limits = [JointLimits(arm, name) for name, arm in self._cell.arms.items()]
+        for configurations in zip(*(each.random_configurations(_TRIED) for each in limits), strict=True):
+            for slot, configuration in zip(self._tree.arms, configurations, strict=True):
+                q[slot.q_slice] = configuration
+            overlaps &= self.at(q) <= 0.0
+        exempt, kept = dict.fromkeys(self.exempt), list[tuple[str, str]]()
+        pairs = list(self._geometry.collisionPairs)
+        self._geometry.removeAllCollisionPairs()
+        for names, pair, overlap in zip(self.pairs, pairs, overlaps, strict=True):
+            one, other = self._shapes[pair.first], self._shapes[pair.second]
+            if overlap and one.robot == other.robot >= 0:
+                exempt[Exemption(names, "always overlap")] = None
+            else:
+                self._geometry.addCollisionPair(pair)
+                kept.append(names)
+        self.pairs, self.exempt, self._results = kept, tuple(exempt), self._geometry.createData()
+
+    def _between(self, a: int, b: int) -> int:
+        """Return the number of joints on the way from one body of the tree to another."""
+        paths = [{*map(int, self._model.supports[joint])} for joint in (a, b)]
+        return len(paths[0] ^ paths[1])
+
+    def configuration(self, arms: list[Array], X_WP: Array) -> Array:
+        """Return q of the tree from each arm's configuration and the payload's pose."""
+        return self._tree.configuration(arms, X_WP)
+
+    def at(self, q: Array) -> Array:
+        """Return the distance of every pair at a configuration, negative where they overlap, m, shape (p,).
+
+        Where the payload lies on a table, their distance is infinite.
+        """
+        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._results, q)
+        pin.computeDistances(self._geometry, self._results)
+        distances = np.array([result.min_distance for result in self._results.distanceResults])
+        for k, table in self._lying.items():
+            X_WP = self._data.oMi[self._tree.payload_joint].homogeneous
+            X_TP = np.linalg.solve(table.matrix, X_WP)
+            lowest = (corners(self._cell.payload) @ X_TP[:3, :3].T + X_TP[:3, 3])[:, 2].min()
+            if abs(lowest) <= _LIES:
+                distances[k] = np.inf
+        return distances
+
+    def points(self, pair: int) -> Array:
+        """Return the nearest points of a pair at the last configuration, in the world, m, shape (2, 3)."""
+        result = self._results.distanceResults[pair]
+        return np.array((result.getNearestPoint1(), result.getNearestPoint2()))

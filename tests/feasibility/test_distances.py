@@ -1,0 +1,293 @@
+"""Least distances between bodies: closed forms, alarms and their absence, exempt pairs, hulls and meshes."""
+
+from __future__ import annotations
+
+import itertools
+import time
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from cells import SCENARIOS
+from numpy.testing import assert_allclose
+
+import coop_pin as cp
+from coop_pin.description.urdf import find_urdf
+from coop_pin.feasibility import CellDistances, distances, reachability
+from coop_pin.feasibility.motion_feasibility import with_best_postures
+from coop_pin.model import CellArm
+from coop_pin.model.joint_limits import JointLimits
+from coop_pin.model.pinocchio_model import load_unreduced_arm
+from coop_pin.results.finding import LEFT_TO_CHECK
+from coop_pin.running.cell_findings import distance_findings
+
+COLLIDING = {
+    "adept-paper-fit": ("left/link_2", "right/link_2"),
+    "pick-carry-place": ("first/forearm_link", "third/wrist_1_link"),
+    "three-ur5-far": ("second/forearm_link", "payload"),
+}
+"""Cells of the catalogue whose arms do pass through each other or the payload, and their nearest pair."""
+FAR_AWAY = 50.0
+
+
+def payload_at(scenario: cp.Scenario, pose: cp.Pose) -> tuple[CellDistances, np.ndarray, np.ndarray]:
+    """Bodies of a cell, their distances with the payload at a pose, and the configuration."""
+    bodies = CellDistances(scenario.cell)
+    q = [np.zeros(CellArm(scenario.cell, name).nq) for name in scenario.cell.arms]
+    configuration = bodies.configuration(q, pose.matrix)
+    return bodies, bodies.at(configuration), configuration
+
+
+def with_table(scenario: cp.Scenario, **changes) -> cp.Scenario:
+    bench = {"xyz": (FAR_AWAY, 0.0, 0.5), "size": (0.6, 0.4), "mu": 0.4, "stiffness": 1e5} | changes
+    return scenario.replace(cell=scenario.cell.replace(tables={"bench": bench}))
+
+
+# ------------------------------------------------------------ closed forms
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_box_beside_over_and_on_a_table_has_distances_in_closed_form(name):
+    payload = SCENARIOS[name]().cell.payload.replace(
+        shape="box", size=(0.3, 0.2, 0.1), shape_pose=cp.Pose(), mesh_file=""
+    )
+    scenario = SCENARIOS[name]()
+    scenario = with_table(scenario.replace(cell=scenario.cell.replace(payload=payload)))
+    cases = [
+        ((FAR_AWAY, 0.0, 0.5 + 0.05 + 0.03), 0.03),  # over it
+        ((FAR_AWAY + 0.3 + 0.15 + 0.02, 0.0, 0.49), 0.02),  # beside its edge
+        ((FAR_AWAY + 0.3 + 0.15 - 0.008, 0.0, 0.49), -0.008),  # into its edge
+        ((FAR_AWAY + 0.3, 0.0, 0.5 + 0.05), np.inf),  # on it, half beyond the edge
+        ((FAR_AWAY, 0.0, 0.5 + 0.05 - 0.004), np.inf),  # sunk in as a soft one
+        ((FAR_AWAY, 0.0, 0.5 + 0.05 - 0.01), -0.01),  # sunk in too far
+    ]
+    for xyz, wanted in cases:
+        bodies, values, _ = payload_at(scenario, cp.Pose(xyz=xyz))
+        number = bodies.pairs.index(("payload", "table/bench"))
+        assert_allclose(values[number], wanted, atol=2e-6)
+    turned = cp.Pose(xyz=(FAR_AWAY, 0.0, 0.7), rpy=(np.pi / 4.0, 0.0, 0.0))
+    bodies, values, _ = payload_at(scenario, turned)
+    number = bodies.pairs.index(("payload", "table/bench"))
+    assert_allclose(values[number], 0.2 - np.sqrt(0.5) * 0.15, atol=2e-6)
+    points = bodies.points(number)
+    assert_allclose(np.linalg.norm(points[1] - points[0]), values[number], atol=2e-6)
+
+
+# ------------------------------------------------------------ alarms
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        name if name in (*COLLIDING, "two-pandas-box") else pytest.param(name, marks=pytest.mark.slow)
+        for name in cp.scenario_names()
+    ],
+)
+def test_the_catalogue_has_no_alarm_but_those_of_cells_that_collide(name):
+    """A pose takes less than 2 ms."""
+    scenario = cp.Scenario.load(name)
+    reach = reachability(scenario, poses=21)
+    found = distances(scenario, reach)
+    assert found.omitted == ()
+    assert found.nearest is not None
+    if name in COLLIDING:
+        assert found.nearest.pair == COLLIDING[name]
+        assert not found.ok
+    else:
+        assert found.ok
+        assert found.nearest.distance > 1e-3
+    bodies, first = CellDistances(scenario.cell), CellArm(scenario.cell, reach.arms[0].arm)
+    q = bodies.configuration([arm.q[0] for arm in reach.arms], first.payload_pose(reach.arms[0].q[0]))
+    begun = time.process_time()
+    for _ in range(20):
+        bodies.at(q)
+    assert (time.process_time() - begun) / 20 < 2e-3
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_crossed_arms_alarm(name):
+    """The base of the right arm moves to the left one's, with the joints where they were."""
+    scenario = SCENARIOS[name]()
+    reach = reachability(scenario, poses=2)
+    for shift, crossed in ((np.zeros(3), False), (np.array((0.05, 0.0, 0.0)), True)):
+        left, right = scenario.cell.arms.values()
+        place = right.base if not crossed else left.base.replace(xyz=tuple(np.add(left.base.xyz, shift)))
+        cell = scenario.cell.replace(arms={"left": left, "right": right.replace(base=place)})
+        bodies = CellDistances(cell)
+        q = bodies.configuration([arm.q[0] for arm in reach.arms], scenario.start.matrix)
+        hit = [pair for pair, value in zip(bodies.pairs, bodies.at(q), strict=True) if value <= 0.0]
+        between = [pair for pair in hit if {end.partition("/")[0] for end in pair} == {"left", "right"}]
+        assert bool(between) == crossed
+
+
+def test_a_table_in_the_way_alarms_with_pair_place_and_time():
+    scenario = cp.Scenario.load("two-pandas-box")
+    P, half = np.array(scenario.start.xyz), 0.5 * np.array(scenario.cell.payload.size)
+    side = np.array((0.0, half[1] + 0.01, -0.5 * half[2]))  # 10 mm beside the box, on the way of its motion
+    scenario = with_table(scenario, xyz=tuple(P + side + np.array((0.0, 0.2, 0.0))), size=(0.4, 0.4))
+    found = distances(scenario)
+    assert not found.ok
+    pairs = {each.pair: each for each in found.below}
+    hit = pairs["payload", "table/bench"]
+    assert hit.time > 0.0
+    assert abs(hit.points.mean(axis=0)[1] - (P + side)[1]) < 0.02
+    (finding,) = distance_findings(scenario, reachability(scenario, poses=41))
+    assert (finding.kind, finding.severity) == ("distance", "warning")
+    assert finding.value < 0.0
+    assert finding.place == " - ".join(found.nearest.pair)
+    assert "no way round is planned" in finding.sentence
+    assert "t = " in finding.sentence
+
+
+def test_the_clearance_is_what_is_asked_for_and_a_note_tells_the_least_distance():
+    scenario = cp.Scenario.load("two-pandas-box")
+    (note,) = distance_findings(scenario, reachability(scenario, poses=101))
+    assert (note.severity, note.limit) == ("note", 0.0)
+    wider = scenario.override({"cell.clearance": note.value + 0.01})
+    found = distances(wider)
+    assert not found.ok
+    assert found.below[0].distance == found.nearest.distance
+    assert all(each.distance <= wider.cell.clearance for each in found.below)
+    assert "distance" in LEFT_TO_CHECK
+
+
+@pytest.mark.slow
+def test_check_tells_it():
+    findings = cp.check("three-ur5-far", poses=21)
+    assert [each.severity for each in findings if each.kind == "distance"] == ["warning"]
+
+
+def test_proposed_postures_keep_the_clearance_where_they_can():
+    scenario = cp.Scenario.load("three-ur5-far")
+    assert not distances(scenario, poses=21).ok
+    proposed, _ = with_best_postures(scenario, 21)
+    assert distances(proposed, poses=21).ok
+
+
+# ------------------------------------------------------------ exempt pairs
+
+
+def test_exempt_pairs_are_fixed_by_rule_and_printed(tmp_path):
+    scenario = cp.Scenario.load("two-pandas-box")
+    found = distances(scenario, poses=2)
+    assert found.rules == {"left": "panda.srdf", "right": "panda.srdf"}
+    reasons = {frozenset(each.pair): each.reason for each in found.exempt}
+    assert reasons[frozenset(("left/panda_link0", "left/panda_link1"))] == "SRDF"
+    assert reasons[frozenset(("left/panda_hand", "payload"))] == "holds it"
+    assert frozenset(("left/panda_hand", "right/panda_hand")) not in reasons
+    assert frozenset(("left/panda_link6", "payload")) not in reasons
+    text = found.summary()
+    for each in found.exempt:
+        assert " - ".join(each.pair) in text
+    planar = distances(SCENARIOS["planar"](), poses=2)
+    assert {*planar.rules.values()} == {"adjacency"}
+    near = {frozenset(each.pair) for each in planar.exempt if each.reason == "adjacent"}
+    assert frozenset(("left/link_1", "left/link_3")) in near
+    assert frozenset(("left/base_link", "left/link_3")) not in near
+    # An SRDF beside a copy of the URDF takes the place of adjacency beyond one joint.
+    copy = tmp_path / "adept.urdf"
+    copy.write_text(find_urdf("adept_3dof").path.read_text(encoding="utf-8"), encoding="utf-8")
+    cell = SCENARIOS["planar"]().cell
+    mine = cell.replace(arms={name: arm.replace(urdf=str(copy)) for name, arm in cell.arms.items()})
+    assert CellDistances(mine).rules["left"] == "adjacency"
+    line = '<disable_collisions link1="base_link" link2="link_3" reason="Never"/>'
+    (tmp_path / "adept.srdf").write_text(f'<robot name="adept_3dof">{line}</robot>', encoding="utf-8")
+    bodies = CellDistances(mine)
+    assert bodies.rules["left"] == "adept.srdf"
+    reasons = {frozenset(each.pair): each.reason for each in bodies.exempt}
+    assert reasons[frozenset(("left/base_link", "left/link_3"))] == "SRDF"
+    assert reasons[frozenset(("left/link_1", "left/link_2"))] == "adjacent"
+    assert frozenset(("left/link_1", "left/link_3")) not in reasons
+
+
+def test_fixed_parts_of_a_robot_with_two_arms_stand_once():
+    scenario = cp.Scenario.load("baxter-box")
+    bodies = CellDistances(scenario.cell)
+    ends = {*itertools.chain(*bodies.pairs)}
+    assert not [end for end in ends if end.startswith("right/") and f"left/{end[6:]}" in ends]
+    assert len(bodies.rules) == 1
+
+
+# ------------------------------------------------------------ runs
+
+
+@pytest.mark.parametrize("name", ["planar", "spatial"])
+def test_a_run_records_distances_on_demand_and_the_replay_draws_the_pair(name, tmp_path):
+    scenario = SCENARIOS[name]().replace(events=()).override({"duration": 0.04})
+    result = cp.run(scenario, engine="pinocchio", warn=False)
+    assert "least_distance" not in result.data
+    measured = cp.with_distances(result)
+    least, points = (measured.data[key].values for key in ("least_distance", "nearest_points"))
+    assert_allclose(np.linalg.norm(points[:, 0] - points[:, 1], axis=1), np.abs(least), atol=2e-6)
+    bodies = CellDistances(scenario.cell)
+    poses = distances(scenario.replace(motion=cp.motions.HoldMotion(pose=scenario.start)), poses=2)
+    assert_allclose(least[0], poses.least[0], atol=1e-5)
+    assert tuple(measured.data["nearest_bodies"].values[0]) in bodies.pairs
+    measured.save(tmp_path / "run.nc")
+    loaded = cp.RunResult.load(tmp_path / "run.nc")
+    assert_allclose(loaded.data["least_distance"].values, least)
+    np.testing.assert_equal(loaded.metrics(), result.metrics())
+    pages = [cp.viz.replay_html(each) for each in (result, measured)]
+    assert ["nearest/first" in page for page in pages] == [False, True]
+
+
+# ------------------------------------------------------------ hulls and meshes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["two-pandas-box", "kinova-pair"])
+def test_hulls_miss_no_hit_of_meshes_at_1000_random_postures(name):
+    """Pinocchio's own reader and meshes, each arm by itself, against the hulls of the cell."""
+    scenario, rng = cp.Scenario.load(name), np.random.default_rng(0)
+    cell = scenario.cell
+    bodies = CellDistances(cell)
+    arms = {}
+    for arm_name, arm in cell.arms.items():
+        whole = load_unreduced_arm(arm)
+        geometry = pin.buildGeomFromUrdf(
+            whole.model,
+            str(arm.file.path),
+            pin.GeometryType.COLLISION,
+            None,
+            list(map(str, arm.file.package_dirs)),
+        )
+        model, geometry = pin.buildReducedModel(whole.model, geometry, whole.locked, whole.configuration)
+        arms[arm_name] = (
+            model,
+            model.createData(),
+            geometry,
+            geometry.createData(),
+            JointLimits(arm, arm_name),
+        )
+    box = coal.Box(*cell.payload.size)
+    pairs, requests = {*bodies.pairs}, coal.CollisionRequest()
+    counts = np.zeros((2, 2), dtype=int)
+    for _ in range(1000):
+        q, placed = [], {"payload": [(box, pin.SE3(scenario.start.matrix))]}
+        for arm_name, (model, data, geometry, results, limits) in arms.items():
+            lower = np.where(np.isfinite(limits.lower), limits.lower, -np.pi)
+            upper = np.where(np.isfinite(limits.upper), limits.upper, np.pi)
+            q.append(limits.joints.configuration(rng.uniform(lower, upper)))
+            pin.updateGeometryPlacements(model, data, geometry, results, q[-1])
+            X_WB = pin.SE3(cell.arms[arm_name].base.matrix)
+            for part, pose in zip(geometry.geometryObjects, results.oMg, strict=True):
+                link = f"{arm_name}/{part.name.rpartition('_')[0]}"
+                placed.setdefault(link, []).append((part.geometry, X_WB * pose))
+        values = bodies.at(bodies.configuration(q, scenario.start.matrix))
+        hulls = {pair for pair, value in zip(bodies.pairs, values, strict=True) if value <= 0.0}
+        meshes = set()
+        for pair in pairs:
+            for (one, A), (other, B) in itertools.product(placed[pair[0]], placed[pair[1]]):
+                if coal.collide(one, _pose(A), other, _pose(B), requests, coal.CollisionResult()):
+                    meshes.add(pair)
+                    break
+        assert meshes <= hulls
+        counts[int(bool(meshes)), int(bool(hulls))] += 1
+    assert counts[1, 0] == 0
+    assert counts[1, 1] > 50
+    assert counts[0, 1] <= 10
+
+
+def _pose(X: pin.SE3) -> coal.Transform3s:
+    return coal.Transform3s(X.rotation, X.translation)
