@@ -38,7 +38,7 @@ class ArmMeasurement(NamedTuple):
         v: drive velocities T @ joint velocities, rad/s, shape (k,).
         payload_pose: X_WP by this arm's own forward kinematics, shape (4, 4).
         payload_twist: V_WP likewise, in world axes, shape (k_0,).
-        payload_jacobian: J_phi with V_WP = J_phi v, shape (k_0, k).
+        payload_jacobian: J_phi with V_WP = J_phi v, plus ``carried_twist``, shape (k_0, k).
         internal_wrench: measured internal wrench on this arm about P in world axes, shape (k_0,); None
             when the scenario's force path provides none.
         saturated: mask of the drive torques that were cut at their limits over the last tick, shape (k,); all
@@ -58,6 +58,10 @@ class ArmMeasurement(NamedTuple):
             tick and without patches.
         messages: latest message of each arm that this one hears, by name in the order of the cell's arms, its
             own among them as it was sent; None where the scenario has no network, or the law sends nothing.
+        shared_position: positions of the shared joints under the arm as it is told, m or rad, shape (n,); None
+            without any. Pose, twist and Jacobian are those with the joints there.
+        shared_velocity: their rates likewise, m/s or rad/s, shape (n,).
+        carried_twist: J_s v_s, the part of ``payload_twist`` that these rates make, shape (k_0,).
     """
 
     time: float
@@ -75,6 +79,13 @@ class ArmMeasurement(NamedTuple):
     reported_torque: Array | None = None
     slip: float | None = None
     messages: Mapping[str, Message] | None = None
+    shared_position: Array | None = None
+    shared_velocity: Array | None = None
+    carried_twist: Array | None = None
+
+    def by_arm(self, twist: Array) -> Array:
+        """Return V - J_s v_s: what the arm's own joints give of a twist of P, shape (k_0,)."""
+        return twist if self.carried_twist is None else twist - self.carried_twist
 
 
 class ArmReference(NamedTuple):

@@ -211,6 +211,11 @@ QUANTITIES = (
     Quantity("partner_deflection", "axis", "m, rad", "of the partner's handle from its point, in axes of the"
              " point", group="partner"),
     Quantity("partner_energy", "", "J", "in the partner's spring", group="partner"),
+    Quantity("shared_position", "shared", "m or rad", "of each shared joint", group="shared"),
+    Quantity("shared_velocity", "shared", "m/s or rad/s", "rate of each", group="shared"),
+    Quantity("shared_force", "shared", "N or N m", "of the drive of each, as it acts", group="shared"),
+    Quantity("floor_wrench", "axis", "N, N m", "of the floor on the robot on shared joints, about the world's"
+             " origin", group="shared"),
     Quantity("requested_torque", "arm joint", "N m", "drive torques before their limits: the commands that"
              " arrived, and gravity compensation",
              read=lambda _, applied: applied.requested, group="compensation"),
@@ -247,6 +252,7 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     "grasps": lambda scenario: bool(scenario.cell.compliant),
     "plan": lambda scenario: bool(scenario.cell.compliant or scenario.has_grasp_plan),
     "partner": lambda scenario: bool(scenario.partners),
+    "shared": lambda scenario: bool(scenario.cell.shared_joints),
     "patches": lambda scenario: scenario.cell.has_contacts,
     "elements": lambda scenario: scenario.cell.has_force_elements,
     "encoder": lambda scenario: not all(s.joints_are_ideal for s in _sensors(scenario)),
