@@ -68,6 +68,7 @@ _NAMESPACES: dict[str, tuple[str, dict[str, str]]] = {
         {
             "description.actuators": "GravityCompensation",
             "description.cell.arm": "JointFriction",
+            "description.cell.shared_joint": "SharedJoint Stroke",
             "description.servo": "SERVOS Servo",
         },
     ),
@@ -137,8 +138,8 @@ _NAMESPACES: dict[str, tuple[str, dict[str, str]]] = {
         "Errors of what an arm measures: parts of ``cp.Sensors``, and of the arm's own kinematics.",
         {
             "description.cell.miscalibration": "Miscalibration",
-            "description.sensors": "DifferencedVelocity Encoder IdealVelocity ObservedVelocity SlipSensor"
-            " WrenchParts WristSensor",
+            "description.sensors": "DifferencedVelocity Encoder IdealVelocity ObservedVelocity"
+            " SharedJointSensor SlipSensor WrenchParts WristSensor",
         },
     ),
     "spatial": (

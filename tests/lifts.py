@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -40,11 +41,14 @@ def planar_robot() -> str:
     ]
     for side, x in (("l", -0.25), ("r", 0.25)):
         names = ["torso", *(f"{side}{k}" for k in range(1, 4))]
-        for k, (above, link) in enumerate(zip(names, names[1:], strict=False)):
+        for k, (above, link) in enumerate(itertools.pairwise(names)):
             parts.append(_link(link, 2.0 - 0.5 * k, "0.15 0 0"))
             place = f"{x} 0.1 0" if k == 0 else "0.4 0 0"
             parts.append(_joint(f"{side}j{k + 1}", "revolute", above, link, "0 0 1", place))
-        parts += [f'<link name="{side}tip"/>', _joint(f"{side}t", "fixed", f"{side}3", f"{side}tip", "0 0 1", "0.2 0 0")]
+        parts += [
+            f'<link name="{side}tip"/>',
+            _joint(f"{side}t", "fixed", f"{side}3", f"{side}tip", "0 0 1", "0.2 0 0"),
+        ]
     return f'<robot name="planar">{"".join(parts)}</robot>'
 
 
@@ -61,11 +65,23 @@ def spatial_robot() -> str:
     places = ("{x} 0.0 0.3", "0 0 0.1", "0 0.02 0.4", "0 -0.02 0.38", "0 0 0.09", "0.02 0 0.09")
     for side, x in (("l", -0.6), ("r", 0.6)):
         names = ["torso", *(f"{side}{k}" for k in range(1, 7))]
-        for k, (above, link) in enumerate(zip(names, names[1:], strict=False)):
-            parts.append(_link(link, (5.0, 6.0, 4.0, 1.5, 1.2, 0.8)[k], f"0.01 0.02 {0.15 if k in (1, 2) else 0.03}", 0.03))
+        for k, (above, link) in enumerate(itertools.pairwise(names)):
+            parts.append(
+                _link(
+                    link,
+                    (5.0, 6.0, 4.0, 1.5, 1.2, 0.8)[k],
+                    f"0.01 0.02 {0.15 if k in (1, 2) else 0.03}",
+                    0.03,
+                )
+            )
             turn = "0 0 0" if k or side == "l" else "0 0 3.14159265358979"
-            parts.append(_joint(f"{side}j{k + 1}", "revolute", above, link, axes[k], places[k].format(x=x), turn))
-        parts += [f'<link name="{side}tip"/>', _joint(f"{side}t", "fixed", f"{side}6", f"{side}tip", "0 0 1", "0.08 0 0.03", "0.2 0.3 0.1")]
+            parts.append(
+                _joint(f"{side}j{k + 1}", "revolute", above, link, axes[k], places[k].format(x=x), turn)
+            )
+        parts += [
+            f'<link name="{side}tip"/>',
+            _joint(f"{side}t", "fixed", f"{side}6", f"{side}tip", "0 0 1", "0.08 0 0.03", "0.2 0.3 0.1"),
+        ]
     return f'<robot name="spatial">{"".join(parts)}</robot>'
 
 

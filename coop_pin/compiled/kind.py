@@ -178,6 +178,8 @@ def plant_reason(plant: PlantOptions, cell: Cell, events: Sequence[PayloadEvent]
     for event in events:
         if event.requires:
             return f"its event {event.kind!r} needs {event.requires}, which compiled code does not have"
+    if cell.shared_joints:
+        return f"its shared joints {list(cell.shared_joints)} have drives, which compiled plants do not have"
     if cell.has_contacts:
         names = [*cell.patches, *cell.tables]
         return f"the contacts {names} have friction; compiled plants have springs and rigid grasps"

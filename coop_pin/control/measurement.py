@@ -58,8 +58,8 @@ class ArmMeasurement(NamedTuple):
             tick and without patches.
         messages: latest message of each arm that this one hears, by name in the order of the cell's arms, its
             own among them as it was sent; None where the scenario has no network, or the law sends nothing.
-        shared_position: positions of the shared joints under the arm as it is told, m or rad, shape (n,); None
-            without any. Pose, twist and Jacobian are those with the joints there.
+        shared_position: positions of the shared joints under the arm as it is told, m or rad, shape (n,);
+            None without any. Pose, twist and Jacobian are those with the joints there.
         shared_velocity: their rates likewise, m/s or rad/s, shape (n,).
         carried_twist: J_s v_s, the part of ``payload_twist`` that these rates make, shape (k_0,).
     """

@@ -176,21 +176,24 @@ class SharedJointSensor(Description):
     """What an arm is told of the shared joints under it: ``resolution * round(q / resolution) + offset``.
 
     Attributes:
-        told: what it is told: "position and rate", "position" (it then takes the rate for zero), or "nothing",
+        told: what it is told: "all", position and rate, "position" (it then takes the rate for zero), or "nothing",
             as by the name "not told": it takes the joints for where they start.
         resolution: size of a count, m or rad; 0 is continuous.
         offset: offset of the zero, m or rad.
         delay: ticks until the arm is told, or a time.
     """
 
-    told: Literal["position and rate", "position", "nothing"] = "position and rate"
+    told: Literal["all", "position", "nothing"] = "all"
     resolution: NotNegative = 0.0
     offset: float = 0.0
     delay: Delay = 0
 
 
-_NOT_TOLD = {"not told": SharedJointSensor(told="nothing")}
-"""Sensors of shared joints by name."""
+SharedSensor = Annotated[
+    SharedJointSensor,
+    by_name({"not told": SharedJointSensor(told="nothing")}, "a table of fields"),
+]
+"""What an arm is told of shared joints, or "not told"."""
 
 
 class Sensors(Description):
@@ -211,7 +214,7 @@ class Sensors(Description):
     wrist: WristSensor | None = None
     holding_torque_error: NumberOrVector = 0.0
     slip: SlipSensor | None = None
-    shared_joints: Annotated[SharedJointSensor, by_name(_NOT_TOLD, "a table of fields")] = SharedJointSensor()
+    shared_joints: SharedSensor = SharedJointSensor()
 
     @property
     def joints_are_ideal(self) -> bool:

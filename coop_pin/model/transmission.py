@@ -84,7 +84,7 @@ def friction(arm: Arm, name: str = "arm") -> Friction:
 class Transmission:
     """Constant transmission of a cell, between drives and joint velocities, with its friction.
 
-    ``v_drive = D v``, ``tau = D^T tau_drive``; D holds each arm's T at its place, then those of shared joints.
+    ``v_drive = D v``, ``tau = D^T tau_drive``; D holds each arm's T at its place, then shared joints.
     """
 
     def __init__(

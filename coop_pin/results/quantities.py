@@ -65,16 +65,15 @@ class Quantity(NamedTuple):
 
 def _pose_errors(X: Array, X_d: Array) -> Array:
     """Return ``[p - p_d, log(R R_d^T)]`` of poses, shape (..., 6)."""
-    rotation = log3(X[..., :3, :3] @ np.swapaxes(X_d[..., :3, :3], -1, -2))
-    return np.concatenate((X[..., :3, 3] - X_d[..., :3, 3], rotation), axis=-1)
+    R = X[..., :3, :3] @ np.swapaxes(X_d[..., :3, :3], -1, -2)
+    return np.concatenate((X[..., :3, 3] - X_d[..., :3, 3], log3(R)), axis=-1)
 
 
 def _axial_directions(tips: Array) -> Array:
     """Return unit vectors from each tip to the middle of the other tips, shape (..., m, 3); NaN for one."""
     if tips.shape[-2] == 1:
         return np.full(tips.shape, np.nan)
-    others = (tips.sum(axis=-2, keepdims=True) - tips) / (tips.shape[-2] - 1)
-    line = others - tips
+    line = (tips.sum(axis=-2, keepdims=True) - tips) / (tips.shape[-2] - 1) - tips
     length = np.linalg.norm(line, axis=-1, keepdims=True)
     return np.where(length > 0.0, line / np.where(length > 0.0, length, 1.0), np.nan)
 
@@ -125,14 +124,13 @@ def _internal_parts(
     def moment(s: Samples) -> Array:
         return np.linalg.norm(np.nan_to_num(wrench(s))[..., 3:], axis=-1)
 
-    parts = (
-        ("axial", "N", "force along axial_direction", axial),
-        ("shear", "N", "force across axial_direction, norm", shear),
-        ("moment", "N m", "moment about P, norm", moment),
-    )
     return tuple(
         Quantity(name.format(part), "arm", unit, f"{text}: {meaning}", source, group=group)
-        for part, unit, meaning, source in parts
+        for part, unit, meaning, source in (
+            ("axial", "N", "force along axial_direction", axial),
+            ("shear", "N", "force across axial_direction, norm", shear),
+            ("moment", "N m", "moment about P, norm", moment),
+        )
     )
 
 
@@ -214,8 +212,7 @@ QUANTITIES = (
     Quantity("shared_position", "shared", "m or rad", "of each shared joint", group="shared"),
     Quantity("shared_velocity", "shared", "m/s or rad/s", "rate of each", group="shared"),
     Quantity("shared_force", "shared", "N or N m", "of the drive of each, as it acts", group="shared"),
-    Quantity("floor_wrench", "axis", "N, N m", "of the floor on the robot on shared joints, about the world's"
-             " origin", group="shared"),
+    Quantity("floor_wrench", "axis", "N, N m", "of the floor on that robot, about the world", group="shared"),
     Quantity("requested_torque", "arm joint", "N m", "drive torques before their limits: the commands that"
              " arrived, and gravity compensation",
              read=lambda _, applied: applied.requested, group="compensation"),
@@ -245,9 +242,7 @@ QUANTITIES = (
 _FIXED_SIZES = {"axis": 6, "position": 3, "quaternion": 4, "row": 4, "column": 4}
 
 GROUPS: dict[str, Callable[[Scenario], bool]] = {
-    "compensation": lambda scenario: any(
-        scenario.actuators_of(arm).gravity_compensation is not None for arm in scenario.cell.arms
-    ),
+    "compensation": lambda run: any(run.actuators_of(arm).gravity_compensation for arm in run.cell.arms),
     "servo": lambda scenario: scenario.has_servos,
     "grasps": lambda scenario: bool(scenario.cell.compliant),
     "plan": lambda scenario: bool(scenario.cell.compliant or scenario.has_grasp_plan),
@@ -259,7 +254,7 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     "kinematics": lambda scenario: (
         not all(s.joints_are_ideal for s in _sensors(scenario))
         or any(arm.calibration_error != Miscalibration() for arm in scenario.cell.arms.values())
-        or bool(scenario.cell.unclosed or scenario.grasp_events)  # each arm sees its own tip
+        or bool(scenario.cell.unclosed or scenario.grasp_events or scenario.cell.shared_joints)
     ),
     "wrist": lambda scenario: any(s.wrist is not None for s in _sensors(scenario)),
     "force path": lambda scenario: (

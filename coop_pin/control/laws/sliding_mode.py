@@ -108,7 +108,11 @@ class SlidingModeController(LawController[SlidingModeGains]):
         s = J_plus.dot(measurement.payload_twist - reference.twist + gamma_xtilde)
         s_d = state.start_surface * exp(-gains.transient_rate * (t - state.start_time))
         s_q = s - s_d
-        qdot_r = J_plus.dot(measurement.by_arm(reference.twist) - gamma_xtilde) + s_d - gains.sign_gain.dot(state.sign_integral)
+        qdot_r = (
+            J_plus.dot(measurement.by_arm(reference.twist) - gamma_xtilde)
+            + s_d
+            - gains.sign_gain.dot(state.sign_integral)
+        )
         s_r = v - qdot_r
         tau = -gains.damping_gain.dot(s_r) - J.T.dot(
             force_term(rows, gains.force_gain, measurement, reference)

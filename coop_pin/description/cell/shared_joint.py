@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, field_validator
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError, suggestion
 from coop_pin.base.schema.base import Description, NotNegative, Positive
-from coop_pin.base.spatial import inverse_pose, log3
+from coop_pin.base.spatial import exp3, inverse_pose, log3
 from coop_pin.description.cell.arm import Arm
 from coop_pin.reference.pose_reference import PoseTarget
 from coop_pin.reference.quintic import quintic
@@ -124,11 +124,28 @@ class Carrier(NamedTuple):
         screws = np.array([_screw(first, joint, locked) for joint in order])
         return cls(order, names, np.array([locked[joint] for joint in order]), screws)
 
+    def displacement(self, angles: Array) -> Array:
+        """Return D with which the joints move what they carry from its pose at the start, shape (4, 4).
+
+        D = prod_k exp(S_k dq_k), from the root on.
+
+        Args:
+            angles: positions of the joints, m or rad, shape (n,).
+        """
+        D = np.eye(4)
+        for S, dq in zip(self.screws, angles - self.start, strict=True):
+            step, e = np.eye(4), S[3:]
+            step[:3, :3] = exp3(dq * e)
+            step[:3, 3] = (np.eye(3) - step[:3, :3]) @ np.cross(e, S[:3]) if e.any() else dq * S[:3]
+            D = D @ step
+        return D
+
 
 def _screw(arm: Arm, joint: str, locked: Mapping[str, float]) -> Array:
     """Return the axis of a locked joint about the world's origin in world axes, linear first, shape (6,)."""
     X_WJ, X = (
-        arm.base.matrix @ arm.robot.pose(joint, {**locked, joint: locked[joint] + step}) for step in (0.0, 1.0)
+        arm.base.matrix @ arm.robot.pose(joint, {**locked, joint: locked[joint] + step})
+        for step in (0.0, 1.0)
     )
     moved = X @ inverse_pose(X_WJ)  # by one unit: exp of the screw
     e = log3(moved[:3, :3])

@@ -129,7 +129,7 @@ class SharedSensors(NamedTuple):
             return None
         for name in scenario.cell.arms:
             sensor = scenario.sensors_of(name).shared_joints
-            masks = float(sensor.told != "nothing"), float(sensor.told == "position and rate")
+            masks = float(sensor.told != "nothing"), float(sensor.told == "all")
             numbers = (sensor.delay, sensor.resolution, sensor.offset, *masks)
             arms.append(numbers if name in carrier.arms else None)
         return cls(tuple(places), carrier.screws, scenario.cell.task_rows, tuple(arms))
