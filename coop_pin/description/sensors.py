@@ -176,8 +176,8 @@ class SharedJointSensor(Description):
     """What an arm is told of the shared joints under it: ``resolution * round(q / resolution) + offset``.
 
     Attributes:
-        told: what it is told: "all", position and rate, "position" (it then takes the rate for zero), or "nothing",
-            as by the name "not told": it takes the joints for where they start.
+        told: what it is told: "all", position and rate; "position", so that it takes the rate for zero; or
+            "nothing", as by the name "not told", so that it takes the joints for where they start.
         resolution: size of a count, m or rad; 0 is continuous.
         offset: offset of the zero, m or rad.
         delay: ticks until the arm is told, or a time.

@@ -142,11 +142,11 @@ class CellDynamics(CellKinematics):
 
         F_floor = sum_b d/dt h_b - sum_i F_i - weights, over the bodies of the robot and the arms that it has.
         """
-        tree, frames, carrier = self.model, self._frames, self.cell.carrier
+        tree, frames, carrier = self.model, self._frames, self.model.carrier
         assert carrier is not None
         first, P = tree.shared[0].joint, frames.payload.translation
         pin.rnea(tree.model, self._free_data, q, v, frames.acceleration)
-        floor = self._free_data.oMi[first].act(self._free_data.f[first])
+        floor = self._free_data.liMi[first].act(self._free_data.f[first])  # its parent is the world
         if {*tree.closed_by_tree} & {*carrier.arms}:  # the payload is in an arm's hand
             floor -= frames.payload.act(pin.Force(frames.payload_balance()))
         for arm, F in zip(tree.arms, wrenches, strict=True):

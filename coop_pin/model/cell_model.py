@@ -13,6 +13,7 @@ from coop_pin.base.spatial import inverse_pose
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.miscalibration import Miscalibration
+from coop_pin.description.cell.shared_joint import Carrier
 from coop_pin.description.events import Surroundings
 from coop_pin.model.joint_angles import JointAngles
 from coop_pin.model.pinocchio_model import (
@@ -90,6 +91,7 @@ class CellModel:
     Attributes:
         model: the Pinocchio model.
         arms: position of each arm in the tree.
+        carrier: shared joints with the arms that they carry; None without any.
         shared: position of each shared joint, from the root on.
         fixed: inertia of the fixed part of the robot on shared joints, in world axes; none without any.
         closed_by_tree: names of the arms whose grasp is a weld in the tree (the first one with a rigid grasp,
@@ -109,7 +111,8 @@ class CellModel:
             payload: "welded" to the tip of the first arm with a rigid grasp, or "free", on a free-flyer
                 joint, as it always is if no grasp is rigid. The other rigid grasps need closures.
         """
-        self.model, self.fixed = _arms_tree(cell)
+        self.carrier = cell.carrier
+        self.model, self.fixed = _arms_tree(cell, self.carrier)
         model = self.model
         first = next((name for name, rows in cell.closing.items() if rows == "full"), None)
         if payload == "free" or first is None:
@@ -128,7 +131,7 @@ class CellModel:
             X_JE = self._X_JP * pin.SE3(cell.grasps[name].matrix)
             add_frame(model, f"payload/{name}", self.payload_joint, X_JE)
         self.arms = tuple(_place(model, name, cell) for name in cell.arms)
-        self.shared = _shared_places(model, cell)
+        self.shared = _shared_places(model, cell, self.carrier)
         self.surround(cell.surroundings)
 
     def surround(self, surroundings: Surroundings) -> None:
@@ -150,9 +153,9 @@ class CellModel:
         return q
 
 
-def _arms_tree(cell: Cell) -> tuple[pin.Model, pin.Inertia]:
+def _arms_tree(cell: Cell, carrier: Carrier | None) -> tuple[pin.Model, pin.Inertia]:
     """Return the tree of the arms, and the fixed part of the robot on shared joints, if there is one."""
-    model, carrier, fixed = empty_model(cell.gravity), cell.carrier, pin.Inertia.Zero()
+    model, fixed = empty_model(cell.gravity), pin.Inertia.Zero()
     carried = () if carrier is None else carrier.arms
     for name, arm in cell.arms.items():
         if name not in carried:
@@ -204,13 +207,14 @@ def _carried_tree(cell: Cell, names: Sequence[str]) -> pin.Model:
     return whole
 
 
-def _shared_places(model: pin.Model, cell: Cell) -> tuple[SharedPlace, ...]:
+def _shared_places(model: pin.Model, cell: Cell, carrier: Carrier | None) -> tuple[SharedPlace, ...]:
     """Return the position of each shared joint in the tree."""
-    places, carrier = [], cell.carrier
-    for joint, start in () if carrier is None else zip(carrier.joints, carrier.start.tolist(), strict=True):
+    if carrier is None:
+        return ()
+    places, has_friction = [], cell.arms[carrier.arms[0]].friction == "urdf"
+    for joint, start in zip(carrier.joints, carrier.start.tolist(), strict=True):
         index = int(model.getJointId(f"shared.{joint}"))
         q, v = int(model.idx_qs[index]), int(model.idx_vs[index])
-        has_friction = carrier is not None and cell.arms[carrier.arms[0]].friction == "urdf"
         resistance = float(model.damping[v]), float(model.friction[v])
         places.append(
             SharedPlace(
