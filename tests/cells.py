@@ -28,7 +28,7 @@ SPATIAL_START = Pose(xyz=(0.45, 0.05, 0.4), rpy=(0.3, -0.2, 0.5))
 def arm_of(rows: TaskRows, period: float, load_share: float = 0.5) -> ControlledArm:
     """What a law may know of an arm without a scenario."""
     k = rows.size
-    return ControlledArm("left", True, rows, period, load_share, k, None, np.zeros(3), np.eye(4), 0)
+    return ControlledArm("left", True, rows, period, load_share, k, np.zeros(k), np.zeros(3), np.eye(4), 0)
 
 
 def planar_scenario() -> Scenario:

@@ -195,6 +195,7 @@ def new(
     squeeze: float = 10.0,
     package_dirs: _Folders = (),
     xacro_args: _Assignments = (),
+    srdf: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
 ) -> None:
     """Write the scenario of a new cell, ready to run: arms placed around a payload, grasps, motion, gains.
 
@@ -216,6 +217,7 @@ def new(
         squeeze: force of each arm towards the others, N.
         package_dirs: folders that are searched first for the packages of the robots.
         xacro_args: arguments of xacro files.
+        srdf: SRDF file of one robot, whose groups name tips and whose states name postures.
 
     Raises:
         FieldError: the file exists, or an option is not among the allowed ones.
@@ -245,6 +247,7 @@ def new(
             squeeze=squeeze,
             package_dirs=package_dirs,
             xacro_args=_assignments(xacro_args),
+            srdf=srdf,
             progress=working.tell,
         )
     suggested.scenario.save(path, commented=True)

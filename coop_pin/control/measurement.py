@@ -120,7 +120,8 @@ class ControlledArm(NamedTuple):
         period: T, s.
         load_share: c.
         drives: Number k of drives.
-        posture: Drive angles to which spare joints return, rad, shape (k,); None for continuous joints.
+        posture: Drive angles to which spare joints return, rad, shape (k,): measured angles of continuous
+            joints start within half a turn of it, and count turns from there.
         gravity: Gravity, m/s^2, shape (3,).
         start_pose: X_WP at t_0, shape (4, 4).
         oldest_wrench: Age that measured wrenches reach without being lost, ticks.
@@ -135,7 +136,7 @@ class ControlledArm(NamedTuple):
     period: float
     load_share: float
     drives: int
-    posture: Array | None
+    posture: Array
     gravity: Array
     start_pose: Array
     oldest_wrench: int
