@@ -52,9 +52,9 @@ class WholeRobot:
             inertial = link.find("inertial")
             if inertial is None:
                 continue
-            I = np.diag([float(inertial.find("inertia").get(k)) for k in ("ixx", "iyy", "izz")])
+            tensor = np.diag([float(inertial.find("inertia").get(k)) for k in ("ixx", "iyy", "izz")])
             mass = float(inertial.find("mass").get("value"))
-            self.links[link.get("name")] = (mass, _numbers(inertial.find("origin"), "xyz"), I)
+            self.links[link.get("name")] = (mass, _numbers(inertial.find("origin"), "xyz"), tensor)
         joints = []
         for each in root.iter("joint"):
             origin = each.find("origin")
@@ -114,12 +114,12 @@ class WholeRobot:
         X, V, A = self.motion(q, v, a)
         below = {}
         for link, at in X.items():
-            mass, c, I = self.links.get(link, (0.0, np.zeros(3), np.zeros((3, 3))))
+            mass, c, inertia = self.links.get(link, (0.0, np.zeros(3), np.zeros((3, 3))))
             R, (_, om), (acc, al) = at[:3, :3], np.split(V[link], 2), np.split(A[link], 2)
             r = R @ c
-            I = R @ I @ R.T
+            inertia = R @ inertia @ R.T
             f = mass * (acc + np.cross(al, r) + np.cross(om, np.cross(om, r)) - gravity)
-            n = I @ al + np.cross(om, I @ om) + np.cross(at[:3, 3] + r, f)
+            n = inertia @ al + np.cross(om, inertia @ om) + np.cross(at[:3, 3] + r, f)
             below[link] = np.r_[f, n] - (0.0 if forces is None else forces.get(link, 0.0))
         tau = {}
         for joint in reversed(self.joints):

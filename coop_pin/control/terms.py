@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from coop_pin.base.arrays import Array
-from coop_pin.base.errors import ArgumentError, FieldError, SingularJacobianError
+from coop_pin.base.errors import ArgumentError, SingularJacobianError
 from coop_pin.base.schema.base import Description, NotNegative, Vector
 from coop_pin.base.schema.parts import fields_of, refilled
 from coop_pin.base.spatial import weight_wrench

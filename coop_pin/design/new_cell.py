@@ -19,8 +19,9 @@ from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.payload import Payload
 from coop_pin.description.scenario import Scenario
+from coop_pin.design.contacts import Layout, Shoulders, Side, contacts
 from coop_pin.design.named_arms import RobotFiles, arms_of_robot, named_arms
-from coop_pin.design.placement import ArmPlacement, Layout, Shoulders, Side, common_places, contacts
+from coop_pin.design.placement import ArmPlacement, common_places
 from coop_pin.design.suggestion import Suggestion, suggest
 from coop_pin.feasibility.motion_feasibility import joint_heights, require_rank
 from coop_pin.feasibility.reachability import reachability
@@ -163,7 +164,7 @@ def new_cell(
 
 
 def _feasible(draft: Scenario, motions: Mapping[str, dict[str, Any]]) -> tuple[Suggestion, str]:
-    """Return the proposal for the first of some motions that has one, at the rate or at twice it, and a remark.
+    """Return the proposal for the first motion that has one, at the rate or at twice it, and a remark.
 
     Raises:
         InfeasibleMotionError: that of the first motion: none has a proposal, nor has rest.

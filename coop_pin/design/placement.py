@@ -1,10 +1,10 @@
-"""Placement of arms around a payload: contacts, and bases where the arms have the largest margins."""
+"""Placement of arms around a payload: bases where the arms have the largest margins."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Literal, NamedTuple, TypeAlias
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +16,7 @@ from coop_pin.base.spatial import exp3, inverse_pose, task_rows
 from coop_pin.control.terms import CONDITION_LIMIT
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.payload import Payload
+from coop_pin.design.contacts import Contact, Shoulders
 from coop_pin.feasibility.cell_summary import maximum_reach
 from coop_pin.feasibility.motion_feasibility import joint_heights, position_margin
 from coop_pin.model.arm_model import ArmModel
@@ -30,8 +31,6 @@ _SHOULDER_DISTANCES = (0.3, 0.4, 0.5, 0.6)
 """Likewise for the arms of one robot, whose shoulders lie before and beside its base."""
 _SHOULDER_HEIGHTS = (-0.6, -0.4, -0.2, 0.0)
 """Heights of the payload over their shoulders that are tried, over the least reach of the arms."""
-_WIDTH = 0.02
-"""Distance between shoulders beside each other, m."""
 _ROLLS = (0.0, np.pi / 2.0, np.pi, -np.pi / 2.0)
 """Turns of a tool about its approach that are tried, rad."""
 _SEEDS, _SHARED_SEEDS, _STEPS = 4, 12, 60
@@ -40,58 +39,9 @@ _STROKE = 0.1
 """Distance around the start, over the least reach, at which every arm can hold the payload."""
 _OFF_GROUND = 0.05
 """Least distance of the payload from the ground, m."""
-_INSET = 0.8
-"""Grasps from above, from the payload's centre (0) to its edge (1)."""
-_FAN = np.pi / 3.0
-"""Angle between neighbouring bases that stand side by side, rad."""
 _GRAVITY = np.array((0.0, 0.0, -9.81))
 _SMALL, _FLUSH = 1e-9, 1e-3
 """Numbers that count as zero; length along the tool below which it does not tell where the tool points, m."""
-
-Side = Literal["above", "sides"]
-Layout = Literal["facing", "side-by-side", "one-base"]
-
-
-class Contact(NamedTuple):
-    """Where and how an arm holds a payload that stands upright.
-
-    Attributes:
-        point: position of the tip in the payload frame, m, shape (3,).
-        approach: direction of the tool in world axes, shape (3,).
-        around: direction from the payload to the arm's base, about the vertical, rad.
-        one_base: whether other arms share the base, which then faces the payload's centre.
-    """
-
-    point: Array
-    approach: Array
-    around: float
-    one_base: bool
-
-
-class Shoulders(NamedTuple):
-    """Where the arms of one robot begin, in its root link.
-
-    Attributes:
-        middle: mean of their first joints, m, shape (3,).
-        forward: level direction across the line between the first and the last, shape (3,).
-    """
-
-    middle: Array
-    forward: Array
-
-    @classmethod
-    def of(cls, arms: Iterable[Arm]) -> Shoulders:
-        """Return the shoulders of arms from left to right; where they stand in line, forward is x."""
-        points = np.array([arm.robot.pose(arm.moving_joints()[0], arm.locked)[:3, 3] for arm in arms])
-        across = (points[0] - points[-1]) * (1.0, 1.0, 0.0)
-        width = float(np.linalg.norm(across))
-        forward = np.cross(across / width, np.eye(3)[2]) if width > _WIDTH else np.eye(3)[0]
-        return cls(points.mean(axis=0), forward)
-
-    @property
-    def root(self) -> Shoulders:
-        """The root link in place of the shoulders, with x forward."""
-        return Shoulders(np.zeros(3), np.eye(3)[0])
 
 
 class Place(NamedTuple):
@@ -108,26 +58,6 @@ class Place(NamedTuple):
     base: Pose
     grasp: Pose
     posture: tuple[float, ...]
-
-
-def contacts(payload: Payload, count: int, side: Side, layout: Layout) -> Iterator[Contact]:
-    """Yield the contacts of two or more arms, evenly around the payload or along one side of it."""
-    half, shared = np.array(payload.size) / 2.0, layout == "one-base"
-    for k in range(count):
-        around = at = np.pi * (1.0 + 2.0 * k / count)
-        if layout != "facing":
-            fan = 0.0 if shared else _FAN * (k - (count - 1) / 2.0)
-            around, at = fan - np.pi / 2.0, np.pi * (k / (count - 1) - 1.0)
-        outward = np.array((np.cos(at), np.sin(at), 0.0))
-        to_edge = (
-            half[0]
-            if payload.shape == "cylinder"
-            else np.min(half[:2] / np.maximum(np.abs(outward[:2]), _SMALL))
-        )
-        point, approach = to_edge * outward, -outward
-        if side == "above":
-            point, approach = _INSET * point + (0.0, 0.0, half[2]), -np.eye(3)[2]
-        yield Contact(point, approach, around, shared)
 
 
 class ArmPlacement:

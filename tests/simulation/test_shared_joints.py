@@ -55,10 +55,10 @@ def second_formulation(cell, chain, q, v, tau, M, h, frames, names):
     n, X_WP = len(names), chain.payload_pose(q)
     g, V = np.array(cell.gravity), chain.payload_twist(q, v)
     R, m = X_WP[:3, :3], cell.payload.mass
-    I = R @ cell.payload.inertia_matrix @ R.T
+    inertia = R @ cell.payload.inertia_matrix @ R.T
     M_all = np.zeros((n + 6, n + 6))
-    M_all[:n, :n], M_all[n : n + 3, n : n + 3], M_all[n + 3 :, n + 3 :] = M, m * np.eye(3), I
-    h_all = np.r_[h, -m * g, np.cross(V[3:], I @ V[3:])]
+    M_all[:n, :n], M_all[n : n + 3, n : n + 3], M_all[n + 3 :, n + 3 :] = M, m * np.eye(3), inertia
+    h_all = np.r_[h, -m * g, np.cross(V[3:], inertia @ V[3:])]
     rows, bias = [], []
     for X, J, Jv in frames:
         r, om = X[:3, 3] - X_WP[:3, 3], V[3:]
@@ -96,7 +96,7 @@ def test_accelerations_are_those_of_the_whole_robot_by_a_second_formulation(name
 
 
 def test_accelerations_are_those_of_mujocos_own_reading_of_the_file(tmp_path):
-    """M, bias, Jacobians and their rates are MuJoCo's, which reads the URDF itself; base at the world's origin."""
+    """M, bias, Jacobians and their rates are MuJoCo's, which reads the URDF itself; the base is the world."""
     mujoco = pytest.importorskip("mujoco")
     cell = cell_of("spatial", tmp_path)
     poses = {name: arm.replace(base=cp.Pose()) for name, arm in cell.arms.items()}
