@@ -8,7 +8,7 @@ from typing import NamedTuple, Self
 
 from coop_pin.base.errors import UrdfError
 from coop_pin.description.urdf.robot import Robot
-from coop_pin.description.urdf.xml import number, read_document
+from coop_pin.description.urdf.xml import number_list, read_document
 
 
 class Srdf(NamedTuple):
@@ -38,7 +38,11 @@ class Srdf(NamedTuple):
             for chain in root.iterfind("group/chain")
         }
         states = tuple(
-            {str(joint.get("name")): number(joint, "value") or 0.0 for joint in state.iterfind("joint")}
+            {
+                str(joint.get("name")): angles[0]
+                for joint in state.iterfind("joint")
+                if (angles := number_list(str(joint.get("value")), 1))  # one of a floating joint has several
+            }
             for state in root.iterfind("group_state")
         )
         return cls(tips, states)
