@@ -123,7 +123,8 @@ def cell_and_start(name: str) -> tuple[Cell, np.ndarray]:
 RIGID = [
     name
     for name, scenario in ((name, Scenario.load(name)) for name in scenario_names())
-    if not scenario.cell.has_force_elements and "partner" not in [event.kind for event in scenario.events]
+    if not (scenario.cell.has_force_elements or scenario.cell.shared_joints)
+    and "partner" not in [event.kind for event in scenario.events]
 ]
 """Scenarios of the catalogue that compiled code can run."""
 

@@ -24,7 +24,7 @@ from coop_pin.compiled.engine_choice import choose_engine
 from coop_pin.results.run_result import RunResult
 from coop_pin.sweeps.store import SweepStore
 
-ONLY_PINOCCHIO = {"pick-carry-place", "two-pandas-palms"}
+ONLY_PINOCCHIO = {"pick-carry-place", "tiago-pro-tray", "two-pandas-palms"}
 """Scenarios whose plant has no compiled code."""
 RUNS = {
     **{

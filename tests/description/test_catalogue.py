@@ -24,6 +24,7 @@ QUICK_PLANTS = ["adept-paper", "adept-anchored", "five-joint-pair", "two-pandas-
 QUICK_CELLS = ["adept-anchored", "two-pandas-box"]
 """Cells that do their work in the default tier, too: in a plane and in space."""
 LARGE_CELLS = ["baxter-box", "four-ur5-plate", "three-driven-ur5"]  # tested in test_robots
+SHARED = ["tiago-pro-tray"]  # tested in test_shared_joints
 for other in [
     "adept-paper",
     "adept-compliant",
@@ -35,6 +36,7 @@ for other in [
     "pick-carry-place",
     *FAR_CELLS,
     *LARGE_CELLS,
+    *SHARED,
 ]:  # it has the printed law; others have tests below
     del CHANGES[other]
 

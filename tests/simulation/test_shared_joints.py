@@ -365,3 +365,12 @@ def test_a_robot_on_a_lift_is_drawn_once_and_moves_with_it(tmp_path):
     moved = dict(zip(names, after[:, 2] - before[:, 2], strict=True))
     assert moved.pop("left/base") == 0.0
     assert_allclose([*moved.values()], 0.2, rtol=0, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_the_cell_of_the_catalogue_keeps_its_task_while_the_torso_rises():
+    result = cp.run("tiago-pro-tray")
+    assert (result.simulation_sound, result.task.state, result.limit_violations()) == (True, "kept", ())
+    assert errors_of(result)[0] < 1e-4
+    assert_allclose(result.data.shared_position.values[-1], 0.25, rtol=0, atol=1e-5)
+    assert np.ptp(result.data.floor_wrench.values[[0, -1], 2]) < 1e-2
