@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from coop_pin.base.arrays import Array
+from coop_pin.base.schema.pose import Pose
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.payload import Payload
+from coop_pin.model.joint_limits import JointLimits
 
 _INSET = 0.8
 """Grasps from above, from the payload's centre (0) to its edge (1)."""
@@ -17,6 +19,8 @@ _FAN = np.pi / 3.0
 """Angle between neighbouring bases that stand side by side, rad."""
 _WIDTH = 0.02
 """Distance between shoulders beside each other, m."""
+_SAMPLES, _BEHIND = 200, 0.25
+"""Configurations that are compared, and mean way back of a robot that faces back, over the farthest."""
 _SMALL = 1e-9
 """Numbers that count as zero."""
 
@@ -64,6 +68,25 @@ class Shoulders(NamedTuple):
     def root(self) -> Shoulders:
         """The root link in place of the shoulders, with x forward."""
         return Shoulders(np.zeros(3), np.eye(3)[0])
+
+
+def faces_back(arms: Sequence[Arm]) -> bool:
+    """Return whether arms from left to right, seen along x of their robot, reach mostly the other way.
+
+    The tips of configurations within the joint limits are compared with the shoulders, in parts of the
+    farthest; arms that reach all around face along x.
+
+    Args:
+        arms: arms of one robot.
+    """
+    forward, before = Shoulders.of(arms).forward, []
+    for arm in arms:
+        limits = JointLimits(arm)
+        angles = limits.joints.of(np.array(limits.random_configurations(_SAMPLES)))
+        tips = arm.replace(base=Pose()).tip_poses(angles)[:, :3, 3]
+        before.append((tips - arm.robot.pose(arm.moving_joints()[0], arm.locked)[:3, 3]) @ forward)
+    ways = np.array(before)
+    return bool(ways.mean() < -_BEHIND * np.abs(ways).max())
 
 
 def contacts(payload: Payload, count: int, side: Side, layout: Layout) -> Iterator[Contact]:

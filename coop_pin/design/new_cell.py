@@ -19,7 +19,7 @@ from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.payload import Payload
 from coop_pin.description.scenario import Scenario
-from coop_pin.design.contacts import Layout, Shoulders, Side, contacts
+from coop_pin.design.contacts import Layout, Shoulders, Side, contacts, faces_back
 from coop_pin.design.named_arms import RobotFiles, arms_of_robot, named_arms
 from coop_pin.design.placement import ArmPlacement, common_places
 from coop_pin.design.suggestion import Suggestion, suggest
@@ -43,7 +43,7 @@ def new_cell(
     *,
     mass: float = 2.0,
     size: ArrayLike | None = None,
-    grasp: Side = "sides",
+    grasp: Side | None = None,
     layout: Layout = "facing",
     tips: Sequence[str] = (),
     distance: float | None = None,
@@ -71,7 +71,8 @@ def new_cell(
         mass: mass of the payload, kg; not used with a Payload.
         size: edges of the payload along x, y and z, m, shape (3,); those of its kind when omitted; not used
             with a Payload.
-        grasp: side from which the tools approach: "above", or horizontally, "sides".
+        grasp: side from which the tools approach: "above", or horizontally, "sides"; when omitted the sides,
+            or from above where the arms have no common workspace there.
         layout: bases all around the payload, "facing", or on one side of it, "side-by-side".
         tips: tip of each arm; the link that is named like a tool when omitted. Joints that do not move it are
             locked.
@@ -92,7 +93,7 @@ def new_cell(
             "torque" (the payload is too heavy), "rank", or another one of ``cp.suggest``.
     """
     for argument, value, allowed in (
-        ("grasp", grasp, ("above", "sides")),
+        ("grasp", grasp or "sides", ("above", "sides")),
         ("layout", layout, ("facing", "side-by-side")),
         ("motion", motion, get_args(MotionName)),
     ):
@@ -115,12 +116,10 @@ def new_cell(
             f"{mobile[0]!r} has a mobile base; make the cell without, then add mobile_base", "arms"
         )
     held = _payload(payload, mass, size)
-    around = contacts(held, len(named), grasp, "one-base" if is_robot else layout)
-    shoulders = Shoulders.of(named.values()) if is_robot else None
-    placing = [
-        ArmPlacement(arm, named[arm], contact, held.mass / len(named), shoulders)
-        for arm, contact in zip(named, around, strict=True)
-    ]
+    if is_robot and faces_back([*named.values()]):
+        named = dict(zip(named, reversed(named.values()), strict=True))
+    shape: Layout = "one-base" if is_robot else layout
+    placing = _searches(named, held, grasp or "sides", shape)
     is_planar = all(arm.is_planar for arm in placing)
     rows: RowsName = "planar" if is_planar else "full"
     try:
@@ -133,7 +132,17 @@ def new_cell(
         raise InfeasibleMotionError(error.cause, f"{error.detail}; {advice}: {command}") from None
     tell = progress or (lambda _: None)
     tell(f"places of the bases of {len(named)} arms")
-    height, stroke, places = common_places(placing, held, distance)
+    side = ""
+    try:
+        height, stroke, places = common_places(placing, held, distance)
+    except InfeasibleMotionError as error:
+        if grasp is not None or is_planar or distance is not None:
+            raise
+        try:
+            height, stroke, places = common_places(_searches(named, held, "above", shape), held, distance)
+        except InfeasibleMotionError:
+            raise error from None
+        side = f"grasp: from above, because from the sides {error.detail}"
     by_arm = dict(zip(named, places, strict=True))
     start = Pose(xyz=(0.0, 0.0, height))
     robots = ", ".join(dict.fromkeys(Path(arm.urdf).stem for arm in named.values()))
@@ -159,8 +168,21 @@ def new_cell(
     tell(f"gains and steps of the law of {len(named)} arms")
     suggested, calmed = _feasible(draft, _motions(motion, start, stroke, 0.0 if is_planar else 0.6 * stroke))
     scenario = suggested.scenario.override(dict(_rounded(suggested)))
-    remarks = (*filter(None, [shared, calmed]), *(() if is_planar or is_robot else _below_ground(scenario)))
+    remarks = (
+        *filter(None, [shared, side, calmed]),
+        *(() if is_planar or is_robot else _below_ground(scenario)),
+    )
     return dataclasses.replace(suggested, scenario=scenario, changes=(*suggested.changes, *remarks))
+
+
+def _searches(named: Mapping[str, Arm], held: Payload, side: Side, layout: Layout) -> list[ArmPlacement]:
+    """Return the search for the place of each arm, with grasps from a side."""
+    shoulders = Shoulders.of(named.values()) if layout == "one-base" else None
+    around = contacts(held, len(named), side, layout)
+    return [
+        ArmPlacement(name, arm, contact, held.mass / len(named), shoulders)
+        for (name, arm), contact in zip(named.items(), around, strict=True)
+    ]
 
 
 def _feasible(draft: Scenario, motions: Mapping[str, dict[str, Any]]) -> tuple[Suggestion, str]:

@@ -272,6 +272,6 @@ def _no_workspace(arms: Sequence[ArmPlacement], tried: Sequence[_Tried]) -> str:
         held.append(f"{arm.name} (reach {arm.reach:.2f} m) at {', '.join(heights) or 'none'}")
     every = ", ".join(dict.fromkeys(f"{height:g}" for height, _ in tried))
     return (
-        f"no common workspace; of the payload heights {every} m, and around them, {'; '.join(held)}. Grasp"
-        " from another side, take a smaller payload, another distance of the bases, or arms of like reach"
+        f"no common workspace; of the payload heights {every} m, and around them, {'; '.join(held)}. Take a"
+        " smaller payload, another distance of the bases, arms of like reach, or leave out the grasp's side"
     )
