@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, field_validator
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import FieldError, suggestion
 from coop_pin.base.schema.base import Description, NotNegative, Positive
-from coop_pin.base.spatial import exp3, inverse_pose, log3
+from coop_pin.base.spatial import exp3, inverse_pose, log3, rotate_vector6
 from coop_pin.description.cell.arm import Arm
 from coop_pin.reference.pose_reference import PoseTarget
 from coop_pin.reference.quintic import quintic
@@ -132,13 +132,32 @@ class Carrier(NamedTuple):
         Args:
             angles: positions of the joints, m or rad, shape (n,).
         """
-        D = np.eye(4)
-        for S, dq in zip(self.screws, angles - self.start, strict=True):
+        return self.moved(angles, np.zeros(len(angles)))[0]
+
+    def moved(self, angles: Array, rates: Array) -> tuple[Array, Array]:
+        """Return D, and the twist of what the joints carry about the world's origin, shape (6,).
+
+        V = sum_k Ad(prod_(j<k) exp(S_j dq_j)) S_k v_k.
+
+        Args:
+            angles: positions of the joints, m or rad, shape (n,).
+            rates: their rates, m/s or rad/s, shape (n,).
+        """
+        D, V = np.eye(4), np.zeros(6)
+        for S, dq, v in zip(self.screws, angles - self.start, rates, strict=True):
+            turned = rotate_vector6(D[:3, :3], S)
+            V += v * np.concatenate((turned[:3] + np.cross(D[:3, 3], turned[3:]), turned[3:]))
             step, e = np.eye(4), S[3:]
             step[:3, :3] = exp3(dq * e)
             step[:3, 3] = (np.eye(3) - step[:3, :3]) @ np.cross(e, S[:3]) if e.any() else dq * S[:3]
             D = D @ step
-        return D
+        return D, V
+
+
+def about(p: Array, twist: Array) -> Array:
+    """Return twists about a point, of those about the world's origin, shape (..., 6)."""
+    linear, angular = twist[..., :3], twist[..., 3:]
+    return np.concatenate((linear + np.cross(angular, p), angular), axis=-1)
 
 
 def _screw(arm: Arm, joint: str, locked: Mapping[str, float]) -> Array:

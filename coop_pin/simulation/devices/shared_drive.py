@@ -6,17 +6,14 @@ from collections.abc import Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
-import pinocchio as pin
 
 from coop_pin.base.arrays import Array, frozen
 from coop_pin.base.spatial import TaskRows
-from coop_pin.base.spatial.pose import spatial_inertia
-from coop_pin.description.cell.shared_joint import SharedJoint
+from coop_pin.description.cell.shared_joint import Carrier, SharedJoint, about
 from coop_pin.description.scenario import Scenario
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.arm_model import PayloadKinematics
 from coop_pin.model.cell_model import SharedPlace
-from coop_pin.model.pinocchio_model import symmetric
 from coop_pin.reference.pose_reference import PoseTarget
 
 
@@ -43,8 +40,6 @@ class SharedDrives(NamedTuple):
     def of(cls, scenario: Scenario, chain: CellChain, q: Array, loads: Array) -> Self | None:
         """Return the drives of a cell; None without shared joints.
 
-        tau_0 = g - sum_i J_s,i^T F_i and I = M + sum_i c_i J_s,i^T M_0 J_s,i over the arms that they carry.
-
         Args:
             scenario: Cell and motion.
             chain: Closed chain of the cell.
@@ -54,19 +49,10 @@ class SharedDrives(NamedTuple):
         cell, carrier = scenario.cell, scenario.cell.carrier
         if carrier is None:
             return None
-        arms, places = chain.model.model.copy(), chain.model.shared
-        arms.inertias[chain.model.payload_joint] = chain.model.carrier_inertia
-        rows, data = [place.v_slice.start for place in places], arms.createData()
-        g = pin.computeGeneralizedGravity(arms, data, q)[rows]
-        M = np.diag(symmetric(pin.crba(arms, data, q)))[rows]
-        X_WP = chain.payload_pose(q)
-        J = _about(X_WP[:3, 3], carrier.screws)
-        carries = np.array([name in carrier.arms for name in cell.arms], dtype=float)
-        M_0 = spatial_inertia(cell.payload.mass, cell.payload.inertia_matrix, X_WP[:3, :3])
-        inertia = M + cell.shares @ carries * np.einsum("ni,ij,nj->n", J, M_0, J)
+        holding, inertia = chain.shared_statics(q, loads)
         joints = tuple(cell.shared_joints[name] for name in carrier.joints)
         begin = scenario.payload_motion.at(0.0).X_WP_d
-        return cls(joints, places, carrier.screws, g - J @ (carries @ loads), inertia, begin)
+        return cls(joints, chain.model.shared, carrier.screws, holding, inertia, begin)
 
     def force(self, time: float, q: Array, v: Array, target: PoseTarget) -> list[Array]:
         """Return the force of each drive from a tick on, N or N m, shape (1,) each.
@@ -110,14 +96,14 @@ class SharedSensors(NamedTuple):
 
     Attributes:
         places: positions of the joints in the tree.
-        screws: axes at the start about the world's origin in world axes, shape (n, 6).
+        carrier: the joints with their axes at the start.
         rows: task rows of the cell.
         arms: delay, ticks; count and offset, m or rad; masks of position and rate: of each arm, None of one
             that they do not carry.
     """
 
     places: tuple[SharedPlace, ...]
-    screws: Array
+    carrier: Carrier
     rows: TaskRows
     arms: tuple[tuple[int, float, float, float, float] | None, ...]
 
@@ -132,7 +118,7 @@ class SharedSensors(NamedTuple):
             masks = float(sensor.told != "nothing"), float(sensor.told == "all")
             numbers = (sensor.delay, sensor.resolution, sensor.offset, *masks)
             arms.append(numbers if name in carrier.arms else None)
-        return cls(tuple(places), carrier.screws, scenario.cell.task_rows, tuple(arms))
+        return cls(tuple(places), carrier, scenario.cell.task_rows, tuple(arms))
 
     def start(self) -> Array:
         """Return the memory before the first tick: at rest at the start."""
@@ -174,17 +160,7 @@ class SharedSensors(NamedTuple):
             view: Pose and Jacobian with the joints where they start.
             told: Positions and rates of the joints.
         """
-        D, V = pin.SE3.Identity(), pin.Motion.Zero()
-        for place, S, q, v in zip(self.places, self.screws, told.position, told.velocity, strict=True):
-            axis = pin.Motion(S)
-            V += D.act(axis) * v
-            D = D * pin.exp6(axis * (q - place.start))
-        X, rows = D.homogeneous @ view.pose, self.rows
-        J = np.array([rows.turn(D.homogeneous, column) for column in view.jacobian.T]).T
-        return PayloadKinematics(X, J, rows.select(_about(X[:3, 3], V.vector)))
-
-
-def _about(p: Array, twist: Array) -> Array:
-    """Return twists about a point, of those about the world's origin, shape (..., 6)."""
-    linear, angular = twist[..., :3], twist[..., 3:]
-    return np.concatenate((linear + np.cross(angular, p), angular), axis=-1)
+        D, V = self.carrier.moved(told.position, told.velocity)
+        X, rows = D @ view.pose, self.rows
+        J = np.array([rows.turn(D, column) for column in view.jacobian.T]).T
+        return PayloadKinematics(X, J, rows.select(about(X[:3, 3], V)))
