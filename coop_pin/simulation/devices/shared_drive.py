@@ -90,7 +90,7 @@ class Told(NamedTuple):
 
 
 class SharedSensors(NamedTuple):
-    """Sensors of shared joints by the arms that are told of them: each late by ticks, counted and offset.
+    """Sensors of shared joints by the arms that are told of them: late, counted and offset.
 
     The memory has positions and rates of the joints at the last ticks, the newest first, shape (d, 2, n).
 
