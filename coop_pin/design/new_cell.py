@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, get_args
@@ -166,7 +167,8 @@ def new_cell(
         clock={"rate_hz": 500.0, "steps_per_tick": 2},
     )
     tell(f"gains and steps of the law of {len(named)} arms")
-    suggested, calmed = _feasible(draft, _motions(motion, start, stroke, 0.0 if is_planar else 0.6 * stroke))
+    motions = calmer_motions(motion, start, stroke, 0.0 if is_planar else 0.6 * stroke)
+    suggested, calmed = feasible(draft, motions, partial(suggest, poses=_POSES))
     scenario = suggested.scenario.override(dict(_rounded(suggested)))
     remarks = (
         *filter(None, [shared, side, calmed]),
@@ -185,8 +187,15 @@ def _searches(named: Mapping[str, Arm], held: Payload, side: Side, layout: Layou
     ]
 
 
-def _feasible(draft: Scenario, motions: Mapping[str, dict[str, Any]]) -> tuple[Suggestion, str]:
+def feasible(
+    draft: Scenario, motions: Mapping[str, dict[str, Any]], propose: Callable[[Scenario], Any]
+) -> tuple[Any, str]:
     """Return the proposal for the first motion that has one, at the rate or at twice it, and a remark.
+
+    Args:
+        draft: scenario without a motion.
+        motions: motions by their names, each calmer than that before.
+        propose: function that returns a proposal for a scenario, or raises.
 
     Raises:
         InfeasibleMotionError: that of the first motion: none has a proposal, nor has rest.
@@ -197,7 +206,7 @@ def _feasible(draft: Scenario, motions: Mapping[str, dict[str, Any]]) -> tuple[S
             clock = draft.clock.replace(rate_hz=factor * rate)
             changed = draft.replace(motion=motion, clock=clock)
             try:
-                suggested = suggest(changed, poses=_POSES)
+                suggested = propose(changed)
             except InfeasibleMotionError as error:
                 errors.append(error)
                 if error.cause != "stability":
@@ -210,7 +219,7 @@ def _feasible(draft: Scenario, motions: Mapping[str, dict[str, Any]]) -> tuple[S
     raise errors[0]
 
 
-def _motions(kind: MotionName, start: Pose, stroke: float, lift: float) -> dict[str, dict[str, Any]]:
+def calmer_motions(kind: MotionName, start: Pose, stroke: float, lift: float) -> dict[str, dict[str, Any]]:
     """Return motions, each calmer than that before, with their names.
 
     They go no farther than half of the stroke in x and y, and the lift in z.

@@ -127,7 +127,7 @@ class ArmPlacement:
         """
         best: Place | None = None
         for distance, roll in itertools.product(distances, _ROLLS):
-            base, X_PE = self._base(distance, height, origin), np.eye(4)
+            base, X_PE = self.base(distance, height, origin), np.eye(4)
             X_PE[:3, :3] = exp3(roll * self._contact.approach) @ self._R_WE
             X_PE[:3, 3] = self._contact.point
             X_BP = inverse_pose(base.matrix) @ Pose(xyz=(0.0, 0.0, height)).matrix
@@ -137,7 +137,7 @@ class ArmPlacement:
                     best = Place(margin, base, Pose(**Pose.from_matrix(X_PE).by_axis()), posture)
         return best
 
-    def _base(self, distance: float, height: float, origin: Shoulders | None) -> Pose:
+    def base(self, distance: float, height: float, origin: Shoulders | None) -> Pose:
         """Return the base, or of a robot the origin, at a distance from the payload's centre."""
         if origin is not None:
             fx, fy, _ = origin.forward

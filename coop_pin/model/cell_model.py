@@ -13,7 +13,7 @@ from coop_pin.base.spatial import inverse_pose
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.miscalibration import Miscalibration
-from coop_pin.description.cell.shared_joint import Carrier
+from coop_pin.description.cell.shared_joint import SharedJoints
 from coop_pin.description.events import Surroundings
 from coop_pin.model.joint_angles import JointAngles
 from coop_pin.model.pinocchio_model import (
@@ -153,7 +153,7 @@ class CellModel:
         return q
 
 
-def _arms_tree(cell: Cell, carrier: Carrier | None) -> tuple[pin.Model, pin.Inertia]:
+def _arms_tree(cell: Cell, carrier: SharedJoints | None) -> tuple[pin.Model, pin.Inertia]:
     """Return the tree of the arms, and the fixed part of the robot on shared joints, if there is one."""
     model, fixed = empty_model(cell.gravity), pin.Inertia.Zero()
     carried = () if carrier is None else carrier.arms
@@ -207,7 +207,7 @@ def _carried_tree(cell: Cell, names: Sequence[str]) -> pin.Model:
     return whole
 
 
-def _shared_places(model: pin.Model, cell: Cell, carrier: Carrier | None) -> tuple[SharedPlace, ...]:
+def _shared_places(model: pin.Model, cell: Cell, carrier: SharedJoints | None) -> tuple[SharedPlace, ...]:
     """Return the position of each shared joint in the tree."""
     if carrier is None:
         return ()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from lifts import spatial_robot
@@ -10,9 +12,9 @@ from numpy.testing import assert_allclose
 import coop_pin as cp
 from coop_pin.base.errors import FieldError, InfeasibleMotionError, UrdfError
 from coop_pin.description.urdf import find_urdf, load_checked
-from coop_pin.design import new_cell as module
 from coop_pin.design.contacts import Shoulders, contacts
 from coop_pin.design.named_arms import RobotFiles, arms_of_robot
+from coop_pin.design.new_cell import calmer_motions, feasible
 from coop_pin.design.placement import ArmPlacement
 
 SRDF = """<robot name="spatial">
@@ -69,7 +71,7 @@ def test_the_payload_stands_before_the_middle_of_the_shoulders(left, right, forw
     assert_allclose(shoulders.middle, (*np.mean((left, right), axis=0), 1.2), rtol=0, atol=1e-12)
     held = cp.Payload.box(1.0, (0.4, 0.3, 0.2))
     contact = next(iter(contacts(held, 2, "sides", "one-base")))
-    base = ArmPlacement("left", pair[0], contact, 0.5, shoulders)._base(0.5, 1.1, shoulders).matrix
+    base = ArmPlacement("left", pair[0], contact, 0.5, shoulders).base(0.5, 1.1, shoulders).matrix
     places = [base @ arm.robot.pose(arm.moving_joints()[0], {}) for arm in pair]
     middle = (places[0] + places[1])[:3, 3] / 2
     assert_allclose(middle[:2], (0.0, -0.5), rtol=0, atol=2e-3)  # places are rounded to millimetres
@@ -104,10 +106,10 @@ def test_groups_of_an_srdf_name_tips_and_postures(tmp_path):
         cp.new_cell(["ur5", "ur5"], srdf=srdf)
 
 
-def test_a_motion_that_is_refused_is_replaced_by_a_calmer_one(monkeypatch):
+def test_a_motion_that_is_refused_is_replaced_by_a_calmer_one():
     """The rate is doubled against an unstable loop; a payload that is too heavy stays refused."""
     draft = cp.Scenario.load("baxter-box")
-    motions = module._motions("line", draft.start, 0.1, 0.06)
+    motions = calmer_motions("line", draft.start, 0.1, 0.06)
     asked = []
 
     def suggest(causes, scenario):
@@ -119,21 +121,21 @@ def test_a_motion_that_is_refused_is_replaced_by_a_calmer_one(monkeypatch):
     def turns(scenario):
         return "reach" if scenario.motion.kind == "line" and any(scenario.motion.goal.rpy) else ""
 
-    monkeypatch.setattr(module, "suggest", lambda s, **_: suggest(turns, s))
-    scenario, remark = module._feasible(draft, motions)
+    propose = partial(suggest, turns)
+    scenario, remark = feasible(draft, motions, propose)
     assert scenario.motion.goal.rpy == (0.0, 0.0, 0.0)
     assert remark.startswith("motion: without a turn")
     assert asked == [("line", 1.0), ("line", 1.0)]
     slow = draft.clock.rate_hz
     rate = lambda s: "stability" if s.clock.rate_hz == slow else ""  # noqa: E731
-    monkeypatch.setattr(module, "suggest", lambda s, **_: suggest(rate, s))
-    scenario, remark = module._feasible(draft, motions)
+    propose = partial(suggest, rate)
+    scenario, remark = feasible(draft, motions, propose)
     assert scenario.clock.rate_hz == 2 * slow
     assert "Hz" in remark
     asked.clear()
-    monkeypatch.setattr(module, "suggest", lambda s, **_: suggest(lambda _: "torque", s))
+    propose = partial(suggest, lambda _: "torque")
     with pytest.raises(InfeasibleMotionError, match="torque"):
-        module._feasible(draft, motions)
+        feasible(draft, motions, propose)
     assert len(asked) == 1
 
 

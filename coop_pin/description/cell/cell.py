@@ -28,7 +28,12 @@ from coop_pin.description.cell.closure import NamedRows
 from coop_pin.description.cell.contact import Pad, PatchGrasp, Table
 from coop_pin.description.cell.grasp import CompliantGrasp, Grasp
 from coop_pin.description.cell.payload import Payload
-from coop_pin.description.cell.shared_joint import Carrier, SharedJoint, require_own_joints, shared_problems
+from coop_pin.description.cell.shared_joint import (
+    SharedJoint,
+    SharedJoints,
+    require_own_joints,
+    shared_problems,
+)
 from coop_pin.description.events import Surroundings
 
 
@@ -178,9 +183,9 @@ class Cell(Description):
         return self
 
     @property
-    def carrier(self) -> Carrier | None:
+    def carrier(self) -> SharedJoints | None:
         """Shared joints with the arms that they carry; None without any."""
-        return Carrier.of(self.shared_joints, self.arms) if self.shared_joints else None
+        return SharedJoints.of(self.shared_joints, self.arms) if self.shared_joints else None
 
     @property
     def task_rows(self) -> TaskRows:

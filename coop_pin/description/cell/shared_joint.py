@@ -97,7 +97,7 @@ class SharedJoint(Description):
         return np.array((start + e @ gone, e @ rate))
 
 
-class Carrier(NamedTuple):
+class SharedJoints(NamedTuple):
     """Shared joints of a robot, from its root on.
 
     Attributes:
@@ -113,7 +113,7 @@ class Carrier(NamedTuple):
     screws: Array
 
     @classmethod
-    def of(cls, joints: Mapping[str, SharedJoint], arms: Mapping[str, Arm]) -> Carrier | None:
+    def of(cls, joints: Mapping[str, SharedJoint], arms: Mapping[str, Arm]) -> SharedJoints | None:
         """Return the carrier of the arms of a cell; None without shared joints."""
         names = tuple(name for name, arm in arms.items() if {*joints} & {*arm.robot.movers(arm.tip)})
         if not names:

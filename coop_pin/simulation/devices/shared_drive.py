@@ -9,7 +9,7 @@ import numpy as np
 
 from coop_pin.base.arrays import Array, frozen
 from coop_pin.base.spatial import TaskRows
-from coop_pin.description.cell.shared_joint import Carrier, SharedJoint, about
+from coop_pin.description.cell.shared_joint import SharedJoint, SharedJoints, about
 from coop_pin.description.scenario import Scenario
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.arm_model import PayloadKinematics
@@ -103,7 +103,7 @@ class SharedSensors(NamedTuple):
     """
 
     places: tuple[SharedPlace, ...]
-    carrier: Carrier
+    carrier: SharedJoints
     rows: TaskRows
     arms: tuple[tuple[int, float, float, float, float] | None, ...]
 
