@@ -72,6 +72,7 @@ _NAMESPACES: dict[str, tuple[str, dict[str, str]]] = {
             "description.cell.armature": "Rotors",
             "description.cell.end_stops": "EndStops",
             "description.cell.joint_friction": "JointFriction",
+            "description.cell.shared_joint": "SharedJoint Stroke",
             "description.servo": "SERVOS Servo",
         },
     ),
@@ -141,8 +142,8 @@ _NAMESPACES: dict[str, tuple[str, dict[str, str]]] = {
         "Errors of what an arm measures: parts of ``cp.Sensors``, and of the arm's own kinematics.",
         {
             "description.cell.miscalibration": "Miscalibration",
-            "description.sensors": "DifferencedVelocity Encoder IdealVelocity ObservedVelocity SlipSensor"
-            " WrenchParts WristSensor",
+            "description.sensors": "DifferencedVelocity Encoder IdealVelocity ObservedVelocity"
+            " SharedJointSensor SlipSensor WrenchParts WristSensor",
         },
     ),
     "spatial": (

@@ -29,7 +29,7 @@ SPATIAL_START = Pose(xyz=(0.45, 0.05, 0.4), rpy=(0.3, -0.2, 0.5))
 def arm_of(rows: TaskRows, period: float, load_share: float = 0.5) -> ControlledArm:
     """What a law may know of an arm without a scenario."""
     k = rows.size
-    return ControlledArm("left", True, rows, period, load_share, k, None, np.zeros(3), np.eye(4), 0)
+    return ControlledArm("left", True, rows, period, load_share, k, np.zeros(k), np.zeros(3), np.eye(4), 0)
 
 
 def planar_scenario() -> Scenario:
@@ -124,7 +124,11 @@ def cell_and_start(name: str) -> tuple[Cell, np.ndarray]:
 RIGID = [
     name
     for name, scenario in ((name, Scenario.load(name)) for name in scenario_names())
+<<<<<<< HEAD
     if not (scenario.cell.has_force_elements or scenario.cell.jointed)
+=======
+    if not (scenario.cell.has_force_elements or scenario.cell.shared_joints)
+>>>>>>> lift
     and "partner" not in [event.kind for event in scenario.events]
 ]
 """Scenarios of the catalogue that compiled code can run."""

@@ -187,7 +187,7 @@ def new(
     payload: Literal["box", "bar", "plate"] = "box",
     mass: float = 2.0,
     size: Annotated[tuple[float, float, float] | None, tyro.conf.arg(metavar="X Y Z")] = None,
-    grasp: Literal["sides", "above"] = "sides",
+    grasp: Literal["sides", "above"] | None = None,
     layout: Literal["facing", "side-by-side"] = "facing",
     tips: Annotated[tuple[str, ...], tyro.conf.arg(metavar="LINK...")] = (),
     distance: float | None = None,
@@ -195,6 +195,7 @@ def new(
     squeeze: float = 10.0,
     package_dirs: _Folders = (),
     xacro_args: _Assignments = (),
+    srdf: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
 ) -> None:
     """Write the scenario of a new cell, ready to run: arms placed around a payload, grasps, motion, gains.
 
@@ -208,7 +209,7 @@ def new(
         payload: kind of the payload.
         mass: mass of the payload, kg.
         size: edges of the payload along x, y and z, m; those of its kind when omitted.
-        grasp: side from which the tools approach the payload.
+        grasp: side from which the tools approach the payload; the sides when omitted, or else from above.
         layout: bases all around the payload, or on one side of it.
         tips: tip of each arm; the link that is named like a tool when omitted.
         distance: distance of the bases from the payload's centre, m; by the arms' reach when omitted.
@@ -216,6 +217,7 @@ def new(
         squeeze: force of each arm towards the others, N.
         package_dirs: folders that are searched first for the packages of the robots.
         xacro_args: arguments of xacro files.
+        srdf: SRDF file of one robot, whose groups name tips and whose states name postures.
 
     Raises:
         FieldError: the file exists, or an option is not among the allowed ones.
@@ -245,6 +247,7 @@ def new(
             squeeze=squeeze,
             package_dirs=package_dirs,
             xacro_args=_assignments(xacro_args),
+            srdf=srdf,
             progress=working.tell,
         )
     suggested.scenario.save(path, commented=True)

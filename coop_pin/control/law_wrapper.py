@@ -226,10 +226,11 @@ class ZeroedController(LawWrapper):
         X_WP = measurement.payload_pose @ offset
         displacement = X_WP[:3, 3] - measurement.payload_pose[:3, 3]
         A = self.rows.twist_shift(displacement)
-        F = measurement.interaction_wrench
+        F, carried = measurement.interaction_wrench, measurement.carried_twist
         return measurement._replace(
             payload_pose=X_WP,
             payload_twist=A @ measurement.payload_twist,
+            carried_twist=None if carried is None else A @ carried,
             payload_jacobian=A @ measurement.payload_jacobian,
             interaction_wrench=None if F is None else self.rows.twist_shift(-displacement).T @ F,
         )

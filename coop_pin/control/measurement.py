@@ -39,7 +39,7 @@ class ArmMeasurement(NamedTuple):
         v: drive velocities T @ joint velocities, rad/s, shape (k,).
         payload_pose: X_WP by this arm's own forward kinematics, shape (4, 4).
         payload_twist: V_WP likewise, in world axes, shape (k_0,).
-        payload_jacobian: J_phi with V_WP = J_phi v, shape (k_0, k).
+        payload_jacobian: J_phi with V_WP = J_phi v, plus ``carried_twist``, shape (k_0, k).
         internal_wrench: measured internal wrench on this arm about P in world axes, shape (k_0,); None
             when the scenario's force path provides none.
         saturated: mask of the drive torques that were cut at their limits over the last tick, shape (k,); all
@@ -59,6 +59,10 @@ class ArmMeasurement(NamedTuple):
             tick and without patches.
         messages: latest message of each arm that this one hears, by name in the order of the cell's arms, its
             own among them as it was sent; None where the scenario has no network, or the law sends nothing.
+        shared_position: positions of the shared joints under the arm as it is told, m or rad, shape (n,);
+            None without any. Pose, twist and Jacobian are those with the joints there.
+        shared_velocity: their rates likewise, m/s or rad/s, shape (n,).
+        carried_twist: J_s v_s, the part of ``payload_twist`` that these rates make, shape (k_0,).
     """
 
     time: float
@@ -76,6 +80,13 @@ class ArmMeasurement(NamedTuple):
     reported_torque: Array | None = None
     slip: float | None = None
     messages: Mapping[str, Message] | None = None
+    shared_position: Array | None = None
+    shared_velocity: Array | None = None
+    carried_twist: Array | None = None
+
+    def by_arm(self, twist: Array) -> Array:
+        """Return V - J_s v_s: what the arm's own joints give of a twist of P, shape (k_0,)."""
+        return twist if self.carried_twist is None else twist - self.carried_twist
 
 
 class ArmReference(NamedTuple):
@@ -110,7 +121,8 @@ class ControlledArm(NamedTuple):
         period: T, s.
         load_share: c.
         drives: Number k of drives.
-        posture: Drive angles to which spare joints return, rad, shape (k,); None for continuous joints.
+        posture: Drive angles to which spare joints return, rad, shape (k,): measured angles of continuous
+            joints start within half a turn of it, and count turns from there.
         gravity: Gravity, m/s^2, shape (3,).
         start_pose: X_WP at t_0, shape (4, 4).
         oldest_wrench: Age that measured wrenches reach without being lost, ticks.
@@ -126,7 +138,7 @@ class ControlledArm(NamedTuple):
     period: float
     load_share: float
     drives: int
-    posture: Array | None
+    posture: Array
     gravity: Array
     start_pose: Array
     oldest_wrench: int

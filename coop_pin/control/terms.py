@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from coop_pin.base.arrays import Array
-from coop_pin.base.errors import ArgumentError, FieldError, SingularJacobianError
+from coop_pin.base.errors import ArgumentError, SingularJacobianError
 from coop_pin.base.schema.base import Description, NotNegative, Vector
 from coop_pin.base.schema.parts import fields_of, refilled
 from coop_pin.base.spatial import weight_wrench
@@ -213,13 +213,8 @@ class PostureGains(Description):
         """Return the posture term of an arm: a spring towards its posture, and a damper.
 
         Raises:
-            FieldError: the arm has continuous joints, or a gain does not fit it.
+            FieldError: a gain does not fit it.
         """
-        if arm.posture is None:
-            raise FieldError(
-                f"needs angles, but arm {arm.name!r} has continuous joints; lock them or give them limits",
-                "controller.posture",
-            )
         return Posture(arm.posture, *self.of_drives(arm.drives, arm.base_drives))
 
     def of_drives(self, drives: int, base_drives: int = 0) -> tuple[Array, Array]:

@@ -18,6 +18,7 @@ from coop_pin.base.schema.base import (
     NotNegative,
     NumberOrVector,
     Positive,
+    by_name,
     not_negative,
 )
 from coop_pin.base.schema.delay import Delay
@@ -171,6 +172,30 @@ class SlipSensor(Description):
     delay: Delay = 0
 
 
+class SharedJointSensor(Description):
+    """What an arm is told of the shared joints under it: ``resolution * round(q / resolution) + offset``.
+
+    Attributes:
+        told: what it is told: "all", position and rate; "position", so that it takes the rate for zero; or
+            "nothing", as by the name "not told", so that it takes the joints for where they start.
+        resolution: size of a count, m or rad; 0 is continuous.
+        offset: offset of the zero, m or rad.
+        delay: ticks until the arm is told, or a time.
+    """
+
+    told: Literal["all", "position", "nothing"] = "all"
+    resolution: NotNegative = 0.0
+    offset: float = 0.0
+    delay: Delay = 0
+
+
+SharedSensor = Annotated[
+    SharedJointSensor,
+    by_name({"not told": SharedJointSensor(told="nothing")}, "a table of fields"),
+]
+"""What an arm is told of shared joints, or "not told"."""
+
+
 class Sensors(Description):
     """What an arm measures with. Everything is ideal by default, and there is no wrist sensor.
 
@@ -181,6 +206,7 @@ class Sensors(Description):
         holding_torque_error: relative error of the holding torques that the drives report, one value for all
             drives or one for each.
         slip: sensor of the slip of the arm's patch; ideal when omitted.
+        shared_joints: what the arm is told of shared joints under it, a table or "not told".
     """
 
     encoder: Encoder = Encoder()
@@ -188,6 +214,7 @@ class Sensors(Description):
     wrist: WristSensor | None = None
     holding_torque_error: NumberOrVector = 0.0
     slip: SlipSensor | None = None
+    shared_joints: SharedSensor = SharedJointSensor()
 
     @property
     def joints_are_ideal(self) -> bool:
@@ -206,6 +233,7 @@ class Sensors(Description):
             return []
         clock, duration = run["clock"], run["duration"]
         problems = [] if self.slip is None else clock.late(self.slip.delay, duration, "slip.delay")
+        problems += clock.late(self.shared_joints.delay, duration, "shared_joints.delay")
         if wrist is None:
             return problems
         problems += clock.late(wrist.delay, duration, "wrist.delay")

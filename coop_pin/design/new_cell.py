@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from coop_pin.base.arrays import as_array, as_number, as_positive, require_type, typed
-from coop_pin.base.errors import FieldError, InfeasibleMotionError, OutOfRangeError, UrdfError, suggestion
+from coop_pin.base.errors import FieldError, InfeasibleMotionError, OutOfRangeError, suggestion
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial.task_rows import RowsName
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.payload import Payload
 from coop_pin.description.scenario import Scenario
-from coop_pin.description.urdf import find_urdf, load_checked
-from coop_pin.description.urdf.robot import Robot
-from coop_pin.design.placement import ArmPlacement, Layout, Side, common_places, contacts
+from coop_pin.design.contacts import Layout, Shoulders, Side, contacts, faces_back
+from coop_pin.design.named_arms import RobotFiles, arms_of_robot, named_arms
+from coop_pin.design.placement import ArmPlacement, common_places
 from coop_pin.design.suggestion import Suggestion, suggest
 from coop_pin.feasibility.motion_feasibility import joint_heights, require_rank
 from coop_pin.feasibility.reachability import reachability
@@ -43,7 +44,7 @@ def new_cell(
     *,
     mass: float = 2.0,
     size: ArrayLike | None = None,
-    grasp: Side = "sides",
+    grasp: Side | None = None,
     layout: Layout = "facing",
     tips: Sequence[str] = (),
     distance: float | None = None,
@@ -51,6 +52,7 @@ def new_cell(
     squeeze: float = 10.0,
     package_dirs: Iterable[str] = (),
     xacro_args: Mapping[str, str] = MappingProxyType({}),
+    srdf: str | Path | None = None,
     name: str = "new-cell",
     progress: Callable[[str], None] | None = None,
 ) -> Suggestion:
@@ -70,7 +72,8 @@ def new_cell(
         mass: mass of the payload, kg; not used with a Payload.
         size: edges of the payload along x, y and z, m, shape (3,); those of its kind when omitted; not used
             with a Payload.
-        grasp: side from which the tools approach: "above", or horizontally, "sides".
+        grasp: side from which the tools approach: "above", or horizontally, "sides"; when omitted the sides,
+            or from above where the arms have no common workspace there.
         layout: bases all around the payload, "facing", or on one side of it, "side-by-side".
         tips: tip of each arm; the link that is named like a tool when omitted. Joints that do not move it are
             locked.
@@ -79,6 +82,7 @@ def new_cell(
         squeeze: force of each arm towards the others, N; 0 for none.
         package_dirs: folders that are searched first for the packages of robots.
         xacro_args: arguments of xacro files.
+        srdf: SRDF file of one robot: its groups name tips, and its states postures.
         name: name of the scenario.
         progress: function that is called with what begins, as text; many arms take half a minute.
 
@@ -90,7 +94,7 @@ def new_cell(
             "torque" (the payload is too heavy), "rank", or another one of ``cp.suggest``.
     """
     for argument, value, allowed in (
-        ("grasp", grasp, ("above", "sides")),
+        ("grasp", grasp or "sides", ("above", "sides")),
         ("layout", layout, ("facing", "side-by-side")),
         ("motion", motion, get_args(MotionName)),
     ):
@@ -101,19 +105,22 @@ def new_cell(
     require_type("arms", arms, list, tuple)
     if as_number("squeeze", squeeze) < 0.0:
         raise OutOfRangeError("squeeze", squeeze, "at least 0 N: each arm pushes towards the others")
-    files = _Files(tuple(package_dirs), dict(xacro_args))
+    files = RobotFiles(tuple(package_dirs), dict(xacro_args))
     is_robot = len(arms) == 1
-    named, shared = _arms_of_robot(arms[0], tips, files) if is_robot else (_arms(arms, tips, files), "")
+    if srdf is not None and not is_robot:
+        raise FieldError("is for one robot with two arms; name tips and postures of others", "srdf")
+    named, shared = (
+        arms_of_robot(arms[0], tips, files, srdf) if is_robot else (named_arms(arms, tips, files), "")
+    )
     if mobile := [name for name, arm in named.items() if arm.mobile_base]:
         raise FieldError(
             f"{mobile[0]!r} has a mobile base; make the cell without, then add mobile_base", "arms"
         )
     held = _payload(payload, mass, size)
-    around = contacts(held, len(named), grasp, "one-base" if is_robot else layout)
-    placing = [
-        ArmPlacement(arm, named[arm], contact, held.mass / len(named))
-        for arm, contact in zip(named, around, strict=True)
-    ]
+    if is_robot and faces_back([*named.values()]):
+        named = dict(zip(named, reversed(named.values()), strict=True))
+    shape: Layout = "one-base" if is_robot else layout
+    placing = _searches(named, held, grasp or "sides", shape)
     is_planar = all(arm.is_planar for arm in placing)
     rows: RowsName = "planar" if is_planar else "full"
     try:
@@ -126,7 +133,17 @@ def new_cell(
         raise InfeasibleMotionError(error.cause, f"{error.detail}; {advice}: {command}") from None
     tell = progress or (lambda _: None)
     tell(f"places of the bases of {len(named)} arms")
-    height, stroke, places = common_places(placing, held, distance, one_base=is_robot)
+    side = ""
+    try:
+        height, stroke, places = common_places(placing, held, distance)
+    except InfeasibleMotionError as error:
+        if grasp is not None or is_planar or distance is not None:
+            raise
+        try:
+            height, stroke, places = common_places(_searches(named, held, "above", shape), held, distance)
+        except InfeasibleMotionError:
+            raise error from None
+        side = f"grasp: from above, because from the sides {error.detail}"
     by_arm = dict(zip(named, places, strict=True))
     start = Pose(xyz=(0.0, 0.0, height))
     robots = ", ".join(dict.fromkeys(Path(arm.urdf).stem for arm in named.values()))
@@ -144,28 +161,88 @@ def new_cell(
         ),
         controller={"force_path": {"kind": "late"}},
         start=start,
-        motion=_motion(motion, start, stroke, 0.0 if is_planar else 0.6 * stroke),
+        motion={"kind": "hold", "pose": start},
         squeeze={"kind": "tip-force", "force": squeeze},
         duration=8.0,
         clock={"rate_hz": 500.0, "steps_per_tick": 2},
     )
     tell(f"gains and steps of the law of {len(named)} arms")
-    suggested = suggest(draft, poses=_POSES)
+    motions = calmer_motions(motion, start, stroke, 0.0 if is_planar else 0.6 * stroke)
+    suggested, calmed = feasible(draft, motions, partial(suggest, poses=_POSES))
     scenario = suggested.scenario.override(dict(_rounded(suggested)))
-    remarks = (*filter(None, [shared]), *(() if is_planar or is_robot else _below_ground(scenario)))
+    remarks = (
+        *filter(None, [shared, side, calmed]),
+        *(() if is_planar or is_robot else _below_ground(scenario)),
+    )
     return dataclasses.replace(suggested, scenario=scenario, changes=(*suggested.changes, *remarks))
 
 
-def _motion(kind: MotionName, start: Pose, stroke: float, lift: float) -> dict[str, Any]:
-    """Return a motion that goes no farther than half of the stroke in x and y, and the lift in z."""
-    if kind == "circle":
-        circle = {"radius": round(0.25 * stroke, 4), "angular_rate": 2.0, "start_time": 0.5}
-        return {"kind": kind, "pose": start, **circle}
+def _searches(named: Mapping[str, Arm], held: Payload, side: Side, layout: Layout) -> list[ArmPlacement]:
+    """Return the search for the place of each arm, with grasps from a side."""
+    shoulders = Shoulders.of(named.values()) if layout == "one-base" else None
+    around = contacts(held, len(named), side, layout)
+    return [
+        ArmPlacement(name, arm, contact, held.mass / len(named), shoulders)
+        for (name, arm), contact in zip(named.items(), around, strict=True)
+    ]
+
+
+def feasible(
+    draft: Scenario, motions: Mapping[str, dict[str, Any]], propose: Callable[[Scenario], Any]
+) -> tuple[Any, str]:
+    """Return the proposal for the first motion that has one, at the rate or at twice it, and a remark.
+
+    Args:
+        draft: scenario without a motion.
+        motions: motions by their names, each calmer than that before.
+        propose: function that returns a proposal for a scenario, or raises.
+
+    Raises:
+        InfeasibleMotionError: that of the first motion: none has a proposal, nor has rest.
+    """
+    errors, rate = list[InfeasibleMotionError](), draft.clock.rate_hz
+    for name, motion in motions.items():
+        for factor in (1.0, 2.0):
+            clock = draft.clock.replace(rate_hz=factor * rate)
+            changed = draft.replace(motion=motion, clock=clock)
+            try:
+                suggested = propose(changed)
+            except InfeasibleMotionError as error:
+                errors.append(error)
+                if error.cause != "stability":
+                    break
+            else:
+                words = f"{name}, at {factor * rate:g} Hz" if factor > 1.0 else name
+                return suggested, f"motion: {words}, because: {errors[0].detail}" if errors else ""
+        if errors[-1].cause in ("torque", "rank", "friction"):
+            break  # which no other motion changes
+    raise errors[0]
+
+
+def calmer_motions(kind: MotionName, start: Pose, stroke: float, lift: float) -> dict[str, dict[str, Any]]:
+    """Return motions, each calmer than that before, with their names.
+
+    They go no farther than half of the stroke in x and y, and the lift in z.
+    """
+    rest = {"at rest": {"kind": "hold", "pose": start}}
     if kind == "hold":
-        return {"kind": kind, "pose": start}
+        return rest
+    if kind == "circle":
+        circle = {"kind": kind, "pose": start, "angular_rate": 2.0, "start_time": 0.5}
+        parts = {"as asked for": 0.25, "on a circle of half the size": 0.125}
+        return {name: circle | {"radius": round(part * stroke, 4)} for name, part in parts.items()} | rest
     x, y, z = start.xyz
-    goal = Pose(xyz=(x + 0.5 * stroke, y + 0.5 * stroke, round(z + lift, 4)), rpy=(0.0, 0.0, 0.15))
-    return {"kind": kind, "start": start, "goal": goal, "start_time": 0.5, "duration": 3.0}
+    common, lines = {"kind": kind, "start": start, "start_time": 0.5, "duration": 3.0}, {}
+    for name, part, turn in (
+        ("as asked for", 1.0, 0.15),
+        ("without a turn", 1.0, 0.0),
+        ("half as far, without a turn", 0.5, 0.0),
+        ("a quarter as far, without a turn", 0.25, 0.0),
+    ):
+        way = 0.5 * part * stroke
+        goal = Pose(xyz=(x + way, y + way, round(z + part * lift, 4)), rpy=(0.0, 0.0, turn))
+        lines[name] = common | {"goal": goal}
+    return lines | rest
 
 
 def _below_ground(scenario: Scenario) -> Iterator[str]:
@@ -186,90 +263,6 @@ def _rounded(suggested: Suggestion) -> Iterator[tuple[str, Any]]:
     for name, arm in cell.arms.items():
         yield f"cell.arms.{name}.posture", np.round(arm.posture or (), 4)
         yield f"cell.grasps.{name}", cell.grasps[name].by_axis()
-
-
-class _Files(NamedTuple):
-    """Where robots find their packages, and arguments of their xacro files."""
-
-    package_dirs: tuple[str, ...]
-    xacro_args: dict[str, str]
-
-    def robot(self, robot: str | Path) -> Robot:
-        """Return the kinematics of a robot."""
-        return Robot(load_checked(find_urdf(robot, **self._asdict()), parts=False))
-
-
-def _arms(arms: Sequence[str | Path | Arm], tips: Sequence[str], files: _Files) -> dict[str, Arm]:
-    """Return the arms by name: left and right, or numbered."""
-    if not arms:
-        raise FieldError("has no entries; name two or more arms, or one robot with two", "arms")
-    if len(tips) not in (0, len(arms)):
-        raise FieldError(
-            f"has {len(tips)} entries for {len(arms)} arms; give one for each arm, or none", "tips"
-        )
-    every = zip(_names(len(arms)), arms, tips or ("",) * len(arms), strict=True)
-    return {name: arm if isinstance(arm, Arm) else _arm(arm, tip, name, files) for name, arm, tip in every}
-
-
-def _arm(robot: str | Path, tip: str, name: str, files: _Files) -> Arm:
-    """Return the arm of a robot that ends at a tip; other joints are locked.
-
-    Raises:
-        UrdfError: there is no such robot or link, or the tip is not clear; with the candidates.
-    """
-    try:
-        links = files.robot(robot)
-    except UrdfError as error:
-        raise error.below(f"arms.{name}") from None
-    tools = (tip,) if tip else links.tools()
-    if len(tools) != 1:
-        listed = ", ".join(map(repr, tools))
-        raise UrdfError(f"{str(robot)!r} may hold with {listed}; choose one in tips", f"arms.{name}", tools)
-    return Arm.from_urdf(robot, tools[0], locked=links.idle(tools[0]), **files._asdict())
-
-
-def _arms_of_robot(robot: str | Path | Arm, tips: Sequence[str], files: _Files) -> tuple[dict[str, Arm], str]:
-    """Return the arms of one robot from left to right, by name, and a remark on joints that move several.
-
-    Joints that move no tip or several are locked at their angles nearest to zero. Left is along +y.
-
-    Raises:
-        UrdfError: there is no such robot, or its tips are not clear; with the candidates.
-        NameNotFoundError: there is no such link.
-        FieldError: the robot is an arm, whose tip is stated.
-    """
-    if isinstance(robot, Arm):
-        raise FieldError("has one entry, an Arm; name two or more arms, or one robot with two", "arms")
-    try:
-        links = files.robot(robot)
-    except UrdfError as error:
-        raise error.below("arms.0") from None
-    tools = tuple(tips) or links.tools()
-    if len(tools) < 2 or (len(tools) > 2 and not tips):
-        listed = ", ".join(map(repr, tools))
-        reason = (
-            f"{str(robot)!r} may hold with {listed}; name the tips of its arms in tips, or two or more robots"
-        )
-        raise UrdfError(reason, "arms.0", tools)
-    tools = tuple(sorted(tools, key=lambda tip: -float(links.pose(tip, {})[1, 3])))
-    arms = {
-        name: Arm.from_urdf(
-            robot,
-            tip,
-            locked=links.idle(tip, [other for other in tools if other != tip]),
-            **files._asdict(),
-        )
-        for name, tip in zip(_names(len(tools)), tools, strict=True)
-    }
-    movers = [links.movers(tip) for tip in tools]
-    shared = [joint for joint in links.joints if sum(joint in chain for chain in movers) > 1]
-    angles = next(iter(arms.values())).locked
-    locked = ", ".join(f"{joint} at {angles[joint]:g}" for joint in shared)
-    return arms, f"one joint cannot move two arms: locked {locked}" if locked else ""
-
-
-def _names(count: int) -> list[str]:
-    return ["left", "right"] if count == 2 else [f"arm{k + 1}" for k in range(count)]
 
 
 def _payload(payload: str | Payload, mass: float, size: ArrayLike | None) -> Payload:

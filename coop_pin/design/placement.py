@@ -1,10 +1,10 @@
-"""Placement of arms around a payload: contacts, and bases where the arms have the largest margins."""
+"""Placement of arms around a payload: bases where the arms have the largest margins."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +16,7 @@ from coop_pin.base.spatial import exp3, inverse_pose, task_rows
 from coop_pin.control.terms import CONDITION_LIMIT
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.payload import Payload
+from coop_pin.design.contacts import Contact, Shoulders
 from coop_pin.feasibility.cell_summary import maximum_reach
 from coop_pin.feasibility.motion_feasibility import joint_heights, position_margin
 from coop_pin.model.arm_model import ArmModel
@@ -28,6 +29,8 @@ _DISTANCES = (0.4, 0.5, 0.6, 0.7, 0.8)
 """Distances from base to tip that are tried, over the reach of the arm."""
 _SHOULDER_DISTANCES = (0.3, 0.4, 0.5, 0.6)
 """Likewise for the arms of one robot, whose shoulders lie before and beside its base."""
+_SHOULDER_HEIGHTS = (-0.6, -0.4, -0.2, 0.0)
+"""Heights of the payload over their shoulders that are tried, over the least reach of the arms."""
 _ROLLS = (0.0, np.pi / 2.0, np.pi, -np.pi / 2.0)
 """Turns of a tool about its approach that are tried, rad."""
 _SEEDS, _SHARED_SEEDS, _STEPS = 4, 12, 60
@@ -36,32 +39,9 @@ _STROKE = 0.1
 """Distance around the start, over the least reach, at which every arm can hold the payload."""
 _OFF_GROUND = 0.05
 """Least distance of the payload from the ground, m."""
-_INSET = 0.8
-"""Grasps from above, from the payload's centre (0) to its edge (1)."""
-_FAN = np.pi / 3.0
-"""Angle between neighbouring bases that stand side by side, rad."""
 _GRAVITY = np.array((0.0, 0.0, -9.81))
 _SMALL, _FLUSH = 1e-9, 1e-3
 """Numbers that count as zero; length along the tool below which it does not tell where the tool points, m."""
-
-Side = Literal["above", "sides"]
-Layout = Literal["facing", "side-by-side", "one-base"]
-
-
-class Contact(NamedTuple):
-    """Where and how an arm holds a payload that stands upright.
-
-    Attributes:
-        point: position of the tip in the payload frame, m, shape (3,).
-        approach: direction of the tool in world axes, shape (3,).
-        around: direction from the payload to the arm's base, about the vertical, rad.
-        one_base: whether other arms share the base, which then faces the payload's centre.
-    """
-
-    point: Array
-    approach: Array
-    around: float
-    one_base: bool
 
 
 class Place(NamedTuple):
@@ -80,26 +60,6 @@ class Place(NamedTuple):
     posture: tuple[float, ...]
 
 
-def contacts(payload: Payload, count: int, side: Side, layout: Layout) -> Iterator[Contact]:
-    """Yield the contacts of two or more arms, evenly around the payload or along one side of it."""
-    half, shared = np.array(payload.size) / 2.0, layout == "one-base"
-    for k in range(count):
-        around = at = np.pi * (1.0 + 2.0 * k / count)
-        if layout != "facing":
-            fan = 0.0 if shared else _FAN * (k - (count - 1) / 2.0)
-            around, at = fan - np.pi / 2.0, np.pi * (k / (count - 1) - 1.0)
-        outward = np.array((np.cos(at), np.sin(at), 0.0))
-        to_edge = (
-            half[0]
-            if payload.shape == "cylinder"
-            else np.min(half[:2] / np.maximum(np.abs(outward[:2]), _SMALL))
-        )
-        point, approach = to_edge * outward, -outward
-        if side == "above":
-            point, approach = _INSET * point + (0.0, 0.0, half[2]), -np.eye(3)[2]
-        yield Contact(point, approach, around, shared)
-
-
 class ArmPlacement:
     """Search for the base of one arm.
 
@@ -109,9 +69,12 @@ class ArmPlacement:
         farthest: largest distance of its base from the payload's centre, m.
         is_planar: whether its tip moves in a horizontal plane.
         plane: height of the tip above the base at zero joint angles, m.
+        shoulders: shoulders of the robot that the arm belongs to; None of an arm with a base of its own.
     """
 
-    def __init__(self, name: str, arm: Arm, contact: Contact, load: float) -> None:
+    def __init__(
+        self, name: str, arm: Arm, contact: Contact, load: float, shoulders: Shoulders | None = None
+    ) -> None:
         """Build the arm's model on the ground.
 
         Args:
@@ -120,7 +83,9 @@ class ArmPlacement:
             contact: contact by which it holds the payload; a planar arm does so at the height of P, its tool
                 as it is.
             load: share of the payload's mass, kg.
+            shoulders: shoulders of the robot that the arm belongs to; None of an arm with a base of its own.
         """
+        self.shoulders = shoulders
         self._model = model = ArmModel(arm.replace(base=Pose()), name=name)
         self.name, self.reach = name, maximum_reach(arm)
         q = model.posture(arm.posture)
@@ -149,17 +114,20 @@ class ArmPlacement:
         parts = _SHOULDER_DISTANCES if self._contact.one_base else _DISTANCES
         return [self._offset + part * self.reach for part in parts]
 
-    def best(self, height: float, stroke: float, distances: Sequence[float]) -> Place | None:
+    def best(
+        self, height: float, stroke: float, distances: Sequence[float], origin: Shoulders | None = None
+    ) -> Place | None:
         """Return the place with the largest margin; None if the arm cannot hold the payload from any.
 
         Args:
             height: height of the payload's centre, m.
             stroke: distance from the start of the poses around it, m.
             distances: distances of the base from the payload's centre that are tried, m.
+            origin: point of a robot from which they count, and which way is forward.
         """
         best: Place | None = None
         for distance, roll in itertools.product(distances, _ROLLS):
-            base, X_PE = self._base(distance, height), np.eye(4)
+            base, X_PE = self.base(distance, height, origin), np.eye(4)
             X_PE[:3, :3] = exp3(roll * self._contact.approach) @ self._R_WE
             X_PE[:3, 3] = self._contact.point
             X_BP = inverse_pose(base.matrix) @ Pose(xyz=(0.0, 0.0, height)).matrix
@@ -169,11 +137,19 @@ class ArmPlacement:
                     best = Place(margin, base, Pose(**Pose.from_matrix(X_PE).by_axis()), posture)
         return best
 
-    def _base(self, distance: float, height: float) -> Pose:
-        """Return the base at a distance from the payload's centre."""
+    def base(self, distance: float, height: float, origin: Shoulders | None) -> Pose:
+        """Return the base, or of a robot the origin, at a distance from the payload's centre."""
+        if origin is not None:
+            fx, fy, _ = origin.forward
+            yaw = np.arctan2(*-self._direction[1::-1]) - np.arctan2(fy, fx)
+            ahead = exp3(yaw * np.eye(3)[2]) @ (origin.middle + distance * origin.forward)
+            x, y, _ = (np.round(-ahead, 3) + 0.0).tolist()
+            return Pose(
+                xyz=(x, y, 0.0), rpy=(0.0, 0.0, round(float(np.remainder(yaw + np.pi, 2 * np.pi) - np.pi), 6))
+            )
         x, y, _ = (np.round(distance * self._direction, 3) + 0.0).tolist()
         z = height - self.plane if self.is_planar else 0.0
-        aim = (0.0, 0.0) if self._contact.one_base else self._contact.point
+        aim = self._contact.point
         yaw = np.arctan2(aim[1] - y, aim[0] - x)
         return Pose(xyz=(x, y, z), rpy=(0.0, 0.0, round(float(yaw), 6)))
 
@@ -230,16 +206,22 @@ def _triad(first: Array, second: Array) -> Array:
     return np.column_stack((first, across, np.cross(first, across)))
 
 
+_Tried: TypeAlias = tuple[float, list[Place | None]]
+"""Height of the payload, and the place of each arm, None where it has none."""
+
+
 def common_places(
-    arms: Sequence[ArmPlacement], payload: Payload, distance: float | None, *, one_base: bool = False
+    arms: Sequence[ArmPlacement], payload: Payload, distance: float | None
 ) -> tuple[float, float, list[Place]]:
     """Return height of the payload, stroke, and the place of each arm: those with the largest least margin.
+
+    The payload of one robot is looked for straight before its root, and if there is none before the middle of
+    its shoulders, at heights about theirs.
 
     Args:
         arms: the searches.
         payload: the payload.
         distance: distance of the bases from the payload's centre, m; by the arms' reach when omitted.
-        one_base: whether the arms are those of one robot, with one base.
 
     Raises:
         InfeasibleMotionError: cause "reach": the bases are too far away, or there is no common workspace.
@@ -254,28 +236,35 @@ def common_places(
         )
     least = min(arm.reach for arm in arms)
     ground = payload.size[2] / 2.0 + _OFF_GROUND
-    heights = sorted({round(max(ground, part * least), 2) for part in _HEIGHTS})
-    if all(arm.is_planar for arm in arms):
-        heights = [arms[0].plane]
-    stroke = round(_STROKE * least, 2)
-    distances = [distance] if distance else shortest.distances if one_base else []
-    sets = [[one] for one in distances] if one_base else [distances]
-    tried = [
-        (height, [arm.best(height, stroke, some or arm.distances) for arm in arms])
-        for height, some in itertools.product(heights, sets)
-    ]
-    common = [
-        (height, [placement for placement in places if placement is not None])
-        for height, places in tried
-        if None not in places
-    ]
+    stroke, shoulders = round(_STROKE * least, 2), arms[0].shoulders
+    origins = [None] if shoulders is None else [shoulders.root, shoulders]
+    tried, common = list[_Tried](), list[tuple[float, list[Place]]]()
+    for origin in origins:
+        above = 0.0 if origin is None else origin.middle[2]
+        parts = _HEIGHTS if not above else _SHOULDER_HEIGHTS
+        heights = sorted({round(max(ground, above + part * least), 2) for part in parts})
+        if all(arm.is_planar for arm in arms):
+            heights = [arms[0].plane]
+        sets = [[distance]] if distance else [[]] if origin is None else [[one] for one in shortest.distances]
+        new = [
+            (height, [arm.best(height, stroke, some or arm.distances, origin) for arm in arms])
+            for height, some in itertools.product(heights, sets)
+        ]
+        tried += new
+        common = [
+            (height, [placement for placement in places if placement is not None])
+            for height, places in new
+            if None not in places
+        ]
+        if common:
+            break
     if not common:
         raise InfeasibleMotionError("reach", _no_workspace(arms, tried))
     height, places = max(common, key=lambda entry: min(placement.margin for placement in entry[1]))
     return height, stroke, places
 
 
-def _no_workspace(arms: Sequence[ArmPlacement], tried: Sequence[tuple[float, list[Place | None]]]) -> str:
+def _no_workspace(arms: Sequence[ArmPlacement], tried: Sequence[_Tried]) -> str:
     """Return the heights at which each arm can hold the payload, and what to change."""
     held = []
     for k, arm in enumerate(arms):
@@ -283,6 +272,6 @@ def _no_workspace(arms: Sequence[ArmPlacement], tried: Sequence[tuple[float, lis
         held.append(f"{arm.name} (reach {arm.reach:.2f} m) at {', '.join(heights) or 'none'}")
     every = ", ".join(dict.fromkeys(f"{height:g}" for height, _ in tried))
     return (
-        f"no common workspace; of the payload heights {every} m, and around them, {'; '.join(held)}. Grasp"
-        " from another side, take a smaller payload, another distance of the bases, or arms of like reach"
+        f"no common workspace; of the payload heights {every} m, and around them, {'; '.join(held)}. Take a"
+        " smaller payload, another distance of the bases, arms of like reach, or leave out the grasp's side"
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from coop_pin.design.proposal_limits import (
 )
 from coop_pin.design.stable_gains import LAWS, stable_proposal, with_stable_gains
 from coop_pin.design.tuning_rule import GainProposal, anchored_enough, force_path_of
+from coop_pin.feasibility.carried_motion import seen_by_arms
 from coop_pin.feasibility.least_squeeze import least_squeeze, with_enough_squeeze
 from coop_pin.feasibility.motion_feasibility import (
     posture_margins,
@@ -132,6 +133,10 @@ def suggest(
         scenario = Scenario.load(scenario, draft=True)
     require_type("scenario", scenario, Scenario)
     poses = as_fitting_count("poses", poses, 5, POSE_SIZE)
+    if scenario.cell.shared_joints:
+        seen = suggest(seen_by_arms(scenario), poses=poses, table_error=table_error)
+        cell = seen.scenario.cell.replace(shared_joints=scenario.cell.shared_joints)
+        return replace(seen, scenario=seen.scenario.replace(cell=cell, motion=scenario.motion))
     cell, pressed = scenario.cell, tuple[str, ...]()
     if cell.has_contacts and len(cell.patches) < len(cell.arms):
         names = [*cell.patches, *cell.tables]

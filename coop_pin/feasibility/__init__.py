@@ -3,7 +3,8 @@
 Open first: ``reachability`` (reach, singular poses, joint limits and speeds of all arms along the motion),
 ``statics`` (torque of every drive at rest against its limit), ``motion_feasibility`` (all of it at once).
 
-- Paths: ``path_following`` (poses of the payload, one arm along them), ``distances`` of bodies along them.
+- Paths: ``path_following`` (poses of the payload, one arm along them), ``carried_motion`` (on shared joints),
+  ``distances`` of bodies along them.
 - Forces: ``least_squeeze`` (of friction), ``table_force``, ``internal_moment``.
 - ``task_inertia``: inertia and wrenches of the motion. ``cell_summary``: what a cell consists of.
 
@@ -14,6 +15,7 @@ Imports ``base``, ``control``, ``description``, ``grasps``, ``model``, ``referen
 
 import coop_pin.model  # noqa: F401  first: raises a helpful error if Pinocchio is missing
 from coop_pin import lazy_names
+from coop_pin.feasibility.carried_motion import seen_by_arms
 from coop_pin.feasibility.cell_distances import CellDistances, Exemption
 from coop_pin.feasibility.cell_summary import CellSummary, cell_summary, maximum_reach
 from coop_pin.feasibility.distances import Distances, Nearest, distances
@@ -66,6 +68,7 @@ __all__ = [
     "motion_wrenches",
     "positional_torques",
     "reachability",
+    "seen_by_arms",
     "start_torques",
     "static_torques",
     "statics_along",

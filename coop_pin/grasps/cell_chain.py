@@ -11,11 +11,14 @@ from numpy.typing import ArrayLike
 
 from coop_pin.base.arrays import Array, shaped
 from coop_pin.base.errors import ArgumentError
+from coop_pin.base.spatial.pose import spatial_inertia
 from coop_pin.chain.dynamics import Count, over_states
 from coop_pin.chain.linearisation import Linearisation, linearised
 from coop_pin.chain.trajectory import ChainState
+from coop_pin.description.cell.shared_joint import about
 from coop_pin.grasps.cell_dynamics import CellDynamics
 from coop_pin.grasps.friction_cones import Squeeze, friction_squeeze
+from coop_pin.model.pinocchio_model import symmetric
 
 _NO_WRENCH = np.zeros(6)
 _SINGULAR = 1e10
@@ -118,6 +121,28 @@ class CellChain(CellDynamics):
         )
         F = self._wrenches([pin.Force(wrench) for wrench in solution.closure_wrenches], push)
         return CellTorques(solution.torque, F, solution.rank)
+
+    def shared_statics(self, q: Array, loads: Array) -> tuple[Array, Array]:
+        """Return tau_0, which holds the shared joints at rest, and the inertia I that each moves, shape (n,).
+
+        tau_0 = g - sum_i J_s^T F_i and I = M + sum_i c_i J_s^T M_0 J_s, over the arms that they carry.
+
+        Args:
+            q: configuration, shape (nq,).
+            loads: F_i on each arm at rest about P in world axes, shape (m, 6).
+        """
+        tree, carrier, X_WP = self.model, self.model.carrier, self.payload_pose(q)
+        assert carrier is not None
+        alone, rows = tree.model.copy(), [place.v_slice.start for place in tree.shared]
+        alone.inertias[tree.payload_joint] = tree.carrier_inertia
+        data = alone.createData()
+        g = pin.computeGeneralizedGravity(alone, data, q)[rows]
+        M = np.diag(symmetric(pin.crba(alone, data, q)))[rows]
+        J, payload = about(X_WP[:3, 3], carrier.screws), self.cell.payload
+        M_0 = spatial_inertia(payload.mass, payload.inertia_matrix, X_WP[:3, :3])
+        carries = np.array([name in carrier.arms for name in self.cell.arms], dtype=float)
+        inertia = M + self.cell.shares @ carries * np.einsum("ni,ij,nj->n", J, M_0, J)
+        return g - J @ (carries @ loads), inertia
 
     def friction(self, v: ArrayLike) -> Array:
         """Return the generalised force of joint friction at velocities, N m, shape (..., nv).

@@ -128,14 +128,39 @@ class CellDynamics(CellKinematics):
         )
         kinetic, potential = frames.energies()
         energies: dict[str, Any] = {"kinetic_energy": kinetic, "potential_energy": potential}
+        wrenches = self._wrenches(self.mechanism.solver.forces, push, *elements)
         return Observation(
             **payload_quantities(payload),
             **energies,
             tip_position=frames.tip_positions(),
-            interaction_wrench=self._wrenches(self.mechanism.solver.forces, push, *elements),
+            interaction_wrench=wrenches,
             **self._of_elements(*elements),
             **self.stops.quantities(q, v),
+            **(self._of_shared(q, v, wrenches) if self.model.shared else {}),
         )
+
+    def _of_shared(self, q: Array, v: Array, wrenches: Array) -> dict[str, Any]:
+        """Return positions and rates of the shared joints, and the wrench of the floor on their robot.
+
+        F_floor = sum_b d/dt h_b - sum_i F_i - weights, over the bodies of the robot and the arms that it has.
+        """
+        tree, frames, carrier = self.model, self._frames, self.model.carrier
+        assert carrier is not None
+        first, P = tree.shared[0].joint, frames.payload.translation
+        pin.rnea(tree.model, self._free_data, q, v, frames.acceleration)
+        floor = self._free_data.liMi[first].act(self._free_data.f[first])  # its parent is the world
+        if {*tree.closed_by_tree} & {*carrier.arms}:  # the payload is in an arm's hand
+            floor -= frames.payload.act(pin.Force(frames.payload_balance()))
+        for arm, F in zip(tree.arms, wrenches, strict=True):
+            if arm.name in carrier.arms:
+                floor -= pin.SE3(np.eye(3), P).act(pin.Force(F))
+        weight = pin.Force(tree.fixed.mass * tree.model.gravity.linear, np.zeros(3))
+        floor -= pin.SE3(np.eye(3), tree.fixed.lever).act(weight)
+        return {
+            "shared_position": np.array([each.angles.of(q[each.q_slice])[0] for each in tree.shared]),
+            "shared_velocity": np.array([v[each.v_slice.start] for each in tree.shared]),
+            "floor_wrench": floor.vector,
+        }
 
     def _of_elements(self, grasps: SpringState | None, contacts: ContactState | None) -> dict[str, Any]:
         """Return the quantities of compliant grasps and contacts by name; none without any."""

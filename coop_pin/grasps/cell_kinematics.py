@@ -68,7 +68,7 @@ class CellKinematics:
         require_type("options", options, PlantOptions)
         self.cell = cell
         self.model = CellModel(cell, options.payload)
-        self.transmission = Transmission(cell, self.model.arms, self.model.model.nv)
+        self.transmission = Transmission(cell, self.model.arms, self.model.model.nv, self.model.shared)
         self.stops = CellStops(cell, self.model.arms, self.model.model.nv)
         self.rigid = RigidGrasps(cell, self.model, options)
         self.elements = ForceElements(self.model)

@@ -27,6 +27,7 @@ class GraspFrames:
         tips: X_WE of each arm.
         grasps: pose of each nominal grasp in the world.
         welded: indices of the arms whose grasp is a weld of the tree.
+        acceleration: a of the last motion, shape (nv,); empty where it had none.
     """
 
     def __init__(self, tree: CellModel) -> None:
@@ -37,6 +38,7 @@ class GraspFrames:
         self.grasps: list[pin.SE3] = [
             frames[frame_id(tree.model, f"payload/{arm.name}")] for arm in tree.arms
         ]
+        self.acceleration = np.empty(0)
         self.welded = [number for number, arm in enumerate(tree.arms) if arm.name in tree.closed_by_tree]
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -47,6 +49,7 @@ class GraspFrames:
         """Move the frames to a configuration, with v, or v and a."""
         pin.forwardKinematics(self._model, self._data, q, *rates)
         pin.updateFramePlacements(self._model, self._data)
+        self.acceleration = rates[1] if len(rates) > 1 else np.empty(0)
 
     def payload_jacobian(self, q: Array) -> Array:
         """Return J_WP with V_WP = J_WP v, shape (6, nv)."""

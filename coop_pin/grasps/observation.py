@@ -40,6 +40,11 @@ class Observation(NamedTuple):
             and N m, shape (..., 6); None without one.
         partner_deflection: deflection of its handle in axes of its point, m and rad, likewise.
         partner_energy: energy in its spring, J, shape (...); likewise.
+        shared_position: positions of the shared joints, m or rad, shape (..., n); None without any.
+        shared_velocity: their rates, m/s or rad/s, likewise.
+        shared_force: force of their drives, N or N m, likewise.
+        floor_wrench: wrench of the floor on the robot that they belong to, about the world's origin, N and
+            N m, shape (..., 6); likewise.
     """
 
     payload_pose: Array
@@ -60,6 +65,10 @@ class Observation(NamedTuple):
     partner_wrench: Array | None = None
     partner_deflection: Array | None = None
     partner_energy: Array | None = None
+    shared_position: Array | None = None
+    shared_velocity: Array | None = None
+    shared_force: Array | None = None
+    floor_wrench: Array | None = None
 
 
 class PayloadState(NamedTuple):

@@ -214,10 +214,12 @@ class PayloadKinematics(NamedTuple):
     Attributes:
         pose: X_WP, shape (4, 4).
         jacobian: J_phi with V_WP = J_phi v_drive, task rows, shape (k_0, nv).
+        carried: J_s v_s, the part of V_WP by shared joints under the arm, shape (k_0,); None without any.
     """
 
     pose: Array
     jacobian: Array
+    carried: Array | None = None
 
 
 class ArmKinematics:

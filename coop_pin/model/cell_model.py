@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -9,7 +10,10 @@ import pinocchio as pin
 
 from coop_pin.base.arrays import Array
 from coop_pin.base.spatial import inverse_pose
+from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.miscalibration import Miscalibration
+from coop_pin.description.cell.shared_joint import SharedJoints
 from coop_pin.description.events import Surroundings
 from coop_pin.model.joint_angles import JointAngles
 from coop_pin.model.pinocchio_model import (
@@ -56,6 +60,28 @@ class ArmPlace(NamedTuple):
         return tuple(name.removeprefix(f"{self.name}/") for name in self.angles.names)
 
 
+class SharedPlace(NamedTuple):
+    """Position of a shared joint in the tree of a cell.
+
+    Attributes:
+        joint: Index of the joint, which the tree names ``shared.<joint of the URDF>``.
+        q_slice: Entries of q that are its own.
+        v_slice: Entry of v that is its own.
+        angles: Conversion between its angle and its entries of q.
+        start: Angle at the start, m or rad.
+        effort: Effort limit of the URDF, N or N m.
+        resistance: Viscous and Coulomb friction of the URDF, N s/m and N, or N m s/rad and N m.
+    """
+
+    joint: int
+    q_slice: slice
+    v_slice: slice
+    angles: JointAngles
+    start: float
+    effort: float
+    resistance: tuple[float, float]
+
+
 class CellModel:
     """Pinocchio tree of a cell, without its loop closures.
 
@@ -65,6 +91,9 @@ class CellModel:
     Attributes:
         model: the Pinocchio model.
         arms: position of each arm in the tree.
+        carrier: shared joints with the arms that they carry; None without any.
+        shared: position of each shared joint, from the root on.
+        fixed: inertia of the fixed part of the robot on shared joints, in world axes; none without any.
         closed_by_tree: names of the arms whose grasp is a weld in the tree (the first one with a rigid grasp,
             if the payload is welded).
         payload_frame: index of frame P.
@@ -82,7 +111,9 @@ class CellModel:
             payload: "welded" to the tip of the first arm with a rigid grasp, or "free", on a free-flyer
                 joint, as it always is if no grasp is rigid. The other rigid grasps need closures.
         """
-        self.model = model = _arms_tree(cell)
+        self.carrier = cell.carrier
+        self.model, self.fixed = _arms_tree(cell, self.carrier)
+        model = self.model
         first = next((name for name, rows in cell.closing.items() if rows == "full"), None)
         if payload == "free" or first is None:
             self.closed_by_tree: tuple[str, ...] = ()
@@ -100,6 +131,7 @@ class CellModel:
             X_JE = self._X_JP * pin.SE3(cell.grasps[name].matrix)
             add_frame(model, f"payload/{name}", self.payload_joint, X_JE)
         self.arms = tuple(_place(model, name, cell) for name in cell.arms)
+        self.shared = _shared_places(model, cell, self.carrier)
         self.surround(cell.surroundings)
 
     def surround(self, surroundings: Surroundings) -> None:
@@ -114,22 +146,88 @@ class CellModel:
         q = pin.neutral(self.model)
         for arm, configuration in zip(self.arms, arm_configurations, strict=True):
             q[arm.q_slice] = configuration
+        for place in self.shared:
+            q[place.q_slice] = place.angles.configuration(np.array([place.start]))
         if not self.closed_by_tree:
             q[self.model.idx_qs[self.payload_joint] :][:7] = pin.SE3ToXYZQUAT(pin.SE3(X_WP))
         return q
 
 
-def _arms_tree(cell: Cell) -> pin.Model:
-    model = empty_model(cell.gravity)
+def _arms_tree(cell: Cell, carrier: SharedJoints | None) -> tuple[pin.Model, pin.Inertia]:
+    """Return the tree of the arms, and the fixed part of the robot on shared joints, if there is one."""
+    model, fixed = empty_model(cell.gravity), pin.Inertia.Zero()
+    carried = () if carrier is None else carrier.arms
     for name, arm in cell.arms.items():
-        alone = load_arm_model(arm)
-        tip = alone.frames[frame_id(alone, arm.tip, f"{arm.urdf!r}, the tip of arm {name!r}")].copy()
-        for frame in alone.frames:
-            if frame.name == "grasp":  # a frame of the URDF, which must not hide the tip's
-                frame.name = "urdf/grasp"
-        add_frame(alone, "grasp", tip.parentJoint, tip.placement)
-        model = append_arm(model, alone, name, arm.base.matrix)
-    return model
+        if name not in carried:
+            alone = load_arm_model(arm)
+            _add_grasp(alone, arm, name)
+            model = append_arm(model, alone, name, arm.base.matrix)
+        elif name == carried[0]:
+            whole, X_WB = _carried_tree(cell, carried), pin.SE3(arm.base.matrix)
+            fixed = X_WB.act(whole.inertias[0])
+            model = pin.appendModel(model, whole, 0, X_WB)
+            model.gravity.linear = np.array(cell.gravity)  # appendModel resets it to the Earth's
+    return model, fixed
+
+
+def _add_grasp(alone: pin.Model, arm: Arm, name: str, prefix: str = "") -> None:
+    tip = alone.frames[frame_id(alone, prefix + arm.tip, f"{arm.urdf!r}, the tip of arm {name!r}")].copy()
+    for frame in alone.frames:
+        if frame.name == f"{prefix}grasp":  # a frame of the URDF, which must not hide the tip's
+            frame.name = f"{prefix}urdf/grasp"
+    add_frame(alone, f"{prefix}grasp", tip.parentJoint, tip.placement)
+
+
+def carried_robot(cell: Cell, names: Sequence[str]) -> Arm:
+    """Return the robot on shared joints as one arm, in which these and the joints of all its arms move."""
+    arms = [cell.arms[name] for name in names]
+    locked = {
+        joint: angle
+        for joint, angle in arms[0].locked.items()
+        if joint not in cell.shared_joints and all(joint in arm.locked for arm in arms)
+    }
+    bare = {"posture": None, "drive": None, "friction": "urdf", "torque_limits": "urdf"}
+    return arms[0].replace(locked=locked, calibration_error=Miscalibration(), **bare)
+
+
+def _carried_tree(cell: Cell, names: Sequence[str]) -> pin.Model:
+    """Return the tree of a robot on shared joints: its links once, joints and frames by the arm they move."""
+    whole = load_arm_model(carried_robot(cell, names))
+    owners = {joint: name for name in names for joint in cell.arms[name].moving_joints()}
+    for index, joint in enumerate(list(whole.names)[1:], start=1):
+        whole.names[index] = f"{owners[joint]}/{joint}" if joint in owners else f"shared.{joint}"
+    frames = [frame.copy() for frame in whole.frames]  # adding one moves the others in memory
+    for frame in whole.frames:
+        frame.name = f"{names[0]}/{frame.name}"
+    for name in names[1:]:
+        for frame in frames[1:]:
+            add_frame(whole, f"{name}/{frame.name}", frame.parentJoint, frame.placement)
+    for name in names:
+        _add_grasp(whole, cell.arms[name], name, f"{name}/")
+    return whole
+
+
+def _shared_places(model: pin.Model, cell: Cell, carrier: SharedJoints | None) -> tuple[SharedPlace, ...]:
+    """Return the position of each shared joint in the tree."""
+    if carrier is None:
+        return ()
+    places, has_friction = [], cell.arms[carrier.arms[0]].friction == "urdf"
+    for joint, start in zip(carrier.joints, carrier.start.tolist(), strict=True):
+        index = int(model.getJointId(f"shared.{joint}"))
+        q, v = int(model.idx_qs[index]), int(model.idx_vs[index])
+        resistance = float(model.damping[v]), float(model.friction[v])
+        places.append(
+            SharedPlace(
+                index,
+                slice(q, q + int(model.nqs[index])),
+                slice(v, v + 1),
+                JointAngles(model, (index,)),
+                start,
+                float(model.upperEffortLimit[v]),
+                resistance if has_friction else (0.0, 0.0),
+            )
+        )
+    return tuple(places)
 
 
 def _place(model: pin.Model, name: str, cell: Cell) -> ArmPlace:

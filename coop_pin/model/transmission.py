@@ -11,7 +11,7 @@ from coop_pin.base.arrays import Array
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.joint_friction import JointFriction
-from coop_pin.model.cell_model import ArmPlace
+from coop_pin.model.cell_model import ArmPlace, SharedPlace
 from coop_pin.model.joint_limits import per_joint
 from coop_pin.model.pinocchio_model import model_key, shared_arm_model
 
@@ -85,17 +85,19 @@ def friction(arm: Arm, name: str = "arm") -> Friction:
 class Transmission:
     """Constant transmission of a cell, between drives and joint velocities, with its friction.
 
-    ``v_drive = D v``, ``tau = D^T tau_drive``; D holds each arm's T at its place.
+    ``v_drive = D v``, ``tau = D^T tau_drive``; D holds each arm's T at its place, then shared joints.
     """
 
-    def __init__(self, cell: Cell, arms: Sequence[ArmPlace], nv: int) -> None:
+    def __init__(
+        self, cell: Cell, arms: Sequence[ArmPlace], nv: int, shared: Sequence[SharedPlace] = ()
+    ) -> None:
         """Collect transmission matrices and friction.
 
         Raises:
             FieldError: a friction coefficient does not fit its arm.
         """
         edges = np.cumsum([0, *(len(arm.drive) for arm in arms)])
-        drives = edges[-1]
+        drives = edges[-1] + len(shared)
         self._map, axes = np.zeros((drives, nv)), np.zeros((drives, nv))
         viscous, coulomb, excess, speeds, stribeck = np.zeros((5, drives))
         for arm, start, end in zip(arms, edges[:-1], edges[1:], strict=True):
@@ -107,6 +109,10 @@ class Transmission:
                 resistance.coulomb_velocity,
             )
             excess[rows], stribeck[rows] = resistance.excess, resistance.stribeck_velocity
+        for row, place in enumerate(shared, start=int(edges[-1])):
+            self._map[row, place.v_slice] = axes[row, place.v_slice] = 1.0
+            viscous[row], coulomb[row] = place.resistance
+            speeds[row], stribeck[row] = JointFriction().coulomb_velocity, JointFriction().stribeck_velocity
         self._viscous = -axes.T @ np.diag(viscous) @ axes
         self._to_scaled_speed = axes / speeds[:, None]
         self._to_stribeck_speed = axes / stribeck[:, None]

@@ -14,7 +14,7 @@ from coop_pin.base.arrays import Array, as_array
 from coop_pin.base.errors import FileReadError, UrdfWarning
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell
-from coop_pin.model.cell_model import CellModel, PayloadAttachment
+from coop_pin.model.cell_model import CellModel, PayloadAttachment, carried_robot
 from coop_pin.model.geometry import (
     can_be_read,
     geometry_objects,
@@ -79,8 +79,12 @@ class CellVisuals:
         self._joints: list[int] = []
         self._base_poses: dict[int, Array] = {}
         by_kind: dict[Hashable, dict[str, tuple[Visual, ...]]] = {}  # equal arms share their meshes
-        drawn = set[str]()
+        drawn, carrier = set[str](), cell.carrier
+        carried = () if carrier is None else carrier.arms
+        self._draw_carried(cell, carried)
         for name, arm in cell.arms.items():
+            if name in carried:
+                continue
             siblings = {other: self.joints[other] for other in cell.siblings(name)}
             kind = (arm.file, *arm.locked.items(), *itertools.chain(*siblings.values()))
             if kind not in by_kind:
@@ -94,6 +98,20 @@ class CellVisuals:
                 self._joints.append(joint_id(self._model, f"{name}/{joint}") if moving else 0)
                 self.bodies += (Body(f"{name}/{joint if moving else 'base'}", visuals),)
                 drawn.add(self.bodies[-1].name)
+
+    def _draw_carried(self, cell: Cell, names: Sequence[str]) -> None:
+        """Add the bodies of a robot on shared joints, if there are any: each link once."""
+        if not names:
+            return
+        arm, fixed = carried_robot(cell, names), f"{names[0]}/base"
+        owners = {joint: f"{name}/{joint}" for name in names for joint in self.joints[name]}
+        for joint, visuals in _visuals_by_joint(arm, ()).items():
+            if joint == "universe":
+                self._base_poses[len(self.bodies)] = pin.SE3ToXYZQUAT(pin.SE3(arm.base.matrix))
+            in_tree = owners.get(joint, f"shared.{joint}")
+            self._joints.append(0 if joint == "universe" else joint_id(self._model, in_tree))
+            shown = owners.get(joint, f"{fixed}.{joint}")
+            self.bodies += (Body(fixed if joint == "universe" else shown, visuals),)
 
     def poses(self, configurations: Array) -> Array:
         """Return the pose of every body in the world at every configuration.

@@ -103,6 +103,8 @@ def labelled(scenario: Scenario, values: Samples) -> xr.Dataset:
     }
     if scenario.cell.has_contacts:
         labels["patch"] = np.array([*scenario.cell.patches, *scenario.cell.tables])
+    if (carrier := scenario.cell.carrier) is not None:
+        labels["shared"] = np.array(carrier.joints)
     coordinates = _coordinates(labels)
     coordinates["time"].attrs["units"] = "s"
     return xr.Dataset(variables, coordinates, {"title": scenario.caption or scenario.name})

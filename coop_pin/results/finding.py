@@ -20,6 +20,7 @@ Kind = Literal[
     "squeeze",
     "grasp plan",
     "pad",
+    "shared joint",
     "record size",
     "reach",
     "closure rank",

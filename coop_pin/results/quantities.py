@@ -64,8 +64,8 @@ class Quantity(NamedTuple):
 
 def _pose_errors(X: Array, X_d: Array) -> Array:
     """Return ``[p - p_d, log(R R_d^T)]`` of poses, shape (..., 6)."""
-    rotation = log3(X[..., :3, :3] @ np.swapaxes(X_d[..., :3, :3], -1, -2))
-    return np.concatenate((X[..., :3, 3] - X_d[..., :3, 3], rotation), axis=-1)
+    R = X[..., :3, :3] @ np.swapaxes(X_d[..., :3, :3], -1, -2)
+    return np.concatenate((X[..., :3, 3] - X_d[..., :3, 3], log3(R)), axis=-1)
 
 
 def _internal_wrenches(samples: Samples) -> Array:
@@ -82,8 +82,7 @@ def _axial_directions(tips: Array) -> Array:
     """Return unit vectors from each tip to the middle of the other tips, shape (..., m, 3); NaN for one."""
     if tips.shape[-2] == 1:
         return np.full(tips.shape, np.nan)
-    others = (tips.sum(axis=-2, keepdims=True) - tips) / (tips.shape[-2] - 1)
-    line = others - tips
+    line = (tips.sum(axis=-2, keepdims=True) - tips) / (tips.shape[-2] - 1) - tips
     length = np.linalg.norm(line, axis=-1, keepdims=True)
     return np.where(length > 0.0, line / np.where(length > 0.0, length, 1.0), np.nan)
 
@@ -134,14 +133,13 @@ def _internal_parts(
     def moment(s: Samples) -> Array:
         return np.linalg.norm(np.nan_to_num(wrench(s))[..., 3:], axis=-1)
 
-    parts = (
-        ("axial", "N", "force along axial_direction", axial),
-        ("shear", "N", "force across axial_direction, norm", shear),
-        ("moment", "N m", "moment about P, norm", moment),
-    )
     return tuple(
         Quantity(name.format(part), "arm", unit, f"{text}: {meaning}", source, group=group)
-        for part, unit, meaning, source in parts
+        for part, unit, meaning, source in (
+            ("axial", "N", "force along axial_direction", axial),
+            ("shear", "N", "force across axial_direction, norm", shear),
+            ("moment", "N m", "moment about P, norm", moment),
+        )
     )
 
 
@@ -223,6 +221,10 @@ QUANTITIES = (
     Quantity("partner_deflection", "axis", "m, rad", "of the handle from the partner's point, in its axes",
              group="partner"),
     Quantity("partner_energy", "", "J", "in the partner's spring", group="partner"),
+    Quantity("shared_position", "shared", "m or rad", "of each shared joint", group="shared"),
+    Quantity("shared_velocity", "shared", "m/s or rad/s", "rate of each", group="shared"),
+    Quantity("shared_force", "shared", "N or N m", "of the drive of each, as it acts", group="shared"),
+    Quantity("floor_wrench", "axis", "N, N m", "of the floor on that robot, about the world", group="shared"),
     Quantity("requested_torque", "arm joint", "N m", "drive torques before their limits: the commands that"
              " arrived, and gravity compensation",
              read=lambda _, applied: applied.requested, group="compensation"),
@@ -260,14 +262,13 @@ _FIXED_SIZES = {
 }
 
 GROUPS: dict[str, Callable[[Scenario], bool]] = {
-    "compensation": lambda scenario: any(
-        scenario.actuators_of(arm).gravity_compensation is not None for arm in scenario.cell.arms
-    ),
+    "compensation": lambda run: any(run.actuators_of(arm).gravity_compensation for arm in run.cell.arms),
     "servo": lambda scenario: scenario.has_servos,
     "grasps": lambda scenario: bool(scenario.cell.compliant),
     "plan": lambda scenario: bool(scenario.cell.compliant or scenario.has_grasp_plan),
     "joints": lambda scenario: bool(scenario.cell.jointed),
     "partner": lambda scenario: bool(scenario.partners),
+    "shared": lambda scenario: bool(scenario.cell.shared_joints),
     "patches": lambda scenario: scenario.cell.has_contacts,
     "elements": lambda scenario: scenario.cell.has_force_elements,
     "stops": lambda scenario: any(arm.stops is not None for arm in scenario.cell.arms.values()),
@@ -275,7 +276,7 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     "kinematics": lambda scenario: (
         not all(s.joints_are_ideal for s in _sensors(scenario))
         or any(arm.calibration_error != Miscalibration() for arm in scenario.cell.arms.values())
-        or bool(scenario.cell.unclosed or scenario.grasp_events)  # each arm sees its own tip
+        or bool(scenario.cell.unclosed or scenario.grasp_events or scenario.cell.shared_joints)
     ),
     "wrist": lambda scenario: any(s.wrist is not None for s in _sensors(scenario)),
     "force path": lambda scenario: (

@@ -15,6 +15,7 @@ from coop_pin.base.arrays import typed
 from coop_pin.base.errors import CoopPinError
 from coop_pin.base.schema.user_code import code_of, require_allowed
 from coop_pin.description.scenario import Scenario
+from coop_pin.feasibility.carried_motion import seen_by_arms
 from coop_pin.feasibility.least_squeeze import MARGIN
 from coop_pin.feasibility.motion_feasibility import part_held, squeeze_part
 from coop_pin.feasibility.reachability import reachability
@@ -30,6 +31,7 @@ from coop_pin.running.cell_findings import (
     prepared_run,
     reach_findings,
     record_findings,
+    shared_joint_findings,
     stability_findings,
     steady_findings,
     task_findings,
@@ -79,9 +81,10 @@ def check(
     if not isinstance(scenario, Scenario):
         scenario = Scenario.load(scenario)
     require_allowed(code_of(scenario))
+    shared, scenario = [*shared_joint_findings(scenario)], seen_by_arms(scenario)
     reach = reachability(scenario, poses=poses)
     simulation = prepared_run(scenario, reach)
-    entries = [*code_findings(scenario), *task_findings(scenario, reach, simulation, table_error)]
+    entries = [*shared, *code_findings(scenario), *task_findings(scenario, reach, simulation, table_error)]
     left = tuple[Kind, ...]()
     if simulation is None or not reach.ok:
         left = LEFT_TO_CHECK
@@ -105,7 +108,11 @@ def quick_findings(simulation: Simulation) -> Findings:
         simulation: the run before its first tick; in the end it is as it was.
     """
     scenario, start = simulation.scenario, simulation.state()
-    entries = [*record_findings(simulation)]
+    entries = [*record_findings(simulation), *shared_joint_findings(scenario)]
+    if scenario.cell.shared_joints:
+        scenario = seen_by_arms(scenario)
+        simulation = Simulation(scenario, build_controller(scenario))
+        start = simulation.state()
     with contextlib.suppress(Exception):  # of a user's motion: the run raises it again
         entries += force_findings(scenario, TABLE_ERROR)
     with contextlib.suppress(Exception):

@@ -55,7 +55,8 @@ def _require_grasp_rows(scenario: Scenario) -> None:
 def controlled_arm(scenario: Scenario, model: ArmModel) -> ControlledArm:
     """Return the numbers of an arm that a law may know, apart from measurements."""
     cell, name = scenario.cell, model.name
-    posture = model.drive @ model.posture(cell.arms[name].posture) if model.nq == model.nv else None
+    stated = cell.arms[name].posture
+    posture = model.drive @ (np.zeros(model.nv) if stated is None else np.array(stated))
     return ControlledArm(
         name=name,
         leads=name == next(iter(cell.arms)),

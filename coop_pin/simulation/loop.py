@@ -24,6 +24,7 @@ from coop_pin.simulation.devices.actuation import Actuation
 from coop_pin.simulation.devices.drives import Applied
 from coop_pin.simulation.devices.network import Exchange, heard
 from coop_pin.simulation.devices.sensing import Sensing
+from coop_pin.simulation.devices.shared_drive import SharedDrives
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
 from coop_pin.simulation.plant import SPEED_LIMIT, PlantMaker, require_closed
 from coop_pin.simulation.recorder import Recorder
@@ -93,13 +94,21 @@ class TickLoop:
         self.slots, q = chain.model.arms, start_configuration(chain, scenario)
         self.plant = plant(chain, scenario.plant, q)
         self.actuation = Actuation(scenario, self.plant, self.slots, chain.arms, chain.loads(q))
+        self.shared = SharedDrives.of(scenario, chain, q, chain.loads(q)) if chain.model.shared else None
         if controller is not None:
             self.actuation.require_taken(controller)
         holding, loads = (
             self.actuation.holding_commands,
             chain.loads if chain.patches.arms or scenario.cell.jointed else None,
         )
-        self.sensing = Sensing(scenario, self.slots, chain.arms, holding_torques=holding, loads=loads)
+        self.sensing = Sensing(
+            scenario,
+            self.slots,
+            chain.arms,
+            holding_torques=holding,
+            loads=loads,
+            shared=chain.model.shared,
+        )
         self.exchange = Exchange(scenario)
         self.motion: PoseReference = scenario.payload_motion  # reads a CSV table again
         self.squeeze: SqueezeReference = scenario.squeeze
@@ -163,6 +172,7 @@ class TickLoop:
     def _step(self, command: CellCommand) -> None:
         """Do the stages of a tick from its command on."""
         tick, actuation, plant, inputs = self.ticks_done, self.actuation, self.plant, self._observe()
+        held = list[Array]()
         for kind, time, length, due in self.timeline.from_command(tick):
             match kind:
                 case "advance":
@@ -175,7 +185,9 @@ class TickLoop:
                 case "command":
                     self.controller_state = command.state
                     self._applied = applied = actuation.apply(time, command, inputs.signals.missed)
-                    plant.drive(applied.torques)
+                    if self.shared is not None:
+                        held = self.shared.force(time, plant.q, plant.v, inputs.target)
+                    plant.drive([*applied.torques, *held])
                 case "record":
                     sensors = self.sensing.sensors
                     self.recorder.record(time, inputs, applied, sensors.shares, sensors.loads)
@@ -183,9 +195,9 @@ class TickLoop:
                 case "happen":
                     self._happen(time)
                 case "sample":
-                    plant.drive(actuation.sample(due, time))
+                    plant.drive([*actuation.sample(due, time), *held])
                 case "drive" | "release":
-                    plant.drive(actuation.torques(time, length))
+                    plant.drive([*actuation.torques(time, length), *held])
         if self.is_finished:
             self.recorder.observe()
         else:

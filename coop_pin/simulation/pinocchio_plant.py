@@ -168,6 +168,9 @@ class PinocchioPlant:
             jacobians = map(self.chain.payload_jacobian, q)
             tau += np.array([J.T.dot(F) for J, F in zip(jacobians, wrenches, strict=True)])
         observation = self.chain.observe(q, v, tau, wrenches)
+        if shared := self.chain.model.shared:
+            columns = [place.v_slice.start for place in shared]
+            observation = observation._replace(shared_force=force[:, columns])
         if not self.surroundings.partners:
             return observation
         wrench, deflection, energy, *_ = zip(*(self.partners(*state)[-1] for state in states), strict=True)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 
 from coop_pin.base.errors import CoopPinError, FieldError, InfeasibleMotionError, ScenarioError
 from coop_pin.description.scenario import Scenario
+from coop_pin.feasibility.carried_motion import seen_by_arms
 from coop_pin.feasibility.reachability import reachability
 from coop_pin.simulation.build_controller import build_controller
 
@@ -87,6 +88,7 @@ def require_reach(scenario: Scenario) -> None:
         InfeasibleMotionError: cause "reach", with arm, time and gap.
         UrdfError, NameNotFoundError, FileReadError: an arm or the motion cannot be built.
     """
+    scenario = seen_by_arms(scenario)
     if scenario.motion.kind != "function":
         for name in scenario.cell.arms:
             (arm,) = reachability(scenario, poses=_POSES, arms=[name]).arms

@@ -24,6 +24,7 @@ QUICK_PLANTS = ["adept-paper", "adept-anchored", "five-joint-pair", "two-pandas-
 QUICK_CELLS, TIERS = ["adept-anchored"], {"two-pandas-box": pytest.mark.gate}
 """Cells that do their work in the default tier, too, and in the gate; shorter runs are of more cells."""
 LARGE_CELLS = ["baxter-box", "four-ur5-plate", "three-driven-ur5"]  # tested in test_robots
+SHARED = ["tiago-pro-tray"]  # tested in test_shared_joints
 for other in [
     "adept-paper",
     "adept-compliant",
@@ -37,6 +38,7 @@ for other in [
     "two-pandas-hinges",
     *FAR_CELLS,
     *LARGE_CELLS,
+    *SHARED,
 ]:  # it has the printed law; others have tests below
     del CHANGES[other]
 

@@ -20,8 +20,8 @@ from coop_pin.base.errors import (
 from coop_pin.cli import main
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.robot import Robot
+from coop_pin.design.contacts import contacts
 from coop_pin.design.new_cell import _below_ground
-from coop_pin.design.placement import contacts
 from coop_pin.feasibility import maximum_reach
 from coop_pin.feasibility.motion_feasibility import joint_heights
 from coop_pin.running.plausibility import implausible_numbers

@@ -98,9 +98,9 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     require_path("folder", folder)
     if arm not in scenario.cell.arms:
         raise NameNotFoundError("arm", arm, list(scenario.cell.arms), "the scenario's cell")
-    if scenario.feed_forward is not None:
-        detail = "the scenario has feed-forward torques, which belong to no law: export without them"
-        raise ArgumentError(f"{detail}, and add them to what the law returns")
+    if scenario.feed_forward is not None or scenario.cell.shared_joints:
+        detail = "the scenario has feed-forward torques or shared joints, which exported laws are not given"
+        raise ArgumentError(f"{detail}: export without them, and add such torques to what the law returns")
     if scenario.has_grasp_plan and (scenario.network or "own wrench" in scenario.controller.needs):
         raise ArgumentError(
             f"the law {scenario.controller.kind!r} takes its load share from the plan of the grasps, which"

@@ -118,10 +118,10 @@ class AdmittanceController(LawController[AdmittanceGains]):
         J_plus = right_inverse(J, measurement.time)
         error = self.arm.rows.pose_error(measurement.payload_pose, reference.pose) - d
         if self.command_kind == "velocity":
-            V_c = reference.twist + V_a - gains.pose_gain * error
+            V_c = measurement.by_arm(reference.twist) + V_a - gains.pose_gain * error
             velocity = J_plus.dot(V_c) + self._spare(J, J_plus, state.start - q)
             return ArmCommand(velocity=velocity, state=state._replace(offset=d, velocity=V_a))
-        ahead = T * reference.twist + 0.5 * T**2 * reference.acceleration
+        ahead = T * measurement.by_arm(reference.twist) + 0.5 * T**2 * reference.acceleration
         step = J_plus.dot(ahead - error - J.dot(state.command - q))
         q_c = state.command + step + T * self._spare(J, J_plus, state.start - state.command)
         return ArmCommand(position=q_c, state=AdmittanceState(d, V_a, state.start, q_c))

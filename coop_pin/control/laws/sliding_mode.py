@@ -65,7 +65,8 @@ class SlidingModeController(LawController[SlidingModeGains]):
         sigma[k+1] = sigma[k] + T sgn(s_q[k]),  sigma[0] = 0       (18)
 
     The torque of tick k uses sigma[k] and is held for T. Ours: sigma_j is held while the torque of joint j
-    is saturated. The paper prints J^+ = (J^T J)^-1 J^T; for k = k_0 it is J^-1.
+    is saturated. The paper prints J^+ = (J^T J)^-1 J^T; for k = k_0 it is J^-1. On shared joints that the arm
+    is told of, xdot = J qdot + J_s v_s, and qdot_r has xdot_d - J_s v_s in place of xdot_d.
 
     Attributes:
         switching: sgn, or a smooth function in its place.
@@ -107,7 +108,11 @@ class SlidingModeController(LawController[SlidingModeGains]):
         s = J_plus.dot(measurement.payload_twist - reference.twist + gamma_xtilde)
         s_d = state.start_surface * exp(-gains.transient_rate * (t - state.start_time))
         s_q = s - s_d
-        qdot_r = J_plus.dot(reference.twist - gamma_xtilde) + s_d - gains.sign_gain.dot(state.sign_integral)
+        qdot_r = (
+            J_plus.dot(measurement.by_arm(reference.twist) - gamma_xtilde)
+            + s_d
+            - gains.sign_gain.dot(state.sign_integral)
+        )
         s_r = v - qdot_r
         tau = -gains.damping_gain.dot(s_r) - J.T.dot(
             force_term(rows, gains.force_gain, measurement, reference)

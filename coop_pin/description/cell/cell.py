@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from coop_pin.base.arrays import Array, as_array, as_pose, require_type
-from coop_pin.base.errors import ArgumentError, FieldError, NameNotFoundError
+from coop_pin.base.errors import ArgumentError, FieldError, NameNotFoundError, one_or_all
 from coop_pin.base.schema.base import (
     Description,
     Name,
@@ -31,6 +31,12 @@ from coop_pin.description.cell.closure import NamedRows, row_mask
 from coop_pin.description.cell.contact import Pad, PatchGrasp, Table
 from coop_pin.description.cell.grasp import CompliantGrasp, Grasp, JointGrasp
 from coop_pin.description.cell.payload import Payload
+from coop_pin.description.cell.shared_joint import (
+    SharedJoint,
+    SharedJoints,
+    require_own_joints,
+    shared_problems,
+)
 from coop_pin.description.events import Surroundings
 
 
@@ -85,6 +91,7 @@ class Cell(Description):
         pads: pads of arms with rigid or compliant grasps, by which results tell whether friction would hold.
         split_length: l, m, of the split of the load beside grasps of fewer rows: a moment over l counts as
             much as a force. Motion terms of K leave no internal wrench at l^2 = K_rotation / K_position.
+        shared_joints: joints of one robot that its arms lock and a drive of its own moves, by name.
     """
 
     arms: dict[str, Arm] = Field(min_length=1)
@@ -98,6 +105,7 @@ class Cell(Description):
     clearance: NotNegative = 0.0
     pads: dict[str, Pad] = Field(default={})
     split_length: Positive = 0.1
+    shared_joints: dict[str, SharedJoint] = Field(default={})
 
     @field_validator("arms")
     @classmethod
@@ -113,7 +121,7 @@ class Cell(Description):
     def _share_no_joint(cls, arms: dict[str, Arm]) -> dict[str, Arm]:
         for name, other in itertools.combinations(arms, 2):
             if arms[name].is_sibling(arms[other]):
-                _require_own_joints(name, arms[name], other, arms[other])
+                require_own_joints(name, arms[name], other, arms[other])
         return arms
 
     @field_validator("grasps", mode="before")
@@ -230,6 +238,18 @@ class Cell(Description):
                 f"{shares} sum to {total:.9g}; load shares must sum to 1 (eq. (11) of the paper)"
             )
         return shares
+
+    @model_validator(mode="after")
+    def _carried_by_one_robot(self) -> Self:
+        g, is_planar = np.array(self.gravity), self.rows == "planar"
+        if problems := list(shared_problems(self.shared_joints, self.arms, g, is_planar)):
+            raise one_or_all([problem.below("shared_joints") for problem in problems], "the shared joints")
+        return self
+
+    @property
+    def carrier(self) -> SharedJoints | None:
+        """Shared joints with the arms that they carry; None without any."""
+        return SharedJoints.of(self.shared_joints, self.arms) if self.shared_joints else None
 
     @property
     def task_rows(self) -> TaskRows:
@@ -383,28 +403,3 @@ class Cell(Description):
     def share(self, arm: str) -> float:
         """Return the load share c_i of an arm."""
         return float(self.shares[list(self.arms).index(arm)])
-
-
-def _require_own_joints(name: str, arm: Arm, other: str, sibling: Arm) -> None:
-    """Raise an error if a joint moves two arms of one robot, or is locked at two angles.
-
-    Raises:
-        FieldError: with the joint, and what to lock.
-    """
-    robot = arm.robot
-    shared = [joint for joint in robot.movers(arm.tip) if joint in robot.movers(sibling.tip)]
-    angles = robot.locked(arm.locked), robot.locked(sibling.locked)
-    moving = [joint for joint in shared if not all(joint in locked for locked in angles)]
-    if moving:
-        raise FieldError(
-            f"moves {name!r} and {other!r}, arms of one robot: arms of a cell are chains of their own"
-            " and share no joint; lock it in both, at the same angle",
-            f"{other}.locked.{moving[0]}",
-        )
-    for joint in shared:
-        first, second = (locked[joint] for locked in angles)
-        if first != second:
-            raise FieldError(
-                f"is {second:g}, but arm {name!r} of the same robot has {first:g}; it is one joint",
-                f"{other}.locked.{joint}",
-            )

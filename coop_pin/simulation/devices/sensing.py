@@ -15,10 +15,11 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import SlipSensor
 from coop_pin.model.arm_model import PayloadKinematics
 from coop_pin.model.cell_arm import CellArm
-from coop_pin.model.cell_model import ArmPlace
+from coop_pin.model.cell_model import ArmPlace, SharedPlace
 from coop_pin.model.joint_limits import per_joint
 from coop_pin.simulation.devices.drives import Applied
 from coop_pin.simulation.devices.sensors import SensorState, Truth, View, cell_sensors, sensors_path
+from coop_pin.simulation.devices.shared_drive import SharedSensors, Told
 from coop_pin.simulation.devices.signals import CellSignals
 from coop_pin.simulation.plant import Plant
 
@@ -68,11 +69,13 @@ class SensingState(NamedTuple):
         angles: joint angles of each arm at the last tick, shape (k,) each.
         sensors: memory of the sensors.
         slips: memory of the sensors of slip, shape (d, p).
+        shared: memory of the sensors of shared joints, shape (d, 2, n); empty without any.
     """
 
     angles: Sequence[Array]
     sensors: SensorState
     slips: Array
+    shared: Array = _NONE
 
 
 class Sensing:
@@ -92,6 +95,7 @@ class Sensing:
         *,
         holding_torques: Callable[[Array], Sequence[Array]],
         loads: Callable[[Array], Array] | None = None,
+        shared: Sequence[SharedPlace] = (),
     ) -> None:
         """Start without a measurement.
 
@@ -102,6 +106,7 @@ class Sensing:
             holding_torques: Torques of the drives of each arm at rest, as a function of the cell's
                 configuration.
             loads: Wrenches on the arms at rest likewise, shape (m, 6); load shares of the weight when None.
+            shared: Positions of the shared joints in q and v.
 
         Raises:
             FieldError: a row of values for each joint has another size.
@@ -119,6 +124,8 @@ class Sensing:
         self._holds, self._slips = np.ones(len(slots), dtype=bool), SlipSensors.of(scenario)
         self._patched = [index for index, slot in enumerate(slots) if slot.name in scenario.cell.patches]
         self._payload, self._start = scenario.cell.surroundings, scenario.start.matrix
+        self._shared = SharedSensors.of(scenario, shared)
+        self._told: Sequence[Told | None] = [None] * len(slots)
         self.state: SensingState | None = None
 
     def follow(self, plan: GraspPlan) -> None:
@@ -142,7 +149,9 @@ class Sensing:
         if self.sensors.has_joints:  # whose turns the first arm does not see
             R_WP = self._start[:3, :3]
         truth, view = self._truth(0.0, q, v, signals, applied, loads, R_WP), partial(self._view, q)
-        measured = self._step(self.sensors.start(truth, view, references), truth, view, self._slips.start())
+        memory = self._tell(None if self._shared is None else self._shared.start(), q, v)
+        sensors = self.sensors.start(truth, view, references)
+        measured = self._step(sensors, truth, view, self._slips.start(), memory)
         return [
             reading._replace(holding_torque=frozen(torque * factor))
             for reading, torque, factor in zip(
@@ -163,13 +172,34 @@ class Sensing:
         if self._patched:
             holds = self._holds[self._patched]
             slip, slips = self._slips.step(slips, plant.slips(), signals.slip_noise, holds)
-        measured = self._step(self.state.sensors, truth, partial(self._view, q), slips)
+        memory = self._tell(self.state.shared, q, plant.v)
+        measured = self._step(self.state.sensors, truth, partial(self._view, q), slips, memory)
         return measured if slip is None else [reading._replace(slip=slip) for reading in measured]
 
-    def _step(self, state: SensorState, truth: Truth, view: View, slips: Array) -> list[ArmMeasurement]:
+    def _step(
+        self, state: SensorState, truth: Truth, view: View, slips: Array, shared: Array
+    ) -> list[ArmMeasurement]:
         measured, state = self.sensors.step(state, truth, view)
-        self.state = SensingState(truth.angles, state, slips)
-        return measured
+        self.state = SensingState(truth.angles, state, slips, shared)
+        if self._shared is None:
+            return measured
+        return [
+            reading
+            if told is None
+            else reading._replace(
+                shared_position=told.position,
+                shared_velocity=told.velocity,
+                carried_twist=frozen(reading.payload_twist - reading.payload_jacobian.dot(reading.v)),
+            )
+            for reading, told in zip(measured, self._told, strict=True)
+        ]
+
+    def _tell(self, memory: Array | None, q: Array, v: Array) -> Array:
+        """Tell the arms of the shared joints under them; return the memory of their sensors."""
+        if self._shared is None or memory is None:
+            return _NONE
+        self._told, memory = self._shared.step(memory, q, v)
+        return memory
 
     def _truth(self, time: float, q: Array, v: Array, *others: Any) -> Truth:
         """Return what the sensors sense.
@@ -190,7 +220,8 @@ class Sensing:
         return Truth(time, angles, rates, *others)
 
     def _view(self, q: Array, index: int, angles: Array | None) -> PayloadKinematics:
-        slot = self._slots[index]
-        return self._kinematics[index].view(
+        slot, told = self._slots[index], self._told[index]
+        view = self._kinematics[index].view(
             q[slot.q_slice] if angles is None else slot.angles.configuration(angles)
         )
+        return view if told is None or self._shared is None else self._shared.carried(view, told)

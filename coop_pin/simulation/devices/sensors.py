@@ -30,8 +30,9 @@ def measured_motion(view: PayloadKinematics, q: Array, v: Array) -> tuple[Array,
         q: Measured drive coordinates, rad, shape (k,).
         v: Measured drive velocities, rad/s, shape (k,).
     """
-    pose, J = view
-    return frozen(q), frozen(v), frozen(pose), frozen(J.dot(v)), frozen(J)
+    pose, J, carried = view
+    twist = J.dot(v) if carried is None else J.dot(v) + carried
+    return frozen(q), frozen(v), frozen(pose), frozen(twist), frozen(J)
 
 
 class Truth(NamedTuple):

@@ -1,0 +1,109 @@
+"""Contacts of arms around a payload, and the shoulders of the arms of one robot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from coop_pin.base.arrays import Array
+from coop_pin.base.schema.pose import Pose
+from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.payload import Payload
+from coop_pin.model.joint_limits import JointLimits
+
+_INSET = 0.8
+"""Grasps from above, from the payload's centre (0) to its edge (1)."""
+_FAN = np.pi / 3.0
+"""Angle between neighbouring bases that stand side by side, rad."""
+_WIDTH = 0.02
+"""Distance between shoulders beside each other, m."""
+_SAMPLES, _BEHIND = 200, 0.25
+"""Configurations that are compared, and mean way back of a robot that faces back, over the farthest."""
+_SMALL = 1e-9
+"""Numbers that count as zero."""
+
+Side = Literal["above", "sides"]
+Layout = Literal["facing", "side-by-side", "one-base"]
+
+
+class Contact(NamedTuple):
+    """Where and how an arm holds a payload that stands upright.
+
+    Attributes:
+        point: position of the tip in the payload frame, m, shape (3,).
+        approach: direction of the tool in world axes, shape (3,).
+        around: direction from the payload to the arm's base, about the vertical, rad.
+        one_base: whether other arms share the base, which then faces the payload's centre.
+    """
+
+    point: Array
+    approach: Array
+    around: float
+    one_base: bool
+
+
+class Shoulders(NamedTuple):
+    """Where the arms of one robot begin, in its root link.
+
+    Attributes:
+        middle: mean of their first joints, m, shape (3,).
+        forward: level direction across the line between the first and the last, shape (3,).
+    """
+
+    middle: Array
+    forward: Array
+
+    @classmethod
+    def of(cls, arms: Iterable[Arm]) -> Shoulders:
+        """Return the shoulders of arms from left to right; where they stand in line, forward is x."""
+        points = np.array([arm.robot.pose(arm.moving_joints()[0], arm.locked)[:3, 3] for arm in arms])
+        across = (points[0] - points[-1]) * (1.0, 1.0, 0.0)
+        width = float(np.linalg.norm(across))
+        forward = np.cross(across / width, np.eye(3)[2]) if width > _WIDTH else np.eye(3)[0]
+        return cls(points.mean(axis=0), forward)
+
+    @property
+    def root(self) -> Shoulders:
+        """The root link in place of the shoulders, with x forward."""
+        return Shoulders(np.zeros(3), np.eye(3)[0])
+
+
+def faces_back(arms: Sequence[Arm]) -> bool:
+    """Return whether arms from left to right, seen along x of their robot, reach mostly the other way.
+
+    The tips of configurations within the joint limits are compared with the shoulders, in parts of the
+    farthest; arms that reach all around face along x.
+
+    Args:
+        arms: arms of one robot.
+    """
+    forward, before = Shoulders.of(arms).forward, []
+    for arm in arms:
+        limits = JointLimits(arm)
+        angles = limits.joints.of(np.array(limits.random_configurations(_SAMPLES)))
+        tips = arm.replace(base=Pose()).tip_poses(angles)[:, :3, 3]
+        before.append((tips - arm.robot.pose(arm.moving_joints()[0], arm.locked)[:3, 3]) @ forward)
+    ways = np.array(before)
+    return bool(ways.mean() < -_BEHIND * np.abs(ways).max())
+
+
+def contacts(payload: Payload, count: int, side: Side, layout: Layout) -> Iterator[Contact]:
+    """Yield the contacts of two or more arms, evenly around the payload or along one side of it."""
+    half, shared = np.array(payload.size) / 2.0, layout == "one-base"
+    for k in range(count):
+        around = at = np.pi * (1.0 + 2.0 * k / count)
+        if layout != "facing":
+            fan = 0.0 if shared else _FAN * (k - (count - 1) / 2.0)
+            around, at = fan - np.pi / 2.0, np.pi * (k / (count - 1) - 1.0)
+        outward = np.array((np.cos(at), np.sin(at), 0.0))
+        to_edge = (
+            half[0]
+            if payload.shape == "cylinder"
+            else np.min(half[:2] / np.maximum(np.abs(outward[:2]), _SMALL))
+        )
+        point, approach = to_edge * outward, -outward
+        if side == "above":
+            point, approach = _INSET * point + (0.0, 0.0, half[2]), -np.eye(3)[2]
+        yield Contact(point, approach, around, shared)
