@@ -124,11 +124,7 @@ def cell_and_start(name: str) -> tuple[Cell, np.ndarray]:
 RIGID = [
     name
     for name, scenario in ((name, Scenario.load(name)) for name in scenario_names())
-<<<<<<< HEAD
-    if not (scenario.cell.has_force_elements or scenario.cell.jointed)
-=======
-    if not (scenario.cell.has_force_elements or scenario.cell.shared_joints)
->>>>>>> lift
+    if not (scenario.cell.has_force_elements or scenario.cell.jointed or scenario.cell.shared_joints)
     and "partner" not in [event.kind for event in scenario.events]
 ]
 """Scenarios of the catalogue that compiled code can run."""

@@ -24,11 +24,9 @@ from coop_pin.compiled.engine_choice import choose_engine
 from coop_pin.results.run_result import RunResult
 from coop_pin.sweeps.store import SweepStore
 
-<<<<<<< HEAD
-ONLY_PINOCCHIO = {"adept-hinges", "pick-carry-place", "two-pandas-hinges", "two-pandas-palms"}
-=======
-ONLY_PINOCCHIO = {"pick-carry-place", "tiago-pro-tray", "two-pandas-palms"}
->>>>>>> lift
+ONLY_PINOCCHIO = {
+    *("adept-hinges", "pick-carry-place", "tiago-pro-tray", "two-pandas-hinges", "two-pandas-palms"),
+}
 """Scenarios whose plant has no compiled code."""
 RUNS = {
     **{
