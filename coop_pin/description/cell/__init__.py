@@ -1,6 +1,6 @@
 """Cell: arms, payload and what holds it, as a scenario states them.
 
-Open first: ``cell`` (all parts, and grasps from a configuration), ``arm`` (URDF, base, tip, friction,
+Open first: ``cell`` (all parts), ``held_payload`` (what grasps hold), ``arm`` (URDF, base, tip, friction,
 calibration error), ``grasp`` (rigid, joint, compliant, patch).
 
 ``contact`` has pads, patches and tables, ``grasp_plan`` who bears which part of the load when, ``closure`` a

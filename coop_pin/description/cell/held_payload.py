@@ -1,0 +1,311 @@
+"""Held payload: arms with their grasps, and what these hold, transmit and leave free.
+
+Also grasps from a configuration.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+
+from coop_pin.base.arrays import Array, as_array, as_pose, require_type
+from coop_pin.base.errors import FieldError, NameNotFoundError
+from coop_pin.base.schema.base import (
+    Description,
+    Name,
+    Positive,
+    Vector3,
+    check_arm_names,
+    unknown_arms,
+)
+from coop_pin.base.schema.pose import Pose
+from coop_pin.base.spatial import inverse_pose, rotate_vector6, shift_wrench
+from coop_pin.base.spatial.grasp_rows import GraspRows, transmits, transmitted_loads, unheld_motion
+from coop_pin.base.spatial.task_rows import RowsName, TaskRows, task_rows
+from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.closure import NamedRows, row_mask
+from coop_pin.description.cell.contact import Pad, PatchGrasp, Table
+from coop_pin.description.cell.grasp import CompliantGrasp, Grasp, JointGrasp
+from coop_pin.description.cell.payload import Payload
+
+
+def grasps_from_configuration(
+    arms: Mapping[str, Arm], joint_angles: Mapping[str, ArrayLike], payload_pose: Pose | ArrayLike
+) -> dict[str, Pose]:
+    """Return the grasps X_PE of arms at given joint angles: X_PE = X_WP^-1 X_WB X_BE(q).
+
+    Args:
+        arms: the arms by name.
+        joint_angles: angles of every arm, one value for each joint that is neither fixed nor locked, rad or
+            m, in Pinocchio's order.
+        payload_pose: X_WP, as a Pose or a matrix of shape (4, 4).
+
+    Raises:
+        NameNotFoundError: an arm has no joint angles.
+        ShapeError: the number of angles is not that of the joints.
+        UrdfError, NameNotFoundError: an arm's URDF or tip is missing or has defects.
+    """
+    require_type("arms", arms, Mapping)
+    require_type("joint_angles", joint_angles, Mapping)
+    X_WP = payload_pose.matrix if isinstance(payload_pose, Pose) else as_pose("payload_pose", payload_pose)
+    grasps = {}
+    for name, arm in arms.items():
+        require_type(f"arms[{name!r}]", arm, Arm)
+        if name not in joint_angles:
+            raise NameNotFoundError("arm", name, joint_angles, "joint_angles")
+        angles = as_array(f"joint_angles[{name!r}]", joint_angles[name], len(arm.moving_joints()))
+        grasps[name] = Pose.from_matrix(inverse_pose(X_WP) @ arm.tip_poses(angles))
+    return grasps
+
+
+class HeldPayload(Description):
+    """Payload, the grasps by which arms hold it, and who bears which part of the load.
+
+    Attributes:
+        arms: the arms by name; arrays over arms have their order.
+        payload: the held object.
+        payload_pose: payload pose X_WP that belongs to the arms' postures; for "as-posed" grasps only.
+        grasps: pose X_PE of each arm's tip in the payload frame, in the order of the arms; with ``kind =
+            "compliant"`` a spring and damper holds the tip there, with ``kind = "patch"`` friction alone,
+            with "hinge", "ball" or "cylinder" a joint.
+            "as-posed" computes rigid ones from ``payload_pose`` and the postures, and the cell stores the
+            result.
+        rows: task rows: "full" (6), "planar" (x, y and the rotation about z, for arms that move in the
+            world's x-y plane) or "positional" (x, y, z).
+        gravity: gravitational acceleration in world axes, m/s^2.
+        load_shares: load share c_i of each arm, summing to one; equal when omitted.
+        tables: tables that the payload may lie on, by name.
+        pads: pads of arms with rigid or compliant grasps, by which results tell whether friction would hold.
+        split_length: l, m, of the split of the load beside grasps of fewer rows: a moment over l counts as
+            much as a force. Motion terms of K leave no internal wrench at l^2 = K_rotation / K_position.
+    """
+
+    arms: dict[str, Arm] = Field(min_length=1)
+    payload: Payload
+    payload_pose: Pose | None = None
+    grasps: dict[str, Grasp]
+    rows: RowsName = "full"
+    gravity: Vector3 = (0.0, 0.0, -9.81)
+    load_shares: dict[str, float] | None = None
+    tables: dict[Name, Table] = Field(default={})
+    pads: dict[str, Pad] = Field(default={})
+    split_length: Positive = 0.1
+
+    @field_validator("grasps", mode="before")
+    @classmethod
+    def _as_posed(cls, grasps: Any, earlier: ValidationInfo) -> Any:
+        if not isinstance(grasps, str):
+            return grasps
+        if grasps != "as-posed":
+            raise FieldError(f'is {grasps!r}; it must be a table of poses by arm, or "as-posed"')
+        arms, pose = earlier.data.get("arms"), earlier.data.get("payload_pose")
+        if arms is None:
+            return {}
+        unposed = [name for name, arm in arms.items() if arm.posture is None]
+        if pose is None or unposed:
+            missing = "payload_pose is" if pose is None else f"the postures of {unposed} are"
+            raise FieldError(f'is "as-posed", but {missing} missing; the grasps are computed from them')
+        return grasps_from_configuration(arms, {name: arm.posture for name, arm in arms.items()}, pose)
+
+    @field_validator("grasps")
+    @classmethod
+    def _one_grasp_each(cls, grasps: dict[str, Grasp], earlier: ValidationInfo) -> dict[str, Grasp]:
+        arms = earlier.data.get("arms")
+        check_arm_names(grasps, arms)
+        return grasps if arms is None else {name: grasps[name] for name in arms}
+
+    @field_validator("grasps")
+    @classmethod
+    def _patches_on_faces(cls, grasps: dict[str, Grasp], earlier: ValidationInfo) -> dict[str, Grasp]:
+        payload = earlier.data.get("payload")
+        for name, grasp in grasps.items():
+            if payload is not None and isinstance(grasp, PatchGrasp):
+                try:
+                    grasp.bounds(payload)
+                except FieldError as error:
+                    raise error.below(name) from None
+        return grasps
+
+    @field_validator("pads")
+    @classmethod
+    def _pads_of_other_grasps(cls, pads: dict[str, Pad], earlier: ValidationInfo) -> dict[str, Pad]:
+        grasps = earlier.data.get("grasps", {})
+        if strangers := unknown_arms(pads, earlier.data.get("arms", pads)):
+            raise strangers[0]
+        for name in pads:
+            if isinstance(grasps.get(name), PatchGrasp | JointGrasp):
+                raise FieldError("is of a grasp that is a joint, or has a patch of its own", name)
+        return pads
+
+    @model_validator(mode="after")
+    def _joints_hold(self) -> Self:
+        if self.jointed:
+            self._require_joints()
+        return self
+
+    def _require_joints(self) -> None:
+        """Refuse joints whose rows the cell does not have, or which leave the payload a motion.
+
+        Raises:
+            FieldError: with the arm, or the motion that no grasp holds.
+        """
+        if self.rows == "positional" or self.unclosed or self.tables:
+            detail = "has joints; they go with rigid grasps, in task rows 'full' or 'planar', without tables"
+            raise FieldError(detail, "grasps")
+        for name in self.jointed:
+            if self.grasp_rows(name) is None:
+                raise FieldError(
+                    "has its axis askew to the plane; it must be in it or across", f"grasps.{name}"
+                )
+        self.require_payload_held([True] * len(self.arms), "grasps")
+
+    def require_payload_held(self, holds: Sequence[bool], path: str) -> None:
+        """Refuse grasps that leave the payload a motion.
+
+        Args:
+            holds: which arms hold.
+            path: field of the error.
+
+        Raises:
+            FieldError: with a twist that no grasp holds.
+        """
+        V = unheld_motion(self.transmitted(holds))
+        if V is not None:
+            rows = dict(zip(self.task_rows.axes, np.round(V / np.abs(V).max(), 3).tolist(), strict=True))
+            shown = ", ".join(f"{axis} {value:g}" for axis, value in rows.items() if value)
+            detail = f"leave the payload a motion that nobody holds: about P in its axes {shown}"
+            raise FieldError(f"{detail}. Make a grasp rigid, or turn an axis", path)
+
+    def require_transmitted(self, wrenches: Array) -> None:
+        """Refuse internal wrenches that a joint does not transmit.
+
+        Args:
+            wrenches: wrench on each arm about P in payload axes, N and N m, shape (m, 6).
+
+        Raises:
+            FieldError: with the arm.
+        """
+        rows = list(self.task_rows.indices)
+        for name, B, F in zip(self.arms, self.transmitted(), wrenches, strict=True):
+            if not transmits(B, F[rows]):
+                detail = f"is {F.tolist()} about P, which the {self.jointed[name].kind} does not transmit"
+                raise FieldError(f"{detail}; state tip forces: kind = 'tip-force' or 'tip-wrench'", name)
+
+    @field_validator("load_shares")
+    @classmethod
+    def _shares_sum_to_one(
+        cls, shares: dict[str, float] | None, earlier: ValidationInfo
+    ) -> dict[str, float] | None:
+        if shares is None:
+            return None
+        check_arm_names(shares, earlier.data.get("arms"))
+        total = sum(shares.values())
+        if abs(total - 1.0) > 1e-9:
+            raise FieldError(
+                f"{shares} sum to {total:.9g}; load shares must sum to 1 (eq. (11) of the paper)"
+            )
+        return shares
+
+    @property
+    def task_rows(self) -> TaskRows:
+        """Task rows of the cell, k_0 of them."""
+        return task_rows(self.rows)
+
+    @property
+    def compliant(self) -> dict[str, CompliantGrasp]:
+        """Compliant grasps by arm, in their order."""
+        return {name: grasp for name, grasp in self.grasps.items() if isinstance(grasp, CompliantGrasp)}
+
+    @property
+    def patches(self) -> dict[str, PatchGrasp]:
+        """Grasps by friction by arm, in their order."""
+        return {name: grasp for name, grasp in self.grasps.items() if isinstance(grasp, PatchGrasp)}
+
+    def compliance(self, arm: str) -> Array:
+        """Return C of a grasp that gives, from a wrench about P to the displacement there, shape (6, 6).
+
+        In payload axes, m/N and rad/(N m); zero for a rigid grasp.
+        """
+        grasp = self.grasps[arm]
+        if isinstance(grasp, PatchGrasp):
+            X, stiffness = grasp.matrix @ grasp.plane, grasp.stiffnesses
+        elif isinstance(grasp, CompliantGrasp):
+            X, stiffness = grasp.matrix, grasp.stiffness
+        else:
+            return np.zeros((6, 6))
+        to_grasp = rotate_vector6(X[:3, :3].T, shift_wrench(np.eye(6), np.tile(-X[:3, 3], (6, 1))))
+        return to_grasp @ np.diag(1.0 / np.array(stiffness)) @ to_grasp.T
+
+    def way_out(self, arm: str) -> Array:
+        """Return the axis of the payload on which an arm retreats from its grasp, shape (3,)."""
+        grasp = self.grasps[arm]
+        return (grasp.matrix @ grasp.plane)[:3, 2] if isinstance(grasp, PatchGrasp) else -grasp.matrix[:3, 2]
+
+    @property
+    def padded(self) -> dict[str, Pad]:
+        """Patch or pad of each arm that has one, in the order of the arms."""
+        faces: dict[str, Pad] = {**self.pads, **self.patches}
+        return {name: faces[name] for name in self.arms if name in faces}
+
+    @property
+    def closing(self) -> dict[str, NamedRows]:
+        """Rows of the loop that each rigid grasp closes, by arm, in their order."""
+        return {
+            name: grasp.closes if isinstance(grasp, JointGrasp) else "full"
+            for name, grasp in self.grasps.items()
+            if not isinstance(grasp, CompliantGrasp | PatchGrasp)
+        }
+
+    @property
+    def jointed(self) -> dict[str, JointGrasp]:
+        """Grasps of fewer rows by arm, in their order."""
+        return {name: grasp for name, grasp in self.grasps.items() if isinstance(grasp, JointGrasp)}
+
+    def grasp_rows(self, arm: str) -> GraspRows | None:
+        """Return the rows that an arm's grasp holds, all of them of one that is no joint.
+
+        None if the axis of a joint is askew to the plane of a planar cell.
+        """
+        grasp = self.grasps[arm]
+        if isinstance(grasp, JointGrasp):
+            return GraspRows.of(self.task_rows, grasp.matrix @ grasp.X_EC, row_mask(grasp.closes))
+        return GraspRows.of(self.task_rows, np.eye(4), (True,) * 6)
+
+    def transmitted(self, holds: Sequence[bool] | None = None) -> list[Array]:
+        """Return B_i of ``GraspRows.wrenches`` of the arms that hold, all by default, shape (k_0, k) each."""
+        rows = map(self.grasp_rows, itertools.compress(self.arms, holds or itertools.repeat(True)))
+        return [each.wrenches for each in rows if each is not None]
+
+    def loads_within(self, holds: Sequence[bool]) -> Array:
+        """Return L_i of ``transmitted_loads`` of the arms that hold, shape (n, 6, 6)."""
+        shares = self.shares[list(holds)]
+        return transmitted_loads(
+            self.transmitted(holds), shares / shares.sum(), self.task_rows, self.split_length
+        )
+
+    @property
+    def unclosed(self) -> list[str]:
+        """Arms whose grasps are compliant or held by friction: those that close no loop."""
+        return [name for name in self.grasps if name not in self.closing]
+
+    @property
+    def has_contacts(self) -> bool:
+        """Whether something touches with friction: a patch, or the payload and a table."""
+        return bool(self.patches or self.tables)
+
+    @property
+    def has_force_elements(self) -> bool:
+        """Whether forces of state hold the payload: compliant grasps, patches or tables."""
+        return bool(self.compliant or self.has_contacts)
+
+    @property
+    def shares(self) -> Array:
+        """Load shares c_i in the order of the arms, shape (m,)."""
+        if self.load_shares is None:
+            return np.full(len(self.arms), 1.0 / len(self.arms))
+        return np.array([self.load_shares[name] for name in self.arms])
