@@ -60,7 +60,6 @@ _PUBLIC = {
     "suggest": "design.suggestion",
     "sweep": "sweeps.engine",
     "tune": "sweeps.optimisation",
-    "with_distances": "running.recorded_distances",
 }
 """Names of ``cp`` itself, and the file of each."""
 
@@ -94,8 +93,11 @@ _NAMESPACES: dict[str, tuple[str, dict[str, str]]] = {
     ),
     "export": ("The law of one arm as C99.", {"compiled.laws.c_export": "CLaw export_c"}),
     "findings": (
-        "What ``cp.check`` knows of a scenario: findings with their severity and remedy.",
-        {"results.finding": "Finding Findings"},
+        "What ``cp.check`` knows of a scenario: findings with severity and remedy; distances of a run.",
+        {
+            "results.finding": "Finding Findings",
+            "running.recorded_distances": "recorded_distances with_distances",
+        },
     ),
     "gym": (
         "Environments of Gymnasium (extra ``gym``): a cell for agents, alone or as lanes of compiled code.",

@@ -217,7 +217,7 @@ def test_a_run_records_distances_on_demand_and_the_replay_draws_the_pair(name, t
     scenario = SCENARIOS[name]().replace(events=()).override({"duration": 0.04})
     result = cp.run(scenario, engine="pinocchio", warn=False)
     assert "least_distance" not in result.data
-    measured = cp.with_distances(result)
+    measured = cp.findings.with_distances(result)
     least, points = (measured.data[key].values for key in ("least_distance", "nearest_points"))
     assert_allclose(np.linalg.norm(points[:, 0] - points[:, 1], axis=1), np.abs(least), atol=2e-6)
     bodies = CellDistances(scenario.cell)
