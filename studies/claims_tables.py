@@ -201,7 +201,7 @@ def gain(curve: pd.DataFrame) -> Claim:
 
 
 def robust(curve: pd.DataFrame) -> Claim:
-    """Return the claim that the law is robust whatever the dynamics; a load is beside it, in rows of its own."""
+    """Return the claim that the law is robust whatever the dynamics, and rows of its own for a load."""
     calm = curve["quiet"]
 
     def largest(measure: str, trials: Sequence[str]) -> pd.Series:

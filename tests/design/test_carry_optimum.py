@@ -132,7 +132,7 @@ def test_least_effort_is_within_two_per_cent_of_the_optimum(name, duration):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LINES)
 def test_least_time_is_within_one_per_cent_of_the_optimum(name):
-    """With 2 ms of smoothing; the optimum has one piece a sample, 240 of them."""
+    """With 1 ms of smoothing, which costs 2 ms; the optimum has one piece a sample, 240 of them."""
     cell = scenario()
-    plan = cp.carry.plan_carry(cell.cell, *line_of(name), squeeze=cell.squeeze, smoothing=0.002, places=401)
+    plan = cp.carry.plan_carry(cell.cell, *line_of(name), squeeze=cell.squeeze, smoothing=0.001, places=401)
     assert_allclose(plan.duration, optimum(name, pieces=240, inside=1), rtol=0.01)
