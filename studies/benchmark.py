@@ -76,8 +76,8 @@ def tables(found: Comparison) -> str:
         f"{spans(found, found.data['tracking_rms_mm'], TRACKING)}\n\n"
         "$T\\lambda$ of every controller with these gains, the largest of nine poses along the motion"
         f" (sampled damping holds below 2):\n\n{stability(names, tuned, t_lambda)}\n\n"
-        "Smallest damping ratio of a mode of the payload with all gains, at six poses along the motion, without"
-        f" friction (`coop-pin check` asks for {LEAST_DAMPING}; sgn counts as no integral):"
+        "Smallest damping ratio of a mode of the payload with all gains, at six poses along the motion and"
+        f" without friction (`coop-pin check` asks for {LEAST_DAMPING}; sgn counts as no integral):"
         f"\n\n{stability(names, tuned, payload_damping)}"
     )
 

@@ -38,6 +38,8 @@ MARGIN = 1e-3
 """Damping ratio by which lowered gains lie above the bound, so that rounding keeps them there."""
 ERROR = 0.02
 """Part of itself to which a lowered gain is found."""
+KEPT = ("prescribed-performance",)
+"""Controllers that keep what was searched: damped about its floors, this law is off by 15 mm and more."""
 STEPS = 8
 """Steps through the range of the first of two gains that are lowered together."""
 
@@ -104,7 +106,7 @@ def damped(scenario: Scenario, gains: dict[str, float], lows: dict[str, float]) 
 def lower(table: pd.DataFrame, cells: Sequence[str]) -> None:
     """Lower what swings in some cells, and write the table after each controller."""
     for (cell, name), rows in table.groupby(["scenario", "controller"], sort=False):
-        if cell not in cells:
+        if cell not in cells or name in KEPT:
             continue
         scenario = with_law(str(cell), str(name))
         searched = dict(zip(rows["field"], rows["searched"], strict=True))

@@ -20,6 +20,7 @@ import front_figures
 import numpy as np
 
 import coop_pin as cp
+from coop_pin.base.errors import FieldError
 from coop_pin.sweeps import Span
 from coop_pin.urdf import find_urdf
 
@@ -295,7 +296,12 @@ def medians(
         repeats=seeds if trial.random else 1,
         metrics=(METRIC,),
     )
-    result = cp.sweep(plan, out=folder, execution=cp.Execution(workers=0, quiet=True))
+    try:
+        result = cp.sweep(plan, out=folder, execution=cp.Execution(workers=0, quiet=True))
+    except FieldError:  # at or beyond a bound of its gains: refused before any run
+        return {"runs": len(plan), "failed": len(plan), "why": "FieldError"} | dict.fromkeys(
+            MEASURES, math.inf
+        )
     row: dict[str, Any] = {"runs": len(plan), "failed": result.counts()["failed"]}
     row["why"] = result.failures[0].kind if result.failures else ""
     for name in MEASURES:
