@@ -172,11 +172,15 @@ def interval(row: Any) -> str:
 
 def merged(kept: Comparison, new: Comparison) -> Comparison:
     """Return the rows of both, the second's in place of the first's where both have them."""
-    table = kept.table
-    stays = table.loc[[place not in new.table.index for place in table.index]]
-    return Comparison.of_cells(
-        pd.concat([stays, new.table]).loc[table.index.union(new.table.index, sort=False)]
-    )
+    first, second = kept.table, new.table
+    rows = pd.concat([first[~first.index.isin(second.index)], second])
+    return Comparison.of_cells(rows.loc[first.index.append(second.index).drop_duplicates()])
+
+
+def store(found: Comparison) -> None:
+    """Write the CSV, without verdicts that some of its rows do not have."""
+    missing = [name for name in ("sound", "kept") if found.table[name].isna().any()]
+    Comparison(found.data.drop_vars(missing)).write_csv(DATA)
 
 
 def main() -> None:
@@ -203,7 +207,7 @@ def main() -> None:
     execution = Execution(asked.workers, engine="auto")
     new = compare(cells, asked.controllers, wanted, out=asked.out, execution=execution, **options)
     found = merged(Comparison.load(DATA), new)
-    found.write_csv(DATA)
+    store(found)
     for cell in map(str, found.data["scenario"].values):
         save_image(comparison_figure(found, cell), IMAGES / f"benchmark-{cell}")
     write(found, asked.duration)
