@@ -449,7 +449,7 @@ def test_one_millimetre_is_one_table():
             continue
         digits = len(shown.replace(".", "").lstrip("0"))
         assert float(f"{value:.{digits - 1}e}") == float(shown), law
-    for g, k_I, gamma, force in ((0.1, 5.0, 2.0, 0.25), (0.0345408, 6.31112e-5 / 0.05, 22.1495, 0.0020)):
+    for g, k_I, gamma, force in ((0.1, 5.0, 2.0, 0.25), (0.0345408, 6.31112e-5 / 0.05, 9.33, 0.00085)):
         assert_allclose(0.5 * k_I * 800.0 * gamma * 0.5e-3 / (g * 80.0), force, rtol=0.02)
 
 
@@ -465,31 +465,30 @@ def test_what_follows_from_the_benchmark_is_in_its_table():
 
     anchored = {"force": force.loc["anchored"], "track": track.loc["anchored"]}
     assert anchored["force"].notna().sum().sum() == 75
-    for other, wins in (("mean-pose", (53, 8)), ("zeroed-leaky", (59, 21))):
+    for other, wins in (("mean-pose", (51, 24)), ("zeroed-leaky", (57, 17))):
         less = ((anchored["force"] < force.loc[other]), (anchored["track"] < track.loc[other]))
         assert tuple(frame.sum().sum() for frame in less) == wins
-    biased = {"anchored": 0.17, "zeroed-leaky": 1.2, "payload-pi": 7.5, "printed": 11.0, "mean-pose": 0.78}
+    biased = {"anchored": 0.17, "zeroed-leaky": 1.2, "payload-pi": 7.5, "printed": 8.84, "mean-pose": 0.78}
     for name, most in biased.items():
         assert_allclose(extremes(force, name, "bias 1 mm")[1], most, rtol=0.05)
     assert_allclose(extremes(force, "dead-zone", "bias 1 mm")[1], 1.25, rtol=0.01)
     assert_allclose(extremes(track, "dead-zone", "mass x2"), (0.10, 1.47), rtol=0.05)
     change = force.loc[("mean-pose", "bias 1 mm")] / force.loc[("mean-pose", "nominal")]
     assert change.max() < 1.04
-    for name, most in (("anchored", 0.774), ("mean-pose", 0.024), ("computed-torque", 1.37)):
+    for name, most in (("anchored", 1.17), ("mean-pose", 0.541), ("computed-torque", 1.37)):
         assert_allclose(extremes(track, name, "mass x2")[1], most, rtol=0.01)
-    assert_allclose(track.loc[("anchored", "mass x2"), "two-pandas-box"], 0.248, rtol=0.01)
     limp = "torque of an arm lost"
     for name, ends in {
-        "anchored": (1.54, 2.44),
-        "mean-pose": (0.10, 0.66),
+        "anchored": (2.44, 4.85),
+        "mean-pose": (0.51, 2.21),
         "payload-pi": (4.16, 9.65),
         "computed-torque": (59.6, 584.0),
     }.items():
         assert_allclose(extremes(track, name, limp, held), ends, rtol=0.01)
     lost = ["two-pandas-box", "panda-ur5-bar"]
-    assert track.xs(limp, level="trial")[lost].min().min() > 250.0
-    assert_allclose(extremes(track, "anchored", "commands of an arm lost")[1], 2.29, rtol=0.01)
-    assert track.loc[("mean-pose", "commands of an arm lost"), "two-pandas-box"] > 300.0
+    assert track.xs(limp, level="trial")[lost].min().min() > 240.0
+    for name, most in (("anchored", 4.26), ("mean-pose", 1.96)):
+        assert_allclose(extremes(track, name, "commands of an arm lost")[1], most, rtol=0.01)
     for frame, expected in ((force, (9.8, 57.5)), (track, (1.0, 2.34))):
         ratio = frame.loc[("anchored", "wrist lost at half time")] / frame.loc[("anchored", "nominal")]
         assert_allclose((ratio.min(), ratio.max()), expected, rtol=0.02)
