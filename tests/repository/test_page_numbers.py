@@ -142,7 +142,7 @@ def test_the_ramp_that_the_example_prints_is_the_one_beside_it(capsys):
 
 def test_bounds_of_the_anchor_over_a_line_are_those_of_the_page():
     """A wrist that is a tick late, and the gains beside the numbers: where the modes begin to grow."""
-    text = r"have \$g\$ < ([\d.]+) at \$D\$ = 0 and ([\d.]+) at 2; .* have ([\d.]+) and ([\d.]+)\."
+    text = r"have \$g\$ < ([\d.]+) at \$D\$ = 0 and ([\d.]+) at 2\. .* have ([\d.]+) and ([\d.]+)\."
     *line, one, three = re.search(text, PAGES["messages"]).groups()
     path = ConsensusForcePath(proportional_gain=0.15, integral_gain=0.1)
     for delay, shown in zip((0, 2), line, strict=True):
