@@ -93,6 +93,26 @@ def test_forces_that_the_pages_of_claims_quote_are_those_of_the_front():
     assert holds(judged.loc[("printed, tuned", "nominal"), "force_N"], shown)
 
 
+@pytest.mark.slow
+def test_forces_under_a_bias_and_under_friction_are_those_of_the_exercise(monkeypatch):
+    """Mean pose, the anchored law, and neither; of friction also on the page that helps to choose."""
+    monkeypatch.syspath_prepend(REPOSITORY / "examples" / "exercises")
+    import friction
+
+    biased, rough = (friction.compared("adept-anchored", trial) for trial in friction.TRIALS.values())
+    page = (REPOSITORY / "docs" / "exercises.md").read_text(encoding="utf-8")
+    text = r"leave ([\d.]+) N, the anchored law ([\d.]+) N, and the same law without either ([\d.]+) N"
+    for law, shown in zip(
+        ("mean pose", "anchored", "payload-pi"), re.search(text, page).groups(), strict=True
+    ):
+        assert holds(biased[law][1], shown)
+    told = re.search(r"poses leave ([\d.]+) N, the wrenches ([\d.]+) N", page).groups()
+    choose = (REPOSITORY / "docs" / "concepts" / "choose.md").read_text(encoding="utf-8")
+    assert told == re.search(r"mean-pose PI has ([\d.]+) N, the anchored law ([\d.]+) N", choose).groups()
+    for law, shown in zip(("mean pose", "anchored"), told, strict=True):
+        assert holds(rough[law][1], shown)
+
+
 # ---------------------------------------------------------------- messages
 
 
