@@ -4,7 +4,10 @@ Runs what is missing in out/studies/benchmark, and writes studies/benchmark.csv,
 docs/concepts/benchmark.md and docs/studies/benchmark.md, and docs/images/benchmark-CELL.png. With --page,
 only the text, from the CSV.
 
-Usage: python studies/benchmark.py [--duration SECONDS] [--seeds N] [--trials NAME ...] [--workers N] [--page]
+With --controllers, only those are run, and the other rows of the CSV stay.
+
+Usage: python studies/benchmark.py [--duration SECONDS] [--seeds N] [--trials NAME ...]
+    [--controllers NAME ...] [--cells NAME ...] [--workers N] [--page]
 """
 
 from __future__ import annotations
@@ -16,18 +19,17 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import xarray as xr
 from pages import IMAGES, markdown, save_image, write_block
 
 from coop_pin import Execution, Scenario, compare
 from coop_pin.comparison import BENCHMARK, Comparison, controller_names, controllers_for, standard_trials
 from coop_pin.comparison.controllers import GAINS, stored_gains, t_lambda
+from coop_pin.comparison.measures import payload_damping
 from coop_pin.comparison.trials import benchmark_scenario
-from coop_pin.feasibility import reachability
 from coop_pin.figures import comparison_figure
-from coop_pin.simulation.build_controller import build_controller
-from coop_pin.simulation.simulation import Simulation
-from coop_pin.stability.loop_stability import LEAST_DAMPING, loop_stability
+from coop_pin.stability.loop_stability import LEAST_DAMPING
 
 HERE = Path(__file__).parent
 DATA = HERE / "benchmark.csv"
@@ -74,8 +76,9 @@ def tables(found: Comparison) -> str:
         f"{spans(found, found.data['tracking_rms_mm'], TRACKING)}\n\n"
         "$T\\lambda$ of every controller with these gains, the largest of nine poses along the motion"
         f" (sampled damping holds below 2):\n\n{stability(names, tuned, t_lambda)}\n\n"
-        "Smallest damping ratio of a mode with all gains, at six poses along the motion (`coop-pin check`"
-        f" asks for {LEAST_DAMPING}; sgn counts as no integral):\n\n{stability(names, tuned, damping)}"
+        "Smallest damping ratio of a mode of the payload with all gains, at six poses along the motion and"
+        f" without friction (`coop-pin check` asks for {LEAST_DAMPING}; sgn counts as no integral):"
+        f"\n\n{stability(names, tuned, payload_damping)}"
     )
 
 
@@ -83,6 +86,16 @@ def write(found: Comparison, duration: float | None) -> None:
     """Write the text of the page and the tables of the study."""
     write_block(PAGE, "benchmark", text(found, duration))
     write_block(TABLES, "tables", tables(found))
+    write_block(TABLES, "printed", printed(list(map(str, found.data["scenario"].values))))
+
+
+def printed(cells: list[str]) -> str:
+    """Return the gains of the printed law in each cell, tuned and used, as Markdown."""
+    rows = []
+    for cell in cells:
+        gains = stored_gains(cell)["printed"]
+        rows.append((f"`{cell}`", *(f"{gains[f'gains.{name}']:.3g}" for name in ("pose_gain", "sign_gain"))))
+    return markdown(("cell", "$\\gamma$", "$\\alpha$"), rows)
 
 
 def at_ends(cells: list[str]) -> str:
@@ -97,13 +110,6 @@ def at_ends(cells: list[str]) -> str:
 def place(value: float, low: float, high: float) -> float:
     """Return where a gain lies in its range, 0 to 1, in logarithms."""
     return math.log(value / low) / math.log(high / low)
-
-
-def damping(scenario: Scenario) -> float:
-    """Return the smallest damping ratio of a scenario's law along its motion."""
-    ideal = scenario.with_ideal_sensors.replace(events=(), seed=0)
-    beyond = ideal.replace(controller=ideal.controller.beyond_dead_zone)
-    return loop_stability(Simulation(beyond, build_controller(beyond)), reachability(beyond)).damping
 
 
 def stability(names: list[str], cells: list[str], of: Callable[[Scenario], float]) -> str:
@@ -164,6 +170,19 @@ def interval(row: Any) -> str:
     return f"{row['rank']:.1f} ({row['low']:.1f} to {row['high']:.1f})"
 
 
+def merged(kept: Comparison, new: Comparison) -> Comparison:
+    """Return the rows of both, the second's in place of the first's where both have them."""
+    first, second = kept.table, new.table
+    rows = pd.concat([first[~first.index.isin(second.index)], second])
+    return Comparison.of_cells(rows.loc[first.index.append(second.index).drop_duplicates()])
+
+
+def store(found: Comparison) -> None:
+    """Write the CSV, without verdicts that some of its rows do not have."""
+    missing = [name for name in ("sound", "kept") if found.table[name].isna().any()]
+    Comparison(found.data.drop_vars(missing)).write_csv(DATA)
+
+
 def main() -> None:
     """Run what is missing, and write table, figures and text."""
     parser = argparse.ArgumentParser(
@@ -172,6 +191,8 @@ def main() -> None:
     parser.add_argument("--duration", type=float, help="of every run, s; the scenarios' own when omitted")
     parser.add_argument("--seeds", type=int, default=10, help="of random trials")
     parser.add_argument("--trials", nargs="+", help="names; all when omitted")
+    parser.add_argument("--controllers", nargs="+", default=controller_names(), help="all when omitted")
+    parser.add_argument("--cells", nargs="+", help="all that have gains when omitted")
     parser.add_argument("--workers", type=int, help="processes; one for each processor when omitted")
     parser.add_argument("--out", type=Path, default=Path("out") / "studies" / "benchmark")
     parser.add_argument("--page", action="store_true", help="only write the text, from the CSV")
@@ -179,13 +200,14 @@ def main() -> None:
     if asked.page:
         write(Comparison.load(DATA), asked.duration)
         return
-    cells = tuned_cells()
+    cells = asked.cells or tuned_cells()
     known = {name: None for cell in cells for name in standard_trials(Scenario.load(cell))}
     wanted = asked.trials or list(known)
     options: dict[str, Any] = {"seeds": asked.seeds, "duration": asked.duration}
     execution = Execution(asked.workers, engine="auto")
-    found = compare(cells, controller_names(), wanted, out=asked.out, execution=execution, **options)
-    found.write_csv(DATA)
+    new = compare(cells, asked.controllers, wanted, out=asked.out, execution=execution, **options)
+    found = merged(Comparison.load(DATA), new)
+    store(found)
     for cell in map(str, found.data["scenario"].values):
         save_image(comparison_figure(found, cell), IMAGES / f"benchmark-{cell}")
     write(found, asked.duration)

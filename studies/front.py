@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import csv
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +20,8 @@ import front_figures
 import numpy as np
 
 import coop_pin as cp
+from coop_pin.base.errors import FieldError
+from coop_pin.sweeps import Span
 from coop_pin.urdf import find_urdf
 
 HERE = Path(__file__).parent
@@ -83,7 +85,9 @@ CELLS = {
     ),
 }
 
-GAMMA, ALPHA = ("controller.gains.pose_gain", 1.0, 8.0), ("controller.gains.sign_gain", 0.02, 0.5)
+GAMMA = ("controller.gains.pose_gain", 1.0, 8.0)
+ALPHA = ("controller.gains.sign_gain", 1e-5, 1.0)
+"""Of the integral of the sign: as small as serves the paper's experiment, and as large as takes loads up."""
 K_I, G = ("controller.gains.sign_gain", 0.05, 1.0), ("controller.gains.anchor_gain", 0.02, 0.5)
 LINEAR_K_I = ("controller.gains.sign_gain", 0.5, 10.0)
 LEAK, WIDTH = ("controller.gains.leak", 0.05, 5.0), ("controller.switching.width", 0.01, 0.1)
@@ -125,14 +129,14 @@ class Law(NamedTuple):
 
 
 LAWS = {
-    "printed, sgn": Law(True, False, SGN, {}, (GAMMA, ALPHA)),
-    "printed, alpha 0": Law(True, False, SGN, {"sign_gain": 0.0}, (GAMMA,)),
-    "printed, K_f": Law(
+    "printed, tuned": Law(True, False, SGN, {}, (GAMMA, ALPHA)),
+    "printed, tuned, alpha 0": Law(True, False, SGN, {"sign_gain": 0.0}, (GAMMA,)),
+    "printed, tuned, K_f": Law(
         True,
         True,
         SGN | LOW_PASS,
         {},
-        (GAMMA, (ALPHA[0], 0.0, 0.5), ("controller.gains.force_gain", 0.0, 8.0)),
+        (GAMMA, ALPHA, ("controller.gains.force_gain", 0.0, 8.0)),
     ),
     "payload, sgn": Law(False, False, SGN, {"leak": 0.0}, (GAMMA, ALPHA)),
     "payload, saturation": Law(
@@ -260,12 +264,18 @@ def doubled(urdf: str, folder: Path) -> Path:
     return path
 
 
+def span(low: float, high: float) -> Span:
+    """Return a range; one over more than three decades is searched in logarithms."""
+    is_wide = low > 0.0 and high > 1e3 * low
+    return Span(low=low, high=high, scale="log" if is_wide else "linear")
+
+
 def tune(cell: Cell, law: Law, trial: Trial, folder: Path) -> cp.sweeps.TuneResult:
     """Search the gains of a law in the trial on which all laws are tuned."""
     scenario = cp.Scenario.load(cell.base, cell.changes | trial.changes | {"seed": TUNED_SEED})
     return cp.tune(
         scenario.override({"controller": law.controller(cell)}),
-        {field: (low, high) for field, low, high in law.tuned},
+        {field: span(low, high) for field, low, high in law.tuned},
         minimize="cost",
         metrics=[METRIC],
         out=folder,
@@ -286,7 +296,12 @@ def medians(
         repeats=seeds if trial.random else 1,
         metrics=(METRIC,),
     )
-    result = cp.sweep(plan, out=folder, execution=cp.Execution(workers=0, quiet=True))
+    try:
+        result = cp.sweep(plan, out=folder, execution=cp.Execution(workers=0, quiet=True))
+    except FieldError:  # at or beyond a bound of its gains: refused before any run
+        return {"runs": len(plan), "failed": len(plan), "why": "FieldError"} | dict.fromkeys(
+            MEASURES, math.inf
+        )
     row: dict[str, Any] = {"runs": len(plan), "failed": result.counts()["failed"]}
     row["why"] = result.failures[0].kind if result.failures else ""
     for name in MEASURES:
@@ -295,11 +310,14 @@ def medians(
     return row
 
 
-def rows_of(cell_name: str, seeds: int, out: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+def rows_of(
+    cell_name: str, laws: Sequence[str], seeds: int, out: Path
+) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield the table that a row belongs to, "gains", "tuning" or "judged", and the row."""
     cell = CELLS[cell_name]
     tests = trials(cell, doubled(cell.urdf, out))
-    for law_name, law in LAWS.items():
+    for law_name in laws:
+        law = LAWS[law_name]
         folder = out / cell_name / law_name.replace(",", "").replace(" ", "-")
         found = tune(cell, law, tests[TUNED_ON], folder / "tune")
         place = {"cell": cell_name, "law": law_name}
@@ -327,6 +345,9 @@ def main() -> None:
     parser.add_argument(
         "--seeds", nargs=2, type=int, default=(10, 10), help="of random trials, for each cell"
     )
+    parser.add_argument(
+        "--laws", nargs="+", choices=LAWS, default=list(LAWS), help="the others keep their rows"
+    )
     parser.add_argument("--out", type=Path, default=Path("out") / "studies" / "front")
     parser.add_argument("--draw", action="store_true", help="only draw the figures from the tables")
     asked = parser.parse_args()
@@ -334,15 +355,23 @@ def main() -> None:
         seeds = dict(zip(CELLS, asked.seeds, strict=True))
         for cell in asked.cells:
             tables: dict[str, list[dict[str, Any]]] = {"gains": [], "tuning": [], "judged": []}
-            for table, row in rows_of(cell, seeds[cell], asked.out):
-                tables[table].append(row)
-            for table, rows in tables.items():
+            for table, row in rows_of(cell, asked.laws, seeds[cell], asked.out):
+                tables[table].append({name: digits(value) for name, value in row.items()})
+            for table, new in tables.items():
+                rows = merged(DATA / f"{cell}-{table}.csv", new)
                 with (DATA / f"{cell}-{table}.csv").open("w", newline="", encoding="utf-8") as file:
                     writer = csv.DictWriter(file, rows[0], lineterminator="\n")
                     writer.writeheader()
-                    writer.writerows({name: digits(value) for name, value in row.items()} for row in rows)
+                    writer.writerows(rows)
     print(front_figures.numbers(DATA))
     front_figures.draw(DATA, HERE.parent / "docs" / "images")
+
+
+def merged(file: Path, new: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the rows of a table with those of some laws replaced, in the order of the laws."""
+    with file.open(newline="", encoding="utf-8") as lines:
+        kept = [row for row in csv.DictReader(lines) if row["law"] not in {each["law"] for each in new}]
+    return sorted([*kept, *new], key=lambda row: list(LAWS).index(row["law"]))
 
 
 def digits(value: Any) -> Any:

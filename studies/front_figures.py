@@ -19,13 +19,13 @@ from coop_pin.figures import palette
 from coop_pin.figures.style import label, styled
 
 LAWS: dict[str, tuple[str, str, bool]] = {
-    "printed, sgn": (palette.INTERNAL, "o", False),
-    "printed, alpha 0": (palette.MEASURED, "o", False),
+    "printed, tuned": (palette.INTERNAL, "o", False),
+    "printed, tuned, alpha 0": (palette.MEASURED, "o", False),
     "payload, sgn": (palette.EXTERNAL, "s", False),
     "payload, saturation": (palette.DESIRED, "s", False),
     "zeroed leaky": (palette.LOAD, "D", False),
     "dead zone": (palette.SINGULAR, "D", False),
-    "printed, K_f": (palette.INTERNAL, "o", True),
+    "printed, tuned, K_f": (palette.INTERNAL, "o", True),
     "own wrench": (palette.SINGULAR, "^", True),
     "anchored": (palette.ACTUAL, "*", True),
 }
@@ -176,11 +176,36 @@ def table(judged: pd.DataFrame, cell: str) -> str:
     return "\n".join(lines)
 
 
+LETTERS = {
+    "controller.gains.pose_gain": "$\\gamma$",
+    "controller.gains.sign_gain": "$\\alpha$",
+    "controller.gains.force_gain": "$K_f$",
+    "controller.gains.anchor_gain": "$g$",
+    "controller.gains.leak": "$\\lambda$",
+    "controller.switching.width": "$w$",
+}
+"""Letters of the tuned fields."""
+
+
+def gains_table(gains: pd.DataFrame) -> str:
+    """Return the tuned gains of each law in each cell, as Markdown."""
+    lines = [f"| law | {' | '.join(TITLES.values())} |", "| --- |" + " --- |" * len(TITLES)]
+    for law in LAWS:
+        mine = gains[gains["law"] == law]
+        parts = [mine.loc[mine["cell"] == cell, ["field", "value"]] for cell in TITLES]
+        cells = [
+            ", ".join(f"{LETTERS[field]} {value:.3g}" for field, value in part.itertuples(index=False))
+            for part in parts
+        ]
+        lines.append(f"| {named(law)} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
 def numbers(data: Path) -> str:
     """Return the tables that the page of the front quotes, and the tuned gains."""
     judged, gains = read(data, "judged"), read(data, "gains")
     tables = [table(judged, cell) for cell in TITLES if cell in set(judged["cell"])]
-    return "\n\n".join([*tables, gains.to_string(index=False)])
+    return "\n\n".join([*tables, gains_table(gains)])
 
 
 def draw(data: Path, images: Path) -> Iterable[Path]:

@@ -27,6 +27,7 @@ def compare(
     tune: bool = False,
     generations: Annotated[int, tyro.conf.arg(metavar="N")] = 4,
     size: Annotated[int, tyro.conf.arg(metavar="N")] = 6,
+    least_damping: Annotated[float, tyro.conf.arg(metavar="RATIO")] = 0.55,
     list: bool = False,
     replay: Annotated[tuple[str, ...], tyro.conf.arg(metavar="CELL")] = (),
     execution: ExecutionOptions = HERE,
@@ -44,7 +45,7 @@ def compare(
     Args:
         scenarios: names listed by 'coop-pin list', or TOML files; the six of the benchmark when omitted.
         controllers: names, or module:Class of your own; all that come with coop-pin when omitted.
-        trials: names; all standard trials when omitted.
+        trials: names; all standard trials when omitted, or with --tune those of a search.
         out: output folder for the runs, comparison.csv, comparison.html, and figures of each
             scenario.
         seeds: number of seeds of random trials.
@@ -54,6 +55,7 @@ def compare(
         tune: search the gains of the controllers instead, and write gains.csv.
         generations: number of generations of the search after the first one.
         size: points in a generation of the search, whatever the number of gains.
+        least_damping: smallest damping ratio of the payload's modes that the search takes; -1 bounds nothing.
         list: print only the names of controllers and trials.
         replay: write only the replay of a cell of the table in the output folder, or of up to four side by
             side, and link it in comparison.html: "SCENARIO | CONTROLLER | TRIAL", with "| SEED" behind a
@@ -91,6 +93,8 @@ def compare(
             generations=generations,
             size=size,
             duration=duration,
+            trials=trials,
+            least_damping=least_damping,
             execution=execution,
         )
         print(f"written to {out / 'gains.csv'}")

@@ -11,13 +11,14 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from coop_pin.base.arrays import typed
-from coop_pin.base.errors import NothingFeasibleError
+from coop_pin.base.errors import NameNotFoundError, NothingFeasibleError
 from coop_pin.comparison.benchmark import different
 from coop_pin.comparison.controllers import controllers_for, tuned_ranges
 from coop_pin.comparison.measures import tuning_cost
 from coop_pin.comparison.trials import benchmark_scenario, standard_trials
 from coop_pin.description.scenario import Scenario
 from coop_pin.feasibility import loads_without_an_arm, reachability
+from coop_pin.stability.loop_stability import LEAST_DAMPING
 from coop_pin.sweeps.dimensions import Span
 from coop_pin.sweeps.feasibility import require_feasible_groups, require_reach
 from coop_pin.sweeps.optimisation import TuneResult, tune
@@ -60,6 +61,8 @@ def tune_controllers(
     generations: int = 4,
     size: int = 6,
     duration: float | None = None,
+    trials: Sequence[str] = (),
+    least_damping: float = LEAST_DAMPING,
     execution: Execution = HERE,
 ) -> list[dict[str, Any]]:
     """Return the best gains of controllers for scenarios, in rows as ``gains.csv`` has them.
@@ -67,8 +70,8 @@ def tune_controllers(
     Every controller has the same search, seed and budget, (generations + 1) x size points whatever the number
     of its gains, logarithmic in each, run with noise (of a seed that the comparison does not use), with a
     bias of 1 mm, with half of the mass, and with an arm that is lost, if the others can hold the payload.
-    Gains whose T lambda exceeds 1 along the motion are not taken. A controller of which no run finishes has
-    no rows.
+    Gains whose T lambda exceeds 1 along the motion, or whose damping ratio is too small, are not taken. A
+    controller of which no run finishes within these bounds has no rows.
 
     Args:
         scenarios: scenarios, or their names or paths.
@@ -77,15 +80,21 @@ def tune_controllers(
         generations: number of generations after the first one.
         size: points in a generation, at least 6.
         duration: duration of every run, s; the scenarios' own when None.
+        trials: names of standard trials to search in; those above when empty.
+        least_damping: smallest damping ratio of the payload's modes along the motion, as ``payload_damping``
+            has it; -1 bounds nothing.
         execution: workers, engine, folders to merge, as for compare.
 
     Raises:
+        NameNotFoundError: there is no such trial.
         FieldError: no run of a controller can succeed; nothing has run then.
         InfeasibleMotionError: the path of a scenario is out of reach; nothing has run then.
         CoopPinError: whatever ``tune`` raises.
     """
     searches = [
-        search for scenario in different(scenarios) for search in _searches(scenario, controllers, duration)
+        search
+        for scenario in different(scenarios)
+        for search in _searches(scenario, controllers, duration, trials)
     ]
     groups = {f"{search.folder.parent}: controllers.{search.name}": [search.base] for search in searches}
     require_feasible_groups(groups)
@@ -98,7 +107,7 @@ def tune_controllers(
                 search.base,
                 {path: Span(low=low, high=high, scale="log") for path, (low, high) in ranges.items()},
                 minimize="cost",
-                subject_to="t_lambda<1",
+                subject_to=("t_lambda<1", f"damping>{least_damping}"),
                 metrics=[tuning_cost],
                 cases=search.trials,
                 out=Path(out) / folder,
@@ -116,12 +125,17 @@ def tune_controllers(
     return rows
 
 
-def _searches(scenario: Scenario, controllers: Sequence[str], duration: float | None) -> Iterator[_Search]:
+def _searches(
+    scenario: Scenario, controllers: Sequence[str], duration: float | None, names: Sequence[str]
+) -> Iterator[_Search]:
     """Yield the search of each controller that has ranges."""
     base = benchmark_scenario(scenario, duration)
     require_reach(base)
     standard = standard_trials(base)
-    trials = {name: standard[name].changes | {"seed": TUNED_SEED} for name in tuned_trials(base)}
+    for name in names:
+        if name not in standard:
+            raise NameNotFoundError("trial", name, standard, "the standard trials")
+    trials = {name: standard[name].changes | {"seed": TUNED_SEED} for name in names or tuned_trials(base)}
     for name, law in controllers_for(scenario, controllers, tuned=False).items():
         if ranges := {f"controller.{path}": span for path, span in tuned_ranges(name).items()}:
             folder = Path(scenario.name, name)

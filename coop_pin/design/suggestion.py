@@ -119,7 +119,7 @@ def suggest(
 
     Args:
         scenario: cell, motion and squeeze, or a name or file of them, in which gains may be missing; its
-            controller gives force_path and zero_at_grasp only.
+            controller gives force_path and zero_at_grasp only, and a dead zone is dropped, with a sentence.
         poses: number of poses looked at along the motion.
         table_error: height by which a table on which the payload is put down may be higher than planned, m.
 
@@ -210,10 +210,13 @@ def _with_steps(scenario: Scenario, steps: StepStability) -> Scenario:
 
 
 def _with_law(scenario: Scenario) -> tuple[tuple[str, ...], Scenario]:
-    """Return a sentence if the law is another one, and the scenario with the one that is proposed."""
+    """Return what of the law changes, a sentence each, and the scenario with the one that is proposed."""
     stated, gives = scenario.controller, bool(scenario.cell.unclosed)
     ones = PayloadSpaceGains(pose_gain=1.0, sliding_gain=1.0, sign_gain=1.0, transient_rate=1.0)
     is_zeroed = stated.near_rest.is_zeroed or gives
     law = PayloadSpace(gains=ones, force_path=force_path_of(scenario), zero_at_grasp=is_zeroed)
     changed = f"law CHANGED from {stated.kind!r} to {law.kind!r}: no gains of it are proposed, or none hold"
-    return (changed,) * (stated.kind != law.kind), scenario.replace(controller=law)
+    integral = "is anchored" if law.measures else "leaks"
+    zone = f"integral_dead_zone DROPPED: the integral that is proposed {integral} instead"
+    sentences = (changed,) * (stated.kind != law.kind) + (zone,) * (stated.beyond_dead_zone is not stated)
+    return sentences, scenario.replace(controller=law)

@@ -32,6 +32,7 @@ class LoopStability(NamedTuple):
             drives if that is stable, else from none; at most 1, and 0 where the motion grows without any.
         mode: mode of that ``|z|``.
         least_damped: mode with the smallest damping ratio, at any of the poses.
+        least_damped_payload: the same of the modes that are not of spare joints.
         spare: slowest mode of the spare joints; None without any.
         period: period of the control, s.
         remedy: field of the spring of spare joints; empty if the law has none.
@@ -43,6 +44,7 @@ class LoopStability(NamedTuple):
     largest_lag: float
     mode: Mode
     least_damped: Mode
+    least_damped_payload: Mode
     spare: Mode | None
     period: float
     remedy: str
@@ -107,8 +109,15 @@ def loop_stability(simulation: Simulation, cell_reach: Reachability | None = Non
         bound = stabilities[-1].largest_lag
     worst = max(stabilities, key=lambda stability: stability.radius)
     slowest = min(stabilities, key=lambda stability: stability.spare_rate)
-    swinging = min(stabilities, key=lambda stability: stability.damping)
-    return worst._replace(largest_lag=bound, spare=slowest.spare, least_damped=swinging.least_damped)
+    swinging = min((each.least_damped for each in stabilities), key=_damping_of)
+    payload = min((each.least_damped_payload for each in stabilities), key=_damping_of)
+    return worst._replace(
+        largest_lag=bound, spare=slowest.spare, least_damped=swinging, least_damped_payload=payload
+    )
+
+
+def _damping_of(mode: Mode) -> float:
+    return mode.damping
 
 
 def _stability(simulation: Simulation, motion: SampledMotion, bound: float) -> LoopStability:
@@ -122,7 +131,8 @@ def _stability(simulation: Simulation, motion: SampledMotion, bound: float) -> L
         lag=lag,
         largest_lag=_largest_lag(motion, lag, bound),
         mode=mode,
-        least_damped=min(modes, key=lambda mode: mode.damping),
+        least_damped=min(modes, key=_damping_of),
+        least_damped_payload=min((mode for mode in modes if not mode.is_spare), key=_damping_of),
         spare=max((mode for mode in modes if mode.is_spare), key=lambda mode: abs(mode.z), default=None),
         period=motion.period,
         remedy=scenario.controller.spare_spring,

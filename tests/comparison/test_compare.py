@@ -404,11 +404,14 @@ def test_names_that_do_not_exist_are_refused(scenarios, tmp_path):
         )
 
 
+SHARED = {"dead-zone": "payload-pi", "computed-torque-wrong-model": "computed-torque"}
+
+
 def test_stored_gains_name_fields_of_known_controllers_within_their_ranges():
     names = set(controller_names())
     for scenario in cp.scenario_names():
         for controller, gains in stored_gains(scenario).items():
-            ranges = tuned_ranges("payload-pi" if controller == "dead-zone" else controller)
+            ranges = tuned_ranges(SHARED.get(controller, controller))
             assert controller in names
             assert set(gains) == set(ranges)
             assert all(ranges[field][0] <= value <= ranges[field][1] for field, value in gains.items())
@@ -515,3 +518,14 @@ def test_the_dead_zone_has_the_gains_of_the_law_from_which_it_differs_by_its_zon
     (tmp_path / "gains.csv").write_text(f"{header}{name},payload-pi,gains.pose_gain,3.5\n")
     kept = controllers_for(scenario, ["dead-zone"], gains=tmp_path / "gains.csv")
     assert kept["dead-zone"]["gains"]["pose_gain"] == 3.5
+
+
+@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
+def test_the_wrong_model_differs_from_the_exact_one_by_its_model_alone(name):
+    exact, wrong = controllers_for(
+        cp.Scenario.load(name), ["computed-torque", "computed-torque-wrong-model"]
+    ).values()
+    assert exact["model"] == {}
+    assert wrong["model"] == {"mass": 1.2, "inertia": 1.2, "friction": 0.5}
+    assert wrong | {"model": {}} == exact
+    assert tuned_ranges("computed-torque-wrong-model") == {}

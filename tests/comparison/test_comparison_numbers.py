@@ -9,15 +9,19 @@ import pytest
 import xarray as xr
 from cells import ANCHORED, SCENARIOS
 from numpy.testing import assert_allclose
+from scipy.optimize import curve_fit
 
 import coop_pin as cp
-from coop_pin.base.errors import FieldError, NothingFeasibleError
+from coop_pin.base.errors import FieldError, NameNotFoundError, NothingFeasibleError
 from coop_pin.comparison import Comparison, controllers_for, standard_trials, tune_controllers, tuned_gains
 from coop_pin.comparison.controllers import t_lambda
-from coop_pin.comparison.measures import MEASURES, measures
+from coop_pin.comparison.measures import MEASURES, measures, payload_damping, tuning_cost
 from coop_pin.comparison.table import CELL, COLUMNS
-from coop_pin.comparison.trials import changes_of, friction_changes
+from coop_pin.comparison.trials import benchmark_scenario, changes_of, friction_changes
 from coop_pin.compiled.engine_choice import choose_engines
+from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.simulation import Simulation
+from coop_pin.stability import loop_stability
 
 
 @pytest.fixture(params=SCENARIOS)
@@ -214,11 +218,16 @@ def test_every_controller_is_searched_with_the_same_number_of_runs(scenario, tmp
     assert [len(ranges) * options["population"] for _, ranges, options in searches] == [6, 6, 6]
     for base, ranges, options in searches:
         assert (options["generations"], options["seed"], base.duration) == (4, 1000, 0.05)
-        assert (options["minimize"], options["subject_to"]) == ("cost", "t_lambda<1")
+        assert (options["minimize"], options["subject_to"]) == ("cost", ("t_lambda<1", "damping>0.55"))
         assert {span.scale for span in ranges.values()} == {"log"}
         assert {changes["seed"] for changes in options["cases"].values()} == {1000}
         assert list(options["cases"]) == ["noise", "bias 1 mm", "mass x0.5", "torque of an arm lost"]
-    tune_controllers(scenario, names[:1], out=tmp_path, size=18, generations=2, duration=0.05)
+    few = {"trials": ["noise", "push"], "least_damping": -1.0}
+    tune_controllers(scenario, names[:1], out=tmp_path, size=18, generations=2, duration=0.05, **few)
+    assert list(searches[-1][2]["cases"]) == ["noise", "push"]
+    assert searches[-1][2]["subject_to"] == ("t_lambda<1", "damping>-1.0")
+    with pytest.raises(NameNotFoundError):
+        tune_controllers(scenario, names, out=tmp_path, trials=["nose"])
     _, ranges, options = searches[-1]
     assert (len(ranges) * options["population"], options["generations"]) == (18, 2)
     tune_controllers(scenario, ["printed"], out=tmp_path, size=1, duration=0.05)
@@ -237,3 +246,45 @@ def test_ways_are_those_of_the_engine_that_is_named(scenario):
     (choice,) = choose_engines([free], "compiled", [1])
     with pytest.raises(FieldError, match="free"):
         choice.require("compiled")
+
+
+FRICTION = {"viscous": 3.0, "coulomb": 0.01}
+
+
+@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
+def test_an_impedance_is_damped_as_stated_whatever_friction_its_model_takes_out(name):
+    """D / (2 sqrt(M K)) = 0.71 of object impedance; the loop has no friction in its plant."""
+    base = benchmark_scenario(cp.Scenario.load(name), 2.5)
+    base = base.override({f"cell.arms.{arm}.friction": FRICTION for arm in base.cell.arms})
+    law = controllers_for(base, ["object-impedance"], tuned=False)["object-impedance"]
+    gains = law["gains"]
+    stated = gains["damping"][0] / (2.0 * math.sqrt(gains["inertia"][0] * gains["stiffness"][0]))
+    scenario = base.override({"controller": law})
+    assert_allclose(payload_damping(scenario), stated, rtol=0.02)
+    assert loop_stability(Simulation(scenario, build_controller(scenario))).damping < 0.9 * stated
+    if name == "adept-anchored":
+        assert_allclose(damping_of_a_run(scenario), stated, rtol=0.03)
+
+
+def damping_of_a_run(scenario):
+    """The damping ratio of the position along x after a push, of a least-squares fit."""
+    push = {"kind": "wrench-pulse", "time": 0.5, "duration": 0.02, "wrench": (100.0, 0, 0, 0, 0, 0)}
+    hold = {"motion": {"kind": "hold", "pose": scenario.start.model_dump()}, "events": [push]}
+    x = cp.run(scenario, hold, warn=False).data.pose_error.isel(axis=0).sel(time=slice(0.6, None))
+
+    def decay(t, cosine, sine, rate, omega):
+        return np.exp(-rate * t) * (cosine * np.cos(omega * t) + sine * np.sin(omega * t))
+
+    (*_, rate, omega), _ = curve_fit(decay, x.time - 0.6, x / float(np.abs(x).max()), p0=[1, 0, 5, 5])
+    return rate / math.hypot(rate, omega)
+
+
+def test_the_cost_of_a_search_has_the_bounds_of_the_gains(scenario):
+    base = benchmark_scenario(scenario, 0.05)
+    law = controllers_for(base, ["payload-pi"], tuned=False)["payload-pi"]
+    run = cp.run(base.override({"controller": law}), warn=False)
+    bounds = tuning_cost(run)
+    assert bounds["t_lambda"] == t_lambda(run.scenario)
+    assert bounds["damping"] == payload_damping(run.scenario)
+    zone = law | {"integral_dead_zone": (1e-3, 1e-3), "gains": law["gains"] | {"leak": None}}
+    assert payload_damping(base.override({"controller": zone})) == pytest.approx(bounds["damping"])

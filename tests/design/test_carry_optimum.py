@@ -22,7 +22,14 @@ def scenario():
     return cp.Scenario.load("adept-anchored", fast | limits)
 
 
+LINES = ["adept", "across", "up", "shift"]
+
+
 def line_of(name):
+    if name == "up":
+        return cp.Pose(xyz=(0.5, 0.35, 0.0), rpy=(0, 0, 0.2)), cp.Pose(xyz=(0.5, 0.62, 0.0), rpy=(0, 0, 0.5))
+    if name == "shift":
+        return cp.Pose(xyz=(0.35, 0.4, 0.0)), cp.Pose(xyz=(0.65, 0.5, 0.0), rpy=(0, 0, 0.3))
     if name == "across":
         end = (0.45, 0.45 - np.sqrt(0.24), 0.0)
         return cp.Pose(xyz=(0.55, 0.45, 0.0), rpy=(0, 0, 0.1)), cp.Pose(xyz=end, rpy=(0, 0, 0.1 + np.pi / 3))
@@ -108,7 +115,7 @@ def optimum(name, duration=None, *, pieces=24, inside=8):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["adept", "across"])
+@pytest.mark.parametrize("name", LINES)
 @pytest.mark.parametrize("duration", [1.2, 2.0])
 def test_least_effort_is_within_two_per_cent_of_the_optimum(name, duration):
     """s'' of the optimum is linear on 50 ms pieces; ours may be less, its pieces are shorter."""
@@ -123,9 +130,9 @@ def test_least_effort_is_within_two_per_cent_of_the_optimum(name, duration):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["adept", "across"])
+@pytest.mark.parametrize("name", LINES)
 def test_least_time_is_within_one_per_cent_of_the_optimum(name):
-    """With 2 ms of smoothing; the optimum has one piece a sample, 240 of them."""
+    """With 1 ms of smoothing, which costs 2 ms; the optimum has one piece a sample, 240 of them."""
     cell = scenario()
-    plan = cp.carry.plan_carry(cell.cell, *line_of(name), squeeze=cell.squeeze, smoothing=0.002, places=401)
+    plan = cp.carry.plan_carry(cell.cell, *line_of(name), squeeze=cell.squeeze, smoothing=0.001, places=401)
     assert_allclose(plan.duration, optimum(name, pieces=240, inside=1), rtol=0.01)

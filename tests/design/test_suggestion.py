@@ -476,6 +476,22 @@ def test_a_law_that_has_a_proposal_is_kept_and_another_is_a_headline():
     assert printed.changes[0].startswith("law CHANGED from 'sliding-mode'")
 
 
+@pytest.mark.parametrize("name", ["adept-anchored", "two-pandas-box"])
+def test_a_dead_zone_that_is_not_proposed_is_told(name):
+    stated = cp.Scenario.load(name, {"events": ()})
+    gains = stated.controller.gains.replace(anchor_gain=0.0)
+    law = cp.laws.PayloadSpace(gains=gains, integral_dead_zone=(1.2e-3, 2.4e-3))
+    for wrists in ({}, None):
+        with_zone, without = (
+            cp.suggest(stated.override({"sensors.wrist": wrists}).replace(controller=each), poses=5)
+            for each in (law, law.beyond_dead_zone)
+        )
+        assert with_zone.scenario == without.scenario
+        (sentence,) = set(with_zone.changes) - set(without.changes)
+        assert sentence.startswith("integral_dead_zone DROPPED")
+        assert with_zone.scenario.controller.measures == (wrists is not None) == ("anchored" in sentence)
+
+
 @pytest.mark.slow
 def test_object_impedance_is_kept_on_rigid_grasps_and_replaced_on_soft_ones():
     scenario = cp.Scenario.load("two-pandas-box", {"events": ()})

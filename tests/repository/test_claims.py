@@ -15,7 +15,6 @@ from scipy.optimize import brentq
 
 import coop_pin as cp
 from coop_pin.comparison import controllers_for
-from coop_pin.comparison.measures import measures
 from coop_pin.comparison.trials import benchmark_scenario
 from coop_pin.control import anchor_gain_bound
 from coop_pin.simulation.build_controller import build_controller
@@ -319,6 +318,16 @@ def one_axis(rows, alpha, folder):
     )
 
 
+@pytest.mark.parametrize("rows", GANTRIES)
+def test_a_force_gain_leaves_a_part_of_what_contradicts_theorem_3(rows, tmp_path):
+    """A quarter of 0.8333 N at K_f 3, behind a low-pass."""
+    filtered = {"sensors.wrist": {}, "controller.force_path": {"kind": "low-pass", "pole": 0.9}}
+    gains = {f"controller.{part}.force_gain": 3.0 for part in ("gains", "arm_gains.right")}
+    scenario = one_axis(rows, 0.2, tmp_path).override(filtered | gains)
+    force = cp.run(scenario, warn=False).data.internal_wrench.isel(arm=0, time=-2).values[0]
+    assert_allclose(force, (60.0 / 90.0 - 0.5) * 5.0 / 4.0, atol=1e-3)
+
+
 @pytest.mark.parametrize("alpha", [0.0, 0.2])
 @pytest.mark.parametrize("rows", GANTRIES)
 def test_theorem_3_fails_on_one_axis_with_exact_equal_views(rows, alpha, tmp_path):
@@ -434,13 +443,13 @@ def test_one_millimetre_is_one_table():
             measure = "end_force_N" if judged.startswith("last") else "force_N"
             value = claims.loc[(name, "bias 1 mm"), measure]
         elif source.endswith("adept-judged.csv"):
-            value = front.loc[("printed, sgn" if name == "printed" else name, "bias 1 mm"), "force_N"]
+            value = front.loc[("printed, tuned" if name == "printed" else name, "bias 1 mm"), "force_N"]
         else:
             assert source == "examples/exercises/mean_pose.py"
             continue
         digits = len(shown.replace(".", "").lstrip("0"))
         assert float(f"{value:.{digits - 1}e}") == float(shown), law
-    for g, k_I, gamma, force in ((0.1, 5.0, 2.0, 0.25), (0.0345408, 6.31112e-5 / 0.05, 22.1495, 0.0020)):
+    for g, k_I, gamma, force in ((0.1, 5.0, 2.0, 0.25), (0.0345408, 6.31112e-5 / 0.05, 9.33, 0.00085)):
         assert_allclose(0.5 * k_I * 800.0 * gamma * 0.5e-3 / (g * 80.0), force, rtol=0.02)
 
 
@@ -456,70 +465,34 @@ def test_what_follows_from_the_benchmark_is_in_its_table():
 
     anchored = {"force": force.loc["anchored"], "track": track.loc["anchored"]}
     assert anchored["force"].notna().sum().sum() == 75
-    for other, wins in (("mean-pose", (53, 8)), ("zeroed-leaky", (59, 21))):
+    for other, wins in (("mean-pose", (51, 24)), ("zeroed-leaky", (57, 17))):
         less = ((anchored["force"] < force.loc[other]), (anchored["track"] < track.loc[other]))
         assert tuple(frame.sum().sum() for frame in less) == wins
-    biased = {"anchored": 0.17, "zeroed-leaky": 1.2, "payload-pi": 7.5, "printed": 11.0, "mean-pose": 0.78}
+    biased = {"anchored": 0.17, "zeroed-leaky": 1.2, "payload-pi": 7.5, "printed": 8.84, "mean-pose": 0.78}
     for name, most in biased.items():
         assert_allclose(extremes(force, name, "bias 1 mm")[1], most, rtol=0.05)
     assert_allclose(extremes(force, "dead-zone", "bias 1 mm")[1], 1.25, rtol=0.01)
     assert_allclose(extremes(track, "dead-zone", "mass x2"), (0.10, 1.47), rtol=0.05)
     change = force.loc[("mean-pose", "bias 1 mm")] / force.loc[("mean-pose", "nominal")]
     assert change.max() < 1.04
-    for name, most in (("anchored", 0.774), ("mean-pose", 0.024), ("computed-torque", 1.37)):
+    for name, most in (("anchored", 1.17), ("mean-pose", 0.541), ("computed-torque", 1.37)):
         assert_allclose(extremes(track, name, "mass x2")[1], most, rtol=0.01)
-    assert_allclose(track.loc[("anchored", "mass x2"), "two-pandas-box"], 0.248, rtol=0.01)
     limp = "torque of an arm lost"
     for name, ends in {
-        "anchored": (1.54, 2.44),
-        "mean-pose": (0.10, 0.66),
+        "anchored": (2.44, 4.85),
+        "mean-pose": (0.51, 2.21),
         "payload-pi": (4.16, 9.65),
         "computed-torque": (59.6, 584.0),
     }.items():
         assert_allclose(extremes(track, name, limp, held), ends, rtol=0.01)
     lost = ["two-pandas-box", "panda-ur5-bar"]
-    assert track.xs(limp, level="trial")[lost].min().min() > 250.0
-    assert_allclose(extremes(track, "anchored", "commands of an arm lost")[1], 2.29, rtol=0.01)
-    assert track.loc[("mean-pose", "commands of an arm lost"), "two-pandas-box"] > 300.0
+    assert track.xs(limp, level="trial")[lost].min().min() > 240.0
+    for name, most in (("anchored", 4.26), ("mean-pose", 1.96)):
+        assert_allclose(extremes(track, name, "commands of an arm lost")[1], most, rtol=0.01)
     for frame, expected in ((force, (9.8, 57.5)), (track, (1.0, 2.34))):
         ratio = frame.loc[("anchored", "wrist lost at half time")] / frame.loc[("anchored", "nominal")]
         assert_allclose((ratio.min(), ratio.max()), expected, rtol=0.02)
     assert_allclose(extremes(force, "anchored", "wrist lost at half time")[1], 1.03, rtol=0.01)
-
-
-WRONG_MODEL = {
-    cell: [[float(number) for number in pair.split("/")] for pair in pairs.split("|")]
-    for cell, pairs in re.findall(
-        r"^\| `([\w-]+)` \| ([\d.e/| -]+) \|$",
-        (CONCEPTS.parent / "studies" / "benchmark.md")
-        .read_text(encoding="utf-8")
-        .partition("## The wrong model")[2]
-        .partition("\n## ")[0],
-        re.M,
-    )
-}
-"""Tracking error and internal force of computed torque in a cell: three nominal pairs, three of a bias."""
-
-
-@pytest.mark.parametrize("cell", WRONG_MODEL)
-def test_the_exact_and_the_wrong_model_with_gains_of_their_own_are_those_of_the_table(cell):
-    table = benchmark_table()
-    pairs = np.array(WRONG_MODEL[cell]).reshape(2, 3, 2)
-    for told, trial in zip(pairs, ("nominal", "bias 1 mm"), strict=True):
-        for pair, name in zip(told, ("computed-torque", "computed-torque-wrong-model"), strict=False):
-            stored = table.loc[(name, trial, cell), ["tracking_rms_mm", "force_N"]].astype(float)
-            assert_allclose(pair, stored, rtol=0.05)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("cell", ["adept-anchored", "two-pandas-box"])
-def test_the_wrong_model_with_the_gains_of_the_exact_one(cell):
-    base = benchmark_scenario(cp.Scenario.load(cell))
-    laws = controllers_for(base, ["computed-torque", "computed-torque-wrong-model"])
-    law = laws["computed-torque"] | {"model": laws["computed-torque-wrong-model"]["model"]}
-    values = measures(cp.run(base.override({"controller": law}), warn=False))
-    force = np.hypot(values["axial_rms_N"], values["shear_rms_N"])
-    assert_allclose((values["tracking_rms_mm"], force), WRONG_MODEL[cell][2], rtol=0.05)
 
 
 def test_the_fronts_conclusions_are_in_its_tables():
@@ -532,8 +505,8 @@ def test_the_fronts_conclusions_are_in_its_tables():
         whole = anchored[~anchored.index.str.contains("wrist|loses its torque")]
         assert_allclose((whole["position_mm"].max(), whole["force_N"].max()), expected, rtol=0.01)
     nominal = panda.xs("nominal", level="trial")["force_N"]
-    assert_allclose(nominal[["anchored", "own wrench", "payload, sgn"]], [0.061, 0.195, 0.336], rtol=0.01)
-    assert_allclose(nominal[["printed, K_f", "printed, sgn"]], [2.72, 15.1], rtol=0.01)
+    assert_allclose(nominal[["anchored", "own wrench", "payload, sgn"]], [0.061, 0.195, 0.256], rtol=0.01)
+    assert_allclose(nominal[["printed, tuned, K_f", "printed, tuned"]], [2.12, 12.4], rtol=0.01)
     zeroed = adept.loc["zeroed leaky"]
     for trial in ("nominal", "bias 1 mm"):
         assert_allclose(
@@ -543,16 +516,35 @@ def test_the_fronts_conclusions_are_in_its_tables():
     for table, expected in ((adept, (3.14, 3.1)), (panda, (0.92, 3.7))):
         assert_allclose(table.loc["zeroed leaky"].loc[[turned, rough], "force_N"], expected, rtol=0.02)
     blind = adept.xs(turned, level="trial")["force_N"]
-    without = ["printed, sgn", "printed, alpha 0", "payload, sgn", "payload, saturation", "zeroed leaky"]
+    without = [
+        "printed, tuned",
+        "printed, tuned, alpha 0",
+        "payload, sgn",
+        "payload, saturation",
+        "zeroed leaky",
+    ]
     assert blind[[*without, "dead zone"]].idxmin() == "dead zone"
-    assert blind[without].idxmin() == "printed, alpha 0"
     for table, expected in ((adept, (0.46, 0.68, 0.9)), (panda, (0.51, 1.2, 0.56))):
         zone = table.loc["dead zone"]
         forces = zone.loc[[turned, "bias 1 mm"], "force_N"]
         assert_allclose([*forces, zone.loc["nominal", "position_mm"]], expected, rtol=0.02)
     loaded = adept.loc[("dead zone", "bias 0.1 mm and load"), ["position_mm", "force_N"]].astype(float)
     assert loaded.prod() < 0.25 * 0.1 * 100.0 / 5.0
-    assert_allclose(blind["printed, alpha 0"], 0.853, rtol=0.01)
+    assert_allclose(blind["printed, tuned, alpha 0"], 0.853, rtol=0.01)
+    printed, filtered = (adept.loc[law] for law in ("printed, tuned", "printed, tuned, K_f"))
+    both = ["position_mm", "force_N"]
+    for law, trial, told in (
+        (printed, "nominal", (7.22e-4, 0.149)),
+        (printed, "bias 1 mm", (0.536, 3.91)),
+        (printed, "unknown load", (11.9, 5.82)),
+        (printed, rough, (2.37, 2.40)),
+        (filtered, "nominal", (2.81e-3, 0.0225)),
+        (filtered, "bias 1 mm", (0.721, 1.83)),
+        (adept.loc["payload, sgn"], "unknown load", (16.1, 0.186)),
+        (panda.loc["printed, tuned, K_f"], "bias 1 mm", (0.600, 22.6)),
+        (panda.loc["payload, sgn"], "unknown load", (6.94, 0.26)),
+    ):
+        assert_allclose(law.loc[trial, both].astype(float), told, rtol=0.01)
 
 
 def test_half_of_the_gains_at_an_end_of_their_range_are_the_pose_gain_that_is_required():

@@ -98,7 +98,7 @@ def tracking_and_squeeze(out, _folder):
 
 def laws_side_by_side(out, _folder):
     """The table of the paper's page is what the example prints, digit by digit."""
-    found = {line[:28].strip(): [float(word) for word in line[28:].split()] for line in out.splitlines()[1:]}
+    found = {line[:32].strip(): [float(word) for word in line[32:].split()] for line in out.splitlines()[1:]}
     rows = re.findall(
         r"^\| ((?:printed|payload-space), [^|]+) \| ([\d.]+) \| ([\d.]+) \|", PAPER, re.MULTILINE
     )

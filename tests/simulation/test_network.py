@@ -769,6 +769,18 @@ def test_three_unequal_arms_on_a_ring_agree(cell):
     assert_allclose(batch.joint_position, run.result().data.joint_position, atol=1e-10)
 
 
+@pytest.mark.parametrize("gain", [0.25, 0.08])
+@pytest.mark.parametrize(("gamma", "alpha"), [(7.19894, 115.522), (2.0, 50.0)])
+def test_consensus_leaves_what_the_integrals_gained_apart(gamma, alpha, gain):
+    """c_1 c_2 K k_I gamma b T (1 / (1 - exp(-kappa T)) - 1 / (g lambda)), lambda 2: 3.0 N at g 0.25."""
+    law = mean_pose(averaging="consensus", consensus_gain=gain)
+    law["gains"] = law["gains"] | {"pose_gain": gamma, "sign_gain": alpha}
+    T, kappa, K = 1.0 / 80.0, 5.0, law["gains"]["sliding_gain"][0]
+    apart = T / (1.0 - np.exp(-kappa * T)) - T / (2.0 * gain)
+    expected = 0.25 * K * alpha / 10.0 * gamma * 1e-3 * apart
+    assert_allclose(worst_force(law, {}, 60.0), expected, rtol=0.02)
+
+
 @pytest.mark.slow
 def test_consensus_leaves_the_force_of_its_first_ticks_for_good():
     """1 mm of bias, 5 % loss, ten minutes: of the disagreement at the start the integrals keep their part."""

@@ -1,0 +1,178 @@
+"""Numbers in the text of the pages on the paper and on messages, held by their runs."""
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+
+import coop_pin as cp
+from coop_pin.comparison.controllers import stored_gains
+from coop_pin.control import anchor_gain_bound
+from coop_pin.control.force_paths.averaged_wrench import ConsensusForcePath, averaged_loop_radius
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+PAGES = {
+    name: (REPOSITORY / "docs" / "concepts" / f"{name}.md").read_text(encoding="utf-8")
+    for name in ("alpha", "messages", "paper", "paper-claims")
+}
+TIP = "cell.arms.left.calibration_error.tip.xyz"
+FILTERED = {"sensors.wrist": {}, "controller.force_path": {"kind": "low-pass", "pole": 0.9}}
+
+
+def holds(value, shown):
+    """Whether a number rounds to the digits that a page shows."""
+    return float(f"{value:.{len(shown.partition('.')[2])}f}") == float(shown)
+
+
+def worst_force(data):
+    """Largest internal-force error of any arm over time, axial and shear together, N."""
+    return np.hypot(data.internal_axial_error, data.internal_shear_error).max("arm")
+
+
+def test_tuned_gains_of_the_printed_law_are_those_of_the_table():
+    gains = stored_gains("adept-anchored")["printed"]
+    alpha, gamma = re.search(
+        r"α is ([\d.e-]+) for this cell, with \$\\gamma\$ = ([\d.]+)", PAGES["alpha"]
+    ).groups()
+    assert float(f"{gains['gains.sign_gain']:.1e}") == float(alpha)
+    assert holds(gains["gains.pose_gain"], gamma)
+
+
+@pytest.mark.slow
+def test_forces_under_a_bias_are_those_of_the_papers_table():
+    """After 20 s at 1 mm: what the last column of the laws says, the mean of the last second."""
+    laws = {
+        "printed, alpha = 0.002, K_f = 9": ("adept-paper", FILTERED | {"controller.gains.force_gain": 9.0}),
+        "printed, alpha = 0": ("adept-paper", {"controller.gains.sign_gain": 0.0}),
+        "payload-space, no sensor": ("adept-anchored", {"controller.force_path": {"kind": "none"}}),
+        "payload-space, anchored": ("adept-anchored", {}),
+    }
+    for law, (scenario, changes) in laws.items():
+        (row,) = re.findall(rf"^\| {law} \|.*$", PAGES["paper"], re.MULTILINE)
+        (shown,) = re.findall(r"([\d.]+) N (?:after 20 s )?at 1 mm", row)
+        bias = {"events": [], "duration": 20.0, TIP: [1e-3, 0.0, 0.0]}
+        force = worst_force(cp.run(scenario, changes | bias, warn=False).data).sel(time=slice(19.0, None))
+        assert holds(float(np.sqrt((force**2).mean())), shown), law
+
+
+@pytest.mark.slow
+def test_the_picture_of_two_laws_under_a_bias_has_the_numbers_of_its_caption():
+    """Errors of the first arm at 20 s."""
+    caption = (
+        r"to ([\d.]+) N in 20 s at alpha 0.2 and to ([\d.]+) N at 0.002, the anchored law keeps ([\d.]+) N"
+    )
+    shown = re.search(caption, PAGES["paper"]).groups()
+    runs = [("adept-paper", 0.2), ("adept-paper", 0.002), ("adept-anchored", None)]
+    for (scenario, alpha), text in zip(runs, shown, strict=True):
+        changes = {"events": [], TIP: [1e-3, 0.0, 0.0], "duration": 20.0}
+        changes |= {} if alpha is None else {"controller.gains.sign_gain": alpha}
+        data = cp.run(scenario, changes, warn=False).data.isel(arm=0, time=-1)
+        assert holds(float(np.hypot(data.internal_axial_error, data.internal_shear_error)), text)
+
+
+@pytest.mark.slow
+def test_what_the_fit_does_not_show_is_what_its_run_does():
+    """Shear after the push, settling and K_f of the gains that come nearest to the paper's axes."""
+    result = cp.run("adept-paper-fit", warn=False)
+    assert "$K_f$ is 10," in " ".join(PAGES["paper"].split())
+    assert round(result.scenario.controller.gains.force_gain) == 10
+    (shear,) = re.findall(r"off by up to (\d+) N after the push", PAGES["paper"])
+    error = np.abs(result.data.internal_shear_error).sel(time=slice(10.0, None))
+    assert holds(float(error.max()), shear)
+    (settled,) = re.findall(r"errors settle after ([\d.]+) s, not 2", PAGES["paper"])
+    assert holds(result.metrics()["settling_time_s"], settled)
+
+
+def test_forces_that_the_pages_of_claims_quote_are_those_of_the_front():
+    judged = pd.read_csv(REPOSITORY / "studies" / "front" / "panda-judged.csv").set_index(["law", "trial"])
+    (shown,) = re.findall(r"printed, tuned, it is ([\d.]+) N on two Pandas", PAGES["paper-claims"])
+    assert holds(judged.loc[("printed, tuned", "nominal"), "force_N"], shown)
+
+
+@pytest.mark.slow
+def test_forces_under_a_bias_and_under_friction_are_those_of_the_exercise(monkeypatch):
+    """Mean pose, the anchored law, and neither; of friction also on the page that helps to choose."""
+    monkeypatch.syspath_prepend(REPOSITORY / "examples" / "exercises")
+    import friction
+
+    biased, rough = (friction.compared("adept-anchored", trial) for trial in friction.TRIALS.values())
+    page = (REPOSITORY / "docs" / "exercises.md").read_text(encoding="utf-8")
+    text = r"leave ([\d.]+) N, the anchored law ([\d.]+) N, and the same law without either ([\d.]+) N"
+    for law, shown in zip(
+        ("mean pose", "anchored", "payload-pi"), re.search(text, page).groups(), strict=True
+    ):
+        assert holds(biased[law][1], shown)
+    told = re.search(r"poses leave ([\d.]+) N, the wrenches ([\d.]+) N", page).groups()
+    choose = (REPOSITORY / "docs" / "concepts" / "choose.md").read_text(encoding="utf-8")
+    assert told == re.search(r"mean-pose PI has ([\d.]+) N, the anchored law ([\d.]+) N", choose).groups()
+    for law, shown in zip(("mean pose", "anchored"), told, strict=True):
+        assert holds(rough[law][1], shown)
+
+
+# ---------------------------------------------------------------- messages
+
+
+@pytest.fixture(scope="module")
+def messages():
+    """studies/messages.py."""
+    sys.path.insert(0, str(REPOSITORY / "studies"))
+    import messages
+
+    yield messages
+    sys.path.remove(str(REPOSITORY / "studies"))
+
+
+@pytest.mark.slow
+def test_forces_of_what_is_sent_are_those_of_their_table(messages):
+    """Medians of thirty seeds, exact and with 5 % of messages lost."""
+    rows = re.findall(
+        r"^\| ([^|]+) \| ([^|]+) \| [^|]+ \| ([\d.]+) N[^/|]*/ ([\d.]+) N", PAGES["messages"], re.M
+    )
+    shown = {sent: pair for sent, _, *pair in rows}
+    laws = messages.laws()
+    last = laws["mean pose, last views"]["controller"]
+    by_row = {
+        "views, only those of this tick": laws["mean pose, this tick's views"],
+        "views, the last ones": laws["mean pose, last views"],
+        "the last views, and integrals": {
+            "controller": last | {"leak_to": "mean", "gains": last["gains"] | {"leak": 2.0}}
+        },
+        "corrected views, to neighbours": laws["mean pose by consensus"],
+        "corrected views and integrals, to neighbours": laws["consensus, integrals agree"],
+        "wrist wrenches": laws["anchored, wrenches told"],
+    }
+    assert set(by_row) == set(shown)
+    for sent, changes in by_row.items():
+        for loss, text in zip((0.0, 0.05), shown[sent], strict=True):
+            force = float(np.median(messages.forces(changes, {"loss": loss})))
+            assert_allclose(force, float(text), rtol=0.06, atol=0.006, err_msg=sent)
+
+
+@pytest.mark.slow
+def test_the_ramp_that_the_example_prints_is_the_one_beside_it(capsys):
+    blocks = re.findall(r"^```python\n(.*?)^```", PAGES["messages"], re.DOTALL | re.MULTILINE)
+    exec(compile("\n".join(blocks[:2]), "messages.md", "exec"), {"__name__": "__main__"})
+    (shown,) = re.findall(r"# ([\d.]+), by the messages lost", blocks[1])
+    assert capsys.readouterr().out.splitlines()[-1] == f"{shown} N/s"
+
+
+def test_bounds_of_the_anchor_over_a_line_are_those_of_the_page():
+    """A wrist that is a tick late, and the gains beside the numbers: where the modes begin to grow."""
+    text = r"have \$g\$ < ([\d.]+) at \$D\$ = 0 and ([\d.]+) at 2\. .* have ([\d.]+) and ([\d.]+)\."
+    *line, one, three = re.search(text, PAGES["messages"]).groups()
+    path = ConsensusForcePath(proportional_gain=0.15, integral_gain=0.1)
+    for delay, shown in zip((0, 2), line, strict=True):
+        low, high = 0.1, 2.0
+        for _ in range(40):
+            g = (low + high) / 2.0
+            radius = averaged_loop_radius(
+                np.array([0.0, 1.0, 3.0]), path, delay, anchor_gain=g, wrist_delay=1
+            )
+            low, high = (g, high) if radius < 1.0 else (low, g)
+        assert holds(low, shown)
+    for delay, shown in ((1, one), (3, three)):
+        assert_allclose(anchor_gain_bound(delay=delay), float(shown), atol=5e-4)
