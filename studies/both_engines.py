@@ -131,6 +131,11 @@ def side_by_side(both: pd.DataFrame) -> str:
     return markdown(("scenario", "trial", *(f"`{law}`" for law in laws)), rows)
 
 
+def _order(values: pd.Series, least: float) -> tuple[float, ...]:
+    """Return the ranks of the laws, those with less than the least value as equals."""
+    return tuple(values.clip(lower=least).rank())
+
+
 def _cell(row: pd.Series) -> str:
     """Return "tracking / force" of ours; MuJoCo's behind an arrow where three digits are not the same."""
     ours, others = (
@@ -145,7 +150,10 @@ def _rounded(value: float) -> str:
 
 
 def summary(both: pd.DataFrame) -> str:
-    """Return how far medians are apart, and how often the order of the laws is the same."""
+    """Return how far medians are apart, and how often the order of the laws is the same.
+
+    Less than 0.01 mm and 0.1 N count as that.
+    """
     places = both.groupby(["scenario", "trial"], sort=False)
     cells, lengths = (
         ", ".join(f"`{name}`" for name in dict.fromkeys(both["scenario"])),
@@ -154,8 +162,12 @@ def summary(both: pd.DataFrame) -> str:
     length = f"of {lengths.pop():g} s" if all(lengths) else "of their scenarios' own length"
     lines = [f"- {cells}: {int(both['runs'].sum())} runs on each engine, {length}."]
     for name in MEASURES.values():
-        parts = (both[f"{name}_apart"] / both[name]).replace([np.inf], np.nan)
-        same = [part[name].rank().tolist() == part[f"{name}_mujoco"].rank().tolist() for _, part in places]
+        least = FLOORS[name] / ALIKE  # of smaller values no part is taken: what rests has none
+        parts = (both[f"{name}_apart"] / both[name].clip(lower=least)).replace([np.inf], np.nan)
+        same = [
+            len({_order(part[column], least) for column in (name, f"{name}_mujoco")}) == 1
+            for _, part in places
+        ]
         lines.append(
             f"- {name}: medians are apart by {parts.median():.1g} of the value, at most by {parts.max():.2g};"
             f" the same order of the laws in {sum(same)} of {len(same)} places."

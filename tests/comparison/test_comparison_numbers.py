@@ -120,7 +120,8 @@ def table_of(**columns):
     cells = pd.DataFrame(index=pd.MultiIndex.from_tuples(names, names=CELL))
     for name in COLUMNS:
         cells[name] = columns.get(name, [1.0, 2.0, 3.0])
-    texts = {"information": "blind", "gains": ["tuned", "tuned", "untuned"], "failure": columns["failure"]}
+    texts = {"information": "blind", "engine": "compiled", "gains": ["tuned", "tuned", "untuned"]}
+    texts["failure"] = columns["failure"]
     return Comparison.of_cells(
         cells.assign(
             runs=4, finished=[4, 4, 1], sound=[4, 3, 1], kept=[4, 4, 0], dropped=0, merged=0, **texts
