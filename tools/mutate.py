@@ -71,7 +71,7 @@ TESTS = {
     "reference": "joint_motion motion reference",
     "results": "internal_wrench_definitions metrics results trust user_files",
     "running": "check consistency known_before plausibility",
-    "simulation": "actuators batch_sensing grasp_events gravity_turn invariants network plant realtime"
+    "simulation": "actuators batch_sensing grasp_events gravity_turn invariants mujoco network plant realtime"
     " reference_plant sensing servo simulation sizes stepping",
     "stability": "closed_loop forecast loaded_grasps network product_over_histories regrasp sampled_stability"
     " steady_errors step_size",
