@@ -61,10 +61,12 @@ TESTS = {
     " known_before network pick_and_place robots_as_files scenario urdf_check urdf_files",
     "design": "carry_optimum carry_plan new_cell own_inertia random_cells suggestion",
     "environment": "environment environment_arguments stepping",
-    "feasibility": "cell_summary friction_margins internal_moment reachability statics suggestion",
+    "feasibility": "cell_summary distances friction_margins internal_moment reachability statics suggestion",
     "figures": "comparison_figures figures sweep_figures",
-    "grasps": "cell_chain compliant_grasps contact_patches friction_cones friction_grasps grasp_events"
+    "grasps": "cell_chain compliant_grasps contact_patches friction_cones friction_grasps grasp_events joint_grasps"
     " partner reference_plant rigid_grasps traced_springs",
+    "identification": "blame",
+    "logs": "logs",
     "model": "arm_model branches ik_solver inverse_kinematics limits",
     "model_based": "batch_laws compare model_based",
     "proof": "over_alpha theorem_monitor",

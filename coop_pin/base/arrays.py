@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coop_pin.base.errors import ArgumentError, OutOfRangeError, ShapeError, WrongTypeError
+from coop_pin.base.memory import require_memory
 
 Array: TypeAlias = NDArray[np.float64]
 """A float64 array."""
@@ -211,6 +212,25 @@ def as_count(name: str, value: object, least: int = 0) -> int:
     count = int(value)  # type: ignore[call-overload]
     if count < least:
         raise OutOfRangeError(name, max(count, -sys.maxsize), f"at least {least}")
+    return count
+
+
+def as_fitting_count(name: str, value: object, least: int, size: float) -> int:
+    """Return value as a whole number of things that fit into the free memory.
+
+    Args:
+        name: name of the argument.
+        value: the number.
+        least: smallest number that is allowed.
+        size: size of one of the things, bytes.
+
+    Raises:
+        WrongTypeError: it is not a whole number, or a truth value.
+        OutOfRangeError: it is smaller than ``least``.
+        NotEnoughMemoryError: they do not fit.
+    """
+    count = as_count(name, value, least)
+    require_memory(f"{name} = {min(count, sys.maxsize):.3g}", size * min(count, sys.maxsize), f"lower {name}")
     return count
 
 

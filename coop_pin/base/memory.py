@@ -9,7 +9,6 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from coop_pin.base.arrays import as_count
 from coop_pin.base.errors import NotEnoughMemoryError
 
 _SYSTEM = Path("/")
@@ -35,25 +34,6 @@ def require_memory(what: str, needed: float, remedy: str) -> None:
     free = free_memory()
     if needed > free:
         raise NotEnoughMemoryError(what, needed, free, remedy)
-
-
-def as_fitting_count(name: str, value: object, least: int, size: float) -> int:
-    """Return value as a whole number of things that fit into the free memory.
-
-    Args:
-        name: name of the argument.
-        value: the number.
-        least: smallest number that is allowed.
-        size: size of one of the things, bytes.
-
-    Raises:
-        WrongTypeError: it is not a whole number, or a truth value.
-        OutOfRangeError: it is smaller than ``least``.
-        NotEnoughMemoryError: they do not fit.
-    """
-    count = as_count(name, value, least)
-    require_memory(f"{name} = {min(count, sys.maxsize):.3g}", size * min(count, sys.maxsize), f"lower {name}")
-    return count
 
 
 def free_memory() -> int:

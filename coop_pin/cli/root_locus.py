@@ -54,8 +54,7 @@ def root_locus(
     import numpy as np  # slow to load
 
     from coop_pin import stability
-    from coop_pin.base.arrays import as_positive
-    from coop_pin.base.memory import as_fitting_count
+    from coop_pin.base.arrays import as_fitting_count, as_positive
 
     base = load_scenario(scenario, fields, code)
     ends = as_positive("low", low), as_positive("high", high)

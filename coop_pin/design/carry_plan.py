@@ -10,9 +10,8 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from coop_pin.base.arrays import Array, as_number, require_path, require_type
+from coop_pin.base.arrays import Array, as_fitting_count, as_number, require_path, require_type
 from coop_pin.base.errors import ArgumentError, FileReadError, InfeasibleMotionError, OutOfRangeError
-from coop_pin.base.memory import as_fitting_count
 from coop_pin.base.schema.base import Description, Matrix, NotNegative, Positive
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.user_files import read_user_file

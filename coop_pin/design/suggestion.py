@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from coop_pin.base.arrays import require_type
+from coop_pin.base.arrays import as_fitting_count, require_type
 from coop_pin.base.errors import ArgumentError, InfeasibleMotionError, ScenarioWarning
-from coop_pin.base.memory import as_fitting_count
 from coop_pin.control.laws.payload_space import PayloadSpace
 from coop_pin.control.laws.payload_space_controller import PayloadSpaceGains
 from coop_pin.description.scenario import Scenario

@@ -7,10 +7,9 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
-from coop_pin.base.arrays import Array, Mask, as_count, require_type
+from coop_pin.base.arrays import Array, Mask, as_count, as_fitting_count, require_type
 from coop_pin.base.disk_cache import DiskCache
 from coop_pin.base.errors import ArgumentError, InvalidStateError, TracingError, needs_extra
-from coop_pin.base.memory import as_fitting_count
 from coop_pin.compiled.kind import law_reason
 from coop_pin.compiled.laws.support import require_traceable
 from coop_pin.compiled.preparation import Prepared

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coop_pin.base.arrays import Array, frozen, require_type
+from coop_pin.base.arrays import Array, as_fitting_count, frozen, require_type
 from coop_pin.base.errors import NameNotFoundError, UnreachablePoseError
-from coop_pin.base.memory import as_fitting_count
 from coop_pin.base.spatial.task_rows import joint_shortage
 from coop_pin.control.terms import CONDITION_LIMIT
 from coop_pin.description.scenario import Scenario

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coop_pin.base.arrays import as_array
 from coop_pin.base.errors import FieldError
 from coop_pin.control import CellController, ControlledArm, FeedForwardController
 from coop_pin.description.scenario import Scenario
@@ -56,7 +57,8 @@ def controlled_arm(scenario: Scenario, model: ArmModel) -> ControlledArm:
     """Return the numbers of an arm that a law may know, apart from measurements."""
     cell, name = scenario.cell, model.name
     stated = cell.arms[name].posture
-    posture = model.drive @ (np.zeros(model.nv) if stated is None else np.array(stated))
+    angles = [0.0] * model.nv if stated is None else stated
+    posture = model.drive @ as_array(f"posture of arm {name!r}", angles, model.nv)
     return ControlledArm(
         name=name,
         leads=name == next(iter(cell.arms)),

@@ -10,9 +10,9 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from coop_pin.base.arrays import Array, as_number
+from coop_pin.base.arrays import Array, as_fitting_count, as_number
 from coop_pin.base.errors import FieldError, OutOfRangeError
-from coop_pin.base.memory import as_fitting_count, require_memory
+from coop_pin.base.memory import require_memory
 from coop_pin.base.schema.base import Description
 
 _VALUE = 64.0

@@ -96,6 +96,14 @@ def tracking_and_squeeze(out, _folder):
     assert 0.0 < force < 0.5
 
 
+def wrist_and_base_of_the_log(out, _folder):
+    """The log was made with a wrist zero of 1.5 N on left and a base of right that is 2 mm off along x."""
+    *_, first, base = out.splitlines()
+    assert first.startswith("first: left wrist y")
+    assert 0.5 < float(first.split()[4]) < 1.0
+    assert abs(float(base.strip("()").split(",")[0])) == pytest.approx(1e-3, rel=0.1)  # a half on each arm
+
+
 def laws_side_by_side(out, _folder):
     """The table of the paper's page is what the example prints, digit by digit."""
     found = {line[:32].strip(): [float(word) for word in line[32:].split()] for line in out.splitlines()[1:]}
@@ -206,6 +214,7 @@ def forces_that_cancel(out, folder):  # noqa: ARG001
 
 
 PROMISES = {
+    "blame_a_log": wrist_and_base_of_the_log,
     "two_armed_robot": both_arms_of_one_robot,
     "mobile_bases": platforms_that_follow,
     "four_arms": forces_that_cancel,

@@ -21,7 +21,7 @@ from coop_pin.base.user_files import printable
 from coop_pin.comparison.controllers import stored_gains
 from coop_pin.compiled.laws.c_export import export_c
 from coop_pin.sweeps.store import SweepStore
-from coop_pin.sweeps.workers.job import Record, checked_content, checksummed
+from coop_pin.sweeps.workers.job import JobRecord, checked_content, checksummed
 
 GAIN = "controller.gains.sign_gain"
 ESCAPES = "\x1b]0;pwned\x07\x1b[2J\u202egnp.exe\x9b31m"
@@ -225,10 +225,10 @@ def test_the_order_of_control_characters_is_not_lost():
 
 
 def test_records_of_runs_of_before_are_not_merged_ones():
-    line = Record("ab" * 32, metrics={"a": 1.0}).to_line()
+    line = JobRecord("ab" * 32, metrics={"a": 1.0}).to_line()
     content = json.loads(checked_content(line))
     del content["merged"]
-    assert not Record.from_line(checksummed(json.dumps(content).encode())).merged
+    assert not JobRecord.from_line(checksummed(json.dumps(content).encode())).merged
 
 
 def test_a_long_line_in_a_table_of_gains_is_refused_with_its_number(tmp_path):

@@ -67,7 +67,7 @@ def test_the_gate_installs_and_checks_everything_in_this_order(workshop):
     assert done.returncode == 0, done.stderr
     install, *stages = asked
     assert install.startswith("pip install ")
-    assert "-e .[test,docs,bench] -c constraints.txt" in install
+    assert "-e .[test,docs] -c constraints.txt" in install
     tests = "pytest -n auto --dist worksteal -q"
     assert stages == [
         *("ruff format --check .", "ruff check .", "mypy"),
