@@ -35,7 +35,6 @@ _PUBLIC = {
     "CoopPinError": "base.errors",
     "Execution": "sweeps.workers.execution",
     "MobileBase": "description.cell.mobile_base",
-    "Network": "description.network",
     "Pad": "description.cell.contact",
     "PatchGrasp": "description.cell.contact",
     "Payload": "description.cell.payload",
@@ -129,8 +128,8 @@ _NAMESPACES: dict[str, tuple[str, dict[str, str]]] = {
         },
     ),
     "network": (
-        "Channels, clocks and graphs of messages between the arms: parts of ``cp.Network``.",
-        {"description.network": "ArmClock Channel EdgeChannel GraphChange"},
+        "Messages between the arms: channels, clocks and graphs.",
+        {"description.network": "ArmClock Channel EdgeChannel GraphChange Network"},
     ),
     "numbers": (
         "Functions for laws that are compiled: they take numbers and what stands for them in traced code.",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, get_args
@@ -27,12 +26,15 @@ from coop_pin.design.suggestion import Suggestion, suggest
 from coop_pin.feasibility.motion_feasibility import joint_heights, require_rank
 from coop_pin.feasibility.reachability import reachability
 from coop_pin.model.cell_arm import CellArm
+from coop_pin.running.cell_findings import allowed_errors
 
 MotionName: TypeAlias = Literal["line", "circle", "hold"]
 """Motion of the payload of a new cell."""
 _EDGES = {"box": (0.4, 0.3, 0.2), "bar": (0.8, 0.05, 0.05), "plate": (0.6, 0.4, 0.02)}
 """Edges of a new payload along x, y and z, m."""
 _POSES = 41
+_PART, _UNITS = 0.5, ("m", "rad", "N", "N m")
+"""Part of what the task allows from which on a motion is slowed, and units of errors."""
 _NEAREST = 0.05
 """Least distance of a base from the payload's centre, m."""
 
@@ -168,7 +170,7 @@ def new_cell(
     )
     tell(f"gains and steps of the law of {len(named)} arms")
     motions = calmer_motions(motion, start, stroke, 0.0 if is_planar else 0.6 * stroke)
-    suggested, calmed = feasible(draft, motions, partial(suggest, poses=_POSES))
+    suggested, calmed = feasible(draft, motions, _within_limits)
     scenario = suggested.scenario.override(dict(_rounded(suggested)))
     remarks = (
         *filter(None, [shared, side, calmed]),
@@ -185,6 +187,26 @@ def _searches(named: Mapping[str, Arm], held: Payload, side: Side, layout: Layou
         ArmPlacement(name, arm, contact, held.mass / len(named), shoulders)
         for (name, arm), contact in zip(named.items(), around, strict=True)
     ]
+
+
+def _within_limits(draft: Scenario) -> Suggestion:
+    """Return the proposal; at half the speed where it expects more than half of what the task allows.
+
+    A forecast is within a factor of two of the run.
+    """
+    suggested, motion = suggest(draft, poses=_POSES), draft.motion
+    moving, allowed = np.array(suggested.forecast.moving), np.array(allowed_errors(suggested.scenario))
+    if motion.kind == "hold" or not (moving > _PART * allowed).any():
+        return suggested
+    field, factor = ("duration", 2.0) if motion.kind == "line" else ("angular_rate", 0.5)
+    slower = draft.override({f"motion.{field}": factor * getattr(motion, field)})
+    worst = int(np.argmax(moving / allowed))
+    error = (
+        f"{moving[worst]:.2g} {_UNITS[worst]} of {allowed[worst]:.2g} {_UNITS[worst]} that the task allows"
+    )
+    remark = f"motion: at half the speed; at the whole one {error} were to be expected"
+    suggested = suggest(slower, poses=_POSES)
+    return dataclasses.replace(suggested, changes=(*suggested.changes, remark))
 
 
 def feasible(

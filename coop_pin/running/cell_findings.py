@@ -42,17 +42,21 @@ _LARGE_RECORD = 1e9
 """Memory of a record from which on it is a finding, bytes."""
 
 
-def _expected(scenario: Scenario, expected: Forecast) -> Finding:
-    """Return the errors to expect: a warning where one of them is beyond the limits of the task."""
+def allowed_errors(scenario: Scenario) -> Errors:
+    """Return what the limits of the task allow with the squeeze at t = 0; inf where they allow anything."""
     limits, cell = scenario.task, scenario.cell
     f_d, m_d = (norms.max() for norms in norms6(scenario.squeeze_wrenches))
-    allowed = Errors(
+    return Errors(
         limits.position,
         limits.orientation if cell.controls_turns else math.inf,
         max(limits.force, limits.force_share * f_d),
         math.inf if cell.patches else max(limits.moment, limits.moment_share * m_d),
     )
-    largest = np.fmax(expected.moving, expected.at_rest)
+
+
+def _expected(scenario: Scenario, expected: Forecast) -> Finding:
+    """Return the errors to expect: a warning where one of them is beyond the limits of the task."""
+    allowed, largest = allowed_errors(scenario), np.fmax(expected.moving, expected.at_rest)
     worst = int(np.nanargmax([*(largest / allowed), 1.0]))
     if worst == len(allowed):
         return Finding("steady error", "controller", "note", expected.summary())

@@ -186,11 +186,13 @@ def test_messages_are_rounded_and_late_as_the_edge_says():
 
 def test_graphs():
     arms = ("a", "b", "c", "d")
-    edges = {graph: set(cp.Network(graph=graph).edges_at(0.0, arms)) for graph in ("all", "ring", "star")}
+    edges = {
+        graph: set(cp.network.Network(graph=graph).edges_at(0.0, arms)) for graph in ("all", "ring", "star")
+    }
     assert {graph: len(each) for graph, each in edges.items()} == {"all": 12, "ring": 8, "star": 6}
     assert ("a", "c") not in edges["ring"]
     assert {edge for edge in edges["star"] if "a" not in edge} == set()
-    assert set(cp.Network(graph="ring").edges_at(0.0, arms[:2])) == {("a", "b"), ("b", "a")}
+    assert set(cp.network.Network(graph="ring").edges_at(0.0, arms[:2])) == {("a", "b"), ("b", "a")}
 
 
 # ---------------------------------------------------------------- runs
