@@ -201,10 +201,8 @@ def _within_limits(draft: Scenario) -> Suggestion:
     field, factor = ("duration", 2.0) if motion.kind == "line" else ("angular_rate", 0.5)
     slower = draft.override({f"motion.{field}": factor * getattr(motion, field)})
     worst = int(np.argmax(moving / allowed))
-    error = (
-        f"{moving[worst]:.2g} {_UNITS[worst]} of {allowed[worst]:.2g} {_UNITS[worst]} that the task allows"
-    )
-    remark = f"motion: at half the speed; at the whole one {error} were to be expected"
+    error = f"{moving[worst]:.2g} of {allowed[worst]:.2g} {_UNITS[worst]} that the task allows"
+    remark = f"motion: at half the speed, because at the whole one {error} are to be expected"
     suggested = suggest(slower, poses=_POSES)
     return dataclasses.replace(suggested, changes=(*suggested.changes, remark))
 

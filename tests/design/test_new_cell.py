@@ -272,3 +272,14 @@ def test_xacro_arguments_reach_the_arms(tmp_path, monkeypatch):
     assert main([*words, "--xacro-args", "reach:=2"]) == 0
     scenario = cp.Scenario.load("pair.toml")
     assert [arm.xacro_args for arm in scenario.cell.arms.values()] == [{"reach": "2"}] * 2
+
+
+@pytest.mark.gate
+def test_a_motion_that_asks_for_most_of_what_the_task_allows_is_slowed():
+    """At the whole speed 0.067 N m were to be expected, and the run has 0.11 of the 0.1 that are allowed."""
+    suggested = cp.new_cell(["b1-z1", "b1-z1"], mass=1.79, squeeze=11.9)
+    assert suggested.scenario.motion.duration == 6.0
+    assert "half the speed" in suggested.changes[-1]
+    result = cp.run(suggested.scenario, warn=False, engine="compiled")
+    assert (result.simulation_sound, result.task.kept) == (True, True)
+    assert result.metrics()["internal_moment_error_max_Nm"] < 0.075
