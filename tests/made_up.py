@@ -23,6 +23,7 @@ def made_up(scenarios, controllers, trials, largest):
     fails = (cells["controller"] == names[1][1]) | (rng.random(len(cells)) < 0.1)
     for name in COLUMNS:
         cells[name] = np.where(fails, np.inf, largest ** rng.random(len(cells)))
+    cells["engine"] = "pinocchio"
     cells["gains"] = np.where(cells["controller"].str.len() > 30, "untuned", "tuned")
     cells["information"] = cells["controller"].map(lambda name: "model" if name[-1] == "x" else "blind")
     cells = cells.assign(runs=1, finished=1 - fails, dropped=0, merged=0, failure="")

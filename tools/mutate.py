@@ -63,8 +63,8 @@ TESTS = {
     "environment": "environment environment_arguments stepping",
     "feasibility": "cell_summary distances friction_margins internal_moment reachability statics suggestion",
     "figures": "comparison_figures figures sweep_figures",
-    "grasps": "cell_chain compliant_grasps contact_patches friction_cones friction_grasps grasp_events joint_grasps"
-    " partner reference_plant rigid_grasps traced_springs",
+    "grasps": "cell_chain compliant_grasps contact_patches friction_cones friction_grasps grasp_events"
+    " joint_grasps partner reference_plant rigid_grasps traced_springs",
     "identification": "blame",
     "logs": "logs",
     "model": "arm_model branches ik_solver inverse_kinematics limits",

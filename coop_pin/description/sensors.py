@@ -176,8 +176,8 @@ class SharedJointSensor(Description):
     """What an arm is told of the shared joints under it: ``resolution * round(q / resolution) + offset``.
 
     Attributes:
-        told: what it is told: "all", position and rate; "position", so that it takes the rate for zero; or
-            "nothing", as by the name "not told", so that it takes the joints for where they start.
+        told: knowledge of the arm: "all", position and rate; "position", so that it takes the rate for zero;
+            or "nothing", as by the name "not told", so that it takes the joints for where they start.
         resolution: size of a count, m or rad; 0 is continuous.
         offset: offset of the zero, m or rad.
         delay: ticks until the arm is told, or a time.
@@ -206,7 +206,7 @@ class Sensors(Description):
         holding_torque_error: relative error of the holding torques that the drives report, one value for all
             drives or one for each.
         slip: sensor of the slip of the arm's patch; ideal when omitted.
-        shared_joints: what the arm is told of shared joints under it, a table or "not told".
+        shared_joints: sensor of the shared joints under the arm, a table or "not told".
     """
 
     encoder: Encoder = Encoder()

@@ -76,7 +76,7 @@ class CellDistances:
     Attributes:
         pairs: names of the bodies of each pair of shapes.
         exempt: pairs of bodies that are not looked at.
-        rules: for each robot, what exempts pairs of it: the name of its SRDF, or adjacency.
+        rules: source, for each robot, of what exempts pairs of it: the name of its SRDF, or adjacency.
         omitted: links without a shape, as it cannot be read, with the reason.
     """
 

@@ -54,10 +54,10 @@ class Distances:
         times: times of the poses, s, shape (n,).
         least: the least distance at each pose, m, shape (n,); infinite without a pair.
         pairs: the pair at each pose.
-        points: its nearest points in the world, m, shape (n, 2, 3).
+        points: nearest points of the two in the world, m, shape (n, 2, 3).
         below: pairs that come closer than the clearance, the nearest first, each where it is nearest.
         exempt: pairs of bodies that were not looked at, by rule.
-        rules: for each robot, what exempts pairs of it: the name of its SRDF, or adjacency.
+        rules: source, for each robot, of what exempts pairs of it: the name of its SRDF, or adjacency.
         omitted: links without a shape, with the reason.
     """
 

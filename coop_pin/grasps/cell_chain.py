@@ -133,7 +133,7 @@ class CellChain(CellDynamics):
         """
         tree, carrier, X_WP = self.model, self.model.carrier, self.payload_pose(q)
         assert carrier is not None
-        alone, rows = tree.model.copy(), [place.v_slice.start for place in tree.shared]
+        alone, rows = tree.model.copy(), [slot.v_slice.start for slot in tree.shared]
         alone.inertias[tree.payload_joint] = tree.carrier_inertia
         data = alone.createData()
         g = pin.computeGeneralizedGravity(alone, data, q)[rows]

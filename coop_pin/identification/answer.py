@@ -27,8 +27,8 @@ class Blame:
 
     Attributes:
         scenario: cell and law.
-        record: what the arms logged.
-        findings: what is wrong with the log, or doubtful; after an error there are no estimates.
+        record: log of the arms.
+        findings: defects of the log; after an error there are no estimates.
         kinematics: estimates of tips, bases, joints, links and clocks; None after an error.
         payload: estimates of the payload and of the wrists' zeros; None without wrenches.
         friction: friction of the drives whose torques are logged.

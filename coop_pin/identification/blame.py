@@ -45,7 +45,7 @@ def blame(
         log: record, run, or path of a CSV file, an MCAP file or a result.
         scenario: cell and law that ran, as its user believes them, with the table ``log``; of a run its own
             when omitted.
-        priors: what is known before; usual sizes when omitted.
+        priors: knowledge before the log; usual sizes when omitted.
 
     Raises:
         FileReadError: the file is missing or damaged, or has no such topic.

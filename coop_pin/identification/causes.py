@@ -23,7 +23,7 @@ class Cause(NamedTuple):
     """Cause of internal force: one parameter, or several of which the log shows a combination alone.
 
     Attributes:
-        members: its parameters.
+        members: parameters of the cause.
         newtons: norm of the force on an arm, mean over the record, at the estimate, N.
         low: 2.5 % of it, N.
         high: 97.5 % of it, N.
@@ -71,7 +71,7 @@ def ranked_causes(effects: Effects, x: Array, covariance: Array) -> tuple[Cause,
     Args:
         effects: forces of all parameters.
         x: estimates, shape (p,).
-        covariance: of them, shape (p, p).
+        covariance: covariance of the estimates, shape (p, p).
     """
     columns = effects.force.reshape(-1, len(x))
     gram = columns.T @ columns / (effects.force.shape[0] * effects.force.shape[1])
@@ -102,7 +102,7 @@ def force_interval(force: Array, x: Array, covariance: Array) -> tuple[float, fl
     Args:
         force: force on each arm by parameter, shape (n, m, rows, p).
         x: estimates, shape (p,).
-        covariance: of them, shape (p, p).
+        covariance: covariance of the estimates, shape (p, p).
     """
     draws = np.random.default_rng(0).multivariate_normal(x, covariance, _DRAWS, method="eigh")
     forces = np.tensordot(force, np.vstack((x, draws)).T, 1)

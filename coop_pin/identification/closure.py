@@ -73,9 +73,9 @@ class Fit(NamedTuple):
     """Gaussian estimate of parameters.
 
     Attributes:
-        parameters: what was fitted.
+        parameters: names of what was fitted.
         x: estimates, shape (n,).
-        covariance: of them, shape (n, n).
+        covariance: covariance of the estimates, shape (n, n).
         prior: standard deviations before, shape (n,).
         chi: root mean square of the whitened residual; 1 if noise and prior explain it.
         residual: residual in units of its noise, shape (samples, rows).

@@ -27,7 +27,7 @@ class Effects(NamedTuple):
         parameters: the parameters, in the order of the columns.
         force: force on each arm by a unit of each parameter, N, shape (n, m, rows, p); rows of moments are
             left out.
-        reading: what the wrists would read of the internal force by it, likewise: with their zeros in it.
+        reading: internal force by it that the wrists would read, likewise, with their zeros.
     """
 
     times: Array

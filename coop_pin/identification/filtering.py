@@ -48,7 +48,7 @@ def filtered(record: Record, late: Mapping[str, float]) -> dict[str, Filtered]:
 
     Args:
         record: record of the arms.
-        late: by how much the clock of each arm reads late, s.
+        late: delay of the clock of each arm, s.
     """
     start, end = record.span
     if record.free is not None:

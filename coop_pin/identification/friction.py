@@ -50,9 +50,9 @@ def friction_fit(arm: CellArm, samples: Filtered, zero: Array, sd: Array) -> lis
 
     Args:
         arm: the arm.
-        samples: its filtered samples.
+        samples: filtered samples of the drive.
         zero: zero of the wrist in axes of the tip, N and N m, shape (6,).
-        sd: its standard deviations, shape (6,).
+        sd: standard deviations, shape (6,).
     """
     if not np.isfinite(samples.tau).all() or not np.isfinite(samples.wrench).all():
         return []

@@ -88,7 +88,7 @@ def wrench_findings(
         scenario: cell.
         arms: models of the arms.
         samples: filtered samples of all arms.
-        priors: what is known before.
+        priors: knowledge before the log.
     """
     strain = _strain(fit)
     if strain < _CHI:

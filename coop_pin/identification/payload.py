@@ -40,7 +40,7 @@ def payload_fit(
         scenario: cell with payload and gravity.
         arms: models of the arms.
         samples: filtered samples of all arms.
-        priors: what is known before.
+        priors: knowledge before the log.
     """
     names, payload = [*arms], scenario.cell.payload
     rows = list(scenario.cell.task_rows.indices)

@@ -58,7 +58,7 @@ def moved(view: View, arm: CellArm, tip: Array, base: Array, links: Array) -> Ar
         view: the view, of positions without the joint offsets.
         arm: the arm.
         tip: xyz and rpy of the tip's error, m and rad, as in ``calibration_error``, shape (6,).
-        base: likewise of the base.
+        base: error of the base, likewise.
         links: relative errors of the link lengths, shape (nv,).
     """
     X = view.pose.copy()

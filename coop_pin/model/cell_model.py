@@ -146,8 +146,8 @@ class CellModel:
         q = pin.neutral(self.model)
         for arm, configuration in zip(self.arms, arm_configurations, strict=True):
             q[arm.q_slice] = configuration
-        for place in self.shared:
-            q[place.q_slice] = place.angles.configuration(np.array([place.start]))
+        for slot in self.shared:
+            q[slot.q_slice] = slot.angles.configuration(np.array([slot.start]))
         if not self.closed_by_tree:
             q[self.model.idx_qs[self.payload_joint] :][:7] = pin.SE3ToXYZQUAT(pin.SE3(X_WP))
         return q

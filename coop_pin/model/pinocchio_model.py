@@ -155,7 +155,7 @@ class ModelKey(NamedTuple):
     """What the model of an arm depends on.
 
     Attributes:
-        file: its URDF.
+        file: URDF of the arm.
         version: time and size of the file.
         locked: angles of the locked joints, by name.
         ignores_mimic: whether followers of mimic joints move by themselves.

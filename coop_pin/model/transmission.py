@@ -109,9 +109,9 @@ class Transmission:
                 resistance.coulomb_velocity,
             )
             excess[rows], stribeck[rows] = resistance.excess, resistance.stribeck_velocity
-        for row, place in enumerate(shared, start=int(edges[-1])):
-            self._map[row, place.v_slice] = axes[row, place.v_slice] = 1.0
-            viscous[row], coulomb[row] = place.resistance
+        for row, slot in enumerate(shared, start=int(edges[-1])):
+            self._map[row, slot.v_slice] = axes[row, slot.v_slice] = 1.0
+            viscous[row], coulomb[row] = slot.resistance
             speeds[row], stribeck[row] = JointFriction().coulomb_velocity, JointFriction().stribeck_velocity
         self._viscous = -axes.T @ np.diag(viscous) @ axes
         self._to_scaled_speed = axes / speeds[:, None]

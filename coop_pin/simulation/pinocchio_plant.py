@@ -169,7 +169,7 @@ class PinocchioPlant:
             tau += np.array([J.T.dot(F) for J, F in zip(jacobians, wrenches, strict=True)])
         observation = self.chain.observe(q, v, tau, wrenches)
         if shared := self.chain.model.shared:
-            columns = [place.v_slice.start for place in shared]
+            columns = [slot.v_slice.start for slot in shared]
             observation = observation._replace(shared_force=force[:, columns])
         if not self.surroundings.partners:
             return observation

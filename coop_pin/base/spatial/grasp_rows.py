@@ -44,7 +44,7 @@ class GraspRows(TaskRows):
         Args:
             task: task rows of the cell.
             X_PC: pose of C in the payload frame, shape (4, 4).
-            held: which of the six rows in axes of C are held.
+            held: mask of the six rows in axes of C that are held.
         """
         turned = np.zeros((6, 6))
         turned[:3, :3] = turned[3:, 3:] = X_PC[:3, :3]

@@ -168,7 +168,7 @@ class HeldPayload(Description):
         """Refuse grasps that leave the payload a motion.
 
         Args:
-            holds: which arms hold.
+            holds: mask of the arms that hold.
             path: field of the error.
 
         Raises:

@@ -22,7 +22,7 @@ class ArmLog(Description):
         wrench_sign: 1 if it is the wrench on the arm by the payload, -1 if that on the payload.
         hand_mass: mass behind the sensor that belongs to the arm, and whose weight is still in the wrench,
             kg.
-        hand_centre: its centre in axes of the tip, m.
+        hand_centre: centre of the hand in axes of the tip, m.
     """
 
     joints: str

@@ -65,12 +65,12 @@ class SharedDrives(NamedTuple):
         """
         forces = []
         rows = zip(self.joints, self.places, self.screws, self.holding, self.inertia, strict=True)
-        for joint, place, screw, tau_0, inertia in rows:
-            r, rate = joint.reference(time, place.start, screw, target, self.begin)
-            error = place.angles.near(q[place.q_slice], np.array([r])) - r
+        for joint, slot, screw, tau_0, inertia in rows:
+            r, rate = joint.reference(time, slot.start, screw, target, self.begin)
+            error = slot.angles.near(q[slot.q_slice], np.array([r])) - r
             w, zeta = joint.bandwidth, joint.damping_ratio
-            tau = tau_0 - inertia * (w**2 * error + 2.0 * zeta * w * (v[place.v_slice] - rate))
-            limit = place.effort if joint.limit == "urdf" else joint.limit
+            tau = tau_0 - inertia * (w**2 * error + 2.0 * zeta * w * (v[slot.v_slice] - rate))
+            limit = slot.effort if joint.limit == "urdf" else joint.limit
             if limit != "none" and limit > 0.0:
                 tau = np.clip(tau, -limit, limit)
             forces.append(frozen(tau))
@@ -123,7 +123,7 @@ class SharedSensors(NamedTuple):
     def start(self) -> Array:
         """Return the memory before the first tick: at rest at the start."""
         depth = 1 + max(arm[0] for arm in self.arms if arm is not None)
-        rest = np.array([[place.start for place in self.places], [0.0] * len(self.places)])
+        rest = np.array([[slot.start for slot in self.places], [0.0] * len(self.places)])
         return np.tile(rest, (depth, 1, 1))
 
     def step(self, memory: Array, q: Array, v: Array) -> tuple[list[Told | None], Array]:
@@ -136,10 +136,10 @@ class SharedSensors(NamedTuple):
         """
         last, told = memory[0, 0], list[Told | None]()
         near = zip(self.places, last, strict=True)
-        position = [place.angles.near(q[place.q_slice], angle[None])[0] for place, angle in near]
-        rate = [v[place.v_slice.start] for place in self.places]
+        position = [slot.angles.near(q[slot.q_slice], angle[None])[0] for slot, angle in near]
+        rate = [v[slot.v_slice.start] for slot in self.places]
         memory = np.concatenate((np.array([[position, rate]]), memory[:-1]))
-        start = np.array([place.start for place in self.places])
+        start = np.array([slot.start for slot in self.places])
         for arm in self.arms:
             if arm is None:
                 told.append(None)
