@@ -28,8 +28,8 @@ class Snapshot(NamedTuple):
         jacobian_condition: condition number of each payload Jacobian, shape (m,).
         measured_internal_wrench: internal wrenches that the controllers get, N and N m, shape (m, 6); None
             where they are not recorded.
-        partner_deflection: deflection of the partner's handle from its point, in axes of the point, m and rad,
-            shape (6,); None in runs without a partner.
+        partner_deflection: deflection of the partner's handle from its point, in axes of the point, m and
+            rad, shape (6,); None in runs without a partner.
     """
 
     time: float
