@@ -84,7 +84,7 @@ class CellFrames:
             ),
             samples["tip_position"],
             *(np.nan_to_num(samples[name]) for name in wrenches),
-            *strut_columns(samples),
+            *strut_columns(samples, self._cell),
             warning_codes(names, self.visuals.joints, saturated, condition, free_arms(samples)),
             codes,
         )
@@ -96,18 +96,21 @@ def run_samples(result: RunResult) -> Samples:
     return {str(name): result.data[name].values for name in ("time", *result.data.data_vars)}
 
 
-def strut_columns(samples: Samples) -> tuple[Array, Array]:
+def strut_columns(samples: Samples, cell: Cell) -> tuple[Array, Array]:
     """Return tension and twist of the struts, and those wanted, shape (n, 2, p, 2), and the forces across.
 
-    Arms that hold nothing have no struts.
+    Arms that hold nothing have no struts. Beside joints the split of the load decides about tensions, so that
+    struts are those of the internal wrenches.
 
     Args:
         samples: quantities by name, n samples along the first axis.
+        cell: the cell.
 
     Returns:
         Tensions, N, and twists, N m; forces on the arms that no strut carries, N, shape (n, m, 3).
     """
-    F, p_WP = samples["interaction_wrench"], samples["payload_position"][:, None]
+    F = samples["internal_wrench" if cell.jointed else "interaction_wrench"]
+    p_WP = samples["payload_position"][:, None]
     wrenches = np.stack((F, np.where(np.isnan(F), F, samples["desired_internal_wrench"])), axis=1)
     tips = np.broadcast_to((samples["tip_position"] - p_WP)[:, None], (*wrenches.shape[:-1], 3))
     wrenches, tips = determinate_grasp(wrenches, tips)

@@ -180,7 +180,9 @@ def _replay(result: RunResult, times: Iterable[float], scales: ArrowScales) -> t
         ],
         "instants": [chip._asdict() for chip in chips],
         "pushes": bool(result.data["external_wrench"].values.any()),
-        "peak": float(np.abs(strut_columns(run_samples(result))[0][..., 0]).max(initial=0.0)),
+        "peak": float(
+            np.abs(strut_columns(run_samples(result), result.scenario.cell)[0][..., 0]).max(initial=0.0)
+        ),
     }
     return page_parts(
         "replay",

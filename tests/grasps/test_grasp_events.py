@@ -540,7 +540,7 @@ def test_a_free_arm_has_no_struts():
         "jacobian_condition": np.ones((n, 3)),
         "load_share": np.array([[0.3, 0.3, 0.4], [0.5, 0.0, 0.5], [1.0, 0.0, 0.0]]),
     }
-    struts, across = strut_columns(samples)
+    struts, across = strut_columns(samples, cp.Scenario.load("three-ur5-plate").cell)
     whole, pair = virtual_linkage(f[0], tips[0]), virtual_linkage(f[1, [0, 2]], tips[1, [0, 2]])
     assert_allclose(struts[0, 0], whole.struts, atol=1e-12)
     assert_allclose(across[0], whole.rest[:, :3], atol=1e-12)

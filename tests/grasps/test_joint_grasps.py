@@ -27,6 +27,7 @@ from coop_pin.control.laws.payload_space_controller import PayloadSpaceGains
 from coop_pin.feasibility.freedoms import freedoms
 from coop_pin.grasps import CellChain
 from coop_pin.stability.sampled_stability import sampled_stability
+from coop_pin.viz.frames import run_samples, strut_columns
 
 FULL = task_rows("full")
 HELD = {"rigid": (0, 1, 2, 3, 4, 5), "hinge": (0, 1, 2, 3, 4), "cylinder": (0, 1, 3, 4), "ball": (0, 1, 2)}
@@ -362,3 +363,11 @@ def test_a_hinge_hands_its_load_over_and_what_it_alone_would_hold_is_refused():
     assert_allclose(data["internal_wrench"].values.sum(axis=1), 0.0, atol=1e-9)
     with pytest.raises(FieldError, match="nobody holds"):
         jointed("two-pandas-box", {"right": "hinge"}, **free, events=[leave | {"arm": "left"}])
+
+
+def test_struts_beside_joints_are_those_of_the_internal_wrench():
+    """Two arms have one strut; the split puts 1.9 N along it into the load of two-pandas-hinges."""
+    for name in ("adept-hinges", "two-pandas-hinges"):
+        result = cp.run(name, {"duration": 0.1, "events": []}, warn=False)
+        struts, _ = strut_columns(run_samples(result), result.scenario.cell)
+        assert_allclose(struts[:, 0, 0, 0], result.data.internal_axial.values[:, 0], rtol=0, atol=1e-9)
