@@ -20,7 +20,7 @@ from coop_pin.identification.friction import DriveFriction, friction_fit
 from coop_pin.identification.law_response import LawResponse, uncovered
 from coop_pin.identification.misuse import kinematic_findings, prior_findings, wrench_findings
 from coop_pin.identification.payload import payload_fit
-from coop_pin.logs.log_findings import log_findings
+from coop_pin.logs.findings import log_findings
 from coop_pin.logs.record import Record
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.results.finding import Finding, Findings, sorted_findings

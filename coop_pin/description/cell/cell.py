@@ -30,9 +30,9 @@ from coop_pin.description.events import Surroundings
 class Cell(HeldPayload):
     """Arms that grasp one payload: rigidly, compliantly or by friction; a single arm is an arm with a load.
 
+    Its first fields are those of ``HeldPayload``.
+
     Attributes:
-        arms, payload, payload_pose, grasps, rows, gravity, load_shares, tables, pads, split_length: those of
-            HeldPayload.
         clearance: distance that bodies which may not touch should keep, m; ``check`` warns below it, and
             proposed postures keep it where they can.
         shared_joints: joints of one robot that its arms lock and a drive of its own moves, by name.
