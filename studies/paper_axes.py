@@ -17,6 +17,8 @@ from coop_pin.base.arrays import Array
 SCENARIOS = ("adept-paper", "adept-paper-fit")
 EVENT, TICK = 10.0, 1.0 / 80.0
 """Time of the event and period, s."""
+PSI = np.pi / 3
+"""Desired angle of the bar, rad."""
 
 
 class Axis(NamedTuple):
@@ -53,15 +55,17 @@ LOW, HIGH, TICKS = (np.array([getattr(axis, name) for axis in AXES]) for name in
 def extremes(samples: Any) -> Array:
     """Return least and greatest value of the ten curves of runs, shape (runs, 10, 2).
 
+    The panels of pose and force draw desired and actual curves, and their axes bound both.
+
     Args:
         samples: quantities of a batch by name, with a leading axis of runs.
     """
     pose, desired = samples["pose_error"], samples["desired_position"]
-    x, y = (pose[..., row] + desired[..., row] for row in (0, 1))
-    psi = np.degrees(pose[..., 5] + np.pi / 3)
-    torque = samples["torque"]
-    curves = [x, y, psi, samples["internal_axial"][..., 0]]
-    curves += [torque[..., arm, joint] for arm in (0, 1) for joint in (0, 1, 2)]
+    x, y = ((pose[..., row] + desired[..., row], desired[..., row]) for row in (0, 1))
+    psi = np.degrees(pose[..., 5] + PSI), np.full(pose.shape[:-1], np.degrees(PSI))
+    f = samples["internal_axial"][..., 0], samples["desired_internal_axial"][..., 0]
+    curves = [np.concatenate(pair, axis=1) for pair in (x, y, psi, f)]
+    curves += [samples["torque"][..., arm, joint] for arm in (0, 1) for joint in (0, 1, 2)]
     return np.stack([np.stack([curve.min(axis=1), curve.max(axis=1)], axis=-1) for curve in curves], axis=1)
 
 
@@ -87,7 +91,7 @@ def settled(samples: Any) -> Array:
 def ranges(scenario: str) -> Array:
     """Return the extremes of the ten curves along a run of a scenario, shape (10, 2)."""
     data = cp.run(scenario, warn=False).data
-    names = ("pose_error", "desired_position", "torque", "internal_axial")
+    names = ("pose_error", "desired_position", "torque", "internal_axial", "desired_internal_axial")
     return extremes({name: data[name].values[None] for name in names})[0]
 
 

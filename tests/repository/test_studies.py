@@ -586,7 +586,7 @@ def test_the_ranges_beside_the_papers_axes_are_those_of_runs(fit):
     assert with_block(PAPER_PAGE, "figures", fit.table()) == PAPER_PAGE
     ranges = [line.split("|")[3:5] for line in fit.table().splitlines()[2:12]]
     bold = [sum("**" in cell for cell in column) for column in zip(*ranges, strict=True)]
-    assert (len(ranges), bold) == (10, [0, 1])  # none of ten, as the README says
+    assert (len(ranges), bold) == (10, [1, 2])  # one of ten, as the README says
 
 
 def test_a_curve_fits_where_its_extremes_lie_in_the_outer_ticks_of_its_axis(fit):
@@ -601,24 +601,19 @@ def test_a_curve_fits_where_its_extremes_lie_in_the_outer_ticks_of_its_axis(fit)
     assert_allclose(fit.outside(np.add(inside, (0.0, 1.0))), 1.0 / length)
 
 
-def test_the_fit_is_the_best_of_its_search_and_the_page_says_what_was_not_reached(fit):
+def test_the_page_says_what_the_search_found_and_what_it_did_not_reach(fit):
     best = pd.read_csv(fit.DATA / "best.csv").sort_values("sum")
     assert best["runs"].sum() == 14400
     soft = best[best["grasps"] != "rigid"]
     assert f"the least sum is {soft['sum'].min():.2f}, of {soft['runs'].sum()} runs" in PAPER_PAGE
-    shipped, first = cp.Scenario.load("adept-paper-fit"), best.iloc[0]
-    gains, push = shipped.controller.gains, shipped.events[1]
-    numbers = (gains.pose_gain, gains.sign_gain, *gains.damping_gain, gains.force_gain, gains.transient_rate)
-    names = ("gamma", "alpha", "K_d1", "K_d2", "K_d3", "K_f", "kappa")
-    assert_allclose(numbers, first[list(names)].to_numpy(float), rtol=5e-3)
-    found = (push.duration, push.wrench[0], push.wrench[1], push.wrench[5])
-    assert_allclose(found, first[["push_s", "F_x", "F_y", "M"]].to_numpy(float), rtol=5e-3)
+    assert f"whose best has {best['sum'].iloc[0]:.2f} with an impulse" in PAPER_PAGE
+    assert np.hypot(*best[["P_x", "P_y"]].iloc[0]) > 10.0
     pairs = pd.read_csv(fit.DATA / "pairs.csv", index_col=0)
     reached = {name: set(row.index[row == 0.0]) - {name} for name, row in pairs.iterrows()}
     assert (np.diag(pairs) == 0.0).all()
     assert reached["$\\psi$, deg"] == set()
     assert reached["joint 3, arm 1"] == {"$y$, m"}
-    never = {"$\\psi$, deg", "joint 2, arm 1", "joint 3, arm 1", "joint 3, arm 2"}
+    never = {"$\\psi$, deg", "joint 3, arm 1", "joint 1, arm 2"}
     assert set(pairs) - reached["$f$ along the bar, N"] - {"$f$ along the bar, N"} == never
 
 
