@@ -37,7 +37,10 @@ class CoopPin:
 
     def wrenches(self, case: Case) -> np.ndarray:
         if has_short_arms(case) or has_hinges(case):
-            raise RefusedError("hinges and arms of fewer joints than rows make a mechanism, not a cell")
+            raise RefusedError(
+                "not tried, as this adapter builds rigid and compliant grasps of arms with a joint for each row"
+                " alone; [hinges](../howto/grasps.md) are grasps of cells, too"
+            )
         with tempfile.TemporaryDirectory() as folder:
             return self.cell(case, Path(folder))
 
