@@ -86,7 +86,7 @@ class Rule(NamedTuple):
 
     Attributes:
         text: the rule.
-        verdict: "holds" at every alpha of the curve, "holds in part" at some, "does not hold"; with the gain of
+        verdict: "holds" at every alpha of the curve, "holds in part" at some, "does not hold"; with a gain of
             ours that decides it.
         found: the numbers that decide it.
     """

@@ -38,8 +38,8 @@ class CoopPin:
     def wrenches(self, case: Case) -> np.ndarray:
         if has_short_arms(case) or has_hinges(case):
             raise RefusedError(
-                "not tried, as this adapter builds rigid and compliant grasps of arms with a joint for each row"
-                " alone; [hinges](../howto/grasps.md) are grasps of cells, too"
+                "not tried: this adapter builds no [hinges](../howto/grasps.md) and no arms of fewer joints"
+                " than rows"
             )
         with tempfile.TemporaryDirectory() as folder:
             return self.cell(case, Path(folder))
