@@ -37,10 +37,7 @@ class CoopPin:
 
     def wrenches(self, case: Case) -> np.ndarray:
         if has_short_arms(case) or has_hinges(case):
-            raise RefusedError(
-                "not tried: this adapter builds no [hinges](../howto/grasps.md) and no arms of fewer joints"
-                " than rows"
-            )
+            raise RefusedError("not tried: the adapter has no hinges and no arms of fewer joints than rows")
         with tempfile.TemporaryDirectory() as folder:
             return self.cell(case, Path(folder))
 
