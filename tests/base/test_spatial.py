@@ -271,6 +271,13 @@ def test_an_arm_with_too_few_joints_is_told_of_fewer_rows_if_three_would_do(join
     assert ("positional" in text) is has_fewer_rows
 
 
+@pytest.mark.parametrize(("joints", "rows", "kind"), [(5, 6, "hinge"), (4, 6, "cylinder"), (3, 6, "ball")])
+def test_an_arm_with_too_few_joints_is_told_of_a_grasp_that_holds_as_many_rows(joints, rows, kind):
+    assert f"joint of kind '{kind}' ({joints} rows)" in joint_shortage(joints, rows)
+    assert "grasp" not in joint_shortage(2, 6)
+    assert "grasp" not in joint_shortage(2, 3)
+
+
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-8, 1e-3, 1.0, 3.0, np.pi - 1e-6, np.pi - 1e-12])
 def test_log3_and_exp3_are_rotation_vector_and_matrix_at_all_angles(angle):
     """Against scipy's, which goes through a normalised quaternion."""

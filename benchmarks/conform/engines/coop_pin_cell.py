@@ -37,7 +37,7 @@ class CoopPin:
 
     def wrenches(self, case: Case) -> np.ndarray:
         if has_short_arms(case) or has_hinges(case):
-            raise RefusedError("hinges and arms of fewer joints than rows make a mechanism, not a cell")
+            raise RefusedError("not tried: the adapter has no hinges and no arms of fewer joints than rows")
         with tempfile.TemporaryDirectory() as folder:
             return self.cell(case, Path(folder))
 

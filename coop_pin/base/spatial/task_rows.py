@@ -15,6 +15,8 @@ from coop_pin.base.spatial.pose import pose_error
 RowsName = Literal["planar", "positional", "full"]
 
 _ANGULAR_ROWS = np.eye(6)[3:].tolist()
+_JOINTS = {5: "hinge", 4: "cylinder", 3: "ball"}
+"""Grasps that hold fewer than six rows, by their number."""
 
 
 class TaskRows(Traceable, ABC):
@@ -175,7 +177,9 @@ def task_rows(name: RowsName) -> TaskRows:
 
 def joint_shortage(joints: int, rows: int) -> str:
     """Return the joint and row counts of an arm with fewer joints than task rows, and what to do."""
-    fewer = (
-        "set cell.rows to 'positional' or 'planar' (3 rows), or " if joints >= len(PlanarRows.indices) else ""
-    )
-    return f"{joints} joints, {rows} task rows: {fewer}choose an arm with at least {rows} moving joints"
+    remedies = [f"choose an arm with at least {rows} moving joints"]
+    if joints >= len(PlanarRows.indices):
+        remedies.insert(0, "set cell.rows to 'positional' or 'planar' (3 rows)")
+    if rows == len(FullRows.indices) and joints in _JOINTS:
+        remedies.insert(0, f"make its grasp a joint of kind {_JOINTS[joints]!r} ({joints} rows)")
+    return f"{joints} joints, {rows} task rows: {', or '.join(remedies)}"
