@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from claims_window import judged
 from pages import markdown, write_block
 from paper_claims import METRIC, plans
 
@@ -41,7 +42,7 @@ ALIKE, FLOORS = 0.01, {"tracking": 1e-4, "force": 1e-3}
 """Part by which medians may differ without a reason, and smallest difference that has one, mm and N."""
 PUSH_N = 1e-3
 """Push on the payload that no stable law shows in three digits, N."""
-PATCHED = "held by palms"
+PUBLISHED, PATCHED = "adept-paper", "held by palms"
 
 
 def compared(engine: str, out: Path, cells: list[str], duration: float | None, seeds: int) -> pd.DataFrame:
@@ -59,11 +60,11 @@ def published(engine: str, out: Path) -> pd.DataFrame:
     """Return the paper's experiment on an engine, in the same form."""
     plan = plans()["laws"]
     cases = {name: case for name, case in plan.cases["run"].items() if name.split(" | ")[0] in PAPER}
-    plan = cp.SweepPlan(base=plan.base["adept-paper"], cases={"run": cases}, metrics=(METRIC,))
+    plan = cp.SweepPlan(base=plan.base[PUBLISHED], cases={"run": cases}, metrics=(METRIC,))
     execution = cp.Execution(workers=0, engine=engine, quiet=True)
     table = cp.sweep(plan, out=out / f"paper-{engine}", execution=execution).table
     table[["law", "trial"]] = table["run"].str.split(" | ", regex=False, expand=True)
-    ran = table.rename(columns=PAPER_MEASURES).assign(scenario="adept-paper", runs=1)
+    ran = table.rename(columns=PAPER_MEASURES).assign(scenario=PUBLISHED, runs=1)
     counts = {"finished": (ran["status"] == "ok").astype(int), "kept": ran["task_kept"].astype(int)}
     return ran.assign(**counts)[[*KEY, *MEASURES.values(), *COUNTS]]
 
@@ -90,13 +91,13 @@ def is_apart(row: pd.Series) -> bool:
 def reason(row: pd.Series, duration: float | None) -> str:
     """Return what makes a place differ, from runs of it with one thing changed.
 
-    An unstable law is told first: there a push on the payload that is too small to matter changes
+    A sensitive law is told first: there a push on the payload that is too small to matter changes
     Pinocchio's measures as much. A difference that falls with a quarter of MuJoCo's step is the step's, one
     that grows with twice the time constant of the welds the welds', one that goes without friction the
     friction's.
     """
     scenario = scenario_of(row, duration)
-    if (text := instability(row, scenario)) is not None:
+    if (text := sensitivity(row, scenario)) is not None:
         return text
     steps, softness = scenario.clock.steps_per_tick, scenario.plant.mujoco.time_constant
     free = {f"cell.arms.{name}.friction": "none" for name in scenario.cell.arms}
@@ -124,7 +125,7 @@ CAUSES: dict[str, Callable[[float], bool]] = {
 """Whether a difference is due to each, by what is left of it."""
 
 
-def instability(row: pd.Series, scenario: cp.Scenario) -> str | None:
+def sensitivity(row: pd.Series, scenario: cp.Scenario) -> str | None:
     """Return how far a push of PUSH_N along an axis moves Pinocchio's own measures at most.
 
     None where it moves a measure that is apart by less than half of the difference of the engines.
@@ -139,11 +140,13 @@ def instability(row: pd.Series, scenario: cp.Scenario) -> str | None:
     differ = np.abs(values_of(row, "_mujoco") - ours)
     if not (moved >= 0.5 * differ)[differ > allowed(ours)].all():
         return None
-    return f"instability ({1e3 * PUSH_N:g} mN: {moved[0]:.2g} mm, {moved[1]:.2g} N)"
+    return f"sensitivity ({1e3 * PUSH_N:g} mN: {moved[0]:.2g} mm, {moved[1]:.2g} N)"
 
 
 def scenario_of(row: pd.Series, duration: float | None) -> cp.Scenario:
-    """Return the scenario of a place of the comparison."""
+    """Return the scenario of a place of the comparison, or of the paper's experiment."""
+    if row["scenario"] == PUBLISHED:
+        return plans()["laws"].part([f"{row['law']} | {row['trial']}"], "pinocchio").scenario(0)
     scenario = cp.Scenario.load(row["scenario"])
     base = benchmark_scenario(scenario, duration)
     law = controllers_for(scenario, [row["law"]])[row["law"]]
@@ -152,8 +155,10 @@ def scenario_of(row: pd.Series, duration: float | None) -> cp.Scenario:
 
 def measured(scenario: cp.Scenario, engine: str) -> np.ndarray:
     """Return tracking, mm, and force, N, of a run on an engine."""
-    values = measures(cp.run(scenario, engine=engine, warn=False))
-    return np.array([values[name] for name in MEASURES])
+    run = cp.run(scenario, engine=engine, warn=False)
+    is_published = scenario.name == PUBLISHED
+    values, names = (judged(run), PAPER_MEASURES) if is_published else (measures(run), MEASURES)
+    return np.array([values[name] for name in names])
 
 
 def values_of(row: pd.Series, suffix: str = "") -> np.ndarray:
@@ -245,7 +250,7 @@ def blocks() -> dict[str, str]:
     shown = {name: f"{summary(both)}\n\n{side_by_side(both)}" for name, both in tables.items()}
     rows = [
         (*(str(row[key]) for key in KEY), _cell(row), _verdict(row), row["reason"])
-        for _, row in tables["comparison"].query("reason != ''").iterrows()
+        for _, row in pd.concat(tables.values()).query("reason != ''").iterrows()
     ]
     table = markdown((*KEY, "tracking, mm / force, N", "task", "reason"), rows)
     return shown | {"reasons": table if rows else "No median is apart by more than that."}
@@ -291,8 +296,7 @@ def main() -> None:
             both = joined(each)
             both["duration_s"] = asked.duration if name == "comparison" else None
             both["reason"] = [
-                reason(row, asked.duration) if name == "comparison" and is_apart(row) else ""
-                for _, row in both.iterrows()
+                reason(row, asked.duration) if is_apart(row) else "" for _, row in both.iterrows()
             ]
             both.to_csv(DATA / f"{name}.csv", index=False, float_format="%.6g", lineterminator="\n")
         explorer(asked.out)
