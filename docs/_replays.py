@@ -66,8 +66,10 @@ def write_drafts(static: Path) -> None:
 
 
 def write_explorer(static: Path) -> None:
-    """Write the explorer of the benchmark, after the replays that it links to."""
-    comparison = Comparison.load(Path(__file__).parents[1] / "studies" / "benchmark.csv")
+    """Write the explorers of the benchmark and of both engines, after the replays that the first links to."""
+    studies = Path(__file__).parents[1] / "studies"
+    Comparison.load(studies / "both_engines" / "explorer.csv").write_html(static / "engines.html")
+    comparison = Comparison.load(studies / "benchmark.csv")
     scenarios = {
         str(name): benchmark_scenario(Scenario.load(str(name))) for name in comparison.data["scenario"].values
     }

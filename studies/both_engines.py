@@ -11,11 +11,13 @@ Usage: python studies/both_engines.py [--cells NAME ...] [--duration SECONDS] [-
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from claims_window import judged
 from pages import markdown, write_block
 from paper_claims import METRIC, plans
 
@@ -34,10 +36,13 @@ LAWS = ("printed", "zeroed-leaky", "anchored", "computed-torque")
 PAPER = ("printed, α = 0.002", "printed, α = 0.2", "zeroed leaky", "anchored")
 MEASURES = {"tracking_rms_mm": "tracking", "axial_rms_N": "force"}
 PAPER_MEASURES = {"position_mm": "tracking", "force_N": "force"}
+COUNTS = ["runs", "finished", "kept"]
 KEY = ["scenario", "law", "trial"]
 ALIKE, FLOORS = 0.01, {"tracking": 1e-4, "force": 1e-3}
 """Part by which medians may differ without a reason, and smallest difference that has one, mm and N."""
-PATCHED = "held by palms"
+PUSH_N = 1e-2
+"""Push on the payload, N: about as far as a soft weld's force is off, a ten thousandth of the largest."""
+PUBLISHED, PATCHED = "adept-paper", "held by palms"
 
 
 def compared(engine: str, out: Path, cells: list[str], duration: float | None, seeds: int) -> pd.DataFrame:
@@ -48,21 +53,20 @@ def compared(engine: str, out: Path, cells: list[str], duration: float | None, s
     options: dict[str, Any] = {"duration": duration, "seeds": seeds, "execution": execution}
     table = cp.compare(cells, list(LAWS), list(known), out=out / engine, **options).table.reset_index()
     names = {"controller": "law"} | MEASURES
-    return table.rename(columns=names)[[*KEY, *MEASURES.values(), "runs", "finished"]]
+    return table.rename(columns=names)[[*KEY, *MEASURES.values(), *COUNTS]]
 
 
 def published(engine: str, out: Path) -> pd.DataFrame:
     """Return the paper's experiment on an engine, in the same form."""
     plan = plans()["laws"]
     cases = {name: case for name, case in plan.cases["run"].items() if name.split(" | ")[0] in PAPER}
-    plan = cp.SweepPlan(base=plan.base["adept-paper"], cases={"run": cases}, metrics=(METRIC,))
+    plan = cp.SweepPlan(base=plan.base[PUBLISHED], cases={"run": cases}, metrics=(METRIC,))
     execution = cp.Execution(workers=0, engine=engine, quiet=True)
     table = cp.sweep(plan, out=out / f"paper-{engine}", execution=execution).table
     table[["law", "trial"]] = table["run"].str.split(" | ", regex=False, expand=True)
-    ran = table.rename(columns=PAPER_MEASURES).assign(scenario="adept-paper", runs=1)
-    return ran.assign(finished=(ran["status"] == "ok").astype(int))[
-        [*KEY, *MEASURES.values(), "runs", "finished"]
-    ]
+    ran = table.rename(columns=PAPER_MEASURES).assign(scenario=PUBLISHED, runs=1)
+    counts = {"finished": (ran["status"] == "ok").astype(int), "kept": ran["task_kept"].astype(int)}
+    return ran.assign(**counts)[[*KEY, *MEASURES.values(), *COUNTS]]
 
 
 def joined(tables: dict[str, pd.DataFrame]) -> pd.DataFrame:
@@ -80,45 +84,95 @@ def joined(tables: dict[str, pd.DataFrame]) -> pd.DataFrame:
 
 def is_apart(row: pd.Series) -> bool:
     """Return whether a median differs by more than it may without a reason."""
-    return any(
-        not row[f"{name}_apart"] <= max(ALIKE * row[name], FLOORS[name])  # NaN and inf, too
-        for name in MEASURES.values()
-    )
+    apart = row[[f"{name}_apart" for name in MEASURES.values()]].to_numpy(float)
+    return not (apart <= allowed(values_of(row))).all()  # NaN is apart, too
 
 
 def reason(row: pd.Series, duration: float | None) -> str:
-    """Return what makes a place differ: both engines again with half the step, softer welds, no friction.
+    """Return what makes a place differ, from runs of it with one thing changed.
 
-    A difference that halves with the step is the step's; one that doubles with twice the time constant of the
-    welds is the welds'; one that goes without friction is the friction's.
+    A sensitive law is told first: there a push on the payload that is too small to matter changes
+    Pinocchio's measures as much. A difference that falls with a quarter of MuJoCo's step is the step's, one
+    that grows with twice the time constant of the welds the welds', one that goes without friction the
+    friction's.
     """
-    base = benchmark_scenario(cp.Scenario.load(row["scenario"]), duration)
-    law = controllers_for(cp.Scenario.load(row["scenario"]), [row["law"]])[row["law"]]
-    scenario = base.override(changes_of(base, standard_trials(base)[row["trial"]], law))
-    arms = {f"cell.arms.{name}.friction": "none" for name in scenario.cell.arms}
-    changes = {
-        "as is": {},
-        "step": {"clock.steps_per_tick": 2 * scenario.clock.steps_per_tick},
-        "weld": {"plant.mujoco.time_constant": 2.0 * scenario.plant.mujoco.time_constant},
-        "friction": arms,
+    scenario = scenario_of(row, duration)
+    if (text := sensitivity(row, scenario)) is not None:
+        return text
+    steps, softness = scenario.clock.steps_per_tick, scenario.plant.mujoco.time_constant
+    free = {f"cell.arms.{name}.friction": "none" for name in scenario.cell.arms}
+    ours = values_of(row)
+    other = {
+        "step": (ours, {"clock.steps_per_tick": 4 * steps}),
+        "weld": (ours, {"plant.mujoco.time_constant": 2.0 * softness}),
+        "friction": (measured(scenario.override(free), "pinocchio"), free),
     }
-    apart = {}
-    for name, fields in changes.items():
-        runs = [
-            cp.run(scenario.override(fields), engine=each, warn=False) for each in ("pinocchio", "mujoco")
-        ]
-        values = [measures(run) for run in runs]
-        apart[name] = max(
-            abs(values[0][measure] - values[1][measure]) / max(values[0][measure], 1e-12)
-            for measure in MEASURES
-        )
-    ratios = ", ".join(f"{name} {apart[name] / apart['as is']:.2g}" for name in list(changes)[1:])
-    found = {
-        "step": apart["step"] < 0.7 * apart["as is"],
-        "weld": apart["weld"] > 1.4 * apart["as is"],
-        "friction": apart["friction"] < 0.3 * apart["as is"],
+    before = parts(ours, values_of(row, "_mujoco")).max()
+    after = {
+        name: parts(first, measured(scenario.override(fields), "mujoco")).max() / before
+        for name, (first, fields) in other.items()
     }
-    return f"{' and '.join(name for name, holds in found.items() if holds) or 'none of them'} ({ratios})"
+    found = [name for name, holds in CAUSES.items() if holds(after[name])]
+    ratios = ", ".join(f"{name} {ratio:.2g}" for name, ratio in after.items())
+    return f"{' and '.join(found) or 'none of them'} ({ratios})"
+
+
+CAUSES: dict[str, Callable[[float], bool]] = {
+    "step": lambda ratio: ratio < 0.5,
+    "weld": lambda ratio: ratio > 1.4,
+    "friction": lambda ratio: ratio < 0.3,
+}
+"""Whether a difference is due to each, by what is left of it."""
+
+
+def sensitivity(row: pd.Series, scenario: cp.Scenario) -> str | None:
+    """Return how far a push of PUSH_N along the first axis that suffices moves Pinocchio's own measures.
+
+    It suffices if it moves each measure that is apart by half of the engines' difference. None if none does.
+    """
+    ours, events = values_of(row), [event.model_dump() for event in scenario.events]
+    differ = np.abs(values_of(row, "_mujoco") - ours)
+    pulse = {"kind": "wrench-pulse", "time": 0.0, "duration": scenario.duration}
+    for axis, name in enumerate("xyz"):
+        push = pulse | {"wrench": [PUSH_N * (axis == other) for other in range(6)]}
+        pushed = scenario.override({"events": [push, *events]})
+        moved = np.abs(measured(pushed, "pinocchio") - ours)
+        if (moved >= 0.5 * differ)[differ > allowed(ours)].all():
+            return f"sensitivity ({1e3 * PUSH_N:g} mN along {name}: {moved[0]:.2g} mm, {moved[1]:.2g} N)"
+    return None
+
+
+def scenario_of(row: pd.Series, duration: float | None) -> cp.Scenario:
+    """Return the scenario of a place of the comparison, or of the paper's experiment."""
+    if row["scenario"] == PUBLISHED:
+        return plans()["laws"].part([f"{row['law']} | {row['trial']}"], "pinocchio").scenario(0)
+    scenario = cp.Scenario.load(row["scenario"])
+    base = benchmark_scenario(scenario, duration)
+    law = controllers_for(scenario, [row["law"]])[row["law"]]
+    return base.override(changes_of(base, standard_trials(base)[row["trial"]], law))
+
+
+def measured(scenario: cp.Scenario, engine: str) -> np.ndarray:
+    """Return tracking, mm, and force, N, of a run on an engine."""
+    run = cp.run(scenario, engine=engine, warn=False)
+    is_published = scenario.name == PUBLISHED
+    values, names = (judged(run), PAPER_MEASURES) if is_published else (measures(run), MEASURES)
+    return np.array([values[name] for name in names])
+
+
+def values_of(row: pd.Series, suffix: str = "") -> np.ndarray:
+    """Return tracking, mm, and force, N, of a row."""
+    return row[[f"{name}{suffix}" for name in MEASURES.values()]].to_numpy(float)
+
+
+def parts(ours: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return differences as parts of ours."""
+    return np.abs(ours - others) / np.maximum(ours, 1e-12)
+
+
+def allowed(values: np.ndarray) -> np.ndarray:
+    """Return by how much measures may differ without a reason."""
+    return np.maximum(ALIKE * values, list(FLOORS.values()))
 
 
 def side_by_side(both: pd.DataFrame) -> str:
@@ -129,6 +183,15 @@ def side_by_side(both: pd.DataFrame) -> str:
         cells = part.set_index("law")
         rows.append((f"`{scenario}`", str(trial), *(_cell(cells.loc[law]) for law in laws)))
     return markdown(("scenario", "trial", *(f"`{law}`" for law in laws)), rows)
+
+
+def same_order(part: pd.DataFrame) -> dict[str, bool]:
+    """Return whether both engines have the laws of a place in one order, by measure."""
+    least = {name: floor / ALIKE for name, floor in FLOORS.items()}  # what rests has no order
+    return {
+        name: _order(part[name], least[name]) == _order(part[f"{name}_mujoco"], least[name])
+        for name in MEASURES.values()
+    }
 
 
 def _order(values: pd.Series, least: float) -> tuple[float, ...]:
@@ -143,6 +206,12 @@ def _cell(row: pd.Series) -> str:
         for suffix in ("", "_mujoco")
     )
     return ours if ours == others else f"{ours} → {others}"
+
+
+def _verdict(row: pd.Series) -> str:
+    """Return whether the task was kept, on both engines."""
+    words = ["kept" if row[f"kept{suffix}"] == row["runs"] else "not kept" for suffix in ("", "_mujoco")]
+    return words[0] if words[0] == words[1] else " → ".join(words)
 
 
 def _rounded(value: float) -> str:
@@ -164,10 +233,7 @@ def summary(both: pd.DataFrame) -> str:
     for name in MEASURES.values():
         least = FLOORS[name] / ALIKE  # of smaller values no part is taken: what rests has none
         parts = (both[f"{name}_apart"] / both[name].clip(lower=least)).replace([np.inf], np.nan)
-        same = [
-            len({_order(part[column], least) for column in (name, f"{name}_mujoco")}) == 1
-            for _, part in places
-        ]
+        same = [same_order(part)[name] for _, part in places]
         lines.append(
             f"- {name}: medians are apart by {parts.median():.1g} of the value, at most by {parts.max():.2g};"
             f" the same order of the laws in {sum(same)} of {len(same)} places."
@@ -182,22 +248,23 @@ def blocks() -> dict[str, str]:
     }
     shown = {name: f"{summary(both)}\n\n{side_by_side(both)}" for name, both in tables.items()}
     rows = [
-        (*(str(row[key]) for key in KEY), _cell(row), row["reason"])
-        for _, row in tables["comparison"].query("reason != ''").iterrows()
+        (*(str(row[key]) for key in KEY), _cell(row), _verdict(row), row["reason"])
+        for _, row in pd.concat(tables.values()).query("reason != ''").iterrows()
     ]
-    table = markdown((*KEY, "tracking, mm / force, N", "reason"), rows)
+    table = markdown((*KEY, "tracking, mm / force, N", "task", "reason"), rows)
     return shown | {"reasons": table if rows else "No median is apart by more than that."}
 
 
 def explorer(out: Path) -> None:
-    """Write the explorer of both engines."""
+    """Write the explorer of both engines, and its table, from which the site's is written."""
     tables = []
     for engine, name in ENGINES.items():
         table = Comparison.load(out / engine).table.reset_index()
         table["controller"] += "" if engine == "auto" else f", {name}"
         tables.append(table)
-    both = pd.concat(tables).set_index(["scenario", "controller", "trial"])
-    Comparison.of_cells(both).write_html(out / "comparison.html")
+    both = Comparison.of_cells(pd.concat(tables).set_index(["scenario", "controller", "trial"]))
+    both.write_csv(DATA / "explorer.csv")
+    both.write_html(out / "comparison.html")
 
 
 def main() -> None:
@@ -228,8 +295,7 @@ def main() -> None:
             both = joined(each)
             both["duration_s"] = asked.duration if name == "comparison" else None
             both["reason"] = [
-                reason(row, asked.duration) if name == "comparison" and is_apart(row) else ""
-                for _, row in both.iterrows()
+                reason(row, asked.duration) if is_apart(row) else "" for _, row in both.iterrows()
             ]
             both.to_csv(DATA / f"{name}.csv", index=False, float_format="%.6g", lineterminator="\n")
         explorer(asked.out)

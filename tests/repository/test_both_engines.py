@@ -5,8 +5,14 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from numpy.testing import assert_allclose
+
+import coop_pin as cp
+from coop_pin.comparison import Comparison, benchmark_scenario, standard_trials
 
 FOLDER = Path(__file__).parents[2] / "studies"
+DURATION = 2.5
+"""Length of the runs of the comparison, s; they are judged from 0.4 of it, when the lines begin."""
 
 
 @pytest.fixture(scope="module")
@@ -23,6 +29,12 @@ def study():
             del sys.modules[name]
 
 
+@pytest.fixture(scope="module", params=["comparison", "paper"])
+def table(request, study):
+    """A table of the study."""
+    return pd.read_csv(study.DATA / f"{request.param}.csv", keep_default_na=False)
+
+
 def test_the_page_is_what_the_tables_say(study):
     for name, block in study.blocks().items():
         assert f"<!-- {name} -->\n\n{block}\n\n<!-- end of {name} -->" in study.PAGE.read_text(
@@ -30,14 +42,54 @@ def test_the_page_is_what_the_tables_say(study):
         )
 
 
-def test_each_median_that_is_apart_has_a_reason_and_all_places_are_there(study):
+def test_each_law_ran_in_all_cells_under_all_trials_that_mujoco_has(study):
     both = pd.read_csv(study.DATA / "comparison.csv", keep_default_na=False)
-    assert set(both["scenario"]) <= {*study.CELLS}
-    assert set(both["law"]) == {*study.LAWS}
-    for _, row in both.iterrows():
-        assert bool(row["reason"]) == study.is_apart(row)
-        assert row["finished"] == row["finished_mujoco"]
+    places = {
+        (cell, law, trial)
+        for cell in study.CELLS
+        for trial in standard_trials(benchmark_scenario(cp.Scenario.load(cell)))
+        for law in study.LAWS
+        if trial != study.PATCHED
+    }
+    assert {*both[study.KEY].itertuples(index=False, name=None)} == places
+    assert len(both) == len(places)
+    assert set(both["duration_s"]) == {DURATION}
+
+
+def test_the_papers_experiment_ran_with_four_laws_under_its_seven_trials(study):
     paper = pd.read_csv(study.DATA / "paper.csv", keep_default_na=False)
-    assert set(paper["law"]) == {*study.PAPER}
-    assert "as published" in set(paper["trial"])
-    assert not any(study.is_apart(row) for _, row in paper.iterrows())
+    trials = {name.split(" | ")[1] for name in study.plans()["laws"].cases["run"]}
+    assert len(trials) == 7
+    ran = {*paper[["law", "trial"]].itertuples(index=False, name=None)}
+    assert ran == {(law, trial) for law in study.PAPER for trial in trials}
+    assert len(paper) == len(ran)
+
+
+def test_each_median_that_is_apart_has_a_reason_that_was_measured(study, table):
+    for _, row in table.iterrows():
+        assert bool(row["reason"]) == study.is_apart(row)
+        if row["reason"]:
+            assert {*row["reason"].split(" (")[0].split(" and ")} <= {"sensitivity", *study.CAUSES}
+
+
+def test_runs_end_with_the_same_verdict_on_both_engines(table):
+    for count in ("runs", "finished", "kept"):
+        assert list(table[count]) == list(table[f"{count}_mujoco"])
+
+
+def test_the_order_of_the_laws_is_the_same_except_where_one_of_them_is_sensitive(study, table):
+    for _, part in table.groupby(["scenario", "trial"]):
+        if not part["reason"].str.startswith("sensitivity").any():
+            assert all(study.same_order(part).values())
+
+
+def test_the_explorer_has_the_medians_of_both_engines(study):
+    both = pd.read_csv(study.DATA / "comparison.csv", keep_default_na=False).set_index(study.KEY)
+    cells = Comparison.load(study.DATA / "explorer.csv").table
+    assert len(cells) == 2 * len(both)
+    assert set(cells.query("controller.str.endswith(', MuJoCo')")["engine"]) == {"mujoco"}
+    for (scenario, law, trial), row in both.iterrows():
+        for suffix, engine in (("", ""), ("_mujoco", ", MuJoCo")):
+            cell = cells.loc[scenario, f"{law}{engine}", trial]
+            for name, measure in study.MEASURES.items():
+                assert_allclose(cell[name], row[f"{measure}{suffix}"], rtol=1e-5)
