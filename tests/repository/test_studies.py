@@ -481,6 +481,22 @@ def test_costs_of_searches_with_and_without_the_bound_are_those_of_runs(damped, 
         assert measured["damping_before"] < LEAST_DAMPING <= measured["damping_after"]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("cell", "name", "other", "cost"),
+    [("panda-ur5-bar", "printed", "sliding-pid", 8.84), ("two-pandas-box", "sliding-pid", "printed", 10.1)],
+)
+def test_what_the_gains_of_its_twin_cost(damped, tmp_path, cell, name, other, cost):
+    """Told on both pages of the benchmark."""
+    stored = pd.read_csv(damped.GAINS)
+    mine, twin = (
+        stored[(stored["scenario"] == cell) & (stored["controller"] == law)] for law in (name, other)
+    )
+    swapped = mine.assign(value=twin["value"].to_numpy())
+    (measured,) = damped.measured(swapped, tmp_path).to_dict("records")
+    assert_allclose(measured["cost_after"], cost, rtol=0.01)
+
+
 def test_verdicts_follow_from_the_curve(claims):
     study, _ = claims
     rules, curve = study.claims_tables, study.curve()
