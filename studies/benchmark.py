@@ -178,9 +178,9 @@ def merged(kept: Comparison, new: Comparison) -> Comparison:
 
 
 def store(found: Comparison) -> None:
-    """Write the CSV, without verdicts that some of its rows do not have."""
-    missing = [name for name in ("sound", "kept") if found.table[name].isna().any()]
-    Comparison(found.data.drop_vars(missing)).write_csv(DATA)
+    """Write the CSV, without verdicts and engines that some of its rows do not have."""
+    known = found.table[["sound", "kept", "engine"]].replace("", math.nan).notna().all()
+    Comparison(found.data.drop_vars(list(known[~known].index))).write_csv(DATA)
 
 
 def main() -> None:

@@ -2,9 +2,9 @@
 
 The search bounds T lambda alone. Where a mode of the payload has a damping ratio below that of ``check``, the
 one gain is lowered that has to change least, in logarithms, until it has not, within the range of the search;
-where none does it alone, two. Reads ``searched`` of coop_pin/comparison/gains.csv, writes ``value``,
-and measures what it costs in the trials of the search: studies/damped_gains.csv and a table of
-docs/studies/benchmark.md. Some minutes of one processor.
+where none does it alone, two. Gains of the search with that bound are within it, and stay. Reads ``searched``
+of coop_pin/comparison/gains.csv, writes ``value``, and measures what it costs in the trials of the search:
+studies/damped_gains.csv and a table of docs/studies/benchmark.md. Some minutes of one processor.
 
 Usage: python studies/damped_gains.py [--cells NAME ...] [--page]
 """

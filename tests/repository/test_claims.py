@@ -468,9 +468,12 @@ def test_what_follows_from_the_benchmark_is_in_its_table():
     for other, wins in (("mean-pose", (51, 24)), ("zeroed-leaky", (57, 17))):
         less = ((anchored["force"] < force.loc[other]), (anchored["track"] < track.loc[other]))
         assert tuple(frame.sum().sum() for frame in less) == wins
-    biased = {"anchored": 0.17, "zeroed-leaky": 1.2, "payload-pi": 7.5, "printed": 8.84, "mean-pose": 0.78}
+    biased = {"anchored": 0.17, "zeroed-leaky": 1.2, "payload-pi": 7.5, "printed": 25.3, "mean-pose": 0.78}
     for name, most in biased.items():
         assert_allclose(extremes(force, name, "bias 1 mm")[1], most, rtol=0.05)
+    pandas = [frame.loc["printed"]["two-pandas-box"] for frame in (track, force)]
+    assert_allclose(pandas[0][["nominal", "mass x2"]], (0.00365, 0.483), rtol=0.01)
+    assert_allclose(pandas[1][["nominal", "bias 0.1 mm", "bias 1 mm"]], (7.72, 20.8, 25.3), rtol=0.01)
     assert_allclose(extremes(force, "dead-zone", "bias 1 mm")[1], 1.25, rtol=0.01)
     assert_allclose(extremes(track, "dead-zone", "mass x2"), (0.10, 1.47), rtol=0.05)
     change = force.loc[("mean-pose", "bias 1 mm")] / force.loc[("mean-pose", "nominal")]

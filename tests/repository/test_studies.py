@@ -336,6 +336,19 @@ def test_the_text_of_the_benchmark_is_that_of_its_table(monkeypatch):
     assert with_block(TABLES, "printed", benchmark.printed(benchmark.tuned_cells())) == TABLES
 
 
+@pytest.mark.usefixtures("draw")
+def test_verdicts_and_engines_are_stored_when_all_rows_have_them(monkeypatch, tmp_path):
+    import benchmark
+
+    kept = Comparison.load(benchmark.DATA)
+    new = Comparison.of_cells(kept.table.head(1).assign(sound=1.0, kept=1.0, engine="compiled"))
+    monkeypatch.setattr(benchmark, "DATA", tmp_path / "benchmark.csv")
+    names = {"sound", "kept", "engine"}
+    for table, stored in ((new, names), (benchmark.merged(kept, new), set())):
+        benchmark.store(table)
+        assert names & set(pd.read_csv(benchmark.DATA)) == stored
+
+
 def numbers_of(table):
     """A table of stability: a row for each controller, a column for each cell."""
     head, _, *rows = ([word.strip("` ") for word in line.split("|")[1:-1]] for line in table.splitlines())
@@ -424,6 +437,64 @@ def test_costs_before_and_after_are_those_of_runs(damped, tmp_path):
     for name in ("cost_before", "cost_after", "damping_before", "damping_after"):
         assert_allclose(row[name], kept[name], rtol=1e-3)
     assert_allclose(row["cost_before"], mine["cost"].iloc[0], rtol=1e-3)
+
+
+AGAIN = re.findall(
+    r"^\| `([^`]+)` \| `([^`]+)` \| (.*) \|$",
+    TABLES.split("## Searched again with the bound")[1].split("```sh")[0],
+    re.MULTILINE,
+)
+"""Cell, controller, and three times gains and cost: searched, lowered, searched with the bound."""
+
+
+def test_the_better_of_lowered_gains_and_those_of_a_bounded_search_are_used(damped):
+    """Both are made where lowering costs printed law or twin more than a fifth; eight rows have one."""
+    gains, lowered = pd.read_csv(damped.GAINS), pd.read_csv(damped.DATA)
+    costly = lowered[lowered["cost_after"] > 1.2 * lowered["cost_before"]]
+    for cell, name, row in AGAIN:
+        _, before, *pairs = row.split(" | ")
+        assert float(pairs[1]) > 1.2 * float(before)
+        chosen = min(zip(pairs[::2], pairs[1::2], strict=True), key=lambda pair: float(pair[1]))[0]
+        stored = gains[(gains["scenario"] == cell) & (gains["controller"] == name)]["value"]
+        assert_allclose(stored, list(map(float, chosen.split(", "))), rtol=5e-3)
+    again = {(cell, name) for cell, name, _ in AGAIN}
+    twins = {*zip(costly["scenario"], costly["controller"], strict=True)} - again
+    assert not {name for _, name in twins} & {"printed", "sliding-pid"}
+    assert len(again) == 4
+    assert len(twins) == 8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("cell", "name", "row"), AGAIN, ids=[f"{cell}-{name}" for cell, name, _ in AGAIN])
+def test_costs_of_searches_with_and_without_the_bound_are_those_of_runs(damped, tmp_path, cell, name, row):
+    """Gains have three digits on the page; sgn makes of them up to 5 % of the cost."""
+    stored = pd.read_csv(damped.GAINS)
+    mine = stored[(stored["scenario"] == cell) & (stored["controller"] == name)]
+    texts = row.split(" | ")
+    told = dict(zip(texts[::2], texts[1::2], strict=True))
+    searched, *others = ([float(gain) for gain in gains.split(", ")] for gains in told)
+    for number, other in enumerate(others):
+        table = mine.assign(searched=searched, value=other)
+        (measured,) = damped.measured(table, tmp_path / str(number)).to_dict("records")
+        costs = [measured["cost_before"], measured["cost_after"]]
+        assert_allclose(costs, [float(told[text]) for text in (texts[0], texts[2 + 2 * number])], rtol=0.05)
+        assert measured["damping_before"] < LEAST_DAMPING <= measured["damping_after"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("cell", "name", "other", "cost"),
+    [("panda-ur5-bar", "printed", "sliding-pid", 8.84), ("two-pandas-box", "sliding-pid", "printed", 10.1)],
+)
+def test_what_the_gains_of_its_twin_cost(damped, tmp_path, cell, name, other, cost):
+    """Told on both pages of the benchmark."""
+    stored = pd.read_csv(damped.GAINS)
+    mine, twin = (
+        stored[(stored["scenario"] == cell) & (stored["controller"] == law)] for law in (name, other)
+    )
+    swapped = mine.assign(value=twin["value"].to_numpy())
+    (measured,) = damped.measured(swapped, tmp_path).to_dict("records")
+    assert_allclose(measured["cost_after"], cost, rtol=0.01)
 
 
 def test_verdicts_follow_from_the_curve(claims):
