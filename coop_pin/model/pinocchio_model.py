@@ -89,9 +89,14 @@ def append_arm(tree: pin.Model, arm: pin.Model, prefix: str, X_WB: Array) -> pin
         named.names[joint] = f"{prefix}/{named.names[joint]}"
     for frame in named.frames:
         frame.name = f"{prefix}/{frame.name}"
-    joined = pin.appendModel(tree, named, 0, pin.SE3(X_WB))
+    return append_part(tree, named, X_WB)
+
+
+def append_part(tree: pin.Model, part: pin.Model, X_WB: Array) -> pin.Model:
+    """Return the tree with a part based at X_WB added, its names as they are."""
+    joined = pin.appendModel(tree, part, 0, pin.SE3(X_WB))
     joined.gravity = tree.gravity  # appendModel resets it to the Earth's
-    joined.armature = np.concatenate((tree.armature, arm.armature))  # appendModel drops it
+    joined.armature = np.concatenate((tree.armature, part.armature))  # appendModel drops it
     return joined
 
 

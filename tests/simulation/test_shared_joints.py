@@ -47,11 +47,14 @@ def moving_state(cell, seed=3):
 
 def by_joint(chain, values):
     names = [str(name).split("/")[-1].removeprefix("shared.") for name in list(chain.model.model.names)[1:]]
-    return dict(zip(names, values.tolist(), strict=True))
+    return dict(zip(names, values.tolist(), strict=names[-1] != "payload"))  # free of hinges at both arms
 
 
 def second_formulation(cell, chain, q, v, tau, M, h, frames, names):
-    """Accelerations by a KKT of the whole robot and a free payload; the neck is held by a row of its own."""
+    """Accelerations by a KKT of the whole robot and a free payload; the neck is held by a row of its own.
+
+    A hinge along e, which turns with the payload, leaves w = w_E - w_P along e: (1 - e e^T) dw = w_P x w.
+    """
     n, X_WP = len(names), chain.payload_pose(q)
     g, V = np.array(cell.gravity), chain.payload_twist(q, v)
     R, m = X_WP[:3, :3], cell.payload.mass
@@ -59,12 +62,17 @@ def second_formulation(cell, chain, q, v, tau, M, h, frames, names):
     M_all = np.zeros((n + 6, n + 6))
     M_all[:n, :n], M_all[n : n + 3, n : n + 3], M_all[n + 3 :, n + 3 :] = M, m * np.eye(3), inertia
     h_all = np.r_[h, -m * g, np.cross(V[3:], inertia @ V[3:])]
-    rows, bias = [], []
-    for X, J, Jv in frames:
+    rows, bias, rates = [], [], by_joint(chain, v) | {"neck": 0.0}
+    for grasp, (X, J, Jv) in zip(cell.grasps.values(), frames, strict=True):
         r, om = X[:3, 3] - X_WP[:3, 3], V[3:]
         S = np.array(((0, r[2], -r[1]), (-r[2], 0, r[0]), (r[1], -r[0], 0)))  # om x r = S om
         rows.append(np.hstack((J, -np.block([[np.eye(3), S], [np.zeros((3, 3)), np.eye(3)]]))))
         bias.append(Jv - np.r_[np.cross(om, np.cross(om, r)), np.zeros(3)])
+        if hasattr(grasp, "axis"):
+            e = R @ grasp.matrix[:3, :3] @ np.array(grasp.axis) / np.linalg.norm(grasp.axis)
+            held, turn = np.eye(6), J[3:] @ [rates[name] for name in names] - om
+            held[3:, 3:] -= np.outer(e, e)
+            rows[-1], bias[-1] = held @ rows[-1], held @ bias[-1] - np.r_[np.zeros(3), np.cross(om, turn)]
     for name in names:
         if name == "neck":
             rows.append(np.eye(n + 6)[[names.index(name)]])
@@ -77,22 +85,49 @@ def second_formulation(cell, chain, q, v, tau, M, h, frames, names):
     return dict(zip(names, x[:n], strict=True))
 
 
+ROTORS = {"planar": (0.3, 0.2, 0.05), "spatial": (2.0, 2.0, 2.0, 0.1, 0.2, 0.3)}
+AXES = {"planar": (0.0, 0.0, 1.0), "spatial": (0.3, 0.8, -0.1)}
+
+
+def on_hinges(cell, *arms):
+    """The cell with hinges for the grasps of some arms."""
+    axis = AXES["planar" if cell.rows == "planar" else "spatial"]
+    hinges = {name: {"kind": "hinge", "axis": axis, **cell.grasps[name].model_dump()} for name in arms}
+    return cell.replace(grasps={**cell.grasps, **hinges})
+
+
+def geared(cell, name):
+    """The cell with rotors on the joints of both arms, of one by numbers and of the other behind gears."""
+    stated = {"left": ROTORS[name], "right": {"inertia": 1e-4, "gear_ratio": 50.0}}
+    return cell.replace(arms={n: arm.replace(armature=stated[n]) for n, arm in cell.arms.items()})
+
+
+@pytest.mark.parametrize(
+    ("hinges", "has_rotors"), [((), False), ((), True), (("left",), True), (("left", "right"), False)]
+)
 @pytest.mark.parametrize("name", CELLS)
-def test_accelerations_are_those_of_the_whole_robot_by_a_second_formulation(name, tmp_path):
-    cell, text = cell_of(name, tmp_path), CELLS[name][1]()
+def test_accelerations_are_those_of_the_whole_robot_by_a_second_formulation(
+    name, hinges, has_rotors, tmp_path
+):
+    cell, text = on_hinges(cell_of(name, tmp_path), *hinges), CELLS[name][1]()
+    cell = geared(cell, name) if has_rotors else cell
     chain, q, v, tau = moving_state(cell)
-    tau[chain.model.model.nv :] = 0.0
+    tau[2 * len(ROTORS[name]) + 2 :] = 0.0  # none at a free payload
     robot = WholeRobot(text, cell.arms["left"].base.matrix)
     angles, rates = by_joint(chain, q), by_joint(chain, v)
     angles |= {"neck": 0.4}
     rates |= {"neck": 0.0}
     gravity = np.array(cell.gravity)
-    terms = robot.terms(angles, rates, gravity, CELLS[name][3].split())
+    M, *terms = robot.terms(angles, rates, gravity, CELLS[name][3].split())
+    arms = {"l": ROTORS[name], "r": (0.25,) * len(ROTORS[name])}  # 1e-4 kg m^2 times 50^2
+    if has_rotors:
+        M = M + np.diag([arms[j[0]][int(j[-1]) - 1] if j[-1].isdigit() else 0.0 for j in robot.names])
+    terms = M, *terms
     a = by_joint(chain, chain.acceleration(q, v, tau)[0])
     expected = second_formulation(cell, chain, q, v, tau, *terms, robot.names)
     scale = max(map(abs, a.values()))
-    for joint, value in a.items():
-        assert abs(value - expected[joint]) < 1e-10 * scale, joint
+    for joint in {*a} - {"payload"}:
+        assert abs(a[joint] - expected[joint]) < 1e-10 * scale, joint
 
 
 def test_accelerations_are_those_of_mujocos_own_reading_of_the_file(tmp_path):
