@@ -12,7 +12,7 @@ from joint_cells import H, bias_wrenches, jointed
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.base.errors import FieldError
+from coop_pin.base.errors import ArgumentError, FieldError
 from coop_pin.base.spatial import task_rows
 from coop_pin.base.spatial.grasp_rows import (
     GraspRows,
@@ -183,6 +183,17 @@ def test_a_three_hinged_arch_has_the_thrust_of_its_closed_form():
 def test_engines_without_joints_refuse_them_by_name(engine, text):
     with pytest.raises(FieldError, match=text):
         cp.run(jointed("two-pandas-box", {"right": "hinge"}), engine=engine)
+
+
+def test_exports_proposals_and_blame_refuse_joints_by_name(tmp_path):
+    scenario = jointed("adept-anchored", {"right": "hinge"}, duration=0.1)
+    for refuses in (
+        lambda: cp.export.export_c(scenario, "left", tmp_path),
+        lambda: cp.suggest(scenario),
+        lambda: cp.blame(cp.run(scenario, warn=False)),
+    ):
+        with pytest.raises(ArgumentError, match="'right'"):
+            refuses()
 
 
 @pytest.mark.parametrize("kind", ["mean-pose", "own wrench"])

@@ -15,6 +15,7 @@ import coop_pin as cp
 from coop_pin.actuators import SharedJoint, Stroke
 from coop_pin.base.errors import ArgumentError, FieldError
 from coop_pin.control import ArmController, DecentralisedController, SlidingMode, SlidingModeGains
+from coop_pin.feasibility import cell_summary
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.running.cell_findings import shared_joint_findings
 from coop_pin.simulation.build_controller import build_controller
@@ -380,6 +381,25 @@ def test_what_shared_joints_cannot_be_is_refused_with_the_reason(tmp_path):
             moving,
             controller={"kind": "computed-torque", "gains": {"position_gain": 100.0, "velocity_gain": 20.0}},
         )
+
+
+def test_the_summary_has_lift_and_turn_and_blame_refuses_joints_that_move(tmp_path):
+    cell = spatial_cell(tmp_path, lift=SharedJoint(follow=RISE, limit=900.0), yaw=SharedJoint())
+    summary = cell_summary(cell, cell.payload_pose.matrix)
+    lift, yaw = summary.shared
+    assert (lift.name, lift.unit, lift.effort, lift.follow, lift.arms) == (
+        "lift",
+        "m",
+        900.0,
+        "stroke",
+        ("left", "right"),
+    )
+    assert (yaw.name, yaw.unit, yaw.effort, yaw.follow) == ("yaw", "rad", 4000.0, "hold")
+    assert_allclose((lift.start, yaw.start), (0.1, 0.3))
+    assert summary.freedom == 12 + 2 + 6 - 12
+    assert "lift" in summary.summary()
+    with pytest.raises(ArgumentError, match="lift"):
+        cp.blame(cp.run(carry(cell, duration=0.05), warn=False))
 
 
 def test_a_robot_on_a_lift_is_drawn_once_and_moves_with_it(tmp_path):
