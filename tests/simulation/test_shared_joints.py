@@ -402,6 +402,54 @@ def test_the_summary_has_lift_and_turn_and_blame_refuses_joints_that_move(tmp_pa
         cp.blame(cp.run(carry(cell, duration=0.05), warn=False))
 
 
+class Pushing(ArmController):
+    """Holds the cell, and pushes one joint of the left arm."""
+
+    def __init__(self, scenario, arm, torque, joint):
+        self.added = np.zeros(len(scenario.cell.arms[arm].posture))
+        self.added[joint] = torque if arm == "left" else 0.0
+
+    def init(self, measurement, reference):
+        return measurement.holding_torque
+
+    def step(self, measurement, reference, state):
+        return cp.ArmCommand(state + self.added, state)
+
+
+@pytest.mark.parametrize(
+    "hinges",
+    [(), *(pytest.param(arms, marks=pytest.mark.slow) for arms in (("left",), ("left", "right")))],
+)
+@pytest.mark.parametrize("name", CELLS)
+def test_a_joint_on_a_shared_one_hits_its_stop_and_the_books_balance(name, hinges, tmp_path):
+    """Rotors, a lift or rail that moves, hinges and stops in one cell; the spring is that of its law."""
+    make, text, (first, second), _ = CELLS[name]
+    cell = geared(make(tmp_path, **{first: SharedJoint(follow=RISE), second: SharedJoint()}), name)
+    cell = on_hinges(cell, *hinges)
+    number = {"planar": 1, "spatial": 3}[name]  # of angles above zero, where the other arm locks them
+    joint, angle = f"lj{number}", cell.arms["left"].posture[number - 1]
+    file, upper = tmp_path / f"{name}.urdf", angle + 0.02
+    head, tail = text().split(f'<joint name="{joint}"')
+    tail = tail.replace('upper="6"', f'upper="{upper}"', 1)
+    file.write_text(f'{head}<joint name="{joint}"{tail}')
+    stops = {"stiffness": 5000.0, "damping_ratio": 0.1}
+    arms = {n: arm.replace(stops=stops if n == "left" else None) for n, arm in cell.arms.items()}
+    law = {"kind": "user", "target": Pushing, "options": {"torque": 40.0, "joint": number - 1}}
+    scenario = carry(cell.replace(arms=arms), controller=law, duration=0.4)
+    scenario = scenario.override({"clock.steps_per_tick": 8})
+    result = cp.run(scenario, warn=False)
+    data, metrics = result.data, result.metrics()
+    depth = data.joint_position.sel(arm="left").values[:, number - 1] - upper
+    force = data.stop_force.sel(arm="left").values[:, number - 1]
+    assert depth.max() > 1e-4
+    assert (force[depth < 0.0] == 0.0).all()
+    assert (force[depth > 0.0] <= 0.0).all()
+    assert_allclose(data.stop_energy.values, 2500.0 * np.maximum(depth, 0.0) ** 2, rtol=0, atol=1e-9)
+    assert result.simulation_sound
+    assert metrics["closure_error_max_m"] < 1e-6
+    assert metrics["energy_balance_max_J"] < 0.01 * data.stop_energy.values.max() + 1e-6
+
+
 def test_a_robot_on_a_lift_is_drawn_once_and_moves_with_it(tmp_path):
     from coop_pin.model.visuals import CellVisuals
 
