@@ -193,7 +193,9 @@ class CellDistances:
             shared: Positions of the shared joints, m or rad, shape (n,); their start when omitted.
         """
         q = self._tree.configuration(arms, X_WP)
-        for slot, angle in zip(self._tree.shared, () if shared is None else shared, strict=shared is not None):
+        for slot, angle in zip(
+            self._tree.shared, () if shared is None else shared, strict=shared is not None
+        ):
             q[slot.q_slice] = slot.angles.configuration(np.array([angle]))
         return q
 

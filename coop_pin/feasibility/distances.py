@@ -166,7 +166,7 @@ def measured(
     least, points = np.full(len(times), np.inf), np.full((len(times), 2, 3), np.nan)
     pairs = [("", "")] * len(times)
     for k, (configurations, X_WP) in enumerate(zip(arms, payload, strict=True)):
-        values = bodies.at(bodies.configuration(configurations, X_WP, shared and shared[k]))
+        values = bodies.at(bodies.configuration(configurations, X_WP, None if shared is None else shared[k]))
         if not np.isfinite(values).any():
             continue
         nearest = int(np.argmin(values))

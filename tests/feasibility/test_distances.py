@@ -315,8 +315,9 @@ def test_bodies_on_shared_joints_are_where_the_whole_robot_has_them(name, tmp_pa
     bodies, robot = CellDistances(cell), WholeRobot(text, cell.arms["left"].base.matrix)
     rng = np.random.default_rng(2)
     postures = [rng.normal(size=len(arm.posture)) for arm in cell.arms.values()]
-    q = bodies.configuration(postures, np.diag((1.0, 1.0, 1.0, 1.0)), np.array(angles))
-    moved = zip(itertools.chain(*(arm.moving_joints() for arm in cell.arms.values())), np.r_[*postures])
+    q = bodies.configuration(postures, np.eye(4), np.array(angles))
+    names = itertools.chain(*(arm.moving_joints() for arm in cell.arms.values()))
+    moved = zip(names, np.concatenate(postures), strict=True)
     at = dict(zip(joints, angles, strict=True)) | {"neck": 0.4} | dict(moved)
     still = dict.fromkeys(robot.names, 0.0)
     X = robot.motion(at, still, still)[0]

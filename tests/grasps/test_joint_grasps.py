@@ -203,7 +203,10 @@ def test_laws_and_force_paths_that_know_no_rows_of_grasps_are_refused_by_name(ki
     gains, slot = scenario.controller.gains.model_dump(), "controller.kind"
     changes = {"controller": {"kind": "mean-pose", "gains": gains | {"anchor_gain": 0.0}}}
     if kind == "own wrench":
-        changes, slot = {"controller.payload_mass": 3.0, "controller.force_path": {"kind": "none"}}, "payload_mass"
+        changes, slot = (
+            {"controller.payload_mass": 3.0, "controller.force_path": {"kind": "none"}},
+            "payload_mass",
+        )
     with pytest.raises(FieldError, match=slot):
         cp.run(scenario.override(changes))
 
