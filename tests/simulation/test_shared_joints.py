@@ -168,9 +168,14 @@ def test_accelerations_are_those_of_mujocos_own_reading_of_the_file(tmp_path):
 
 
 @pytest.mark.parametrize("name", CELLS)
-def test_the_floor_bears_the_whole_robot_and_what_it_holds(name, tmp_path):
-    """Against inverse dynamics of the whole robot, and against the rate of momentum of robot and payload."""
+@pytest.mark.parametrize("has_rotors", [False, True])
+def test_the_floor_bears_the_whole_robot_and_what_it_holds(name, has_rotors, tmp_path):
+    """Against inverse dynamics of the whole robot, and against the rate of momentum of robot and payload.
+
+    Rotors take torque, and load the floor with nothing.
+    """
     cell = cell_of(name, tmp_path)
+    cell = geared(cell, name) if has_rotors else cell
     chain, q, v, tau = moving_state(cell)
     a, model = chain.acceleration(q, v, tau)[0], chain.model.model
     seen = chain.observe(q[None], v[None], tau[None], np.zeros((1, 6)))
@@ -183,7 +188,7 @@ def test_the_floor_bears_the_whole_robot_and_what_it_holds(name, tmp_path):
     }
     forces, floor = robot.inverse_dynamics(*states, np.array(cell.gravity), on_tips)
     assert_allclose(seen.floor_wrench[0], floor, rtol=0, atol=1e-10 * np.abs(floor).max())
-    for joint, value in by_joint(chain, tau).items():
+    for joint, value in by_joint(chain, tau - model.armature * a).items():
         assert abs(forces[joint] - value) < 1e-9
     data = model.createData()
     pin.computeCentroidalMomentumTimeVariation(model, data, q, v, a)
