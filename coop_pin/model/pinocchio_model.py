@@ -126,6 +126,23 @@ def symmetric(upper: Array) -> Array:
     return np.triu(upper) + np.triu(upper, 1).T
 
 
+def kinetic_energy(model: pin.Model, data: pin.Data, v: Array) -> float:
+    """Return the kinetic energy of bodies and rotors at the last forward kinematics, J.
+
+    T = sum_i V_i^T I_i V_i / 2 + v^T diag(armature) v / 2. That of Pinocchio leaves out a part of rotors on
+    joints whose axis is none of their frame's (JointModelRevoluteUnaligned).
+
+    Args:
+        model: the model.
+        data: its data, moved with v.
+        v: velocity, shape (nv,).
+    """
+    if not model.armature.any():
+        return float(pin.computeKineticEnergy(model, data))
+    bodies = sum(inertia.vtiv(V) for inertia, V in zip(model.inertias, data.v, strict=True))
+    return 0.5 * float(bodies + v @ (model.armature * v))
+
+
 def momentum_rate(inertia: pin.Inertia, V: pin.Motion, A: pin.Motion) -> Array:
     """Return I A + V x* I V, the resultant wrench on a rigid body by Newton and Euler, shape (6,).
 
