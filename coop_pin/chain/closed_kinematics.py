@@ -15,7 +15,7 @@ from coop_pin.chain.projection import STEP_ALLOWED, Projection
 from coop_pin.chain.trajectory import ChainState, Energy
 from coop_pin.description.cell.closure import Closure
 from coop_pin.model.mechanism_model import velocity_at
-from coop_pin.model.pinocchio_model import frame_id
+from coop_pin.model.pinocchio_model import frame_id, kinetic_energy
 
 CLOSED = 1e-9
 """Closure error after a projection of a configuration, m and rad."""
@@ -114,8 +114,9 @@ class ClosedKinematics:
     def energy(self, q: ArrayLike, v: ArrayLike) -> Energy:
         """Return kinetic and potential energy, J."""
         q, v = self._q(q), self._v("v", v)
-        kinetic = pin.computeKineticEnergy(self.model, self._data, q, v)
-        return Energy(float(kinetic), float(pin.computePotentialEnergy(self.model, self._data, q)))
+        pin.forwardKinematics(self.model, self._data, q, v)
+        kinetic = kinetic_energy(self.model, self._data, v)
+        return Energy(kinetic, float(pin.computePotentialEnergy(self.model, self._data, q)))
 
     def closure_errors(self, q: ArrayLike) -> list[ClosureError]:
         """Return the closure error of each closure."""

@@ -126,7 +126,8 @@ def suggest(
         InfeasibleMotionError: the cell cannot do it, with the cause: rank, reach, singularity, limits, torque
             or stability.
         UrdfError, NameNotFoundError, FileReadError: an arm or the motion cannot be built.
-        ArgumentError: patches hold together with other grasps, or tables are under rigid ones.
+        ArgumentError: grasps are joints, patches hold together with other grasps, or tables are under rigid
+            ones.
     """
     if isinstance(scenario, str | Path):
         scenario = Scenario.load(scenario, draft=True)
@@ -137,6 +138,11 @@ def suggest(
         cell = seen.scenario.cell.replace(shared_joints=scenario.cell.shared_joints)
         return replace(seen, scenario=seen.scenario.replace(cell=cell, motion=scenario.motion))
     cell, pressed = scenario.cell, tuple[str, ...]()
+    if cell.jointed:
+        raise ArgumentError(
+            f"suggest is for cells whose grasps hold every row, and those of {list(cell.jointed)} are joints;"
+            " ask it of the same cell with bare poses as grasps (``cell.rigid``), and check the gains"
+        )
     if cell.has_contacts and len(cell.patches) < len(cell.arms):
         names = [*cell.patches, *cell.tables]
         raise ArgumentError(

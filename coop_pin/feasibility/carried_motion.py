@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coop_pin.base.arrays import Array
 from coop_pin.base.spatial import inverse_pose
 from coop_pin.description.scenario import Scenario
 from coop_pin.reference.splines import Waypoint
@@ -25,15 +26,27 @@ def seen_by_arms(scenario: Scenario) -> Scenario:
     cell, carrier = scenario.cell, scenario.cell.carrier
     if carrier is None:
         return scenario
-    joints, motion = [cell.shared_joints[name] for name in carrier.joints], scenario.payload_motion
-    held = cell.replace(shared_joints={})
-    if all(joint.follow == "hold" for joint in joints):
+    held, motion = cell.replace(shared_joints={}), scenario.payload_motion
+    if all(joint.follow == "hold" for joint in cell.shared_joints.values()):
         return scenario.replace(cell=held)
-    points, begin = list[Waypoint](), motion.at(0.0).X_WP_d
+    points = list[Waypoint]()
     for time in np.linspace(0.0, scenario.duration, _POSES).tolist():
-        target = motion.at(time)
-        rows = zip(joints, carrier.start, carrier.screws, strict=True)
-        angles = [joint.reference(time, start, S, target, begin)[0] for joint, start, S in rows]
-        X = inverse_pose(carrier.displacement(np.array(angles))) @ target.X_WP_d
+        X = inverse_pose(carrier.displacement(shared_positions(scenario, time))) @ motion.at(time).X_WP_d
         points.append(Waypoint(time=time, **dict(scenario.start.from_matrix(X))))
     return scenario.replace(cell=held, motion={"kind": "waypoints", "points": points})
+
+
+def shared_positions(scenario: Scenario, time: float) -> Array:
+    """Return the references r of the shared joints of a cell, m or rad, shape (n,).
+
+    Args:
+        scenario: Scenario; without shared joints n is zero.
+        time: s.
+    """
+    cell, carrier, motion = scenario.cell, scenario.cell.carrier, scenario.payload_motion
+    if carrier is None:
+        return np.zeros(0)
+    joints = [cell.shared_joints[name] for name in carrier.joints]
+    rows, begin = zip(joints, carrier.start, carrier.screws, strict=True), motion.at(0.0).X_WP_d
+    target = motion.at(time)
+    return np.array([joint.reference(time, start, S, target, begin)[0] for joint, start, S in rows])

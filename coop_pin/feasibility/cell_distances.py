@@ -119,14 +119,15 @@ class CellDistances:
         }
 
     def _add_arm(self, name: str) -> None:
-        """Add the shapes of an arm, and of its robot's fixed part once."""
+        """Add the shapes of an arm, and once those of its robot that are fixed or on shared joints."""
         cell, slots = self._cell, {slot.name: slot for slot in self._tree.arms}
         arm, siblings = cell.arms[name], cell.siblings(name)
+        free = {joint: angle for joint, angle in arm.locked.items() if joint not in cell.shared_joints}
         names = list(cell.arms)
         robot = min(map(names.index, (name, *siblings)))
         is_first = robot == names.index(name)
         without = {*itertools.chain(*(slots[other].joint_names for other in siblings))}
-        shapes: ArmShapes = arm_shapes(arm, without)
+        shapes: ArmShapes = arm_shapes(arm.replace(locked=free), without)
         self.omitted += [f"{name}/{text}" for text in shapes.omitted]
         self._kinds[name] = shapes.kind
         if is_first:
@@ -135,10 +136,11 @@ class CellDistances:
             self.rules[name] = "adjacency" if srdf is None else srdf.name
         X_WB = pin.SE3(arm.base.matrix)
         for shape in shapes.shapes:
-            is_fixed = shape.joint == FIXED
-            if is_fixed and not is_first:
+            is_fixed, is_shared = shape.joint == FIXED, shape.joint in cell.shared_joints
+            if (is_fixed or is_shared) and not is_first:
                 continue
-            joint = 0 if is_fixed else joint_id(self._model, f"{name}/{shape.joint}")
+            mover = f"shared.{shape.joint}" if is_shared else f"{name}/{shape.joint}"
+            joint = 0 if is_fixed else joint_id(self._model, mover)
             pose = X_WB * pin.SE3(shape.pose) if is_fixed else pin.SE3(shape.pose)
             self._add(_Shape(f"{name}/{shape.link}", robot, shape.link, joint), pose, shape.geometry)
 
@@ -161,12 +163,10 @@ class CellDistances:
 
     def _exempt_overlaps(self) -> None:
         """Exempt the shapes of one robot that overlap at every one of some configurations."""
-        overlaps, q = np.ones(len(self.pairs), dtype=bool), pin.neutral(self._model)
+        overlaps = np.ones(len(self.pairs), dtype=bool)
         limits = [JointLimits(arm, name) for name, arm in self._cell.arms.items()]
         for configurations in zip(*(each.random_configurations(_TRIED) for each in limits), strict=True):
-            for slot, configuration in zip(self._tree.arms, configurations, strict=True):
-                q[slot.q_slice] = configuration
-            overlaps &= self.at(q) <= 0.0
+            overlaps &= self.at(self.configuration(list(configurations), np.eye(4))) <= 0.0
         exempt, kept = dict.fromkeys(self.exempt), list[tuple[str, str]]()
         pairs = list(self._geometry.collisionPairs)
         self._geometry.removeAllCollisionPairs()
@@ -184,9 +184,20 @@ class CellDistances:
         paths = [{*map(int, self._model.supports[joint])} for joint in (a, b)]
         return len(paths[0] ^ paths[1])
 
-    def configuration(self, arms: list[Array], X_WP: Array) -> Array:
-        """Return q of the tree from each arm's configuration and the payload's pose."""
-        return self._tree.configuration(arms, X_WP)
+    def configuration(self, arms: list[Array], X_WP: Array, shared: Array | None = None) -> Array:
+        """Return q of the tree from each arm's configuration and the payload's pose.
+
+        Args:
+            arms: Configuration of each arm.
+            X_WP: Pose of the payload, shape (4, 4).
+            shared: Positions of the shared joints, m or rad, shape (n,); their start when omitted.
+        """
+        q = self._tree.configuration(arms, X_WP)
+        for slot, angle in zip(
+            self._tree.shared, () if shared is None else shared, strict=shared is not None
+        ):
+            q[slot.q_slice] = slot.angles.configuration(np.array([angle]))
+        return q
 
     def at(self, q: Array) -> Array:
         """Return the distance of every pair at a configuration, negative where they overlap, m, shape (p,).

@@ -106,20 +106,52 @@ class ArmSummary(NamedTuple):
     smallest_singular_value: float
 
 
+class SharedSummary(NamedTuple):
+    """Shared joint of a cell.
+
+    Attributes:
+        name: joint name.
+        start: position at which its arms lock it, rad or m.
+        effort: largest force or torque of its drive, inf if there is none.
+        unit: "rad", or "m" of a prismatic joint.
+        arms: names of the arms that it carries.
+        follow: what its servo follows: "hold", "payload" or "stroke".
+    """
+
+    name: str
+    start: float
+    effort: float
+    unit: str
+    arms: tuple[str, ...]
+    follow: str
+
+    def __str__(self) -> str:
+        """Return it as a line."""
+        drive = {"hold": "holds", "payload": "follows the payload", "stroke": "makes a stated stroke"}
+        force = "N" if self.unit == "m" else "N m"
+        limit = f"{self.effort:.4g} {force}" if np.isfinite(self.effort) else "any force"
+        return (
+            f"shared joint {self.name} under {', '.join(self.arms)}: {self.start:.3f} {self.unit}, up to"
+            f" {limit}; its drive {drive[self.follow]}"
+        )
+
+
 class CellSummary(NamedTuple):
     """Summary of a cell at a payload pose.
 
     Attributes:
         arms: summaries in the order of the cell.
+        shared: shared joints, from the root of the robot on.
         payload: the held object.
         gravity: m/s^2.
         task_rows: name of the cell's task rows.
         closure_rows: number of rows of all grasps, six for each arm.
         rank: number of independent closure rows.
-        freedom: degrees of freedom: joints plus six of the payload minus rank.
+        freedom: degrees of freedom: joints, shared ones too, plus six of the payload minus rank.
     """
 
     arms: tuple[ArmSummary, ...]
+    shared: tuple[SharedSummary, ...]
     payload: Payload
     gravity: tuple[float, float, float]
     task_rows: str
@@ -132,9 +164,11 @@ class CellSummary(NamedTuple):
         joints = sum(len(arm.joints) for arm in self.arms)
         shape = f"{self.payload.shape} of {_numbers(self.payload.size)} m"
         redundant = self.closure_rows - self.rank
+        shared = f" and {len(self.shared)} shared" if self.shared else ""
         lines = (
-            f"cell: {len(self.arms)} arms, {joints} joints, gravity {_numbers(self.gravity)} m/s^2,"
+            f"cell: {len(self.arms)} arms, {joints} joints{shared}, gravity {_numbers(self.gravity)} m/s^2,"
             f" task rows {self.task_rows!r}",
+            *(f"├─ {joint}" for joint in self.shared),
             *(line for arm in self.arms for line in _arm_lines(arm)),
             f"├─ payload: {self.payload.mass:g} kg, {shape}",
             f"└─ closures: {self.closure_rows} rows, rank {self.rank} ({redundant} redundant);"
@@ -160,6 +194,7 @@ def cell_summary(cell: Cell, X_WP: ArrayLike) -> CellSummary:
     arms = tuple(_arm_summary(CellArm(cell, slot.name), q[slot.q_slice]) for slot in chain.model.arms)
     return CellSummary(
         arms,
+        _shared_summaries(cell, chain),
         cell.payload,
         cell.gravity,
         cell.rows,
@@ -167,6 +202,18 @@ def cell_summary(cell: Cell, X_WP: ArrayLike) -> CellSummary:
         rank=rank,
         freedom=int(chain.mechanism.model.nv) - rank,
     )
+
+
+def _shared_summaries(cell: Cell, chain: CellChain) -> tuple[SharedSummary, ...]:
+    if (carrier := cell.carrier) is None:
+        return ()
+    rows = []
+    for name, slot, screw in zip(carrier.joints, chain.model.shared, carrier.screws, strict=True):
+        joint, unit = cell.shared_joints[name], "rad" if screw[3:].any() else "m"
+        limit = {"urdf": slot.effort or np.inf, "none": np.inf}.get(str(joint.limit), joint.limit)
+        follow = joint.follow if isinstance(joint.follow, str) else "stroke"
+        rows.append(SharedSummary(name, slot.start, float(limit), unit, carrier.arms, follow))
+    return tuple(rows)
 
 
 def _arm_summary(arm: CellArm, q: Array) -> ArmSummary:

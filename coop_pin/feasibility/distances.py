@@ -13,6 +13,7 @@ import numpy as np
 
 from coop_pin.base.arrays import Array, require_type
 from coop_pin.description.scenario import Scenario
+from coop_pin.feasibility.carried_motion import seen_by_arms, shared_positions
 from coop_pin.feasibility.cell_distances import CellDistances, Exemption
 from coop_pin.feasibility.reachability import Reachability, reachability
 from coop_pin.model.cell_arm import CellArm
@@ -119,21 +120,28 @@ def distances(
     Convex hulls stand for meshes, so that a body may be a little farther away than told. Links of one robot
     count against each other, too. Which pairs are exempt: CellDistances.
 
+    Shared joints are at their references, where they carry the arms of ``seen_by_arms``, and their payload.
+
     Args:
         scenario: Cell and motion.
-        cell_reach: Reachability of the scenario; it is computed when omitted.
+        cell_reach: Reachability of the scenario as its arms see it; it is computed when omitted.
         poses: Number of poses of the reference that are looked at then.
 
     Raises:
         UrdfError, NameNotFoundError, FileReadError: as of ``reachability``.
     """
     require_type("scenario", scenario, Scenario)
-    reach = reachability(scenario, poses=poses) if cell_reach is None else cell_reach
-    bodies, first = CellDistances(scenario.cell), CellArm(scenario.cell, reach.arms[0].arm)
+    seen, carrier = seen_by_arms(scenario), scenario.cell.carrier
+    reach = reachability(seen, poses=poses) if cell_reach is None else cell_reach
+    bodies, first = CellDistances(scenario.cell), CellArm(seen.cell, reach.arms[0].arm)
     count = min(len(arm.q) for arm in reach.arms)
+    times = reach.arms[0].times[:count]
     configurations = [[arm.q[k] for arm in reach.arms] for k in range(count)]
-    poses_of_payload = [first.payload_pose(q[0]) for q in configurations]
-    return measured(scenario, bodies, reach.arms[0].times[:count], configurations, poses_of_payload)
+    payload, shared = [first.payload_pose(q[0]) for q in configurations], None
+    if carrier is not None:
+        shared = [shared_positions(scenario, float(time)) for time in times]
+        payload = [carrier.displacement(r) @ X for r, X in zip(shared, payload, strict=True)]
+    return measured(scenario, bodies, times, configurations, payload, shared)
 
 
 def measured(
@@ -142,6 +150,7 @@ def measured(
     times: Array,
     arms: Sequence[list[Array]],
     payload: Sequence[Array],
+    shared: Sequence[Array] | None = None,
 ) -> Distances:
     """Return the distances of a cell at n instants.
 
@@ -151,12 +160,13 @@ def measured(
         times: Times, s, shape (n,).
         arms: Configuration of each arm at each of them.
         payload: X_WP at each of them, shape (4, 4).
+        shared: Positions of the shared joints at each of them; their start when omitted.
     """
     clearance, closest = scenario.cell.clearance, dict[tuple[str, str], Nearest]()
     least, points = np.full(len(times), np.inf), np.full((len(times), 2, 3), np.nan)
     pairs = [("", "")] * len(times)
     for k, (configurations, X_WP) in enumerate(zip(arms, payload, strict=True)):
-        values = bodies.at(bodies.configuration(configurations, X_WP))
+        values = bodies.at(bodies.configuration(configurations, X_WP, None if shared is None else shared[k]))
         if not np.isfinite(values).any():
             continue
         nearest = int(np.argmin(values))

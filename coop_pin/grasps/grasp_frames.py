@@ -12,7 +12,7 @@ import pinocchio as pin
 from coop_pin.base.arrays import Array
 from coop_pin.chain.closure_set import ClosureError
 from coop_pin.model.cell_model import CellModel
-from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, momentum_rate
+from coop_pin.model.pinocchio_model import frame_id, jacobian_matrix, kinetic_energy, momentum_rate
 
 _CLOSED_BY_TREE = ClosureError(0.0, 0.0)
 
@@ -27,7 +27,8 @@ class GraspFrames:
         tips: X_WE of each arm.
         grasps: pose of each nominal grasp in the world.
         welded: indices of the arms whose grasp is a weld of the tree.
-        acceleration: a of the last motion, shape (nv,); empty where it had none.
+        velocity: v of the last motion, shape (nv,); empty where it had none.
+        acceleration: a of it, likewise.
     """
 
     def __init__(self, tree: CellModel) -> None:
@@ -38,7 +39,7 @@ class GraspFrames:
         self.grasps: list[pin.SE3] = [
             frames[frame_id(tree.model, f"payload/{arm.name}")] for arm in tree.arms
         ]
-        self.acceleration = np.empty(0)
+        self.velocity = self.acceleration = np.empty(0)
         self.welded = [number for number, arm in enumerate(tree.arms) if arm.name in tree.closed_by_tree]
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -49,7 +50,7 @@ class GraspFrames:
         """Move the frames to a configuration, with v, or v and a."""
         pin.forwardKinematics(self._model, self._data, q, *rates)
         pin.updateFramePlacements(self._model, self._data)
-        self.acceleration = rates[1] if len(rates) > 1 else np.empty(0)
+        self.velocity, self.acceleration = (*rates, np.empty(0), np.empty(0))[:2]
 
     def payload_jacobian(self, q: Array) -> Array:
         """Return J_WP with V_WP = J_WP v, shape (6, nv)."""
@@ -92,5 +93,5 @@ class GraspFrames:
 
     def energies(self) -> tuple[float, float]:
         """Return kinetic and potential energy of arms and payload at the last motion, J."""
-        kinetic = pin.computeKineticEnergy(self._model, self._data)
+        kinetic = kinetic_energy(self._model, self._data, self.velocity)
         return kinetic, pin.computePotentialEnergy(self._model, self._data)

@@ -49,10 +49,11 @@ def blame(
 
     Raises:
         FileReadError: the file is missing or damaged, or has no such topic.
-        ArgumentError: there is no scenario.
+        ArgumentError: there is no scenario, grasps are joints, or shared joints move.
         ScenarioError: the scenario has mistakes.
     """
     record, scenario = _read(log, scenario)
+    _require_views(scenario)
     priors = priors or Priors()
     require_type("priors", priors, Priors)
     arms = {name: CellArm(scenario.cell, name) for name in scenario.cell.arms}
@@ -97,6 +98,21 @@ def _read(log: Any, scenario: Any) -> tuple[Record, Scenario]:
         return Record.load(log, scenario), scenario
     require_type("log", log, Record)
     return log, scenario
+
+
+def _require_views(scenario: Scenario) -> None:
+    """Refuse cells whose arms do not see the payload by their joints alone."""
+    cell = scenario.cell
+    moving = [name for name, joint in cell.shared_joints.items() if joint.follow != "hold"]
+    for names, detail in (
+        (list(cell.jointed), "grasps of {} are joints, whose turn no log has"),
+        (moving, "the shared joints {} move, and the record of arms does not have them"),
+    ):
+        if names:
+            raise ArgumentError(
+                f"blame compares the views that arms have of the payload, but {detail.format(names)}; log"
+                " a motion with rigid grasps and shared joints that hold"
+            )
 
 
 def _stated_noise(scenario: Scenario, arms: Mapping[str, CellArm]) -> dict[str, Array] | None:

@@ -19,6 +19,7 @@ from coop_pin.model.joint_angles import JointAngles
 from coop_pin.model.pinocchio_model import (
     add_frame,
     append_arm,
+    append_part,
     empty_model,
     frame_id,
     load_arm_model,
@@ -163,10 +164,9 @@ def _arms_tree(cell: Cell, carrier: SharedJoints | None) -> tuple[pin.Model, pin
             _add_grasp(alone, arm, name)
             model = append_arm(model, alone, name, arm.base.matrix)
         elif name == carried[0]:
-            whole, X_WB = _carried_tree(cell, carried), pin.SE3(arm.base.matrix)
-            fixed = X_WB.act(whole.inertias[0])
-            model = pin.appendModel(model, whole, 0, X_WB)
-            model.gravity.linear = np.array(cell.gravity)  # appendModel resets it to the Earth's
+            whole, X_WB = _carried_tree(cell, carried), arm.base.matrix
+            fixed = pin.SE3(X_WB).act(whole.inertias[0])
+            model = append_part(model, whole, X_WB)
     return model, fixed
 
 
@@ -186,7 +186,7 @@ def carried_robot(cell: Cell, names: Sequence[str]) -> Arm:
         for joint, angle in arms[0].locked.items()
         if joint not in cell.shared_joints and all(joint in arm.locked for arm in arms)
     }
-    bare = {"posture": None, "drive": None, "friction": "urdf", "torque_limits": "urdf"}
+    bare = {"posture": None, "drive": None, "friction": "urdf", "torque_limits": "urdf", "armature": 0.0}
     return arms[0].replace(locked=locked, calibration_error=Miscalibration(), **bare)
 
 
@@ -194,6 +194,14 @@ def _carried_tree(cell: Cell, names: Sequence[str]) -> pin.Model:
     """Return the tree of a robot on shared joints: its links once, joints and frames by the arm they move."""
     whole = load_arm_model(carried_robot(cell, names))
     owners = {joint: name for name in names for joint in cell.arms[name].moving_joints()}
+    rotors = {
+        joint: rotor
+        for name in names
+        for joint, rotor in zip(
+            cell.arms[name].moving_joints(), load_arm_model(cell.arms[name]).armature, strict=True
+        )
+    }
+    whole.armature = np.array([rotors.get(joint, 0.0) for joint in list(whole.names)[1:]])
     for index, joint in enumerate(list(whole.names)[1:], start=1):
         whole.names[index] = f"{owners[joint]}/{joint}" if joint in owners else f"shared.{joint}"
     frames = [frame.copy() for frame in whole.frames]  # adding one moves the others in memory

@@ -89,9 +89,14 @@ def append_arm(tree: pin.Model, arm: pin.Model, prefix: str, X_WB: Array) -> pin
         named.names[joint] = f"{prefix}/{named.names[joint]}"
     for frame in named.frames:
         frame.name = f"{prefix}/{frame.name}"
-    joined = pin.appendModel(tree, named, 0, pin.SE3(X_WB))
+    return append_part(tree, named, X_WB)
+
+
+def append_part(tree: pin.Model, part: pin.Model, X_WB: Array) -> pin.Model:
+    """Return the tree with a part based at X_WB added, its names as they are."""
+    joined = pin.appendModel(tree, part, 0, pin.SE3(X_WB))
     joined.gravity = tree.gravity  # appendModel resets it to the Earth's
-    joined.armature = np.concatenate((tree.armature, arm.armature))  # appendModel drops it
+    joined.armature = np.concatenate((tree.armature, part.armature))  # appendModel drops it
     return joined
 
 
@@ -119,6 +124,23 @@ def jacobian_matrix(J: Array) -> Array:
 def symmetric(upper: Array) -> Array:
     """Return the full symmetric matrix from its upper triangle, which is all that pin.crba fills."""
     return np.triu(upper) + np.triu(upper, 1).T
+
+
+def kinetic_energy(model: pin.Model, data: pin.Data, v: Array) -> float:
+    """Return the kinetic energy of bodies and rotors at the last forward kinematics, J.
+
+    T = sum_i V_i^T I_i V_i / 2 + v^T diag(armature) v / 2. That of Pinocchio leaves out a part of rotors on
+    joints whose axis is none of their frame's (JointModelRevoluteUnaligned).
+
+    Args:
+        model: the model.
+        data: its data, moved with v.
+        v: velocity, shape (nv,).
+    """
+    if not model.armature.any():
+        return float(pin.computeKineticEnergy(model, data))
+    bodies = sum(inertia.vtiv(V) for inertia, V in zip(model.inertias, data.v, strict=True))
+    return 0.5 * float(bodies + v @ (model.armature * v))
 
 
 def momentum_rate(inertia: pin.Inertia, V: pin.Motion, A: pin.Motion) -> Array:

@@ -81,7 +81,7 @@ def check(
     if not isinstance(scenario, Scenario):
         scenario = Scenario.load(scenario)
     require_allowed(code_of(scenario))
-    shared, scenario = [*shared_joint_findings(scenario)], seen_by_arms(scenario)
+    shared, stated, scenario = [*shared_joint_findings(scenario)], scenario, seen_by_arms(scenario)
     reach = reachability(scenario, poses=poses)
     simulation = prepared_run(scenario, reach)
     entries = [*shared, *code_findings(scenario), *task_findings(scenario, reach, simulation, table_error)]
@@ -90,7 +90,7 @@ def check(
         left = LEFT_TO_CHECK
     else:
         entries += [*record_findings(simulation), *lost_arm_findings(scenario, reach)]
-        entries += distance_findings(scenario, reach)
+        entries += distance_findings(stated, reach)
         if gains_are_known(scenario):
             entries += steady_findings(simulation, reach, bias, bias_turn, load)
     entries = _with_remedies(scenario, entries, poses, table_error)

@@ -10,9 +10,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from cells import SCENARIOS
+from lifts import planar_cell, planar_robot, spatial_cell, spatial_robot
 from numpy.testing import assert_allclose
+from whole_robots import WholeRobot
 
 import coop_pin as cp
+from coop_pin.base.spatial import rotations
 from coop_pin.description.urdf import find_urdf
 from coop_pin.feasibility import CellDistances, distances, reachability
 from coop_pin.feasibility.motion_feasibility import with_best_postures
@@ -291,3 +294,66 @@ def test_hulls_miss_no_hit_of_meshes_at_1000_random_postures(name):
 
 def _pose(X: pin.SE3) -> coal.Transform3s:
     return coal.Transform3s(X.rotation, X.translation)
+
+
+# ------------------------------------------------------------ shared joints
+
+BALL = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'
+ON_LIFTS = {
+    "planar": (planar_cell, planar_robot(), ("rail", "yaw"), (0.3, -0.4)),
+    "spatial": (spatial_cell, spatial_robot(), ("lift", "yaw"), (0.35, -0.4)),
+}
+
+
+@pytest.mark.parametrize("name", ON_LIFTS)
+def test_bodies_on_shared_joints_are_where_the_whole_robot_has_them(name, tmp_path):
+    """Balls at the origins of all links, by kinematics in plain numpy."""
+    make, text, joints, angles = ON_LIFTS[name]
+    cell = make(tmp_path, **{joint: cp.actuators.SharedJoint() for joint in joints})
+    file = tmp_path / f"{name}.urdf"
+    file.write_text(text.replace("</inertial>", f"</inertial>{BALL}"))
+    bodies, robot = CellDistances(cell), WholeRobot(text, cell.arms["left"].base.matrix)
+    rng = np.random.default_rng(2)
+    postures = [rng.normal(size=len(arm.posture)) for arm in cell.arms.values()]
+    q = bodies.configuration(postures, np.eye(4), np.array(angles))
+    names = itertools.chain(*(arm.moving_joints() for arm in cell.arms.values()))
+    moved = zip(names, np.concatenate(postures), strict=True)
+    at = dict(zip(joints, angles, strict=True)) | {"neck": 0.4} | dict(moved)
+    still = dict.fromkeys(robot.names, 0.0)
+    X = robot.motion(at, still, still)[0]
+    links = [pair for pair in bodies.pairs if "payload" not in pair]
+    assert {link for pair in links for link in pair} >= {f"left/{next(iter(X))}", "left/l3", "right/r3"}
+    values = dict(zip(bodies.pairs, bodies.at(q).tolist(), strict=True))
+    for one, other in links:
+        a, b = (X[body.partition("/")[2]][:3, 3] for body in (one, other))
+        assert abs(values[one, other] - (np.linalg.norm(a - b) - 0.02)) < 1e-6
+
+
+def test_a_payload_that_a_lift_raises_leaves_its_table(tmp_path):
+    """Its lowest corner is a gap above the table, and rises with the lift, in the plan as in the run."""
+    rise, gap = 0.1, 0.02
+    cell = spatial_cell(tmp_path, lift=cp.actuators.SharedJoint(follow="payload"))
+    X = cell.payload_pose
+    corners = np.array([*itertools.product(*((-s / 2, s / 2) for s in cell.payload.size))])
+    low = float((corners @ X.matrix[:3, :3].T)[:, 2].min()) + X.xyz[2]
+    bench = {"xyz": (*X.xyz[:2], low - gap), "size": (2.0, 2.0), "mu": 0.4, "stiffness": 1e5}
+    goal = cp.Pose(xyz=(*X.xyz[:2], X.xyz[2] + rise), rpy=X.rpy)
+    motion = {"kind": "line", "start": X, "goal": goal, "duration": 0.5}
+    gains = {"pose_gain": 10.0, "sign_gain": 0.25, "anchor_gain": 0.1, "transient_rate": 5.0}
+    gains |= {"sliding_gain": (800.0, 800.0, 800.0, 15.0, 15.0, 15.0)}
+    law = {"kind": "payload-space", "gains": gains, "force_path": {"kind": "late"}}
+    common = {"controller": law, "motion": motion, "start": X, "duration": 0.6}
+    scenario = cp.Scenario(name="raise", cell=cell, clock={"rate_hz": 500.0}, **common)
+    tabled = scenario.replace(cell=cell.replace(tables={"bench": bench}))
+    planned = distances(tabled, poses=7)
+    s = np.clip(planned.times / 0.5, 0.0, 1.0)
+    rising = gap + rise * (10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5)
+    assert {*planned.pairs} == {("payload", "table/bench")}
+    assert_allclose(planned.least, rising, rtol=0, atol=1e-5)
+    run = cp.run(scenario, warn=False)
+    result = type(run)(tabled, run.data)
+    recorded = cp.findings.with_distances(result).data["least_distance"].values
+    quaternions, height = run.data["payload_quaternion"].values, run.data["payload_position"].values[:, 2]
+    lowest = np.array([(corners @ R.T)[:, 2].min() for R in rotations(quaternions)]) + height
+    assert_allclose(recorded, lowest - (low - gap), rtol=0, atol=1e-6)
+    assert_allclose(recorded[-1], gap + rise, rtol=0, atol=1e-3)

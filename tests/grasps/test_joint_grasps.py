@@ -9,11 +9,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from joint_cells import H, bias_wrenches, jointed
-from law_cells import stated
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
-from coop_pin.base.errors import FieldError
+from coop_pin.base.errors import ArgumentError, FieldError
 from coop_pin.base.spatial import task_rows
 from coop_pin.base.spatial.grasp_rows import (
     GraspRows,
@@ -187,13 +186,30 @@ def test_engines_without_joints_refuse_them_by_name(engine, text):
         cp.run(jointed("two-pandas-box", {"right": "hinge"}), engine=engine)
 
 
+def test_exports_proposals_and_blame_refuse_joints_by_name(tmp_path):
+    scenario = jointed("adept-anchored", {"right": "hinge"}, duration=0.1)
+    for refuses in (
+        lambda: cp.export.export_c(scenario, "left", tmp_path),
+        lambda: cp.suggest(scenario),
+        lambda: cp.blame(cp.run(scenario, warn=False)),
+    ):
+        with pytest.raises(ArgumentError, match="'right'"):
+            refuses()
+
+
 @pytest.mark.parametrize("kind", ["mean-pose", "own wrench"])
 def test_laws_and_force_paths_that_know_no_rows_of_grasps_are_refused_by_name(kind):
-    changes = {"controller.payload_mass": 3.0, "controller.force_path": {"kind": "none"}}
-    if kind == "mean-pose":
-        changes = {"controller": stated("mean-pose")}
-    with pytest.raises(FieldError):
-        cp.run(jointed("two-pandas-box", {"right": "hinge"}, **changes))
+    """The mean of poses is refused with the gains of the cell's own law, with which it would run."""
+    scenario = jointed("two-pandas-box", {"right": "hinge"})
+    gains, slot = scenario.controller.gains.model_dump(), "controller.kind"
+    changes = {"controller": {"kind": "mean-pose", "gains": gains | {"anchor_gain": 0.0}}}
+    if kind == "own wrench":
+        changes, slot = (
+            {"controller.payload_mass": 3.0, "controller.force_path": {"kind": "none"}},
+            "payload_mass",
+        )
+    with pytest.raises(FieldError, match=slot):
+        cp.run(scenario.override(changes))
 
 
 def at_rest(result) -> tuple[np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from cells import ANCHORED, SCENARIOS, kkt_of
+from lifts import spatial_cell
 from numpy.testing import assert_allclose, assert_array_equal
 from reference_plant import replayed
 
@@ -134,6 +135,25 @@ def test_a_run_is_that_of_the_reference_plant_and_sound(name):
         assert_allclose(found["payload_position"], data["payload_position"].values[tick], atol=1e-10)
         kinetic = float(data["kinetic_energy"].values[tick])
         assert_allclose(found["kinetic_energy"], kinetic, atol=1e-9)
+
+
+def test_kinetic_energy_has_rotors_on_joints_whose_axis_is_none_of_their_frame(tmp_path):
+    """It is v^T M v / 2 with the M of crba; pin.computeKineticEnergy leaves out a part of it."""
+    cell = spatial_cell(tmp_path)
+    file = tmp_path / "spatial.urdf"
+    file.write_text(file.read_text().replace('axis xyz="0 1 0"', 'axis xyz="0.48 0.6 0.64"'))
+    cell = cell.replace(arms={name: arm.replace(armature=2.0) for name, arm in cell.arms.items()})
+    chain = CellChain(cell)
+    model = chain.model.model
+    assert "JointModelRevoluteUnaligned" in {joint.shortname() for joint in model.joints}
+    q, v = states(model.nv)[:2]
+    data = model.createData()
+    M = np.triu(pin.crba(model, data, q)) + np.triu(data.M, 1).T
+    close(chain.energy(q, v), 0.5 * v @ M @ v + pin.computePotentialEnergy(model, data, q))
+    close(chain.mechanism.energy(q, v).kinetic, 0.5 * v @ M @ v)
+    seen = chain.observe(q[None], v[None], 0.0 * v[None], np.zeros((1, 6)))
+    close(seen.kinetic_energy[0], 0.5 * v @ M @ v)
+    assert abs(pin.computeKineticEnergy(model, data, q, v) - 0.5 * v @ M @ v) > 1e-3
 
 
 # ------------------------------------------------------------ the other engines

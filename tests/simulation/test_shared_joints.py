@@ -15,6 +15,7 @@ import coop_pin as cp
 from coop_pin.actuators import SharedJoint, Stroke
 from coop_pin.base.errors import ArgumentError, FieldError
 from coop_pin.control import ArmController, DecentralisedController, SlidingMode, SlidingModeGains
+from coop_pin.feasibility import cell_summary
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.running.cell_findings import shared_joint_findings
 from coop_pin.simulation.build_controller import build_controller
@@ -47,11 +48,14 @@ def moving_state(cell, seed=3):
 
 def by_joint(chain, values):
     names = [str(name).split("/")[-1].removeprefix("shared.") for name in list(chain.model.model.names)[1:]]
-    return dict(zip(names, values.tolist(), strict=True))
+    return dict(zip(names, values.tolist(), strict=names[-1] != "payload"))  # free of hinges at both arms
 
 
 def second_formulation(cell, chain, q, v, tau, M, h, frames, names):
-    """Accelerations by a KKT of the whole robot and a free payload; the neck is held by a row of its own."""
+    """Accelerations by a KKT of the whole robot and a free payload; the neck is held by a row of its own.
+
+    A hinge along e, which turns with the payload, leaves w = w_E - w_P along e: (1 - e e^T) dw = w_P x w.
+    """
     n, X_WP = len(names), chain.payload_pose(q)
     g, V = np.array(cell.gravity), chain.payload_twist(q, v)
     R, m = X_WP[:3, :3], cell.payload.mass
@@ -59,12 +63,17 @@ def second_formulation(cell, chain, q, v, tau, M, h, frames, names):
     M_all = np.zeros((n + 6, n + 6))
     M_all[:n, :n], M_all[n : n + 3, n : n + 3], M_all[n + 3 :, n + 3 :] = M, m * np.eye(3), inertia
     h_all = np.r_[h, -m * g, np.cross(V[3:], inertia @ V[3:])]
-    rows, bias = [], []
-    for X, J, Jv in frames:
+    rows, bias, rates = [], [], by_joint(chain, v) | {"neck": 0.0}
+    for grasp, (X, J, Jv) in zip(cell.grasps.values(), frames, strict=True):
         r, om = X[:3, 3] - X_WP[:3, 3], V[3:]
         S = np.array(((0, r[2], -r[1]), (-r[2], 0, r[0]), (r[1], -r[0], 0)))  # om x r = S om
         rows.append(np.hstack((J, -np.block([[np.eye(3), S], [np.zeros((3, 3)), np.eye(3)]]))))
         bias.append(Jv - np.r_[np.cross(om, np.cross(om, r)), np.zeros(3)])
+        if hasattr(grasp, "axis"):
+            e = R @ grasp.matrix[:3, :3] @ np.array(grasp.axis) / np.linalg.norm(grasp.axis)
+            held, turn = np.eye(6), J[3:] @ [rates[name] for name in names] - om
+            held[3:, 3:] -= np.outer(e, e)
+            rows[-1], bias[-1] = held @ rows[-1], held @ bias[-1] - np.r_[np.zeros(3), np.cross(om, turn)]
     for name in names:
         if name == "neck":
             rows.append(np.eye(n + 6)[[names.index(name)]])
@@ -77,22 +86,49 @@ def second_formulation(cell, chain, q, v, tau, M, h, frames, names):
     return dict(zip(names, x[:n], strict=True))
 
 
+ROTORS = {"planar": (0.3, 0.2, 0.05), "spatial": (2.0, 2.0, 2.0, 0.1, 0.2, 0.3)}
+AXES = {"planar": (0.0, 0.0, 1.0), "spatial": (0.3, 0.8, -0.1)}
+
+
+def on_hinges(cell, *arms):
+    """The cell with hinges for the grasps of some arms."""
+    axis = AXES["planar" if cell.rows == "planar" else "spatial"]
+    hinges = {name: {"kind": "hinge", "axis": axis, **cell.grasps[name].model_dump()} for name in arms}
+    return cell.replace(grasps={**cell.grasps, **hinges})
+
+
+def geared(cell, name):
+    """The cell with rotors on the joints of both arms, of one by numbers and of the other behind gears."""
+    stated = {"left": ROTORS[name], "right": {"inertia": 1e-4, "gear_ratio": 50.0}}
+    return cell.replace(arms={n: arm.replace(armature=stated[n]) for n, arm in cell.arms.items()})
+
+
+@pytest.mark.parametrize(
+    ("hinges", "has_rotors"), [((), False), ((), True), (("left",), True), (("left", "right"), False)]
+)
 @pytest.mark.parametrize("name", CELLS)
-def test_accelerations_are_those_of_the_whole_robot_by_a_second_formulation(name, tmp_path):
-    cell, text = cell_of(name, tmp_path), CELLS[name][1]()
+def test_accelerations_are_those_of_the_whole_robot_by_a_second_formulation(
+    name, hinges, has_rotors, tmp_path
+):
+    cell, text = on_hinges(cell_of(name, tmp_path), *hinges), CELLS[name][1]()
+    cell = geared(cell, name) if has_rotors else cell
     chain, q, v, tau = moving_state(cell)
-    tau[chain.model.model.nv :] = 0.0
+    tau[2 * len(ROTORS[name]) + 2 :] = 0.0  # none at a free payload
     robot = WholeRobot(text, cell.arms["left"].base.matrix)
     angles, rates = by_joint(chain, q), by_joint(chain, v)
     angles |= {"neck": 0.4}
     rates |= {"neck": 0.0}
     gravity = np.array(cell.gravity)
-    terms = robot.terms(angles, rates, gravity, CELLS[name][3].split())
+    M, *terms = robot.terms(angles, rates, gravity, CELLS[name][3].split())
+    arms = {"l": ROTORS[name], "r": (0.25,) * len(ROTORS[name])}  # 1e-4 kg m^2 times 50^2
+    if has_rotors:
+        M = M + np.diag([arms[j[0]][int(j[-1]) - 1] if j[-1].isdigit() else 0.0 for j in robot.names])
+    terms = M, *terms
     a = by_joint(chain, chain.acceleration(q, v, tau)[0])
     expected = second_formulation(cell, chain, q, v, tau, *terms, robot.names)
     scale = max(map(abs, a.values()))
-    for joint, value in a.items():
-        assert abs(value - expected[joint]) < 1e-10 * scale, joint
+    for joint in {*a} - {"payload"}:
+        assert abs(a[joint] - expected[joint]) < 1e-10 * scale, joint
 
 
 def test_accelerations_are_those_of_mujocos_own_reading_of_the_file(tmp_path):
@@ -132,9 +168,14 @@ def test_accelerations_are_those_of_mujocos_own_reading_of_the_file(tmp_path):
 
 
 @pytest.mark.parametrize("name", CELLS)
-def test_the_floor_bears_the_whole_robot_and_what_it_holds(name, tmp_path):
-    """Against inverse dynamics of the whole robot, and against the rate of momentum of robot and payload."""
+@pytest.mark.parametrize("has_rotors", [False, True])
+def test_the_floor_bears_the_whole_robot_and_what_it_holds(name, has_rotors, tmp_path):
+    """Against inverse dynamics of the whole robot, and against the rate of momentum of robot and payload.
+
+    Rotors take torque, and load the floor with nothing.
+    """
     cell = cell_of(name, tmp_path)
+    cell = geared(cell, name) if has_rotors else cell
     chain, q, v, tau = moving_state(cell)
     a, model = chain.acceleration(q, v, tau)[0], chain.model.model
     seen = chain.observe(q[None], v[None], tau[None], np.zeros((1, 6)))
@@ -147,7 +188,7 @@ def test_the_floor_bears_the_whole_robot_and_what_it_holds(name, tmp_path):
     }
     forces, floor = robot.inverse_dynamics(*states, np.array(cell.gravity), on_tips)
     assert_allclose(seen.floor_wrench[0], floor, rtol=0, atol=1e-10 * np.abs(floor).max())
-    for joint, value in by_joint(chain, tau).items():
+    for joint, value in by_joint(chain, tau - model.armature * a).items():
         assert abs(forces[joint] - value) < 1e-9
     data = model.createData()
     pin.computeCentroidalMomentumTimeVariation(model, data, q, v, a)
@@ -345,6 +386,73 @@ def test_what_shared_joints_cannot_be_is_refused_with_the_reason(tmp_path):
             moving,
             controller={"kind": "computed-torque", "gains": {"position_gain": 100.0, "velocity_gain": 20.0}},
         )
+
+
+def test_the_summary_has_lift_and_turn_and_blame_refuses_joints_that_move(tmp_path):
+    cell = spatial_cell(tmp_path, lift=SharedJoint(follow=RISE, limit=900.0), yaw=SharedJoint())
+    summary = cell_summary(cell, cell.payload_pose.matrix)
+    lift, yaw = summary.shared
+    assert (lift.name, lift.unit, lift.effort, lift.follow, lift.arms) == (
+        "lift",
+        "m",
+        900.0,
+        "stroke",
+        ("left", "right"),
+    )
+    assert (yaw.name, yaw.unit, yaw.effort, yaw.follow) == ("yaw", "rad", 4000.0, "hold")
+    assert_allclose((lift.start, yaw.start), (0.1, 0.3))
+    assert summary.freedom == 12 + 2 + 6 - 12
+    assert "lift" in summary.summary()
+    with pytest.raises(ArgumentError, match="lift"):
+        cp.blame(cp.run(carry(cell, duration=0.05), warn=False))
+
+
+class Pushing(ArmController):
+    """Holds the cell, and pushes one joint of the left arm."""
+
+    def __init__(self, scenario, arm, torque, joint):
+        self.added = np.zeros(len(scenario.cell.arms[arm].posture))
+        self.added[joint] = torque if arm == "left" else 0.0
+
+    def init(self, measurement, reference):
+        return measurement.holding_torque
+
+    def step(self, measurement, reference, state):
+        return cp.ArmCommand(state + self.added, state)
+
+
+@pytest.mark.parametrize(
+    "hinges",
+    [(), *(pytest.param(arms, marks=pytest.mark.slow) for arms in (("left",), ("left", "right")))],
+)
+@pytest.mark.parametrize("name", CELLS)
+def test_a_joint_on_a_shared_one_hits_its_stop_and_the_books_balance(name, hinges, tmp_path):
+    """Rotors, a lift or rail that moves, hinges and stops in one cell; the spring is that of its law."""
+    make, text, (first, second), _ = CELLS[name]
+    cell = geared(make(tmp_path, **{first: SharedJoint(follow=RISE), second: SharedJoint()}), name)
+    cell = on_hinges(cell, *hinges)
+    number = {"planar": 1, "spatial": 3}[name]  # of angles above zero, where the other arm locks them
+    joint, angle = f"lj{number}", cell.arms["left"].posture[number - 1]
+    file, upper = tmp_path / f"{name}.urdf", angle + 0.02
+    head, tail = text().split(f'<joint name="{joint}"')
+    tail = tail.replace('upper="6"', f'upper="{upper}"', 1)
+    file.write_text(f'{head}<joint name="{joint}"{tail}')
+    stops = {"stiffness": 5000.0, "damping_ratio": 0.1}
+    arms = {n: arm.replace(stops=stops if n == "left" else None) for n, arm in cell.arms.items()}
+    law = {"kind": "user", "target": Pushing, "options": {"torque": 40.0, "joint": number - 1}}
+    scenario = carry(cell.replace(arms=arms), controller=law, duration=0.4)
+    scenario = scenario.override({"clock.steps_per_tick": 8})
+    result = cp.run(scenario, warn=False)
+    data, metrics = result.data, result.metrics()
+    depth = data.joint_position.sel(arm="left").values[:, number - 1] - upper
+    force = data.stop_force.sel(arm="left").values[:, number - 1]
+    assert depth.max() > 1e-4
+    assert (force[depth < 0.0] == 0.0).all()
+    assert (force[depth > 0.0] <= 0.0).all()
+    assert_allclose(data.stop_energy.values, 2500.0 * np.maximum(depth, 0.0) ** 2, rtol=0, atol=1e-9)
+    assert result.simulation_sound
+    assert metrics["closure_error_max_m"] < 1e-6
+    assert metrics["energy_balance_max_J"] < 0.01 * data.stop_energy.values.max() + 1e-6
 
 
 def test_a_robot_on_a_lift_is_drawn_once_and_moves_with_it(tmp_path):

@@ -89,7 +89,7 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     Raises:
         NameNotFoundError: There is no such arm.
         ArgumentError: The controller is one of the whole cell or needs the plan of the grasps, there is a
-            feed-forward, or ticks is no number from 1 to that of the scenario's ticks.
+            feed-forward, a grasp is a joint, or ticks is no number from 1 to that of the scenario's ticks.
         FileWriteError: The folder cannot be made, or a file in it cannot be written.
         TracingError: The law branches on values, computes with what cannot be traced, or has hidden state.
         CoopPinError: The scenario cannot be simulated for these ticks.
@@ -101,6 +101,8 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     if scenario.feed_forward is not None or scenario.cell.shared_joints:
         detail = "the scenario has feed-forward torques or shared joints, which exported laws are not given"
         raise ArgumentError(f"{detail}: export without them, and add such torques to what the law returns")
+    if jointed := list(scenario.cell.jointed):
+        raise ArgumentError(f"grasps of {jointed} are joints, whose rows exported laws do not know")
     if scenario.has_grasp_plan and (scenario.network or "own wrench" in scenario.controller.needs):
         raise ArgumentError(
             f"the law {scenario.controller.kind!r} takes its load share from the plan of the grasps, which"

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -161,6 +161,8 @@ class MeanPose(PayloadSpace):
         leak_to: Goal of ``gains.leak``: the integral of the "start", or by messages the "mean" of all arms'
             integrals, by AgreedIntegral.
     """
+
+    controls_grasps: ClassVar[bool] = False  # views by tips that turn in their joints have no mean
 
     kind: Literal["mean-pose"] = "mean-pose"  # type: ignore[assignment]  # names the class, not its base
     on_loss: Literal["last", "skip"] = "last"
