@@ -26,7 +26,7 @@ from coop_pin.design.suggestion import Suggestion, suggest
 from coop_pin.feasibility.motion_feasibility import joint_heights, require_rank
 from coop_pin.feasibility.reachability import reachability
 from coop_pin.model.cell_arm import CellArm
-from coop_pin.running.cell_findings import allowed_errors
+from coop_pin.stability.forecast import allowed_errors
 
 MotionName: TypeAlias = Literal["line", "circle", "hold"]
 """Motion of the payload of a new cell."""

@@ -115,7 +115,7 @@ class SharedSummary(NamedTuple):
         effort: largest force or torque of its drive, inf if there is none.
         unit: "rad", or "m" of a prismatic joint.
         arms: names of the arms that it carries.
-        follow: what its servo follows: "hold", "payload" or "stroke".
+        follow: reference of its servo: "hold", "payload" or "stroke".
     """
 
     name: str

@@ -134,7 +134,7 @@ def kinetic_energy(model: pin.Model, data: pin.Data, v: Array) -> float:
 
     Args:
         model: the model.
-        data: its data, moved with v.
+        data: data of the model, moved with v.
         v: velocity, shape (nv,).
     """
     if not model.armature.any():

@@ -24,13 +24,12 @@ from coop_pin.feasibility.reachability import Reachability
 from coop_pin.feasibility.statics import StaticTorques, force_reserve, loads_without_an_arm, statics_along
 from coop_pin.feasibility.table_force import table_force
 from coop_pin.results.finding import Finding, Kind
-from coop_pin.results.metrics import norms6
 from coop_pin.running.plausibility import implausible_numbers
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability.admittance_stability import admittance_stability
 from coop_pin.stability.closed_loop import eigenvalues
-from coop_pin.stability.forecast import Errors, Forecast, forecast
+from coop_pin.stability.forecast import Errors, Forecast, allowed_errors, forecast
 from coop_pin.stability.grasp_stability import grasp_stability
 from coop_pin.stability.loop_stability import loop_stability
 from coop_pin.stability.regrasp import regrasp_gaps
@@ -40,18 +39,6 @@ from coop_pin.stability.step_size import step_stability
 
 _LARGE_RECORD = 1e9
 """Memory of a record from which on it is a finding, bytes."""
-
-
-def allowed_errors(scenario: Scenario) -> Errors:
-    """Return what the limits of the task allow with the squeeze at t = 0; inf where they allow anything."""
-    limits, cell = scenario.task, scenario.cell
-    f_d, m_d = (norms.max() for norms in norms6(scenario.squeeze_wrenches))
-    return Errors(
-        limits.position,
-        limits.orientation if cell.controls_turns else math.inf,
-        max(limits.force, limits.force_share * f_d),
-        math.inf if cell.patches else max(limits.moment, limits.moment_share * m_d),
-    )
 
 
 def _expected(scenario: Scenario, expected: Forecast) -> Finding:

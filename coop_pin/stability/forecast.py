@@ -12,6 +12,7 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import WristSensor
 from coop_pin.feasibility.least_squeeze import least_squeeze
 from coop_pin.feasibility.reachability import Reachability
+from coop_pin.results.metrics import norms6
 from coop_pin.stability.motion_loop import GROWS, MotionLoop
 
 _LARGEST = 1e6
@@ -120,6 +121,18 @@ def forecast(scenario: Scenario, cell_reach: Reachability) -> Forecast:
     moving = Errors(*errors[moves].max(axis=0).tolist()) if moves.any() else _UNKNOWN
     at_rest = _UNKNOWN if moves[-1] else Errors(*errors[-1].tolist())
     return Forecast(moving, at_rest, anchor, until=first_event)
+
+
+def allowed_errors(scenario: Scenario) -> Errors:
+    """Return what the limits of the task allow with the squeeze at t = 0; inf where they allow anything."""
+    limits, cell = scenario.task, scenario.cell
+    f_d, m_d = (norms.max() for norms in norms6(scenario.squeeze_wrenches))
+    return Errors(
+        limits.position,
+        limits.orientation if cell.controls_turns else math.inf,
+        max(limits.force, limits.force_share * f_d),
+        math.inf if cell.patches else max(limits.moment, limits.moment_share * m_d),
+    )
 
 
 def _uncovered(scenario: Scenario, until: float) -> str:
