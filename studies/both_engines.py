@@ -42,6 +42,8 @@ ALIKE, FLOORS = 0.01, {"tracking": 1e-4, "force": 1e-3}
 """Part by which medians may differ without a reason, and smallest difference that has one, mm and N."""
 PUSH_N = 1e-2
 """Push on the payload, N: about as far as a soft weld's force is off, a ten thousandth of the largest."""
+FAR_MM = 100.0
+"""Tracking error beyond which the payload has left its path, mm: about the length of the lines."""
 PUBLISHED, PATCHED = "adept-paper", "held by palms"
 
 
@@ -94,7 +96,7 @@ def reason(row: pd.Series, duration: float | None) -> str:
     A sensitive law is told first: there a push on the payload that is too small to matter changes
     Pinocchio's measures as much. A difference that falls with a quarter of MuJoCo's step is the step's, one
     that grows with twice the time constant of the welds the welds', one that goes without friction the
-    friction's.
+    friction's. Where the payload left its path on both engines, none of these is told, but the numbers are.
     """
     scenario = scenario_of(row, duration)
     if (text := sensitivity(row, scenario)) is not None:
@@ -112,7 +114,8 @@ def reason(row: pd.Series, duration: float | None) -> str:
         name: parts(first, measured(scenario.override(fields), "mujoco")).max() / before
         for name, (first, fields) in other.items()
     }
-    found = [name for name, holds in CAUSES.items() if holds(after[name])]
+    has_left = min(row["tracking"], row["tracking_mujoco"]) > FAR_MM
+    found = ["divergence"] if has_left else [name for name, holds in CAUSES.items() if holds(after[name])]
     ratios = ", ".join(f"{name} {ratio:.2g}" for name, ratio in after.items())
     return f"{' and '.join(found) or 'none of them'} ({ratios})"
 
