@@ -12,7 +12,6 @@ from coop_pin.description.scenario import Scenario
 from coop_pin.description.sensors import WristSensor
 from coop_pin.feasibility.least_squeeze import least_squeeze
 from coop_pin.feasibility.reachability import Reachability
-from coop_pin.results.metrics import norms6
 from coop_pin.stability.motion_loop import GROWS, MotionLoop
 
 _LARGEST = 1e6
@@ -126,7 +125,7 @@ def forecast(scenario: Scenario, cell_reach: Reachability) -> Forecast:
 def allowed_errors(scenario: Scenario) -> Errors:
     """Return what the limits of the task allow with the squeeze at t = 0; inf where they allow anything."""
     limits, cell = scenario.task, scenario.cell
-    f_d, m_d = (norms.max() for norms in norms6(scenario.squeeze_wrenches))
+    f_d, m_d = np.linalg.norm(scenario.squeeze_wrenches.reshape(-1, 2, 3), axis=2).max(axis=0)
     return Errors(
         limits.position,
         limits.orientation if cell.controls_turns else math.inf,
