@@ -1,6 +1,8 @@
 """Wrappers of laws: internal wrenches by PI average consensus, and less a load that arms learn."""
 
+import re
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -165,6 +167,7 @@ def finished(scenario):
     return run
 
 
+REPOSITORY = Path(__file__).resolve().parents[2]
 THREE = ["three planar", "three spatial"]
 
 
@@ -205,6 +208,13 @@ def test_arms_in_a_line_learn_the_regression_of_the_resultant_wrench(cell):
     assert_allclose([one for _, one in learned], 0.01 + (phi * phi).sum(), rtol=0.01)  # the prior's, and news
     alone = [memory.belief[0] / memory.belief[1] for memory in memories]
     assert np.abs(np.subtract(alone, scenario.cell.payload.mass)).max() > 2.0
+    if cell == "three spatial":
+        page = REPOSITORY.joinpath("docs", "concepts", "messages.md").read_text(encoding="utf-8")
+        shown = re.search(
+            r"learn ([\d.]+) to ([\d.]+) of 6 kg .* find ([\d.]+) to ([\d.]+) kg", page
+        ).groups()
+        ends = (min(masses), max(masses), min(alone), max(alone))
+        assert [f"{end:.{len(text) - 2}f}" for end, text in zip(ends, shown, strict=True)] == list(shown)
     assert "kg" in build_controller(scenario).remarks(np.eye(4), run.controller_state)[0]
 
 

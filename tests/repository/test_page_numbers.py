@@ -190,3 +190,25 @@ def test_bounds_of_the_anchor_over_a_line_are_those_of_the_page():
         assert holds(low, shown)
     for delay, shown in ((1, one), (3, three)):
         assert_allclose(anchor_gain_bound(delay=delay), float(shown), atol=5e-4)
+
+
+def test_ticks_that_an_anchor_may_be_late_are_those_of_its_bound():
+    page = (REPOSITORY / "docs" / "concepts" / "choose.md").read_text(encoding="utf-8")
+    shown = re.search(r"(\d+) at \$g = ([\d.]+)\$, (\d+) at ([\d.]+), (\d+) at ([\d.]+)", page).groups()
+    for ticks, g in zip(map(int, shown[::2]), map(float, shown[1::2]), strict=True):
+        assert anchor_gain_bound(delay=ticks) > g > anchor_gain_bound(delay=ticks + 1)
+
+
+@pytest.mark.slow
+def test_what_a_leak_leaves_of_lost_views_is_that_of_a_run():
+    """One planar arm 1 mm off, views of this tick only, 5 % lost, ten minutes."""
+    shown = re.search(r"with `gains.leak = 0.2` ([\d.]+) N, and up to (\d+) N", PAGES["messages"]).groups()
+    gains = cp.Scenario.load("adept-anchored").controller.gains
+    law = cp.laws.MeanPose(gains=gains.replace(anchor_gain=0.0))
+    leaky = law.gains.replace(pose_gain=7.199, sign_gain=115.5, leak=0.2)
+    skips = {"gains": leaky, "switching": {"kind": "saturation", "width": 10.0}, "on_loss": "skip"}
+    changes = {"controller": cp.laws.MeanPose(**skips), "network": {"loss": 0.05}, "duration": 600.0}
+    changes |= {"events": (), TIP: (1e-3, 0.0, 0.0)}
+    force = worst_force(cp.run("adept-anchored", changes, warn=False, engine="auto").data).values
+    assert holds(force[-1], shown[0])
+    assert holds(force.max(), shown[1])
