@@ -683,7 +683,7 @@ def test_the_page_says_what_the_search_found_and_what_it_did_not_reach(fit):
     assert best["runs"].sum() == 14400
     soft = best[best["grasps"] != "rigid"]
     assert f"the least sum is {soft['sum'].min():.2f}, of {soft['runs'].sum()} runs" in PAPER_PAGE
-    assert f"whose best has {best['sum'].iloc[0]:.2f} with an impulse" in PAPER_PAGE
+    assert f"Its best has {best['sum'].iloc[0]:.2f}, with an impulse" in PAPER_PAGE
     assert np.hypot(*best[["P_x", "P_y"]].iloc[0]) > 10.0
     pairs = pd.read_csv(fit.DATA / "pairs.csv", index_col=0)
     reached = {name: set(row.index[row == 0.0]) - {name} for name, row in pairs.iterrows()}
