@@ -84,8 +84,9 @@ def real_numbers(name: str, value: object, kinds: str = "fiub") -> NDArray[Any]:
         ArgumentError: entries are texts, complex or masked.
     """
     array = np.asarray(value)
-    kind = "masked" if np.ma.is_masked(value) else f"of type {array.dtype}"
-    if kind == "masked" or array.dtype.kind not in kinds:
+    is_masked = isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value)
+    if is_masked or array.dtype.kind not in kinds:
+        kind = "masked" if is_masked else f"of type {array.dtype}"
         raise ArgumentError(f"{name} has entries {kind}; they must be real numbers")
     return array
 

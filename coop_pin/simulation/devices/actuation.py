@@ -22,6 +22,9 @@ from coop_pin.simulation.plant import Plant
 TORQUE_LIMIT = 1e7
 """A larger command counts as diverged, N m, rad/s or rad."""
 
+_LISTS = (list, tuple, np.ndarray)
+"""Types of the usual lists of commands, which are told faster than a Sequence."""
+
 
 class ActuationState(NamedTuple):
     """Memory of the drives of a cell.
@@ -259,10 +262,12 @@ class Actuation:
         """
         commanded, stated, m = list[Array](), list[str](), len(self._names)
         for kind in COMMANDS:
-            name = f"the list of {kind} commands, one for each arm,"
-            require_type(name, values := command.of(kind), Sequence, np.ndarray)
-            if len(values) not in (0, m):
-                raise ShapeError(name, (len(values),), (m,))
+            values = command.of(kind)
+            if type(values) not in _LISTS or len(values) not in (0, m):
+                name = f"the list of {kind} commands, one for each arm,"
+                require_type(name, values, Sequence, np.ndarray)
+                if len(values) not in (0, m):
+                    raise ShapeError(name, (len(values),), (m,))
             stated += [kind] * bool(len(values))
         for index, (name, arm) in enumerate(zip(self._names, self.drives.arms, strict=True)):
             values = command.of(arm.takes)
