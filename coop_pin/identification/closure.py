@@ -268,9 +268,7 @@ def sample_times(record: Record, most: int = _SAMPLES) -> Array:
 
     Equal parts of the path of all joints: at rest, errors of counts would repeat.
     """
-    start, end = record.span
-    if record.free is not None:
-        start = max(start, record.free[1])
+    start, end = record.held_span
     first = next(iter(record.arms.values())).time
     grid = np.linspace(start + _MARGIN, end - _MARGIN, 4 * most)
     is_near = np.ones(len(grid), dtype=bool)

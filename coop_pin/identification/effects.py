@@ -54,9 +54,7 @@ def effects(
         friction: friction of drives; its columns follow those of the parameters, one each.
         squeeze: f_d of all arms in payload axes by the time, N and N m, shape (m, 6).
     """
-    start, end = record.span
-    start = start if record.free is None else max(start, record.free[1])
-    times = np.linspace(start, end, _TIMES)
+    times = np.linspace(*record.held_span, _TIMES)
     rows, arms = list(closure.rows.indices), closure.arms
     views = {name: closure.view(name, times) for name in arms}
     p, first = len(parameters) + len(friction), next(iter(views.values()))

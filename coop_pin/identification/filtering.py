@@ -50,9 +50,7 @@ def filtered(record: Record, late: Mapping[str, float]) -> dict[str, Filtered]:
         record: record of the arms.
         late: delay of the clock of each arm, s.
     """
-    start, end = record.span
-    if record.free is not None:
-        start = max(start, record.free[1])
+    start, end = record.held_span
     step = max(float(np.median(np.diff(arm.time))) for arm in record.arms.values())
     width = max(round(WINDOW / step), 4)
     kernel = np.hanning(width + 2)[1:-1]

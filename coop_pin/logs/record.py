@@ -65,6 +65,12 @@ class Record:
         stamps = [arm.time for arm in self.arms.values()]
         return max(float(time[0]) for time in stamps), min(float(time[-1]) for time in stamps)
 
+    @property
+    def held_span(self) -> tuple[float, float]:
+        """First and last time at which every arm has samples and holds the payload, s."""
+        start, end = self.span
+        return (start if self.free is None else max(start, self.free[1])), end
+
     @classmethod
     def of_run(cls, result: RunResult) -> Self:
         """Return what the arms of a run would log: what their encoders and wrists read, and the torques.
