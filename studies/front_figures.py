@@ -79,7 +79,7 @@ def front_figure(judged: pd.DataFrame, tuning: pd.DataFrame) -> Figure:
         axes[0, 0].set(**LIMITS)
         handles = [Line2D([], [], linestyle="none", label=named(law), **marker(law)) for law in LAWS]
         bound = Line2D([], [], color=palette.LIMIT, linestyle=":", label="bound on own views")
-        figure.legend(handles=[*handles, bound], loc="outside upper center", ncols=5, columnspacing=1.2)
+        figure.legend(handles=[*handles, bound], loc="outside upper center", ncols=4, columnspacing=1.2)
     return figure
 
 
