@@ -5,6 +5,7 @@ import pytest
 from batches import require_same_samples
 from cells import ANCHORED, SCENARIOS, arm_of
 from numpy.testing import assert_allclose
+from page_texts import read_numbers, require_numbers, rounds_to
 
 import coop_pin as cp
 from coop_pin.base.errors import ScenarioError
@@ -92,10 +93,23 @@ def test_loads_that_come_and_go_slowly_ratchet_without_end():
 
 
 @pytest.mark.slow
+def test_a_hundred_newton_over_a_hundred_seconds_leave_half_of_them():
+    load, time = map(
+        float, read_numbers("impossibility", r"the same (\d+) N over (\d+) s leave half of them")
+    )
+    force = on_one_axis(lambda t: load * min(t / time, 1.0), time + 40.0)[-1, 1]
+    assert_allclose(force, 0.5 * load, rtol=0.005)
+
+
+@pytest.mark.slow
 def test_ten_sine_cycles_ratchet():
     """100 N, 20 s a cycle: more than three times the load."""
     force = on_one_axis(lambda t: 100.0 * np.sin(np.pi * t / 10.0) * (t < 200.0), 201.0)[:, 1]
-    assert_allclose(force[-1], 370.0, rtol=0.02)
+    load, cycle, left = read_numbers(
+        "impossibility", r"the same (\d+) N over .*, and ten sine cycles of (\d+) s leave (\d+) N"
+    )
+    assert (float(load), float(cycle)) == (100.0, 20.0)
+    assert_allclose(force[-1], float(left), rtol=0.02)
 
 
 @pytest.mark.parametrize(
@@ -187,7 +201,25 @@ def test_a_load_at_once_rests_below_the_product(load, begin, error, force, below
     off = (result.data.internal_wrench - result.data.desired_internal_wrench).values[-2, 0, :2]
     x = float(np.linalg.norm(result.data.pose_error.values[-2, :2]))
     assert_allclose((x, np.linalg.norm(off)), (error, force), rtol=0.02)
-    assert_allclose(0.25 * 1e-3 * load / (x + 1e-3) / np.linalg.norm(off), below, rtol=0.03)
+    times = 0.25 * 1e-3 * load / (x + 1e-3) / np.linalg.norm(off)
+    assert_allclose(times, below, rtol=0.03)
+    first, later = (
+        read_numbers("impossibility", text)
+        for text in (
+            r"(\d+) and (\d+) N from the start leave ([\d.]+) and ([\d.]+) N at [\d.]+ mm of error. "
+            r"That is ([\d.]+) and (\d+) times below",
+            r"(\d+) and (\d+) N from .* As a step after (?:\d+) s they leave ([\d.]+) and ([\d.]+) N, "
+            r"([\d.]+) and (\d+) times below",
+        )
+    )
+    shown, column = later if begin else first, int(load > 100.0)
+    assert float(shown[column]) == load
+    assert rounds_to(np.linalg.norm(off), shown[2 + column])
+    assert rounds_to(times, shown[4 + column])
+    bias = r"with (\d) mm of bias and \$\\delta\$ = ([\d.]+) mm"
+    require_numbers("impossibility", {bias: [1, 1.2], r"As a step after (\d+) s": 10})
+    if not begin:
+        require_numbers("impossibility", {r"N at ([\d.]+) mm of error": 1e3 * x})
 
 
 # ------------------------------------------------------------ fields, and what `check` says

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from page_texts import read_numbers, require_numbers
 
 import coop_pin as cp
 
@@ -125,14 +126,14 @@ def of_the_package(alpha, bias, duration):
     return np.linalg.norm(data.pose_error.values[:-1, :2], axis=1), force[:-1]
 
 
-def compare(lanes, duration, start):
-    """Hold the rms of both errors from a time on against runs of the package."""
+def compare(lanes, duration, start, part=1e-3):
+    """Hold the rms of both errors from a time on against runs of the package, to a part of them."""
     window = slice(round(start * 80.0), None)
     both = simulate(*np.array(lanes).T, duration)
     for lane, (alpha, bias) in enumerate(lanes):
         for mine, theirs in zip(both, of_the_package(alpha, bias, duration), strict=True):
-            one, other = (np.sqrt((part[window] ** 2).mean()) for part in (mine[:-1, lane], theirs))
-            assert_allclose(one, other, rtol=1e-3, err_msg=f"alpha {alpha}, bias {bias}")
+            one, other = (np.sqrt((errors[window] ** 2).mean()) for errors in (mine[:-1, lane], theirs))
+            assert_allclose(one, other, rtol=part, err_msg=f"alpha {alpha}, bias {bias}")
 
 
 def test_the_printed_law_on_a_plant_of_its_own():
@@ -141,9 +142,17 @@ def test_the_printed_law_on_a_plant_of_its_own():
 
 @pytest.mark.slow
 def test_the_curve_over_alpha_on_a_plant_of_its_own():
-    """The whole curve, without bias and with 1 mm."""
+    """The whole curve, without bias and with 1 mm, as the page has it."""
+    percent, start, end, count, bias = map(
+        float,
+        read_numbers(
+            "alpha", r"force to ([\d.]+) %. That is from (\d) to (\d+) s at all (\d+) values, .* with (\d) mm"
+        ),
+    )
     alphas = (0.0, *(digit * 10.0**power for power in range(-5, 0) for digit in (1, 2, 5)), 1.0)
-    compare([(alpha, bias) for alpha in alphas for bias in (0.0, 1e-3)], 20.0, 4.0)
+    assert len(alphas) == count
+    lanes = [(alpha, metres) for alpha in alphas for metres in (0.0, 1e-3 * bias)]
+    compare(lanes, end, start, percent / 100.0)
 
 
 def test_a_load_before_the_integral_takes_it_up():
@@ -151,4 +160,6 @@ def test_a_load_before_the_integral_takes_it_up():
     x_d, _ = desired(10.0)
     _, J = payload(joints(x_d[None]), 0.0)
     B = sum(2.0 * np.linalg.inv(j).T @ np.diag(K_D) @ np.linalg.inv(j) for j in J[0])
-    assert_allclose(100.0 * np.linalg.norm(np.linalg.inv(B)[:2, :2], 2), 0.0904, atol=5e-4)
+    sag = 1e3 * 100.0 * np.linalg.norm(np.linalg.inv(B)[:2, :2], 2)
+    assert_allclose(sag, 90.4, atol=0.5)
+    require_numbers("alpha", {r"or (\d+) mm in the worst direction": sag})
