@@ -3,9 +3,10 @@
     python tools/page_numbers.py          # counts, and the numbers that no test reads
     python tools/page_numbers.py --all    # every number
 
-A test reads a number if a group of one of its patterns stands there. Tables that a study writes between comments
-and blocks of code are left out, as tests compare or run them whole; so are formulas, code, headings and
-references such as "Theorem 3". ``tools/stated_numbers.tsv`` lists numbers that nothing derives, with the reason.
+A test reads a number if a group of one of its patterns stands there, or the pattern has the number itself as
+a condition of another. Tables that studies write and blocks of code are left out: tests compare or run them
+whole. So are formulas, code, headings and references such as "Theorem 3". ``tools/stated_numbers.tsv`` lists
+what nothing derives: conditions, definitions, quotations.
 """
 
 from __future__ import annotations
@@ -29,22 +30,30 @@ PAGES = {
     "docs/studies/front.md": "docs/studies/front.md",
     "docs/studies/paper-claims.md": "docs/studies/paper-claims.md",
 }
+"""Pages by the name that tests give them."""
+WHOLE = {"docs/studies/front.md"}
+"""Pages whose tables a test compares whole, without comments around them."""
 READERS = ("repository", "proof", "simulation", "control")
 """Folders of the tests that read these pages."""
-EQUATION = r"\$[\\\w{},. ]+(?:=|<|>|\\ge|\\le) *[\d.e-]+\$"
-"""Inline mathematics that is a symbol and its value; all else is a formula."""
+LONGEST = 60
+"""Characters of the longest group that is a number."""
+VALUE = r"[\\\w{},. ]+(?:=|<|>|\\ge|\\le) *[\d.e-]+\$"
+"""Inline mathematics that is a symbol and its value, after the first sign; all else is a formula."""
 SKIPPED = re.compile(
     r"^```.*?^```|^<!-- (?P<name>[\w ]+) -->.*?<!-- end of (?P=name) -->|\$\$.*?\$\$|^#[^\n]*|`[^`\n]*`"
-    rf"|\]\([^)]*\)|^\d\. |\$(?!\s)(?!{EQUATION[2:]})[^$\n]*\$",
+    rf"|\]\([^)]*\)|^\d\. |\$(?!\s)(?!{VALUE})[^$\n]*\$",
     re.DOTALL | re.MULTILINE,
 )
 REFERENCE = re.compile(
-    r"\b(?:Theorem|[Cc]laims?|[Jj]oint|arms?|[Ee]xercise|Figs?\.|eq\.|section|Automatica|Python|law|\*\*Joint) "
-    r"\(?\d[\d.]*\)?(?: (?:and|to) \d[\d.]*)?|\(23\)|\b(?:19|20)\d\d\b|\d-D\b|gen\. \d+"
+    r"\b(?:Theorem|[Cc]laims?|[Jj]oint|arm|[Ee]xercise|Figs?\.|eq\.|section|Automatica|Python) "
+    r"\(?\d[\d.]*\)?(?: (?:and|to) \d[\d.]*)?|\(23\)|\b(?!2000)(?:19|20)\d\d\b|\d-D\b"
+    r"|(?:=|>|\\ge|\\le) [01](?=[ $,]|$)"
 )
+"""References, and a symbol that is set to 0 or 1 or bounded by it."""
 NUMBER = re.compile(r"(?<![\w.^_\\{-])(?:\d+(?:\.\d+)?|\.\d+)(?:e-?\d+)?(?![\w}]|\.\d)")
 UNIT = re.compile(
-    r"\s*(?:N m\b|N/s|kN/m|mrad|rad|mm|kHz|Hz|%|degrees|kg|ms|m/s|µm|per second|minutes|times|[NmsJ]\b)?"
+    r"\s*(?:N m\b|N/s|kN/m|mrad|rad|mm|kHz|Hz|%|degrees|kg|ms|m/s|µm|per second|minutes|times|ticks"
+    r"|[NmsJ]\b)?"
 )
 
 
@@ -54,6 +63,7 @@ class Number(NamedTuple):
     Attributes:
         page: relative to the repository.
         line: from 1.
+        section: the heading above it.
         text: with its unit.
         context: what stands around it.
         tests: file::name of those that read it.
@@ -61,6 +71,7 @@ class Number(NamedTuple):
 
     page: str
     line: int
+    section: str
     text: str
     context: str
     tests: tuple[str, ...]
@@ -81,52 +92,38 @@ class Pattern(NamedTuple):
 
 
 def patterns(folder: Path = REPOSITORY / "tests") -> Iterator[Pattern]:
-    """Return the patterns with groups for numbers in tests, with the pages that the test names."""
+    """Return the patterns with groups in tests that name a page."""
     for file in sorted(path for name in READERS for path in (folder / name).rglob("test_*.py")):
         text = file.read_text(encoding="utf-8")
-        tree = ast.parse(text)
-        sources = [(node, ast.get_source_segment(text, node) or "") for node in tree.body]
-        constants = {
-            node.targets[0].id: source
-            for node, source in sources
-            if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)
-        }
-        for node, source in sources:
-            used = [
-                source,
-                *(other for name, other in constants.items() if re.search(rf"\b{name}\b", source)),
-            ]
-            pages = frozenset(
-                name for name in PAGES if _names(name, source if _calls(source) else "\n".join(used))
-            )
-            strings = list(_strings(node))
-            if isinstance(node, ast.FunctionDef):
-                strings += [
-                    each
-                    for other, _ in sources
-                    if isinstance(other, ast.Assign) and isinstance(other.targets[0], ast.Name)
-                    if re.search(rf"\b{other.targets[0].id}\b", source)
-                    for each in _strings(other)
-                ]
-                test = f"{file.relative_to(folder).as_posix()}::{node.name}"
-                for each in strings:
-                    if re.search(r"\((?!\?)[^()]*(?:\\d|\\w|\.\*|\[\^)", each):
-                        yield Pattern(each, test, pages)
+        if not any(_is_named(page, text) for page in PAGES):
+            continue
+        lines = text.splitlines()
+        nodes = {node: "\n".join(lines[node.lineno - 1 : node.end_lineno]) for node in ast.parse(text).body}
+        constants = {_name_of(node): node for node in nodes}
+        for node, source in nodes.items():
+            if not isinstance(node, ast.FunctionDef):
+                continue
+            words = set(re.findall(r"\w+", source))
+            used = [constants[name] for name in words & set(constants) if constants[name] is not node]
+            told = source if "_numbers(" in source else "\n".join([source, *(nodes[each] for each in used)])
+            pages = frozenset(page for page in PAGES if _is_named(page, told))
+            test = f"{file.relative_to(folder).as_posix()}::{node.name}"
+            for part in (node, *(each for each in used if isinstance(each, ast.Assign))):
+                for string in _strings(part):
+                    if re.search(r"\((?!\?)[^()]*(?:\\d|\\w|\.\*|\[\^)", string):
+                        yield Pattern(string, test, pages)
 
 
-def _calls(source: str) -> bool:
-    return "read_numbers(" in source or "require_numbers(" in source
+def _name_of(node: ast.stmt) -> str:
+    target = node.targets[0] if isinstance(node, ast.Assign) else node
+    return str(getattr(target, "id", getattr(target, "name", "")))
 
 
-def _names(page: str, source: str) -> bool:
-    """Return whether a test names a page: by its file, or quoted as the helpers of tests take it."""
+def _is_named(page: str, source: str) -> bool:
+    """Return whether a source names a page: by its file, or quoted as the helpers of tests take it."""
     stem = page.rpartition("/")[2].removesuffix(".md")
-    quoted = f'"{page}"' in source or f'"{stem}.md"' in source or f'"{stem}"' in source
-    return (
-        quoted
-        or (page == "alpha" and "alpha.PAGE" in source)
-        or (stem == "paper-claims" and "claims_page" in source)
-    )
+    names = [f'"{page}"', f'"{stem}.md"', f'"{stem}"'] if "/" not in page else [f'"{page}"', f'"{stem}.md"']
+    return any(name in source for name in names) or (page == "alpha" and "alpha.PAGE" in source)
 
 
 def _strings(node: ast.AST) -> Iterator[str]:
@@ -140,7 +137,7 @@ def _strings(node: ast.AST) -> Iterator[str]:
 
 
 def spans(name: str, text: str, known: list[Pattern]) -> Iterator[tuple[int, int, str]]:
-    """Return start and end of what the groups of patterns match on a page, with the test."""
+    """Return start and end of the numbers that patterns match on a page, with the test."""
     flat = text.replace("\n", " ")
     for pattern in known:
         if name not in pattern.pages:
@@ -152,8 +149,13 @@ def spans(name: str, text: str, known: list[Pattern]) -> Iterator[tuple[int, int
                 break
             for hit in hits if len(hits) <= 40 else ():
                 for group in range(1, len(hit.groups()) + 1):
-                    if hit[group]:
+                    if hit[group] and len(hit[group]) <= LONGEST:
                         yield (*hit.span(group), pattern.test)
+                for part in re.findall(r"[^\\()\[\]*+?|.]*\d[\w %]*", pattern.text):
+                    if (start := form.find(part.strip(), hit.start(), hit.end())) >= 0 and len(
+                        part.strip()
+                    ) > 3:
+                        yield (start, start + len(part.strip()), pattern.test)
 
 
 def numbers(name: str, known: list[Pattern]) -> Iterator[Number]:
@@ -161,15 +163,18 @@ def numbers(name: str, known: list[Pattern]) -> Iterator[Number]:
     text = (REPOSITORY / PAGES[name]).read_text(encoding="utf-8")
     read = list(spans(name, text, known))
     masked = text
-    for skipped in (SKIPPED, REFERENCE):
+    for skipped in (SKIPPED, REFERENCE, *([re.compile(r"^\|.*", re.MULTILINE)] if name in WHOLE else [])):
         masked = skipped.sub(lambda hit: re.sub(r"[^\n]", " ", hit[0]), masked)
+    headings = [(hit.start(), hit[1]) for hit in re.finditer(r"^#+ (.*)$", text, re.MULTILINE)]
     for hit in NUMBER.finditer(masked):
         start, end = hit.span()
         tests = sorted({test for low, high, test in read if low <= start and end <= high})
         unit = UNIT.match(masked, end)
-        context = " ".join(text[max(0, start - 60) : end + 40].split())
         label = f"{hit[0]} {unit[0].strip() if unit else ''}".strip()
-        yield Number(PAGES[name], text.count("\n", 0, start) + 1, label, context, tuple(tests))
+        section = [heading for place, heading in headings if place <= start][-1]
+        context = " ".join(text[max(0, start - 60) : end + 40].split())
+        line = text.count("\n", 0, start) + 1
+        yield Number(PAGES[name], line, section, label, context, tuple(tests))
 
 
 def stated() -> dict[tuple[str, str], str]:
@@ -193,9 +198,8 @@ def main() -> None:
         reason = reasons.get((one.page, one.text), "")
         counts[one.page]["read" if one.tests else "stated" if reason else "none"] += 1
         if "--all" in sys.argv or not (one.tests or reason):
-            print(
-                f"{one.page}:{one.line}\t{one.text}\t{', '.join(one.tests) or reason or 'none'}\t{one.context}"
-            )
+            source = ", ".join(one.tests) or reason or "none"
+            print(f"{one.page}:{one.line}\t{one.text}\t{source}\t{one.context}")
     for page, kinds in counts.items():
         print(f"{page}: {kinds['read']} read by a test, {kinds['stated']} stated, {kinds['none']} neither")
 

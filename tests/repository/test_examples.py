@@ -111,6 +111,8 @@ def laws_side_by_side(out, _folder):
         r"^\| ((?:printed|payload-space), [^|]+) \| ([\d.]+) \| ([\d.]+) \|", PAPER, re.MULTILINE
     )
     assert [name for name, *_ in rows] == list(found)
+    window = re.search(r"compare_laws.py`, (\d) to (\d+) s, no event", PAPER).groups()
+    assert f"window=({window[0]}.0, {window[1]}.0)" in (FOLDER / "compare_laws.py").read_text()
     for name, *shown in rows:
         for text, value in zip(shown, found[name], strict=False):
             assert float(f"{value:.{len(text.partition('.')[2])}f}") == float(text), name

@@ -67,23 +67,26 @@ def test_forces_under_a_bias_are_those_of_the_papers_table():
     }
     for law, (scenario, changes) in laws.items():
         (row,) = re.findall(rf"^\| {law} \|.*$", PAGES["paper"], re.MULTILINE)
-        (shown,) = re.findall(r"([\d.]+) N (?:after 20 s )?at 1 mm", row)
-        bias = {"events": [], "duration": 20.0, TIP: [1e-3, 0.0, 0.0]}
+        ((shown, end, metres),) = re.findall(r"([\d.]+) N (?:after (\d+) s )?at (\d) mm", row)
+        bias = {"events": [], "duration": float(end or 20.0), TIP: [1e-3 * float(metres), 0.0, 0.0]}
         force = worst_force(cp.run(scenario, changes | bias, warn=False).data).sel(time=slice(19.0, None))
         assert holds(float(np.sqrt((force**2).mean())), shown), law
 
 
 @pytest.mark.slow
 def test_the_picture_of_two_laws_under_a_bias_has_the_numbers_of_its_caption():
-    """Errors of the first arm at 20 s."""
+    """Errors of the first arm at the end."""
     caption = (
-        r"to ([\d.]+) N in 20 s at alpha 0.2 and to ([\d.]+) N at 0.002, the anchored law keeps ([\d.]+) N"
+        r"bias of (\d) mm: .*? to ([\d.]+) N in (\d+) s at alpha ([\d.]+) and to ([\d.]+) N at ([\d.]+), "
+        r"the anchored law keeps ([\d.]+) N"
     )
-    shown = re.search(caption, PAGES["paper"]).groups()
-    runs = [("adept-paper", 0.2), ("adept-paper", 0.002), ("adept-anchored", None)]
-    for (scenario, alpha), text in zip(runs, shown, strict=True):
-        changes = {"events": [], TIP: [1e-3, 0.0, 0.0], "duration": 20.0}
-        changes |= {} if alpha is None else {"controller.gains.sign_gain": alpha}
+    bias, strong, end, large, weak, small, anchored = re.search(caption, PAGES["paper"]).groups()
+    again = re.search(r"off by (\d) mm \(.*The picture is one run, (\d+) N", PAGES["paper"]).groups()
+    assert again == (bias, strong)
+    runs = {strong: ("adept-paper", large), weak: ("adept-paper", small), anchored: ("adept-anchored", None)}
+    for text, (scenario, alpha) in runs.items():
+        changes = {"events": [], TIP: [1e-3 * float(bias), 0.0, 0.0], "duration": float(end)}
+        changes |= {} if alpha is None else {"controller.gains.sign_gain": float(alpha)}
         data = cp.run(scenario, changes, warn=False).data.isel(arm=0, time=-1)
         assert holds(float(np.hypot(data.internal_axial_error, data.internal_shear_error)), text)
 
@@ -122,7 +125,10 @@ def test_forces_under_a_bias_and_under_friction_are_those_of_the_exercise(monkey
         assert holds(biased[law][1], shown)
     told = re.search(r"poses leave ([\d.]+) N, the wrenches ([\d.]+) N", page).groups()
     choose = (REPOSITORY / "docs" / "concepts" / "choose.md").read_text(encoding="utf-8")
-    assert told == re.search(r"mean-pose PI has ([\d.]+) N, the anchored law ([\d.]+) N", choose).groups()
+    text = r"(\d) N m of Coulomb .* (\d) N m of stiction .* PI has ([\d.]+) N, the anchored law ([\d.]+) N"
+    coulomb, stiction, *again = re.search(text, choose).groups()
+    assert told == tuple(again)
+    assert (float(coulomb), float(stiction)) == (friction.FRICTION["coulomb"], friction.FRICTION["stiction"])
     for law, shown in zip(("mean pose", "anchored"), told, strict=True):
         assert holds(rough[law][1], shown)
 

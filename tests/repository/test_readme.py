@@ -12,6 +12,7 @@ import matplotlib
 import pytest
 from browser import chromium
 from matplotlib import pyplot as plt
+from page_texts import read_numbers
 from test_architecture import PACKAGES
 
 import coop_pin
@@ -210,7 +211,7 @@ def test_the_numbers_of_the_papers_experiment_are_those_of_runs():
     )
     shipped, stronger = (
         numbers_of(coop_pin.run("adept-paper", {"controller.gains.sign_gain": alpha}, warn=False))
-        for alpha in (0.002, 0.2)
+        for alpha in map(float, read_numbers("paper", r"window \| α = ([\d.]+) \| α = ([\d.]+) \|"))
     )
     assert len(rows) == len(shipped)
     for (label, when, *shown), one, other in zip(rows, shipped, stronger, strict=True):
