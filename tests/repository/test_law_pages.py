@@ -471,7 +471,7 @@ def test_a_force_that_depends_on_the_last_digits_of_alpha_is_told(studies, judge
     for part in (0.0, 1e-6, 1e-3):
         changes = tuned | {alpha: tuned[alpha] * (1.0 + part)}
         forces.append(window.judged(cp.run(scenario, changes, warn=False))["force_N"])
-    told = r"gains.csv` it is ([\d.]+) N, with an α .* millionth larger ([\d.]+) N, .* thousandth larger ([\d.]+) N"
+    told = r"csv` it is ([\d.]+) N, with .* millionth larger ([\d.]+) N, .* thousandth larger ([\d.]+) N"
     require_numbers("docs/studies/front.md", {told: forces})
 
 
