@@ -177,7 +177,7 @@ def evaluate(search: Search, points: Sequence[Array]) -> Array:
 
 
 def cost(found: Array) -> Array:
-    """Return the sum of what lies outside, with the time to settle beyond 2.5 s in parts of it; inf for failed runs."""
+    """Return what lies outside, and the time to settle beyond 2.5 s in parts of it; inf for failed runs."""
     late = np.maximum(found[:, 20:] - PROMPT_S, 0.0).sum(axis=1) / PROMPT_S
     total = outside(found[:, :20].reshape(-1, 10, 2)).sum(axis=1) + late
     return np.where(np.isfinite(total), total, np.inf)
