@@ -78,8 +78,9 @@ def outside(found: Array) -> Array:
 
 
 def settled(samples: Any) -> Array:
-    """Return the times after which runs stay within 5 mm, after the start and after the event, (runs, 2)."""
-    far = np.linalg.norm(samples["pose_error"][..., :2], axis=-1) > 5e-3
+    """Return the times after which runs stay within 5 mm and 5 mrad, from start and event, (runs, 2)."""
+    error = samples["pose_error"]
+    far = (np.linalg.norm(error[..., :2], axis=-1) > 5e-3) | (np.abs(error[..., 5]) > 5e-3)
     time = np.arange(far.shape[1]) * TICK
     before = time < EVENT - 1e-9
     last = [

@@ -208,8 +208,8 @@ def test_a_load_at_once_rests_below_the_product(load, begin, error, force, below
         for text in (
             r"(\d+) and (\d+) N from the start leave ([\d.]+) and ([\d.]+) N at [\d.]+ mm of error. "
             r"That is ([\d.]+) and (\d+) times below",
-            r"(\d+) and (\d+) N from .* As a step after (?:\d+) s they leave ([\d.]+) and ([\d.]+) N, "
-            r"([\d.]+) and (\d+) times below",
+            r"(\d+) and (\d+) N from .* As a step after (?:\d+) s they leave ([\d.]+) and ([\d.]+) N at "
+            r"(?:[\d.]+) and (?:[\d.]+) mm, ([\d.]+) and (\d+) times below",
         )
     )
     shown, column = later if begin else first, int(load > 100.0)
@@ -218,7 +218,10 @@ def test_a_load_at_once_rests_below_the_product(load, begin, error, force, below
     assert rounds_to(times, shown[4 + column])
     bias = r"with (\d) mm of bias and \$\\delta\$ = ([\d.]+) mm"
     require_numbers("impossibility", {bias: [1, 1.2], r"As a step after (\d+) s": 10})
-    if not begin:
+    off_at = read_numbers("impossibility", r"N at ([\d.]+) and ([\d.]+) mm, [\d.]+ and \d+ times below")
+    if begin:
+        assert rounds_to(1e3 * x, off_at[column])
+    else:
         require_numbers("impossibility", {r"N at ([\d.]+) mm of error": 1e3 * x})
 
 

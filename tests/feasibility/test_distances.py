@@ -26,7 +26,6 @@ from coop_pin.results.finding import LEFT_TO_CHECK
 from coop_pin.running.cell_findings import distance_findings
 
 COLLIDING = {
-    "adept-paper-fit": ("left/link_2", "right/link_2"),
     "pick-carry-place": ("first/forearm_link", "third/wrist_1_link"),
     "three-ur5-far": ("second/forearm_link", "payload"),
 }

@@ -174,21 +174,15 @@ def test_loads_and_biases_on_the_page_of_the_paper_are_those_of_the_curve(studie
                 len(alpha.ALPHAS),
                 *alpha.ALPHAS[:: len(alpha.ALPHAS) - 1],
             ],
-            r"misses (\d) mm .*?by ([\d.]+) s": [
-                1e3 * studies["claims_window"].NARROW_BAND[0],
+            r"misses (\d) mm and (\d) mrad by ([\d.]+) s": [
+                *(1e3 * edge for edge in studies["claims_window"].NARROW_BAND),
                 misses - prompt,
             ],
+            r"the paper's simulation has (\d+) kN/m, which is not judged": 1e-3
+            * cp.Scenario.load("adept-compliant").cell.grasps["left"].stiffness[0],
             r"The load is ours, (\d+) N": alpha.LOAD,
         },
     )
-
-
-@pytest.mark.slow
-def test_the_fit_settles_as_the_page_of_claims_says(studies):
-    window = studies["claims_window"]
-    settled = window.judged(cp.run("adept-paper-fit", warn=False))["settled_s"]
-    told = {r"errors are below (\d) mm after ([\d.]+) s": [1e3 * window.BAND[0], settled]}
-    require_numbers("paper-claims", told)
 
 
 # ---------------------------------------------------------------- the printed law over alpha
@@ -269,6 +263,12 @@ def test_what_the_page_over_alpha_concludes_is_in_its_table(studies):
                 biased[0.002],
             ],
             r"N at ([\d.]+), and by (\d+) N at ([\d.]+)\. It grows": [0.002, biased[0.2], 0.2],
+            r"at ([\d.]+) chatter shows it, and ([\d.]+) mm leaves (\d+) N": [
+                0.2,
+                0.1,
+                alpha.at(table, 80.0, "bias 0.1 mm", "end_force_N").loc[0.2, "median"],
+            ],
+            r"None of the (\d+) is fast under a load": len(alpha.ALPHAS),
             r"take (\d+) N up, .* force under (\d) mm, is (\d+) to (\d+) N from α = ([\d.]+) to ([\d.]+),": [
                 alpha.LOAD,
                 1,
@@ -374,9 +374,10 @@ QUOTED = {
     r"under a turned base, ([\d.]+) N \(Pandas ([\d.]+) N\)": [
         (cell, "dead zone", TURNED, "force_N") for cell in ("adept", "panda")
     ],
-    r"N\), and ([\d.]+) N at 1 mm. It costs most of its width in position, ([\d.]+) mm": [
+    r"N\), and ([\d.]+) N at 1 mm. It costs ([\d.]+) mm of position \(Pandas ([\d.]+)\)": [
         ("adept", "dead zone", MILLIMETRE, "force_N"),
         ("adept", "dead zone", "nominal", "position_mm"),
+        ("panda", "dead zone", "nominal", "position_mm"),
     ],
     r"tracks the Adept arms to ([\d.]+) mm with ([\d.]+) N, and has ([\d.]+) N at 1 mm": [
         ("adept", PRINTED, "nominal", "position_mm"),
