@@ -229,7 +229,7 @@ def robust(curve: pd.DataFrame) -> Claim:
                 lambda alpha: f"{written(position[alpha])} mm",
             ),
             over_alpha(
-                f"and at most {SMALL_N:g} N",
+                f"and at most {SMALL_N:g} N, at $K_f$ = 0",
                 (position <= SMALL_MM) & (strain <= SMALL_N),
                 lambda alpha: f"{written(strain[alpha])} N",
             ),
@@ -245,13 +245,13 @@ def robust(curve: pd.DataFrame) -> Claim:
     return Claim(
         "It is robust in the face of varying dynamics (abstract)",
         "exact kinematics; masses, inertias and friction are unknown but bounded; no compensation of external"
-        " disturbances (section 4.1)",
+        " disturbances (section 3)",
         (
             *rules("under other masses and friction", dynamics),
             relative,
             *(
                 rule._replace(verdict=f"not a claim; {rule.verdict}")
-                for rule in rules("under an unknown load of 100 N", [load])
+                for rule in rules("under an unknown load of 100 N along $y$ from the start", [load])
             ),
         ),
     )

@@ -49,6 +49,8 @@ AXES = (
     Axis("joint 2, arm 2", -80.0, 60.0, 20.0),
     Axis("joint 3, arm 2", -100.0, 40.0, 20.0),
 )
+SEEN = 1e-3
+"""Part of an axis that shows: less beyond it is within it."""
 LOW, HIGH, TICKS = (np.array([getattr(axis, name) for axis in AXES]) for name in ("low", "high", "tick"))
 
 
@@ -104,7 +106,7 @@ def table() -> str:
         cells = [axis.curve, f"{axis.low:g} to {axis.high:g}"]
         for column in columns:
             text = " to ".join(f"{value:.{2 if axis.tick < 1.0 else 1}f}" for value in column[index])
-            cells.append(f"**{text}**" if outside(column[None])[0, index] == 0.0 else text)
+            cells.append(f"**{text}**" if outside(column[None])[0, index] < SEEN else text)
         rows.append(cells)
     sums = [f"{outside(column[None]).sum():.2f}" for column in columns]
     rows.append(["sum of what lies outside, in lengths of the axes", "", *sums])
