@@ -18,7 +18,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 FOLDER, PAGES = Path(cp.__file__).parent / "zoo", REPOSITORY / "docs" / "zoo"
 NAMES = experiment_names()
 VERDICTS = ("holds", "holds in part", "does not hold", "cannot be judged")
-QUICK = "object-impedance"
+QUICK = "force-leader"
 """Experiment whose short form takes seconds."""
 
 sys.path.insert(0, str(REPOSITORY / "tools"))
@@ -46,7 +46,8 @@ def test_the_list_has_thirteen_kinds_and_every_experiment_tests_what_it_says():
 def test_an_experiment_is_a_folder_of_a_scenario_its_claims_and_at_most_60_lines(name):
     folder, experiment = FOLDER / name.replace("-", "_"), load_experiment(name)
     code = (folder / "experiment.py").read_text("utf-8")
-    assert len(code.splitlines()) <= 60
+    lines = [line for line in re.sub(r'""".*?"""', "", code, flags=re.S).splitlines() if line.strip()]
+    assert len(lines) <= 60
     assert {file.suffix for file in folder.iterdir() if file.is_file()} <= {".py", ".toml", ".urdf"}
     assert [cp.Scenario.load(file) for file in folder.glob("*.toml") if file.stem != "experiment"]
     assert experiment.chosen
