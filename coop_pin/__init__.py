@@ -169,7 +169,7 @@ _NAMESPACES: dict[str, tuple[str, dict[str, str]]] = {
 
 _PACKAGES = (
     *("chain", "comparison", "compiled", "design", "feasibility", "figures", "grasps", "identification"),
-    *("logs", "model", "model_based", "proof", "results", "stability", "sweeps", "viz"),
+    *("logs", "model", "model_based", "proof", "results", "stability", "sweeps", "viz", "zoo"),
 )
 """Packages that are namespaces."""
 _MOVED = {
