@@ -18,7 +18,7 @@ class Measured(NamedTuple):
         value: the number.
         unit: its unit; "" without one.
         least: lower limit.
-        most: upper limit.
+        most: upper limit; a number without limits is told, and decides nothing.
     """
 
     claim: str
@@ -34,8 +34,15 @@ class Measured(NamedTuple):
         return bool(self.least <= self.value <= self.most)
 
     @property
+    def decides(self) -> bool:
+        """Whether it has a limit."""
+        return not (math.isinf(self.least) and math.isinf(self.most))
+
+    @property
     def limit(self) -> str:
-        """Its limits, as text."""
+        """Its limits, as text; "-" of a number that decides nothing."""
+        if not self.decides:
+            return "-"
         if math.isinf(self.least):
             return f"<= {self.most:.3g}"
         return f">= {self.least:.3g}" if math.isinf(self.most) else f"{self.least:.3g} to {self.most:.3g}"
@@ -80,7 +87,7 @@ class Reproduction(NamedTuple):
         Args:
             claim: name of the claim.
         """
-        held = [number.holds for number in self.numbers if number.claim == claim]
+        held = [number.holds for number in self.numbers if number.claim == claim and number.decides]
         if not held or self.claims[claim]:
             return "cannot be judged"
         return "holds" if all(held) else "holds in part" if any(held) else "does not hold"

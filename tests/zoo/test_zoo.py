@@ -89,6 +89,7 @@ def made(*values, unjudged=""):
         (made(0.5, 1.5), "holds in part"),
         (made(1.5, np.nan), "does not hold"),
         (made(), "cannot be judged"),
+        (Reproduction("made", {"c": ""}, (Measured("c", "told", 1.0),), ()), "cannot be judged"),
         (made(0.5, unjudged="no text"), "cannot be judged"),
     ],
 )
@@ -98,11 +99,12 @@ def test_a_verdict_follows_from_the_numbers_of_its_claim(run, verdict):
     assert max(map(len, run.summary().splitlines())) <= 80
     told = json.loads(json.dumps(run.to_json(), allow_nan=False))
     assert told["verdicts"] == {"c": verdict}
-    assert [number["holds"] for number in told["numbers"]] == [value.value <= 1.0 for value in run.numbers]
+    assert [one["holds"] for one in told["numbers"]] == [one.value <= 1.0 for one in run.numbers]
 
 
 def test_a_limit_is_told_by_what_it_bounds():
     assert Measured("c", "n", 1.0, most=2.0).limit == "<= 2"
+    assert Measured("c", "n", 1.0).limit == "-"
     assert Measured("c", "n", 1.0, least=0.5).limit == ">= 0.5"
     assert Measured("c", "n", 1.0, least=0.5, most=2.0).limit == "0.5 to 2"
 
