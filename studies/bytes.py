@@ -153,7 +153,7 @@ def table(data: pd.DataFrame, law: str) -> str:
                 ].itertuples()
                 is_lost = row.diverged > 0
                 cells += [
-                    "" if is_lost else f"{row.bytes_per_s:.3g}",
+                    "" if is_lost else f"{row.bytes_per_s:.0f}",
                     f"{row.diverged} of {SEEDS} diverge"
                     if is_lost
                     else f"{row.force_N:.3g} ({row.least_N:.3g} to {row.largest_N:.3g})",
@@ -171,7 +171,7 @@ def least_bytes(data: pd.DataFrame, law: str, factor: float = 1.5) -> str:
         full = at_loss[(at_loss.way == "rate") & (at_loss.value == RATES[0])].iloc[0]
         kept = at_loss[(at_loss.diverged == 0) & (at_loss.force_N <= factor * full.force_N)]
         parts = [
-            f"{kept[kept.way == way].bytes_per_s.min() / full.bytes_per_s:.1%} by the {way}"
+            f"{100 * kept[kept.way == way].bytes_per_s.min() / full.bytes_per_s:.3g} % by the {way}"
             for way in ("rate", "threshold")
             if (kept.way == way).any()
         ]
