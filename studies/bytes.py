@@ -10,6 +10,7 @@ Usage: python studies/bytes.py [--fresh | --draw]
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -100,16 +101,18 @@ def rows(law: str, way: str, loss: float) -> pd.DataFrame:
     return pd.DataFrame(table, columns=COLUMNS)
 
 
-def simulate(data: pd.DataFrame) -> pd.DataFrame:
+def simulate(
+    data: pd.DataFrame, rows: Callable[[str, str, float], pd.DataFrame] = rows, file: Path = DATA
+) -> pd.DataFrame:
     """Return the table with the rows that it lacks, each batch written when it is done."""
     for law in LAWS:
         for way in ("rate", "threshold"):
             for loss in LOSSES:
                 if not ((data.law == law) & (data.way == way) & (data.loss == loss)).any():
                     data = pd.concat([data, rows(law, way, loss)]) if len(data) else rows(law, way, loss)
-                    data.to_csv(DATA, index=False, float_format="%.4g")
+                    data.to_csv(file, index=False, float_format="%.4g")
                     print(law, way, loss, flush=True)
-    return pd.read_csv(DATA)
+    return pd.read_csv(file)
 
 
 def figure(data: pd.DataFrame) -> Figure:

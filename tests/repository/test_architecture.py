@@ -520,9 +520,10 @@ from coop_pin.control import CellTiming, MeanPose, Message
 class Ring:  # all that a law by messages reads of its scenario
     edges_at = staticmethod(lambda time, arms: {(arms[0], arms[1]), (arms[1], arms[0])})
     slowest_of = staticmethod(lambda arms: 0)
+    longest_silence_of = staticmethod(lambda arms, clock: 0.0)
 
 class Told:
-    network, timing, beyond_bound = Ring, CellTiming(("left", "right"), 3, 0.0125), False
+    network, timing, beyond_bound, clock = Ring, CellTiming(("left", "right"), 3, 0.0125), False, None
     class cell:
         arms = ("left", "right")
 

@@ -296,12 +296,12 @@ def test_a_run_with_silent_arms_goes_on_from_its_state_with_the_same_bits(cell):
 def test_what_was_said_last_counts_as_new_until_an_arm_is_silent_for_too_long():
     """Of the force path by messages, 2 ticks late; 10 ticks of silence are allowed."""
     law = ExchangedWrench(None, None, 2.0, 10.0)
-    assert [float(law._lateness(age)) for age in (0.0, 2.0, 3.0, 12.0, 13.0, np.inf)] == [
+    assert [float(law.lateness(age)) for age in (0.0, 2.0, 3.0, 12.0, 13.0, np.inf)] == [
         *(0.0, 2.0, 2.0, 2.0, 13.0),
         np.inf,
     ]
     always = ExchangedWrench(None, None, 2.0, 0.0)
-    assert [float(always._lateness(age)) for age in (0.0, 2.0, 3.0, np.inf)] == [0.0, 2.0, 3.0, np.inf]
+    assert [float(always.lateness(age)) for age in (0.0, 2.0, 3.0, np.inf)] == [0.0, 2.0, 3.0, np.inf]
 
 
 @pytest.mark.parametrize("cell", ["planar", "spatial"])

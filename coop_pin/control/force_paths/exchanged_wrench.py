@@ -59,13 +59,13 @@ class ExchangedWrench(LawWrapper):
         """Return the measurement with the internal wrench."""
         wrenches, ages = received["wrench"], received["wrench_age"]
         total = reduce(add, [F.numbers for F in wrenches.values()])
-        age = reduce(np.maximum, [self._lateness(one.age) + one.numbers[0] for one in ages.values()])
+        age = reduce(np.maximum, [self.lateness(one.age) + one.numbers[0] for one in ages.values()])
         f = wrenches[self.arm.name].numbers - reference.share(self.arm) * total
         f_d = self.arm.rows.turn(measurement.payload_pose, reference.internal_wrench)
         f = np.where(age < np.inf, f, f_d)
         return measurement._replace(internal_wrench=f, internal_wrench_age=age), memory
 
-    def _lateness(self, age: float) -> Any:
+    def lateness(self, age: float) -> Any:
         """Return how old what an arm said last is, ticks, given the age of its message."""
         holds = (age <= self.delay + self.silence) & (age < np.inf)
         return np.where(holds, np.minimum(age, self.delay), age)
