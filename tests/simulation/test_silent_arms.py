@@ -209,6 +209,7 @@ def test_nothing_said_on_a_condition_is_none_and_batches_have_it(cell):
     assert np.all(sent > 1)
     assert np.all(sent < ticks)
     if cell == "planar":
+        assert cp.compiled.support(flagged) is None
         require_same_samples(cp.compiled.simulate_batch([flagged]).result(0).data, data)
         with pytest.raises(TracingError, match="branches"):
             cp.compiled.simulate_batch([branched])
@@ -306,14 +307,22 @@ def test_what_was_said_last_counts_as_new_until_an_arm_is_silent_for_too_long():
 
 @pytest.mark.parametrize("cell", ["planar", "spatial"])
 def test_a_few_messages_keep_the_squeeze_as_many_do(cell):
-    """The anchor goes on by what it heard last: 5 s, 1 mm off; without messages the bias stays."""
-    scenario = told(f"two {cell}", duration=5.0 if cell == "planar" else 1.0)
+    """The anchor goes on by what it heard last, with one arm 1 mm off."""
+    scenario = told(f"two {cell}", duration=2.5 if cell == "planar" else 0.5)
     scenario = scenario.override({"sensors.wrist.noise": {}})
     rare = scenario.override({"network": {"threshold": 0.3}})
     many, few = (samples(each) for each in (scenario, rare))
     errors = [np.abs(each.internal_axial_error.values[-1]).max() for each in (many, few)]
     assert few.bytes_sent.values[-1].sum() < 0.5 * many.bytes_sent.values[-1].sum()
     assert_allclose(errors[1], errors[0], atol=0.5)
+
+
+@pytest.mark.slow
+def test_check_says_that_its_count_is_without_the_threshold():
+    scenario = told("two planar", network={"threshold": 1.0})
+    simulation = cp.Simulation(scenario, build_controller(scenario))
+    (note,) = (each.sentence for each in cp.check(scenario, poses=3) if each.place == "network")
+    assert note == "without its threshold " + simulation.traffic().summary(scenario.clock.rate_hz)
 
 
 # ---------------------------------------------------------------- mistakes
