@@ -177,7 +177,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "xarray",
         },
     ),
-    "zoo": (set(), set()),
+    "zoo": (set(), {"pinocchio", "scipy"}),
     "cli": (
         {
             "comparison",
