@@ -10,7 +10,7 @@ from network_cells import BIASED, CELLS, samples
 from numpy.testing import assert_allclose, assert_array_equal
 
 import coop_pin as cp
-from coop_pin.base.errors import CoopPinError, FieldError, ScenarioError, TracingError
+from coop_pin.base.errors import CoopPinError, FieldError, ScenarioError, ShapeError, TracingError
 from coop_pin.control.force_paths.exchanged_wrench import ExchangedWrench
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.devices.network import MessageSignals, cell_network
@@ -174,6 +174,13 @@ class Mute(Caller):
         assert [len(message.numbers) for message in measurement.messages.values()] == [0, 0]
         assert {message.age for message in measurement.messages.values()} == {np.inf}
         return cp.ArmCommand(0.0 * measurement.q, state)
+
+
+class Bare(Caller):
+    """Says a number, and no array."""
+
+    def message(self, measurement, reference, state):
+        return 3.0
 
 
 class Late(Caller):
@@ -350,6 +357,12 @@ def test_thresholds_must_fit_messages_and_the_law():
     scenario = SCENARIOS["planar"]().override(skips | {"network": {"threshold": 1e-5}})
     with pytest.raises(FieldError, match="skip"):
         build_controller(scenario)
+
+
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_a_message_is_an_array(cell):
+    with pytest.raises(ShapeError, match="message"):
+        samples(under("Bare", cell))
 
 
 def test_analyses_near_rest_take_all_messages():

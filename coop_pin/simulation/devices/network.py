@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coop_pin.base.arrays import Array, frozen
-from coop_pin.base.errors import FieldError
+from coop_pin.base.errors import FieldError, ShapeError
 from coop_pin.base.spatial.generic_numbers import known, where
 from coop_pin.control import Message
 from coop_pin.control.measurement import Outgoing, Sent, SentIf
@@ -184,10 +184,16 @@ def said(message: Outgoing, now: Array | None = None) -> SentIf:
     Args:
         message: Message of the arm.
         now: Messages over the last ticks, the newest first, shape (D + 1, w).
+
+    Raises:
+        ShapeError: the message is no array.
     """
     if message is None:
         return SentIf(np.zeros(0) if now is None else now[0], False)
-    return message if isinstance(message, SentIf) else SentIf(message, True)
+    this = message if isinstance(message, SentIf) else SentIf(message, True)
+    if not hasattr(this.numbers, "__len__"):
+        raise ShapeError("message", np.shape(this.numbers), (1,))
+    return this
 
 
 def _is_zero(threshold: Array) -> bool:
