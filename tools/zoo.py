@@ -83,14 +83,22 @@ Scenarios and code are in `{folder}`.
 """
 
 
+def verdicts(name: str) -> str:
+    """Return the verdicts of a page, in the order of its claims."""
+    text = (PAGES / f"{name}.md").read_text(encoding="utf-8")
+    return "; ".join(re.findall(r"^\| \d\. .*\| \*\*([a-z ]+)\*\* \|$", text, re.MULTILINE))
+
+
 def methods() -> str:
     """Return the table of methods by what they measure and command."""
     rows = [
-        (f"[{one.kind}]({name}.md)", one.measures, one.commands, one.messages, one.knows)
+        (f"[{one.kind}]({name}.md)", one.measures, one.commands, one.messages, one.knows, verdicts(name))
         for name in cp.zoo.experiment_names()
         for one in (cp.zoo.load_experiment(name),)
     ]
-    return markdown(("kind", "each arm measures", "commands", "messages", "is told"), sorted(rows))
+    return markdown(
+        ("kind", "each arm measures", "commands", "messages", "is told", "claims 1, 2, 3"), sorted(rows)
+    )
 
 
 def save_picture(experiment: Experiment, run: Reproduction) -> Path:

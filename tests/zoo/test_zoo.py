@@ -127,7 +127,8 @@ def test_a_wrong_name_and_a_claim_without_its_source_are_refused():
 
 def test_the_command_lists_experiments_and_runs_a_short_form(capsys):
     assert not main(["zoo"])
-    assert [name for name in NAMES if name not in capsys.readouterr().out] == []
+    listed = capsys.readouterr().out
+    assert [name for name in NAMES if name not in listed] == []
     assert not main(["zoo", "--json"])
     assert [one["name"] for one in json.loads(capsys.readouterr().out)] == NAMES
     assert not main(["zoo", QUICK, "--short"])

@@ -28,7 +28,7 @@ def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
         grasp, end = np.searchsorted(time, [CELL.events[1].time, CELL.events[2].end])
         curves.append(Trace(f"gap of the left hand, {label}", time[:end], gap[:end]))
         if label == "moved on":
-            moved = 1e3 * np.linalg.norm(P[grasp] - P[0])
+            moved = 1e3 * float(np.linalg.norm(P[grasp] - P[0]))
             up = -data.interaction_wrench.values[..., 2] / WEIGHT
             off = 1e3 * np.linalg.norm(data.pose_error.values[:, :3], axis=1).max()
             curves.append(Trace("way of the box", time[:end], 1e3 * np.linalg.norm(P - P[0], axis=1)[:end]))

@@ -13,7 +13,7 @@ ALIGN, GROWS = "forces align by the object's motion alone", "the rate grows in p
 STEERS = "a small force of a leader steers the group"
 
 
-class Robot(cp.ArmController):
+class ForceFollower(cp.ArmController):
     """F <- F + T k (M vdot + b v - N F), by the object's motion; a leader's F is bounded PD to the goal."""
 
     def __init__(self, robots: int, force: Any = (0.0, 0.0), k: float = K, *, leads: bool = False) -> None:
@@ -47,7 +47,7 @@ def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
     """Let forces align in rings of robots, then let one robot lead three, and push alone."""
     numbers, curves, rng = [], [], np.random.default_rng(0)
     for n in (4, 8) if short else (4, 8, 16):
-        laws, rate = [Robot(n, force) for force in rng.normal(0.0, 5.0, (n, 2))], n * K
+        laws, rate = [ForceFollower(n, force) for force in rng.normal(0.0, 5.0, (n, 2))], n * K
         data = ring(CELL, laws, {"duration": 4.0 / rate})
         t, F = data.time.values, data.torque.values[..., :2]
         mean = F.mean(axis=1, keepdims=True)
@@ -62,7 +62,7 @@ def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
         curves += [Trace(f"{n} robots", t, y), Trace(f"exp(-{rate:g} t)", t, np.exp(-rate * t), dashed=True)]
     left, seconds, most, least = [], *((12.0, 0.5, 2.0) if short else (30.0, 0.05, 10.0))
     for k in (K, 0.0):
-        data = ring(CELL, [Robot(4, k=k, leads=not i) for i in range(4)], {"duration": seconds})
+        data = ring(CELL, [ForceFollower(4, k=k, leads=not i) for i in range(4)], {"duration": seconds})
         left.append(float(np.linalg.norm(data.payload_position.values[-1, :2] - GOAL)))
     numbers.append(Measured(STEERS, "left of 2.24 m by a leader with three", left[0], "m", most=most))
     numbers.append(Measured(STEERS, "left by it alone, in multiples", left[1] / left[0], "", least=least))

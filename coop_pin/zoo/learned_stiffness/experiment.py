@@ -1,6 +1,7 @@
 """Learned stiffness: spring and damper of a law as functions of the load's mass, learnt from rewards."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,7 @@ FIXED, BY_MASS = np.array([1.0, 0.0, 1.0, 0.0]), np.ones(4)
 
 def costs(policies: Array, masses: tuple[float, ...], seed: int) -> tuple[Array, Array]:
     """Return tracking in mm and cost, mm + 0.2 N of internal force, of each policy and mass."""
-    runs = []
+    runs: list[Any] = []
     for policy in policies:
         for mass in masses:
             spring, damper = np.exp(np.clip(policy.reshape(2, 2) @ [1.0, np.log(mass / 7.0)], -3.0, 3.0))

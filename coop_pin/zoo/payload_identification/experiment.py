@@ -56,17 +56,14 @@ def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
         wrenches = "measured_wrench" if label == "noisy" else "interaction_wrench"
         theta, places, centre = regression(data, wrenches, slice(200, int(end)))
         body = pin.Inertia.FromDynamicParameters(theta)
-        mass, off = 100 * abs(body.mass / load.mass - 1), 1e3 * np.linalg.norm(body.lever - centre)
+        mass, off = 100 * abs(body.mass / load.mass - 1), 1e3 * float(np.linalg.norm(body.lever - centre))
         inertia = 100 * np.abs(np.diag(body.inertia) / np.array(load.inertia)[:3] - 1).max()
-        for name, error in {"mass": mass, "inertia": inertia}.items():
-            errors[name] += [error] if label == "noisy" else []
+        if label == "noisy":
+            errors["mass"].append(mass)
+            errors["inertia"].append(inertia)
         if end == ends[-1]:
-            most = 1e6 * np.abs(places).max()
-            numbers += (
-                [Measured(GRASPS, "worst place of a grasp", most, "um", most=100.0)]
-                if label == "exact"
-                else []
-            )
+            worst = 1e6 * np.abs(places).max()
+            numbers.append(Measured(GRASPS, f"{label}: worst place of a grasp", worst, "um", most=100.0))
             numbers.append(Measured(MASS, f"{label}: mass off", mass, "%", most=1.0))
             numbers.append(Measured(MASS, f"{label}: centre off", off, "mm", most=1.0))
             numbers.append(Measured(INERTIA, f"{label}: worst moment of inertia off", inertia, "%", most=5.0))
