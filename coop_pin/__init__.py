@@ -129,7 +129,10 @@ _NAMESPACES: dict[str, tuple[str, dict[str, str]]] = {
     ),
     "network": (
         "Messages between the arms: channels, clocks and graphs.",
-        {"description.network": "ArmClock Channel EdgeChannel GraphChange Network"},
+        {
+            "control.measurement": "SentIf",
+            "description.network": "ArmClock Channel EdgeChannel GraphChange Network",
+        },
     ),
     "numbers": (
         "Functions for laws that are compiled: they take numbers and what stands for them in traced code.",
@@ -169,7 +172,7 @@ _NAMESPACES: dict[str, tuple[str, dict[str, str]]] = {
 
 _PACKAGES = (
     *("chain", "comparison", "compiled", "design", "feasibility", "figures", "grasps", "identification"),
-    *("logs", "model", "model_based", "proof", "results", "stability", "sweeps", "viz"),
+    *("logs", "model", "model_based", "proof", "results", "stability", "sweeps", "viz", "zoo"),
 )
 """Packages that are namespaces."""
 _MOVED = {

@@ -7,6 +7,7 @@ from cells import ANCHORED, SCENARIOS, planar_three_arms
 
 import coop_pin as cp
 from coop_pin.simulation.build_controller import build_controller
+from coop_pin.simulation.devices.network import CellNetwork, NetworkSignals
 
 SHARES = (0.2, 0.3, 0.5)
 
@@ -35,6 +36,25 @@ CELLS = {
 
 def samples(scenario, controller=None):
     return cp.simulate(scenario, build_controller(scenario) if controller is None else controller).data
+
+
+def moved(data):
+    """Data without what arms sent, in which laws that move alike may differ."""
+    return data.drop_vars(["messages_sent", "bytes_sent"], errors="ignore")
+
+
+def network_of(names, edges, delay):
+    """Network whose edges, the arms' own among them, round and keep back nothing."""
+    size = len(edges)
+    ages = tuple(range(delay + 1))
+    return CellNetwork(tuple(names), tuple(edges), np.zeros(size), (np.zeros(1),) * size, (0.0,) * size, ages)
+
+
+def arriving(arrived, delay):
+    """Signals of a tick at which all edges send, and messages of an age arrive on some; a mask."""
+    arrives = np.zeros((len(arrived), delay + 1))
+    arrives[:, delay] = arrived
+    return NetworkSignals(np.ones(len(arrived)), arrives)
 
 
 class Silent(cp.ArmController):

@@ -4,14 +4,15 @@ Open first: ``parsing`` (all commands), ``run`` (``coop-pin run``; its folder is
 ``overrides`` (fields of a scenario as typed).
 
 - Commands: ``check``, ``blame``, ``inspect`` (list, show, suggest, new), ``root_locus``, ``export``,
-  ``sweep`` (also ``tune``, and options of commands with many runs), ``compare``, ``conform``, ``view``;
-  ``field_list`` is what ``fields`` prints.
+  ``sweep`` (also ``tune``, and options of commands with many runs), ``compare``, ``conform`` (also ``zoo``),
+  ``view``; ``field_list`` is what ``fields`` prints.
 - ``exit_codes`` lists how a command ends; ``terminal`` wraps lines and tells what goes on.
 
 What is slow to load is imported in the command that needs it.
 
 Imports ``base``, ``comparison``, ``compiled``, ``description``, ``design``, ``feasibility``, ``figures``,
-``identification``, ``logs``, ``results``, ``running``, ``stability``, ``sweeps`` and ``viz``.
+``identification``, ``logs``, ``results``, ``running``, ``stability``, ``sweeps``, ``viz`` and
+``zoo``.
 """
 
 from __future__ import annotations

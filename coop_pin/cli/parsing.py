@@ -15,7 +15,7 @@ from coop_pin.base.errors import FieldError
 from coop_pin.cli.blame import blame
 from coop_pin.cli.check import check
 from coop_pin.cli.compare import compare
-from coop_pin.cli.conform import conform
+from coop_pin.cli.conform import conform, zoo
 from coop_pin.cli.export import export
 from coop_pin.cli.inspect import check_urdf, fields_of, list_all, new, show, suggest
 from coop_pin.cli.root_locus import root_locus
@@ -43,6 +43,7 @@ COMMANDS: dict[str, Callable[..., int | None]] = {
     "compare": compare,
     "conform": conform,
     "export": export,
+    "zoo": zoo,
 }
 """Commands by name; those with an argument ``fields`` take the fields of a scenario as options."""
 

@@ -27,7 +27,7 @@ from coop_pin.feasibility import reachability
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation.build_controller import build_controller
-from coop_pin.simulation.devices.network import heard
+from coop_pin.simulation.devices.exchange import heard
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.stability import motion_stability
 

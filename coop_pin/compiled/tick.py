@@ -19,12 +19,14 @@ from coop_pin.compiled.plant.arm_dynamics import newton_euler
 from coop_pin.compiled.plant.cell_dynamics import CellMotion, CellState, cell_motion, energy_gain
 from coop_pin.compiled.plant.plant_code import write_observed, write_step
 from coop_pin.compiled.plant.serial_arm import Numbers, frames
-from coop_pin.control import ArmMeasurement, ArmReference, Message
+from coop_pin.control import ArmMeasurement, ArmReference
+from coop_pin.control.measurement import Outgoing, SentIf
 from coop_pin.description.events import Surroundings
 from coop_pin.results.energies import WORK
 from coop_pin.simulation.devices.actuation import TORQUE_LIMIT
 from coop_pin.simulation.devices.drives import Applied, DriveMotion, DriveState, Given
-from coop_pin.simulation.devices.network import NetworkSignals, heard
+from coop_pin.simulation.devices.exchange import heard
+from coop_pin.simulation.devices.network import Mail, NetworkSignals, said
 from coop_pin.simulation.devices.sensors import Truth, View
 from coop_pin.simulation.devices.torque_response import TorqueResponse
 from coop_pin.simulation.plant import CLOSURE_ERROR_LIMIT, SPEED_LIMIT
@@ -167,13 +169,13 @@ class TickCode:
         if network is None or not isinstance(timing, NetworkSignals):
             return measurements, None
 
-        def exchange(messages: Sequence[Numbers]) -> list[dict[str, Message]]:
+        def exchange(messages: Sequence[Outgoing]) -> list[Mail]:
             nonlocal state
-            sent = list(map(traced, messages))
+            sent = [SentIf(traced(numbers), condition) for numbers, condition in map(said, messages)]
             if state is None:
                 self._network = state = network.start(sent)
-            received, state = network.step(state, sent, timing)
-            return received
+            mail, state = network.step(state, sent, timing)
+            return mail
 
         return heard(constants.controller, measurements, references, law, exchange), state
 

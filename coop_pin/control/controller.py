@@ -16,7 +16,7 @@ import numpy as np
 from coop_pin.base.arrays import Array
 from coop_pin.base.errors import CommandError, SingularJacobianError
 from coop_pin.base.spatial.generic_numbers import Traceable
-from coop_pin.control.measurement import ArmMeasurement, ArmReference
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, Outgoing
 
 COMMANDS = {"torque": "N m", "velocity": "rad/s", "position": "rad"}
 """What an arm may take as commands, and the unit for revolute drives."""
@@ -148,8 +148,10 @@ class ArmController(_AnyController):
     def step(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> ArmCommand:
         """Return the command until the next tick, and the state for it."""
 
-    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
+    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Outgoing:
         """Return the message of this arm to the others, sent before any arm steps, shape (w,); empty here.
+
+        With None, or a SentIf whose condition fails, nothing is sent, and receivers keep the last message.
 
         Args:
             measurement: Measurement of the tick, without messages.
@@ -186,7 +188,7 @@ class CellController(_AnyController):
 
     def messages(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
-    ) -> list[Array]:
+    ) -> list[Outgoing]:
         """Return the message of each arm to the others; none of a law that has all measurements."""
         return []
 
@@ -243,7 +245,7 @@ class DecentralisedController(CellController):
 
     def messages(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
-    ) -> list[Array]:
+    ) -> list[Outgoing]:
         """Return the message of each arm to the others; see ArmController."""
         laws = self.controllers.values()
         states = [None] * len(laws) if state is None else state

@@ -15,7 +15,7 @@ from coop_pin.base.spatial.grasp_rows import GraspRows
 from coop_pin.base.spatial.task_rows import FullRows
 from coop_pin.control.controller import ArmCommand, ArmController
 from coop_pin.control.gains import Gains
-from coop_pin.control.measurement import ArmMeasurement, ArmReference
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, Outgoing
 
 _FULL = FullRows()
 G = TypeVar("G", bound=Gains)
@@ -53,7 +53,7 @@ class GraspSpaceController(ArmController):
         """Return the law's command and next state; raises as the law."""
         return self.law.step(*self.about_joint(measurement, reference), state)
 
-    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
+    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Outgoing:
         """Return the law's message."""
         return self.law.message(*self.about_joint(measurement, reference), state)
 

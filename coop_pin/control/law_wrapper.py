@@ -13,7 +13,7 @@ from coop_pin.base.arrays import Array
 from coop_pin.base.errors import InvalidStateError
 from coop_pin.base.spatial import TaskRows, inverse_pose
 from coop_pin.control.controller import ArmCommand, ArmController, CellCommand, CellController
-from coop_pin.control.measurement import ArmMeasurement, ArmReference, Message, Messages
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, Message, Messages, Outgoing
 
 Parts: TypeAlias = Mapping[str, Array]
 """Numbers of a message by name, in the order in which they are sent."""
@@ -21,9 +21,9 @@ Received: TypeAlias = Mapping[str, Messages]
 """Messages of each part, by its name."""
 
 
-def packed(parts: Parts, rest: Array) -> Array:
-    """Return a message of named parts and the numbers that follow them, shape (w,)."""
-    return np.concatenate([*parts.values(), rest])
+def packed(parts: Parts, rest: Outgoing) -> Outgoing:
+    """Return a message of named parts and what follows them: numbers, unless there are no parts."""
+    return np.concatenate([*parts.values(), rest]) if parts else rest
 
 
 def unpacked(messages: Messages, parts: Parts) -> tuple[dict[str, Messages], Messages]:
@@ -117,7 +117,7 @@ class LawWrapper(ArmController):
 
     def message(
         self, measurement: ArmMeasurement, reference: ArmReference, state: WrappedState | None
-    ) -> Array:
+    ) -> Outgoing:
         """Return this arm's message: the parts of the wrapper, then the message of the law, shape (w,)."""
         state = WrappedState(self.start(measurement, reference), None) if state is None else state
         parts = self.sent(measurement, reference, state)
@@ -205,7 +205,7 @@ class ZeroedController(LawWrapper):
 
     def message(
         self, measurement: ArmMeasurement, reference: ArmReference, state: WrappedState | None
-    ) -> Array:
+    ) -> Outgoing:
         """Return the message of the law, of the corrected measurement."""
         offset = self.start(measurement, reference) if state is None else state.memory
         return super().message(self._zeroed(measurement, offset), reference, state)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -26,6 +26,34 @@ class Message(NamedTuple):
 
 Messages: TypeAlias = Mapping[str, Message]
 """Messages by sender."""
+
+
+class SentIf(NamedTuple):
+    """Message of a law that may have nothing to say, without a branch on values: batches have it, too.
+
+    Attributes:
+        numbers: numbers of the message, shape (w,).
+        condition: whether it is sent.
+    """
+
+    numbers: Array
+    condition: Any
+
+
+class Sent(NamedTuple):
+    """Messages that an arm has sent since the start, one for each arm that hears it.
+
+    Attributes:
+        messages: their number.
+        bytes: bytes of their numbers, as doubles.
+    """
+
+    messages: float
+    bytes: float
+
+
+Outgoing: TypeAlias = Array | SentIf | None
+"""What an arm says at a tick: numbers, numbers on a condition, or None for nothing."""
 
 
 class ArmMeasurement(NamedTuple):
@@ -59,6 +87,8 @@ class ArmMeasurement(NamedTuple):
             tick and without patches.
         messages: latest message of each arm that this one hears, by name in the order of the cell's arms, its
             own among them as it was sent; None where the scenario has no network, or the law sends nothing.
+        sent: messages that this arm has sent since the start, those of this tick among them; None before
+            they are counted.
         shared_position: positions of the shared joints under the arm as it is told, m or rad, shape (n,);
             None without any. Pose, twist and Jacobian are those with the joints there.
         shared_velocity: their rates likewise, m/s or rad/s, shape (n,).
@@ -80,6 +110,7 @@ class ArmMeasurement(NamedTuple):
     reported_torque: Array | None = None
     slip: float | None = None
     messages: Mapping[str, Message] | None = None
+    sent: Sent | None = None
     shared_position: Array | None = None
     shared_velocity: Array | None = None
     carried_twist: Array | None = None

@@ -6,10 +6,11 @@ import collections
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field
 
 from coop_pin.base.errors import FieldError
-from coop_pin.base.schema.base import Description, NotNegative, Positive, unknown_arms
+from coop_pin.base.schema.base import Description, Magnitude, NotNegative, Positive, unknown_arms
 from coop_pin.base.schema.delay import Delay
 from coop_pin.base.schema.parts import fields_of
 from coop_pin.description.plant import Clock
@@ -24,6 +25,9 @@ Ticks = Annotated[int, Field(ge=0)]
 class Channel(Description):
     """Way of a message: ``resolution * round(message / resolution)``, ``delay`` ticks later, or lost.
 
+    With a threshold a message is sent when a number of it differs from the last one sent by as much: send on
+    delta, as of Miskowicz, Sensors 6 (2006), or event-triggered. The receiver keeps the last that arrived.
+
     Attributes:
         delay: ticks from a message to its arrival, or a time such as "5 ms", rounded up to ticks; 0 arrives
             before any arm steps, in a round of its own, 1 is sent with the command.
@@ -32,6 +36,10 @@ class Channel(Description):
         loss: probability that a message is lost.
         rate_hz: rate of the messages, Hz: the control rate, which is the default, divided by a whole number.
         resolution: step of every number of a message, in its own unit; 0 rounds nothing.
+        threshold: change of a number since the last message at which the next is sent, in its own unit; one
+            for all numbers of a message or one for each. 0, the default, sends at every tick of the rate.
+        least_rate_hz: rate at which messages are sent though nothing changes, Hz, the control rate divided by
+            a whole number; none when omitted.
     """
 
     delay: Delay = 0
@@ -39,6 +47,8 @@ class Channel(Description):
     loss: Probability = 0.0
     rate_hz: Positive | None = None
     resolution: NotNegative = 0.0
+    threshold: Magnitude = 0.0
+    least_rate_hz: Positive | None = None
 
     @property
     def slowest(self) -> int:
@@ -47,7 +57,15 @@ class Channel(Description):
 
     def channel_problems(self, clock: Clock, duration: float) -> list[FieldError]:
         """Return what is wrong with delay and rate for a run of a duration, s."""
-        return clock.late(self.slowest, duration, "delay") + clock.uneven(self.rate_hz, "rate_hz")
+        rates = {"rate_hz": self.rate_hz, "least_rate_hz": self.least_rate_hz}
+        uneven = [problem for name, rate in rates.items() for problem in clock.uneven(rate, name)]
+        return clock.late(self.slowest, duration, "delay") + uneven
+
+    def longest_silence(self, clock: Clock) -> float:
+        """Return how long an arm may have nothing to say, ticks: 0 without a threshold, or inf."""
+        if not np.any(self.threshold):
+            return 0.0
+        return np.inf if self.least_rate_hz is None else float(clock.ticks_between(self.least_rate_hz))
 
 
 class EdgeChannel(Description):
@@ -61,6 +79,8 @@ class EdgeChannel(Description):
         loss: probability that a message is lost.
         rate_hz: rate of the messages, Hz.
         resolution: step of every number of a message.
+        threshold: change at which a message is sent.
+        least_rate_hz: rate at which messages are sent though nothing changes, Hz.
     """
 
     sender: str
@@ -70,6 +90,8 @@ class EdgeChannel(Description):
     loss: Probability | None = None
     rate_hz: Positive | None = None
     resolution: NotNegative | None = None
+    threshold: Magnitude | None = None
+    least_rate_hz: Positive | None = None
 
 
 class GraphChange(Description):
@@ -133,9 +155,10 @@ class Network(Channel):
 
     @property
     def exact(self) -> Network:
-        """The network without losses and rounding."""
-        links = tuple(link.replace(loss=None, resolution=None) for link in self.links)
-        return self.replace(loss=0.0, resolution=0.0, links=links)
+        """The network without losses, rounding and thresholds."""
+        exact = {"loss": 0.0, "resolution": 0.0, "threshold": 0.0}
+        links = tuple(link.replace(**dict.fromkeys(exact)) for link in self.links)
+        return self.replace(**exact, links=links)
 
     def channel(self, edge: Edge) -> Channel:
         """Return the channel of an edge; an arm hears itself without loss and jitter."""
@@ -155,6 +178,11 @@ class Network(Channel):
     def slowest_of(self, arms: Sequence[str]) -> int:
         """Return the largest age of a message that is not lost, ticks without those between messages."""
         return max((self.channel(edge).slowest for edge in self.edges(arms)), default=self.slowest)
+
+    def longest_silence_of(self, arms: Sequence[str], clock: Clock) -> float:
+        """Return how long an arm may have nothing to say to one that hears it or to itself, ticks."""
+        edges = [*self.edges(arms), *((name, name) for name in arms)]
+        return max(self.channel(edge).longest_silence(clock) for edge in edges)
 
     def oldest_of(self, arms: Sequence[str], clock: Clock) -> int:
         """Return the largest age of the latest message, ticks, where none is lost."""

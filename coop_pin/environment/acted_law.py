@@ -7,6 +7,7 @@ import numpy as np
 
 from coop_pin.base.arrays import Array
 from coop_pin.control import ArmMeasurement, ArmReference, CellCommand, CellController
+from coop_pin.control.measurement import Outgoing
 
 _FIELDS = {"torque": "torques", "velocity": "velocities", "position": "positions"}
 
@@ -56,7 +57,7 @@ class ActedLaw(CellController):
 
     def messages(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
-    ) -> list[Array]:
+    ) -> list[Outgoing]:
         """Return what the arms of the law tell each other."""
         return (
             [] if self.law is None else self.law.messages(measurements, self._with_squeeze(references), state)

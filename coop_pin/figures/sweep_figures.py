@@ -55,7 +55,17 @@ def _scaled(result: SweepResult, metric: str) -> xr.DataArray:
     return result.values(metric) * (METRIC_TEXTS[metric][2] if metric in METRIC_TEXTS else 1.0)
 
 
-_UNITS = {"Nm": "N m", "N": "N", "m": "m", "rad": "rad", "s": "s", "J": "J", "hz": "Hz", "mass": "kg"}
+_UNITS = {
+    "Nm": "N m",
+    "N": "N",
+    "m": "m",
+    "rad": "rad",
+    "s": "s",
+    "J": "J",
+    "B": "B",
+    "hz": "Hz",
+    "mass": "kg",
+}
 """Units by the last part of a name; the duration of a run is in s."""
 
 

@@ -60,6 +60,7 @@ METRIC_TEXTS = {
     "energy_balance_max_J": ("energy minus work, largest", "J", 1.0),
     "squeeze_reserve_min_N": ("normal force of a patch or pad beyond what friction needs, least", "N", 1.0),
     "dropped_at_s": ("nothing holds the payload from", "s", 1.0),
+    "sent_B": ("bytes that arms sent each other", "kB", 1e-3),
 }
 """Text of each metric, its unit as shown, and the scale from the SI value to that unit."""
 
@@ -98,6 +99,11 @@ def all_metrics(data: Arrays, scenario: Scenario, end: float, counted: Mask) -> 
         "energy_balance_max_J": np.abs(energy_balance(data)).max(axis=-1),
         "torque_peak_Nm": np.fmax.reduce(np.abs(np.asarray(data["torque"])), axis=(-3, -2, -1)),
         "joint_drift_rad": np.fmax.reduce(joint_drift(data, events), axis=(-2, -1)),
+        **(
+            {"sent_B": np.asarray(data["bytes_sent"])[..., -1, :].sum(axis=-1)}
+            if "bytes_sent" in data
+            else {}
+        ),
     }
 
 

@@ -143,6 +143,11 @@ def _internal_parts(
     )
 
 
+def _sent(name: str) -> Callable[[Any, Any], Sequence[Any]]:
+    """Return the function that reads what each arm has sent; nothing of a run commanded from outside."""
+    return lambda arms, _: [None if arm.sent is None else getattr(arm.sent, name) for arm in arms]
+
+
 # fmt: off
 QUANTITIES = (
     Quantity("time", "", "s", "time of the tick; a coordinate of the dataset", stored=False),
@@ -225,6 +230,10 @@ QUANTITIES = (
     Quantity("shared_velocity", "shared", "m/s or rad/s", "rate of each", group="shared"),
     Quantity("shared_force", "shared", "N or N m", "of the drive of each, as it acts", group="shared"),
     Quantity("floor_wrench", "axis", "N, N m", "of the floor on that robot, about the world", group="shared"),
+    Quantity("messages_sent", "arm", "1", "messages of each arm since the start, to all that hear it",
+             read=_sent("messages"), fill=0.0, group="network"),
+    Quantity("bytes_sent", "arm", "B", "bytes of them, 8 for each number",
+             read=_sent("bytes"), fill=0.0, group="network"),
     Quantity("requested_torque", "arm joint", "N m", "drive torques before their limits: the commands that"
              " arrived, and gravity compensation",
              read=lambda _, applied: applied.requested, group="compensation"),
@@ -272,6 +281,7 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     "patches": lambda scenario: scenario.cell.has_contacts,
     "elements": lambda scenario: scenario.cell.has_force_elements,
     "stops": lambda scenario: any(arm.stops is not None for arm in scenario.cell.arms.values()),
+    "network": lambda scenario: scenario.network is not None,
     "encoder": lambda scenario: not all(s.joints_are_ideal for s in _sensors(scenario)),
     "kinematics": lambda scenario: (
         not all(s.joints_are_ideal for s in _sensors(scenario))

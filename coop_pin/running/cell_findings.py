@@ -303,7 +303,8 @@ def steady_findings(
     yield _expected(scenario, forecast(scenario, reach))
     if scenario.network is not None:
         traffic = simulation.traffic().summary(scenario.clock.rate_hz)
-        yield Finding("steady error", "network", "note", traffic)
+        is_quiet = scenario.network.longest_silence_of(list(scenario.cell.arms), scenario.clock) > 0.0
+        yield Finding("steady error", "network", "note", f"{'without its threshold ' * is_quiet}{traffic}")
     reserve = force_reserve(scenario, reach) if errors.growth > 0.0 else math.inf
     if math.isfinite(reserve):  # drives without limits have no end of it
         earliest = max(0.0, reserve) / errors.growth

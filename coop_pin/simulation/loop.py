@@ -22,7 +22,7 @@ from coop_pin.reference.pose_reference import PoseReference
 from coop_pin.reference.squeeze import SqueezeReference
 from coop_pin.simulation.devices.actuation import Actuation
 from coop_pin.simulation.devices.drives import Applied
-from coop_pin.simulation.devices.network import Exchange, heard
+from coop_pin.simulation.devices.exchange import Exchange, heard
 from coop_pin.simulation.devices.sensing import Sensing
 from coop_pin.simulation.devices.shared_drive import SharedDrives
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant

@@ -20,7 +20,7 @@ from coop_pin.description.grasp_events import Event
 from coop_pin.reference.squeeze import SqueezeReference
 from coop_pin.results.run_result import RunResult
 from coop_pin.results.snapshot import Snapshot
-from coop_pin.simulation.devices.network import Traffic
+from coop_pin.simulation.devices.exchange import Traffic
 from coop_pin.simulation.loop import TickLoop
 from coop_pin.simulation.tick import TickInputs
 

@@ -15,7 +15,7 @@ from coop_pin.control.measurement import ArmMeasurement
 from coop_pin.description.sensors import Sensors
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.devices.encoder import Encoders, EncoderState
-from coop_pin.simulation.devices.network import heard
+from coop_pin.simulation.devices.exchange import heard
 from coop_pin.simulation.devices.sensing import Sensing
 from coop_pin.simulation.simulation import Simulation
 from coop_pin.simulation.tick import SignalSource

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from batches import require_same_samples
 from cells import SCENARIOS
-from network_cells import BIASED, CELLS, Silent, samples
+from network_cells import BIASED, CELLS, Silent, arriving, network_of, samples
 from numpy.testing import assert_allclose
 
 import coop_pin as cp
@@ -31,7 +31,6 @@ from coop_pin.control.force_paths.averaged_wrench import (
 from coop_pin.control.law_wrapper import WrappedState
 from coop_pin.description.network import edges_of
 from coop_pin.simulation.build_controller import build_controller
-from coop_pin.simulation.devices.network import CellNetwork, NetworkSignals
 
 REFERENCE = cp.ArmReference(np.eye(4), np.zeros(6), np.zeros(6), np.zeros(6))
 GAINS = ConsensusForcePath()
@@ -68,22 +67,19 @@ def arms_on_a_ring(count, law_of):
 def states_of(laws, seen, edges, names, states, ticks, *, delay=0, lost=0, loss=0.0):
     """Yield the states of laws over ticks; messages are lost in the first so many of them."""
     edges = [*edges, *((name, name) for name in names)]
-    network = CellNetwork(
-        tuple(names), tuple(edges), np.zeros(len(edges)), tuple(map(float, range(delay + 1)))
-    )
-    rng, memory, ages = np.random.default_rng(1), None, np.full(len(edges), np.inf)
+    network = network_of(names, edges, delay)
+    rng, memory = np.random.default_rng(1), None
     for tick in range(ticks):
         said = [
             law.message(one, REFERENCE, state) for law, one, state in zip(laws, seen, states, strict=True)
         ]
         arrived = (rng.random(len(edges)) >= loss * (tick < lost)) | np.array([a == b for a, b in edges])
         arrived &= tick >= delay
-        ages = np.where(arrived, delay, ages + 1.0)
         memory = network.start(said) if memory is None else memory
-        heard, memory = network.step(memory, said, NetworkSignals(arrived.astype(float), ages))
+        mail, memory = network.step(memory, said, arriving(arrived, delay))
         states = [
-            law.step(one._replace(messages=messages), REFERENCE, state).state
-            for law, one, messages, state in zip(laws, seen, heard, states, strict=True)
+            law.step(one._replace(messages=each.received), REFERENCE, state).state
+            for law, one, each, state in zip(laws, seen, mail, states, strict=True)
         ]
         yield states
 

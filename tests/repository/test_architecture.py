@@ -40,7 +40,8 @@ EVERYWHERE = {"base"}
 # - viz runs simulations: its panel owns one, and a view that opens before the run asks for the start;
 #   nothing below viz imports it, simulate takes any observer;
 # - figures draw runs and sweeps; sweeps and their workers never import figures or viz;
-# - sweeps look at a run's path before the first run, and show progress on terminals.
+# - sweeps look at a run's path before the first run, and show progress on terminals;
+# - experiments of the zoo are written as users write them, by the public names of cp alone.
 PACKAGES: dict[str, tuple[set[str], set[str]]] = {
     "base": (set(), {"pydantic", "pydantic_core", "scipy"}),
     "tracing": (set(), {"llvmlite"}),
@@ -176,6 +177,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "xarray",
         },
     ),
+    "zoo": (set(), {"pinocchio", "scipy"}),
     "cli": (
         {
             "comparison",
@@ -191,6 +193,7 @@ PACKAGES: dict[str, tuple[set[str], set[str]]] = {
             "stability",
             "sweeps",
             "viz",
+            "zoo",
         },
         {"pydantic", "tyro"},
     ),
@@ -282,6 +285,19 @@ def test_files_are_in_a_package_of_the_table_and_import_by_full_name_without_esc
     relative = {(package_of(file), node.level) for file, node in entries if getattr(node, "level", 0)}
     assert relative == {(COPIED, 1)}
     assert {package_of(file) for file in TREES} == {*PACKAGES, "__init__"}
+
+
+def test_only_experiments_of_the_zoo_import_the_package_as_its_users_do():
+    """Their imports are then all of cp, and nothing but the command imports them."""
+    whole = {
+        file.relative_to(PACKAGE).as_posix()
+        for file, tree in TREES.items()
+        for node in nodes(tree)
+        if isinstance(node, ast.Import) and "coop_pin" in [alias.name for alias in node.names]
+    }
+    users = {file.relative_to(PACKAGE).as_posix() for file in PACKAGE.glob("zoo/*/experiment.py")}
+    assert users == whole
+    assert {package for package, (others, _) in PACKAGES.items() if "zoo" in others} == {"cli"}
 
 
 def test_only_libraries_that_are_slow_to_load_are_imported_for_types_alone():
@@ -504,9 +520,10 @@ from coop_pin.control import CellTiming, MeanPose, Message
 class Ring:  # all that a law by messages reads of its scenario
     edges_at = staticmethod(lambda time, arms: {(arms[0], arms[1]), (arms[1], arms[0])})
     slowest_of = staticmethod(lambda arms: 0)
+    longest_silence_of = staticmethod(lambda arms, clock: 0.0)
 
 class Told:
-    network, timing, beyond_bound = Ring, CellTiming(("left", "right"), 3, 0.0125), False
+    network, timing, beyond_bound, clock = Ring, CellTiming(("left", "right"), 3, 0.0125), False, None
     class cell:
         arms = ("left", "right")
 

@@ -646,7 +646,7 @@ def test_every_metric_stands_under_its_own_name():
 
 def test_every_metric_is_shown_with_the_scale_of_its_unit():
     """From the unit at the end of its name, SI, to the one shown."""
-    scales = {("m", "mm"): 1e3, ("rad", "mrad"): 1e3}
+    scales = {("m", "mm"): 1e3, ("rad", "mrad"): 1e3, ("B", "kB"): 1e-3}
     units = {"Nm": "N m"}
     for name, (_, unit, scale) in metrics.METRIC_TEXTS.items():
         in_si = units.get(name.rsplit("_", 1)[1], name.rsplit("_", 1)[1])

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from batches import require_same_samples
 from cells import ANCHORED, SCENARIOS
-from network_cells import BIASED, CELLS, Silent, samples, two_arms
+from network_cells import BIASED, CELLS, Silent, arriving, moved, network_of, samples, two_arms
 from numpy.testing import assert_allclose, assert_array_equal
 from page_texts import require_numbers
 
@@ -32,7 +32,7 @@ from coop_pin.description.network import edges_of
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.simulation.build_controller import build_controller
-from coop_pin.simulation.devices.network import CellNetwork, MessageSignals, NetworkSignals, cell_network
+from coop_pin.simulation.devices.network import MessageSignals, cell_network
 from coop_pin.stability import loop_stability
 from coop_pin.stability.modes import motion_basis
 
@@ -59,7 +59,7 @@ def test_by_messages_before_the_step_it_is_the_law_of_the_cell_bit_for_bit(cell)
     alone, by_messages = biased(cell), biased(cell, network={})
     assert isinstance(build_controller(alone), MeanPoseController)
     assert isinstance(build_controller(by_messages), DecentralisedController)
-    assert samples(alone).equals(samples(by_messages))
+    assert samples(alone).equals(moved(samples(by_messages)))
 
 
 class LateMean(MeanPoseController):
@@ -93,7 +93,7 @@ class LateMean(MeanPoseController):
 def test_sent_with_the_command_it_is_the_law_fed_the_last_tick(cell):
     late = biased(cell, network={"delay": 1})
     oracle = LateMean(build_controller(biased(cell)).law)
-    assert samples(late).equals(samples(late, oracle))
+    assert moved(samples(late)).equals(moved(samples(late, oracle)))
 
 
 def test_the_order_of_neighbours_and_of_edges_does_not_matter():
@@ -118,7 +118,14 @@ def timing(**network):
     scenario = biased("two planar", duration=5e3, network=network)
     names = cell_network(scenario).edges
     signals = MessageSignals(scenario).draw(MANY)
-    return {edge: (signals.arrived[:, i], signals.age[:, i]) for i, edge in enumerate(names)}
+    return {edge: newest(signals.arrives[:, i]) for i, edge in enumerate(names)}
+
+
+def newest(arrives):
+    """Whether a message newer than the last arrives at each tick, and the age of the newest."""
+    least = np.where(arrives > 0.0, np.arange(arrives.shape[1]), np.inf).min(axis=1)
+    sent = np.maximum.accumulate(np.arange(len(arrives)) - least)
+    return (sent > np.append(-np.inf, sent[:-1])).astype(float), np.arange(len(arrives)) - sent
 
 
 def test_loss_is_that_of_each_edge_and_none_to_itself():
@@ -175,7 +182,8 @@ def test_messages_are_rounded_and_late_as_the_edge_says():
     said = [[rng.normal(size=3), rng.normal(size=2)] for _ in range(6)]
     state, signals = network.start(said[0]), MessageSignals(scenario).draw(len(said)).ticks()
     for tick, messages in enumerate(said):
-        (left, right), state = network.step(state, messages, next(signals))
+        mail, state = network.step(state, messages, next(signals))
+        left, right = (each.received for each in mail)
         assert_array_equal(left["right"].numbers, messages[1])
         assert_array_equal(right["right"].numbers, messages[1])
         if tick >= 2:
@@ -659,13 +667,12 @@ class Growing(cp.ArmController):
         return cp.ArmCommand(0.0 * measurement.q, state + 1)
 
 
-def test_messages_keep_their_size_and_users_are_refused_in_batches():
+def test_messages_keep_their_size():
     target = {"kind": "user", "target": f"{__name__}:Growing"}
     changed = {"controller": target, "network": {}, "duration": 0.1, "events": []}
     scenario = SCENARIOS["planar"]().override(changed)
     with pytest.raises(ShapeError, match="left"):
         cp.simulate(scenario, build_controller(scenario))
-    assert "messages" in support(scenario)
 
 
 def test_what_crosses_is_counted():
@@ -745,7 +752,7 @@ def disagreements(arms, gain, *, rows=3, delay=0, ticks=60):
     """Largest distance from the mean over the ticks, of arms on a ring whose views do not change."""
     names, rng = tuple(f"arm {index}" for index in range(arms)), np.random.default_rng(arms)
     edges = [*edges_of("ring", names), *((name, name) for name in names)]
-    network = CellNetwork(names, tuple(edges), np.zeros(len(edges)), tuple(map(float, range(delay + 1))))
+    network = network_of(names, edges, delay)
     seen = [
         ArmMeasurement(
             0.0, None, None, make_pose(rng.normal(size=3)), rng.normal(size=rows), None, None, None
@@ -764,14 +771,11 @@ def disagreements(arms, gain, *, rows=3, delay=0, ticks=60):
         ]
         assert_allclose(np.mean(said, axis=0), mean, atol=1e-9 * np.abs(said).max())
         distances.append(float(np.abs(said - mean).max()))
-        arrives = NetworkSignals(
-            np.full(len(edges), float(tick >= delay)),
-            np.full(len(edges), float(delay) if tick >= delay else np.inf),
-        )
-        heard, network_state = network.step(network_state, said, arrives)
+        arrives = arriving(np.full(len(edges), tick >= delay), delay)
+        mail, network_state = network.step(network_state, said, arrives)
         states = [
-            law.step(one._replace(messages=messages), reference, state).state
-            for law, one, messages, state in zip(laws, seen, heard, states, strict=True)
+            law.step(one._replace(messages=each.received), reference, state).state
+            for law, one, each, state in zip(laws, seen, mail, states, strict=True)
         ]
     return np.array(distances)
 

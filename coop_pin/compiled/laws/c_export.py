@@ -126,7 +126,7 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
         start, step = trace_law(alone, trace)
         require_agreement(start, step, [[tick] for tick in arm_ticks])
         code: tuple[LawCode, ...] = start, step
-        if len(arm_ticks[0].message):
+        if arm_ticks[0].message is None or len(arm_ticks[0].message):
             code += trace_messages(law, trace)
     except TracingError as error:
         raise TracingError(f"the law of arm {arm!r} cannot be exported: it {error}") from None

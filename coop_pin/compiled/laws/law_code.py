@@ -16,7 +16,7 @@ from coop_pin.base.errors import TracingError
 from coop_pin.base.spatial.task_rows import TaskRows
 from coop_pin.compiled.constants import ArmConstants
 from coop_pin.control import ArmController, ArmMeasurement, ArmReference, CellCommand, CellController, Message
-from coop_pin.control.measurement import DESIRED, MEASURED
+from coop_pin.control.measurement import DESIRED, MEASURED, Outgoing, SentIf
 from coop_pin.simulation.devices.sensors import measured_motion
 from coop_pin.tracing.evaluation import evaluate
 from coop_pin.tracing.tape import Number, Operand, Tape, UntraceableError, operands
@@ -48,7 +48,7 @@ class LawTick(NamedTuple):
     measurement: ArmMeasurement
     reference: ArmReference
     torque: Array
-    message: Array = _NOTHING
+    message: Any = _NOTHING
 
 
 class RecordedLaw(CellController):
@@ -61,7 +61,7 @@ class RecordedLaw(CellController):
 
     def __init__(self, law: CellController) -> None:
         self._law, self.ticks = law, list[list[LawTick]]()
-        self.first_messages = self._latest = list[Array]()
+        self.first_messages = self._latest = list[Any]()
         self._first: Sequence[ArmMeasurement] = ()
 
     def commands_of(self, arm: str) -> str:
@@ -70,7 +70,7 @@ class RecordedLaw(CellController):
 
     def messages(
         self, measurements: Sequence[ArmMeasurement], references: Sequence[ArmReference], state: Any
-    ) -> list[Array]:
+    ) -> list[Outgoing]:
         """Return the law's messages."""
         self._latest = self._law.messages(measurements, references, state)
         if state is None:
@@ -182,7 +182,10 @@ def trace_messages(law: ArmController, trace: Trace) -> tuple[LawCode, LawCode]:
         measured: list[ArmMeasurement], desired: list[ArmReference], state: Any
     ) -> tuple[Any, list[Number]]:
         (silent,) = [each._replace(messages=None, holding_torque=None) for each in measured]
-        return (), list(plain(law.message(silent, desired[0], state)).flat)
+        message = law.message(silent, desired[0], state)
+        if message is None or isinstance(message, SentIf):
+            raise TracingError("may have nothing to say, for which exported code has no form")
+        return (), list(plain(message).flat)
 
     _, first_state = trace(lambda measured, desired, _: (law.init(measured[0], desired[0]), []))
     return trace(say)[0], trace(say, first_state)[0]

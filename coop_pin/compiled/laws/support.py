@@ -94,8 +94,9 @@ def require_traceable(scenario: Scenario, constants: RunConstants, *, alone: boo
         if reason := law_reason(law):
             raise TracingError(reason)
         return
-    if scenario.network is not None:
-        raise TracingError(f"its controller {law.user_code[0]!r} is a user's, whose messages are not traced")
+    if scenario.network is not None and alone:
+        detail = "is a user's, whose messages are traced in batches only"
+        raise TracingError(f"its controller {law.user_code[0]!r} {detail}")
     try:
         if alone:
             require_no_outside(law.user_code)

@@ -29,12 +29,19 @@ class ExchangedWrench(LawWrapper):
     The network's delay adds to that of the wrists: the anchor gain is stable below ``anchor_gain_bound`` of
     both, 2 sin(pi / (4 D + 2)) without a filter.
 
+    With a threshold the arms are silent where nothing changed: what was heard last then counts as new, until
+    an arm is silent for longer than it may be.
+
     Attributes:
         law: Law of this arm.
         arm: Numbers of the arm; c_i is its load share where references name none.
+        delay: D, largest age of a message that is not lost, ticks.
+        silence: Ticks for which an arm may have nothing to say.
     """
 
     arm: ControlledArm
+    delay: float = 0.0
+    silence: float = 0.0
 
     def sent(self, measurement: ArmMeasurement, reference: ArmReference, state: WrappedState) -> Parts:
         """Return F_i and the age of its sample."""
@@ -52,11 +59,16 @@ class ExchangedWrench(LawWrapper):
         """Return the measurement with the internal wrench."""
         wrenches, ages = received["wrench"], received["wrench_age"]
         total = reduce(add, [F.numbers for F in wrenches.values()])
-        age = reduce(np.maximum, [late.age + late.numbers[0] for late in ages.values()])
+        age = reduce(np.maximum, [self.lateness(one.age) + one.numbers[0] for one in ages.values()])
         f = wrenches[self.arm.name].numbers - reference.share(self.arm) * total
         f_d = self.arm.rows.turn(measurement.payload_pose, reference.internal_wrench)
         f = np.where(age < np.inf, f, f_d)
         return measurement._replace(internal_wrench=f, internal_wrench_age=age), memory
+
+    def lateness(self, age: float) -> Any:
+        """Return how old what an arm said last is, ticks, given the age of its message."""
+        holds = (age <= self.delay + self.silence) & (age < np.inf)
+        return np.where(holds, np.minimum(age, self.delay), age)
 
 
 def own_wrench(measurement: ArmMeasurement, arm: ControlledArm) -> Array:
@@ -98,4 +110,6 @@ class MessageForcePath(PlainForcePath):
 
     def wrapped(self, law: ArmController, arm: ControlledArm, scenario: Any) -> ArmController:
         """Return the law of an arm in an ExchangedWrench."""
-        return ExchangedWrench(law, arm)
+        network, names = scenario.network, list(scenario.cell.arms)
+        silence = network.longest_silence_of(names, scenario.clock)
+        return ExchangedWrench(law, arm, float(network.slowest_of(names)), silence)

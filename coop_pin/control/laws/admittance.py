@@ -17,7 +17,7 @@ from coop_pin.control.controller import ArmCommand, ArmController, CellControlle
 from coop_pin.control.gains import Gains, OptionalRow, PositiveRow, RowGain
 from coop_pin.control.law import DecentralisedLaw, LawController
 from coop_pin.control.law_wrapper import CellLawWrapper, Parts, packed, unpacked
-from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm, Messages
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm, Messages, Outgoing
 from coop_pin.control.terms import right_inverse, with_payload_weight
 
 
@@ -98,7 +98,7 @@ class AdmittanceController(LawController[AdmittanceGains]):
         rest, q = np.zeros(self.arm.rows.size), measurement.q
         return AdmittanceState(rest, rest, q, q)
 
-    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Array:
+    def message(self, measurement: ArmMeasurement, reference: ArmReference, state: Any) -> Outgoing:
         """Return u and c, shape (k_0 + 1,); nothing where the internal wrench is measured, or F is not."""
         return packed(self._sent(measurement, reference), np.zeros(0))
 

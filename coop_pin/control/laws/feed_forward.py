@@ -15,7 +15,7 @@ from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import Description, Matrix, Vector, check_arm_names
 from coop_pin.control.controller import CellCommand
 from coop_pin.control.law_wrapper import CellLawWrapper
-from coop_pin.control.measurement import ArmMeasurement, ArmReference
+from coop_pin.control.measurement import ArmMeasurement, ArmReference, Outgoing
 
 
 class FeedForward(Description):
@@ -119,7 +119,7 @@ class FeedForwardController(CellLawWrapper):
         measurements: Sequence[ArmMeasurement],
         references: Sequence[ArmReference],
         state: FeedForwardState | None,
-    ) -> list[Array]:
+    ) -> list[Outgoing]:
         """Return the messages of the law's arms."""
         if state is None:
             return self.law.messages(measurements, references, None)

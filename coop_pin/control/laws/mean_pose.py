@@ -221,6 +221,11 @@ class MeanPose(PayloadSpace):
             detail = f"leaves out messages ({', '.join(missing)}); 'mean-pose' averages all views: take 'all'"
             raise FieldError(detail, "network.graph")
         skips = self.on_loss == "skip"
+        if skips and network.longest_silence_of(names, scenario.clock):
+            detail = (
+                "is 'skip', but with network.threshold arms are silent where nothing changed; take 'last'"
+            )
+            raise FieldError(detail, "controller.on_loss")
         return DecentralisedController(
             {name: MeanPoseByMessages(law, name, skips) for name, law in laws.items()}
         )

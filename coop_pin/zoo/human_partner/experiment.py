@@ -1,0 +1,69 @@
+"""Human partner: arms that feel only their own wrists follow a person who leads the box at a handle."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import coop_pin as cp
+from coop_pin.zoo.reproduction import Measured, Trace
+
+CELL = cp.Scenario.load(Path(__file__).with_name("cell.toml"))
+DECIDES, BEAR = "the person decides the path", "the robots bear the load"
+ALONE = "the robots need no messages"
+WAITS = 0.5
+"""Time before the person takes hold, in which a wrist's load is averaged, s."""
+
+
+class Follower(cp.ArmController):
+    """V <- p V + (1 - p) D^-1 (F - F_0), with the wrist's mean wrench F_0 before anybody takes hold."""
+
+    command_kind = "velocity"
+
+    def __init__(self, damping: float) -> None:
+        self.damping = damping * np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])
+
+    def init(self, measurement: Any, reference: Any) -> Any:
+        """Return velocity, sum of wrenches and their number."""
+        return np.zeros(6), np.zeros(6), 0
+
+    def step(self, measurement: Any, reference: Any, state: Any) -> Any:
+        """Return joint velocities."""
+        (V, total, count), F = state, measurement.interaction_wrench
+        if measurement.time < WAITS:
+            total, count = total + F, count + 1
+        else:
+            V = 0.9 * V + 0.1 * (F - total / count) / self.damping
+        velocity = np.linalg.pinv(measurement.payload_jacobian) @ V
+        return cp.ArmCommand(velocity=velocity, state=(V, total, count))
+
+
+EXACT = {"sensors.wrist.noise": {"force": 0.0, "moment": 0.0}}
+RUNS: dict[str, tuple[float, Any]] = {
+    "yield": (100.0, {}),
+    "feel exactly": (100.0, EXACT),
+    "hold": (1e5, EXACT),
+}
+
+
+def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
+    """Lead the box with arms that yield, that feel without noise, and that hold."""
+    numbers, curves, seconds, weight = [], [], 3.5 if short else 6.0, 9.81 * CELL.cell.payload.mass
+    hand, start = CELL.events[0].motion, np.array(CELL.start.xyz)
+    for label in list(RUNS)[: 1 if short else 3]:
+        damping, changes = RUNS[label]
+        cell = CELL.override(changes | {"duration": seconds, "events.0.duration": seconds - WAITS})
+        law = cp.laws.DecentralisedController({arm: Follower(damping) for arm in cell.cell.arms})
+        data = cp.simulate(cell, law).data
+        way = np.linalg.norm(data.payload_position.values - start, axis=1)
+        curves.append(Trace(f"arms that {label}", data.time.values, 1e3 * way))
+        done = 100.0 * way[-1] / np.linalg.norm(np.array(hand.goal.xyz) - start)
+        limits = {"most": 10.0} if label == "hold" else {"least": 50.0 if short else 90.0}
+        numbers.append(Measured(DECIDES, f"arms {label}: done of the way", done, "%", **limits))
+        if label != "hold":
+            up = 100.0 * np.abs(data.external_wrench.values[:, 2]).max() / weight
+            apart = 100.0 * np.linalg.norm(data.internal_wrench.values[..., :3], axis=-1).max() / weight
+            numbers.append(Measured(BEAR, f"arms {label}: person up or down", up, "% weight", most=10.0))
+            numbers.append(Measured(ALONE, f"arms {label}: internal force", apart, "% weight", most=10.0))
+    led = [1e3 * np.linalg.norm(hand.at(t).X_WP_d[:3, 3] - start) for t in curves[0].x]
+    return numbers, [*curves, Trace("the person's hand", curves[0].x, np.array(led), dashed=True)]

@@ -1,0 +1,48 @@
+"""Commanded velocities and neighbours' wrenches: three mobile arms relieve the plate that they carry."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import coop_pin as cp
+from coop_pin.zoo.reproduction import Measured, Trace
+
+CELL = Path(__file__).with_name("cell.toml")
+LINE = [["arm1", "arm2"], ["arm2", "arm1"], ["arm2", "arm3"], ["arm3", "arm2"]]
+BASES = {"arm1": (0.01, 0.0, 0.0), "arm2": (0.0, -0.01, 0.0), "arm3": (-0.005, 0.005, 0.01)}
+REDUCED = "local force sensors and neighbours reduce the interaction wrench"
+LATE = "delays between robots are survived"
+LOCAL = "no global position is needed"
+RUNS: dict[str, tuple[str, dict[str, Any]]] = {
+    "ring": (REDUCED, {}),
+    "line": (REDUCED, {"network.graph": LINE}),
+    "20 ms late, 10 % lost": (LATE, {"network": {"graph": "ring", "delay": 10, "loss": 0.1}}),
+    "bases seen 10 mm off": (
+        LOCAL,
+        {f"cell.arms.{arm}.calibration_error.base.xyz": off for arm, off in BASES.items()},
+    ),
+}
+
+
+def residual(changes: dict[str, Any]) -> tuple[Any, Any]:
+    """Return times, and the largest error of an arm's internal force, N."""
+    data = cp.run(CELL, changes, warn=False).data
+    wrench = data.internal_wrench.values - data.desired_internal_wrench.values
+    return data.time.values, np.linalg.norm(wrench[..., :3], axis=-1).max(axis=1)
+
+
+def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
+    """Carry the plate without wrenches, and with them over graphs, late, and with bases that are off."""
+    length = {"duration": 1.0} if short else {}
+    time, alone = residual(length | {"sensors": {}, "network": None})
+    last = time > time[-1] - 0.5
+    numbers, curves = [], [Trace("no wrenches", time, alone, dashed=True)]
+    for label, (claim, changes) in RUNS.items():
+        _, force = residual(length | changes)
+        part = 100 * force[last].mean() / alone[last].mean()
+        numbers.append(Measured(claim, f"{label}: part of no wrenches", part, "%", most=10.0))
+        curves.append(Trace(label, time, force))
+    return numbers, curves

@@ -1,0 +1,70 @@
+"""Unknown load without messages: each robot adapts its own estimates of load, friction and its own place."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import coop_pin as cp
+from coop_pin.zoo.force_leader.experiment import ring
+from coop_pin.zoo.reproduction import Measured, Trace
+
+CELL = cp.Scenario.load(Path(__file__).with_name("cell.toml"))
+FOLLOWS, BOUNDED = "the object follows its path", "all signals stay bounded"
+APART = "estimates need not become true"
+K_D = np.array([25.0, 25.0, 10.0])
+GAINS = np.array([60.0, 15.0, 15.0, 3.0, 0.06, 0.06])  # of mass, inertia, two frictions, place
+
+
+class Agent(cp.ArmController):
+    """F = Y theta - K_d s, s = V - V_r, V_r = V_d - xtilde, at an estimated place; theta' = -G Y^T s."""
+
+    def __init__(self, *, adapts: bool) -> None:
+        self.gains, self.rows, self.kept = GAINS * adapts, CELL.cell.task_rows, np.zeros(6)
+
+    def init(self, measurement: Any, reference: Any) -> Any:
+        """Return the estimates: nothing is known."""
+        return np.zeros(6)
+
+    def step(self, measurement: Any, reference: Any, state: Any) -> Any:
+        """Return force and moment at the robot; the estimates are also kept, to be read after the run."""
+        V_r = reference.twist - self.rows.pose_error(measurement.payload_pose, reference.pose)
+        s, a = (
+            measurement.payload_twist - V_r,
+            reference.acceleration - measurement.payload_twist + reference.twist,
+        )
+        Y = np.array([[a[0], 0, V_r[0], 0], [a[1], 0, V_r[1], 0], [0, a[2], 0, V_r[2]]])
+        F, R = Y @ state[:4] - K_D * s, measurement.payload_pose[:2, :2]
+        lever = R.T @ np.array([-F[1], F[0]])  # moment of the force about P for a unit of each place, negated
+        torque = np.array([F[0], F[1], F[2] + lever @ state[4:]])
+        rates = -self.gains * np.concatenate([Y.T @ s, lever * s[2]])
+        self.kept = state + CELL.clock.period * rates
+        return cp.ArmCommand(torque, self.kept)
+
+
+def reproduce(*, short: bool) -> tuple[list[Measured], list[Trace]]:
+    """Carry the object around a circle, with adaptation and without."""
+    robots, seconds, rng = *((4, 12.0) if short else (6, 40.0)), np.random.default_rng(1)
+    angles, radii = 2 * np.pi * np.arange(robots) / robots, 0.6 * rng.uniform(0.6, 1.4, robots)
+    places = (radii * np.array([np.cos(angles), np.sin(angles)])).T
+    grasps = {"cell.grasps": {f"r{k}": cp.Pose(xyz=(*xy, 0.0)) for k, xy in enumerate(places)}}
+    curves, last, agents = [], {}, [Agent(adapts=True) for _ in range(robots)]
+    for label, laws in {"adapts": agents, "does not adapt": [Agent(adapts=False)] * robots}.items():
+        data = ring(CELL, laws, grasps | {"duration": seconds})
+        t, off = data.time.values, np.linalg.norm(data.pose_error.values[:, :2], axis=1)
+        early, late = t < seconds / 4, t > 0.75 * seconds
+        force = np.linalg.norm(data.torque.values[..., :2], axis=-1).max(axis=1)
+        last[label] = np.sqrt((off[late] ** 2).mean()), force[late].max() / force[early].max()
+        curves.append(Trace(label, t, 1e3 * off))
+    theta = np.array([agent.kept for agent in agents])
+    share, mass = last["adapts"][0] / last["does not adapt"][0], 10.0 + 1.02 * robots
+    wrong = np.linalg.norm(theta[:, 4:] - places, axis=1) / radii
+    bias = abs(theta[:, 0].sum() / mass - 1)
+    most = 50.0 if short else 5.0
+    return [
+        Measured(FOLLOWS, "rms off at last, of that without adapting", 100 * share, "%", most=most),
+        Measured(BOUNDED, "largest force at last over that at first", last["adapts"][1], "", most=1.0),
+        Measured(BOUNDED, "largest estimate over the whole load's", theta[:, 0].max() / mass, "", most=1.0),
+        Measured(APART, "worst place, off by a share of its radius", 100 * wrong.max(), "%", least=10.0),
+        Measured(APART, "masses added up, off by", 100 * bias, "%"),
+    ], curves

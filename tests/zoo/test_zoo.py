@@ -1,0 +1,164 @@
+"""Zoo of reproductions: its list, verdicts, the command, and every experiment beside its page."""
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import coop_pin as cp
+from coop_pin.base.errors import FieldError, NameNotFoundError
+from coop_pin.cli import main
+from coop_pin.zoo import Claim, Measured, Reproduction, experiment_names, load_experiment
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+FOLDER, PAGES = Path(cp.__file__).parent / "zoo", REPOSITORY / "docs" / "zoo"
+NAMES = experiment_names()
+VERDICTS = ("holds", "holds in part", "does not hold", "cannot be judged")
+QUICK = "force-leader"
+"""Experiment whose short form takes seconds."""
+
+sys.path.insert(0, str(REPOSITORY / "tools"))
+import zoo as tool  # noqa: E402
+
+# ---------------------------------------------------------------- what an experiment states
+
+
+def kinds():
+    """Kinds of the list that was made before any experiment, and the claims of each, as counted there."""
+    rows = re.findall(r"^\| ([^|]+) \|[^|]*\| ([^|]+) \|$", (PAGES / "index.md").read_text("utf-8"), re.M)
+    return {kind: len(re.findall(r"\b\d\. ", claims)) for kind, claims in rows if "1. " in claims}
+
+
+def test_the_list_has_thirteen_kinds_and_every_experiment_tests_what_it_says():
+    listed = kinds()
+    assert len(listed) == 13
+    offenders = [name for name in NAMES if load_experiment(name).kind not in listed]
+    assert offenders == []
+    counts = {name: len(load_experiment(name).claims) for name in NAMES}
+    assert counts == {name: listed[load_experiment(name).kind] for name in NAMES}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_experiment_is_a_folder_of_a_scenario_its_claims_and_at_most_60_lines(name):
+    folder, experiment = FOLDER / name.replace("-", "_"), load_experiment(name)
+    code = (folder / "experiment.py").read_text("utf-8")
+    lines = [line for line in re.sub(r'""".*?"""', "", code, flags=re.S).splitlines() if line.strip()]
+    assert len(lines) <= 60
+    assert {file.suffix for file in folder.iterdir() if file.is_file()} <= {".py", ".toml", ".urdf"}
+    assert [cp.Scenario.load(file) for file in folder.glob("*.toml") if file.stem != "experiment"]
+    assert experiment.chosen
+    assert experiment.deviations
+    names = [claim.name for claim in experiment.claims]
+    assert len(set(names)) == len(names)
+    judged = [claim.name for claim in experiment.claims if not claim.unjudged]
+    assert [claim for claim in judged if f'"{claim}"' not in code] == []
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_page_of_an_experiment_has_the_words_of_its_file(name):
+    experiment, text = load_experiment(name), (PAGES / f"{name}.md").read_text("utf-8")
+    told = [experiment.title, experiment.source, experiment.had, experiment.cell, experiment.picture.caption]
+    told += [*experiment.chosen, *experiment.deviations, f"coop-pin zoo {name}"]
+    told += [part for claim in experiment.claims for part in (claim.text, claim.where, claim.theirs)]
+    assert [words for words in told if words not in text] == []
+    assert (REPOSITORY / "docs" / "images" / f"zoo-{name}.png").is_file()
+    assert f"**{VERDICTS[3]}**" in text or not any(claim.unjudged for claim in experiment.claims)
+
+
+def test_the_table_of_methods_has_every_experiment():
+    assert tool.methods() in tool.METHODS.read_text("utf-8")
+    assert [name for name in NAMES if f"({name}.md)" not in tool.methods()] == []
+
+
+# ---------------------------------------------------------------- verdicts
+
+
+def made(*values, unjudged=""):
+    numbers = tuple(Measured("c", f"n{k}", value, "mm", most=1.0) for k, value in enumerate(values))
+    return Reproduction("made", {"c": unjudged}, numbers, ())
+
+
+@pytest.mark.parametrize(
+    ("run", "verdict"),
+    [
+        (made(0.5, 1.0), "holds"),
+        (made(0.5, 1.5), "holds in part"),
+        (made(1.5, np.nan), "does not hold"),
+        (made(), "cannot be judged"),
+        (Reproduction("made", {"c": ""}, (Measured("c", "told", 1.0),), ()), "cannot be judged"),
+        (made(0.5, unjudged="no text"), "cannot be judged"),
+    ],
+)
+def test_a_verdict_follows_from_the_numbers_of_its_claim(run, verdict):
+    assert run.verdict("c") == verdict
+    assert verdict in VERDICTS
+    assert max(map(len, run.summary().splitlines())) <= 80
+    told = json.loads(json.dumps(run.to_json(), allow_nan=False))
+    assert told["verdicts"] == {"c": verdict}
+    assert [one["holds"] for one in told["numbers"]] == [one.value <= 1.0 for one in run.numbers]
+
+
+def test_a_limit_is_told_by_what_it_bounds():
+    assert Measured("c", "n", 1.0, most=2.0).limit == "<= 2"
+    assert Measured("c", "n", 1.0).limit == "-"
+    assert Measured("c", "n", 1.0, least=0.5).limit == ">= 0.5"
+    assert Measured("c", "n", 1.0, least=0.5, most=2.0).limit == "0.5 to 2"
+
+
+def test_numbers_of_a_page_are_told_from_its_words():
+    words, numbers = tool.numbers_of("| 20 N, arXiv:2005.03153 | 0.143 mm | -1e-05 | zoo63 |")
+    assert numbers == [20.0, 0.143, -1e-05]
+    assert words == "| # N, arXiv:2005.03153 | # mm | # | zoo63 |"
+
+
+def test_a_wrong_name_and_a_claim_without_its_source_are_refused():
+    with pytest.raises(NameNotFoundError, match="object-impedance"):
+        load_experiment("object-impedence")
+    with pytest.raises(FieldError, match="where"):
+        Claim(name="c", text="It moves.", theirs="no digit")
+
+
+# ---------------------------------------------------------------- the command
+
+
+def test_the_command_lists_experiments_and_runs_a_short_form(capsys):
+    assert not main(["zoo"])
+    listed = capsys.readouterr().out
+    assert [name for name in NAMES if name not in listed] == []
+    assert not main(["zoo", "--json"])
+    assert [one["name"] for one in json.loads(capsys.readouterr().out)] == NAMES
+    assert not main(["zoo", QUICK, "--short"])
+    assert "holds" in capsys.readouterr().out
+    assert main(["zoo", "no-such"]) == 2
+
+
+# ---------------------------------------------------------------- runs beside pages
+
+
+def outside(text):
+    """What a page shows beyond its limit."""
+    return set(re.findall(r"^\| \d \| ([^|]+) \|.*\| no \|$", text, re.M))
+
+
+@pytest.mark.gate
+@pytest.mark.parametrize("name", NAMES)
+def test_the_short_form_of_an_experiment_is_within_the_limits_that_its_page_keeps(name):
+    run, text = load_experiment(name).run(short=True), (PAGES / f"{name}.md").read_text("utf-8")
+    assert run.numbers
+    beyond = {number.text for number in run.numbers if not number.holds}
+    assert beyond <= outside(text)
+    assert [curve.label for curve in run.curves if len(curve.x) != len(curve.y)] == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_an_experiment_gives_the_numbers_of_its_page(name):
+    experiment = load_experiment(name)
+    words, numbers = tool.numbers_of(tool.page(experiment, experiment.run()))
+    stored_words, stored = tool.numbers_of((PAGES / f"{name}.md").read_text("utf-8"))
+    assert words == stored_words
+    assert_allclose(numbers, stored, rtol=0.01, atol=1e-6)
