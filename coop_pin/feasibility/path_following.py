@@ -40,11 +40,11 @@ class PayloadPath(NamedTuple):
     twists: Array
 
 
-def payload_path(scenario: Scenario, poses: int) -> PayloadPath:
-    """Return the path of a scenario: straight to the reference, then along it, denser where it moves."""
+def payload_path(scenario: Scenario, poses: int, arm: str = "") -> PayloadPath:
+    """Return the path that an arm is to see: straight to the reference, then along it, denser where it moves."""
     reference = scenario.payload_motion  # reads a CSV table again
     times = _pose_times(scenario, poses)
-    targets = [reference.at(float(time)) for time in times]
+    targets = [scenario.cell.target_of(arm, reference.at(time), time) for time in times.tolist()]
     start, begin = pin.SE3(scenario.start.matrix), pin.SE3(np.array(targets[0].X_WP_d))
     approach = [
         pin.SE3.Interpolate(start, begin, float(part)).homogeneous
@@ -75,8 +75,9 @@ def time_at_rest(scenario: Scenario) -> float:
 def _moving(scenario: Scenario) -> tuple[Array, Array]:
     """Return probed times, s, and whether the reference moves in the intervals between them."""
     motion, probes = scenario.payload_motion, np.linspace(0.0, scenario.duration, _PROBES)
-    poses = np.array([motion.at(time).X_WP_d for time in probes.tolist()])
-    return probes, np.abs(np.diff(poses, axis=0)).max(axis=(1, 2)) > 0.0
+    cell, targets = scenario.cell, [(motion.at(time), time) for time in probes.tolist()]
+    seen = [[at.X_WP_d, *(cell.target_of(arm, at, t).X_WP_d for arm in cell.tools)] for at, t in targets]
+    return probes, np.abs(np.diff(np.array(seen), axis=0)).max(axis=(1, 2, 3)) > 0.0
 
 
 def with_free_turn(scenario: Scenario, path: PayloadPath) -> PayloadPath:

@@ -137,6 +137,7 @@ class CellDynamics(CellKinematics):
             **self._of_elements(*elements),
             **self.stops.quantities(q, v),
             **(self._of_shared(q, v, wrenches) if self.model.shared else {}),
+            tip_pose=np.array([tip.homogeneous for tip in frames.tips]) if self.cell.tools else None,
         )
 
     def _of_shared(self, q: Array, v: Array, wrenches: Array) -> dict[str, Any]:

@@ -60,6 +60,9 @@ METRIC_TEXTS = {
     "energy_balance_max_J": ("energy minus work, largest", "J", 1.0),
     "squeeze_reserve_min_N": ("normal force of a patch or pad beyond what friction needs, least", "N", 1.0),
     "dropped_at_s": ("nothing holds the payload from", "s", 1.0),
+    "relative_position_error_max_m": ("position of a tool in the payload, largest error", "mm", 1e3),
+    "relative_orientation_error_max_rad": ("orientation of a tool, largest error", "mrad", 1e3),
+    "absolute_position_error_max_m": ("mean position of all tips, largest error", "mm", 1e3),
 }
 """Text of each metric, its unit as shown, and the scale from the SI value to that unit."""
 
@@ -98,6 +101,7 @@ def all_metrics(data: Arrays, scenario: Scenario, end: float, counted: Mask) -> 
         "energy_balance_max_J": np.abs(energy_balance(data)).max(axis=-1),
         "torque_peak_Nm": np.fmax.reduce(np.abs(np.asarray(data["torque"])), axis=(-3, -2, -1)),
         "joint_drift_rad": np.fmax.reduce(joint_drift(data, events), axis=(-2, -1)),
+        **(tool_metrics(data) if "relative_error" in data else {}),
     }
 
 
@@ -234,6 +238,17 @@ def _of_phase(means: Sequence[Array], mask: Mask) -> InternalForceMetrics:
     axial, *squares = means
     values: list[Any] = [_mean(axial, mask), *(_rms(x, mask) for x in squares)]
     return InternalForceMetrics(*values)
+
+
+# ------------------------------------------------------------ tools
+
+
+def tool_metrics(data: Arrays) -> dict[str, Array]:
+    """Return the largest errors of the relative and the absolute pose of arms with tools by name."""
+    relative = [norms.max(axis=(-2, -1)) for norms in norms6(np.asarray(data["relative_error"]))]
+    absolute, _ = norms6(np.asarray(data["absolute_error"]))
+    names = ("relative_position_error_max_m", "relative_orientation_error_max_rad")
+    return dict(zip(names, relative, strict=True)) | {"absolute_position_error_max_m": absolute.max(axis=-1)}
 
 
 # ------------------------------------------------------------ energy

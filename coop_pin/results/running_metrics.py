@@ -43,6 +43,9 @@ _LARGEST = (
     "closure_error_max_rad",
     "torque_peak_Nm",
     "energy_balance_max_J",
+    "relative_position_error_max_m",
+    "relative_orientation_error_max_rad",
+    "absolute_position_error_max_m",
 )
 _LEAST = ("squeeze_reserve_min_N", "dropped_at_s")
 _ROUNDING = 1e-9

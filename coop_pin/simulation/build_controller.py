@@ -64,7 +64,7 @@ def controlled_arm(scenario: Scenario, model: ArmModel) -> ControlledArm:
         leads=name == next(iter(cell.arms)),
         rows=cell.task_rows,
         period=scenario.clock.period,
-        load_share=cell.share(name),
+        load_share=float(cell.gain_shares[list(cell.arms).index(name)]),
         drives=model.nv,
         posture=posture,
         gravity=np.array(cell.gravity),

@@ -137,14 +137,14 @@ class References:
         """Return what the cell is to do if all clocks show the time."""
         cell, target = self._scenario.cell, motion.at(time)
         wrenches, references = squeeze.at(time, cell.grasps), list[ArmReference]()
-        if not self._has_plan:
+        if not (self._has_plan or cell.tools):
             return arm_references(self._rows, target, wrenches), target, wrenches, None
         just_after, events = self._timeline.just_after(time), [each.event for each in missed]
         plan = self._scenario.grasp_plan_at(just_after, events)
         wrenches = plan.squeeze(wrenches)
         arms = zip(cell.grasps, plan.carried.tolist(), plan.retreats, strict=True)
         for index, (name, share, retreat) in enumerate(arms):
-            moved = retreated(target, cell.way_out(name), retreat)
+            moved = retreated(cell.target_of(name, target, time), cell.way_out(name), retreat)
             (reference,) = arm_references(self._rows, moved, wrenches[index : index + 1])
             references.append(reference._replace(load_share=share))
         return references, target, wrenches, plan
