@@ -49,8 +49,7 @@ class GraspEvent(PayloadEvent):
             return problems
         if self.arm in cell.tools:
             problems.append(FieldError(f"is {self.arm!r}, whose tip is a tool: it holds nothing", "arm"))
-        unknown = unknown_arms([self.arm], cell.arms)
-        return [*problems, *(FieldError(one.detail, "arm") for one in unknown)]
+        return [*problems, *(FieldError(one.detail, "arm") for one in unknown_arms([self.arm], cell.arms))]
 
     def needs_pinocchio(self, cell: Any) -> bool:
         """Return whether the grasp is not compliant: the traced plant opens and closes those alone."""

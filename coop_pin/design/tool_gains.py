@@ -27,8 +27,8 @@ def with_tool_gains(scenario: Scenario, cell_reach: Reachability) -> tuple[Scena
 
     ::
 
-        G_i = c_i K_i = kappa / (T max(1, rho)) Lambda_i(q_0)           in payload axes, turned with the payload
-        k_I = 0.4 lambda_min,  gamma = 0.1 lambda_min                   or lower, for a damping ratio of 0.58
+        G_i = c_i K_i = kappa / (T max(1, rho)) Lambda_i(q_0)      in payload axes, turned with the payload
+        k_I = 0.4 lambda_min,  gamma = 0.1 lambda_min              or lower, for a damping ratio of 0.58
 
     With the inertias Lambda_i of arms alone the absolute and the relative motion of two tools would decouple,
     at kappa / T and rho kappa / T; what the payload adds to its arms makes their lambda smaller.

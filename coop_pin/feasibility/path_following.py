@@ -41,7 +41,7 @@ class PayloadPath(NamedTuple):
 
 
 def payload_path(scenario: Scenario, poses: int, arm: str = "") -> PayloadPath:
-    """Return the path that an arm is to see: straight to the reference, then along it, denser where it moves."""
+    """Return the path that an arm sees: straight to the reference, then along it, denser where it moves."""
     reference = scenario.payload_motion  # reads a CSV table again
     times = _pose_times(scenario, poses)
     targets = [scenario.cell.target_of(arm, reference.at(time), time) for time in times.tolist()]
@@ -75,8 +75,8 @@ def time_at_rest(scenario: Scenario) -> float:
 def _moving(scenario: Scenario) -> tuple[Array, Array]:
     """Return probed times, s, and whether the reference moves in the intervals between them."""
     motion, probes = scenario.payload_motion, np.linspace(0.0, scenario.duration, _PROBES)
-    cell, targets = scenario.cell, [(motion.at(time), time) for time in probes.tolist()]
-    seen = [[at.X_WP_d, *(cell.target_of(arm, at, t).X_WP_d for arm in cell.tools)] for at, t in targets]
+    targets, seen_by = [(motion.at(time), time) for time in probes.tolist()], scenario.cell.target_of
+    seen = [[seen_by(arm, at, t).X_WP_d for arm in ("", *scenario.cell.tools)] for at, t in targets]
     return probes, np.abs(np.diff(np.array(seen), axis=0)).max(axis=(1, 2, 3)) > 0.0
 
 

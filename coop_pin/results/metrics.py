@@ -42,6 +42,12 @@ _REASONS = {
     "after_event": "the run ends with it",
 }
 """Reasons why a run has no sample of a phase."""
+TOOL_METRICS = {
+    "relative_position_error_max_m": ("position of a tool in the payload, largest error", "mm", 1e3),
+    "relative_orientation_error_max_rad": ("orientation of a tool, largest error", "mrad", 1e3),
+    "absolute_position_error_max_m": ("mean position of all tips, largest error", "mm", 1e3),
+}
+"""Metrics of arms with tools; as METRIC_TEXTS."""
 SIMULATION_SOUND, TASK_KEPT = "simulation_sound", "task_kept"
 """Metrics of the two verdicts on a run: 1 or 0."""
 
@@ -60,9 +66,7 @@ METRIC_TEXTS = {
     "energy_balance_max_J": ("energy minus work, largest", "J", 1.0),
     "squeeze_reserve_min_N": ("normal force of a patch or pad beyond what friction needs, least", "N", 1.0),
     "dropped_at_s": ("nothing holds the payload from", "s", 1.0),
-    "relative_position_error_max_m": ("position of a tool in the payload, largest error", "mm", 1e3),
-    "relative_orientation_error_max_rad": ("orientation of a tool, largest error", "mrad", 1e3),
-    "absolute_position_error_max_m": ("mean position of all tips, largest error", "mm", 1e3),
+    **TOOL_METRICS,
 }
 """Text of each metric, its unit as shown, and the scale from the SI value to that unit."""
 
@@ -240,15 +244,11 @@ def _of_phase(means: Sequence[Array], mask: Mask) -> InternalForceMetrics:
     return InternalForceMetrics(*values)
 
 
-# ------------------------------------------------------------ tools
-
-
 def tool_metrics(data: Arrays) -> dict[str, Array]:
     """Return the largest errors of the relative and the absolute pose of arms with tools by name."""
-    relative = [norms.max(axis=(-2, -1)) for norms in norms6(np.asarray(data["relative_error"]))]
-    absolute, _ = norms6(np.asarray(data["absolute_error"]))
-    names = ("relative_position_error_max_m", "relative_orientation_error_max_rad")
-    return dict(zip(names, relative, strict=True)) | {"absolute_position_error_max_m": absolute.max(axis=-1)}
+    position, angle = (norms.max(axis=(-2, -1)) for norms in norms6(np.asarray(data["relative_error"])))
+    absolute = norms6(np.asarray(data["absolute_error"]))[0].max(axis=-1)
+    return dict(zip(TOOL_METRICS, (position, angle, absolute), strict=True))
 
 
 # ------------------------------------------------------------ energy

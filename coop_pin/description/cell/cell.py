@@ -61,7 +61,8 @@ class Cell(HeldPayload):
 
     @model_validator(mode="after")
     def _holds_beside_tools(self) -> Self:
-        if self.tools and (not self.shares.sum() > 0.0 or self.unclosed or self.jointed or self.tables):
+        borne = sum(self.gain_shares[index] for index, name in enumerate(self.arms) if name not in self.tools)
+        if self.tools and (not borne > 0.0 or self.unclosed or self.jointed or self.tables):
             detail = "has tools; beside them are rigid grasps that bear the load, and no tables"
             raise FieldError(detail, "grasps")
         return self

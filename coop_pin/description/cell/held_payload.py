@@ -263,7 +263,7 @@ class HeldPayload(Description):
 
     @property
     def tools(self) -> dict[str, ToolTip]:
-        """Tips of arms that hold nothing by arm, in their order."""
+        """Tips that hold nothing by arm, in their order."""
         return {name: grasp for name, grasp in self.grasps.items() if isinstance(grasp, ToolTip)}
 
     @property
