@@ -317,6 +317,5 @@ class HeldPayload(Description):
     @property
     def gain_shares(self) -> Array:
         """Parts of the gains: the stated load shares, also of tools, in the order of the arms, shape (m,)."""
-        if self.load_shares is None:
-            return np.full(len(self.arms), 1.0 / len(self.arms))
-        return np.array([self.load_shares[name] for name in self.arms])
+        stated, m = self.load_shares, len(self.arms)
+        return np.full(m, 1.0 / m) if stated is None else np.array([stated[name] for name in self.arms])
