@@ -87,7 +87,7 @@ def with_free_turn(scenario: Scenario, path: PayloadPath) -> PayloadPath:
     allow. Springs and dampers of a posture are not considered. From a position on that the chain cannot take,
     the orientations are those of the reference, and at the start those of the start.
     """
-    chain = CellChain(scenario.cell.rigid)
+    chain = CellChain(scenario.cell if scenario.cell.tools else scenario.cell.rigid)
     model, closures = chain.mechanism.model, chain.mechanism.closures
     try:
         q = chain.configuration(path.poses[0])

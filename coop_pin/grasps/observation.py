@@ -43,9 +43,9 @@ class Observation(NamedTuple):
         shared_position: positions of the shared joints, m or rad, shape (..., n); None without any.
         shared_velocity: their rates, m/s or rad/s, likewise.
         shared_force: force of their drives, N or N m, likewise.
-        tip_pose: X_WE of each arm, shape (..., m, 4, 4); None without tools.
         floor_wrench: wrench of the floor on the robot that they belong to, about the world's origin, N and
             N m, shape (..., 6); likewise.
+        tip_pose: X_WE of each arm, shape (..., m, 4, 4); None without tools.
     """
 
     payload_pose: Array

@@ -6,13 +6,14 @@ from numpy.testing import assert_allclose
 from tool_cells import NAMES, RATES, tool_pose, two_things, with_gains
 
 import coop_pin as cp
-from coop_pin.base.errors import InfeasibleMotionError, ScenarioError
+from coop_pin.base.errors import ArgumentError, FieldError, InfeasibleMotionError, ScenarioError
 from coop_pin.compiled.kind import pinocchio_reason
 from coop_pin.description.cell.grasp import ToolTip
 from coop_pin.reference.motions import CircleMotion, SwingMotion
 from coop_pin.reference.pose_reference import PoseReference, check_consistency
+from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.mujoco_plant import unlike_plant
-from coop_pin.stability import eigenvalues
+from coop_pin.stability import eigenvalues, steady_errors
 from coop_pin.stability.sampled_stability import sampled_stability
 
 SHORT = {"planar": 1.2, "spatial": 0.4}
@@ -35,7 +36,11 @@ def stiffness_of_holder(scenario):
     return 0.5 * gains.pose_gain[0, 0] * turn @ gains.sliding_gain @ turn.T
 
 
-@pytest.mark.parametrize(("cell", "rho"), [("planar", 1.0), ("planar", 3.0), ("spatial", 2.0)])
+BOTH = ["planar", pytest.param("spatial", marks=pytest.mark.slow)]
+LONGER = [pytest.param("planar", 1.0, marks=pytest.mark.slow), ("planar", 3.0)]
+
+
+@pytest.mark.parametrize(("cell", "rho"), [*LONGER, pytest.param("spatial", 2.0, marks=pytest.mark.slow)])
 def test_a_push_on_the_payload_leaves_a_relative_error_that_falls_with_rho(cell, rho):
     """At rest G_1 gamma (e_a + rho (e_1 - e_a)) = F, e_a + rho (e_2 - e_a) = 0: e_2 - e_1 = -e / rho."""
     scenario = pushed(cell, rho, SHORT[cell], pose_gain=FAST[cell])
@@ -113,7 +118,7 @@ def test_the_frame_that_a_tool_carries_moves_as_its_twist_and_acceleration_say()
     assert max(check_consistency(Seen(tool=turning, payload=swing), np.linspace(0.1, 2.9, 15))) < 1e-4
 
 
-@pytest.mark.parametrize("cell", NAMES)
+@pytest.mark.parametrize("cell", BOTH)
 def test_the_tool_follows_its_motion_on_the_payload_and_the_replay_shows_it(cell, tmp_path):
     grasp = cp.Scenario.load(NAMES[cell]).cell.grasps["right"]
     circle = {"kind": "circle", "pose": grasp.model_dump(), "radius": 0.01, "angular_rate": 6.0, "ramp": 0.2}
@@ -141,11 +146,20 @@ def test_what_tools_cannot_have_is_refused_by_name():
         scenario.override({"cell.grasps.left": left})
     with pytest.raises(ScenarioError, match="joints"):
         ToolTip(motion={"kind": "joints", "path": "angles.csv"})
+    for kind in ("mean-pose", "leader-follower", "computed-torque"):
+        gains = scenario.controller.gains.model_dump() if kind == "mean-pose" else {}
+        with pytest.raises(FieldError, match="symmetric"):
+            build_controller(scenario.override({"controller": {"kind": kind, "gains": gains}}))
+    with pytest.raises(ArgumentError, match="tools"):
+        steady_errors(scenario)
+    with pytest.raises(ArgumentError, match="tools"):
+        scenario.cell.require_rigid("this")
+    assert not scenario.cell.rigid.tools
     with pytest.raises(InfeasibleMotionError, match="relative_gain"):
         cp.suggest(two_things("planar", rho=0.0), poses=5)
 
 
-@pytest.mark.parametrize("cell", NAMES)
+@pytest.mark.parametrize("cell", BOTH)
 def test_gains_of_single_arms_hold_where_those_of_the_cell_do_not(cell):
     """Arms are lighter alone than together with a payload that both hold."""
     stated = two_things(cell)

@@ -163,6 +163,7 @@ class MeanPose(PayloadSpace):
     """
 
     controls_grasps: ClassVar[bool] = False  # views by tips that turn in their joints have no mean
+    works_apart: ClassVar[bool] = False  # nothing would keep a tool beside the payload
 
     kind: Literal["mean-pose"] = "mean-pose"  # type: ignore[assignment]  # names the class, not its base
     on_loss: Literal["last", "skip"] = "last"

@@ -88,8 +88,7 @@ class Cell(HeldPayload):
     @property
     def rigid(self) -> Self:
         """The same cell with rigid grasps, without tables."""
-        poses = {name: Pose(xyz=g.xyz, rpy=g.rpy) for name, g in self.grasps.items()}
-        grasps = poses | self.tools
+        grasps = {name: Pose(xyz=g.xyz, rpy=g.rpy) for name, g in self.grasps.items()}
         return self.replace(grasps=grasps, tables={})
 
     def require_rigid(self, purpose: str) -> None:
@@ -99,13 +98,15 @@ class Cell(HeldPayload):
             purpose: Subject that needs rigid grasps, as the beginning of a sentence.
 
         Raises:
-            ArgumentError: a grasp is compliant or held by friction, with the arms; or there is a table.
+            ArgumentError: a tip is a tool, a grasp compliant or held by friction, with the arms; or there is
+                a table.
         """
         for names, are in (
             (list(self.jointed), "those of {} are joints"),
             (list(self.compliant), "those of {} are compliant"),
             (list(self.patches), "those of {} are held by friction"),
             (list(self.tables), "the cell has tables {}"),
+            (list(self.tools), "the tips of {} are tools"),
         ):
             if names:
                 raise ArgumentError(
