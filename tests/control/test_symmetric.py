@@ -85,6 +85,34 @@ def test_rho_moves_no_payload_that_all_hold(cell):
     assert_allclose(sums[1:], [sums[0]] * 2, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.parametrize("rho", [0.0, 0.4, 2.5])
+@pytest.mark.parametrize("cell", SCENARIOS)
+def test_the_law_takes_the_power_of_its_proof_out_of_two_things(cell, rho):
+    """V' = -|e_a'|_K^2 - rho sum_i c_i |e_i' - e_a'|_K^2 on the reference, of a PD."""
+    shares, c = {"left": 0.3, "right": 0.7}, np.array([0.3, 0.7])
+    law = law_of(cell, rho)
+    law["gains"] |= {"sign_gain": 0.0, "leak": 0.0, "anchor_gain": 0.0}
+    scenario = SCENARIOS[cell]().override({"events": [], "cell.load_shares": shares, "controller": law})
+    controller = build_controller(scenario)
+    references = cp.Simulation(scenario, controller).references(0.0)
+    references = [
+        each._replace(twist=0.0 * each.twist, internal_wrench=0.0 * each.twist) for each in references
+    ]
+    k_0, rng = scenario.cell.task_rows.size, np.random.default_rng(7)
+    seen, *_ = views(references[0].pose, k_0, [k_0, k_0], rng)
+    at_rest = [m._replace(payload_pose=references[0].pose, payload_twist=np.zeros(k_0)) for m in seen]
+    twists = rng.normal(size=(2, k_0))
+    moving = [m._replace(payload_twist=V) for m, V in zip(at_rest, twists, strict=True)]
+    command = controller.step(moving, references, controller.init(at_rest, references))
+    wrenches = [
+        np.linalg.solve(m.payload_jacobian.T, tau) for m, tau in zip(moving, command.torques, strict=True)
+    ]
+    K = scenario.controller.gains.sized(k_0, k_0).sliding_gain
+    V_a, apart = c @ twists, twists - c @ twists
+    expected = V_a @ K @ V_a + rho * sum(share * V @ K @ V for share, V in zip(c, apart, strict=True))
+    assert_allclose(np.sum(twists * wrenches), -expected, rtol=1e-10)
+
+
 BIASED = {
     "adept-anchored": {"duration": 3.0},
     "two-pandas-box": {"duration": 3.0, "clock.steps_per_tick": 1},

@@ -37,16 +37,18 @@ class SymmetricController(CellLawWrapper):
 
     ::
 
-        sum_i c_i K s_i = K s_a,    c_i K (s_i - s_a) rho of each besides, which sum to zero:
+        sum_i c_i K s_i = K s_a,    and besides each with rho c_i K (s_i - s_a), which sum to zero:
 
     rho changes the internal wrench alone, not the motion. 1 is each arm by itself, 0 the absolute pose only.
-    Where the arms hold different things, both errors are motions: with task inertias L_i of the arms,
+    Where the arms hold different things, both errors are motions. Without integral, with a scalar gamma and
+    with task inertias L_i of the arms that hardly change::
 
-    ::
+        L_i e_i'' = -c_i K [s_a + rho (s_i - s_a)],   s = e' + gamma e
+        |e|_G^2   = |e_a|_K^2 + rho sum_i c_i |e_i - e_a|_K^2
+        V         = sum_i e_i'^T L_i e_i' / 2 + gamma |e|_G^2 / 2,    V' = -|e'|_G^2
 
-        L_i e_i'' = -c_i K [s_a + rho (s_i - s_a)],   s = e' + gamma e,   V = sum_i s_i^T L_i s_i / 2
-
-    falls for all rho > 0 where L_i hardly changes, and with s every error decays at the rate gamma.
+    so that both errors vanish for all rho > 0. An eigenvalue lambda of L^-1 G has the rates z of
+    z^2 - lambda z + lambda gamma = 0, the slow one close to gamma where lambda is much larger.
 
     Uchiyama and Dauchez (1988, 1993); Chiacchio, Chiaverini and Siciliano (1996). Here the absolute
     orientation is a mean of rotation vectors, equal to theirs to the first order in the errors, for any
