@@ -112,7 +112,7 @@ class References:
     def __init__(self, scenario: Scenario, timeline: Timeline) -> None:
         """Take clocks, grasps and their events from a scenario and its timeline."""
         self._scenario, self._timeline, self._rows = scenario, timeline, scenario.cell.task_rows
-        self.clocks, self._has_plan = scenario.clocks, scenario.has_grasp_plan
+        self.clocks, self._has_plan = scenario.clocks, scenario.has_grasp_plan or bool(scenario.cell.tools)
 
     def at(
         self, time: float, motion: PoseReference, squeeze: SqueezeReference, missed: Sequence[MissedGrasp]
@@ -137,7 +137,7 @@ class References:
         """Return what the cell is to do if all clocks show the time."""
         cell, target = self._scenario.cell, motion.at(time)
         wrenches, references = squeeze.at(time, cell.grasps), list[ArmReference]()
-        if not (self._has_plan or cell.tools):
+        if not self._has_plan:
             return arm_references(self._rows, target, wrenches), target, wrenches, None
         just_after, events = self._timeline.just_after(time), [each.event for each in missed]
         plan = self._scenario.grasp_plan_at(just_after, events)
