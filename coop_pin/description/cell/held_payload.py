@@ -1,7 +1,4 @@
-"""Held payload: arms with their grasps, and what these hold, transmit and leave free.
-
-Also grasps from a configuration.
-"""
+"""Held payload: arms with grasps, what these hold, transmit and leave free; grasps from a posture."""
 
 from __future__ import annotations
 
