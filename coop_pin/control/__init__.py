@@ -73,6 +73,7 @@ from coop_pin.control.laws.sliding_mode import (
     SlidingModeState,
 )
 from coop_pin.control.laws.sliding_surface import Saturation, Sign, Switching, Tanh
+from coop_pin.control.laws.symmetric import Symmetric, SymmetricController
 from coop_pin.control.measurement import ArmMeasurement, ArmReference, ControlledArm, Message
 from coop_pin.control.terms import Posture, PostureGains
 
@@ -132,6 +133,8 @@ __all__ = [
     "SlidingModeGains",
     "SlidingModeState",
     "Switching",
+    "Symmetric",
+    "SymmetricController",
     "Tanh",
     "ZeroedController",
     "anchor_gain_bound",

@@ -60,6 +60,8 @@ class Law(Description):
     """Quantities that the law uses where they are measured, in addition to kinematics."""
     controls_grasps: ClassVar[bool] = False
     """Whether each arm controls the rows of its own grasp, where that is a joint."""
+    works_apart: ClassVar[bool] = False
+    """Whether its arms may hold different things."""
     spare_spring: ClassVar[str] = ""
     """Path of the field with the spring of spare joints; empty if the law has none."""
 

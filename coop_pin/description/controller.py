@@ -22,6 +22,7 @@ from coop_pin.control import (
     PrescribedPerformance,
     RedundantSlidingMode,
     SlidingMode,
+    Symmetric,
 )
 from coop_pin.control.law import Law
 from coop_pin.description.model_laws import Adaptive, ComputedTorque, ObjectImpedance, TorqueQp
@@ -114,6 +115,7 @@ PackageLaw = (
     | RedundantSlidingMode
     | PayloadSpace
     | MeanPose
+    | Symmetric
     | PrescribedPerformance
     | LeaderFollower
     | Admittance

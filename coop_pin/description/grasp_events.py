@@ -47,8 +47,9 @@ class GraspEvent(PayloadEvent):
         problems, cell = super().timing_problems(run), run.get("cell")
         if cell is None:
             return problems
-        unknown = unknown_arms([self.arm], cell.arms)
-        return [*problems, *(FieldError(one.detail, "arm") for one in unknown)]
+        if self.arm in cell.tools:
+            problems.append(FieldError(f"is {self.arm!r}, whose tip is a tool: it holds nothing", "arm"))
+        return [*problems, *(FieldError(one.detail, "arm") for one in unknown_arms([self.arm], cell.arms))]
 
     def needs_pinocchio(self, cell: Any) -> bool:
         """Return whether the grasp is not compliant: the traced plant opens and closes those alone."""
@@ -275,7 +276,7 @@ def sequence_problems(cell: Cell, events: Sequence[Any]) -> list[FieldError]:
         for (before, _), (after, path) in itertools.pairwise(_in_order(events, Partner))
         if after.time < before.end
     ]
-    holding, since = dict.fromkeys(cell.arms, True), dict[str, float]()
+    holding, since = {arm: arm not in cell.tools for arm in cell.arms}, dict[str, float]()
     retreated = dict[str, float]()
     laid = min((event.end for event in of_kind(events, PutDown)), default=math.inf)
     at_grasps = _in_order(events, GraspEvent)

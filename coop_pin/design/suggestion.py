@@ -22,6 +22,7 @@ from coop_pin.design.proposal_limits import (
     posture_limit,
 )
 from coop_pin.design.stable_gains import LAWS, stable_proposal, with_stable_gains
+from coop_pin.design.tool_gains import with_tool_gains
 from coop_pin.design.tuning_rule import GainProposal, anchored_enough, force_path_of
 from coop_pin.feasibility.carried_motion import seen_by_arms
 from coop_pin.feasibility.least_squeeze import least_squeeze, with_enough_squeeze
@@ -111,6 +112,9 @@ def suggest(
     ``zero_at_grasp``, with which the deflection is no bias. The sampled loop of springs, arms and law must be
     stable.
 
+    Beside tools the symmetric law is proposed, with such gains of every arm alone; rate, postures and grasps
+    stay as they are.
+
     Patches ask for the same, and for the split of the virtual linkage, guards, and a squeeze of at least 1.5
     times ``least_squeeze``: stated ones are raised, and without one the tips press along the lines between
     them. A put-down leaves the anchor without a bound, and lowers the gains until a table that is
@@ -143,6 +147,8 @@ def suggest(
             f"suggest is for cells whose grasps hold every row, and those of {list(cell.jointed)} are joints;"
             " ask it of the same cell with bare poses as grasps (``cell.rigid``), and check the gains"
         )
+    if cell.tools:
+        return _beside_tools(scenario, poses)
     if cell.has_contacts and len(cell.patches) < len(cell.arms):
         names = [*cell.patches, *cell.tables]
         raise ArgumentError(
@@ -190,6 +196,18 @@ def suggest(
         f"plant: {suggested.clock.steps_per_tick} steps in a tick; {start_stability(simulation).summary()}",
     )
     return Suggestion(suggested, proposal, lines, (*changes, *pressed), errors)
+
+
+def _beside_tools(scenario: Scenario, poses: int) -> Suggestion:
+    """Return a proposal for arms of which some have tools; raises as ``suggest``."""
+    require_rank(scenario.cell)
+    cell_reach = reachability(scenario, poses=poses)
+    require_feasible(scenario, cell_reach, statics_along(scenario, cell_reach))
+    suggested, limit = with_tool_gains(scenario, cell_reach)
+    kinds = [each.controller.kind for each in (scenario, suggested)]
+    changed = f"law CHANGED from {kinds[0]!r} to {kinds[1]!r}: gains of arms with tools are proposed for it"
+    none = Forecast(uncovered="it is for arms that hold one payload, and some have tools")
+    return Suggestion(suggested, None, (limit,), (changed,) * (kinds[0] != kinds[1]), none)
 
 
 def _squeezed(scenario: Scenario, statics: StaticTorques) -> tuple[Scenario, float]:

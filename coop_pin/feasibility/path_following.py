@@ -40,11 +40,11 @@ class PayloadPath(NamedTuple):
     twists: Array
 
 
-def payload_path(scenario: Scenario, poses: int) -> PayloadPath:
-    """Return the path of a scenario: straight to the reference, then along it, denser where it moves."""
+def payload_path(scenario: Scenario, poses: int, arm: str = "") -> PayloadPath:
+    """Return the path that an arm sees: straight to the reference, then along it, denser where it moves."""
     reference = scenario.payload_motion  # reads a CSV table again
     times = _pose_times(scenario, poses)
-    targets = [reference.at(float(time)) for time in times]
+    targets = [scenario.cell.target_of(arm, reference.at(time), time) for time in times.tolist()]
     start, begin = pin.SE3(scenario.start.matrix), pin.SE3(np.array(targets[0].X_WP_d))
     approach = [
         pin.SE3.Interpolate(start, begin, float(part)).homogeneous
@@ -75,8 +75,9 @@ def time_at_rest(scenario: Scenario) -> float:
 def _moving(scenario: Scenario) -> tuple[Array, Array]:
     """Return probed times, s, and whether the reference moves in the intervals between them."""
     motion, probes = scenario.payload_motion, np.linspace(0.0, scenario.duration, _PROBES)
-    poses = np.array([motion.at(time).X_WP_d for time in probes.tolist()])
-    return probes, np.abs(np.diff(poses, axis=0)).max(axis=(1, 2)) > 0.0
+    targets, seen_by = [(motion.at(time), time) for time in probes.tolist()], scenario.cell.target_of
+    seen = [[seen_by(arm, at, t).X_WP_d for arm in ("", *scenario.cell.tools)] for at, t in targets]
+    return probes, np.abs(np.diff(np.array(seen), axis=0)).max(axis=(1, 2, 3)) > 0.0
 
 
 def with_free_turn(scenario: Scenario, path: PayloadPath) -> PayloadPath:
@@ -86,7 +87,7 @@ def with_free_turn(scenario: Scenario, path: PayloadPath) -> PayloadPath:
     allow. Springs and dampers of a posture are not considered. From a position on that the chain cannot take,
     the orientations are those of the reference, and at the start those of the start.
     """
-    chain = CellChain(scenario.cell.rigid)
+    chain = CellChain(scenario.cell if scenario.cell.tools else scenario.cell.rigid)
     model, closures = chain.mechanism.model, chain.mechanism.closures
     try:
         q = chain.configuration(path.poses[0])

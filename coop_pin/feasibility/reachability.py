@@ -173,13 +173,14 @@ def reachability(
     """
     require_type("scenario", scenario, Scenario)
     poses = as_fitting_count("poses", poses, 2, POSE_SIZE)
-    path = payload_path(scenario, poses)
-    if scenario.cell.rows == "positional":
-        path = with_free_turn(scenario, path)
     names = list(scenario.cell.arms if arms is None else arms)
     if strangers := [name for name in names if name not in scenario.cell.arms]:
         raise NameNotFoundError("arm", str(strangers[0]), scenario.cell.arms, "the cell")
-    reaches = tuple(_arm_reach(scenario, name, path) for name in names)
+    together = payload_path(scenario, poses)
+    if scenario.cell.rows == "positional":
+        together = with_free_turn(scenario, together)
+    alone = {name: payload_path(scenario, poses, name) for name in scenario.cell.tools}
+    reaches = tuple(_arm_reach(scenario, name, alone.get(name, together)) for name in names)
     return Reachability(scenario.name, scenario.duration, poses, reaches)
 
 

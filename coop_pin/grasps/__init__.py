@@ -25,6 +25,7 @@ __all__, __getattr__, __dir__ = lazy_names(
     {
         "CellChain": "grasps.cell_chain",
         "JointGrasp": "description.cell.grasp",
+        "ToolTip": "description.cell.grasp",
         "grasps_from_configuration": "description.cell.held_payload",
     },
 )

@@ -26,6 +26,10 @@ class CellDynamics(CellKinematics):
     def _free_data(self) -> pin.Data:
         return self.model.model.createData()
 
+    @cached_property
+    def _has_tools(self) -> bool:
+        return bool(self.cell.tools)
+
     def acceleration(self, q: Array, v: Array, tau: Array) -> tuple[Array, float]:
         """Return a, shape (nv,), and the power that the force elements dissipate, W.
 
@@ -137,6 +141,7 @@ class CellDynamics(CellKinematics):
             **self._of_elements(*elements),
             **self.stops.quantities(q, v),
             **(self._of_shared(q, v, wrenches) if self.model.shared else {}),
+            tip_pose=np.array([tip.homogeneous for tip in frames.tips]) if self._has_tools else None,
         )
 
     def _of_shared(self, q: Array, v: Array, wrenches: Array) -> dict[str, Any]:

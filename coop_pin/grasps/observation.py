@@ -45,6 +45,7 @@ class Observation(NamedTuple):
         shared_force: force of their drives, N or N m, likewise.
         floor_wrench: wrench of the floor on the robot that they belong to, about the world's origin, N and
             N m, shape (..., 6); likewise.
+        tip_pose: X_WE of each arm, shape (..., m, 4, 4); None without tools.
     """
 
     payload_pose: Array
@@ -69,6 +70,7 @@ class Observation(NamedTuple):
     shared_velocity: Array | None = None
     shared_force: Array | None = None
     floor_wrench: Array | None = None
+    tip_pose: Array | None = None
 
 
 class PayloadState(NamedTuple):

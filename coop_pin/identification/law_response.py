@@ -120,5 +120,6 @@ def uncovered(scenario: Scenario) -> str:
         and not law.force_path.measures,
         "arms have servos or a feed-forward": scenario.has_servos or scenario.feed_forward is not None,
         "grasps give, open or close": bool(scenario.cell.unclosed or scenario.has_grasp_plan),
+        "an arm has a tool": bool(scenario.cell.tools),
     }
     return next((reason for reason, holds in reasons.items() if holds), "")

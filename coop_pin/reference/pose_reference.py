@@ -15,6 +15,7 @@ from coop_pin.base.arrays import Array, as_array, as_pose, frozen, typed
 from coop_pin.base.errors import OutOfRangeError
 from coop_pin.base.schema.base import Description
 from coop_pin.base.schema.user_code import FunctionName, load_function
+from coop_pin.base.spatial import inverse_pose
 
 
 class PoseTarget(NamedTuple):
@@ -49,6 +50,33 @@ def retreated(target: PoseTarget, axis: Array, distance: Array) -> PoseTarget:
     V[:3] += s1 * d + s * turning
     A[:3] += s2 * d + 2.0 * s1 * turning + s * (np.cross(A[3:], d) + np.cross(w, turning))
     return PoseTarget(X, V, A)
+
+
+def carried(target: PoseTarget, relative: PoseTarget, X_PE: Array) -> PoseTarget:
+    """Return the target of a payload frame that a tip E carries, which is to move relative to the payload.
+
+    With E at r of the payload, and its twist (u, o) and acceleration (b, c) there, all in payload axes::
+
+        p + R r,   v + w x R r + R u,   w + R o,
+        a + A x R r + w x (w x R r) + 2 w x R u + R b,   A + R c + w x R o
+
+    and the frame X_PE^-1 in E moves with E.
+
+    Args:
+        target: Target of the payload.
+        relative: Target of E in the payload frame.
+        X_PE: Pose of E in the frame that it carries, shape (4, 4).
+    """
+    (X, V, A), (X_r, V_r, A_r) = target, relative
+    R, w = X[:3, :3], V[3:]
+    u, o, r = R @ V_r[:3], R @ V_r[3:], R @ X_r[:3, 3]
+    omega, alpha = w + o, A[3:] + R @ A_r[3:] + np.cross(w, o)
+    X_new = X @ X_r @ inverse_pose(X_PE)
+    d = X_new[:3, 3] - X[:3, 3] - r
+    v = V[:3] + np.cross(w, r) + u + np.cross(omega, d)
+    a = A[:3] + np.cross(A[3:], r) + np.cross(w, np.cross(w, r)) + 2.0 * np.cross(w, u) + R @ A_r[:3]
+    a = a + np.cross(alpha, d) + np.cross(omega, np.cross(omega, d))
+    return make_target(X_new[:3, :3], X_new[:3, 3], v, omega, a, alpha)
 
 
 class ForwardKinematics(Protocol):

@@ -185,7 +185,14 @@ def internal_wrench_definitions(data: xr.Dataset, cell: Cell) -> xr.Dataset:
     Args:
         data: data of a run.
         cell: cell of the run.
+
+    Raises:
+        ArgumentError: an arm has a tool.
     """
+    if cell.tools:
+        raise ArgumentError(
+            f"definitions are of arms that all hold, and the tips of {[*cell.tools]} are tools"
+        )
     r = data["tip_position"].values - data["payload_position"].values[:, None]
     is_determined, c = data["wrench_is_determined"].values, cell.shares
     F, r = determinate_grasp(data["interaction_wrench"].values, r)

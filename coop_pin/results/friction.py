@@ -75,7 +75,7 @@ def _bearing(data: Arrays, cell: Cell) -> Mask:
     """Return which arms bear their whole load share by the plan, shape (n, m)."""
     shares = np.asarray(data["load_share"]) if "load_share" in data else cell.shares
     shares = np.broadcast_to(shares, (len(np.asarray(data["time"])), len(cell.arms)))
-    loads = shares / cell.shares
+    loads = shares / cell.gain_shares
     whole: Mask = loads > _WHOLE * loads.max(axis=1, keepdims=True)
     return whole & (shares.sum(axis=1, keepdims=True) > _WHOLE)
 

@@ -42,6 +42,12 @@ _REASONS = {
     "after_event": "the run ends with it",
 }
 """Reasons why a run has no sample of a phase."""
+TOOL_METRICS = {
+    "relative_position_error_max_m": ("position of a tool in the payload, largest error", "mm", 1e3),
+    "relative_orientation_error_max_rad": ("orientation of a tool, largest error", "mrad", 1e3),
+    "absolute_position_error_max_m": ("mean position of all tips, largest error", "mm", 1e3),
+}
+"""Metrics of arms with tools; as METRIC_TEXTS."""
 SIMULATION_SOUND, TASK_KEPT = "simulation_sound", "task_kept"
 """Metrics of the two verdicts on a run: 1 or 0."""
 
@@ -61,6 +67,7 @@ METRIC_TEXTS = {
     "squeeze_reserve_min_N": ("normal force of a patch or pad beyond what friction needs, least", "N", 1.0),
     "dropped_at_s": ("nothing holds the payload from", "s", 1.0),
     "sent_B": ("bytes that arms sent each other", "kB", 1e-3),
+    **TOOL_METRICS,
 }
 """Text of each metric, its unit as shown, and the scale from the SI value to that unit."""
 
@@ -104,6 +111,7 @@ def all_metrics(data: Arrays, scenario: Scenario, end: float, counted: Mask) -> 
             if "bytes_sent" in data
             else {}
         ),
+        **(tool_metrics(data) if "relative_error" in data else {}),
     }
 
 
@@ -240,6 +248,13 @@ def _of_phase(means: Sequence[Array], mask: Mask) -> InternalForceMetrics:
     axial, *squares = means
     values: list[Any] = [_mean(axial, mask), *(_rms(x, mask) for x in squares)]
     return InternalForceMetrics(*values)
+
+
+def tool_metrics(data: Arrays) -> dict[str, Array]:
+    """Return the largest errors of the relative and the absolute pose of arms with tools by name."""
+    position, angle = (norms.max(axis=(-2, -1)) for norms in norms6(np.asarray(data["relative_error"])))
+    absolute = norms6(np.asarray(data["absolute_error"]))[0].max(axis=-1)
+    return dict(zip(TOOL_METRICS, (position, angle, absolute), strict=True))
 
 
 # ------------------------------------------------------------ energy

@@ -68,6 +68,14 @@ def _pose_errors(X: Array, X_d: Array) -> Array:
     return np.concatenate((X[..., :3, 3] - X_d[..., :3, 3], log3(R)), axis=-1)
 
 
+def _relative_errors(samples: Samples) -> Array:
+    """Return the errors of X_PE = X_WP^-1 X_WE of each arm against the desired ones, shape (..., m, 6)."""
+    inverse, inverse_d = (
+        np.linalg.inv(samples[name])[..., None, :, :] for name in ("payload_pose", "desired_pose")
+    )
+    return _pose_errors(inverse @ samples["tip_pose"], inverse_d @ samples["desired_tip_pose"])
+
+
 def _internal_wrenches(samples: Samples) -> Array:
     """Return f_i = F_i - c_i sum_j F_j, beside joints with R L_i R^T in place of c_i, shape (..., m, 6)."""
     F, L = samples["interaction_wrench"], samples.get("load_split")
@@ -168,6 +176,12 @@ QUANTITIES = (
     Quantity("pose_error", "axis", "m, rad", "actual minus desired pose",
              lambda s: _pose_errors(s["payload_pose"], s["desired_pose"])),
     Quantity("tip_position", "arm position", "m", "position of each tip"),
+    Quantity("tip_pose", "arm row column", "1, m", "X_WE", stored=False, group="tools"),
+    Quantity("desired_tip_pose", "arm row column", "1, m", "X_WE_d", stored=False, group="tools"),
+    Quantity("absolute_error", "axis", "m, rad", "absolute pose: mean of the errors of all tips, world axes",
+             lambda s: _pose_errors(s["tip_pose"], s["desired_tip_pose"]).mean(axis=-2), group="tools"),
+    Quantity("relative_error", "arm axis", "m, rad", "relative pose: error of each tip in the payload's axes",
+             lambda s: _relative_errors(s), group="tools"),
     Quantity("drive_velocity", "arm joint", "rad/s", "velocities of the drives",
              lambda s: _at_drives(s["rates"], s["drive"])),
     Quantity("joint_position", "arm joint", "rad or m", "joint positions; continuous ones count full turns",
@@ -276,6 +290,7 @@ GROUPS: dict[str, Callable[[Scenario], bool]] = {
     "grasps": lambda scenario: bool(scenario.cell.compliant),
     "plan": lambda scenario: bool(scenario.cell.compliant or scenario.has_grasp_plan),
     "joints": lambda scenario: bool(scenario.cell.jointed),
+    "tools": lambda scenario: bool(scenario.cell.tools),
     "partner": lambda scenario: bool(scenario.partners),
     "shared": lambda scenario: bool(scenario.cell.shared_joints),
     "patches": lambda scenario: scenario.cell.has_contacts,

@@ -30,7 +30,7 @@ from coop_pin.results.breaches import (
 )
 from coop_pin.results.energies import start_energy, unexplained_energy
 from coop_pin.results.friction import drop_metrics, friction_metrics
-from coop_pin.results.metrics import PHASE_METRICS, all_metrics, joint_drift
+from coop_pin.results.metrics import PHASE_METRICS, TOOL_METRICS, all_metrics, joint_drift
 from coop_pin.results.quantities import Arrays, Samples
 from coop_pin.results.task import TaskMonitor
 from coop_pin.results.trust import TrustMonitor
@@ -43,6 +43,7 @@ _LARGEST = (
     "closure_error_max_rad",
     "torque_peak_Nm",
     "energy_balance_max_J",
+    *TOOL_METRICS,
 )
 _LEAST = ("squeeze_reserve_min_N", "dropped_at_s")
 _ROUNDING = 1e-9

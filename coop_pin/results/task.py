@@ -267,6 +267,9 @@ def _errors(samples: Mapping[str, NDArray[Any]], scenario: Scenario) -> _Errors:
     """Return values and limits of the errors of LARGEST that exist, shapes (..., n) and (..., n, m)."""
     limits, cell = scenario.task, scenario.cell
     distances, angles = error_norms(samples)
+    if "relative_error" in samples:  # a tool is off where it is so on the payload
+        off = (norms.max(axis=-1) for norms in norms6(np.asarray(samples["relative_error"])))
+        distances, angles = map(np.maximum, (distances, angles), off)
     axial, shear = (np.asarray(samples[f"internal_{part}_error"]) for part in ("axial", "shear"))
     f_d, m_d = norms6(np.asarray(samples["desired_internal_wrench"]))
     errors: _Errors = {

@@ -265,9 +265,9 @@ def shared_joint_findings(scenario: Scenario) -> Iterator[Finding]:
 def lost_arm_findings(scenario: Scenario, reach: Reachability) -> Iterator[Finding]:
     """Yield arms whose loss the others do not bear: an error where the scenario plans to lose them.
 
-    Nothing beside joints, which do not transmit every wrench.
+    Nothing beside joints, which do not transmit every wrench, and tools, which are arms of their own.
     """
-    if scenario.cell.jointed:
+    if scenario.cell.jointed or scenario.cell.tools:
         return
     for arm, (limp, carried) in loads_without_an_arm(scenario, reach).items():
         if limp > 1.0:
@@ -291,8 +291,9 @@ def steady_findings(
     """Yield what the law measures, what a bias and an unknown load leave, and the errors to expect."""
     scenario = simulation.scenario
     law: Any = scenario.controller
-    if scenario.cell.jointed:
-        why = "errors at rest and the loss of an arm are not forecast beside grasps that are joints"
+    if scenario.cell.jointed or scenario.cell.tools:
+        beside = "grasps that are joints" if scenario.cell.jointed else "tools"
+        why = f"errors at rest and the loss of an arm are not forecast beside {beside}"
         yield Finding("steady error", "controller", "note", why)
         return
     if not scenario.cell.controls_turns and "holding torque" in law.needs:

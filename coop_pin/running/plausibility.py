@@ -207,7 +207,12 @@ def _squeeze(scenario: Scenario) -> Iterator[Finding]:
     with contextlib.suppress(Exception):  # a user's squeeze may fail: the run tells it
         times = np.linspace(0.0, scenario.duration, 5).tolist()
         wrenches = [scenario.squeeze.at(time, scenario.cell.grasps) for time in times]
-        if len(scenario.cell.arms) > 1 and not np.any(wrenches):
+        holders = len(scenario.cell.arms) - len(scenario.cell.tools)
+        if holders == 1 < len(scenario.cell.arms) and np.any(wrenches):
+            yield _warning(
+                "squeeze", "squeeze", "squeeze: one arm alone holds the payload, and presses nothing"
+            )
+        if holders > 1 and not np.any(wrenches):
             sentence = "squeeze is zero: the arms do not press the payload, where grasps hold by friction"
             remedy = {"squeeze.kind": "tip-force", "squeeze.force": 10.0}
             yield _warning("squeeze", "squeeze", sentence, remedy)

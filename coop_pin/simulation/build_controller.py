@@ -19,20 +19,24 @@ def build_controller(scenario: Scenario) -> CellController:
             arm.
         NameNotFoundError: a user's module or class does not exist.
     """
-    if scenario.cell.jointed:
+    cell, law = scenario.cell, scenario.controller
+    if cell.jointed:
         _require_grasp_rows(scenario)
-    arms = [controlled_arm(scenario, ArmModel(arm, name=name)) for name, arm in scenario.cell.arms.items()]
-    law, added = scenario.controller.build(scenario, arms), scenario.feed_forward
+    if cell.tools and not (law.works_apart or law.user_code):
+        detail = f"is {law.kind!r}, but the tips of {list(cell.tools)} are tools, beside what the others hold"
+        raise FieldError(f"{detail}; choose 'symmetric' or 'payload-space'", "controller.kind")
+    arms = [controlled_arm(scenario, ArmModel(arm, name=name)) for name, arm in cell.arms.items()]
+    built, added = law.build(scenario, arms), scenario.feed_forward
     if added is None:
-        return law
+        return built
     for arm, torque in zip(arms, added.at(added.times[-1]), strict=True):
         if len(torque) != arm.drives:
             detail = f"has {len(torque)} torques in a row; the arm has {arm.drives} drives"
             raise FieldError(detail, f"feed_forward.torques.{arm.name}")
-        if law.commands_of(arm.name) != "torque":
-            detail = f"adds torques, but the law commands {law.commands_of(arm.name)!r} to arm {arm.name!r}"
+        if built.commands_of(arm.name) != "torque":
+            detail = f"adds torques, but the law commands {built.commands_of(arm.name)!r} to arm {arm.name!r}"
             raise FieldError(detail, "feed_forward")
-    return FeedForwardController(law, lambda time, _: added.at(time))
+    return FeedForwardController(built, lambda time, _: added.at(time))
 
 
 def _require_grasp_rows(scenario: Scenario) -> None:
@@ -64,7 +68,7 @@ def controlled_arm(scenario: Scenario, model: ArmModel) -> ControlledArm:
         leads=name == next(iter(cell.arms)),
         rows=cell.task_rows,
         period=scenario.clock.period,
-        load_share=cell.share(name),
+        load_share=float(cell.gain_shares[list(cell.arms).index(name)]),
         drives=model.nv,
         posture=posture,
         gravity=np.array(cell.gravity),

@@ -30,7 +30,7 @@ def unlike_plant(cell: Cell, options: PlantOptions, events: Sequence[PayloadEven
     Raises:
         CoopPinError: an arm cannot be loaded.
     """
-    without = [f"grasp of {name!r} is not rigid" for name in [*cell.unclosed, *cell.jointed]]
+    without = [f"grasp of {name!r} is not rigid" for name in [*cell.unclosed, *cell.jointed, *cell.tools]]
     without += [f"table {name!r}" for name in cell.tables]
     without += [f"shared joint {name!r}" for name in cell.shared_joints]
     if options.payload == "free":

@@ -140,7 +140,7 @@ class Recorder:
         if not self._samples:
             self._allocate()
         samples, plant, sample = self._samples, self._plant, self.count
-        measurements, _, target, squeeze, _ = inputs
+        measurements, references, target, squeeze, _ = inputs
         distances, angles = zip(*plant.closure_errors(), strict=True)
         for name, value in {
             "time": time,
@@ -153,6 +153,9 @@ class Recorder:
             "closure_angle": angles,
         }.items():
             samples[name][sample] = value
+        if "desired_tip_pose" in samples:
+            grasps = zip(references, self._cell.grasps.values(), strict=True)
+            samples["desired_tip_pose"][sample] = [one.pose @ grasp.matrix for one, grasp in grasps]
         if "load_share" in samples:
             samples["load_share"][sample] = shares
         if "load_split" in samples:

@@ -112,7 +112,7 @@ class References:
     def __init__(self, scenario: Scenario, timeline: Timeline) -> None:
         """Take clocks, grasps and their events from a scenario and its timeline."""
         self._scenario, self._timeline, self._rows = scenario, timeline, scenario.cell.task_rows
-        self.clocks, self._has_plan = scenario.clocks, scenario.has_grasp_plan
+        self.clocks, self._has_plan = scenario.clocks, scenario.has_grasp_plan or bool(scenario.cell.tools)
 
     def at(
         self, time: float, motion: PoseReference, squeeze: SqueezeReference, missed: Sequence[MissedGrasp]
@@ -144,7 +144,7 @@ class References:
         wrenches = plan.squeeze(wrenches)
         arms = zip(cell.grasps, plan.carried.tolist(), plan.retreats, strict=True)
         for index, (name, share, retreat) in enumerate(arms):
-            moved = retreated(target, cell.way_out(name), retreat)
+            moved = retreated(cell.target_of(name, target, time), cell.way_out(name), retreat)
             (reference,) = arm_references(self._rows, moved, wrenches[index : index + 1])
             references.append(reference._replace(load_share=share))
         return references, target, wrenches, plan

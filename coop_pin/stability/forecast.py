@@ -157,6 +157,7 @@ def _uncovered(scenario: Scenario, until: float) -> str:
         "an event changes the cell at once": until <= scenario.clock.period,
         "drives fail": any(map(_fails, map(scenario.actuators_of, arms))),
         "tables are not in it": bool(cell.tables),
+        "tools are not in it": bool(cell.tools),
         "kinematics or sensors are off": any(is_off)
         or any(wrist != WristSensor() for wrist in as_sensed)
         or any(not sensor.joints_are_ideal or np.any(sensor.holding_torque_error) for sensor in sensors),

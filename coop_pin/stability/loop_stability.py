@@ -102,7 +102,8 @@ def loop_stability(simulation: Simulation, cell_reach: Reachability | None = Non
         SingularJacobianError: an arm is singular at a pose.
         ArgumentError: a grasp is compliant.
     """
-    simulation.scenario.cell.require_rigid("loop_stability")
+    if not simulation.scenario.cell.tools:  # whose arms are loops of their own
+        simulation.scenario.cell.require_rigid("loop_stability")
     stabilities, bound = list[LoopStability](), _LARGEST_LAG
     for time, q in start_and_later(simulation, cell_reach, _POSES):
         stabilities.append(_stability(simulation, sampled_motion(simulation, q, time), bound))

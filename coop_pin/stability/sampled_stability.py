@@ -127,8 +127,8 @@ def configurations_along(
     model, reaches = simulation.chain.model, cell_reach.arms
     lead = CellArm(simulation.scenario.cell, reaches[0].arm)
 
-    def X_WP(time: float, k: int) -> Array:  # which an arm does not see beyond a joint
-        if simulation.scenario.cell.jointed:
+    def X_WP(time: float, k: int) -> Array:  # which an arm does not see beyond a joint, or with a tool
+        if simulation.scenario.cell.jointed or simulation.scenario.cell.tools:
             return simulation.scenario.payload_motion.at(time).X_WP_d
         return lead.payload_pose(reaches[0].q[k])
 

@@ -150,13 +150,15 @@ def steady_errors(scenario: Scenario, *, bias: float = 1e-3, load: float = 10.0)
             the stated weight, for the leaky law what the holding torques did not carry.
 
     Raises:
-        ArgumentError: the controller is a user's own, or arms have servos.
+        ArgumentError: the controller is a user's own, or arms have servos or tools.
         SingularJacobianError, UnreachablePoseError: of law (23), where an arm cannot hold the start.
     """
     bias, load = as_positive("bias", bias), as_positive("load", load)
     law: Any = scenario.controller
     if law.user_code:
         raise ArgumentError("steady errors are known of the laws of coop_pin, not of a user's controller")
+    if scenario.cell.tools:
+        raise ArgumentError("steady errors are known of arms that hold one payload, not beside tools")
     if scenario.has_servos:
         raise ArgumentError("steady errors are known of commanded torques, not of servos")
     exchanges, measures_own = bool(_EXCHANGED & {*law.needs}), "own wrench" in law.needs

@@ -320,8 +320,9 @@ def test_fields_tells_the_kinds_there_are_and_what_a_pose_is_the_pose_of(capsys)
     assert main(["fields", "adept-paper"]) == 0
     said = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
     assert said["--controller.kind"].endswith(
-        "one of sliding-mode, sliding-mode-redundant, payload-space, mean-pose, prescribed-performance,"
-        " leader-follower, admittance, computed-torque, adaptive, object-impedance, torque-qp, user."
+        "one of sliding-mode, sliding-mode-redundant, payload-space, mean-pose, symmetric,"
+        " prescribed-performance, leader-follower, admittance, computed-torque, adaptive, object-impedance,"
+        " torque-qp, user."
     )
     assert said["--events.1.kind"].endswith(
         "one of payload-change, wrench-pulse, gravity-turn, partner, put-down, user, lose-arm, release,"

@@ -22,7 +22,7 @@ from coop_pin.compiled.constants import run_constants
 from coop_pin.compiled.laws.law_code import require_agreement as agree
 from coop_pin.compiled.laws.law_code import trace_law, traced_call
 from coop_pin.compiled.laws.support import shaken_ticks
-from coop_pin.control import CellCommand, CellController, MeanPose
+from coop_pin.control import CellCommand, CellController, MeanPose, Symmetric
 from coop_pin.description.controller import PackageLaw
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.sweeps.plan import SweepPlan
@@ -69,6 +69,13 @@ LAWS = {
     ],
     "mean-pose": [
         (cell, {"controller": MeanPose(**ANCHORED[cell].model_dump(exclude={"kind"}))})
+        for cell in ("planar", "spatial")
+    ],
+    "symmetric": [
+        (
+            cell,
+            {"controller": Symmetric(relative_gain=0.3, **ANCHORED[cell].model_dump(exclude={"kind"}))},
+        )
         for cell in ("planar", "spatial")
     ],
     "zeroed at grasp": [

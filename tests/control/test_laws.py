@@ -22,6 +22,7 @@ GAINS = {
     "sliding-mode-redundant": SURFACE | {"damping_gain": 20.0},
     "payload-space": SURFACE | {"sliding_gain": 400.0},
     "mean-pose": SURFACE | {"sliding_gain": 400.0},
+    "symmetric": SURFACE | {"sliding_gain": 400.0},
 }
 UNSTABLE = {
     "sliding-mode": {"gains.force_gain": 1.5},

@@ -323,6 +323,7 @@ def test_the_line_for_conda_names_all_requirements_but_pinocchio():
         pytest.param("concepts/messages.md", marks=pytest.mark.slow),
         pytest.param("concepts/commands.md", marks=pytest.mark.gate),
         pytest.param("howto/arm.md", marks=pytest.mark.slow),
+        pytest.param("howto/grasps.md", marks=pytest.mark.gate),
         pytest.param("howto/laws.md", marks=pytest.mark.gate),
         "howto/mechanism.md",
         pytest.param("howto/scenario.md", marks=pytest.mark.gate),

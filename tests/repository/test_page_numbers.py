@@ -150,13 +150,42 @@ def test_forces_under_a_bias_and_under_friction_are_those_of_the_exercise(monkey
 
 
 @pytest.fixture(scope="module")
-def messages():
-    """studies/messages.py."""
+def studies():
+    """The folder of the studies, from which they import each other."""
     sys.path.insert(0, str(REPOSITORY / "studies"))
+    yield REPOSITORY / "studies"
+    sys.path.remove(str(REPOSITORY / "studies"))
+
+
+@pytest.fixture(scope="module")
+def messages(request):
+    """studies/messages.py."""
+    request.getfixturevalue("studies")
     import messages
 
-    yield messages
-    sys.path.remove(str(REPOSITORY / "studies"))
+    return messages
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("studies")
+def test_what_the_symmetric_law_leaves_over_rho_is_on_its_page():
+    import symmetric
+
+    text = (REPOSITORY / "docs" / "studies" / "measurements.md").read_text(encoding="utf-8")
+    section = text.partition("## Absolute and relative pose")[2].partition("\n## ")[0]
+    shown = {float(rho): x for rho, x in re.findall(r"^\| ([\d.]+) \| ([\d.]+) \|$", section, re.M)}
+    assert shown == {rho: f"{symmetric.internal_force(symmetric.one_box(rho)):.3f}" for rho in symmetric.HELD}
+    moved = symmetric.internal_force(symmetric.one_box(0.0, compensated=False, moves=True))
+    assert f"has {moved:.2f} N at the end" in section
+    rows = re.findall(r"^\| (?:s|the same).*? \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|$", section, re.M)
+    assert len(rows) == 5
+    stiff, soft = (cp.suggest(symmetric.two_things(rho)).scenario for rho in (1.0, symmetric.APART[-1]))
+    runs = [symmetric.as_pd(soft, rho, 10.0) for rho in symmetric.APART]
+    runs += [symmetric.as_pd(stiff, 1.0, 10.0), stiff]
+    for (rho, *numbers), scenario in zip(rows, runs, strict=True):
+        assert float(rho) == scenario.controller.relative_gain
+        for number, error in zip(numbers, symmetric.errors(scenario), strict=True):
+            assert abs(error - float(number)) <= 0.51 * 10.0 ** -len(number.partition(".")[2])
 
 
 @pytest.mark.slow

@@ -103,7 +103,8 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
         raise ArgumentError(f"{detail}: export without them, and add such torques to what the law returns")
     if jointed := list(scenario.cell.jointed):
         raise ArgumentError(f"grasps of {jointed} are joints, whose rows exported laws do not know")
-    if scenario.has_grasp_plan and (scenario.network or "own wrench" in scenario.controller.needs):
+    has_plan = scenario.has_grasp_plan or scenario.cell.tools
+    if has_plan and (scenario.network or "own wrench" in scenario.controller.needs):
         raise ArgumentError(
             f"the law {scenario.controller.kind!r} takes its load share from the plan of the grasps, which"
             " exported laws are not given: export it without events at grasps, or with a force_path"

@@ -47,8 +47,8 @@ class MeanPoseController(CellLawWrapper):
     ) -> tuple[Sequence[ArmMeasurement], Sequence[ArmReference]]:
         """Return the measurements with the mean of all views, and the references."""
         X_d = references[0].pose
-        mean = reduce(add, [_view(each, X_d) for each in measurements]) / float(len(measurements))
-        return [_placed(each, mean, X_d) for each in measurements], references
+        mean = reduce(add, [view_of(each, X_d) for each in measurements]) / float(len(measurements))
+        return [placed_at(each, mean, X_d) for each in measurements], references
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class MeanPoseByMessages(LawWrapper):
 
     def sent(self, measurement: ArmMeasurement, reference: ArmReference, state: WrappedState) -> Parts:
         """Return this arm's view."""
-        return {"view": _view(measurement, reference.pose)}
+        return {"view": view_of(measurement, reference.pose)}
 
     def transformed(
         self,
@@ -87,7 +87,7 @@ class MeanPoseByMessages(LawWrapper):
         """Return the measurement with the mean of the views; its own before any arrived."""
         views = received["view"]
         mean = mean_received(views, sent["view"], views[self.name].age if self.skips else ANY_AGE)
-        return _placed(measurement, mean, reference.pose), memory
+        return placed_at(measurement, mean, reference.pose), memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ class ConsensusPose(LawWrapper):
 
     def sent(self, measurement: ArmMeasurement, reference: ArmReference, state: WrappedState) -> Parts:
         """Return x_i."""
-        return {"view": _view(measurement, reference.pose) - state.memory}
+        return {"view": view_of(measurement, reference.pose) - state.memory}
 
     def transformed(
         self,
@@ -132,15 +132,15 @@ class ConsensusPose(LawWrapper):
     ) -> tuple[ArmMeasurement, Array]:
         """Return the measurement at x_i, and the next z_i."""
         z = memory + self.gain * disagreement(self.name, received["view"])
-        return _placed(measurement, sent["view"], reference.pose), z
+        return placed_at(measurement, sent["view"], reference.pose), z
 
 
-def _view(measurement: ArmMeasurement, X_d: Array) -> Array:
+def view_of(measurement: ArmMeasurement, X_d: Array) -> Array:
     """Return the pose error and the twist as an arm measures them, shape (6 + k_0,)."""
     return np.concatenate((pose_error(measurement.payload_pose, X_d), measurement.payload_twist))
 
 
-def _placed(measurement: ArmMeasurement, view: Array, X_d: Array) -> ArmMeasurement:
+def placed_at(measurement: ArmMeasurement, view: Array, X_d: Array) -> ArmMeasurement:
     """Return a measurement with the pose and twist of a view, at a desired pose."""
     X = np.zeros_like(measurement.payload_pose)
     X[:3, :3], X[:3, 3], X[3, 3] = exp3(view[3:6]).dot(X_d[:3, :3]), X_d[:3, 3] + view[:3], 1.0
@@ -163,6 +163,7 @@ class MeanPose(PayloadSpace):
     """
 
     controls_grasps: ClassVar[bool] = False  # views by tips that turn in their joints have no mean
+    works_apart: ClassVar[bool] = False  # nothing would keep a tool beside the payload
 
     kind: Literal["mean-pose"] = "mean-pose"  # type: ignore[assignment]  # names the class, not its base
     on_loss: Literal["last", "skip"] = "last"

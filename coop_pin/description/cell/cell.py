@@ -25,6 +25,7 @@ from coop_pin.description.cell.shared_joint import (
     shared_problems,
 )
 from coop_pin.description.events import Surroundings
+from coop_pin.reference.pose_reference import PoseTarget
 
 
 class Cell(HeldPayload):
@@ -59,6 +60,14 @@ class Cell(HeldPayload):
         return arms
 
     @model_validator(mode="after")
+    def _holds_beside_tools(self) -> Self:
+        borne = sum(self.gain_shares[index] for index, name in enumerate(self.arms) if name not in self.tools)
+        if self.tools and (not borne > 0.0 or self.unclosed or self.jointed or self.tables):
+            detail = "has tools; beside them are rigid grasps that bear the load, and no tables"
+            raise FieldError(detail, "grasps")
+        return self
+
+    @model_validator(mode="after")
     def _carried_by_one_robot(self) -> Self:
         g, is_planar = np.array(self.gravity), self.rows == "planar"
         if problems := list(shared_problems(self.shared_joints, self.arms, g, is_planar)):
@@ -89,13 +98,15 @@ class Cell(HeldPayload):
             purpose: Subject that needs rigid grasps, as the beginning of a sentence.
 
         Raises:
-            ArgumentError: a grasp is compliant or held by friction, with the arms; or there is a table.
+            ArgumentError: a tip is a tool, a grasp compliant or held by friction, with the arms; or there is
+                a table.
         """
         for names, are in (
             (list(self.jointed), "those of {} are joints"),
             (list(self.compliant), "those of {} are compliant"),
             (list(self.patches), "those of {} are held by friction"),
             (list(self.tables), "the cell has tables {}"),
+            (list(self.tools), "the tips of {} are tools"),
         ):
             if names:
                 raise ArgumentError(
@@ -119,6 +130,17 @@ class Cell(HeldPayload):
     def siblings(self, arm: str) -> tuple[str, ...]:
         """Return the other arms of the same robot: of one URDF and base, with another tip."""
         return tuple(name for name, other in self.arms.items() if self.arms[arm].is_sibling(other))
+
+    def target_of(self, arm: str, target: PoseTarget, time: float) -> PoseTarget:
+        """Return the target of the payload as an arm is to see it: that of a tool moves beside it.
+
+        Args:
+            arm: Name of the arm.
+            target: Target of the payload.
+            time: Time, s.
+        """
+        tool = self.tools.get(arm)
+        return target if tool is None else tool.carried(target, time)
 
     def share(self, arm: str) -> float:
         """Return the load share c_i of an arm."""

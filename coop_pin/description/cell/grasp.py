@@ -1,4 +1,4 @@
-"""Grasp of an arm on the payload: rigid, a joint, a spring and damper between tip and payload, or a patch."""
+"""Grasp of an arm on the payload: rigid, a joint, a spring and damper, or a patch; and a tool beside it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import AfterValidator, Discriminator, Tag
+from pydantic import AfterValidator, Discriminator, Tag, field_validator
 
 from coop_pin.base.arrays import Array, as_array
 from coop_pin.base.errors import FieldError, OutOfRangeError
@@ -14,6 +14,9 @@ from coop_pin.base.schema.base import Positive, Vector3, Vector6, by_name, not_n
 from coop_pin.base.schema.pose import Pose
 from coop_pin.description.cell.closure import NamedRows
 from coop_pin.description.cell.contact import PatchGrasp
+from coop_pin.reference.joint_motion import JointMotion
+from coop_pin.reference.motions import Motion
+from coop_pin.reference.pose_reference import PoseTarget, carried
 
 STIFFNESSES = {
     "paper": (3e5, 3e5, 3e5, 3e3, 3e3, 3e3),
@@ -114,7 +117,36 @@ class JointGrasp(Pose):
         return rows[self.kind]
 
 
-_KINDS = {"patch": "patch", "hinge": "joint", "ball": "joint", "cylinder": "joint"}
+class ToolTip(Pose):
+    """Tip of an arm that holds nothing of the payload, but works on it: a tool beside the part.
+
+    It closes no loop and bears no load. Its arm sees the payload where its tip would hold it, at X_PE.
+
+    Attributes:
+        xyz: Position of the tip at the start in payload axes, m.
+        rpy: Roll, pitch, yaw of the tip at the start, rad.
+        kind: "tool".
+        motion: Desired motion of the tip in the payload frame; at rest where it starts when omitted.
+    """
+
+    kind: Literal["tool"] = "tool"
+    motion: Motion | None = None
+
+    @field_validator("motion")
+    @classmethod
+    def _is_of_a_frame(cls, motion: Motion | None) -> Motion | None:
+        if isinstance(motion, JointMotion):
+            raise FieldError("is 'joints', by which arms move the payload; state a motion of the tip", "kind")
+        return motion
+
+    def carried(self, target: PoseTarget, time: float) -> PoseTarget:
+        """Return the target of the payload as the arm is to see it at a time, s, from that of the payload."""
+        if self.motion is None:
+            return target
+        return carried(target, self.motion.at(time), self.matrix)
+
+
+_KINDS = {"tool": "tool", "patch": "patch", "hinge": "joint", "ball": "joint", "cylinder": "joint"}
 
 
 def _kind(value: Any) -> str:
@@ -125,8 +157,9 @@ def _kind(value: Any) -> str:
 Grasp = Annotated[
     Annotated[Pose, Tag("rigid")]
     | Annotated[JointGrasp, Tag("joint")]
+    | Annotated[ToolTip, Tag("tool")]
     | Annotated[CompliantGrasp, Tag("compliant")]
     | Annotated[PatchGrasp, Tag("patch")],
     Discriminator(_kind),
 ]
-"""Pose X_PE of a rigid grasp, a joint, a compliant grasp, or a patch."""
+"""Pose X_PE of a rigid grasp, a joint, a compliant grasp, a patch, or a tool."""

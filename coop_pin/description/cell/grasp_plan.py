@@ -69,7 +69,7 @@ class GraspPlan(NamedTuple):
 def grasp_plan(
     cell: Cell, events: Sequence[Any], time: float, missed: Sequence[GraspEvent] = (), split: Split = "shares"
 ) -> GraspPlan:
-    """Return the plan of events at a time, s; before all of them every arm holds.
+    """Return the plan of events at a time, s; before all of them every arm without a tool holds.
 
     Args:
         cell: Cell, whose arms bear their load shares at first.
@@ -79,7 +79,8 @@ def grasp_plan(
         split: Split of the load.
     """
     m = len(cell.arms)
-    holds, loads, retreats = np.ones(m, dtype=bool), np.ones(m), np.zeros((m, 3))
+    holds, retreats = np.array([name not in cell.tools for name in cell.arms]), np.zeros((m, 3))
+    loads = holds.astype(float)
     at_grasps = of_kind(events, GraspEvent)
     for index, name in enumerate(cell.arms):
         mine = sorted((event for event in at_grasps if event.arm == name), key=lambda event: event.time)

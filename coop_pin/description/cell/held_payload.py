@@ -1,7 +1,4 @@
-"""Held payload: arms with their grasps, and what these hold, transmit and leave free.
-
-Also grasps from a configuration.
-"""
+"""Held payload: arms with grasps, what these hold, transmit and leave free; grasps from a posture."""
 
 from __future__ import annotations
 
@@ -30,7 +27,7 @@ from coop_pin.base.spatial.task_rows import RowsName, TaskRows, task_rows
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.closure import NamedRows, row_mask
 from coop_pin.description.cell.contact import Pad, PatchGrasp, Table
-from coop_pin.description.cell.grasp import CompliantGrasp, Grasp, JointGrasp
+from coop_pin.description.cell.grasp import CompliantGrasp, Grasp, JointGrasp, ToolTip
 from coop_pin.description.cell.payload import Payload
 
 
@@ -72,13 +69,13 @@ class HeldPayload(Description):
         payload_pose: payload pose X_WP that belongs to the arms' postures; for "as-posed" grasps only.
         grasps: pose X_PE of each arm's tip in the payload frame, in the order of the arms; with ``kind =
             "compliant"`` a spring and damper holds the tip there, with ``kind = "patch"`` friction alone,
-            with "hinge", "ball" or "cylinder" a joint.
+            with "hinge", "ball" or "cylinder" a joint; with "tool" it holds nothing.
             "as-posed" computes rigid ones from ``payload_pose`` and the postures, and the cell stores the
             result.
         rows: task rows: "full" (6), "planar" (x, y and the rotation about z, for arms that move in the
             world's x-y plane) or "positional" (x, y, z).
         gravity: gravitational acceleration in world axes, m/s^2.
-        load_shares: load share c_i of each arm, summing to one; equal when omitted.
+        load_shares: load share c_i of each arm, summing to one; equal when omitted. A tool bears nothing.
         tables: tables that the payload may lie on, by name.
         pads: pads of arms with rigid or compliant grasps, by which results tell whether friction would hold.
         split_length: l, m, of the split of the load beside grasps of fewer rows: a moment over l counts as
@@ -138,8 +135,8 @@ class HeldPayload(Description):
         if strangers := unknown_arms(pads, earlier.data.get("arms", pads)):
             raise strangers[0]
         for name in pads:
-            if isinstance(grasps.get(name), PatchGrasp | JointGrasp):
-                raise FieldError("is of a grasp that is a joint, or has a patch of its own", name)
+            if isinstance(grasps.get(name), PatchGrasp | JointGrasp | ToolTip):
+                raise FieldError("is of a tool, of a grasp that is a joint, or has a patch of its own", name)
         return pads
 
     @model_validator(mode="after")
@@ -258,8 +255,13 @@ class HeldPayload(Description):
         return {
             name: grasp.closes if isinstance(grasp, JointGrasp) else "full"
             for name, grasp in self.grasps.items()
-            if not isinstance(grasp, CompliantGrasp | PatchGrasp)
+            if not isinstance(grasp, CompliantGrasp | PatchGrasp | ToolTip)
         }
+
+    @property
+    def tools(self) -> dict[str, ToolTip]:
+        """Tips that hold nothing by arm, in their order."""
+        return {name: grasp for name, grasp in self.grasps.items() if isinstance(grasp, ToolTip)}
 
     @property
     def jointed(self) -> dict[str, JointGrasp]:
@@ -291,7 +293,7 @@ class HeldPayload(Description):
     @property
     def unclosed(self) -> list[str]:
         """Arms whose grasps are compliant or held by friction: those that close no loop."""
-        return [name for name in self.grasps if name not in self.closing]
+        return [name for name in self.grasps if name not in self.closing and name not in self.tools]
 
     @property
     def has_contacts(self) -> bool:
@@ -305,7 +307,12 @@ class HeldPayload(Description):
 
     @property
     def shares(self) -> Array:
-        """Load shares c_i in the order of the arms, shape (m,)."""
-        if self.load_shares is None:
-            return np.full(len(self.arms), 1.0 / len(self.arms))
-        return np.array([self.load_shares[name] for name in self.arms])
+        """Load shares c_i in the order of the arms, zero of tools, shape (m,)."""
+        holds, parts = [name not in self.tools for name in self.arms], self.gain_shares
+        return parts if all(holds) else np.where(holds, parts, 0.0) / parts[holds].sum()
+
+    @property
+    def gain_shares(self) -> Array:
+        """Parts of the gains: the stated load shares, also of tools, in the order of the arms, shape (m,)."""
+        stated, m = self.load_shares, len(self.arms)
+        return np.full(m, 1.0 / m) if stated is None else np.array([stated[name] for name in self.arms])
