@@ -25,6 +25,6 @@ __all__, __getattr__, __dir__ = lazy_names(
     {
         "CellChain": "grasps.cell_chain",
         "JointGrasp": "description.cell.grasp",
-        "grasps_from_configuration": "description.cell.held_payload",
+        "grasps_from_configuration": "description.cell.grasp",
     },
 )

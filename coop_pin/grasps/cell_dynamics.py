@@ -136,6 +136,7 @@ class CellDynamics(CellKinematics):
             interaction_wrench=wrenches,
             **self._of_elements(*elements),
             **self.stops.quantities(q, v),
+            **({} if self.joints is None else self.joints.quantities(q, v)),
             **(self._of_shared(q, v, wrenches) if self.model.shared else {}),
         )
 

@@ -106,6 +106,7 @@ def _require_views(scenario: Scenario) -> None:
     moving = [name for name, joint in cell.shared_joints.items() if joint.follow != "hold"]
     for names, detail in (
         (list(cell.jointed), "grasps of {} are joints, whose turn no log has"),
+        (list(cell.payload.links.start) if cell.payload.links else [], "the payload has joints {}"),
         (moving, "the shared joints {} move, and the record of arms does not have them"),
     ):
         if names:

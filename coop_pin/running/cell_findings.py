@@ -85,7 +85,7 @@ def task_findings(
     yield from reach_findings(reach)
     yield from torque_findings(statics_along(scenario, reach))
     yield from force_findings(scenario, table_error)
-    if scenario.cell.jointed and all(arm.start_error is None for arm in reach.arms):
+    if scenario.cell.splits_load and all(arm.start_error is None for arm in reach.arms):
         leave = freedoms(scenario)
         severity: Any = "note" if leave.ok else "error"
         yield Finding("freedom", "motion", severity, leave.summary(), leave.left, leave.asked)

@@ -128,7 +128,7 @@ def configurations_along(
     lead = CellArm(simulation.scenario.cell, reaches[0].arm)
 
     def X_WP(time: float, k: int) -> Array:  # which an arm does not see beyond a joint
-        if simulation.scenario.cell.jointed:
+        if simulation.scenario.cell.jointed or simulation.chain.joints is not None:
             return simulation.scenario.payload_motion.at(time).X_WP_d
         return lead.payload_pose(reaches[0].q[k])
 

@@ -109,7 +109,7 @@ def strut_columns(samples: Samples, cell: Cell) -> tuple[Array, Array]:
     Returns:
         Tensions, N, and twists, N m; forces on the arms that no strut carries, N, shape (n, m, 3).
     """
-    F = samples["internal_wrench" if cell.jointed else "interaction_wrench"]
+    F = samples["internal_wrench" if cell.splits_load else "interaction_wrench"]
     p_WP = samples["payload_position"][:, None]
     wrenches = np.stack((F, np.where(np.isnan(F), F, samples["desired_internal_wrench"])), axis=1)
     tips = np.broadcast_to((samples["tip_position"] - p_WP)[:, None], (*wrenches.shape[:-1], 3))
