@@ -161,7 +161,8 @@ class StepStability(NamedTuple):
         steps_per_tick: plant steps in a tick.
         joints: the joints that move most in that mode, as arm/joint.
         time: time of the pose at which it is so, s.
-        cause: origin of the mode, "friction", "compliant grasps", "patches", "partner" or "end stops". Of a
+        cause: origin of the mode, "friction", "compliant grasps", "patches", "partner",
+            "payload joints" or "end stops". Of a
             stop, lambda is the rate of its joint on it, and the limit is that of its energy, see below.
     """
 
@@ -211,6 +212,8 @@ def step_stability(simulation: Simulation, cell_reach: Reachability | None = Non
     scenario = simulation.scenario
     if scenario.cell.unclosed or scenario.partners:
         stabilities += [_grasp_steps_at(simulation, *pose) for pose in poses]
+    if simulation.chain.joints is not None:
+        stabilities += [_joint_steps_at(simulation, *pose) for pose in poses]
     if simulation.chain.stops:
         stabilities += [each for pose in poses for each in _stop_steps_at(simulation, *pose)]
     return max(stabilities, key=lambda stability: stability.value / stability.limit)
@@ -296,6 +299,23 @@ def _stop_steps_at(simulation: Simulation, time: float, q: Array) -> list[StepSt
             steps = clock.steps_per_tick
             stabilities.append(StepStability(value, limit, steps, names, time, "end stops"))
     return stabilities
+
+
+def _joint_steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:
+    """Return how well the plant's steps follow the modes of a payload of several links in still grasps."""
+    chain, clock = simulation.chain, simulation.scenario.clock
+    assert chain.joints is not None
+    q = chain.mechanism.project_configuration(q)
+    J = chain.mechanism.closures.state(q, np.zeros(chain.mechanism.model.nv)).jacobian
+    poles, shapes = chain.joints.modes(q, J)
+    if not len(poles):
+        return _steps_at(simulation, time, q)
+    limits = np.array([_ray_limit(pole) for pole in poles])
+    worst = int(np.argmax(np.abs(poles) / limits))
+    value = float(np.abs(poles[worst])) * (clock.period / clock.steps_per_tick)
+    joint = f"payload/{chain.joints.linked.joint_names[int(np.argmax(np.abs(shapes[:, worst])))]}"
+    limit, steps = float(limits[worst]), clock.steps_per_tick
+    return StepStability(value, limit, steps, (joint,), time, "payload joints")
 
 
 def _critical(

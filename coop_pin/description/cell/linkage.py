@@ -130,7 +130,9 @@ class Linkage(Description):
             raise FieldError("has no joint that moves; a single body is kind = 'urdf'", "urdf")
         for name in self.joints:
             if name not in robot.joints:
-                raise FieldError(f"names no joint of it; {suggestion(name, list(robot.joints))}", f"joints.{name}")
+                raise FieldError(
+                    f"names no joint of it; {suggestion(name, list(robot.joints))}", f"joints.{name}"
+                )
         if not bodies[self.link].mass:
             raise FieldError(f"is {self.link!r}, which has no mass; P is at its centre of mass", "link")
         if self.base is not None and len(robot.movers(self.link)) != 1:
@@ -145,7 +147,9 @@ class Linkage(Description):
             FieldError: with the path of the field.
         """
         if name not in self.bodies:
-            raise FieldError(f"is {name!r}, no link of the payload; {suggestion(name, list(self.bodies))}", path)
+            raise FieldError(
+                f"is {name!r}, no link of the payload; {suggestion(name, list(self.bodies))}", path
+            )
 
     @property
     def text(self) -> str:
