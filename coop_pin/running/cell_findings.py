@@ -92,9 +92,8 @@ def task_findings(
         yield Finding("freedom", "motion", severity, leave.summary(), leave.left, leave.asked)
     if reach.ok and (singular := closure_problem(scenario)):
         yield Finding("closure rank", "cell.grasps", "error", singular)
-    if simulation is not None:
-        yield from payload_findings(simulation)
     if simulation is not None and reach.ok:
+        yield from payload_findings(simulation)
         yield from stability_findings(simulation, reach)
         if gains_are_known(scenario):
             yield from _closed_loop(scenario)

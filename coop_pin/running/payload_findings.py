@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from coop_pin.results.finding import Finding
 from coop_pin.simulation.simulation import Simulation
 
 _NEAR, _LIGHT = (0.25, 2.0), 0.05
-"""Frequencies over the control rate that its held torques excite, and the damping ratio below which they do."""
+"""Frequencies over the control rate that held torques excite, and the damping ratio below which they do."""
 _SWINGS = 0.02
 """Damping ratio below which a link that nobody holds swings on after the motion."""
 
@@ -25,8 +26,7 @@ def payload_findings(simulation: Simulation) -> Iterator[Finding]:
     chain, q = simulation.chain, simulation.plant.q
     if chain.joints is None:
         return
-    J = chain.mechanism.closures.state(q, np.zeros(chain.mechanism.model.nv)).jacobian
-    poles, shapes = chain.joints.modes(q, J)
+    poles, shapes = chain.payload_modes(q)
     swings = np.flatnonzero(poles.imag > 0.0)
     rate = simulation.scenario.clock.rate_hz
     names = chain.joints.linked.joint_names
@@ -50,28 +50,26 @@ def payload_findings(simulation: Simulation) -> Iterator[Finding]:
             yield Finding("unheld link", f"cell.payload.links.joints.{joint}", "warning", sentence)
             continue
         frequency, damping, _ = min(own)
-        sentence = (
-            f"nobody holds link {link!r}: it swings about {joint!r} at {frequency:.3g} Hz, damping ratio"
-        )
-        severity = "warning" if damping < _SWINGS else "note"
+        swing = f"at {joint!r} it swings with {frequency:.3g} Hz, damping ratio {damping:.2g}"
+        sentence = f"nobody holds link {link!r}: {swing}"
+        severity: Any = "warning" if damping < _SWINGS else "note"
         place = f"cell.payload.links.joints.{joint}.damping"
-        yield Finding("unheld link", place, severity, f"{sentence} {damping:.2g}", damping, _SWINGS)
+        yield Finding("unheld link", place, severity, sentence, damping, _SWINGS)
 
 
 def _mode(pole: complex, shape: Array, names: tuple[str, ...]) -> tuple[float, float, str]:
     """Return frequency, Hz, damping ratio, and the joint that moves most, of a pole, 1/s."""
-    size = abs(pole)
-    return size / (2.0 * np.pi), -pole.real / size, names[int(np.argmax(np.abs(shape)))]
+    size = float(abs(pole))
+    return size / (2.0 * np.pi), float(-pole.real) / size, names[int(np.argmax(np.abs(shape)))]
 
 
 def _sentence(mode: tuple[float, float, str], rate: float, is_near: bool) -> str:
     frequency, damping, joint = mode
-    text = f"a mode of the payload in its grasps, most at joint {joint!r}, has {frequency:.4g} Hz and the damping"
+    text = f"a mode of the payload in still grasps, most at joint {joint!r}, has {frequency:.4g} Hz and"
+    text = f"{text} the damping ratio {damping:.2g}"
     if not is_near:
-        return f"{text} ratio {damping:.2g}: the slowest"
-    return (
-        f"{text} ratio {damping:.2g}, near the control rate of {rate:g} Hz: torques that are held excite it"
-    )
+        return f"{text}: the slowest"
+    return f"{text}, near the control rate of {rate:g} Hz: torques that are held excite it"
 
 
 def _unheld(scenario: Scenario) -> dict[str, str]:

@@ -305,17 +305,14 @@ def _joint_steps_at(simulation: Simulation, time: float, q: Array) -> StepStabil
     """Return how well the plant's steps follow the modes of a payload of several links in still grasps."""
     chain, clock = simulation.chain, simulation.scenario.clock
     assert chain.joints is not None
-    q = chain.mechanism.project_configuration(q)
-    J = chain.mechanism.closures.state(q, np.zeros(chain.mechanism.model.nv)).jacobian
-    poles, shapes = chain.joints.modes(q, J)
+    poles, shapes = chain.payload_modes(q)
     if not len(poles):
         return _steps_at(simulation, time, q)
     limits = np.array([_ray_limit(pole) for pole in poles])
     worst = int(np.argmax(np.abs(poles) / limits))
-    value = float(np.abs(poles[worst])) * (clock.period / clock.steps_per_tick)
-    joint = f"payload/{chain.joints.linked.joint_names[int(np.argmax(np.abs(shapes[:, worst])))]}"
-    limit, steps = float(limits[worst]), clock.steps_per_tick
-    return StepStability(value, limit, steps, (joint,), time, "payload joints")
+    joint = chain.joints.linked.joint_names[int(np.argmax(np.abs(shapes[:, worst])))]
+    value, steps = clock.period / clock.steps_per_tick * float(abs(poles[worst])), clock.steps_per_tick
+    return StepStability(value, float(limits[worst]), steps, (f"payload/{joint}",), time, "payload joints")
 
 
 def _critical(
