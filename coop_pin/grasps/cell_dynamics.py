@@ -44,12 +44,12 @@ class CellDynamics(CellKinematics):
             return closed.solver.acceleration(q, v, tau + elements.force(q)), power
         return pin.aba(closed.model, self._free_data, q, v, tau, elements.wrenches), power
 
-    def payload_modes(self, q: Array) -> tuple[Array, Array]:
-        """Return ``PayloadJoints.modes`` of a payload of several links, with its grasps held still at q."""
+    def payload_modes(self, q: Array, *, arms_move: bool = False) -> tuple[Array, Array]:
+        """Return ``PayloadJoints.modes`` of a payload of several links at a configuration."""
         assert self.joints is not None
         q = self.mechanism.project_configuration(q)
         closures = self.mechanism.closures.state(q, np.zeros(self.mechanism.model.nv))
-        return self.joints.modes(q, closures.jacobian)
+        return self.joints.modes(q, closures.jacobian, arms_move)
 
     def energy(self, q: Array, v: Array) -> float:
         """Return the energy of bodies, springs and contacts, J."""

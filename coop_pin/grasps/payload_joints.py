@@ -16,6 +16,8 @@ from coop_pin.model.cell_model import CellModel
 from coop_pin.model.joint_stops import JointStops, StopState
 from coop_pin.model.pinocchio_model import jacobian_matrix, symmetric
 
+_RANK = 1e-9
+"""Ratio below which singular values of closures are zero."""
 _SWEEPS, _AT_REST = 100, 1e-11
 """Most steps of Newton's method for angles at rest, and the moment or force that is none, N m or N."""
 _APART = 1e-6
@@ -173,7 +175,7 @@ class PayloadJoints:
     def _moments(self, q: Array, X_WP: Array) -> Array:
         """Return the moments on the joints at rest of springs, weights and arms, shape (n,)."""
         model, data = self._tree.model, self._tree.model.createData()
-        tau = self.state(q, np.zeros(model.nv)).force - pin.computeGeneralizedGravity(model, data, q)
+        tau = self._still(q)
         pin.framesForwardKinematics(model, data, q)
         for slot, F in zip(self._tree.arms, self.loads(q, X_WP), strict=True):
             frame = model.getFrameId(f"payload/{slot.name}")
@@ -182,40 +184,42 @@ class PayloadJoints:
             tau -= jacobian_matrix(J).T @ shift_wrench(F, lever)
         return tau[self.linked.v_slice]
 
-    def modes(self, q: Array, closures: Array) -> tuple[Array, Array]:
-        """Return eigenvalues of the payload with its grasps held still, 1/s, and the part of each joint.
+    def modes(self, q: Array, closures: Array, arms_move: bool) -> tuple[Array, Array]:
+        """Return the poles of the payload without a law, 1/s, and how the joints move in each.
+
+        ::
+
+            N^T M N y'' + N^T C N y' + N^T K N y = 0,    J N = 0
 
         Args:
             q: configuration of the tree, shape (nq,).
-            closures: Jacobian of the closures, shape (r, nv).
+            closures: J, shape (r, nv).
+            arms_move: whether the arms move with it; else its grasps stand still.
 
         Returns:
-            Eigenvalues with positive imaginary parts first, shape (2 k,), and motions of the joints of the
-            payload, shape (n, 2 k).
+            Poles, shape (2 k,), and motions of the joints of the payload, shape (n, 2 k).
         """
         model, at = self._tree.model, self.linked.v_slice
-        first = at.start - (6 if self.linked.root else 0)
-        J, h, v = closures[:, first : at.stop], 1e-6, np.zeros(model.nv)
+        first = 0 if arms_move else at.start - (6 if self.linked.root else 0)
+        moves, J = slice(first, at.stop), closures[:, first : at.stop]
         _, sizes, V = np.linalg.svd(J)
-        N = V[int((sizes > 1e-9 * sizes[0]).sum()) :].T
-        if not N.shape[1]:
-            return np.zeros(0), np.zeros((at.stop - at.start, 0))
-        M = symmetric(pin.crba(model, model.createData(), q))[first : at.stop, first : at.stop]
-
-        def force(near: Array) -> Array:
-            tau = self.state(near, v).force - pin.computeGeneralizedGravity(model, model.createData(), near)
-            return tau[first : at.stop]
-
-        K = np.empty((len(M), N.shape[1]))
+        N = V[int((sizes > _RANK * sizes[0]).sum()) :].T
+        k, h = N.shape[1], 1e-6
+        M = symmetric(pin.crba(model, model.createData(), q))[moves, moves]
+        C, K = np.zeros(len(M)), np.empty((len(M), k))
+        C[at.start - first : at.stop - first] = self.damping
         for column, along in enumerate(N.T):
             step = np.zeros(model.nv)
-            step[first : at.stop] = h * along
-            K[:, column] = (force(pin.integrate(model, q, -step)) - force(pin.integrate(model, q, step))) / (
-                2 * h
-            )
-        C = np.zeros(len(M))
-        C[at.start - first :] = self.damping
-        inverse, k = np.linalg.inv(N.T @ M @ N), N.shape[1]
+            step[moves] = h * along
+            back, ahead = (self._still(pin.integrate(model, q, sign * step))[moves] for sign in (-1.0, 1.0))
+            K[:, column] = (back - ahead) / (2.0 * h)
+        inverse = np.linalg.inv(N.T @ M @ N)
         A = np.block([[np.zeros((k, k)), np.eye(k)], [-inverse @ N.T @ K, -inverse @ N.T @ (C[:, None] * N)]])
         poles, vectors = np.linalg.eig(A)
         return poles, (N @ vectors[:k])[at.start - first :]
+
+    def _still(self, q: Array) -> Array:
+        """Return the generalised force of springs, stops and weights at rest, shape (nv,)."""
+        model = self._tree.model
+        g = pin.computeGeneralizedGravity(model, model.createData(), q)
+        return np.asarray(self.state(q, np.zeros(model.nv)).force - g)

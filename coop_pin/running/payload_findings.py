@@ -73,7 +73,7 @@ def _sentence(mode: tuple[float, float, str], rate: float, is_near: bool) -> str
 
 
 def _unheld(scenario: Scenario) -> dict[str, str]:
-    """Return the joints with no grasp beyond them, or none on this side of a free payload, and their links."""
+    """Return joints with no grasp beyond them, or of a free payload none before them, and their links."""
     links = scenario.cell.payload.links
     assert links is not None
     robot, held = links.robot, scenario.cell.held_links

@@ -302,13 +302,11 @@ def _stop_steps_at(simulation: Simulation, time: float, q: Array) -> list[StepSt
 
 
 def _joint_steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:
-    """Return how well the plant's steps follow the modes of a payload of several links in still grasps."""
+    """Return the stability of the plant's steps for the modes of a payload of links on limp arms."""
     chain, clock = simulation.chain, simulation.scenario.clock
     assert chain.joints is not None
-    poles, shapes = chain.payload_modes(q)
-    if not len(poles):
-        return _steps_at(simulation, time, q)
-    limits = np.array([_ray_limit(pole) for pole in poles])
+    poles, shapes = chain.payload_modes(q, arms_move=True)
+    limits = np.array([_ray_limit(complex(-abs(s.real), s.imag)) for s in poles])  # limp arms may fall
     worst = int(np.argmax(np.abs(poles) / limits))
     joint = chain.joints.linked.joint_names[int(np.argmax(np.abs(shapes[:, worst])))]
     value, steps = clock.period / clock.steps_per_tick * float(abs(poles[worst])), clock.steps_per_tick

@@ -250,7 +250,7 @@ class Payload(Description):
         links: Count = 9,
         section: tuple[Positive, Positive] = (0.1, 0.02),
         axis: Literal["y", "z"] = "y",
-        damping_time: NotNegative = 1e-3,
+        damping_time: NotNegative = 2e-4,
     ) -> Self:
         """Return a beam along x as rods with springs between them, for small deflections in one plane.
 
