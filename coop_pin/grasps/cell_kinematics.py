@@ -185,11 +185,15 @@ class CellKinematics:
 
         Raises:
             UnreachablePoseError: an arm cannot reach its grasp; with the gap.
-            FieldError: a compliant grasp is too soft for its share.
+            FieldError: a compliant grasp is too soft for its share, or the joint of a payload with a base
+                does not reach the pose.
         """
         X = as_pose("X_WP", X_WP)
         configurations = [solve_ik(arm, X, posture=arm.description.posture) for arm in self.arms]
-        return self.settled(self.model.configuration(configurations, X), squeeze)
+        q = self.model.configuration(configurations, X)
+        if self.joints is not None:
+            self.joints.require_reached(q, X)
+        return self.settled(q, squeeze)
 
     def settled(self, q: ArrayLike, squeeze: ArrayLike | None = None) -> Array:
         """Return a configuration on the rigid grasps near one, with the others deflected by the load.

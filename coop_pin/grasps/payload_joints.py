@@ -129,7 +129,6 @@ class PayloadJoints:
         """
         linked, v = self.linked, np.zeros(self._tree.model.nv)
         q = linked.configured(q, X_WP)
-        self._require_reached(q, X_WP)
         free = np.ones(len(self.stiffness), dtype=bool)
         if not linked.root:  # P stands where it is to be
             free[linked.joints.index(linked.joint)] = False
@@ -150,8 +149,12 @@ class PayloadJoints:
             raise FieldError("has joints without angles at rest near their start", "cell.payload.links")
         return q
 
-    def _require_reached(self, q: Array, X_WP: Array) -> None:
-        """Refuse a pose of P that the joint of a payload with a base does not reach."""
+    def require_reached(self, q: Array, X_WP: Array) -> None:
+        """Refuse a pose of P that the joint of a payload with a base does not reach.
+
+        Raises:
+            FieldError: with the distance or angle.
+        """
         data = self._tree.model.createData()
         pin.forwardKinematics(self._tree.model, data, q)
         gap = pin.log6((data.oMi[self.linked.joint] * self.linked.X_JP).actInv(pin.SE3(X_WP))).vector

@@ -360,3 +360,21 @@ def test_a_box_with_a_swinging_lid_is_carried():
     assert result.energy_balance_max() < 1e-8
     error = result.data.internal_wrench.values[-1] - result.data.desired_internal_wrench.values[-1]
     assert np.abs(error).max() < 1e-3
+
+
+def test_links_are_drawn_where_they_are():
+    from coop_pin.model.visuals import CellVisuals
+
+    scenario = linked("two-pandas-box", "lid")
+    chain = CellChain(scenario.cell, scenario.plant)
+    visuals, q = (
+        CellVisuals(scenario.cell, scenario.plant.payload),
+        chain.configuration(scenario.start.matrix),
+    )
+    (index,) = [k for k, body in enumerate(visuals.bodies) if body.name == "payload/links.hinge"]
+    angle = chain.joints.positions(q)[0]
+    X_WP, hinge = (
+        pin.SE3(chain.payload_pose(q)),
+        pin.SE3(pin.rpy.rpyToMatrix(angle, 0, 0), np.array((0, 0.11, 0.05))),
+    )
+    assert_allclose(visuals.poses(q[None])[0, index], pin.SE3ToXYZQUAT(X_WP * hinge), atol=1e-12)
