@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 import coop_pin as cp
 from coop_pin.base.errors import ArgumentError, FieldError
+from coop_pin.base.spatial import FullRows
 from coop_pin.description.urdf import find_urdf
 from coop_pin.grasps import CellChain
 from coop_pin.simulation.pinocchio_plant import PinocchioPlant
@@ -314,8 +315,9 @@ def test_links_that_nobody_holds_are_found():
 def opened(arms: int, **changes) -> cp.RunResult:
     fields = cp.Scenario.load("two-pandas-door").model_dump()
     if arms == 1:
-        for part in (fields["cell"]["arms"], fields["cell"]["grasps"], fields["squeeze"]):
+        for part in (fields["cell"]["arms"], fields["cell"]["grasps"]):
             part.pop("left")
+        fields["squeeze"] = {"right": (0.0,) * 6}
     return cp.run(cp.Scenario(**fields).override(changes))
 
 
@@ -355,7 +357,7 @@ def test_a_box_with_a_swinging_lid_is_carried():
     box = cp.Payload.of_links(box_with_lid(), "box")
     result = cp.run(scenario.replace(cell=scenario.cell.replace(payload=box), events=()))
     swing = result.data.payload_joint_position.sel(payload_joint="hinge").values
-    assert np.ptp(swing) > 0.01
+    assert np.ptp(swing) > 2e-3
     assert (result.simulation_sound, result.task.state) == (True, "kept"), result.verdict()
     assert result.energy_balance_max() < 1e-8
     error = result.data.internal_wrench.values[-1] - result.data.desired_internal_wrench.values[-1]
@@ -367,14 +369,54 @@ def test_links_are_drawn_where_they_are():
 
     scenario = linked("two-pandas-box", "lid")
     chain = CellChain(scenario.cell, scenario.plant)
-    visuals, q = (
-        CellVisuals(scenario.cell, scenario.plant.payload),
-        chain.configuration(scenario.start.matrix),
-    )
+    visuals = CellVisuals(scenario.cell, scenario.plant.payload)
+    q = chain.configuration(scenario.start.matrix)
     (index,) = [k for k, body in enumerate(visuals.bodies) if body.name == "payload/links.hinge"]
     angle = chain.joints.positions(q)[0]
-    X_WP, hinge = (
-        pin.SE3(chain.payload_pose(q)),
-        pin.SE3(pin.rpy.rpyToMatrix(angle, 0, 0), np.array((0, 0.11, 0.05))),
-    )
+    X_WP = pin.SE3(chain.payload_pose(q))
+    hinge = pin.SE3(pin.rpy.rpyToMatrix(angle, 0, 0), np.array((0, 0.11, 0.05)))
     assert_allclose(visuals.poses(q[None])[0, index], pin.SE3ToXYZQUAT(X_WP * hinge), atol=1e-12)
+
+
+def beam_of_two_metres() -> cp.Scenario:
+    """Two UR5 hold a beam of 4 kg by its ends; K of each arm is that of its tip, turned to P.
+
+    An arm alone bears the law where the beam gives, so that K about its own tip must suit the wrist.
+    """
+    fields, turn = cp.Scenario.load("two-ur5-admittance").model_dump(), np.pi / 12.0
+    start = {"xyz": (0.0, 0.0, 0.3), "rpy": (0.0, 0.0, -turn)}
+    cell, arms = fields["cell"], fields["cell"]["arms"]
+    arms["left"] |= {"calibration_error": {}, "base": {"xyz": (-1.6, 0.0, 0.0)}}
+    arms["right"]["base"] = {"xyz": (1.6, 0.0, 0.0), "rpy": (0.0, 0.0, np.pi)}
+    beam = {"kind": "beam", "mass": 4.0, "length": 2.0, "bending_stiffness": 1000.0, "links": 5}
+    cell["payload"] = beam | {"section": (0.12, 0.025)}
+    gains = {"pose_gain": 5.0, "sign_gain": 0.2, "anchor_gain": 0.01, "transient_rate": 5.0}
+    of_arms = {}
+    for name, x, rod in (("left", -1.0, "rod0"), ("right", 1.0, "rod4")):
+        cell["grasps"][name] = {"xyz": (x, 0.0, 0.0), "rpy": cell["grasps"][name]["rpy"], "link": rod}
+        A = FullRows().twist_shift(np.array((x, 0.0, 0.0)))
+        of_arms[name] = gains | {"sliding_gain": (A.T @ np.diag([1e3] * 3 + [16.0] * 3) @ A).tolist()}
+    law = {"kind": "payload-space", "force_path": {"kind": "late"}, "gain_axes": "payload"}
+    law |= {"anchor_bias": "none", "zero_at_grasp": True, "gains": of_arms["left"], "arm_gains": of_arms}
+    motion = {"kind": "turn", "axis": (0.0, 0.0, 1.0), "centre": (0.0, 0.0, 0.3), "angle": 2.0 * turn}
+    fields |= {"start": start, "duration": 9.0, "controller": law, "name": "two-ur5-beam"}
+    fields["motion"] = motion | {"start_time": 0.5, "duration": 7.0, "pose": start}
+    fields["clock"] = {"rate_hz": 500.0, "steps_per_tick": 1}
+    fields["task"] = {"moment": 2.0}  # that of the arms' inertia while they turn
+    for part in ("actuators", "sensors", "arm_sensors"):
+        fields[part] = {}
+    return cp.Scenario(**fields)
+
+
+@pytest.mark.slow
+def test_a_beam_of_two_metres_is_turned_by_thirty_degrees():
+    """Zeroed at its deflected start, the arms agree: the squeeze at rest is the desired one."""
+    scenario = beam_of_two_metres()
+    result = cp.run(scenario)
+    assert (result.simulation_sound, result.task.state) == (True, "kept"), result.verdict()
+    assert result.energy_balance_max() < 1e-8
+    turned = result.data.payload_quaternion.values[[0, -1]]
+    assert 2.0 * np.degrees(np.arccos(abs(turned[0] @ turned[1]))) == pytest.approx(30.0, abs=0.01)
+    F, f_d = (result.data[name].values[-1] for name in ("internal_wrench", "desired_internal_wrench"))
+    assert_allclose(F, f_d, rtol=1e-2, atol=1e-3)
+    assert np.abs(result.data.payload_joint_position.values[0]).min() > 1e-3  # it sags
