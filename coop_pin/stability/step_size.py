@@ -161,9 +161,8 @@ class StepStability(NamedTuple):
         steps_per_tick: plant steps in a tick.
         joints: the joints that move most in that mode, as arm/joint.
         time: time of the pose at which it is so, s.
-        cause: origin of the mode, "friction", "compliant grasps", "patches", "partner",
-            "payload joints" or "end stops". Of a
-            stop, lambda is the rate of its joint on it, and the limit is that of its energy, see below.
+        cause: origin of the mode: "friction", "compliant grasps", "patches", "partner", "payload joints" or
+            "end stops". Of a stop, lambda is the rate of its joint on it, and the limit that of its energy.
     """
 
     value: float
@@ -212,8 +211,7 @@ def step_stability(simulation: Simulation, cell_reach: Reachability | None = Non
     scenario = simulation.scenario
     if scenario.cell.unclosed or scenario.partners:
         stabilities += [_grasp_steps_at(simulation, *pose) for pose in poses]
-    if simulation.chain.joints is not None:
-        stabilities += [_joint_steps_at(simulation, *pose) for pose in poses]
+    stabilities += [_joint_steps_at(simulation, *pose) for pose in poses if simulation.chain.joints]
     if simulation.chain.stops:
         stabilities += [each for pose in poses for each in _stop_steps_at(simulation, *pose)]
     return max(stabilities, key=lambda stability: stability.value / stability.limit)
@@ -303,13 +301,12 @@ def _stop_steps_at(simulation: Simulation, time: float, q: Array) -> list[StepSt
 
 def _joint_steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:
     """Return the stability of the plant's steps for the modes of a payload of links on limp arms."""
-    chain, clock = simulation.chain, simulation.scenario.clock
-    assert chain.joints is not None
+    chain, clock, joints = simulation.chain, simulation.scenario.clock, simulation.chain.joints
     poles, shapes = chain.payload_modes(q, arms_move=True)
     limits = np.array([_ray_limit(complex(-abs(s.real), s.imag)) for s in poles])  # limp arms may fall
-    worst = int(np.argmax(np.abs(poles) / limits))
-    joint = chain.joints.linked.joint_names[int(np.argmax(np.abs(shapes[:, worst])))]
-    value, steps = clock.period / clock.steps_per_tick * float(abs(poles[worst])), clock.steps_per_tick
+    worst, steps = int(np.argmax(np.abs(poles) / limits)), clock.steps_per_tick
+    joint = joints.linked.joint_names[int(np.argmax(np.abs(shapes[:, worst])))] if joints else ""
+    value = clock.period / steps * float(abs(poles[worst]))
     return StepStability(value, float(limits[worst]), steps, (f"payload/{joint}",), time, "payload joints")
 
 

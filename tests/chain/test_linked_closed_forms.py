@@ -125,6 +125,7 @@ def test_first_mode_of_a_beam_of_rods_is_eulers_with_order_two(ends, allowed):
     assert np.allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.1)
 
 
+@pytest.mark.gate
 def test_a_beam_between_two_arms_has_the_first_mode_of_a_clamped_one():
     """What ``check`` looks at: the payload in still grasps at its ends, 33 rods, without gravity."""
     fields = {"mass": 2.0, "length": 0.4, "bending_stiffness": 20.0, "links": 33, "damping_time": 0.0}

@@ -420,3 +420,29 @@ def test_a_beam_of_two_metres_is_turned_by_thirty_degrees():
     F, f_d = (result.data[name].values[-1] for name in ("internal_wrench", "desired_internal_wrench"))
     assert_allclose(F, f_d, rtol=1e-2, atol=1e-3)
     assert np.abs(result.data.payload_joint_position.values[0]).min() > 1e-3  # it sags
+
+
+@pytest.mark.gate
+def test_law_23_tracks_with_a_box_with_a_lid():
+    """The printed law in a plane: the flap swings against its spring, and the box follows."""
+    scenario = linked("adept-paper", "lid", **{"duration": 6.0})
+    assert scenario.controller.kind == "sliding-mode"
+    result = cp.run(scenario)
+    assert result.position_rms(window=(5.0, 6.0)) < 1e-3
+    assert np.ptp(result.data.payload_joint_position.values) > 1e-3
+    assert result.energy_balance_max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"controller.force_path": {"kind": "messages"}, "network": {}, "sensors.wrist": {}}, "force_path"),
+        ({"controller.force_path": {"kind": "none"}, "controller.payload_mass": 4.0}, "payload_mass"),
+    ],
+)
+def test_laws_that_share_the_weight_of_a_door_are_refused(changes, field):
+    from coop_pin.simulation.build_controller import build_controller
+
+    scenario = cp.Scenario.load("two-pandas-door", changes)
+    with pytest.raises(FieldError, match=field):
+        build_controller(scenario)
