@@ -180,6 +180,8 @@ def plant_reason(plant: PlantOptions, cell: Cell, events: Sequence[PayloadEvent]
             return f"its event {event.kind!r} needs {event.requires}, which compiled code does not have"
     if cell.tools:
         return f"the tips of {list(cell.tools)} are tools, which compiled plants do not have"
+    if cell.payload.links is not None:
+        return f"its payload has joints {[*cell.payload.links.start]}, which compiled plants do not have"
     if cell.jointed:
         return f"the grasps of {list(cell.jointed)} are joints; compiled plants have springs and rigid grasps"
     if cell.shared_joints:

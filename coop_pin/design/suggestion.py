@@ -142,6 +142,8 @@ def suggest(
         cell = seen.scenario.cell.replace(shared_joints=scenario.cell.shared_joints)
         return replace(seen, scenario=seen.scenario.replace(cell=cell, motion=scenario.motion))
     cell, pressed = scenario.cell, tuple[str, ...]()
+    if cell.payload.links is not None:
+        raise ArgumentError("suggest is for a payload of one body, and this one has several links")
     if cell.jointed:
         raise ArgumentError(
             f"suggest is for cells whose grasps hold every row, and those of {list(cell.jointed)} are joints;"

@@ -71,7 +71,9 @@ def closure_problem(scenario: Scenario) -> str:
     model = chain.mechanism.model
     away = _NEARBY * np.random.default_rng(0).normal(size=model.nv)
     near = pin.integrate(model, q, away)
-    if scenario.cell.jointed:  # a payload on joints alone must stay in the plane of planar arms
+    if (
+        scenario.cell.jointed or chain.joints is not None
+    ):  # a payload on joints alone must stay in the plane of planar arms
         near = chain.mechanism.project_configuration(near)
     here, nearby = (chain.mechanism.rank(at) for at in (q, near))
     if here >= nearby:

@@ -215,7 +215,9 @@ def _arm_statics(scenario: Scenario, name: str, times: Array, configurations: Ar
     cell, model = scenario.cell, CellArm(scenario.cell, name)
     index, rows, rest = list(cell.arms).index(name), model.rows, np.zeros(model.nv)
     parts = np.zeros((3, len(times), model.nv))
-    L = cell.loads_within([True] * len(cell.arms))[index] if cell.jointed else None
+    links, L = cell.payload.links, None
+    if cell.splits_load or links is not None:
+        L = cell.loads_within([True] * len(cell.arms))[index]
     for at, (time, q) in enumerate(zip(times, configurations, strict=True)):
         J, X_WP = model.payload_jacobian(q), model.payload_pose(q)
         f_d = rows.turn(X_WP, rows.select(scenario.squeeze.at(float(time), cell.grasps)[index]))
@@ -227,7 +229,8 @@ def _arm_statics(scenario: Scenario, name: str, times: Array, configurations: Ar
             X_WP_d = scenario.payload_motion.at(float(time)).X_WP_d  # the joint may have turned in its view
             R, W = X_WP_d[:3, :3], weight_wrench(surroundings.mass, surroundings.gravity)
             f_d = rotate_vector6(R, scenario.squeeze.at(float(time), cell.grasps)[index])
-            F_load = rotate_vector6(R, L @ rotate_vector6(R.T, W))
+            W_P = rotate_vector6(R.T, W) if links is None else links.weight(R.T @ surroundings.gravity)
+            F_load = rotate_vector6(R, L @ W_P)
             r = X_WP_d[:3, 3] - X_WP[:3, 3]
             parts[1, at], parts[2, at] = (-J.T @ shift_wrench(F, r) for F in (F_load, f_d))
     weight, load, squeeze = (frozen(part) for part in parts @ model.from_drive)

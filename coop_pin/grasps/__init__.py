@@ -26,6 +26,6 @@ __all__, __getattr__, __dir__ = lazy_names(
         "CellChain": "grasps.cell_chain",
         "JointGrasp": "description.cell.grasp",
         "ToolTip": "description.cell.grasp",
-        "grasps_from_configuration": "description.cell.held_payload",
+        "grasps_from_configuration": "description.cell.grasp",
     },
 )

@@ -48,6 +48,13 @@ class CellDynamics(CellKinematics):
             return closed.solver.acceleration(q, v, tau + elements.force(q)), power
         return pin.aba(closed.model, self._free_data, q, v, tau, elements.wrenches), power
 
+    def payload_modes(self, q: Array, *, arms_move: bool = False) -> tuple[Array, Array]:
+        """Return ``PayloadJoints.modes`` of a payload of several links at a configuration."""
+        assert self.joints is not None
+        q = self.mechanism.project_configuration(q)
+        closures = self.mechanism.closures.state(q, np.zeros(self.mechanism.model.nv))
+        return self.joints.modes(q, closures.jacobian, arms_move)
+
     def energy(self, q: Array, v: Array) -> float:
         """Return the energy of bodies, springs and contacts, J."""
         total, springs = self.mechanism.energy(q, v).total, self.springs
@@ -140,6 +147,7 @@ class CellDynamics(CellKinematics):
             interaction_wrench=wrenches,
             **self._of_elements(*elements),
             **self.stops.quantities(q, v),
+            **({} if self.joints is None else self.joints.quantities(q, v)),
             **(self._of_shared(q, v, wrenches) if self.model.shared else {}),
             tip_pose=np.array([tip.homogeneous for tip in frames.tips]) if self._has_tools else None,
         )

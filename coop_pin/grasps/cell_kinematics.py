@@ -22,15 +22,17 @@ from coop_pin.description.events import Surroundings
 from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps.contact_equilibrium import started
 from coop_pin.grasps.contact_patches import ContactPatches, PatchesState
+from coop_pin.grasps.equilibrium import reached
 from coop_pin.grasps.force_elements import ForceElements
 from coop_pin.grasps.grasp_frames import GraspFrames
 from coop_pin.grasps.grasp_springs import GraspsHeld, GraspSprings
+from coop_pin.grasps.payload_joints import PayloadJoints
 from coop_pin.grasps.rigid_grasps import ClosuresHeld, RigidGrasps
 from coop_pin.model.cell_arm import CellArm
 from coop_pin.model.cell_model import CellModel
 from coop_pin.model.inverse_kinematics import solve_ik
 from coop_pin.model.joint_stops import CellStops
-from coop_pin.model.pinocchio_model import symmetric
+from coop_pin.model.pinocchio_model import frame_id, symmetric
 from coop_pin.model.transmission import Transmission
 
 
@@ -46,6 +48,7 @@ class CellKinematics:
         model: the tree, with the positions of arms and payload in it; ``surround`` changes it in place.
         transmission: transmission between drives and joints, with their friction.
         stops: end stops of the arms' joints.
+        joints: joints of a payload of several links; None of one body.
         springs: the compliant grasps in it.
         rigid: the rigid grasps in it that are closures.
         patches: patches of arms and tables in it.
@@ -70,6 +73,7 @@ class CellKinematics:
         self.model = CellModel(cell, options.payload)
         self.transmission = Transmission(cell, self.model.arms, self.model.model.nv, self.model.shared)
         self.stops = CellStops(cell, self.model.arms, self.model.model.nv)
+        self.joints = None if cell.payload.links is None else PayloadJoints(cell, self.model)
         self.rigid = RigidGrasps(cell, self.model, options)
         self.elements = ForceElements(self.model)
         self.springs = GraspSprings(cell, self.model, self.elements)
@@ -181,11 +185,15 @@ class CellKinematics:
 
         Raises:
             UnreachablePoseError: an arm cannot reach its grasp; with the gap.
-            FieldError: a compliant grasp is too soft for its share.
+            FieldError: a compliant grasp is too soft for its share, or the joint of a payload with a base
+                does not reach the pose.
         """
         X = as_pose("X_WP", X_WP)
         configurations = [solve_ik(arm, X, posture=arm.description.posture) for arm in self.arms]
-        return self.settled(self.model.configuration(configurations, X), squeeze)
+        q = self.model.configuration(configurations, X)
+        if self.joints is not None:
+            self.joints.require_reached(q, X)
+        return self.settled(q, squeeze)
 
     def settled(self, q: ArrayLike, squeeze: ArrayLike | None = None) -> Array:
         """Return a configuration on the rigid grasps near one, with the others deflected by the load.
@@ -198,6 +206,8 @@ class CellKinematics:
             OpenClosureError: the rigid grasps cannot be closed.
             FieldError: a compliant grasp is too soft for its share of the load.
         """
+        if self.joints is not None:
+            q = self._linked(self.joints, as_array("q", q, self.mechanism.model.nq))
         q = self.mechanism.project_configuration(q)
         q = self.springs.deflected(q) if self.springs.arms else q
         if not len(self.patches):
@@ -206,19 +216,33 @@ class CellKinematics:
         pressed = np.zeros((m, 6)) if squeeze is None else as_array("squeeze", squeeze, m, 6)
         return started(self.patches, q, pressed)
 
+    def _linked(self, joints: PayloadJoints, q: Array) -> Array:
+        """Return a configuration with the links of the payload at rest, and the arms at their grasps."""
+        model, data, side = self.model.model, self.elements.data, self.elements.side
+        q = joints.at_rest(q, self.payload_pose(q))
+        for slot in self.model.arms:
+            pin.forwardKinematics(model, data, q)
+            target = side(frame_id(model, f"payload/{slot.name}")).pose
+            q = reached(model, data, q, side(slot.tip), slot.v_slice, target)
+        return q
+
     def loads(self, q: ArrayLike) -> Array:
         """Return the wrench on each arm at rest about P as the arm's own kinematics see it, shape (m, 6).
 
-        Rigid grasps have their load shares, F_i = c_i [m_0 g, 0]; beside joints L_i [m_0 g, 0].
+        Rigid grasps have their load shares, F_i = c_i [m_0 g, 0]; beside joints L_i [m_0 g, 0]. Of a payload
+        of several links it is the weight of all at their places, see ``PayloadJoints.loads``.
         """
         weight = weight_wrench(self.cell.payload.mass, self.cell.gravity)
         loads = self.cell.shares[:, None] * weight
-        if self.cell.jointed:
+        if self.cell.jointed or self.joints is not None:
             frames = self._at(self._q(q))
-            R, L = frames.payload.rotation, self.cell.loads_within([True] * len(loads))
             grasps = (inverse_pose(grasp.matrix)[:3, 3] for grasp in self.cell.grasps.values())
             seen = np.array([X_WE.act(p_EP) for X_WE, p_EP in zip(frames.tips, grasps, strict=True)])
-            loads = rotate_vector6(R, L.dot(rotate_vector6(R.T, weight)))
+            if self.joints is not None:
+                loads = self.joints.loads(self._q(q), frames.payload.homogeneous)
+            else:
+                R, L = frames.payload.rotation, self.cell.loads_within([True] * len(loads))
+                loads = rotate_vector6(R, L.dot(rotate_vector6(R.T, weight)))
             return shift_wrench(loads, frames.payload.translation - seen)
         for part in self._parts:
             loads = part.loads(self._q(q), loads)

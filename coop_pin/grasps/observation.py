@@ -46,6 +46,11 @@ class Observation(NamedTuple):
         floor_wrench: wrench of the floor on the robot that they belong to, about the world's origin, N and
             N m, shape (..., 6); likewise.
         tip_pose: X_WE of each arm, shape (..., m, 4, 4); None without tools.
+        payload_joint_position: angles and travels of the joints of a payload of several links, rad or m,
+            shape (..., n); None of one body.
+        payload_joint_velocity: their rates, rad/s or m/s, likewise.
+        payload_joint_force: forces of their springs, dampers, friction and stops, N m or N, likewise.
+        payload_joint_energy: energy in their springs and stops, J, shape (...); likewise.
     """
 
     payload_pose: Array
@@ -71,6 +76,10 @@ class Observation(NamedTuple):
     shared_force: Array | None = None
     floor_wrench: Array | None = None
     tip_pose: Array | None = None
+    payload_joint_position: Array | None = None
+    payload_joint_velocity: Array | None = None
+    payload_joint_force: Array | None = None
+    payload_joint_energy: Array | None = None
 
 
 class PayloadState(NamedTuple):

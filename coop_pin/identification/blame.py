@@ -107,6 +107,7 @@ def _require_views(scenario: Scenario) -> None:
     for names, detail in (
         (list(cell.jointed), "grasps of {} are joints, whose turn no log has"),
         (list(cell.tools), "tips of {} are tools beside it"),
+        (list(cell.payload.links.start) if cell.payload.links else [], "the payload has joints {}"),
         (moving, "the shared joints {} move, and the record of arms does not have them"),
     ):
         if names:

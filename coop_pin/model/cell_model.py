@@ -16,6 +16,7 @@ from coop_pin.description.cell.miscalibration import Miscalibration
 from coop_pin.description.cell.shared_joint import SharedJoints
 from coop_pin.description.events import Surroundings
 from coop_pin.model.joint_angles import JointAngles
+from coop_pin.model.mechanism_model import LinkedPayload
 from coop_pin.model.pinocchio_model import (
     add_frame,
     append_arm,
@@ -97,6 +98,7 @@ class CellModel:
         fixed: inertia of the fixed part of the robot on shared joints, in world axes; none without any.
         closed_by_tree: names of the arms whose grasp is a weld in the tree (the first one with a rigid grasp,
             if the payload is welded).
+        linked: the joints of a payload of several links, which no grasp welds; None of one body.
         payload_frame: index of frame P.
         payload_joint: index of the joint that carries the payload.
         surroundings: payload and gravity as they are set.
@@ -116,8 +118,13 @@ class CellModel:
         self.model, self.fixed = _arms_tree(cell, self.carrier)
         model = self.model
         first = next((name for name, rows in cell.closing.items() if rows == "full"), None)
-        if payload == "free" or first is None:
-            self.closed_by_tree: tuple[str, ...] = ()
+        links = cell.payload.links
+        self.linked = None if links is None else LinkedPayload(model, links)
+        self.closed_by_tree: tuple[str, ...] = ()
+        if self.linked is not None:
+            self.model = model = self.linked.model
+            joint, self._X_JP = self.linked.joint, self.linked.X_JP
+        elif payload == "free" or first is None:
             self._X_JP = pin.SE3.Identity()
             joint = model.addJoint(0, pin.JointModelFreeFlyer(), self._X_JP, "payload")
         else:
@@ -127,10 +134,15 @@ class CellModel:
             joint = tip.parentJoint
         self.payload_joint = int(joint)
         self.carrier_inertia = model.inertias[self.payload_joint].copy()
+        if self.linked is not None:  # less the link of P, which ``surround`` adds
+            body = pin.Inertia(cell.payload.mass, np.zeros(3), cell.payload.inertia_matrix)
+            self.carrier_inertia -= self._X_JP.act(body)
         self.payload_frame = add_frame(model, "payload", self.payload_joint, self._X_JP)
         for name in cell.arms:
-            X_JE = self._X_JP * pin.SE3(cell.grasps[name].matrix)
-            add_frame(model, f"payload/{name}", self.payload_joint, X_JE)
+            held, X_JE = self.payload_joint, self._X_JP * pin.SE3(cell.grasps[name].matrix)
+            if self.linked is not None and links is not None and (link := cell.held_links.get(name)):
+                held, X_JE = self.linked.held(link, inverse_pose(links.pose(link)) @ cell.grasps[name].matrix)
+            add_frame(model, f"payload/{name}", held, X_JE)
         self.arms = tuple(_place(model, name, cell) for name in cell.arms)
         self.shared = _shared_places(model, cell, self.carrier)
         self.surround(cell.surroundings)
@@ -149,6 +161,9 @@ class CellModel:
             q[arm.q_slice] = configuration
         for slot in self.shared:
             q[slot.q_slice] = slot.angles.configuration(np.array([slot.start]))
+        if self.linked is not None:
+            q[self.linked.q_slice] = self.linked.angles.configuration(self.linked.start)
+            return self.linked.configured(q, X_WP)
         if not self.closed_by_tree:
             q[self.model.idx_qs[self.payload_joint] :][:7] = pin.SE3ToXYZQUAT(pin.SE3(X_WP))
         return q

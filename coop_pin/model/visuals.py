@@ -14,6 +14,7 @@ from coop_pin.base.arrays import Array, as_array
 from coop_pin.base.errors import FileReadError, UrdfWarning
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.linkage import Linkage
 from coop_pin.model.cell_model import CellModel, PayloadAttachment, carried_robot
 from coop_pin.model.geometry import (
     can_be_read,
@@ -22,8 +23,9 @@ from coop_pin.model.geometry import (
     without_mesh_files,
     without_meshes,
 )
+from coop_pin.model.mechanism_model import ROOT
 from coop_pin.model.meshes import Colour, MeshFile, colour_of, coloured_meshes
-from coop_pin.model.pinocchio_model import UnreducedArm, joint_id, load_unreduced_arm
+from coop_pin.model.pinocchio_model import UnreducedArm, joint_id, load_unreduced_arm, model_from_text
 from coop_pin.model.shapes import Shape, half_extents, joined, shape_of
 
 
@@ -44,10 +46,10 @@ class Visual(NamedTuple):
 
 
 class Body(NamedTuple):
-    """All visual shapes of an arm that move with one joint; the body's frame is the joint's.
+    """All visual shapes of an arm or a payload that move with one joint; the body's frame is the joint's.
 
     Attributes:
-        name: ``<arm>/<joint>``, or ``<arm>/base`` for the fixed part.
+        name: ``<arm>/<joint>``, or ``<arm>/base`` for the fixed part; ``payload/links.<joint>``.
         visuals: shapes of the body.
     """
 
@@ -98,6 +100,30 @@ class CellVisuals:
                 self._joints.append(joint_id(self._model, f"{name}/{joint}") if moving else 0)
                 self.bodies += (Body(f"{name}/{joint if moving else 'base'}", visuals),)
                 drawn.add(self.bodies[-1].name)
+        if cell.payload.links is not None:
+            self._draw_links(cell.payload.links)
+
+    def _draw_links(self, links: Linkage) -> None:
+        """Add the links of a payload of several, but that of P, which is drawn as the payload.
+
+        Meshes of its URDF are not read.
+        """
+        text, _ = without_mesh_files(links.text)
+        model = model_from_text(text, "the payload")
+        shapes: dict[str, tuple[Visual, ...]] = {}
+        for part in geometry_objects(model, text)[0]:
+            shape, joint = shape_of(part.geometry), str(model.names[part.parentJoint])
+            if shape is not None and model.frames[part.parentFrame].name != links.link:
+                pose = np.array(part.placement.homogeneous)
+                drawn = Visual(part.name, shape, pose, colour_of(part.meshColor))
+                shapes[joint] = (*shapes.get(joint, ()), drawn)
+        for joint, visuals in shapes.items():
+            is_fixed = joint == "universe" and links.base is not None
+            if is_fixed and links.base is not None:
+                self._base_poses[len(self.bodies)] = pin.SE3ToXYZQUAT(pin.SE3(links.base.matrix))
+            in_tree = ROOT if joint == "universe" else f"payload.{joint}"
+            self._joints.append(0 if is_fixed else joint_id(self._model, in_tree))
+            self.bodies += (Body(f"payload/links.{joint}", visuals),)
 
     def _draw_carried(self, cell: Cell, names: Sequence[str]) -> None:
         """Add the bodies of a robot on shared joints, if there are any: each link once."""

@@ -105,6 +105,8 @@ def labelled(scenario: Scenario, values: Samples) -> xr.Dataset:
         labels["patch"] = np.array([*scenario.cell.patches, *scenario.cell.tables])
     if (carrier := scenario.cell.carrier) is not None:
         labels["shared"] = np.array(carrier.joints)
+    if (links := scenario.cell.payload.links) is not None:
+        labels["payload_joint"] = np.array(list(links.start))
     coordinates = _coordinates(labels)
     coordinates["time"].attrs["units"] = "s"
     return xr.Dataset(variables, coordinates, {"title": scenario.caption or scenario.name})
@@ -214,7 +216,7 @@ def internal_wrench_definitions(data: xr.Dataset, cell: Cell) -> xr.Dataset:
             {"reason": f"the grasps of {arms} do not transmit the load that it gives them"} if arms else {}
         )
         labelled[name] = (dims, np.where(is_determined, values, np.nan), reason)
-    if cell.jointed:
+    if cell.splits_load:
         labelled["transmitted"] = (dims, data["internal_wrench"].values)
     return type(data)(labelled, {dim: data[dim] for dim in dims}, {"units": "N, N m"})
 

@@ -13,23 +13,26 @@ WORK_OF_GRASPS = ("work_grasps",)
 """Work after that of WORK, in cells with compliant grasps, patches or tables."""
 WORK_OF_STOPS = ("work_stops",)
 """Work after these, in cells whose arms have end stops."""
+WORK_OF_LINKS = ("work_payload_joints",)
+"""Work after these, in cells whose payload has several links."""
 
 
-def work_names(is_elastic: bool, has_stops: bool) -> tuple[str, ...]:
+def work_names(is_elastic: bool, has_stops: bool, has_links: bool = False) -> tuple[str, ...]:
     """Return the names of the works of a cell in their order.
 
     Args:
         is_elastic: Whether it has compliant grasps, patches or tables.
         has_stops: Whether an arm of it has end stops.
+        has_links: Whether its payload has several links.
     """
-    return WORK + is_elastic * WORK_OF_GRASPS + has_stops * WORK_OF_STOPS
+    return WORK + is_elastic * WORK_OF_GRASPS + has_stops * WORK_OF_STOPS + has_links * WORK_OF_LINKS
 
 
 def energies(data: Arrays) -> tuple[Array, list[Array]]:
     """Return the energy of a cell, J, and all work done on it, J, that its run records."""
     energy = np.asarray(data["kinetic_energy"]) + np.asarray(data["potential_energy"])
-    works = [np.asarray(data[name]) for name in work_names(True, True) if name in data]
-    for name in ("elastic_energy", "stop_energy"):
+    works = [np.asarray(data[name]) for name in work_names(True, True, True) if name in data]
+    for name in ("elastic_energy", "stop_energy", "payload_joint_energy"):
         if name in data:
             energy = energy + np.asarray(data[name])
     return energy, works

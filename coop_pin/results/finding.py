@@ -37,6 +37,8 @@ Kind = Literal[
     "closed loop",
     "lost arm",
     "internal moment",
+    "payload mode",
+    "unheld link",
     "steady error",
     "user code",
     "log",

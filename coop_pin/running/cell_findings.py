@@ -24,6 +24,7 @@ from coop_pin.feasibility.reachability import Reachability
 from coop_pin.feasibility.statics import StaticTorques, force_reserve, loads_without_an_arm, statics_along
 from coop_pin.feasibility.table_force import table_force
 from coop_pin.results.finding import Finding, Kind
+from coop_pin.running.payload_findings import payload_findings
 from coop_pin.running.plausibility import implausible_numbers
 from coop_pin.simulation.build_controller import build_controller
 from coop_pin.simulation.simulation import Simulation
@@ -85,13 +86,14 @@ def task_findings(
     yield from reach_findings(reach)
     yield from torque_findings(statics_along(scenario, reach))
     yield from force_findings(scenario, table_error)
-    if scenario.cell.jointed and all(arm.start_error is None for arm in reach.arms):
+    if scenario.cell.splits_load and all(arm.start_error is None for arm in reach.arms):
         leave = freedoms(scenario)
         severity: Any = "note" if leave.ok else "error"
         yield Finding("freedom", "motion", severity, leave.summary(), leave.left, leave.asked)
     if reach.ok and (singular := closure_problem(scenario)):
         yield Finding("closure rank", "cell.grasps", "error", singular)
     if simulation is not None and reach.ok:
+        yield from payload_findings(simulation)
         yield from stability_findings(simulation, reach)
         if gains_are_known(scenario):
             yield from _closed_loop(scenario)
@@ -193,7 +195,7 @@ def stability_findings(
         is_along = along and reach is not None
         damping = motion_stability(simulation, reach) if is_along else start_stability(simulation)  # type: ignore[arg-type]
         yield _of("sampled damping", ", ".join(damping.joints), damping, damping.value, damping.limit)
-        if scenario.cell.jointed:  # the closed loop by differences knows the rows of their laws
+        if scenario.cell.jointed or simulation.chain.joints is not None:  # known by the closed loop alone
             return
         loop = loop_stability(simulation, reach)
         field = loop.remedy if loop.mode.is_spare and loop.remedy else "controller.gains"
@@ -265,9 +267,10 @@ def shared_joint_findings(scenario: Scenario) -> Iterator[Finding]:
 def lost_arm_findings(scenario: Scenario, reach: Reachability) -> Iterator[Finding]:
     """Yield arms whose loss the others do not bear: an error where the scenario plans to lose them.
 
-    Nothing beside joints, which do not transmit every wrench, and tools, which are arms of their own.
+    Nothing beside joints, which do not transmit every wrench, of tools, which are arms of their own, nor of a
+    payload of several links.
     """
-    if scenario.cell.jointed or scenario.cell.tools:
+    if scenario.cell.jointed or scenario.cell.tools or scenario.cell.payload.links is not None:
         return
     for arm, (limp, carried) in loads_without_an_arm(scenario, reach).items():
         if limp > 1.0:
@@ -291,8 +294,8 @@ def steady_findings(
     """Yield what the law measures, what a bias and an unknown load leave, and the errors to expect."""
     scenario = simulation.scenario
     law: Any = scenario.controller
-    if scenario.cell.jointed or scenario.cell.tools:
-        beside = "grasps that are joints" if scenario.cell.jointed else "tools"
+    if scenario.cell.jointed or scenario.cell.tools or simulation.chain.joints is not None:
+        beside = "tools" if scenario.cell.tools else "joints of grasps or payload"
         why = f"errors at rest and the loss of an arm are not forecast beside {beside}"
         yield Finding("steady error", "controller", "note", why)
         return

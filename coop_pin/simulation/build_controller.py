@@ -22,6 +22,8 @@ def build_controller(scenario: Scenario) -> CellController:
     cell, law = scenario.cell, scenario.controller
     if cell.jointed:
         _require_grasp_rows(scenario)
+    if cell.payload.links is not None:
+        _require_no_body(scenario)
     if cell.tools and not (law.works_apart or law.user_code):
         detail = f"is {law.kind!r}, but the tips of {list(cell.tools)} are tools, beside what the others hold"
         raise FieldError(f"{detail}; choose 'symmetric' or 'payload-space'", "controller.kind")
@@ -37,6 +39,26 @@ def build_controller(scenario: Scenario) -> CellController:
             detail = f"adds torques, but the law commands {built.commands_of(arm.name)!r} to arm {arm.name!r}"
             raise FieldError(detail, "feed_forward")
     return FeedForwardController(built, lambda time, _: added.at(time))
+
+
+def _require_no_body(scenario: Scenario) -> None:
+    """Refuse laws and force paths that take a payload of several links for one body, or a free one.
+
+    Raises:
+        FieldError: with the law or the path.
+    """
+    law, path = scenario.controller, scenario.controller.force_path
+    if {"model", "regressor"} & {*law.needs}:
+        detail = f"is {law.kind!r}, whose model has a payload of one body, and this one has several links"
+        raise FieldError(detail, "controller.kind")
+    if not scenario.cell.splits_load:
+        return
+    if "own wrench" in law.needs:
+        detail = "is for arms that share the weight, and a payload with a base hangs on its joint; leave it"
+        raise FieldError(f"{detail} out and state a force path", "controller.payload_mass")
+    if path.measures and not path.by_sensors:
+        detail = f"is {path.kind!r}, which splits by load shares; beside a base choose 'late' or 'low-pass'"
+        raise FieldError(detail, "controller.force_path.kind")
 
 
 def _require_grasp_rows(scenario: Scenario) -> None:

@@ -99,7 +99,7 @@ class TickLoop:
             self.actuation.require_taken(controller)
         holding, loads = (
             self.actuation.holding_commands,
-            chain.loads if chain.patches.arms or scenario.cell.jointed else None,
+            chain.loads if chain.patches.arms or scenario.cell.jointed or chain.joints else None,
         )
         self.sensing = Sensing(
             scenario,

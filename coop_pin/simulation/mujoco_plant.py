@@ -31,6 +31,7 @@ def unlike_plant(cell: Cell, options: PlantOptions, events: Sequence[PayloadEven
         CoopPinError: an arm cannot be loaded.
     """
     without = [f"grasp of {name!r} is not rigid" for name in [*cell.unclosed, *cell.jointed, *cell.tools]]
+    without += ["its payload has several links"] * (cell.payload.links is not None)
     without += [f"table {name!r}" for name in cell.tables]
     without += [f"shared joint {name!r}" for name in cell.shared_joints]
     if options.payload == "free":
@@ -141,8 +142,8 @@ class MujocoPlant(PinocchioPlant):
     def _rate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the acceleration, shape (nv,), and powers in the order of ``work``, the first of them."""
         tau, power = self._force(t, q, v), self._forces.dot(v)
-        if self._stops is not None:
-            power[-1] = self._stopped
+        if self._passive:
+            power[-1] = self._lost[-1]
         return self._tree.acceleration(q, v, tau), power
 
     def interaction_wrenches(self) -> Array:

@@ -20,7 +20,9 @@ from coop_pin.description.events import Surroundings
 from coop_pin.description.plant import PlantOptions
 from coop_pin.grasps.cell_chain import CellChain
 from coop_pin.grasps.observation import Observation
+from coop_pin.grasps.payload_joints import PayloadJoints
 from coop_pin.grasps.spring_damper import PartnerState, partner_state
+from coop_pin.model.joint_stops import CellStops
 from coop_pin.results.energies import WORK, work_names
 from coop_pin.simulation.plant import PlantState
 
@@ -52,13 +54,15 @@ class PinocchioPlant:
         model = chain.mechanism.model
         self.chain, self.transmission = chain, chain.transmission
         self._is_elastic = bool(chain.elements.elements)
-        self._stops = chain.stops if chain.stops else None
-        works = len(work_names(self._is_elastic, self._stops is not None))
+        self._passive: list[CellStops | PayloadJoints] = [
+            part for part in (chain.stops, chain.joints) if part
+        ]
+        works = len(work_names(self._is_elastic, bool(chain.stops), chain.joints is not None))
         self.q, self.v, self.work, self.time = q, np.zeros(model.nv), np.zeros(works), 0.0
         chain.damp(q)
         # Rows in the order of the works that a rate does, their sum, and what sums them.
         self._forces = np.zeros((works if works > len(WORK) else works - 1, model.nv))
-        self._stopped = 0.0  # power of the stops' dampers at the last forces
+        self._lost = np.zeros(len(self._passive))  # power of stops and payload joints at the last forces
         self._friction, self._sum, self._all = self._forces[1], np.zeros(model.nv), np.ones(len(self._forces))
         self._integrator = INTEGRATORS[options.integrator](model)
         self._project = options.project == "step"
@@ -153,11 +157,11 @@ class PinocchioPlant:
         return self._force(self.time, self.q, self.v).copy()
 
     def resistance(self, q: Array, v: Array) -> Array:
-        """Return the generalised force of friction and end stops at n states, N m, shape (n, nv)."""
-        friction = np.array([self.transmission.friction(rates) for rates in v])
-        if self._stops is None:
-            return friction
-        return friction + [self._stops.state(*state).force for state in zip(q, v, strict=True)]
+        """Return the force of friction, end stops and payload joints at n states, N m, shape (n, nv)."""
+        resistance = np.array([self.transmission.friction(rates) for rates in v])
+        for part in self._passive:
+            resistance = resistance + [part.state(*state).force for state in zip(q, v, strict=True)]
+        return resistance
 
     def observe(self, q: Array, v: Array, force: Array, time: Array) -> Observation:
         """Return what is recorded of n states in the present surroundings, as of Plant."""
@@ -219,8 +223,8 @@ class PinocchioPlant:
     def _rate(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the acceleration, shape (nv,), and powers in the order of ``work``, the first of them."""
         tau, power = self._force(t, q, v), self._forces.dot(v)
-        if self._stops is not None:
-            power[-1] = self._stopped
+        if self._passive:
+            power[-len(self._passive) :] = self._lost
         if not self._is_elastic:
             return self.chain.rigid.mechanism.solver.acceleration(q, v, tau), power
         a, power[len(WORK)] = self.chain.acceleration(q, v, tau)
@@ -229,8 +233,8 @@ class PinocchioPlant:
     def _force(self, t: float, q: Array, v: Array) -> Array:
         """Return the generalised force of drives, friction and payload wrench until the next call, (nv,)."""
         self.transmission.friction(v, self._friction)
-        if self._stops is not None:
-            self._forces[-1], _, self._stopped = self._stops.state(q, v)
+        for row, part in enumerate(self._passive, start=-len(self._passive)):
+            self._forces[row], _, self._lost[row] = part.state(q, v)
         if self._pushed:
             self._forces[2] = self.chain.payload_jacobian(q).T.dot(self.payload_wrench(q, v, t))
         return self._all.dot(self._forces, self._sum)

@@ -95,6 +95,9 @@ class Recorder:
         nq, nv, patches = len(plant.q), len(plant.v), len(scenario.cell.patches) + len(scenario.cell.tables)
         self._sizes = {"q": nq, "v": nv, "arm": len(slots), "joint": joints, "patch": patches}
         self._sizes["shared"] = len(scenario.cell.shared_joints)
+        self._sizes["payload_joint"] = (
+            0 if (links := scenario.cell.payload.links) is None else len(links.start)
+        )
         self._block = 1 if patches else _BLOCK  # the plant remembers no bristles of earlier samples
         size = bytes_per_sample(self.table, self._sizes) + 8 * (rows + 1) * nv
         self.memory = float(self._length * size)
@@ -114,7 +117,9 @@ class Recorder:
         count, plant, arms = self._length, self._plant, self._arms
         self._samples, self._is_shared = allocate(self.table, count, self._sizes), False
         self._work = np.full((count, len(plant.work)), np.nan)
-        works = work_names("work_grasps" in self._samples, "work_stops" in self._samples)
+        works = work_names(
+            *(f"work_{part}" in self._samples for part in ("grasps", "stops", "payload_joints"))
+        )
         self._samples |= zip(works, self._work.T, strict=True)
         self._read = [(each.read, *self._columns(each)) for each in self.table if each.read]
         rows = self._cell.task_rows.size

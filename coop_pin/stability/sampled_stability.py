@@ -128,7 +128,8 @@ def configurations_along(
     lead = CellArm(simulation.scenario.cell, reaches[0].arm)
 
     def X_WP(time: float, k: int) -> Array:  # which an arm does not see beyond a joint, or with a tool
-        if simulation.scenario.cell.jointed or simulation.scenario.cell.tools:
+        cell = simulation.scenario.cell
+        if cell.jointed or cell.tools or simulation.chain.joints is not None:
             return simulation.scenario.payload_motion.at(time).X_WP_d
         return lead.payload_pose(reaches[0].q[k])
 

@@ -161,8 +161,8 @@ class StepStability(NamedTuple):
         steps_per_tick: plant steps in a tick.
         joints: the joints that move most in that mode, as arm/joint.
         time: time of the pose at which it is so, s.
-        cause: origin of the mode, "friction", "compliant grasps", "patches", "partner" or "end stops". Of a
-            stop, lambda is the rate of its joint on it, and the limit is that of its energy, see below.
+        cause: origin of the mode: "friction", "compliant grasps", "patches", "partner", "payload joints" or
+            "end stops". Of a stop, lambda is the rate of its joint on it, and the limit that of its energy.
     """
 
     value: float
@@ -211,6 +211,7 @@ def step_stability(simulation: Simulation, cell_reach: Reachability | None = Non
     scenario = simulation.scenario
     if scenario.cell.unclosed or scenario.partners:
         stabilities += [_grasp_steps_at(simulation, *pose) for pose in poses]
+    stabilities += [_joint_steps_at(simulation, *pose) for pose in poses if simulation.chain.joints]
     if simulation.chain.stops:
         stabilities += [each for pose in poses for each in _stop_steps_at(simulation, *pose)]
     return max(stabilities, key=lambda stability: stability.value / stability.limit)
@@ -296,6 +297,17 @@ def _stop_steps_at(simulation: Simulation, time: float, q: Array) -> list[StepSt
             steps = clock.steps_per_tick
             stabilities.append(StepStability(value, limit, steps, names, time, "end stops"))
     return stabilities
+
+
+def _joint_steps_at(simulation: Simulation, time: float, q: Array) -> StepStability:
+    """Return the stability of the plant's steps for the modes of a payload of links on limp arms."""
+    chain, clock, joints = simulation.chain, simulation.scenario.clock, simulation.chain.joints
+    poles, shapes = chain.payload_modes(q, arms_move=True)
+    limits = np.array([_ray_limit(complex(-abs(s.real), s.imag)) for s in poles])  # limp arms may fall
+    worst, steps = int(np.argmax(np.abs(poles) / limits)), clock.steps_per_tick
+    joint = joints.linked.joint_names[int(np.argmax(np.abs(shapes[:, worst])))] if joints else ""
+    value = clock.period / steps * float(abs(poles[worst]))
+    return StepStability(value, float(limits[worst]), steps, (f"payload/{joint}",), time, "payload joints")
 
 
 def _critical(

@@ -109,7 +109,7 @@ def strut_columns(samples: Samples, cell: Cell) -> tuple[Array, Array]:
     Returns:
         Tensions, N, and twists, N m; forces on the arms that no strut carries, N, shape (n, m, 3).
     """
-    F = samples["internal_wrench" if cell.jointed else "interaction_wrench"]
+    F = samples["internal_wrench" if cell.splits_load else "interaction_wrench"]
     p_WP = samples["payload_position"][:, None]
     wrenches = np.stack((F, np.where(np.isnan(F), F, samples["desired_internal_wrench"])), axis=1)
     tips = np.broadcast_to((samples["tip_position"] - p_WP)[:, None], (*wrenches.shape[:-1], 3))
@@ -170,7 +170,7 @@ def warning_codes(
     torque limit.
 
     Args:
-        bodies: ``<arm>/<joint>`` or ``<arm>/base``.
+        bodies: ``<arm>/<joint>`` or ``<arm>/base``; others are plain.
         joints: driven joints of each arm, in the order of the arrays.
         saturated: mask of the torques at their limits, shape (n, m, k).
         condition: condition numbers of the payload Jacobians, shape (n, m).
@@ -183,6 +183,8 @@ def warning_codes(
     codes = np.full((len(condition), len(bodies)), PLAIN, dtype=np.int8)
     for index, body in enumerate(bodies):
         name, _, joint = body.partition("/")
+        if name not in joints:  # a link of the payload
+            continue
         arm = arms.index(name)
         codes[free[:, arm], index] = FREE
         codes[condition[:, arm] >= NEAR_SINGULAR, index] = SINGULAR

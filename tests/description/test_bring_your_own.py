@@ -27,7 +27,7 @@ from coop_pin.control.controller import CellCommand
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.cell import Cell
 from coop_pin.description.cell.contact import corners
-from coop_pin.description.cell.held_payload import grasps_from_configuration
+from coop_pin.description.cell.grasp import grasps_from_configuration
 from coop_pin.description.cell.payload import Payload
 from coop_pin.description.plant import PlantOptions
 from coop_pin.description.scenario_file import anchor_files

@@ -36,6 +36,7 @@ for other in [
     "pick-carry-place",
     "adept-hinges",
     "two-pandas-hinges",
+    "two-pandas-door",
     *FAR_CELLS,
     *LARGE_CELLS,
     *SHARED,

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from numbers import Real
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, TypeVar, cast, get_type_hints
 
 import numpy as np
 from pydantic import (
@@ -15,6 +17,7 @@ from pydantic import (
     ConfigDict,
     Field,
     ValidationError,
+    create_model,
 )
 
 from coop_pin.base.errors import FieldError, one_or_all, suggestion
@@ -250,3 +253,29 @@ class Description(BaseModel, metaclass=_Listed):  # type: ignore[metaclass]
             ScenarioError: a path does not exist, or the copy has mistakes.
         """
         return type(self)(**overridden(self, changes))
+
+
+Maker = TypeVar("Maker", bound=Callable[..., Any])
+
+
+def checked(make: Maker) -> Maker:
+    """Validate the arguments of a class method by their annotations, all mistakes at once.
+
+    Raises:
+        ScenarioError: with the names of the arguments as paths.
+    """
+    signature, types = inspect.signature(make), get_type_hints(make, include_extras=True)
+    fields: dict[str, Any] = {
+        name: (types[name], ... if argument.default is argument.empty else argument.default)
+        for name, argument in signature.parameters.items()
+        if name in types
+    }
+    arguments = create_model(make.__name__, __base__=Description, **fields)
+
+    @functools.wraps(make)
+    def checked(cls: Any, *args: Any, **kwargs: Any) -> Any:
+        positional = signature.bind_partial(cls, *args).arguments
+        named = {name: value for name, value in positional.items() if name in fields}
+        return make(cls, **dict(arguments(**named, **kwargs)))
+
+    return cast(Maker, checked)

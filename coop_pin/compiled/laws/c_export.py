@@ -101,6 +101,8 @@ def export_c(scenario: Scenario, arm: str, folder: Path | str, *, ticks: int = 2
     if scenario.feed_forward is not None or scenario.cell.shared_joints:
         detail = "the scenario has feed-forward torques or shared joints, which exported laws are not given"
         raise ArgumentError(f"{detail}: export without them, and add such torques to what the law returns")
+    if scenario.cell.payload.links is not None:
+        raise ArgumentError("the payload has several links, which exported laws do not know")
     if jointed := list(scenario.cell.jointed):
         raise ArgumentError(f"grasps of {jointed} are joints, whose rows exported laws do not know")
     has_plan = scenario.has_grasp_plan or scenario.cell.tools

@@ -17,6 +17,7 @@ from coop_pin.base.schema.base import (
 from coop_pin.base.schema.pose import Pose
 from coop_pin.base.spatial import inverse_pose
 from coop_pin.description.cell.arm import Arm
+from coop_pin.description.cell.grasp import LinkGrasp
 from coop_pin.description.cell.held_payload import HeldPayload
 from coop_pin.description.cell.shared_joint import (
     SharedJoint,
@@ -88,7 +89,10 @@ class Cell(HeldPayload):
     @property
     def rigid(self) -> Self:
         """The same cell with rigid grasps, without tables."""
-        grasps = {name: Pose(xyz=g.xyz, rpy=g.rpy) for name, g in self.grasps.items()}
+        grasps = {
+            name: g if isinstance(g, LinkGrasp) else Pose(xyz=g.xyz, rpy=g.rpy)
+            for name, g in self.grasps.items()
+        }
         return self.replace(grasps=grasps, tables={})
 
     def require_rigid(self, purpose: str) -> None:
@@ -98,9 +102,11 @@ class Cell(HeldPayload):
             purpose: Subject that needs rigid grasps, as the beginning of a sentence.
 
         Raises:
-            ArgumentError: a tip is a tool, a grasp compliant or held by friction, with the arms; or there is
-                a table.
+            ArgumentError: a tip is a tool, a grasp compliant or held by friction, with the arms; there is a
+                table, or the payload has several links.
         """
+        if self.payload.links is not None:
+            raise ArgumentError(f"{purpose} is for a payload of one body, and this one has several links")
         for names, are in (
             (list(self.jointed), "those of {} are joints"),
             (list(self.compliant), "those of {} are compliant"),

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import AfterValidator, Discriminator, Tag, field_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, field_validator
 
-from coop_pin.base.arrays import Array, as_array
-from coop_pin.base.errors import FieldError, OutOfRangeError
+from coop_pin.base.arrays import Array, as_array, as_pose, require_type
+from coop_pin.base.errors import FieldError, NameNotFoundError, OutOfRangeError
 from coop_pin.base.schema.base import Positive, Vector3, Vector6, by_name, not_negative, positive
 from coop_pin.base.schema.pose import Pose
+from coop_pin.base.spatial import inverse_pose
+from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.closure import NamedRows
 from coop_pin.description.cell.contact import PatchGrasp
 from coop_pin.reference.joint_motion import JointMotion
@@ -85,6 +88,20 @@ def _not_zero(axis: tuple[float, ...]) -> tuple[float, ...]:
     return axis
 
 
+class LinkGrasp(Pose):
+    """Rigid grasp that names the link that it holds, of a payload of several links.
+
+    Attributes:
+        xyz: Position of the grasp frame in payload axes, with the payload's joints at their start, m.
+        rpy: Roll, pitch, yaw of the grasp frame, rad.
+        kind: "rigid".
+        link: Name of the link in the payload's URDF.
+    """
+
+    kind: Literal["rigid"] = "rigid"
+    link: str = Field(min_length=1)
+
+
 class JointGrasp(Pose):
     """Grasp of fewer rows: an ideal joint between the arm's tip and the payload, without friction.
 
@@ -100,10 +117,12 @@ class JointGrasp(Pose):
         rpy: Roll, pitch, yaw of the grasp frame, rad.
         kind: "hinge", "ball" or "cylinder".
         axis: Axis of a hinge or cylinder in grasp axes, of any length; a ball has none.
+        link: Name of the link that it holds, of a payload of several; that of P when empty.
     """
 
     kind: Literal["hinge", "ball", "cylinder"] = "hinge"
     axis: Annotated[Vector3, AfterValidator(_not_zero)] = (0.0, 0.0, 1.0)
+    link: str = ""
 
     @property
     def X_EC(self) -> Array:
@@ -146,20 +165,59 @@ class ToolTip(Pose):
         return carried(target, self.motion.at(time), self.matrix)
 
 
-_KINDS = {"tool": "tool", "patch": "patch", "hinge": "joint", "ball": "joint", "cylinder": "joint"}
+_KINDS = {
+    "tool": "tool",
+    "patch": "patch",
+    "hinge": "joint",
+    "ball": "joint",
+    "cylinder": "joint",
+    "rigid": "link",
+}
 
 
 def _kind(value: Any) -> str:
     kind = value.get("kind", "") if isinstance(value, dict) else getattr(value, "kind", "")
+    if not kind and isinstance(value, dict) and "link" in value:
+        return "link"
     return _KINDS.get(kind, "compliant") if isinstance(kind, str) and kind else "rigid"
 
 
 Grasp = Annotated[
     Annotated[Pose, Tag("rigid")]
+    | Annotated[LinkGrasp, Tag("link")]
     | Annotated[JointGrasp, Tag("joint")]
     | Annotated[ToolTip, Tag("tool")]
     | Annotated[CompliantGrasp, Tag("compliant")]
     | Annotated[PatchGrasp, Tag("patch")],
     Discriminator(_kind),
 ]
-"""Pose X_PE of a rigid grasp, a joint, a compliant grasp, a patch, or a tool."""
+"""Pose X_PE of a rigid grasp, the same on a named link, a joint, a compliant grasp, a patch, or a tool."""
+
+
+def grasps_from_configuration(
+    arms: Mapping[str, Arm], joint_angles: Mapping[str, ArrayLike], payload_pose: Pose | ArrayLike
+) -> dict[str, Pose]:
+    """Return the grasps X_PE of arms at given joint angles: X_PE = X_WP^-1 X_WB X_BE(q).
+
+    Args:
+        arms: the arms by name.
+        joint_angles: angles of every arm, one value for each joint that is neither fixed nor locked, rad or
+            m, in Pinocchio's order.
+        payload_pose: X_WP, as a Pose or a matrix of shape (4, 4).
+
+    Raises:
+        NameNotFoundError: an arm has no joint angles.
+        ShapeError: the number of angles is not that of the joints.
+        UrdfError, NameNotFoundError: an arm's URDF or tip is missing or has defects.
+    """
+    require_type("arms", arms, Mapping)
+    require_type("joint_angles", joint_angles, Mapping)
+    X_WP = payload_pose.matrix if isinstance(payload_pose, Pose) else as_pose("payload_pose", payload_pose)
+    grasps = {}
+    for name, arm in arms.items():
+        require_type(f"arms[{name!r}]", arm, Arm)
+        if name not in joint_angles:
+            raise NameNotFoundError("arm", name, joint_angles, "joint_angles")
+        angles = as_array(f"joint_angles[{name!r}]", joint_angles[name], len(arm.moving_joints()))
+        grasps[name] = Pose.from_matrix(inverse_pose(X_WP) @ arm.tip_poses(angles))
+    return grasps

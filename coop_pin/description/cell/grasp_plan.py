@@ -94,7 +94,7 @@ def grasp_plan(
     if loads.any():
         shares = shares / shares.sum()
     borne = min((event.borne(time) for event in events), default=1.0)
-    linkage = _linkage(cell, loads) if cell.jointed or split == "virtual-linkage" else None
+    linkage = _linkage(cell, loads) if cell.splits_load or split == "virtual-linkage" else None
     return GraspPlan(holds, loads, shares, retreats, borne, linkage)
 
 
@@ -129,7 +129,9 @@ def _linkage(cell: Cell, loads: Array) -> Array:
         bearing = sorted([*whole.tolist(), *itertools.compress(moving, chosen)])
         if bearing:
             bear = [i in bearing for i in range(len(tips))]
-            of_all = cell.loads_within(bear) if cell.jointed else _linkage_of(tuple(tips[i] for i in bearing))
+            of_all = (
+                cell.loads_within(bear) if cell.splits_load else _linkage_of(tuple(tips[i] for i in bearing))
+            )
             L[bearing] += part * of_all
             total += float(part)
     return L / total if total else L

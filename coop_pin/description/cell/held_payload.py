@@ -1,17 +1,16 @@
-"""Held payload: arms with grasps, what these hold, transmit and leave free; grasps from a posture."""
+"""Held payload: arms with their grasps, and what these hold, transmit and leave free."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from coop_pin.base.arrays import Array, as_array, as_pose, require_type
-from coop_pin.base.errors import FieldError, NameNotFoundError
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import FieldError
 from coop_pin.base.schema.base import (
     Description,
     Name,
@@ -21,43 +20,20 @@ from coop_pin.base.schema.base import (
     unknown_arms,
 )
 from coop_pin.base.schema.pose import Pose
-from coop_pin.base.spatial import inverse_pose, rotate_vector6, shift_wrench
+from coop_pin.base.spatial import rotate_vector6, shift_wrench
 from coop_pin.base.spatial.grasp_rows import GraspRows, transmits, transmitted_loads, unheld_motion
 from coop_pin.base.spatial.task_rows import RowsName, TaskRows, task_rows
 from coop_pin.description.cell.arm import Arm
 from coop_pin.description.cell.closure import NamedRows, row_mask
 from coop_pin.description.cell.contact import Pad, PatchGrasp, Table
-from coop_pin.description.cell.grasp import CompliantGrasp, Grasp, JointGrasp, ToolTip
+from coop_pin.description.cell.grasp import (
+    CompliantGrasp,
+    Grasp,
+    JointGrasp,
+    ToolTip,
+    grasps_from_configuration,
+)
 from coop_pin.description.cell.payload import Payload
-
-
-def grasps_from_configuration(
-    arms: Mapping[str, Arm], joint_angles: Mapping[str, ArrayLike], payload_pose: Pose | ArrayLike
-) -> dict[str, Pose]:
-    """Return the grasps X_PE of arms at given joint angles: X_PE = X_WP^-1 X_WB X_BE(q).
-
-    Args:
-        arms: the arms by name.
-        joint_angles: angles of every arm, one value for each joint that is neither fixed nor locked, rad or
-            m, in Pinocchio's order.
-        payload_pose: X_WP, as a Pose or a matrix of shape (4, 4).
-
-    Raises:
-        NameNotFoundError: an arm has no joint angles.
-        ShapeError: the number of angles is not that of the joints.
-        UrdfError, NameNotFoundError: an arm's URDF or tip is missing or has defects.
-    """
-    require_type("arms", arms, Mapping)
-    require_type("joint_angles", joint_angles, Mapping)
-    X_WP = payload_pose.matrix if isinstance(payload_pose, Pose) else as_pose("payload_pose", payload_pose)
-    grasps = {}
-    for name, arm in arms.items():
-        require_type(f"arms[{name!r}]", arm, Arm)
-        if name not in joint_angles:
-            raise NameNotFoundError("arm", name, joint_angles, "joint_angles")
-        angles = as_array(f"joint_angles[{name!r}]", joint_angles[name], len(arm.moving_joints()))
-        grasps[name] = Pose.from_matrix(inverse_pose(X_WP) @ arm.tip_poses(angles))
-    return grasps
 
 
 class HeldPayload(Description):
@@ -140,6 +116,22 @@ class HeldPayload(Description):
         return pads
 
     @model_validator(mode="after")
+    def _links_held(self) -> Self:
+        links, named = self.payload.links, self.held_links
+        for name, link in named.items():
+            if links is None:
+                raise FieldError("names a link, and the payload has only one", f"grasps.{name}.link")
+            links.require_link(link, f"grasps.{name}.link")
+        if links is not None and (
+            self.unclosed or self.tools or self.tables or self.pads or self.rows == "positional"
+        ):
+            detail = (
+                "has several links; they go with rigid grasps and joints, in task rows 'full' or 'planar',"
+            )
+            raise FieldError(f"{detail} without tools, tables and pads", "payload")
+        return self
+
+    @model_validator(mode="after")
     def _joints_hold(self) -> Self:
         if self.jointed:
             self._require_joints()
@@ -171,7 +163,10 @@ class HeldPayload(Description):
         Raises:
             FieldError: with a twist that no grasp holds.
         """
-        V = unheld_motion(self.transmitted(holds))
+        wrenches, links = self.transmitted(holds), self.payload.links
+        if links is not None and links.base is not None:  # which holds all but its freedom
+            wrenches.append(np.linalg.svd(links.freedom[None])[2][1:].T[list(self.task_rows.indices)])
+        V = unheld_motion(wrenches)
         if V is not None:
             rows = dict(zip(self.task_rows.axes, np.round(V / np.abs(V).max(), 3).tolist(), strict=True))
             shown = ", ".join(f"{axis} {value:g}" for axis, value in rows.items() if value)
@@ -268,6 +263,18 @@ class HeldPayload(Description):
         """Grasps of fewer rows by arm, in their order."""
         return {name: grasp for name, grasp in self.grasps.items() if isinstance(grasp, JointGrasp)}
 
+    @property
+    def held_links(self) -> dict[str, str]:
+        """Link that the grasp of each arm names, of those that name one."""
+        named = {name: getattr(grasp, "link", "") for name, grasp in self.grasps.items()}
+        return {name: link for name, link in named.items() if link}
+
+    @property
+    def splits_load(self) -> bool:
+        """Whether ``loads_within`` splits the load: beside joints, or of a payload with a base."""
+        links = self.payload.links
+        return bool(self.jointed or (links is not None and links.base is not None))
+
     def grasp_rows(self, arm: str) -> GraspRows | None:
         """Return the rows that an arm's grasp holds, all of them of one that is no joint.
 
@@ -284,11 +291,19 @@ class HeldPayload(Description):
         return [each.wrenches for each in rows if each is not None]
 
     def loads_within(self, holds: Sequence[bool]) -> Array:
-        """Return L_i of ``transmitted_loads`` of the arms that hold, shape (n, 6, 6)."""
-        shares = self.shares[list(holds)]
-        return transmitted_loads(
+        """Return L_i of ``transmitted_loads`` of the arms that hold, shape (n, 6, 6).
+
+        Of a payload with a base they act on the part of the resultant that moves it: L_i Pi, with its freedom
+        s and Pi = Q^-1 s (s^T Q^-1 s)^-1 s^T, the least load that does the same work.
+        """
+        shares, links = self.shares[list(holds)], self.payload.links
+        L = transmitted_loads(
             self.transmitted(holds), shares / shares.sum(), self.task_rows, self.split_length
         )
+        if links is None or links.base is None:
+            return L
+        s, Q_inverse = links.freedom, np.repeat((1.0, self.split_length**2), 3)
+        return np.asarray(L @ np.outer(Q_inverse * s, s) / (s @ (Q_inverse * s)))
 
     @property
     def unclosed(self) -> list[str]:

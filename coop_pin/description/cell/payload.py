@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import functools
-import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal, Self, TypeVar, cast, get_type_hints
+from typing import Any, Literal, Self
 
 import numpy as np
-from pydantic import ValidationInfo, create_model, field_validator, model_validator
+from pydantic import ValidationInfo, field_validator, model_validator
 
 from coop_pin.base.arrays import Array, as_positive
 from coop_pin.base.errors import FieldError, UrdfError
-from coop_pin.base.schema.base import Description, Positive, Vector3, Vector6
+from coop_pin.base.schema.base import Description, NotNegative, Positive, Vector3, Vector6, checked
 from coop_pin.base.schema.pose import Pose
+from coop_pin.description.cell.linkage import Count, Linkage, LinkBody, PayloadJoint, Rods
 from coop_pin.description.urdf import find_urdf, load_checked
 from coop_pin.description.urdf.meshes import closed_mesh
 from coop_pin.description.urdf.report import listed
@@ -23,38 +22,13 @@ from coop_pin.description.urdf.robot import links_of
 _SMALLEST_M3, _LARGEST_M3 = 1e-18, 1e18
 """Of a mesh: a cube of a micrometre, and one of a thousand kilometres."""
 
-Maker = TypeVar("Maker", bound=Callable[..., Any])
-
-
-def _checked(make: Maker) -> Maker:
-    """Validate the arguments of a class method by their annotations, all mistakes at once.
-
-    Raises:
-        ScenarioError: with the names of the arguments as paths.
-    """
-    signature, types = inspect.signature(make), get_type_hints(make, include_extras=True)
-    fields: dict[str, Any] = {
-        name: (types[name], ... if argument.default is argument.empty else argument.default)
-        for name, argument in signature.parameters.items()
-        if name in types
-    }
-    arguments = create_model(make.__name__, __base__=Description, **fields)
-
-    @functools.wraps(make)
-    def checked(cls: type[Payload], *args: Any, **kwargs: Any) -> Payload:
-        positional = signature.bind_partial(cls, *args).arguments
-        named = {name: value for name, value in positional.items() if name in fields}
-        return make(cls, **dict(arguments(**named, **kwargs)))
-
-    return cast(Maker, checked)
-
 
 class Payload(Description):
     """The held object; its frame P has its origin at the centre of mass.
 
-    A table with a ``kind`` ("box", "bar", "cylinder", "mesh" or "urdf") holds the arguments of the class
-    method of that name: ``{ kind = "box", mass = 3.0, size = [0.3, 0.2, 0.1] }`` is ``Payload.box(3.0, (0.3,
-    0.2, 0.1))``.
+    A table with a ``kind`` ("box", "bar", "cylinder", "mesh", "urdf", "links", "beam" or "chain") holds the
+    arguments of the class method of that name: ``{ kind = "box", mass = 3.0, size = [0.3, 0.2, 0.1] }`` is
+    ``Payload.box(3.0, (0.3, 0.2, 0.1))``.
 
     Attributes:
         mass: kg.
@@ -64,6 +38,8 @@ class Payload(Description):
         mesh_file: the mesh, if the shape is one.
         mesh_scale: metres of one unit of that file.
         shape_pose: pose X_PS of the shape in the payload frame.
+        links: the links of a payload of several, of which mass, inertia and shape are those of the one that
+            has the frame P; a payload without it is one rigid body.
     """
 
     mass: Positive
@@ -73,6 +49,7 @@ class Payload(Description):
     mesh_file: str = ""
     mesh_scale: Positive = 1.0
     shape_pose: Pose = Pose()
+    links: Linkage | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -85,6 +62,9 @@ class Payload(Description):
             "cylinder": cls.cylinder,
             "mesh": cls.mesh,
             "urdf": cls.from_urdf,
+            "links": cls.of_links,
+            "beam": cls.beam,
+            "chain": cls.chain,
         }
         kind, arguments = value["kind"], {name: entry for name, entry in value.items() if name != "kind"}
         if kind not in makers:
@@ -117,7 +97,7 @@ class Payload(Description):
         return _matrix(self.inertia)
 
     @classmethod
-    @_checked
+    @checked
     def box(cls, mass: Positive, size: Vector3) -> Self:
         """Return a homogeneous box with edges along the axes of P.
 
@@ -129,7 +109,7 @@ class Payload(Description):
         return cls(mass=mass, inertia=(y + z, x + z, x + y, 0.0, 0.0, 0.0), size=size)
 
     @classmethod
-    @_checked
+    @checked
     def bar(cls, mass: Positive, length: Positive, *, thickness: Positive = 0.03) -> Self:
         """Return a bar along x with the I_z = m d^2 / 12 of a thin rod (section 4.1 of the paper).
 
@@ -143,7 +123,7 @@ class Payload(Description):
         return cls(mass=mass, inertia=inertia, size=(length, thickness, thickness))
 
     @classmethod
-    @_checked
+    @checked
     def cylinder(cls, mass: Positive, radius: Positive, length: Positive) -> Self:
         """Return a homogeneous cylinder about the z axis of P.
 
@@ -157,7 +137,7 @@ class Payload(Description):
         return cls(mass=mass, inertia=(across, across, along, 0.0, 0.0, 0.0), size=size, shape="cylinder")
 
     @classmethod
-    @_checked
+    @checked
     def mesh(
         cls,
         path: str | Path,
@@ -200,7 +180,7 @@ class Payload(Description):
         )
 
     @classmethod
-    @_checked
+    @checked
     def from_urdf(
         cls,
         path: str | Path,
@@ -226,13 +206,99 @@ class Payload(Description):
         if len(links) != 1:
             names = listed(link.name for link in links)
             raise UrdfError(f"{path} has {len(links)} links, {names}; a payload must be a single link")
-        inertial = links[0].inertial
-        if inertial is None or not inertial.mass:
+        body = LinkBody.of(links[0])
+        if not body.mass:
             raise UrdfError(f"link {links[0].name!r} of {path} has no mass; a payload must have one")
-        X_LI = np.eye(4) if inertial.origin is None else inertial.origin
-        M = X_LI[:3, :3] @ inertial.inertia @ X_LI[:3, :3].T
-        inertia = (M[0, 0], M[1, 1], M[2, 2], M[0, 1], M[0, 2], M[1, 2])
-        return cls(mass=inertial.mass, inertia=inertia, **_drawn(links[0].visuals, X_LI[:3, 3]))
+        return cls(**body.fields())
+
+    @classmethod
+    @checked
+    def of_links(
+        cls,
+        path: str | Path,
+        link: str,
+        *,
+        base: Pose | None = None,
+        joints: Mapping[str, PayloadJoint] | None = None,
+    ) -> Self:
+        """Return a payload of several links with undriven joints, such as a door or a box with a lid.
+
+        P has its origin at the centre of mass of one of its links and the axes of that link.
+
+        Args:
+            path: path of a URDF, name of a known one, or its text.
+            link: name of the link whose pose is controlled.
+            base: pose of the root link in the world, of a payload that is mounted there; it is free when
+                omitted.
+            joints: springs, dampers, friction and stops, by the names of joints.
+
+        Raises:
+            UrdfError: no such file; the file has defects.
+            FieldError: it has no such link or joint, or none that moves.
+        """
+        linkage = Linkage(urdf=str(path), link=link, base=base, joints=dict(joints or {}))
+        return cls(links=linkage, **linkage.bodies[link].fields())
+
+    @classmethod
+    @checked
+    def beam(
+        cls,
+        mass: Positive,
+        length: Positive,
+        bending_stiffness: Positive,
+        *,
+        links: Count = 9,
+        section: tuple[Positive, Positive] = (0.1, 0.02),
+        axis: Literal["y", "z"] = "y",
+        damping_time: NotNegative = 2e-4,
+    ) -> Self:
+        """Return a beam along x as rods with springs between them, for small deflections in one plane.
+
+        The n rods, of which the first and the last have half the length, have n - 1 hinges of stiffness
+        EI/l, l = length / (n - 1). P is on the middle rod; grasps name the rods ``rod0`` to ``rod(n-1)``.
+
+        Args:
+            mass: kg.
+            length: m.
+            bending_stiffness: EI, N m^2.
+            links: number of rods, three or more; with an odd number P is in the middle.
+            section: width along y and height along z, m.
+            axis: axis about which it bends.
+            damping_time: damping of a hinge over its stiffness, s.
+        """
+        row = Rods(mass=mass, length=length, rods=links, section=section, axis=axis)
+        k = bending_stiffness / row.pitch
+        return cls.of_links(row.urdf(), row.middle, joints=row.joints(k, k * damping_time))
+
+    @classmethod
+    @checked
+    def chain(
+        cls,
+        mass: Positive,
+        length: Positive,
+        *,
+        links: Count = 17,
+        thickness: Positive = 0.02,
+        axis: Literal["y", "z"] = "y",
+        damping: NotNegative = 1e-3,
+    ) -> Self:
+        """Return a chain or rope along x as rods with hinges between them, in one plane; rods as of a beam.
+
+        Args:
+            mass: kg.
+            length: m.
+            links: number of rods, three or more.
+            thickness: edge of the square section, m.
+            axis: axis of the hinges.
+            damping: damping of a hinge, N m s/rad.
+        """
+        row = Rods(mass=mass, length=length, rods=links, section=(thickness, thickness), axis=axis)
+        return cls.of_links(row.urdf(), row.middle, joints=row.joints(0.0, damping))
+
+    @property
+    def total_mass(self) -> float:
+        """Mass of all links, kg."""
+        return self.mass if self.links is None else sum(body.mass for body in self.links.bodies.values())
 
     def with_mass(self, mass: float) -> Self:
         """Return the same shape with another mass: the inertia is proportional to the mass."""
@@ -243,16 +309,3 @@ class Payload(Description):
 def _matrix(inertia: tuple[float, ...]) -> Array:
     ixx, iyy, izz, ixy, ixz, iyz = inertia
     return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
-
-
-def _drawn(visuals: Sequence[Any], centre: Array) -> dict[str, Any]:
-    """Return size, shape and its pose in P of the first visual of a link, if it is a box or a cylinder."""
-    for visual in visuals[:1]:
-        X_PS = np.eye(4) if visual.origin is None else visual.origin
-        X_PS[:3, 3] -= centre
-        if (box := visual.geometry.box) is not None:
-            return {"size": box.size, "shape_pose": Pose.from_matrix(X_PS)}
-        if (cylinder := visual.geometry.cylinder) is not None:
-            size = (2.0 * cylinder.radius, 2.0 * cylinder.radius, cylinder.length)
-            return {"size": size, "shape": "cylinder", "shape_pose": Pose.from_matrix(X_PS)}
-    return {}

@@ -237,7 +237,7 @@ def cell_sensors(scenario: Scenario, slots: Sequence[ArmPlace]) -> CellSensors:
     rows, shares, transport = scenario.cell.task_rows, scenario.cell.shares, None
     if path.by_sensors:
         transport = ForcePath(path.pole, np.zeros((path.delay, len(arms), rows.size)))
-    loads, has_joints = scenario.grasp_plan_at(0.0).linkage, bool(scenario.cell.jointed)
+    loads, has_joints = scenario.grasp_plan_at(0.0).linkage, scenario.cell.splits_load
     return CellSensors(tuple(arms), at_rest, rows, shares, transport, loads, has_joints)
 
 

@@ -1,0 +1,228 @@
+"""Joints between the links of a payload: springs, dampers, friction and stops, and their angles at rest."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from coop_pin.base.arrays import Array
+from coop_pin.base.errors import FieldError
+from coop_pin.base.spatial import rotate_vector6, shift_wrench
+from coop_pin.description.cell.cell import Cell
+from coop_pin.description.cell.joint_friction import JointFriction
+from coop_pin.model.cell_model import CellModel
+from coop_pin.model.joint_stops import JointStops, StopState
+from coop_pin.model.pinocchio_model import jacobian_matrix, symmetric
+
+_RANK = 1e-9
+"""Ratio below which singular values of closures are zero."""
+_SWEEPS, _AT_REST = 100, 1e-11
+"""Most steps of Newton's method for angles at rest, and the moment or force that is none, N m or N."""
+_APART = 1e-6
+"""Distance or angle from which on P is not where it is to be, m or rad."""
+_NEUTRAL = 1e-9
+"""Part of the largest stiffness below which a joint has none, and stays where it is."""
+
+
+class PayloadJoints:
+    """Undriven joints of a payload of several links, in the coordinates of the tree of a cell.
+
+    With the angle q of a joint, its rate v and the force of its stops::
+
+        tau = -k (q - q_rest) - c v - mu tanh(v / v_c) + tau_stops
+
+    Attributes:
+        linked: the joints in the tree.
+        stiffness: k, N m/rad or N/m, shape (n,).
+        damping: c, N m s/rad or N s/m, shape (n,).
+        stops: stops at the limits of the URDF.
+    """
+
+    def __init__(self, cell: Cell, tree: CellModel) -> None:
+        """Read the joints of a cell whose payload has several links."""
+        links, linked = cell.payload.links, tree.linked
+        assert links is not None
+        assert linked is not None
+        self._cell, self._tree, self.linked = cell, tree, linked
+        model, stated = tree.model, [links.joint(name) for name in linked.joint_names]
+        at, entries = linked.v_slice, linked.q_slice.start + linked.angles.entry
+        self.stiffness = np.array([joint.stiffness for joint in stated])
+        self._rest = np.array([joint.rest for joint in stated])
+        self.damping, self._coulomb = (
+            np.array([of_urdf if own is None else own for own, of_urdf in zip(rows, urdf[at], strict=True)])
+            for rows, urdf in (
+                ([joint.damping for joint in stated], model.damping),
+                ([joint.friction for joint in stated], model.friction),
+            )
+        )
+        has_stop = ~linked.angles.continuous
+        self.stops = JointStops(
+            np.where(has_stop, model.lowerPositionLimit[entries], 0.0),
+            np.where(has_stop, model.upperPositionLimit[entries], 0.0),
+            np.array([joint.stop_stiffness for joint in stated]) * has_stop,
+            np.array([joint.stop_damping for joint in stated]) * has_stop,
+        )
+
+    def positions(self, q: Array) -> Array:
+        """Return the angles and travels at a configuration of the tree, shape (n,)."""
+        return self.linked.angles.of(q[self.linked.q_slice])
+
+    def state(self, q: Array, v: Array) -> StopState:
+        """Return force in the tree, shape (nv,), energy of springs and stops, and the power that is lost."""
+        force = np.zeros(len(v))
+        own, energy, power = self._state(self.positions(q), v[self.linked.v_slice])
+        force[self.linked.v_slice] = own
+        return StopState(force, energy, power)
+
+    def _state(self, angles: Array, rates: Array) -> StopState:
+        deflection, stopped = angles - self._rest, self.stops.state(angles, rates)
+        spring = self.stiffness * deflection
+        lost = self.damping * rates + self._coulomb * np.tanh(rates / JointFriction().coulomb_velocity)
+        energy = 0.5 * float(spring @ deflection) + float(stopped.energy)
+        return StopState(stopped.force - spring - lost, energy, float(stopped.power) - float(lost @ rates))
+
+    def quantities(self, q: Array, v: Array) -> dict[str, Any]:
+        """Return what is observed of the joints at a state, by name."""
+        positions, rates = self.positions(q), v[self.linked.v_slice]
+        state = self._state(positions, rates)
+        return {
+            "payload_joint_position": positions,
+            "payload_joint_velocity": rates,
+            "payload_joint_force": state.force,
+            "payload_joint_energy": state.energy,
+        }
+
+    def loads(self, q: Array, X_WP: Array) -> Array:
+        """Return the wrench on each arm at rest about P in world axes, shape (m, 6).
+
+        The whole payload hangs on the arms at the angles that it has: F_i = c_i W(q), of a free payload the
+        weight of all links with its moment about P. With a base the arms hold what the joint that moves P
+        does not: weight and spring.
+        """
+        links, linked, cell = self._cell.payload.links, self.linked, self._cell
+        assert links is not None
+        model, data, R = self._tree.model, self._tree.model.createData(), X_WP[:3, :3]
+        pin.forwardKinematics(model, data, q)
+        g = pin.computeGeneralizedGravity(model, data, q)
+        if linked.root:
+            X_PR = pin.SE3(X_WP).actInv(data.oMi[linked.root])
+            entry = int(model.idx_vs[linked.root])
+            W = X_PR.act(pin.Force(-g[entry : entry + 6])).vector
+        else:
+            s, Q_inverse = links.freedom, np.repeat((1.0, cell.split_length**2), 3)
+            at = int(model.idx_vs[linked.joint])
+            held = self.state(q, np.zeros(model.nv)).force[at] - g[at]
+            W = Q_inverse * s * held / (s @ (Q_inverse * s))
+        if not cell.splits_load:
+            return np.outer(cell.shares, rotate_vector6(R, W))
+        return rotate_vector6(R, cell.loads_within([True] * len(cell.arms)) @ W)
+
+    def at_rest(self, q: Array, X_WP: Array) -> Array:
+        """Return a configuration with P at a pose and the joints at rest under weights, springs and arms.
+
+        The arms hold their parts of the weight, as of ``loads``. Joints that nothing returns stay.
+
+        Raises:
+            FieldError: no angles at rest are near the start.
+        """
+        linked, v = self.linked, np.zeros(self._tree.model.nv)
+        q = linked.configured(q, X_WP)
+        free = np.ones(len(self.stiffness), dtype=bool)
+        if not linked.root:  # P stands where it is to be
+            free[linked.joints.index(linked.joint)] = False
+        for _ in range(_SWEEPS):
+            moment = self._moments(q, X_WP)[free]
+            if np.abs(moment).max(initial=0.0) < _AT_REST:
+                break
+            slope = self._slope(q, X_WP, free)
+            values, axes = np.linalg.eigh(-0.5 * (slope + slope.T))
+            stiff = np.abs(values) > _NEUTRAL * np.abs(values).max()
+            step = axes[:, stiff] @ ((axes[:, stiff].T @ moment) / np.abs(values[stiff]))
+            v[:] = 0.0
+            v[np.flatnonzero(free) + linked.v_slice.start] = step * min(1.0, 0.3 / np.abs(step).max())
+            q = linked.configured(pin.integrate(self._tree.model, q, v), X_WP)
+            if np.abs(step).max() < 1e-15:
+                break
+        else:
+            raise FieldError("has joints without angles at rest near their start", "cell.payload.links")
+        return q
+
+    def require_reached(self, q: Array, X_WP: Array) -> None:
+        """Refuse a pose of P that the joint of a payload with a base does not reach.
+
+        Raises:
+            FieldError: with the distance or angle.
+        """
+        data = self._tree.model.createData()
+        pin.forwardKinematics(self._tree.model, data, q)
+        gap = pin.log6((data.oMi[self.linked.joint] * self.linked.X_JP).actInv(pin.SE3(X_WP))).vector
+        if (size := float(np.abs(gap).max())) > _APART:
+            detail = f"is {size:.2g} m or rad from where the payload's joint on its base can be"
+            raise FieldError(detail, "start")
+
+    def _slope(self, q: Array, X_WP: Array, free: Array) -> Array:
+        """Return the derivatives of the moments by the free angles, by central differences."""
+        h, columns = 1e-6, list[Array]()
+        for at in np.flatnonzero(free) + self.linked.v_slice.start:
+            ends = []
+            for sign in (h, -h):
+                v = np.zeros(self._tree.model.nv)
+                v[at] = sign
+                near = self.linked.configured(pin.integrate(self._tree.model, q, v), X_WP)
+                ends.append(self._moments(near, X_WP)[free])
+            columns.append((ends[0] - ends[1]) / (2.0 * h))
+        return np.array(columns).T
+
+    def _moments(self, q: Array, X_WP: Array) -> Array:
+        """Return the moments on the joints at rest of springs, weights and arms, shape (n,)."""
+        model, data = self._tree.model, self._tree.model.createData()
+        tau = self._still(q)
+        pin.framesForwardKinematics(model, data, q)
+        for slot, F in zip(self._tree.arms, self.loads(q, X_WP), strict=True):
+            frame = model.getFrameId(f"payload/{slot.name}")
+            lever = X_WP[:3, 3] - data.oMf[frame].translation
+            J = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)
+            tau -= jacobian_matrix(J).T @ shift_wrench(F, lever)
+        return tau[self.linked.v_slice]
+
+    def modes(self, q: Array, closures: Array, arms_move: bool) -> tuple[Array, Array]:
+        """Return the poles of the payload without a law, 1/s, and how the joints move in each.
+
+        ::
+
+            N^T M N y'' + N^T C N y' + N^T K N y = 0,    J N = 0
+
+        Args:
+            q: configuration of the tree, shape (nq,).
+            closures: J, shape (r, nv).
+            arms_move: whether the arms move with it; else its grasps stand still.
+
+        Returns:
+            Poles, shape (2 k,), and motions of the joints of the payload, shape (n, 2 k).
+        """
+        model, at = self._tree.model, self.linked.v_slice
+        first = 0 if arms_move else at.start - (6 if self.linked.root else 0)
+        moves, J = slice(first, at.stop), closures[:, first : at.stop]
+        _, sizes, V = np.linalg.svd(J)
+        N = V[int((sizes > _RANK * sizes[0]).sum()) :].T
+        k, h = N.shape[1], 1e-6
+        M = symmetric(pin.crba(model, model.createData(), q))[moves, moves]
+        C, K = np.zeros(len(M)), np.empty((len(M), k))
+        C[at.start - first : at.stop - first] = self.damping
+        for column, along in enumerate(N.T):
+            step = np.zeros(model.nv)
+            step[moves] = h * along
+            back, ahead = (self._still(pin.integrate(model, q, sign * step))[moves] for sign in (-1.0, 1.0))
+            K[:, column] = (back - ahead) / (2.0 * h)
+        inverse = np.linalg.inv(N.T @ M @ N)
+        A = np.block([[np.zeros((k, k)), np.eye(k)], [-inverse @ N.T @ K, -inverse @ N.T @ (C[:, None] * N)]])
+        poles, vectors = np.linalg.eig(A)
+        return poles, (N @ vectors[:k])[at.start - first :]
+
+    def _still(self, q: Array) -> Array:
+        """Return the generalised force of springs, stops and weights at rest, shape (nv,)."""
+        model = self._tree.model
+        g = pin.computeGeneralizedGravity(model, model.createData(), q)
+        return np.asarray(self.state(q, np.zeros(model.nv)).force - g)

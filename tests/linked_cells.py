@@ -1,0 +1,98 @@
+"""Cells with payloads of several links: a door, a box with a lid and a beam, planar and in space."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import coop_pin as cp
+
+PAYLOADS = ("door", "lid", "beam")
+
+
+def link(name: str, mass: float, centre, size) -> str:
+    """A homogeneous box as a link of a URDF."""
+    x, y, z = (edge * edge * mass / 12.0 for edge in size)
+    at = " ".join(map(str, centre))
+    return (
+        f'<link name="{name}"><inertial><origin xyz="{at}"/><mass value="{mass}"/><inertia ixx="{y + z}"'
+        f' iyy="{x + z}" izz="{x + y}" ixy="0" ixz="0" iyz="0"/></inertial><visual><origin xyz="{at}"/>'
+        f'<geometry><box size="{size[0]} {size[1]} {size[2]}"/></geometry></visual></link>'
+    )
+
+
+def joint(name: str, parent: str, child: str, at, axis, limits=(-1.6, 1.6), dynamics="") -> str:
+    """A revolute joint of a URDF."""
+    return (
+        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/><origin'
+        f' xyz="{at[0]} {at[1]} {at[2]}"/><axis xyz="{axis[0]} {axis[1]} {axis[2]}"/><limit'
+        f' lower="{limits[0]}" upper="{limits[1]}" effort="1" velocity="0"/>{dynamics}</joint>'
+    )
+
+
+def door(leaf: float = 0.3, height: float = 0.1) -> str:
+    """A leaf on a vertical hinge at the origin of its frame, with its centre of mass at x = leaf."""
+    hinge = joint(
+        "hinge", "frame", "leaf", (0, 0, 0), (0, 0, 1), dynamics='<dynamics damping="0.5" friction="0.2"/>'
+    )
+    return (
+        f'<robot name="door"><link name="frame"/>{link("leaf", 4.0, (leaf, 0, 0), (2 * leaf, 0.04, height))}'
+        f"{hinge}</robot>"
+    )
+
+
+def box_with_lid(axis=(1, 0, 0), length: float = 0.5) -> str:
+    """A box with a flap that hangs at its side."""
+    hinge = joint("hinge", "box", "lid", (0, 0.11, 0.05), axis, (-2.0, 2.0), '<dynamics damping="0.01"/>')
+    parts = link("box", 2.5, (0, 0, 0), (length, 0.2, 0.1)) + link(
+        "lid", 0.5, (0, 0.0, -0.08), (0.4, 0.01, 0.16)
+    )
+    return f'<robot name="box">{parts}{hinge}</robot>'
+
+
+def payload(kind: str, is_planar: bool) -> dict:
+    """Fields of a payload; of a planar cell its joints turn in the plane."""
+    reach = 0.12 if is_planar else 0.2
+    if kind == "door":
+        return {"kind": "links", "path": door(0.2), "link": "leaf", "base": {"xyz": (-0.2, 0.0, 0.0)}}
+    if kind == "lid":
+        axis = (0, 0, 1) if is_planar else (1, 0, 0)
+        spring = {"hinge": {"stiffness": 1.5, "rest": 0.1, "friction": 0.02}}
+        return {"kind": "links", "path": box_with_lid(axis, 2.2 * reach), "link": "box", "joints": spring}
+    return {
+        "kind": "beam",
+        "mass": 2.0,
+        "length": 2.0 * reach,
+        "bending_stiffness": 20.0,
+        "links": 5,
+        "axis": "z" if is_planar else "y",
+    }
+
+
+def linked(name: str, kind: str, **changes) -> cp.Scenario:
+    """A scenario of the catalogue with a payload of several links; the arms hold both ends of a beam."""
+    scenario = cp.Scenario.load(name)
+    fields, is_planar = scenario.model_dump(), scenario.cell.rows == "planar"
+    cell, start = fields["cell"], dict(fields["start"])
+    cell["payload"] = payload(kind, is_planar)
+    if kind == "door":  # at the pose at which the run starts
+        X = scenario.start.matrix
+        cell["payload"]["base"] = {
+            "xyz": (X @ (-0.2, 0.0, 0.0, 1.0))[:3].tolist(),
+            "rpy": start["rpy"],
+        }
+    if kind == "beam":
+        for arm, rod in zip(cell["grasps"], ("rod0", "rod4"), strict=True):
+            cell["grasps"][arm] = {**cell["grasps"][arm], "link": rod}
+            cell["grasps"][arm].pop("kind", None)
+    cell["pads"] = {}
+    return cp.Scenario(**(fields | {"cell": cell, "events": ()})).override(changes)
+
+
+def random_state(chain, q: np.ndarray, seed: int, speed: float):
+    """A state near a configuration on the closures, and a generalised force."""
+    import pinocchio as pin
+
+    rng, model = np.random.default_rng(seed), chain.mechanism.model
+    q = chain.mechanism.project_configuration(pin.integrate(model, q, 0.05 * rng.normal(size=model.nv)))
+    v = chain.mechanism.project_velocity(q, speed * rng.normal(size=model.nv))
+    return q, v, 5.0 * rng.normal(size=model.nv)
