@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from coop_pin.base.arrays import Array, Mask, require_type
 from coop_pin.base.errors import ArgumentError
 from coop_pin.chain.closed_kinematics import CLOSED, OPEN_ALLOWED, ClosedKinematics
+from coop_pin.chain.closure_set import Rolling
 from coop_pin.chain.dynamics import (
     ChainDynamics,
     InverseDynamics,
@@ -65,6 +66,7 @@ class ClosedChain(ClosedKinematics):
         stabilisation: Stabilisation | None = None,
         formulation: Formulation = "auto",
         open_allowed: float = OPEN_ALLOWED,
+        rolling: Sequence[Rolling] = (),
     ) -> None:
         """Close a Pinocchio tree.
 
@@ -79,19 +81,20 @@ class ClosedChain(ClosedKinematics):
                 redundant rows of a spatial loop for independent ones and stops the mechanism.
             open_allowed: closure error beyond which dynamics are refused at a configuration, m and rad. With
                 a large one, accelerations off the closures are the stabilisation's.
+            rolling: wheels that roll without sliding sideways; their rows need "kkt".
 
         Raises:
-            NameNotFoundError: a frame does not exist.
+            NameNotFoundError: a frame or a joint does not exist.
             FieldError: rows are neither a known name nor six booleans.
             ArgumentError: there is no such formulation, or "proximal" cannot express the rows.
         """
-        super().__init__(model, closures, open_allowed)
+        super().__init__(model, closures, open_allowed, rolling)
         self.stabilisation = Stabilisation() if stabilisation is None else stabilisation
         require_type("stabilisation", self.stabilisation, Stabilisation)
         self.formulation = formulation
         if not isinstance(formulation, str) or formulation not in get_args(Formulation):
             raise ArgumentError(f"formulation is {formulation!r}; it must be 'auto', 'proximal' or 'kkt'")
-        can_be_proximal = ProximalSolver.can_solve(closures)
+        can_be_proximal = ProximalSolver.can_solve(closures) and not rolling
         if formulation == "proximal" and not can_be_proximal:
             raise ArgumentError("formulation is 'proximal', of only 'full' and 'point' rows; use 'kkt'")
         kind = ProximalSolver if can_be_proximal and formulation != "kkt" else KKTSolver

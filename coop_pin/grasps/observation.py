@@ -45,6 +45,8 @@ class Observation(NamedTuple):
         shared_force: force of their drives, N or N m, likewise.
         floor_wrench: wrench of the floor on the robot that they belong to, about the world's origin, N and
             N m, shape (..., 6); likewise.
+        wheel_force: force of the ground on each of b bases that roll: ahead, to the left, up, N, shape
+            (..., b, 3); None without any.
     """
 
     payload_pose: Array
@@ -69,6 +71,7 @@ class Observation(NamedTuple):
     shared_velocity: Array | None = None
     shared_force: Array | None = None
     floor_wrench: Array | None = None
+    wheel_force: Array | None = None
 
 
 class PayloadState(NamedTuple):

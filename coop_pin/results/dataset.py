@@ -103,8 +103,10 @@ def labelled(scenario: Scenario, values: Samples) -> xr.Dataset:
     }
     if scenario.cell.has_contacts:
         labels["patch"] = np.array([*scenario.cell.patches, *scenario.cell.tables])
-    if (carrier := scenario.cell.carrier) is not None:
-        labels["shared"] = np.array(carrier.joints)
+    if joints := scenario.cell.driven:
+        labels["shared"] = np.array(joints)
+    if wheels := scenario.cell.wheels:
+        labels["base"] = np.array([*wheels])
     coordinates = _coordinates(labels)
     coordinates["time"].attrs["units"] = "s"
     return xr.Dataset(variables, coordinates, {"title": scenario.caption or scenario.name})

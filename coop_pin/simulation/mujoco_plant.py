@@ -33,6 +33,7 @@ def unlike_plant(cell: Cell, options: PlantOptions, events: Sequence[PayloadEven
     without = [f"grasp of {name!r} is not rigid" for name in [*cell.unclosed, *cell.jointed]]
     without += [f"table {name!r}" for name in cell.tables]
     without += [f"shared joint {name!r}" for name in cell.shared_joints]
+    without += [f"rolling base of arm {name!r} (mobile_base)" for name in cell.wheels]
     if options.payload == "free":
         without.append("payload is 'free' (plant.payload)")
     without += [f"event is {event.kind!r}" for event in events if event.kind not in _EVENTS]
